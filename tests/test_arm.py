@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.browser.serving import serving
+from tests.robot.panda_kit import panda_file
 from tests.runtime.kit import ROBOT, RecordingDriver
 
 import armctl
@@ -28,6 +29,8 @@ from armctl.errors import (
 )
 from armctl.handles import Motion
 from armctl.hardware import BoardIdentity, Source
+from armctl.kinematics import quaternion_wxyz, roll_pitch_yaw, rotation_from_rpy
+from armctl.kinematics.angles import rotation_angle
 from armctl.motion import PointToPoint, Sample, plan_joints
 from armctl.process.records import commands as known_commands
 from armctl.program import GripperStep, MoveStep, PointStep, Program, WaitStep
@@ -286,6 +289,47 @@ def test_an_arm_from_a_urdf_goes_to_a_point_on_the_simulated_board(tmp_path: Pat
         target = 1000 * arm.robot.forward([0.3, 0.8, -0.9, 0.2])[:3, 3]
         arm.go(x_mm=target[0], y_mm=target[1], z_mm=target[2])
         np.testing.assert_allclose(arm.position_mm, target, atol=1e-6)
+
+
+def test_an_arm_of_seven_joints_goes_with_a_whole_orientation(tmp_path: Path) -> None:
+    with armctl.Arm.open(panda_file(tmp_path)) as arm:
+        arm.enable("rest")
+        turned = arm.robot.forward(arm.robot.pose("home"))
+        x, y, z = 1000 * turned[:3, 3]
+        arm.go(x, y, z, rpy_deg=np.degrees(roll_pitch_yaw(turned[:3, :3])).tolist())
+        assert arm.position_mm == pytest.approx([x, y, z], abs=1e-6)
+        assert tool_turn(arm, turned) < 1e-6
+        arm.go(x, y, z - 30, orientation="kept", choose="least-travel")
+        assert arm.position_mm == pytest.approx([x, y, z - 30], abs=1e-6)
+        assert tool_turn(arm, turned) < 1e-6
+        other = turned[:3, :3] @ rotation_from_rpy(0.2, 0.0, 0.3)
+        arm.go(x, y, z, quaternion_wxyz=(3 * quaternion_wxyz(other)).tolist(), choose="least-travel")
+        assert tool_turn(arm, other) < 1e-6
+        for words, says in (
+            ({"rpy_deg": [0, 0, 0], "quaternion_wxyz": [1, 0, 0, 0]}, "not as both"),
+            ({"rpy_deg": [0, 0, 0], "orientation": "kept"}, "leave rpy_deg"),
+            ({"rpy_deg": [0, 0]}, "roll, pitch and yaw"),
+            ({"quaternion_wxyz": [0, 0, 0, 0]}, "length 0"),
+            ({"quaternion_wxyz": [1, 0, 0, float("nan")]}, "finite"),
+            ({"orientation": "free"}, "'kept' or left out, not 'free'"),
+            ({"orientation": "kept", "pitch_deg": 3}, "not both"),
+        ):
+            with pytest.raises(InputError, match=says):
+                arm.go(x, y, z, **words)  # type: ignore[arg-type]
+        arm.jog_tool(rz_deg_s=10, frame="tool")
+
+
+def tool_turn(arm: armctl.Arm, pose: np.ndarray) -> float:
+    """By how much the tool is turned away from a pose [rad]."""
+    now = arm.robot.forward(np.radians(arm.joints_deg))
+    return float(rotation_angle(now[:3, :3].T @ pose[:3, :3]))
+
+
+def test_an_orientation_that_the_arm_cannot_take_is_refused_with_the_angle(arm: armctl.Arm) -> None:
+    with pytest.raises(UnreachableError, match=r"not in that orientation: .* \d+(\.\d+)?° off"):
+        arm.go(200, 0, 100, rpy_deg=[90, 0, 0])
+    with pytest.raises(InputError, match="cannot turn about any axis"):
+        arm.jog_tool(rx_deg_s=5)
 
 
 def test_a_real_board_is_not_driven_for_an_arm_without_servos(tmp_path: Path) -> None:
@@ -610,6 +654,11 @@ def test_there_is_a_call_for_every_command_and_for_stop() -> None:
             call = lambda arm: arm.go_pose("home", wait=False)  # noqa: E731
         call(armctl.Arm(link))
         assert kind in map(type, link.asked)
+    link = Listener()
+    armctl.Arm(link).follow_target(200, 0, 100, quaternion_wxyz=[0, 2, 0, 0])
+    (asked,) = link.asked
+    assert isinstance(asked, commands.FollowTarget) and asked.target is not None
+    np.testing.assert_allclose(asked.target.rotation, np.diag([1, -1, -1]), atol=1e-12)
     link = Listener()
     with armctl.Arm(link) as arm:
         arm.stop()

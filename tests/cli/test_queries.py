@@ -11,8 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.robot.panda_kit import panda_file
 
 from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
+from armctl.kinematics import rotation_of
 from armctl.robot import load_robot
 
 
@@ -149,6 +151,13 @@ def test_columns_are_as_wide_as_their_titles(capsys: pytest.CaptureFixture[str],
         (("ik", "uzuner", "200", "0", "100", "7"), WRONG_USAGE, "unexpected"),
         (("ik", "uzuner", "200", "0", "100", "--choose", "luck"), WRONG_USAGE, "luck"),
         (("ik", "uzuner", "2", "0", "1", "--pitch", "0", "--rpy", "0", "0", "0"), WRONG_USAGE, "not both"),
+        (
+            ("ik", "uzuner", "2", "0", "1", *"--quaternion 1 0 0 0 --rpy 0 0 0".split()),
+            WRONG_USAGE,
+            "not both",
+        ),
+        (("ik", "uzuner", "2", "0", "1", *"--quaternion 1 0 0 0 --roll 0".split()), WRONG_USAGE, "not both"),
+        (("ik", "uzuner", "2", "0", "1", *"--quaternion 0 0 0 0".split()), WRONG_USAGE, "no orientation"),
         (("ik", "nobody", "200", "0", "100"), REFUSED, "shipped are"),
         (("ik", "./nobody.toml", "200", "0", "100"), REFUSED, "nobody.toml"),
         (("fk", "uzuner", "1", "2", "3"), WRONG_USAGE, "uzuner needs 5 joint angles in degrees, got 3: base"),
@@ -185,6 +194,26 @@ def test_fk_gives_position_rotation_and_matrix(capsys: pytest.CaptureFixture[str
     np.testing.assert_allclose(np.array(record["matrix"])[:3, :3], T[:3, :3], atol=1e-9)
     np.testing.assert_allclose(np.array(record["matrix"])[:, 3], [*(1000 * T[:3, 3]), 1], atol=1e-6)
     assert len(record["rpy_deg"]) == 3
+    np.testing.assert_allclose(rotation_of(quaternion=record["quaternion_wxyz"]), T[:3, :3], atol=1e-9)
+
+
+@pytest.mark.parametrize("by", ["--rpy", "--quaternion"])
+def test_a_whole_orientation_of_six_and_seven_joints(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, by: str
+) -> None:
+    for robot, q in (("ur5", "10,-70,80,-90,-80,30"), (str(panda_file(tmp_path)), "5,-20,10,-120,8,100,40")):
+        _, out, _ = call(capsys, "fk", robot, *q.split(","), "--json")
+        told = json.loads(out)
+        point, turned = told["position_mm"], told["rpy_deg" if by == "--rpy" else "quaternion_wxyz"]
+        words = (*map(str, point), by, *map(str, turned), "--choose", "least-travel", "--start", q)
+        status, out, err = call(capsys, "ik", robot, *words, "--json")
+        told = json.loads(out)
+        assert (status, err) == (DONE, "")
+        np.testing.assert_allclose(told["best_deg"], [float(part) for part in q.split(",")], atol=1e-4)
+        assert told["orientation_error_deg"] < 1e-6 and told["error_mm"] < 1e-5
+        assert (told["incomplete_reason"] is None) == told["complete"] == (robot == "ur5")
+        status, out, _ = call(capsys, "ik", robot, *words)
+        assert status == DONE and ("joint 7 swept" in out) == (robot != "ur5")
 
 
 def test_fk_prints_no_negative_zero(capsys: pytest.CaptureFixture[str]) -> None:
