@@ -16,17 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, rest_angle
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, all_images, rest_angle
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.numeric.goals import PositionGoal, RotationGoal, Together, tool_motion
 from armctl.kinematics.spherical_wrist.closed_form import CLIPPED, ON_AXIS, ClosedForm, Placed, Three, Wrist
-from armctl.kinematics.target import Target
 
 _MET = 5e-10
 """what a posture may miss its pose by [m], [rad]"""
-_GOOD = 1e-12
-"""what cannot be bettered [m], [rad]"""
-_STEPS = 8
+_ROUNDING = 1e-12
+"""an angle clipped by less than this is as good as inside [rad]"""
+_LEAST = 1e-16
+"""less cannot be missed [m], [rad]; near a double root 1e-12 are angles of 1e-6"""
+_STEPS = 12
+_TURNED = 2.9
+"""trace of a turn by less than a fifth of a radian"""
 _SAME = 1e-6
 """configurations this near to each other are one [rad]"""
 _VALUES = {1: 721, 2: 37}
@@ -57,21 +59,19 @@ class CarefulSolver:
     def __init__(self, closed: ClosedForm, chain: Chain, limits: FloatArray, titles: Sequence[str]) -> None:
         self._closed, self._chain, self._limits, self._titles = closed, chain, limits, titles
         self._low, self._high = limits.T
-        self._middle = 0.5 * (self._low + self._high)
+        self._widened = limits + np.array([-CLIPPED, CLIPPED])
 
-    def solve(self, target: Target, placed: Placed, start: FloatArray | None) -> Found:
-        """Every posture inside the limits that has a pose, once: its images nearest to their middle."""
-        assert target.rotation is not None  # noqa: S101
-        goal = Together(PositionGoal(target.position, 1.0), RotationGoal(target.rotation))
+    def solve(self, pose: FloatArray, start: FloatArray | None) -> Found:
+        """Every posture inside the limits that has a tool pose (4, 4), with all its images."""
+        placed = self._closed.place(pose[:3, 3].tolist(), pose[:3, :3])
         rest = np.array([rest_angle(*pair) for pair in self._limits.tolist()]) if start is None else start
         rest = self._closed.geometry.order(rest)
         kept: list[tuple[FloatArray, int]] = []
         continua: set[str] = set()
         for arm in self._arms(placed):
-            for flip, wrist, q in self._postures(arm, placed, goal, rest):
+            for flip, wrist, q in self._postures(arm, placed, pose, rest):
                 branch = 2 * arm.way + flip
-                if any(np.abs(np.remainder(q - other + math.pi, TWO_PI) - math.pi).max() < _SAME
-                       for other, _ in kept):  # fmt: skip
+                if any(np.abs(q - other).max() < _SAME for other, _ in kept):
                     continue
                 kept.append((q, branch))
                 continua.update(self._told(arm.free, wrist.coupled))
@@ -88,7 +88,7 @@ class CarefulSolver:
             yield _Arm(arm, way, (0,) * on_first + (1,) * (away < ON_AXIS))
 
     def _postures(
-        self, arm: _Arm, placed: Placed, goal: Together, rest: FloatArray
+        self, arm: _Arm, placed: Placed, pose: FloatArray, rest: FloatArray
     ) -> Iterator[tuple[int, Wrist, FloatArray]]:
         """Those of one posture of the first three joints, of a continuum the one nearest to ``rest`` (6,)."""
         closed = self._closed
@@ -101,11 +101,11 @@ class CarefulSolver:
                     continue
                 fourth, fifth, sixth = self._uncoupled(wrist, rest) if wrist.coupled else wrist.angles
                 q = np.array([first, second - o2, turned[2] - o3, fourth, fifth, sixth])
-                admitted = self._admitted(closed.geometry.order(q), goal)
-                if admitted is not None:
+                for admitted in self._admitted(closed.geometry.order(q), pose):
                     yield wrist.flip, wrist, admitted
-                    if arm.free:
+                    if arm.free or wrist.coupled:
                         wanted.discard(wrist.flip)
+                        break
             if not wanted:
                 return
 
@@ -147,36 +147,53 @@ class CarefulSolver:
                 least, best = away, (at, fifth, other)
         return best
 
-    def _admitted(self, q: FloatArray, goal: Together) -> FloatArray | None:
-        """A posture (6,) at the images nearest to the middle of the limits; None where it is outside them."""
-        near = self._middle + np.remainder(q - self._middle + math.pi, TWO_PI) - math.pi
-        over = np.maximum(near - self._high, self._low - near)
-        if over.max() > CLIPPED:
-            return None
-        start = np.clip(near, self._low, self._high)
+    def _admitted(self, q: FloatArray, pose: FloatArray) -> list[FloatArray]:
+        """Every image of a posture (6,) inside the limits, or put outside them by rounding alone: clipped."""
+        if len(all_images(q[None], self._widened).q) == 0:
+            return []
         none: NDArray[np.bool_] = np.zeros(6, dtype=np.bool_)
-        for held in (none, over > -LIMIT_TOLERANCE, over > -CLIPPED):
-            found, missed = self._polished(start, goal, held)
-            inside = np.clip(found, self._low, self._high)
-            if np.abs(inside - found).max() > 0.0:
-                missed = float(np.abs(goal.rows(tool_motion(self._chain, inside[None]))[0]).max())
-            if missed <= _MET:
-                return inside
-        return None
+        exact, missed = self._polished(q, pose, none)
+        admitted: list[FloatArray] = []
+        for image in all_images(exact[None], self._widened).q:
+            inside = np.clip(image, self._low, self._high)
+            over = np.maximum(image - self._high, self._low - image)
+            if over.max() <= _ROUNDING and missed <= _MET:
+                admitted.append(inside)
+                continue
+            for held in (over > 0.0, over > -LIMIT_TOLERANCE, over > -CLIPPED):
+                found, _ = self._polished(inside, pose, held)
+                found = np.clip(found, self._low, self._high)
+                if self._missed(found, pose) <= _MET:
+                    admitted.append(found)
+                    break
+        return admitted
 
-    def _polished(self, q: FloatArray, goal: Together, held: NDArray[np.bool_]) -> tuple[FloatArray, float]:
+    def _missed(self, q: FloatArray, pose: FloatArray) -> float:
+        """What a posture (6,) misses a pose by [m], [rad]."""
+        return float(np.abs(self._off(q, pose)).max())
+
+    def _off(self, q: FloatArray, pose: FloatArray) -> FloatArray:
+        """(6,) [m] and rotation vector [rad] from a pose that is nearly there to that of a posture (6,)."""
+        T = self._chain.forward(q)
+        m = (T[:3, :3] @ pose[:3, :3].T).tolist()
+        if m[0][0] + m[1][1] + m[2][2] < _TURNED:
+            return np.full(6, math.inf)
+        turn = m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]
+        return np.concatenate([T[:3, 3] - pose[:3, 3], 0.5 * np.array(turn)])
+
+    def _polished(self, q: FloatArray, pose: FloatArray, held: NDArray[np.bool_]) -> tuple[FloatArray, float]:
         """Where Newton steps of the joints that are not held lead, and what is missed there [m], [rad]."""
         best, least = q, math.inf
         for _ in range(_STEPS):
-            rows, J = goal.rows(tool_motion(self._chain, q[None]))
-            missed = float(np.abs(rows).max())
-            if not missed < least:
+            off = self._off(q, pose)
+            missed = float(np.abs(off).max())
+            worth = missed < 0.5 * least
+            if missed < least:
+                best, least = q, missed
+            if not worth or missed < _LEAST:
                 break
-            best, least = q, missed
-            if missed < _GOOD:
-                break
-            free = np.where(held, 0.0, J[0])
-            steps: FloatArray = np.asarray(np.linalg.lstsq(free, rows[0], rcond=1e-9)[0], dtype=np.float64)
+            J = np.where(held, 0.0, self._chain.jacobian(q))
+            steps: FloatArray = np.asarray(np.linalg.lstsq(J, off, rcond=1e-9)[0], dtype=np.float64)
             q = q - steps
         return best, least
 

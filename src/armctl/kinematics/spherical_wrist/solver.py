@@ -86,24 +86,28 @@ class SphericalWristSolver(InverseKinematics):
             checked_step(step)
         if target.rotation is None:
             return self._search.solve(target, step, start)
-        placed = self._closed.place(target.point, target.rotation)
-        quick = None if self._rough else self._closed.quick(placed, self._ranges)
+        quick = None
+        if not self._rough:
+            quick = self._closed.quick(self._closed.place(target.point, target.rotation), self._ranges)
         if quick is None:
-            found, branches, continua = self._careful.solve(target, placed, start)
+            pose = np.eye(4)
+            pose[:3, :3], pose[:3, 3] = target.rotation, target.point
+            q, branches, continua = self._careful.solve(pose, start)
+            left_out = 0
         else:
             rows, branches = quick
             if self.geometry.backward:
                 rows = [row[::-1] for row in rows]
             if rows and self._most_images <= _IN_FLOATS:
                 return self._with_images(target, rows, branches)
-            found, continua = np.array(rows), ()
-        if len(found) == 0:
+            q, source, left_out = all_images(np.array(rows).reshape(-1, 6), self.limits, start)
+            index: NDArray[np.int8] = np.array(branches, dtype=np.int8)
+            branches, continua = index[source], ()
+        if len(q) == 0:
             return self._search.approach(target)
-        q, source, left_out = all_images(found, self.limits, start)
         more = (f"{left_out} more differ by whole turns",) if left_out else ()
         reason = "; ".join((*continua, *more)) or None
-        index: NDArray[np.int8] = np.array(branches, dtype=np.int8)
-        return Solutions(self._arm, target, q, index[source], incomplete_reason=reason)
+        return Solutions(self._arm, target, q, branches, incomplete_reason=reason)
 
     def _with_images(self, target: Target, rows: list[Row], branches: list[int]) -> Solutions:
         """The answer of configurations [rad], with their few images."""
@@ -127,12 +131,9 @@ class SphericalWristSolver(InverseKinematics):
 
     def _one_pose(self, pose: FloatArray) -> FloatArray:
         """(8, 6) every branch of one pose (4, 4), with care; in the order of the geometry."""
-        target = Target.of(pose[:3, 3], rotation=pose[:3, :3])
+        found = self._unlimited.solve(pose, None)
         q = np.full((8, 6), math.nan)
-        if target.rotation is not None:
-            placed = self._closed.place(target.point, target.rotation)
-            found = self._unlimited.solve(target, placed, None)
-            q[found.branches] = self.geometry.order(found.q)
+        q[found.branches] = self.geometry.order(found.q)
         return q
 
     def solve_batch(
