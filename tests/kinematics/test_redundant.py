@@ -113,12 +113,12 @@ def test_the_configuration_that_made_a_pose_is_on_its_list(name: str) -> None:
     """Where the arm stands there, exactly; else the nearest row is as near as the step allows."""
     arm = ARMS[name]
     inverse, chain, limits = solver(arm), *arm
-    for i, q in enumerate(random_q(np.random.default_rng(7), limits, 300 if LONG else 12)):
+    for i, q in enumerate(random_q(np.random.default_rng(7), limits, 300 if LONG else 6)):
         target = pose_of(chain, q)
         found = inverse.solve(target, STEP, q)
         assert nearest(found, q) < 1e-7
         assert found.best("least-travel", q) == pytest.approx(q, abs=1e-7)
-        if i % 4 == 0:
+        if i % 3 == 0:
             assert_sound(found, arm)
         swept = inverse.solve(target, STEP)
         # of a curve q(s), whose fastest joint may turn without bound near the end of a run
@@ -126,7 +126,7 @@ def test_the_configuration_that_made_a_pose_is_on_its_list(name: str) -> None:
         assert np.abs(swept.q[:, found.free_joint] - q[found.free_joint]).min() <= STEP
 
 
-@pytest.mark.parametrize("seed", range(40 if LONG else 6))
+@pytest.mark.parametrize("seed", range(40 if LONG else 4))
 def test_random_arms_with_a_wrist_at_either_end(seed: int) -> None:
     arm = random_arm(seed)
     inverse, chain, limits = solver(arm), *arm
@@ -169,7 +169,7 @@ def test_all_branches_of_a_locked_joint_are_found_by_search_too(name: str) -> No
     locked = LockedArm.of(chain)
     assert locked is not None
     rng = np.random.default_rng(3)
-    for q in random_q(rng, limits, 20 if LONG else 2):
+    for q in random_q(rng, limits, 20 if LONG else 1):
         target = pose_of(chain, q)
         T = plain_forward(chain, q)
         listed = locked.solve(T, q[[locked.joint]], whole).q
@@ -184,16 +184,19 @@ def test_the_least_rotation_is_exact_over_the_continuum(name: str) -> None:
     """Never above a fine list, and stationary: a coarse list leads to the same."""
     arm = ARMS[name]
     inverse, chain, limits = solver(arm), *arm
-    for q in random_q(np.random.default_rng(5), limits, 5):
+    for q in random_q(np.random.default_rng(5), limits, 20 if LONG else 3):
         target = pose_of(chain, q)
-        coarse, fine = inverse.solve(target, STEP), inverse.solve(target, math.radians(0.02))
+        coarse, fine = inverse.solve(target, STEP), inverse.solve(target, math.radians(0.05))
         best = coarse.best("least-rotation")
         least = np.abs(best).sum()
-        assert least <= np.abs(fine.q).sum(axis=1).min() + 1e-9
-        assert least == pytest.approx(np.abs(fine.best("least-rotation")).sum(), abs=1e-8)
+        assert least <= np.abs(fine.q).sum(axis=1).min() + 1e-7
+        assert least == pytest.approx(np.abs(fine.best("least-rotation")).sum(), abs=1e-7)
         T = plain_forward(chain, best)
         assert np.linalg.norm(T[:3, 3] - target.position) < 1e-9
         assert ((best >= limits[:, 0]) & (best <= limits[:, 1])).all()
+        start = q + 0.3 * np.sin(np.arange(7.0))
+        travel = [np.abs(one - start).sum() for one in (coarse.best("least-travel", start), *fine.q)]
+        assert travel[0] <= min(travel[1:]) + 1e-7  # where a run ends rounding takes the last digits
 
 
 def test_what_is_swept_is_told() -> None:
@@ -201,7 +204,7 @@ def test_what_is_swept_is_told() -> None:
     q = np.array([0.1, -0.4, 0.2, -2.0, 0.3, 1.8, 0.5])
     found = inverse.solve(pose_of(PANDA[0], q), STEP)
     assert found.free_joint == 6 and solver(IIWA).solve(pose_of(IIWA[0], q / 2), STEP).free_joint == 0
-    assert not found.complete and found.incomplete_reason == "a continuum, listed in steps of 1° of Joint 7"
+    assert not found.complete and "in steps of 1° of Joint 7" in (found.incomplete_reason or "")
     assert len(found.branch_names) == 8 and set(found.branch) <= set(found.branch_names)
     assert inverse.is_swept(found.target) and not inverse.is_swept(Target.of(found.target.position))
     for joint in range(7):  # along a branch all joints turn smoothly, but where it ends
@@ -222,7 +225,7 @@ def test_whole_turns_are_listed_where_the_limits_allow_them() -> None:
     start = q + np.array([2 * HALF, 0, 0, 0, 0, 0, 0])
     start[0] = min(start[0], limits[0, 1])
     assert found.best("least-travel", q) == pytest.approx(q, abs=1e-7)
-    fine = inverse.solve(pose_of(chain, q), math.radians(0.01), q)
+    fine = inverse.solve(pose_of(chain, q), math.radians(0.05), q)
     assert "more differ by whole turns" in (fine.incomplete_reason or "")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Self
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import TWO_PI, all_images, images
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, all_images, images
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.solver import NumericSolver
@@ -28,7 +28,7 @@ _MET_M, _MET_RAD = 1e-10, 1e-9
 _MOST_ROWS = 500_000
 """images by whole turns are listed up to so many configurations"""
 _MINIMA, _SECTIONS, _FINEST = 32, 8, 1e-13
-"""how many of the least rotations of the list are refined, into how many parts each way, how fine [rad]"""
+"""how many minima of the list are refined, into how many parts each way, how fine [rad]"""
 
 
 class RedundantSolver(InverseKinematics):
@@ -75,7 +75,10 @@ class RedundantSolver(InverseKinematics):
         if len(found.q) == 0:
             return self._search.solve(target, step, start)
         title = self.titles[self._locked.joint]
-        reason = f"a continuum, listed in steps of {math.degrees(step):.6g}° of {title}"
+        reason = (
+            f"listed in steps of {math.degrees(step):.6g}° of {title}; "
+            "a run of solutions shorter than that may be missing"
+        )
         q, branch = found.q, found.branch
         if (np.ptp(self.limits, axis=1) >= TWO_PI).any():
             q, source, left_out = all_images(q, self.limits, start, max(_MOST_ROWS, len(q)))
@@ -84,6 +87,7 @@ class RedundantSolver(InverseKinematics):
         return Solutions(
             self._arm, target, q, branch.astype(np.int8), free_joint=self._locked.joint,
             least_rotation=partial(self._least_rotation, pose, found, step), incomplete_reason=reason,
+            travel=partial(self._travel, pose, found, step),
         )  # fmt: skip
 
     def _grid(self, step: float, start: FloatArray | None) -> FloatArray:
@@ -136,24 +140,46 @@ class RedundantSolver(InverseKinematics):
 
     def _least_rotation(self, pose: FloatArray, found: Found, step: float) -> FloatArray | None:
         """The configuration (7,) of least Σ|θ| over the continuum: the least of the list, refined."""
-        turned = np.abs(found.q).sum(axis=1)
-        before, behind = np.full(len(turned), np.inf), np.full(len(turned), np.inf)
+        q = self._refined(pose, found, step, lambda q: np.abs(q).sum(axis=1))
+        turned = np.abs(q).sum(axis=1)
+        least = turned.min(initial=np.inf)
+        return q[int(turned.argmin())] if least <= np.abs(found.q).sum(axis=1).min() else None
+
+    def _travel(self, pose: FloatArray, found: Found, step: float, start: FloatArray) -> FloatArray:
+        """(m, 7) those of least travel from ``start`` (7,), as near to it as whole turns allow [rad]."""
+
+        def travel(q: FloatArray) -> FloatArray:
+            return (np.abs(self._toward(q, start) - start) / self.energy.speed_limits).sum(axis=1)
+
+        return self._toward(self._refined(pose, found, step, travel), start)
+
+    def _toward(self, q: FloatArray, start: FloatArray) -> FloatArray:
+        """Configurations (m, 7) at the images inside the limits nearest to ``start`` (7,) [rad]."""
+        low, high = self.limits.T
+        first = np.ceil((low - LIMIT_TOLERANCE - q) / TWO_PI)
+        last = np.floor((high + LIMIT_TOLERANCE - q) / TWO_PI)
+        return np.clip(q + TWO_PI * np.clip(np.rint((start - q) / TWO_PI), first, last), low, high)
+
+    def _refined(
+        self, pose: FloatArray, found: Found, step: float, cost: Callable[[FloatArray], FloatArray]
+    ) -> FloatArray:
+        """(m, 7) local minima of a cost over the continuum: those of the list, searched for in between."""
+        listed = cost(found.q)
+        before, behind = np.full(len(listed), np.inf), np.full(len(listed), np.inf)
         same = found.branch[1:] == found.branch[:-1]
-        before[1:][same], behind[:-1][same] = turned[:-1][same], turned[1:][same]
-        minima = np.flatnonzero((turned <= before) & (turned <= behind))
-        minima = minima[np.argsort(turned[minima], kind="stable")[:_MINIMA]]
+        before[1:][same], behind[:-1][same] = listed[:-1][same], listed[1:][same]
+        minima = np.flatnonzero((listed <= before) & (listed <= behind))
+        minima = minima[np.argsort(listed[minima], kind="stable")[:_MINIMA]]
         branch, centre = found.branch[minima], found.q[minima, self._locked.joint]
         low, high = self.limits[self._locked.joint].tolist()
         parts = np.linspace(-1.0, 1.0, 2 * _SECTIONS + 1)
         while step > _FINEST:
             tried = np.clip(centre[:, None] + step * parts, low, high)
-            least = np.full(tried.size, np.inf)
+            costs = np.full(tried.size, np.inf)
             which, q = self._on(pose, tried.ravel(), branch.repeat(len(parts)))
-            least[which] = np.abs(q).sum(axis=1)
-            best: IndexArray = np.argmin(least.reshape(tried.shape), axis=1)
+            costs[which] = cost(q)
+            best: IndexArray = np.argmin(costs.reshape(tried.shape), axis=1)
             centre = tried[np.arange(len(centre)), best]
             step /= _SECTIONS
         _, q = self._on(pose, centre, branch)
-        q = q[self._meets(pose, q)]
-        least = np.abs(q).sum(axis=1)
-        return q[int(least.argmin())] if len(q) and least.min() <= turned.min() else None
+        return q[self._meets(pose, q)]

@@ -425,5 +425,7 @@ class PoseCoupling:
         self._line.show(why if self._unmet else self._pose_line(q))
 
     def _pose_line(self, q: FloatArray) -> str:
+        if self.pose.orientation is not None:  # its fields show it
+            return ""
         turns = ", ".join(f"{name} {angle}" for name, angle in base_turns(self._robot.forward(q), 2))
         return muted(f"As turns about the base's axes: {turns}")
