@@ -38,7 +38,9 @@ def test_least_rotation_travel_and_torque_by_their_formulas() -> None:
     assert found.energies("least-rotation") == pytest.approx(np.abs(found.q).sum(axis=1), rel=1e-14)
     times = (np.abs(found.q - START) / np.radians([60, 60, 90, 120, 120.0])).sum(axis=1)
     assert found.energies("least-travel", START) == pytest.approx(times, rel=1e-12)
-    assert found.best("least-travel", START).tolist() == found.q[times.argmin()].tolist()
+    best = found.best("least-travel", START)
+    exact = (np.abs(best - START) / np.radians([60, 60, 90, 120, 120.0])).sum()
+    assert times.min() - 0.01 < exact < times.min()  # not only the best of the list
     stall = np.array([2.941995, 2.941995, 3.9, 1.2552512, 0.4903325])
     loads = ((robot.gravity.torque(found.q) / stall) ** 2).sum(axis=1)
     assert found.energies("least-torque") == pytest.approx(loads, rel=1e-12)

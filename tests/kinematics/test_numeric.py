@@ -129,8 +129,9 @@ def test_every_pose_that_the_arm_takes_is_solved(name: str) -> None:
 def test_the_eight_ways_of_a_six_joint_arm_are_found() -> None:
     chain, _ = UR5
     found = solver_of(UR5).solve(pose_of(chain, np.array([0.4, -1.1, 1.3, -0.7, 0.9, 0.2])), STEP)
-    assert len(found) == 8
-    assert (np.abs(found.q) <= HALF + 1e-9).all()  # at their smallest angles, though two turns are allowed
+    assert len(found) == 8 * 2**6  # two turns are allowed: each joint has two equal angles
+    assert len(np.unique(np.round(np.exp(1j * found.q), 6), axis=0)) == 8
+    assert (np.abs(found.q[0]) <= HALF + 1e-9).all()  # the smallest angles come first
     rotation = np.abs(found.q).sum(axis=1)
     assert (np.diff(rotation) >= -1e-9).all()
     assert found.best("least-rotation") == pytest.approx(found.q[0])

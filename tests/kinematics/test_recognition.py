@@ -82,10 +82,6 @@ def test_two_pitch_joints_belong() -> None:
         pytest.param(chain((0, 1.0, 0.1, 0), (0.1, 0, 0, 0), (0.1, 0, 0, 0)), id="yaw axis not across"),
         pytest.param(chain((0, RIGHT, 0.1, 0), (0.1, 0, 0, 0), (0, 0, 0, 0)), id="a link of no length"),
         pytest.param(
-            chain((0, RIGHT, 0.1, 0), (0.1, 0, 0, 0), (0.1, RIGHT, 0, 0), (0.02, 0, 0.1, 0)),
-            id="tool point beside the roll axis",
-        ),
-        pytest.param(
             chain((0, RIGHT, 0.1, 0), (0.1, 0, 0, 0), (0.1, RIGHT, 0, 0), (0, RIGHT, 0.1, 0), (0, 0, 0.1, 0)),
             id="two joints behind the pitch joints",
         ),

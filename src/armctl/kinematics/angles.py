@@ -65,6 +65,25 @@ def half_angle_cos_sin(angle: NDArray[np.float64]) -> tuple[NDArray[np.float64],
     return cosine, sine
 
 
+_ON_CIRCLE = 1e-2
+"""how far off the unit circle a root may lie, for rounding splits a double one: one too many is harmless"""
+
+
+def trigonometric_zeros(values: FloatArray, degree: int) -> FloatArray:
+    """Angles [rad] at which a trigonometric polynomial of a degree is zero, from evenly spaced values.
+
+    ``values`` are those at 0, 2 pi / m, …, with m > 2 degree. The zeros are roots of a polynomial in
+    exp(i x) on the unit circle; some that are near it are given too. None where it is zero everywhere.
+    """
+    size = np.abs(values).max()
+    if size == 0.0:
+        return np.empty(0)
+    spectrum = np.fft.fft(values / size)
+    z = np.roots(spectrum[np.arange(degree, -degree - 1, -1)])  # highest power first
+    angles: FloatArray = np.arctan2(z.imag, z.real).astype(np.float64)
+    return angles[np.abs(np.abs(z) - 1.0) < _ON_CIRCLE]
+
+
 # Angles brought into joint limits: one, or arrays of them.
 
 
@@ -136,15 +155,17 @@ def all_images(
     first, last = np.maximum(first, about - _MOST_TURNS), np.minimum(last, about + _MOST_TURNS)
     count = np.maximum(last - first + 1.0, 0.0).astype(np.intp)
     turn = np.arange(count.max(initial=0))
-    angle = np.clip(q[..., None] + TWO_PI * (first[..., None] + turn), low[:, None], high[:, None])
+    angle: FloatArray = np.clip(
+        q[..., None] + TWO_PI * (first[..., None] + turn), low[:, None], high[:, None]
+    )
     angle[turn >= count[..., None]] = math.inf
     away = np.abs(angle) if start is None else np.minimum(np.abs(angle), np.abs(angle - start[:, None]))
-    angle = np.take_along_axis(angle, away.argsort(axis=-1, kind="stable"), axis=-1)
+    ranked: FloatArray = np.take_along_axis(angle, away.argsort(axis=-1, kind="stable"), axis=-1)
     sizes: list[int] = count.max(axis=0, initial=0).tolist()
     while len(q) * math.prod(sizes) > most and max(sizes) > 1:
         sizes[sizes.index(max(sizes))] -= 1
     choice = np.indices(sizes).reshape(len(sizes), -1).T
-    found = angle[:, np.arange(len(sizes)), choice]
+    found: FloatArray = ranked[:, np.arange(len(sizes)), choice]
     inside = np.isfinite(found).all(axis=2)
     return Images(found[inside], np.nonzero(inside)[0], round(every - np.count_nonzero(inside)))
 

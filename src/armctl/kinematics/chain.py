@@ -186,6 +186,13 @@ class Chain:
         """How far each link turns (..., m) [rad] at joint angles ``q`` (..., n)."""
         return q if self.coupling is None else q @ self.coupling.T
 
+    def with_last_held(self, angle: float) -> Chain:
+        """The chain of the joints before the last one, which is held at an angle [rad]."""
+        T = np.eye(4)
+        c, s = math.cos(angle), math.sin(angle)
+        T[:2, :2] = [[c, -s], [s, c]]
+        return Chain(self.segments[:-1], self.segments[-1] @ T @ self.tail)
+
     def checked(self, q: ArrayLike) -> FloatArray:
         """``q`` as an array ``(..., n)`` of finite numbers; a copy. Raises ``InputError`` for any other."""
         numbers = self._shaped(q)

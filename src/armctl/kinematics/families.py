@@ -14,6 +14,7 @@ from armctl.kinematics.angles import LIMIT_TOLERANCE, rest_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.solver import NumericSolver
+from armctl.kinematics.offset_roll.solver import OffsetRollSolver
 from armctl.kinematics.parallel_linkage.solver import ParallelLinkageSolver
 from armctl.kinematics.redundant.solver import RedundantSolver
 from armctl.kinematics.samples import DEFAULT_STEP
@@ -27,6 +28,7 @@ from armctl.kinematics.yaw_pitch_roll.solver import YawPitchRollSolver
 
 FAMILIES: tuple[type[InverseKinematics], ...] = (
     YawPitchRollSolver,
+    OffsetRollSolver,
     SphericalShoulderSolver,
     SphericalWristSolver,
     ThreeParallelSolver,

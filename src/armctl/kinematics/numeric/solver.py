@@ -158,10 +158,26 @@ class NumericSolver(InverseKinematics):
             found = exact if len(exact) else near
         if len(found) == 0:
             return self._unmet(target, position, turned, box)
-        q, _, left_out = all_images(found, self.limits, start)
+        return self._solved(target, goal, found, start)
+
+    def _solved(self, target: Target, goal: Goal, found: FloatArray, start: FloatArray | None) -> Solutions:
+        """With all images of isolated solutions; of a spread the nearest ones to zero and to the start."""
+        moving = np.count_nonzero(self.limits[:, 0] < self.limits[:, 1])
+        if self._rows(goal, found[:1]).shape[1] >= moving:
+            q, _, left_out = all_images(found, self.limits, start)
+            reason = f"{_SEARCHED}; {left_out} more differ by whole turns" if left_out else _SEARCHED
+        else:
+            begins = [np.zeros(self.chain.n), *([] if start is None else [start])]
+            near = [all_images(found - at, self.limits - at[:, None], most=1).q + at for at in begins]
+            q, reason = np.vstack(near), f"{_SEARCHED}: they form a continuum"
+            q = np.unique(q, axis=0)
         q = q[np.argsort(np.round(np.abs(q).sum(axis=1), 9), kind="stable")]
-        reason = f"{_SEARCHED}; {left_out} more differ by whole turns" if left_out else _SEARCHED
         return Solutions(self._arm, target, q, np.zeros(len(q), dtype=np.int8), incomplete_reason=reason)
+
+    def nearest(self, target: Target) -> FloatArray:
+        """(n,) the configuration nearest to a position [rad], with the pitch kept if any pose has it."""
+        turned = None if target.pitch is None else pitch_goal(target.pitch)
+        return self._nearest(PositionGoal(target.position, self._reach), turned, self._box(target)[1])
 
     def _box(self, target: Target) -> tuple[str | None, FloatArray]:
         """Why the roll asked for cannot be; the limits with the roll joint held at it, or near 0."""

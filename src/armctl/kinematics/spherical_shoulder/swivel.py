@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, rest_angle
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, rest_angle, trigonometric_zeros
 from armctl.kinematics.samples import grid_values
 from armctl.kinematics.spherical_shoulder.geometry import SphericalShoulder
 from armctl.kinematics.subproblems import across, angle_about, angle_between, circle, roots, turn, turned
@@ -247,8 +247,6 @@ def sweep(swivels: Sequence[Swivel], step: float) -> FloatArray:
 
 _DEGREE = 4
 _SAMPLES = 16
-_ON_CIRCLE = 1e-2
-"""how far off the unit circle a root may lie, for rounding splits a double one: one too many is harmless"""
 
 
 def least_rotation(swivels: Sequence[Swivel]) -> FloatArray | None:
@@ -280,17 +278,6 @@ def _stationary(swivel: Swivel, weights: Sequence[float]) -> FloatArray:
         P1 = (e3 - e2 * k) * (u @ (across(w1) @ w2))
         Q1 = T + e2 * (u @ (across(level) @ w1))
         T1 = u @ (across(w2) @ beside + e2 * (across(beside) @ w1))
-        firsts.append(_zeros((P * T1 - P1 * T) ** 2 + (Q * P1 - Q1 * P) ** 2 - (Q * T1 - Q1 * T) ** 2))
+        values = (P * T1 - P1 * T) ** 2 + (Q * P1 - Q1 * P) ** 2 - (Q * T1 - Q1 * T) ** 2
+        firsts.append(trigonometric_zeros(values, _DEGREE))
     return swivel.inside(np.concatenate(swivel.with_joint(0, np.concatenate(firsts))))
-
-
-def _zeros(value: FloatArray) -> FloatArray:
-    """Angles [rad] of the zeros of a trigonometric polynomial of degree 4 from its 16 samples."""
-    spectrum = np.fft.fft(value)
-    coefficients = spectrum[np.arange(_DEGREE, -_DEGREE - 1, -1)]  # highest power of exp(i x) first
-    size = np.abs(coefficients).max()
-    if size == 0.0:
-        return np.empty(0)
-    z = np.roots(coefficients / size)
-    angles: FloatArray = np.arctan2(z.imag, z.real).astype(np.float64)
-    return angles[np.abs(np.abs(z) - 1.0) < _ON_CIRCLE]

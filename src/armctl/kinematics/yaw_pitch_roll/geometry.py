@@ -137,27 +137,33 @@ def base_branches(
 
 
 def base_angles(
-    geometry: ToolPlane, x: FloatArray, y: FloatArray, limits: tuple[float, float]
+    geometry: ToolPlane,
+    x: FloatArray,
+    y: FloatArray,
+    limits: tuple[float, float],
+    lateral: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """``base_branches`` of targets x, y (k,): the image inside the limits that is nearest to zero.
 
+    ``lateral`` (k,) are offsets of the tool plane instead of the geometry's [m]. The answer:
     θ1 [rad] in front and at the back (2, k); forward coordinates in the tool plane [m] (2, k); and where
     there is such a branch (2, k).
     """
-    d = geometry.lateral
+    d = geometry.lateral if lateral is None else lateral
+    aside_of_axis = lateral is not None or geometry.lateral != 0.0
     square = x * x + y * y - d * d
     r = np.sqrt(np.where(square > 2.0 * _TOUCHING * abs(d), square, 0.0))
     azimuth = np.arctan2(y, x)
-    aside = np.arctan2(d, r) if d else 0.0
+    aside = np.arctan2(d, r) if aside_of_axis else 0.0
     yaw = np.stack([azimuth - aside, azimuth + aside - math.pi])
     if geometry.yaw_sign < 0:
         np.negative(yaw, out=yaw)
-    on_axis = np.flatnonzero(r <= AXIS_TOLERANCE)
-    if abs(d) <= AXIS_TOLERANCE and len(on_axis):
+    on_axis = np.flatnonzero((r <= AXIS_TOLERANCE) & (abs(d) <= AXIS_TOLERANCE))
+    if len(on_axis):
         yaw[0, on_axis] = rest_angle(*limits)
         yaw[1, on_axis] = yaw[0, on_axis] + math.pi
     inside = into_limits(yaw, *limits)
-    if d:  # closer to the axis than the tool plane; or both branches the same one
+    if aside_of_axis:  # closer to the axis than the tool plane; or both branches the same one
         inside &= square >= -2.0 * AXIS_TOLERANCE * abs(d)
         inside[1] &= r > 0.0
     return yaw, np.stack([r, -r]), inside

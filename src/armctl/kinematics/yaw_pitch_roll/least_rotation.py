@@ -21,7 +21,7 @@ from math import acos, atan2, pi, sqrt
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import TWO_PI, into_limits, nearest_image
+from armctl.kinematics.angles import TWO_PI, into_limits, nearest_image, trigonometric_zeros
 from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.yaw_pitch_roll.closed_form import bend_angle, cosines_within, inner_angle
 from armctl.kinematics.yaw_pitch_roll.free_joint import joined
@@ -30,8 +30,6 @@ from armctl.kinematics.yaw_pitch_roll.geometry import BaseBranch
 _PATTERNS = ((1, 1, -1), (1, -1, 1), (1, -1, -1))
 _SAMPLES = 2001
 _DEGREE = 4
-_CIRCLE = 1e-2
-"""how far off the unit circle a root may lie, for rounding splits a double one: one too many is harmless"""
 _SURE = 1.0 - 1e-7
 """up to this cosine the angle from it is good to 1e-12 rad"""
 _Turned = tuple[float, float, float, float]
@@ -157,12 +155,7 @@ class LeastRotation:
         k = (0.5 * (square - l2**2 - l3**2 - l4**2) - l2 * l3 * cos) / l4
         u, v, w = c * sin, b + c * cos, -a * sin
         value = (k * v - w * q) ** 2 + (p * w - u * k) ** 2 - (p * v - u * q) ** 2
-        size = np.abs(value).max()
-        if size == 0.0:
-            return []
-        spectrum = np.fft.fft(value / size)
-        z = np.roots(spectrum[np.arange(_DEGREE, -_DEGREE - 1, -1)])
-        roots = np.angle(z[np.abs(np.abs(z) - 1.0) < _CIRCLE]).tolist()
+        roots = trigonometric_zeros(value, _DEGREE).tolist()
         angles = (nearest_image(self._geometry.joint_angle(1, t), *self._ranges[1]) for t in roots)
         return sorted(lock for angle in angles if angle is not None for lock in self._lock(1, angle))
 

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -15,6 +16,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.angles import (
     LIMIT_TOLERANCE,
+    TWO_PI,
     images,
     quaternion_product,
     quaternion_wxyz,
@@ -53,7 +55,7 @@ from armctl.kinematics.yaw_pitch_roll.reach import Reach
 from armctl.kinematics.yaw_pitch_roll.section import PlanarSection
 
 _NO_ROLLS = (0.0,)
-_NO_PITCH = "this arm's tool does not keep to its vertical plane, so it has no pitch to ask for"
+NO_PITCH = "this arm's tool does not keep to its vertical plane, so it has no pitch to ask for"
 _Candidate = tuple[FloatArray, int]
 """a configuration (n,) [rad] and the index of its branch"""
 
@@ -71,7 +73,10 @@ class YawPitchRollSolver(InverseKinematics):
         limits: FloatArray,
         energy: EnergyModel,
         titles: Sequence[str],
+        *,
+        compiled: bool = True,
     ) -> None:
+        """Prepare for an arm; not ``compiled``, which takes some milliseconds, for a few poses only."""
         three = len(geometry.lengths) == 3
         super().__init__(
             chain,
@@ -86,17 +91,23 @@ class YawPitchRollSolver(InverseKinematics):
         self._base: tuple[float, float] = tuple(limits[0].tolist())
         self._arm = SolvedArm(BRANCHES, chain, energy, geometry.pitch_joints, limits, geometry.roll_joint)
         self._planar = PlanePostures(geometry, limits)
-        self._pose = pose_function(geometry, limits)
+        self._pose = pose_function(geometry, limits) if compiled else None
         self._sweep = FreeJointSweep(geometry, limits) if three else None
         self._least = LeastRotation(geometry, limits) if three else None
-        self._orientation = _NearestOrientation(chain, geometry, limits, self._planar, self._least)
-        self._reach = Reach(geometry, limits, titles, self._planar, self._least)
 
     @classmethod
     def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
         """See ``InverseKinematics``."""
         geometry = recognise(chain)
         return None if geometry is None else cls(chain, geometry, limits, energy, titles)
+
+    @cached_property
+    def _orientation(self) -> _NearestOrientation:
+        return _NearestOrientation(self.chain, self.geometry, self.limits, self._planar, self._least)
+
+    @cached_property
+    def _reach(self) -> Reach:
+        return Reach(self.geometry, self.limits, self.titles, self._planar, self._least)
 
     def section(self) -> PlanarSection:
         """See ``InverseKinematics``; exact."""
@@ -125,7 +136,7 @@ class YawPitchRollSolver(InverseKinematics):
             if postures is not None and postures[0]:
                 return Solutions(self._arm, target, postures[1], postures[0])
         if pitch is not None and self.geometry.tool_angle is None:
-            return self._refused(target, _NO_PITCH)
+            return self._refused(target, NO_PITCH)
         refusal, roll = held_roll(self._roll, roll)
         if refusal is not None:
             return self._refused(target, refusal)
@@ -157,7 +168,7 @@ class YawPitchRollSolver(InverseKinematics):
         if self._sweep is None and pitch is not None:
             raise InputError("with two pitch joints the position alone decides the pitch: leave it out")
         if pitch is not None and self.geometry.tool_angle is None:
-            raise InputError(_NO_PITCH)
+            raise InputError(NO_PITCH)
         if roll is not None and self._roll is None:
             raise InputError(NO_ROLL)
         pitches = None if pitch is None else checked_pitches(pitch, len(position))
@@ -201,7 +212,7 @@ class YawPitchRollSolver(InverseKinematics):
             return None if found is None else self._with_roll(found, roll)
 
         def travel(start: FloatArray) -> FloatArray:
-            q = self._nearest_to(start, target, branches, z)
+            q = self.least_candidates(target, start, 1.0 / self.energy.speed_limits)
             q[:, 4:] = roll
             return q
 
@@ -220,22 +231,22 @@ class YawPitchRollSolver(InverseKinematics):
         name = branch_index(front, bend_sense(self.geometry.plane_angle(2, float(single[3]))))
         return Solutions(self._arm, target, [single.tolist()], [name], least_rotation=optimum, travel=travel)
 
-    def _nearest_to(
-        self, start: FloatArray, target: Target, branches: list[BaseBranch], z: float
-    ) -> FloatArray:
-        """Configurations (m, n) among which is that of least travel from ``start`` (n,) [rad], exact.
+    def least_candidates(self, target: Target, start: FloatArray, weights: FloatArray) -> FloatArray:
+        """Configurations (m, n) on a position among which Σ weight · |θ - start| is least, exact.
 
-        Seen from there it is a least rotation: each joint turns about its angle at the start.
+        Of an arm with three pitch joints: ``start`` (n,) [rad], positive ``weights`` (n,); a roll joint
+        stands as at the start. Seen from there it is a least rotation.
         """
         geometry, four = self.geometry, start[:4]
         offsets = (geometry.plane_angle(k, float(start[1 + k])) for k in range(3))
         least = LeastRotation(replace(geometry, offsets=tuple(offsets)), self.limits[:4] - four[:, None])
-        x, y, _ = geometry.local_of(*target.point)
+        x, y, z = geometry.local_of(*target.point)
+        branches = base_branches(geometry, x, y, self._base)
         if is_on_axis(geometry, x, y):  # any base angle serves, so the base stays
-            branches = [*branches, BaseBranch(True, float(np.clip(four[0], *self._base)), 0.0)]
+            branches.append(BaseBranch(True, float(np.clip(four[0], *self._base)), 0.0))
         seen = [branch._replace(angle=branch.angle - float(four[0])) for branch in branches]
-        found = least.candidates(seen, z, (1.0 / self.energy.speed_limits[:4]).tolist())
-        q = np.zeros((len(found), self.chain.n))
+        found = least.candidates(seen, z, weights[:4].tolist())
+        q = np.tile(np.clip(start, *self.limits.T), (len(found), 1))
         q[:, :4] = np.clip(np.reshape(found, (-1, 4)) + four, *self.limits[:4].T)
         return q
 
@@ -243,14 +254,18 @@ class YawPitchRollSolver(InverseKinematics):
         self, branches: list[BaseBranch], z: float, pitch: float | None, rolls: Sequence[float]
     ) -> list[_Candidate]:
         found: list[_Candidate] = []
+        seen: list[tuple[float, ...]] = []
         for branch, tool_angle in itertools.product(branches, tool_angles(pitch)):
             inward = tool_points_in(branch, tool_angle)
             for plane in self._planar.at(branch.r, z, tool_angle):
+                # straight up and straight down are reached by two pitch angles that are the same
+                turns = (branch.angle, *plane)
+                if any(_apart(turns, other) < LIMIT_TOLERANCE for other in seen):
+                    continue
+                seen.append(turns)
+                index = branch_index(branch.front, bend_sense(plane[1]), inward)
                 for angles, rolled in itertools.product(self._planar.joint_images(plane), rolls):
-                    q = self._with_roll((branch.angle, *angles), rolled)
-                    # straight up and straight down are reached by two pitch angles that are the same
-                    if not any(np.abs(q - other).max() < LIMIT_TOLERANCE for other, _ in found):
-                        found.append((q, branch_index(branch.front, bend_sense(plane[1]), inward)))
+                    found.append((self._with_roll((branch.angle, *angles), rolled), index))
         return found
 
     def _with_roll(self, q: Sequence[float], roll: float) -> FloatArray:
@@ -259,6 +274,12 @@ class YawPitchRollSolver(InverseKinematics):
     def _refused(self, target: Target, reason: str | None = None) -> Solutions:
         why, nearest = self._reach.explain(target)
         return Solutions(self._arm, target, (), (), reason=reason or why, nearest_q=nearest)
+
+
+def _apart(one: Sequence[float], other: Sequence[float]) -> float:
+    """The largest difference of two angles of postures, whole turns of all but the first not counted."""
+    first, *rest = (a - b for a, b in zip(one, other, strict=True))
+    return max(abs(first), *(abs(math.remainder(angle, TWO_PI)) for angle in rest))
 
 
 # Configurations that put the tool on a point and turn it as nearly as can be to a rotation asked for.

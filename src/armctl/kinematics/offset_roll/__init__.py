@@ -1,0 +1,1 @@
+"""Yaw, parallel pitch joints, and a roll joint with the tool beside its axis."""
