@@ -155,9 +155,8 @@ def all_images(
     first, last = np.maximum(first, about - _MOST_TURNS), np.minimum(last, about + _MOST_TURNS)
     count = np.maximum(last - first + 1.0, 0.0).astype(np.intp)
     turn = np.arange(count.max(initial=0))
-    angle: FloatArray = np.clip(
-        q[..., None] + TWO_PI * (first[..., None] + turn), low[:, None], high[:, None]
-    )
+    angle: FloatArray = np.add(q[..., None], TWO_PI * (first[..., None] + turn))
+    np.clip(angle, low[:, None], high[:, None], out=angle)
     angle[turn >= count[..., None]] = math.inf
     away = np.abs(angle) if start is None else np.minimum(np.abs(angle), np.abs(angle - start[:, None]))
     ranked: FloatArray = np.take_along_axis(angle, away.argsort(axis=-1, kind="stable"), axis=-1)

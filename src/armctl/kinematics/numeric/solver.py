@@ -171,7 +171,8 @@ class NumericSolver(InverseKinematics):
             near = [all_images(found - at, self.limits - at[:, None], most=1).q + at for at in begins]
             q, reason = np.vstack(near), f"{_SEARCHED}: they form a continuum"
             q = np.unique(q, axis=0)
-        q = q[np.argsort(np.round(np.abs(q).sum(axis=1), 9), kind="stable")]
+        rotation: FloatArray = np.abs(q).sum(axis=1)
+        q = q[np.argsort(rotation.round(9), kind="stable")]
         return Solutions(self._arm, target, q, np.zeros(len(q), dtype=np.int8), incomplete_reason=reason)
 
     def nearest(self, target: Target) -> FloatArray:
