@@ -79,13 +79,13 @@ def _knots(path: PiecewisePolynomial, fastest: PiecewisePolynomial) -> FloatArra
     sigma = np.linspace(0.0, 1.0, 8001)
     length = path.high - path.low
     times = np.linspace(0.0, fastest.high, len(sigma))
-    passed = np.interp(_way(sigma)[0], (fastest(times)[:, 0] - path.low) / length, times / fastest.high)
-    near: FloatArray = np.log1p(sigma / _END)
-    count: FloatArray = (
-        _BY_TIME * passed + _BY_WAY * sigma + 0.5 * _BY_ENDS * (1.0 + (near - near[::-1]) / near[-1])
-    )
+    gone = (fastest(times)[:, 0] - path.low) / length
+    passed = _between(_way(sigma)[0], gone, times / fastest.high)
+    near = np.log1p(sigma / _END)
+    ends = 0.5 + 0.5 * (near - near[::-1]) / near[-1]
+    count = _BY_TIME * passed + _BY_WAY * sigma + _BY_ENDS * ends
     knots = min(_KNOTS + _KNOTS_A_PIECE * (len(path.coefficients) - 1), _MOST_KNOTS)
-    wished = np.interp(np.linspace(0.0, 1.0, knots + 1), count, sigma)
+    wished = _between(np.linspace(0.0, 1.0, knots + 1), count, sigma)
     # the third derivative of the path may jump at its breaks
     low, high = np.zeros(len(path.breaks)), np.ones(len(path.breaks))
     for _ in range(_HALVINGS):
@@ -93,9 +93,14 @@ def _knots(path: PiecewisePolynomial, fastest: PiecewisePolynomial) -> FloatArra
         before = _way(middle)[0] < (path.breaks - path.low) / length
         low, high = np.where(before, middle, low), np.where(before, high, middle)
     fixed = np.concatenate([[0.0], high[1:-1], [1.0]])
-    at = np.interp(wished, sigma, count)
-    clear = np.abs(at[:, None] - np.interp(fixed, sigma, count)).min(axis=1) > _APART / knots
+    at = _between(wished, sigma, count)
+    clear = np.abs(at[:, None] - _between(fixed, sigma, count)).min(axis=1) > _APART / knots
     return np.unique(np.concatenate([fixed, wished[clear]]))
+
+
+def _between(x: FloatArray, xs: FloatArray, values: FloatArray) -> FloatArray:
+    """``numpy.interp`` with a type."""
+    return np.asarray(np.interp(x, xs, values), dtype=np.float64)
 
 
 def _basis(knots: FloatArray, degree: int, places: FloatArray, order: int) -> FloatArray:
