@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import numpy as np
 
@@ -26,12 +26,16 @@ _TOOL_RADIUS = 0.003
 """of the capsule to a tool point that no mesh reaches [m]"""
 MOST_PIECES = 3
 """capsules of a link"""
-_WORTH = 0.75
+_WORTH = 0.85
 """two capsules take the place of one that is so much larger: their volume by its"""
 _DIRECTIONS = 192
 """in which the outermost points are looked for; the others hardly matter for the fit"""
-_ROUNDS = 14
-"""of the search, each with half the step of the one before"""
+_FEW = 500
+"""triangles by which it is decided how they are shared out"""
+_SHARES = (0.3, 0.5, 0.7)
+"""of a link's length at which its triangles may be shared out"""
+_ROUNDS, _TRIES = 8, 12
+"""of the search; each round has half the step of the one before"""
 _PARTS = 10
 """No edge is longer than this part of the link where triangles are shared out."""
 _MOST_SHARED = 20_000
@@ -51,11 +55,6 @@ class Fitted:
     end: FloatArray
     """(3,) [m]"""
     radius: float
-
-    @property
-    def volume(self) -> float:
-        """[m³]."""
-        return _volume(math.dist(self.start, self.end), self.radius)
 
 
 def fitted_body(
@@ -113,38 +112,47 @@ def fit(solids: Sequence[Solid]) -> tuple[list[Fitted], float]:
     """
     corners = np.concatenate([solid.vertices[solid.faces] for solid in solids])
     shared = _cut(corners) if len(corners) < _MOST_SHARED else corners
-    pieces = [(shared, contain(shared.reshape(-1, 3)))]
+    pieces = [_Piece.of(shared, shared[:: max(1, len(shared) // _FEW)])]
     while len(pieces) < MOST_PIECES:
-        halves = [(i, split) for i, piece in enumerate(pieces) if (split := _halved(*piece)) is not None]
+        halves = [(i, split) for i, piece in enumerate(pieces) if (split := _halved(piece)) is not None]
         if not halves:
             break
-        i, best = max(halves, key=lambda one: _saved(pieces[one[0]][1], one[1]))
+        i, best = max(halves, key=lambda one: pieces[one[0]].volume - sum(half.volume for half in one[1]))
         pieces[i : i + 1] = best
-    capsules = [capsule for _, capsule in pieces]
+    capsules = [contain(piece.triangles.reshape(-1, 3)) for piece in pieces]
     return capsules, _largest_gap(capsules, corners)
 
 
-_Piece = tuple[FloatArray, Fitted]
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    triangles: FloatArray
+    """(k, 3, 3) [m]"""
+    few: FloatArray
+    """some of them, by which it is decided how they are shared out"""
+    volume: float
+    """of a capsule that contains these, roughly [m³]"""
+
+    @classmethod
+    def of(cls, triangles: FloatArray, few: FloatArray) -> Self:
+        return cls(triangles, few, _first(few.reshape(-1, 3))[1])
 
 
-def _saved(whole: Fitted, halves: Sequence[_Piece]) -> float:
-    return whole.volume - sum(half.volume for _, half in halves)
-
-
-def _halved(triangles: FloatArray, whole: Fitted) -> list[_Piece] | None:
-    """The better of a few ways to share the triangles of one capsule out to two; None: none is worth it."""
-    middles = triangles.mean(axis=1)
-    _, _, axes = np.linalg.svd(middles - middles.mean(axis=0), full_matrices=False)
+def _halved(whole: _Piece) -> list[_Piece] | None:
+    """The best of a few ways to share the triangles of one capsule out to two; None: none is worth it."""
+    middles = whole.few.mean(axis=1)
     best: list[_Piece] | None = None
     least = _WORTH * whole.volume
-    for axis in axes:
+    for axis in _axes(middles):
         along = middles @ axis
-        for share in (0.3, 0.5, 0.7):
-            first = along < along.min() + share * np.ptp(along)
+        for share in _SHARES:
+            border = along.min() + share * np.ptp(along)
+            first = along < border
             if first.all() or not first.any():
                 continue
-            halves = [(part, contain(part.reshape(-1, 3))) for part in (triangles[first], triangles[~first])]
-            volume = sum(half.volume for _, half in halves)
+            here = whole.triangles.mean(axis=1) @ axis < border
+            parts = ((whole.triangles[here], whole.few[first]), (whole.triangles[~here], whole.few[~first]))
+            halves = [_Piece.of(*part) for part in parts]
+            volume = sum(half.volume for half in halves)
             if volume < least:
                 best, least = halves, volume
     return best
@@ -153,16 +161,23 @@ def _halved(triangles: FloatArray, whole: Fitted) -> list[_Piece] | None:
 def contain(points: FloatArray) -> Fitted:
     """A capsule of little volume that contains points (k, 3)."""
     outer = _outermost(points)
-    middle = outer.mean(axis=0)
-    _, _, axes = np.linalg.svd(outer - middle, full_matrices=False)
-    starts = np.concatenate([_along(outer, axis) for axis in axes])
-    ends, best = starts[0], math.inf
-    for one in starts:
-        found, volume = _improved(outer, one)
-        if volume < best:
-            ends, best = found, volume
+    ends = _improved(outer, *_first(outer))
     radius = float(_distances(points, ends[None])[0].max()) * (1 + 1e-12) + 1e-9
     return Fitted(ends[:3].copy(), ends[3:].copy(), radius)
+
+
+def _axes(points: FloatArray) -> FloatArray:
+    """The principal axes of points, a row each."""
+    off = points - points.mean(axis=0)
+    return np.linalg.eigh(off.T @ off)[1].T
+
+
+def _first(outer: FloatArray) -> tuple[FloatArray, float]:
+    """The best segment along a principal axis, ends (6,), and the volume of its capsule."""
+    ends = np.concatenate([_along(outer, axis) for axis in _axes(outer)])
+    volumes = _volumes(outer, ends)
+    best = int(volumes.argmin())
+    return ends[best], float(volumes[best])
 
 
 def _outermost(points: FloatArray) -> FloatArray:
@@ -186,7 +201,7 @@ def _along(points: FloatArray, axis: FloatArray) -> FloatArray:
     along = points @ axis
     across = points - along[:, None] * axis
     centre = across.mean(axis=0)
-    for k in range(2, 60):  # Bădoiu and Clarkson: towards the farthest point, ever less
+    for k in range(2, 30):  # Bădoiu and Clarkson: towards the farthest point, ever less
         centre = centre + (across[((across - centre) ** 2).sum(axis=1).argmax()] - centre) / k
     radius = math.sqrt(float(((across - centre) ** 2).sum(axis=1).max()))
     half = max(0.5 * float(np.ptp(along)) - radius, 0.0)
@@ -196,34 +211,26 @@ def _along(points: FloatArray, axis: FloatArray) -> FloatArray:
     )
 
 
-def _improved(points: FloatArray, ends: FloatArray) -> tuple[FloatArray, float]:
-    """The ends (6,) of a segment whose capsule has the least volume nearby, and that volume."""
+def _improved(points: FloatArray, ends: FloatArray, volume: float) -> FloatArray:
+    """The ends (6,) of a segment nearby whose capsule has the least volume."""
     step = 0.1 * float(np.ptp(points, axis=0).max())
-    moves = np.concatenate([np.eye(6), -np.eye(6)])
-    for a in range(3):  # both ends together, too
-        both = np.zeros(6)
-        both[[a, a + 3]] = 1.0
-        moves = np.concatenate([moves, [both, -both]])
-    volume = float(_volumes(points, ends[None])[0])
+    both = np.concatenate([np.eye(3), np.eye(3)], axis=1)
+    moves = np.concatenate([np.eye(6), -np.eye(6), both, -both])  # one end, or both together
     for _ in range(_ROUNDS):
-        for _ in range(20):
+        for _ in range(_TRIES):
             tries = ends + step * moves
             volumes = _volumes(points, tries)
             at = int(volumes.argmin())
-            if volumes[at] >= volume * (1 - 1e-6):
+            if volumes[at] >= volume * (1 - 1e-4):
                 break
             ends, volume = tries[at], float(volumes[at])
         step *= 0.5
-    return ends, volume
+    return ends
 
 
 def _volumes(points: FloatArray, ends: FloatArray) -> FloatArray:
     radius = _distances(points, ends).max(axis=1)
     length = np.linalg.norm(ends[:, 3:] - ends[:, :3], axis=1)
-    return math.pi * radius**2 * (length + 4.0 / 3.0 * radius)
-
-
-def _volume(length: float, radius: float) -> float:
     return math.pi * radius**2 * (length + 4.0 / 3.0 * radius)
 
 
@@ -257,7 +264,10 @@ def _cut(triangles: FloatArray) -> FloatArray:
 def _largest_gap(capsules: Sequence[Fitted], triangles: FloatArray) -> float:
     """How far the surface of capsules is from triangles, at most [m]."""
     spacing = float(np.ptp(triangles.reshape(-1, 3), axis=0).max()) / _SPACING
-    tree: Any = import_module("scipy.spatial").cKDTree(_points_on(triangles, spacing))
+    points = _points_on(triangles, spacing)
+    x, y, z = ((points - points.min(axis=0)) * (2 / spacing)).astype(np.int64).T
+    _, one_a_cell = np.unique((x << 20 | y) << 20 | z, return_index=True)
+    tree: Any = import_module("scipy.spatial").cKDTree(points[one_a_cell])
     largest = 0.0
     for i, capsule in enumerate(capsules):
         surface = _surface(capsule)
