@@ -243,9 +243,10 @@ def _right_angles(robot: Robot) -> FloatArray:
     q = np.array(list(product(*choices)), dtype=np.float64)
     clear = robot.frames(q)[:, 1:, 2, 3].min(axis=1) > robot.floor_z + _CLEAR_M
     links = LinkFrames.at(robot.chain, q)
-    for gaps in (robot.collision.gaps(links), robot.collision.gaps_to(robot.obstacles, links)):
+    itself = robot.collision.gaps(links) - robot.collision.closed[:, None]
+    for gaps in (itself, robot.collision.gaps_to(robot.obstacles, links)):
         if gaps.size:
-            clear &= gaps.reshape(-1, len(q)).min(axis=0) > 0
+            clear &= gaps.reshape(-1, len(q)).min(axis=0) >= 0
     return q[clear]
 
 

@@ -99,7 +99,7 @@ class SelfCollision:
         self._model = robot.collision
         self.levers = self._model.pair_levers
         self.parts = tuple(self._model.capsules[j].part for _, j in self._model.pairs)
-        self.closed = np.zeros(len(self.parts))
+        self.closed = self._model.closed
 
     def gaps(self, links: LinkFrames) -> FloatArray:
         """(k, m) [m] at m configurations, negative where a pair overlaps."""
@@ -112,8 +112,9 @@ class SelfCollision:
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """As ``Floor.words``."""
         other = self._model.capsules[self._model.pairs[part][0]].part
+        at_rest = -1000 * float(self.closed[part])
         return (
-            f"{depth_mm:.1f} mm inside {other}",
+            f"{depth_mm:.1f} mm inside {other}" + (f" ({at_rest:.1f} mm at rest)" if at_rest > 0 else ""),
             f"choose another target, or go round by a point farther from {other}",
         )
 

@@ -429,11 +429,12 @@ def _torque_findings(motion: SampledMotion, links: LinkFrames, payload_kg: float
 
 
 def not_checked(robot: Robot) -> tuple[str, ...]:
-    """What the pre-flight cannot judge, because the robot file gives no figures for it."""
+    """What the pre-flight cannot judge: the file gives no figures for it, or parts touch all the time."""
+    touching = robot.collision.notes
     if not robot.gravity.bodies:
-        return (f"gravity torque: the file of {robot.name} gives no masses",)
+        return (f"gravity torque: the file of {robot.name} gives no masses", *touching)
     unknown = [joint.title for joint in robot.joints if joint.stall_torque is None]
     if not unknown:
-        return ()
+        return touching
     which = "any joint" if len(unknown) == robot.n else ", ".join(unknown)
-    return (f"gravity torque: the file of {robot.name} gives no stall torque of {which}",)
+    return (f"gravity torque: the file of {robot.name} gives no stall torque of {which}", *touching)

@@ -173,7 +173,8 @@ class _Walk:
         """Whether nothing is found in motions that follow each other, nor touched at their start."""
         robot, motion = self.robot, JoinedTrajectory(trajectories)
         start = LinkFrames.at(robot.chain, motion.start[None])
-        if any((source(robot).gaps(start) < 0).any() for source in (Floor, Obstacles, SelfCollision)):
+        sources = (Floor(robot), Obstacles(robot), SelfCollision(robot))
+        if any((source.gaps(start) < source.closed[:, None]).any() for source in sources):
             return False
         ends = np.array([trajectory.end for trajectory in trajectories])
         if isotropy_of(robot, robot.jacobian(ends))[0].min() < NEAR:

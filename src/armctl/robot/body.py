@@ -192,8 +192,8 @@ class CollisionModel:
     """The capsules of an arm, and the pairs of them that are kept apart.
 
     Left out are pairs of one link or of neighbours, which the joint's own limits keep apart, and pairs that
-    touch in the home pose or in every one of 512 configurations spread over the limits: they meet in a
-    joint, and no motion could mend that.
+    touch in every one of 512 configurations spread over the limits: they meet in a joint, and no motion could
+    mend that. Pairs that touch in the home or the rest pose only may overlap as deep as there.
     """
 
     chain: Chain
@@ -201,10 +201,14 @@ class CollisionModel:
     """from the base to the tool"""
     pairs: tuple[tuple[int, int], ...]
     """indices of capsules, the one nearer to the base first"""
+    closed: FloatArray
+    """(k,) the gap of each in the home or the rest pose where that is negative, else 0 [m]"""
+    touching: tuple[tuple[int, int], ...] = ()
+    """pairs that are left out because they always touch"""
 
     @classmethod
-    def build(cls, chain: Chain, capsules: Sequence[Capsule], limits: FloatArray, home: FloatArray) -> Self:
-        """Find the pairs of an arm with these ``limits`` (n, 2) and pose ``home`` (n,) [rad]."""
+    def build(cls, chain: Chain, capsules: Sequence[Capsule], limits: FloatArray, poses: FloatArray) -> Self:
+        """Find the pairs of an arm with these ``limits`` (n, 2) and poses at rest (m, n) [rad]."""
         ordered = tuple(sorted(capsules, key=lambda capsule: capsule.link))
         apart = tuple(
             (i, j)
@@ -212,10 +216,33 @@ class CollisionModel:
             for i, inner in enumerate(ordered[:j])
             if outer.link - inner.link > 1
         )
-        samples = np.concatenate([home[None], joint_samples(limits, _SAMPLES)])
-        touching = cls(chain, ordered, apart).gaps(LinkFrames.at(chain, samples)) <= 0.0
-        kept = ~(touching[:, 0] | touching.all(axis=1))
-        return cls(chain, ordered, tuple(pair for pair, keep in zip(apart, kept, strict=True) if keep))
+        samples = np.concatenate([poses, joint_samples(limits, _SAMPLES)])
+        gaps = cls(chain, ordered, apart, np.zeros(len(apart))).gaps(LinkFrames.at(chain, samples))
+        always = (gaps <= 0.0).all(axis=1)
+        closed = np.minimum(gaps[:, : len(poses)].min(axis=1), 0.0)[~always]
+        pairs = tuple(pair for pair, left_out in zip(apart, always, strict=True) if not left_out)
+        touching = tuple(pair for pair, left_out in zip(apart, always, strict=True) if left_out)
+        return cls(chain, ordered, pairs, closed, touching)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Which parts are not kept apart, or not altogether, a sentence each."""
+        always = dict.fromkeys(self._names(pair) for pair in self.touching)
+        resting = {
+            self._names(pair): -1000 * gap
+            for gap, pair in sorted(zip(self.closed.tolist(), self.pairs, strict=True), reverse=True)
+            if gap < 0.0
+        }
+        return (
+            *(f"whether {one} touches {other}: pieces of them do in every pose" for one, other in always),
+            *(
+                f"whether {one} touches {other} while they overlap no deeper than at rest ({depth:.0f} mm)"
+                for (one, other), depth in resting.items()
+            ),
+        )
+
+    def _names(self, pair: tuple[int, int]) -> tuple[str, str]:
+        return self.capsules[pair[1]].part, self.capsules[pair[0]].part
 
     @cached_property
     def moving(self) -> tuple[int, ...]:

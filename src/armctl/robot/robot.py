@@ -154,8 +154,9 @@ class Robot(ArrayRecord):
     @cached_property
     def collision(self) -> CollisionModel:
         """The arm's body as capsules, and which of them are kept apart."""
-        home = self.poses.get("home", self.limits.mean(axis=1))
-        return CollisionModel.build(self.chain, self.body.capsules, self.limits, home)
+        resting = [self.poses[name] for name in ("home", "rest") if name in self.poses]
+        poses = np.array(resting or [self.limits.mean(axis=1)])
+        return CollisionModel.build(self.chain, self.body.capsules, self.limits, poses)
 
     @cached_property
     def undersides(self) -> tuple[Underside, ...]:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from armctl.arrays import FloatArray
@@ -22,7 +23,7 @@ from armctl.robot.parts import JERK_UP_S, MOST_JOINTS, Joint, Shape
 from armctl.robot.robot import BODY_ASSUMED, Robot
 from armctl.robot.urdf.package import UrdfSource, arm_stem
 from armctl.robot.urdf.rounding import Rounding
-from armctl.robot.urdf.side_file import SideFile, applied, decode_side_file
+from armctl.robot.urdf.side_file import SideFile, ToolEntry, applied, decode_side_file
 from armctl.robot.urdf.tool import UrdfTool, suggested_tool
 from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, read_urdf_file
 
@@ -59,6 +60,8 @@ def load_urdf(path: Path, wanted: str | None) -> Robot:
         if source.side_path is not None:
             side, document = ROBOT_FILES.load(source.side_path, decode_side_file)
         link, approach = _wanted(wanted)
+        if link is not None:
+            side = msgspec.structs.replace(side, tool=ToolEntry())
         tree = read_urdf_file(source)
         link = link or side.tool.link
         if link is not None and link not in tree.links:

@@ -86,7 +86,7 @@ class UrdfSource:
         """The file that a mesh's ``filename`` means; None: there is none, or it is out of bounds."""
         match = _URI.fullmatch(uri.strip())
         scheme = match["scheme"].lower() if match else ""
-        rest = unquote(match["rest"]) if match else uri.strip()
+        rest = match["rest"] if match else uri.strip()
         if "\0" in rest or scheme not in ("", "file", "package", "model"):
             return None
         if scheme in ("package", "model"):
@@ -96,6 +96,7 @@ class UrdfSource:
             inner = rest
             places = [self.file.parent / rest]
         places += [place / inner.lstrip("/") for place in self._above()]
+        places += [Path(unquote(str(place))) for place in places if "%" in inner]
         for place in places:
             if place.is_file() and self._allowed(place):
                 return place
