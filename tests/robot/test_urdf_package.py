@@ -29,7 +29,8 @@ STEPS = (
     Step("elbow", "revolute", "upper", "lower", "0 0 0.2", axis="0 1 0"),
     Step("end", "fixed", "lower", "tool0", "0 0 0.15"),
 )
-MESH = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex .1 0 0\nvertex 0 .1 .1\nendloop\nendfacet\nendsolid a\n"
+CORNERS = "vertex 0 0 0\nvertex .1 0 0\nvertex 0 .1 .1"
+MESH = f"solid a\nfacet normal 0 0 1\nouter loop\n{CORNERS}\nendloop\nendfacet\nendsolid a\n"
 
 
 @pytest.fixture(autouse=True)
@@ -332,7 +333,8 @@ SIDE: dict[str, object] = {
         {"name": "elbow", "limit_deg": [-80, 80], "acceleration_deg_s2": 90, "stall_torque_nm": 2,
          "servo": {"channel": 2, "zero_us": 1500, "us_per_deg": 10, "pulse_us": [600, 2400]}},
     ],
-    "gripper": {"title": "Claw", "speed_percent_s": 100, "servo": {"channel": 3, "closed_us": 900, "open_us": 2000}},
+    "gripper": {"title": "Claw", "speed_percent_s": 100,
+                "servo": {"channel": 3, "closed_us": 900, "open_us": 2000}},
     "board": {"kind": "firmata"},
     "poses": {"home": [0, 20, 60], "rest": [0, -45, 80], "up": [0, 0, 0]},
     "points": {"A": [200, 0, 100]},

@@ -218,10 +218,10 @@ class CollisionModel:
         )
         samples = np.concatenate([poses, joint_samples(limits, _SAMPLES)])
         gaps = cls(chain, ordered, apart, np.zeros(len(apart))).gaps(LinkFrames.at(chain, samples))
-        always = (gaps <= 0.0).all(axis=1)
+        always = np.max(gaps, axis=1, initial=-math.inf) <= 0.0
         closed = np.minimum(gaps[:, : len(poses)].min(axis=1), 0.0)[~always]
-        pairs = tuple(pair for pair, left_out in zip(apart, always, strict=True) if not left_out)
-        touching = tuple(pair for pair, left_out in zip(apart, always, strict=True) if left_out)
+        pairs = tuple(apart[k] for k in np.flatnonzero(~always).tolist())
+        touching = tuple(apart[k] for k in np.flatnonzero(always).tolist())
         return cls(chain, ordered, pairs, closed, touching)
 
     @property
