@@ -17,9 +17,9 @@ from armctl.boards import ANY_BOARD, SIMULATED, board_name, calibrated_for
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.handles import ORIGIN, JointStream, Motion
 from armctl.hardware import Source
-from armctl.kinematics import Choice, Target, rotation_of
+from armctl.kinematics import Choice, Target, roll_pitch_yaw, rotation_of
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
-from armctl.motion import PathTrajectory, PitchMode, Profile, Trajectory, solve
+from armctl.motion import PathTrajectory, PitchMode, Profile, Trajectory, TurnMode, solve
 from armctl.motion.trajectory import KnowsPeaks
 from armctl.process import Link, RemoteLine, start_arm
 from armctl.program import ArcStep, LineStep, Program, Step, WaitStep, checked_program, open_program
@@ -292,37 +292,50 @@ class Arm:
         x_mm: float,
         y_mm: float,
         z_mm: float,
-        pitch: PitchMode = "kept",
+        pitch: PitchMode | None = None,
         pitch_deg: float | None = None,
         speed_mm_s: float | None = None,
         duration_s: float | None = None,
         blend_mm: float = 0.0,
         wait: bool = True,
+        *,
+        orientation: TurnMode | None = None,
+        rpy_deg: Sequence[float] | None = None,
+        quaternion_wxyz: Sequence[float] | None = None,
     ) -> Motion:
         """Lead the tool to a point in the base frame [mm] in a straight line.
 
-        ``pitch``: tool pitch on the way, "kept", "interpolated" to ``pitch_deg``, or "free". ``speed_mm_s``:
-        largest speed of the tool; None: as fast as the joints can. The rest as ``go``. ProgramError: the
-        tool cannot be led there; says when, where and why.
+        ``pitch``: tool pitch on the way, "kept", "interpolated" to ``pitch_deg``, or "free".
+        ``orientation``, instead: the same of the whole rotation, "interpolated" to ``rpy_deg`` or
+        ``quaternion_wxyz`` as in ``go``. Neither: what the arm can do is kept, its orientation with six
+        joints or more. ``speed_mm_s``: largest speed of the tool; None: as fast as the joints can. The rest
+        as ``go``.
+        ProgramError: the tool cannot be led there; says when, where and why.
         """
         x, y, z = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm").tolist()
         shared = _led(pitch, pitch_deg, speed_mm_s, duration_s, blend_mm)
+        shared |= _turned(orientation, rpy_deg, quaternion_wxyz)
         return self._step(LineStep(x_mm=x, y_mm=y, z_mm=z, **shared), wait)
 
     def arc(
         self,
         via_mm: tuple[float, float, float],
         to_mm: tuple[float, float, float],
-        pitch: PitchMode = "kept",
+        pitch: PitchMode | None = None,
         pitch_deg: float | None = None,
         speed_mm_s: float | None = None,
         duration_s: float | None = None,
         blend_mm: float = 0.0,
         wait: bool = True,
+        *,
+        orientation: TurnMode | None = None,
+        rpy_deg: Sequence[float] | None = None,
+        quaternion_wxyz: Sequence[float] | None = None,
     ) -> Motion:
         """Lead the tool along the circle through where it is, ``via_mm`` and ``to_mm`` [mm]; as ``line``."""
         (via_x, via_y, via_z), (x, y, z) = _point(via_mm, "via_mm").tolist(), _point(to_mm, "to_mm").tolist()
         shared = _led(pitch, pitch_deg, speed_mm_s, duration_s, blend_mm)
+        shared |= _turned(orientation, rpy_deg, quaternion_wxyz)
         step = ArcStep(via_x_mm=via_x, via_y_mm=via_y, via_z_mm=via_z, x_mm=x, y_mm=y, z_mm=z, **shared)
         return self._step(step, wait)
 
@@ -525,7 +538,7 @@ def _point(value: ArrayLike, what: str) -> FloatArray:
 
 
 def _led(
-    pitch: PitchMode,
+    pitch: PitchMode | None,
     pitch_deg: float | None,
     speed_mm_s: float | None,
     duration_s: float | None,
@@ -539,6 +552,19 @@ def _led(
         "duration_s": _optional(duration_s, "duration_s"),
         "blend_mm": checked_number(blend_mm, "blend_mm"),
     }
+
+
+def _turned(
+    orientation: TurnMode | None, rpy_deg: Sequence[float] | None, quaternion_wxyz: Sequence[float] | None
+) -> dict[str, Any]:
+    """The orientation of a line or an arc, checked."""
+    rpy = None if rpy_deg is None else np.radians(as_numbers(rpy_deg, "rpy_deg"))
+    rotation = rotation_of(rpy, quaternion_wxyz)
+    turned: dict[str, Any] = {"orientation": orientation}
+    if rotation is not None:
+        angles = np.degrees(roll_pitch_yaw(rotation)).tolist()
+        turned |= zip(("rx_deg", "ry_deg", "rz_deg"), angles, strict=True)
+    return turned
 
 
 def _optional(value: float | None, what: str) -> float | None:

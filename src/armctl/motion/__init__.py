@@ -3,7 +3,7 @@
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, Obstacles, SelfCollision
 from armctl.motion.error_report import arc, line
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
-from armctl.motion.paths.tool_path import PitchMode, usual_pitch
+from armctl.motion.paths.tool_path import PitchMode, TurnMode, usual_pitch
 from armctl.motion.plan import Profile, plan_arc, plan_joints, plan_line, plan_spline, plan_target, solve
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import Finding, Kind, not_checked, preflight, require_clear
@@ -31,6 +31,7 @@ __all__ = [
     "ToolPathRefusedError",
     "ToolPathUnreachableError",
     "Trajectory",
+    "TurnMode",
     "arc",
     "line",
     "not_checked",

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
-from armctl.errors import InputError, UnreachableError
+from armctl.errors import InputError, MotionRefusedError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Choice, Target, checked_criterion
 from armctl.kinematics.target import as_numbers, checked_number
 from armctl.motion.blend import Leg, blend
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
-from armctl.motion.paths.tool_curve import ToolArc, ToolLine
-from armctl.motion.paths.tool_path import PitchMode, follow
+from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
+from armctl.motion.paths.tool_path import PitchMode, TurnMode, follow
 from armctl.motion.polynomial import PiecewisePolynomial, spline_through
 from armctl.motion.preflight import require_clear
 from armctl.motion.profiles import NOWHERE, PointToPoint, ProfileName, lasting_s
@@ -106,8 +106,10 @@ def plan_line(
     start: ArrayLike,
     position_m: ArrayLike,
     *,
-    pitch: PitchMode = "kept",
+    pitch: PitchMode | None = None,
     end_pitch: float | None = None,
+    orientation: TurnMode | None = None,
+    end_rotation: ArrayLike | None = None,
     speed: float | None = None,
     duration_s: float | None = None,
     profile: ProfileName = "trapezoid",
@@ -115,13 +117,16 @@ def plan_line(
 ) -> Trajectory:
     """Plan a motion of the tool straight to a position (3,) [m], on the branch the arm is on, and check it.
 
-    The tool pitch stays as at the start, goes evenly to ``end_pitch`` [rad], or comes as it comes.
-    ``speed`` is the largest of the tool [m/s]; None: as fast as the joints can.
+    ``orientation``: the tool's rotation is kept as at the start, turns evenly to ``end_rotation`` (3, 3)
+    ``R_base_tool``, or is free. ``pitch``, instead: so does only its pitch, to ``end_pitch`` [rad]. Neither:
+    what the arm can do is kept, the orientation with six joints or more, else the pitch. ``speed`` is the
+    largest of the tool [m/s]; None: as fast as the joints can.
     Raises ``InputError``: a value that is not finite, or a wrong shape; ``UnreachableError``: a place on the
     way is out of reach; ``MotionRefusedError``: a limit, a singular pose or another branch on the way, with
     the time, the place and the joint; too short a duration; the floor.
     """
-    path = follow_tool(robot, start, None, position_m, pitch, end_pitch, speed)
+    turn = (pitch, end_pitch, orientation, end_rotation)
+    path = follow_tool(robot, start, None, position_m, *turn, speed=speed)
     return plan_path(robot, start, path, speed=speed, duration_s=duration_s, profile=profile, checked=checked)
 
 
@@ -131,15 +136,18 @@ def plan_arc(
     via_m: ArrayLike,
     end_m: ArrayLike,
     *,
-    pitch: PitchMode = "kept",
+    pitch: PitchMode | None = None,
     end_pitch: float | None = None,
+    orientation: TurnMode | None = None,
+    end_rotation: ArrayLike | None = None,
     speed: float | None = None,
     duration_s: float | None = None,
     profile: ProfileName = "trapezoid",
     checked: bool = True,
 ) -> Trajectory:
     """As ``plan_line``, along the circle through where the tool is, ``via_m`` and ``end_m`` (3,) [m]."""
-    path = follow_tool(robot, start, via_m, end_m, pitch, end_pitch, speed)
+    turn = (pitch, end_pitch, orientation, end_rotation)
+    path = follow_tool(robot, start, via_m, end_m, *turn, speed=speed)
     return plan_path(robot, start, path, speed=speed, duration_s=duration_s, profile=profile, checked=checked)
 
 
@@ -194,24 +202,55 @@ def follow_tool(
     start: ArrayLike,
     via_m: ArrayLike | None,
     end_m: ArrayLike,
-    pitch: PitchMode,
-    end_pitch: float | None,
+    pitch: PitchMode | None = None,
+    end_pitch: float | None = None,
+    orientation: TurnMode | None = None,
+    end_rotation: ArrayLike | None = None,
+    *,
     speed: float | None = None,
 ) -> PiecewisePolynomial | None:
     """The joints' path q(s) along a line of the tool, or the arc over ``via_m``; s is its way [m].
 
-    None where it goes nowhere. Raises as ``plan_line``, but for the duration and the floor.
+    None where it goes nowhere. Raises as ``plan_line``, but for the duration and the floor; a refusal says
+    whether the way can be had with less asked of the tool's turn.
     """
     q = robot.chain.checked(as_numbers(start, "joint angles"))
     tool = robot.forward(q)[:3, 3]
     curve = ToolLine(tool, np.asarray(end_m)) if via_m is None else ToolArc(tool, via_m, end_m)
     try:
-        return follow(robot, q, curve, pitch, end_pitch)
+        return follow(robot, q, curve, pitch, end_pitch, orientation, end_rotation)
     except (ToolPathRefusedError, ToolPathUnreachableError) as cause:
         seconds, cap = 0.0, _cap(speed)
         if cause.before is not None:  # when the tool comes there, without slowing down for it
             seconds = PathTrajectory.fastest(robot, cause.before, cap, last=math.inf).duration
-        raise type(cause)(f"at {seconds:.2f} s, {cause}", cause.place, cause.before) from cause
+        freer = _freer(robot, q, curve, cap, pitch, orientation)
+        raise type(cause)(f"at {seconds:.2f} s, {cause}{freer}", cause.place, cause.before) from cause
+
+
+def _freer(
+    robot: Robot,
+    q: FloatArray,
+    curve: ToolCurve,
+    cap: float,
+    pitch: PitchMode | None,
+    orientation: TurnMode | None,
+) -> str:
+    """What else a refusal says: that the curve can be followed with less asked of the tool's turn."""
+    whole = orientation is not None or (pitch is None and robot.orients_tool)
+    if (orientation if whole else pitch) == "free":
+        return ""
+    ways: list[tuple[PitchMode, str]] = [("free", f"the tool {'orientation' if whole else 'pitch'} free")]
+    if whole and robot.inverse_kinematics.pitch_and_roll(q)[0] is not None:
+        ways.insert(0, ("kept", "only the tool pitch kept"))
+    for mode, words in ways:
+        try:
+            path = follow(robot, q, curve, mode)
+            if path is not None:
+                require_clear(robot, PathTrajectory.fastest(robot, path, cap), tool_path=True)
+        except (MotionRefusedError, UnreachableError):
+            continue
+        return f"; with {words} the arm can follow it"
+    return ""
 
 
 # Motions through a list of points: at rest in each, smoothly through all, or turning off before each.

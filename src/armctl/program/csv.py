@@ -15,6 +15,7 @@ import numpy as np
 
 from armctl.documents import refusal_of
 from armctl.errors import ProgramError
+from armctl.kinematics import roll_pitch_yaw
 from armctl.program.keys import keys_of
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
 from armctl.program.steps import MoveStep, PointStep, Step, all_keys, any_step
@@ -185,13 +186,17 @@ def _cells(step: Step) -> dict[Place | None, object]:
 
 def _as_point(step: MoveStep, robot: Robot) -> PointStep:
     q = np.radians(step.joints_deg)
-    x, y, z = np.round(1000 * robot.forward(q)[:3, 3], _DIGITS).tolist()
-    pitch, roll = (
-        None if angle is None else round(float(np.degrees(angle)), _DIGITS)
-        for angle in robot.inverse_kinematics.pitch_and_roll(q)
-    )
+    pose = robot.forward(q)
+    x, y, z = np.round(1000 * pose[:3, 3], _DIGITS).tolist()
+    if robot.orients_tool:
+        angles = zip(("rx_deg", "ry_deg", "rz_deg"), roll_pitch_yaw(pose[:3, :3]).tolist(), strict=True)
+    else:
+        angles = zip(("pitch_deg", "roll_deg"), robot.inverse_kinematics.pitch_and_roll(q), strict=True)
+    turn = {
+        key: None if angle is None else round(math.degrees(angle), _DIGITS) + 0.0 for key, angle in angles
+    }
     shared = {key: getattr(step, key) for key in ("profile", "duration_s", "blend_mm", "note")}
-    return PointStep(x_mm=x, y_mm=y, z_mm=z, pitch_deg=pitch, roll_deg=roll, **shared)
+    return PointStep(x_mm=x, y_mm=y, z_mm=z, **turn, **shared)
 
 
 def read_csv(text: bytes | str, robot: Robot, name: str = "untitled") -> Program:

@@ -23,7 +23,11 @@ class Field:
     head: str = ""
     """of its CSV column, with the unit; empty: the key's name"""
     choices: tuple[str, ...] = ()
-    """what the form offers where the key takes any text"""
+    """what the form offers where the key takes any text, or may be left open"""
+    left_open: str = ""
+    """what the form shows of a choice that is left open: what it means then"""
+    turn: Literal["", "pitch", "orientation"] = ""
+    """what of the tool's turn it is about; a step says something of its pitch or of its orientation"""
 
 
 KeyForm = Literal["number", "integer", "numbers", "text", "choice"]

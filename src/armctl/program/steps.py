@@ -13,9 +13,9 @@ from msgspec import Meta
 
 from armctl.arrays import FloatArray
 from armctl.errors import ProgramError
-from armctl.kinematics import CRITERIA, FROM_START, Target
+from armctl.kinematics import CRITERIA, FROM_START, Target, rotation_from_rpy
 from armctl.motion.blend import Leg
-from armctl.motion.paths.tool_path import PitchMode
+from armctl.motion.paths.tool_path import TURN_MODES, PitchMode, TurnMode
 from armctl.motion.plan import follow_tool, plan_joints, plan_path, solve
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import NOWHERE, PointToPoint, ProfileName
@@ -50,21 +50,35 @@ class Effect:
 
 _POINT_HINT, _VIA_HINT = "X, Y, Z of the tool at the end.", "X, Y, Z of a point on the arc."
 _PITCH_HINT = "Tool pitch at the end; of a line or an arc with 'interpolated' only."
+_TURN_HINT = "The tool's whole orientation on the way; instead of its pitch."
+_RPY_HINT = (
+    "The tool's orientation at the end, Rz(yaw)·Ry(pitch)·Rx(roll); "
+    "of a line or an arc with 'interpolated' only."
+)
 _BLEND_HINT = "How far from its end the tool may turn off to the next step."
 _FASTEST = "Empty: as fast as the limits allow."
 _Seconds = Annotated[float, Meta(ge=0, le=LONGEST_WAIT_S)]
 _Point = Annotated[float, Field("Point mm", _POINT_HINT, 1)]
 _ViaPoint = Annotated[float, Field("Via mm", _VIA_HINT, 2)]
-_Mode = Annotated[PitchMode, Field("Tool pitch", "Tool pitch on the way.", 3, head="pitch_mode")]
-_Pitch = Annotated[float | None, Field("Pitch °", _PITCH_HINT, 4)]
-_Roll = Annotated[float | None, Field("Roll °", "Tool roll at the end. Empty: as it comes.", 5)]
+_Mode = Annotated[
+    PitchMode | None,
+    Field("Tool pitch", "Tool pitch on the way.", 3, "pitch_mode", TURN_MODES, "kept", "pitch"),
+]
+_Pitch = Annotated[float | None, Field("Pitch °", _PITCH_HINT, 4, turn="pitch")]
+_Turn = Annotated[
+    TurnMode | None,
+    Field("Tool orientation", _TURN_HINT, 3, choices=TURN_MODES, left_open="kept", turn="orientation"),
+]
+_Angle = Annotated[float | None, Field("Rx Ry Rz °", _RPY_HINT, 4, turn="orientation")]
+_Roll = Annotated[float | None, Field("Roll °", "Tool roll at the end. Empty: as it comes.", 5, turn="pitch")]
 _Criterion = Annotated[
     str, Field("Choose by", "Which of the solutions is taken.", 6, choices=tuple(CRITERIA))
 ]
 _Profile = Annotated[ProfileName, Field("Profile", "Law of the motion over time.", 7)]
 _ToolSpeed = Annotated[Annotated[float, Meta(gt=0)] | None, Field("Tool speed mm/s", _FASTEST, 8)]
 _END, _VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
-_LED = ("pitch", "pitch_deg", "speed_mm_s", "duration_s", "blend_mm")
+_RPY = ("rx_deg", "ry_deg", "rz_deg")
+_LED = ("pitch", "pitch_deg", "orientation", "rpy_deg", "speed_mm_s", "duration_s", "blend_mm")
 """arguments of ``Arm.line`` and ``Arm.arc`` beside the points"""
 
 
@@ -111,13 +125,13 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
     def _arguments(self, names: Sequence[str]) -> str:
         """Keys as arguments. One that is as by default is left out; the only one needed has no name."""
         defaults = {key.name: key.default for key in keys_of(type(self))}
-        needed = [name for name in names if defaults[name] is msgspec.NODEFAULT]
+        needed = [name for name in names if defaults.get(name) is msgspec.NODEFAULT]
         parts: list[str] = []
         for name in names:
             value: object = getattr(self, name)
             if needed == [name]:
                 parts.append(literal(value))
-            elif value != defaults[name]:
+            elif value != defaults.get(name):
                 parts.append(f"{name}={literal(value)}")
         return ", ".join(parts)
 
@@ -220,17 +234,52 @@ class MoveStep(MotionStep, frozen=True, kw_only=True, tag="move"):
         return robot.check_limits(np.radians(self.joints_deg))
 
 
-class PointStep(MotionStep, frozen=True, kw_only=True, tag="point"):
+class _Oriented:
+    """What steps with an orientation share. No struct: each writes its keys in an order of its own."""
+
+    __slots__ = ()
+    rx_deg: float | None
+    ry_deg: float | None
+    rz_deg: float | None
+
+    @property
+    def rpy_deg(self) -> tuple[float | None, ...] | None:
+        """Roll, pitch and yaw of the tool at the end, as far as given; None: none of them."""
+        angles = (self.rx_deg, self.ry_deg, self.rz_deg)
+        return None if angles == (None, None, None) else angles
+
+    @property
+    def _rpy_words(self) -> str:
+        angles = self.rpy_deg or ()
+        return f"Rx Ry Rz ({', '.join('?' if angle is None else _short(angle) for angle in angles)})°"
+
+    @property
+    def _rotation(self) -> FloatArray | None:
+        """(3, 3) at the end; None: not given. ProgramError: not all of its angles are."""
+        roll, pitch, yaw = self.rx_deg, self.ry_deg, self.rz_deg
+        if self.rpy_deg is None:
+            return None
+        if roll is None or pitch is None or yaw is None:
+            raise ProgramError(f"an orientation needs all of {', '.join(_RPY)}")
+        return rotation_from_rpy(math.radians(roll), math.radians(pitch), math.radians(yaw))
+
+
+class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
     """Put the tool on a point [mm] by inverse kinematics, joint by joint."""
 
-    call: ClassVar = ("go", *_END, "pitch_deg", "roll_deg", "choose", "duration_s", "profile", "blend_mm")
-    button: ClassVar = ("Record tool", "Point", *_END, "pitch_deg", "roll_deg")
+    call: ClassVar = (
+        "go", *_END, "pitch_deg", "roll_deg", "rpy_deg", "choose", "duration_s", "profile", "blend_mm",
+    )  # fmt: skip
+    button: ClassVar = ("Record tool", "Point", *_END, "pitch_deg", "roll_deg", *_RPY)
 
     x_mm: _Point
     y_mm: _Point
     z_mm: _Point
     pitch_deg: _Pitch = None
     roll_deg: _Roll = None
+    rx_deg: _Angle = None
+    ry_deg: _Angle = None
+    rz_deg: _Angle = None
     choose: _Criterion = "least-rotation"
     profile: _Profile = "cubic"
 
@@ -241,27 +290,37 @@ class PointStep(MotionStep, frozen=True, kw_only=True, tag="point"):
     def _goal(self) -> str:
         pitch = "" if self.pitch_deg is None else f", pitch {_short(self.pitch_deg)}°"
         roll = "" if self.roll_deg is None else f", roll {_short(self.roll_deg)}°"
-        return f"{_place(self, _END)}{pitch}{roll}"
+        turned = "" if self.rpy_deg is None else f", {self._rpy_words}"
+        return f"{_place(self, _END)}{pitch}{roll}{turned}"
+
+    def check(self, robot: Robot) -> None:
+        """Refuse an orientation that is not whole, or one beside a pitch or roll."""
+        self._target()
+
+    def _target(self) -> Target:
+        pitch, roll = _radians(self.pitch_deg), _radians(self.roll_deg)
+        return Target.of(_metres(self, _END), pitch, roll, self._rotation)
 
     def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray | None:
         """The solution that is chosen; by some criteria it depends on the start."""
-        target = Target.of(_metres(self, _END), _radians(self.pitch_deg), _radians(self.roll_deg))
+        target = self._target()
         if start is None and self.choose in FROM_START:
             solve(robot, None, target, "least-rotation")  # whether there is any
             return None
         return solve(robot, start, target, self.choose)
 
 
-class _LeadsTool:
-    """What a line and an arc share. No struct: each writes its keys in an order of its own."""
+class _LeadsTool(_Oriented):
+    """What a line and an arc share."""
 
     __slots__ = ()
     leads_tool: ClassVar[bool] = True
     points: ClassVar[tuple[tuple[str, ...], ...]] = (_END,)
     """keys of the points on the way, the last one is the end"""
 
-    pitch: PitchMode
+    pitch: PitchMode | None
     pitch_deg: float | None
+    orientation: TurnMode | None
     speed_mm_s: float | None
 
     @property
@@ -270,37 +329,55 @@ class _LeadsTool:
 
     def _goal(self) -> str:
         end = "" if self.pitch_deg is None else f" to {_short(self.pitch_deg)}°"
-        pitch = "" if self.pitch == "kept" else f", pitch {self.pitch}{end}"
+        pitch = "" if self.pitch in (None, "kept") else f", pitch {self.pitch}{end}"
+        end = "" if self.rpy_deg is None else f" to {self._rpy_words}"
+        pitch += "" if self.orientation is None else f", orientation {self.orientation}{end}"
         speed = "" if self.speed_mm_s is None else f", {_short(self.speed_mm_s)} mm/s"
         return f"{' via '.join(_place(self, keys) for keys in reversed(self.points))}{pitch}{speed}"
 
     def check(self, robot: Robot) -> None:
-        """Refuse a pitch at the end that does not go with the mode."""
-        if (self.pitch_deg is not None) != (self.pitch == "interpolated"):
+        """Refuse a pitch or an orientation at the end that does not go with the mode, and both at once."""
+        if self.pitch is not None and self.orientation is not None:
             raise ProgramError(
-                f'pitch = "{self.pitch}" and pitch_deg = {self.pitch_deg} do not go together: "interpolated" '
-                "needs the pitch at the end, the others take none"
+                f'pitch = "{self.pitch}" and orientation = "{self.orientation}" do not go together: leave '
+                "one of them out"
             )
+        self._rotation  # noqa: B018  # refused where it is not whole
+        for name, keys, mode, end in (
+            ("pitch", "pitch_deg", self.pitch, self.pitch_deg),
+            ("orientation", ", ".join(_RPY), self.orientation, self.rpy_deg),
+        ):
+            if (end is not None) != (mode == "interpolated"):
+                raise ProgramError(
+                    f'{name} = "{mode or "kept"}" and {keys} = {end} do not go together: "interpolated" '
+                    f"needs the {name} at the end, the others take none"
+                )
 
     def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
         """Along the tool's way [m]."""
         *via, end = (_metres(self, keys) for keys in self.points)
-        way = (via[0] if via else None, end, self.pitch, _radians(self.pitch_deg))
-        return follow_tool(robot, start, *way, self._tool_speed)
+        turn = (self.pitch, _radians(self.pitch_deg), self.orientation, self._rotation)
+        return follow_tool(robot, start, via[0] if via else None, end, *turn, speed=self._tool_speed)
 
 
 class LineStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="line"):
     """Lead the tool to a point [mm] in a straight line, on the branch the arm is on."""
 
     call: ClassVar = ("line", *_END, *_LED)
-    button: ClassVar = ("Record tool", "Line", *_END, "pitch")
+    button: ClassVar = ("Record tool", "Line", *_END, "pitch", "orientation", *_RPY)
 
     x_mm: _Point
     y_mm: _Point
     z_mm: _Point
-    pitch: _Mode = "kept"
+    pitch: _Mode = None
     pitch_deg: _Pitch = None
     """tool pitch at the end; only with pitch = "interpolated", and needed there"""
+    orientation: _Turn = None
+    """neither this nor a pitch: what the arm can do is kept, its orientation with six joints or more"""
+    rx_deg: _Angle = None
+    ry_deg: _Angle = None
+    rz_deg: _Angle = None
+    """tool orientation at the end; only with orientation = "interpolated", and needed there"""
     speed_mm_s: _ToolSpeed = None
     """largest speed of the tool; None: as fast as the limits allow"""
 
@@ -308,7 +385,7 @@ class LineStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="line"):
 class ArcStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="arc"):
     """Lead the tool along a circular arc through a point to another [mm]; the rest as in a line."""
 
-    button: ClassVar = ("Record tool", "Arc", *_VIA, *_END, "pitch")
+    button: ClassVar = ("Record tool", "Arc", *_VIA, *_END, "pitch", "orientation", *_RPY)
     points: ClassVar = (_VIA, _END)
 
     via_x_mm: _ViaPoint
@@ -317,8 +394,12 @@ class ArcStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="arc"):
     x_mm: _Point
     y_mm: _Point
     z_mm: _Point
-    pitch: _Mode = "kept"
+    pitch: _Mode = None
     pitch_deg: _Pitch = None
+    orientation: _Turn = None
+    rx_deg: _Angle = None
+    ry_deg: _Angle = None
+    rz_deg: _Angle = None
     speed_mm_s: _ToolSpeed = None
 
     def script(self) -> str:

@@ -29,7 +29,7 @@ from armctl.kinematics import Chain, DHRow
 from armctl.motion import ToolPathRefusedError, ToolPathUnreachableError
 from armctl.motion.error_report import arc, line
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
-from armctl.motion.paths.tool_path import PITCH_MODES, PitchMode, follow
+from armctl.motion.paths.tool_path import TURN_MODES, PitchMode, follow
 from armctl.robot import Robot
 
 ALLOWED_M = 0.05e-3
@@ -131,7 +131,7 @@ def test_the_roll_stays(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("robot", [*ROBOTS, SIX_AXES], ids=lambda robot: robot.name)
-@pytest.mark.parametrize("mode", PITCH_MODES)
+@pytest.mark.parametrize("mode", TURN_MODES)
 def test_random_lines_of_every_arm(robot: Robot, mode: PitchMode) -> None:
     rng, done = np.random.default_rng(7), 0
     for _ in range(25):

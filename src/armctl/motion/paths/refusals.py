@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.motion.clearance import stands_clear
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
 from armctl.motion.paths.tool_pitch import PitchRows, elevations
-from armctl.motion.paths.tool_walk import TILT, Walk
+from armctl.motion.paths.tool_rotation import ToolRotation, TurnRows
+from armctl.motion.paths.tool_walk import TILT, ToolTask, Walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import preflight
 from armctl.motion.timing import timed
@@ -25,6 +26,8 @@ from armctl.robot import Robot
 _SAMPLES = 1025
 _BEYOND = 1e-4
 """how far past the end of a branch it is asked whether anything reaches there (share of the curve)"""
+_TURNING = 1e-6
+"""a turn of the tool [rad/m], and a share of the way, that count as none"""
 _MOST_STARTS = 8
 """other starts that are tried for one refusal; each takes as long as planning a line"""
 _TURNED = 1e-6
@@ -80,10 +83,6 @@ def pitch_refusal(
     )
 
 
-Held = Literal["nothing", "pitch", "rotation"]
-"""what of the tool is given along a curve, besides its position"""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Attempt:
     """A curve that could not be followed."""
@@ -93,7 +92,8 @@ class Attempt:
     start: FloatArray
     """(n,) [rad]"""
     walked: Walk
-    held: Held
+    turn: TurnRows | None
+    """what is asked of the tool besides its position"""
     chosen: bool
     """the joints leave a choice of ways, and other ways may lead farther than the best that was found"""
     lead: Callable[[FloatArray], PiecewisePolynomial | None]
@@ -103,20 +103,58 @@ class Attempt:
     def searched(self) -> bool:
         """Whether such targets are searched for, not solved: that takes long, and some may be missing."""
         solver = self.robot.inverse_kinematics
-        return not solver.complete or (solver.searches_parts and self.held != "rotation")
+        return not solver.complete or (solver.searches_parts and not isinstance(self.turn, ToolRotation))
 
-    def target(self, q: FloatArray, point: FloatArray) -> Target:
-        """What the tool is asked for at a point (3,) [m] with what is held as at ``q`` (n,) [rad]."""
-        if self.held == "nothing":
+    @property
+    def held(self) -> str:
+        """What is asked for besides the position, in a word; empty: nothing."""
+        return "" if self.turn is None else "rotation" if isinstance(self.turn, ToolRotation) else "pitch"
+
+    def target(self, q: FloatArray, s: float) -> Target:
+        """What the tool is asked for at ``s`` [m]; a pitch as at ``q`` (n,) [rad]."""
+        point = self.curve.positions(s)
+        if self.turn is None:
             return Target.of(point)
-        pose = self.robot.forward(q)
-        if self.held == "rotation":
-            return Target.of(point, rotation=pose[:3, :3])
-        return Target.of(point, float(elevations(self.robot, pose[None])[0]))
+        if isinstance(self.turn, ToolRotation):
+            return Target.of(point, rotation=self.turn.at(s))
+        return Target.of(point, float(elevations(self.robot, self.robot.forward(q)[None])[0]))
 
     def solve(self, target: Target) -> Solutions:
         """The solutions of a target inside the limits."""
         return self.robot.inverse_kinematics.solve(target, DEFAULT_STEP)
+
+
+def turn_refusal(tried: Attempt, task: ToolTask) -> ToolPathRefusedError | None:
+    """There are too few joints for the orientation; None: that is not the reason.
+
+    Says how fast the tool would turn besides, at least, with its point on the curve.
+    """
+    robot, curve, walked, rows = tried.robot, tried.curve, tried.walked, tried.turn
+    if not isinstance(rows, ToolRotation):
+        return None
+    s, q, slope = 0.0, tried.start, np.zeros(robot.n)
+    if walked.knots:
+        s, q, slope = walked.knots[-1].s, walked.knots[-1].q, walked.knots[-1].slope
+    ahead = _BEYOND * curve.length
+    jacobian = robot.jacobian(q + ahead * slope)[:, task.moving]
+    along, turn = curve.derivatives(min(s + ahead, curve.length))[1], rows.rates(s)[0]
+    rates = np.linalg.pinv(jacobian[:3]) @ along
+    free = np.linalg.svd(jacobian[:3])[2][3:].T  # moves no tool point
+    turns, off = jacobian[3:] @ free, turn - jacobian[3:] @ rates
+    besides = float(np.linalg.norm(off - turns @ np.linalg.pinv(turns) @ off))
+    if besides < _TURNING or float(np.linalg.norm(jacobian[:3] @ rates - along)) > _TURNING:
+        return None
+    where_else = f"move the {curve.kind}"
+    if robot.inverse_kinematics.plane is not None and robot.inverse_kinematics.roll_joint is not None:
+        where_else = "they can in the arm's own vertical plane, and with the tool straight up or down"
+    wish = "lead the tool's orientation so" if turn.any() else "keep the tool's orientation"
+    place = PathPlace(s, s / curve.length, curve.positions(s))
+    return ToolPathRefusedError(
+        f"{_where(curve, place)}: {len(task.moving)} joints cannot {wish} here, it would turn by "
+        f"{math.degrees(besides) / 1000:.3g}° a mm besides; {where_else}",
+        place,
+        _before(walked.path, s),
+    )
 
 
 def limit_refusal(tried: Attempt, path: PiecewisePolynomial, s: float, k: int) -> ToolPathRefusedError:
@@ -217,21 +255,21 @@ def _out_of_reach(tried: Attempt, q: FloatArray, s: float) -> str | None:
     robot, curve = tried.robot, tried.curve
     searched = tried.searched  # by many starts: too slow to ask often
 
-    def missing(point: FloatArray) -> str | None:
-        target = tried.target(q, point)
+    def missing(s: float) -> str | None:
+        target = tried.target(q, s)
         solutions = tried.solve(target)
         met = solutions.success and bool((solutions.residual_rad < _TURNED).any())
         if met or (not searched and robot.branches(*target)):
             return None
         return solutions.explanation
 
-    if missing(curve.positions(min(curve.length, s + _BEYOND * curve.length))) is None:
+    if missing(min(curve.length, s + _BEYOND * curve.length)) is None:
         return None
-    with_it = "" if tried.held == "nothing" else f" with that {tried.held}"
+    with_it = f" with that {tried.held}" if tried.held else ""
     # clearer than just beyond: far out, at whole percents, so that the figures hold where they say
     percent, first = 100, math.floor(100.0 * s / curve.length) + 1
     while percent >= first:
-        why = missing(curve.positions(0.01 * percent * curve.length))
+        why = missing(0.01 * percent * curve.length)
         if why is not None:
             return f"here it leaves what the arm reaches{with_it}; at {percent} %, {why}"
         if searched or percent == first:
@@ -252,7 +290,7 @@ def _other_ways(tried: Attempt) -> str:
 def _other_branches(tried: Attempt) -> list[str]:
     """Names of branches from which the arm follows the whole curve; none where that is not known."""
     robot, q = tried.robot, tried.start
-    target = tried.target(q, tried.curve.positions(0.0))
+    target = tried.target(q, 0.0)
     roll_joint = robot.inverse_kinematics.roll_joint
     if roll_joint is not None and target.rotation is None:
         target = target._replace(roll=float(q[roll_joint]))

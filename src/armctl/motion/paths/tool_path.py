@@ -5,8 +5,9 @@ A curve that cannot be followed is refused before the arm moves, with the place 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -14,20 +15,27 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
+from armctl.kinematics import Target
+from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.target import checked_number
-from armctl.motion.paths.refusals import Attempt, end_refusal, limit_refusal, pitch_refusal
+from armctl.motion.paths.refusals import Attempt, end_refusal, limit_refusal, pitch_refusal, turn_refusal
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
 from armctl.motion.paths.tool_pitch import led_pitches, pitch_rows
-from armctl.motion.paths.tool_walk import TILT, ToolTask, Walk, walk
+from armctl.motion.paths.tool_rotation import ToolRotation
+from armctl.motion.paths.tool_walk import ToolTask, Walk, walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot
 
-PitchMode = Literal["kept", "interpolated", "free"]
-"""tool pitch on the way: as at the start; evenly to that at the end; whatever takes the least motion"""
-PITCH_MODES: tuple[PitchMode, ...] = get_args(PitchMode)
+TurnMode = Literal["kept", "interpolated", "free"]
+"""what the tool does on its way: as at the start; evenly to the end's; whatever takes the least motion"""
+PitchMode = TurnMode
+"""the same of its pitch alone"""
+TURN_MODES: tuple[TurnMode, ...] = get_args(TurnMode)
 _PUSHES = (6.0, 30.0)
 """tried in this order: how strongly a free joint keeps away from the limits [rad/m]"""
 _AT_ONCE = 1e-6
+_SAME_TURN = math.radians(0.01)
+"""turns nearer to each other than this count as one where there is no way to turn on [rad]"""
 
 
 def usual_pitch(robot: Robot) -> PitchMode:
@@ -35,85 +43,148 @@ def usual_pitch(robot: Robot) -> PitchMode:
     return "free" if len(robot.inverse_kinematics.pitch_joints) == 2 else "kept"
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Turn:
+    """How the tool is to turn on the way."""
+
+    whole: bool
+    """its whole orientation; else its pitch"""
+    mode: TurnMode
+    pitch: float | None = None
+    """at the end [rad], where it is led there"""
+    rotation: FloatArray | None = None
+    """(3, 3) ``R_base_tool`` at the end, where it is led there"""
+
+    @property
+    def name(self) -> str:
+        """What is kept or led, in a word."""
+        return "orientation" if self.whole else "pitch"
+
+
 def follow(
-    robot: Robot, q_start: ArrayLike, curve: ToolCurve, pitch: PitchMode, end_pitch: float | None = None
+    robot: Robot,
+    q_start: ArrayLike,
+    curve: ToolCurve,
+    pitch: PitchMode | None = None,
+    end_pitch: float | None = None,
+    orientation: TurnMode | None = None,
+    end_rotation: ArrayLike | None = None,
 ) -> PiecewisePolynomial | None:
     """Lead the tool along a curve that begins where it is with the joints at ``q_start`` (n,) [rad].
 
-    The tool keeps within 0.01 mm of the curve, and a held pitch within 0.01°. The roll joint stays. A free
-    joint moves as little as serves, weighted by the joints' speeds, and is led around the limits.
+    Either ``pitch`` is given, or ``orientation``, which is about the tool's whole rotation; neither: what the
+    arm can do is kept, its orientation with six joints or more, else its pitch. The tool keeps within 0.01 mm
+    of the curve, and within 1e-6 rad of the pitch or orientation asked for. With a pitch, or with "free", the
+    roll joint stays. A free joint moves as little as serves, weighted by the joints' speeds, and is led
+    around the limits.
 
     Returns:
         q(s) [rad] over 0 … ``curve.length`` [m], quintics, smooth to the second derivative; None for a curve
         so short that the arm stays.
     Raises ``InputError``: a value that is not finite, a curve that begins elsewhere, contradictory wishes
-    about the pitch (``end_pitch`` [rad] goes with "interpolated", and only there); ``MotionRefusedError``: a
-    start outside the limits; a limit, a singularity or the end of a branch on the way
-    (``ToolPathRefusedError``, which knows the place); a pitch that this arm cannot hold;
-    ``UnreachableError``: out of reach (``ToolPathUnreachableError``, which knows the place).
+    (``end_pitch`` [rad] and ``end_rotation`` (3, 3) go with "interpolated", and only there);
+    ``MotionRefusedError``: a start outside the limits; a limit, a singularity or the end of a branch on the
+    way, or an orientation that the arm cannot keep there (``ToolPathRefusedError``, which knows the place); a
+    pitch that this arm cannot hold; ``UnreachableError``: out of reach (``ToolPathUnreachableError``, which
+    knows the place).
     """
     q = robot.chain.checked(q_start)
     robot.check_limits(q)
-    end_pitch = _checked_end(pitch, end_pitch)
-    away = float(np.linalg.norm(robot.forward(q)[:3, 3] - curve.positions(0.0)))
+    turn = _checked_turn(robot, pitch, end_pitch, orientation, end_rotation)
+    pose = robot.forward(q)
+    away = float(np.linalg.norm(pose[:3, 3] - curve.positions(0.0)))
     if away > NO_WAY_M:
         raise InputError(f"the {curve.kind} begins {1000 * away:.4g} mm from where the tool is")
     if curve.length == 0.0:
-        tool_pitch, _ = robot.inverse_kinematics.pitch_and_roll(q)
-        if end_pitch is not None and abs(end_pitch - (tool_pitch or 0.0)) > TILT:
+        if _turns_by(robot, q, pose, turn) > _SAME_TURN:
             raise InputError(
                 f"a {curve.kind} of no length leaves no way to turn the tool on; "
-                "go to a point with that pitch"
+                f"go to a point with that {turn.name}"
             )
         return None
-    task = _task(robot, q, curve, pitch, end_pitch)
-    # with too few joints the position decides the pitch, which may be the one that is asked for all the same
-    wish, task = task.pitch, task if task.rows <= len(task.moving) else replace(task, pitch=None)
+    task = _task(robot, q, pose, curve, turn)
+    wish = task.turn
+    if task.overdetermined and wish is not None and not isinstance(wish, ToolRotation):
+        # with so few joints the position decides the pitch, which may be the one asked for all the same
+        task = replace(task, turn=None)
     walked = _best_walk(robot, task, q)
-    path, crossing, pitch_held = walked.path, walked.crossing, task.pitch is not None
+    path, crossing = walked.path, walked.crossing
 
     def lead(start: FloatArray) -> PiecewisePolynomial | None:
-        other = _best_walk(robot, _task(robot, start, curve, pitch, end_pitch), start)
+        other = _best_walk(robot, _task(robot, start, robot.forward(start), curve, turn), start)
         return other.path if other.complete and other.crossing is None else None
 
-    held = "pitch" if pitch_held else "nothing"
-    tried = Attempt(robot, curve, q, walked, held, chosen=task.redundant, lead=lead)
+    tried = Attempt(robot, curve, q, walked, task.turn, chosen=task.redundant, lead=lead)
     if path is not None and crossing is not None:
         # a limit that is left at once, only because a singularity is at hand, is not the reason
         at_once = crossing[0] < _AT_ONCE * curve.length and walked.knots[-1].s < 1e3 * _AT_ONCE * curve.length
         if walked.complete or not at_once:
             raise limit_refusal(tried, path, *crossing)
     if path is None or not walked.complete:
-        raise end_refusal(tried)
-    if wish is not None and not pitch_held:
+        raise (turn_refusal(tried, task) if task.overdetermined else None) or end_refusal(tried)
+    if wish is not None and not isinstance(wish, ToolRotation) and task.turn is None:
         refusal = pitch_refusal(robot, wish, curve, path)
         if refusal is not None:
             raise refusal
     return path
 
 
-def _checked_end(pitch: PitchMode, end_pitch: float | None) -> float | None:
-    """The pitch at the end [rad], where there is to be one."""
-    if pitch not in PITCH_MODES:
-        raise InputError(f"tool pitch {pitch!r}: allowed are {', '.join(map(repr, PITCH_MODES))}")
-    if end_pitch is None:
-        if pitch == "interpolated":
-            raise InputError("pitch 'interpolated' needs the pitch at the end")
-        return None
-    if pitch != "interpolated":
-        raise InputError(f"a pitch at the end does not go with pitch {pitch!r}; choose 'interpolated'")
-    return checked_number(end_pitch, "the pitch at the end")
+def _checked_turn(
+    robot: Robot,
+    pitch: PitchMode | None,
+    end_pitch: float | None,
+    orientation: TurnMode | None,
+    end_rotation: ArrayLike | None,
+) -> _Turn:
+    """What is asked for, or what the arm usually keeps."""
+    asks_pitch, asks_whole = (
+        mode is not None or end is not None for mode, end in ((pitch, end_pitch), (orientation, end_rotation))
+    )
+    if asks_pitch and asks_whole:
+        raise InputError("give either the pitch of the tool on its way, or its orientation, not both")
+    if asks_whole or (not asks_pitch and robot.orients_tool):
+        mode = _checked_mode("orientation", "rotation", orientation, end_rotation is not None)
+        rotation = None if end_rotation is None else Target.of(np.zeros(3), rotation=end_rotation).rotation
+        return _Turn(True, mode, rotation=rotation)
+    mode = _checked_mode("pitch", "pitch", pitch, end_pitch is not None)
+    end = None if end_pitch is None else checked_number(end_pitch, "the pitch at the end")
+    return _Turn(False, mode, pitch=end)
 
 
-def _task(
-    robot: Robot, q: FloatArray, curve: ToolCurve, pitch: PitchMode, end_pitch: float | None
-) -> ToolTask:
+def _checked_mode(name: str, end: str, mode: TurnMode | None, has_end: bool) -> TurnMode:
+    """``InputError``: no such mode, or an end that does not go with it."""
+    mode = "kept" if mode is None else mode
+    if mode not in TURN_MODES:
+        raise InputError(f"tool {name} {mode!r}: allowed are {', '.join(map(repr, TURN_MODES))}")
+    if has_end and mode != "interpolated":
+        raise InputError(f"a {end} at the end does not go with {name} {mode!r}; choose 'interpolated'")
+    if not has_end and mode == "interpolated":
+        raise InputError(f"{name} 'interpolated' needs the {end} at the end")
+    return mode
+
+
+def _turns_by(robot: Robot, q: FloatArray, pose: FloatArray, turn: _Turn) -> float:
+    """How far the tool is from what it is to be at the end [rad]."""
+    if turn.rotation is not None:
+        return float(rotation_angle(turn.rotation @ pose[:3, :3].T))
+    if turn.pitch is not None:
+        return abs(turn.pitch - (robot.inverse_kinematics.pitch_and_roll(q)[0] or 0.0))
+    return 0.0
+
+
+def _task(robot: Robot, q: FloatArray, pose: FloatArray, curve: ToolCurve, turn: _Turn) -> ToolTask:
     """The equations of a path, as they are asked for."""
-    if pitch != "free" and robot.inverse_kinematics.pitch_and_roll(q)[0] is None:
-        raise InputError("this arm's tool does not keep to its vertical plane: it has no pitch; choose free")
     moves = robot.limits[:, 0] < robot.limits[:, 1]
+    if turn.mode == "free":
+        rows = None
+    elif turn.whole:
+        rows = ToolRotation.between(pose[:3, :3], turn.rotation, curve.length)
+    elif robot.inverse_kinematics.pitch_and_roll(q)[0] is None:
+        raise InputError("this arm's tool does not keep to its vertical plane: it has no pitch; choose free")
+    else:
+        rows = pitch_rows(robot, q, curve.length, turn.pitch)
     roll_joint = robot.inverse_kinematics.roll_joint
-    if roll_joint is not None:
+    if roll_joint is not None and not isinstance(rows, ToolRotation):
         moves[roll_joint] = False
     if np.count_nonzero(moves) < 3:
         raise InputError(f"the tool of {robot.name} cannot be led: it has too few joints")
@@ -121,7 +192,7 @@ def _task(
         chain=robot.chain,
         curve=curve,
         moving=np.flatnonzero(moves),
-        pitch=None if pitch == "free" else pitch_rows(robot, q, curve.length, end_pitch),
+        turn=rows,
         speeds=robot.speed_limits,
         limits=robot.limits,
     )
@@ -146,9 +217,9 @@ def _tasks(robot: Robot, task: ToolTask, q: FloatArray) -> Iterator[ToolTask]:
     if not task.redundant:
         return
     plane = robot.inverse_kinematics.plane
-    if plane is not None and task.rows + 1 == len(task.moving) and task.pitch is None:
+    if plane is not None and task.rows + 1 == len(task.moving) and task.turn is None:
         for pitch in led_pitches(robot, plane, q, task.curve):
-            yield replace(task, pitch=pitch)
+            yield replace(task, turn=pitch)
     else:
         for strength in _PUSHES:
             yield replace(task, push=strength)

@@ -41,13 +41,13 @@ class PlanePitch:
     """False: the curve is only a means to get along, and need not be kept exactly"""
     count: ClassVar[int] = 1
 
-    def wanted(self, s: float) -> FloatArray:
-        """(3, count) the right side at ``s`` [m], its first and its second derivative over the way."""
-        return self.curve.derivatives(s, 2)
+    def missing(self, q: FloatArray, pose: FloatArray, s: float) -> FloatArray:
+        """(count,) right side less left side at ``s`` [m], at ``q`` (n,) with the tool pose (4, 4)."""
+        return self.curve(s) - self.senses @ q
 
-    def value(self, q: FloatArray, pose: FloatArray) -> FloatArray:
-        """(count,) the left side at ``q`` (n,) with the tool pose (4, 4)."""
-        return np.array([self.senses @ q])
+    def rates(self, s: float) -> FloatArray:
+        """(2, count) first and second derivative of the right side over the way."""
+        return self.curve.derivatives(s, 2)[1:]
 
     def tilt(self, q: FloatArray, poses: FloatArray, s: FloatArray) -> FloatArray:
         """(k,) how far the pitch is off at ``s`` (k,), with ``q`` (k, n) and tool poses (k, 4, 4) [rad]."""
@@ -78,17 +78,17 @@ class AxisPitch:
         """1, or 2 for upright."""
         return len(self.parts)
 
-    def wanted(self, s: float) -> FloatArray:
-        """(3, count)."""
-        if self.count == 2:
-            return np.zeros((3, 2))
-        angle = self.start + self.rate * s
-        sine, cosine = math.sin(angle), math.cos(angle)
-        return np.array([[sine], [cosine * self.rate], [-sine * self.rate**2]])
-
-    def value(self, q: FloatArray, pose: FloatArray) -> FloatArray:
+    def missing(self, q: FloatArray, pose: FloatArray, s: float) -> FloatArray:
         """(count,)."""
-        return pose[list(self.parts), 2]
+        wanted = 0.0 if self.count == 2 else math.sin(self.start + self.rate * s)
+        return wanted - pose[list(self.parts), 2]
+
+    def rates(self, s: float) -> FloatArray:
+        """(2, count)."""
+        if self.count == 2:
+            return np.zeros((2, 2))
+        angle = self.start + self.rate * s
+        return np.array([[math.cos(angle) * self.rate], [-math.sin(angle) * self.rate**2]])
 
     def tilt(self, q: FloatArray, poses: FloatArray, s: FloatArray) -> FloatArray:
         """(k,) [rad]."""

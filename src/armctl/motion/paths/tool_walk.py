@@ -20,13 +20,14 @@ from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.motion.paths.tool_curve import ToolCurve
-from armctl.motion.paths.tool_pitch import PitchRows, carried
+from armctl.motion.paths.tool_pitch import carried
+from armctl.motion.paths.tool_rotation import TurnRows
 from armctl.motion.polynomial import PiecewisePolynomial, quintic
 
 DEVIATION_M = 0.01e-3
 """how far the tool may stray from the curve between the knots [m]"""
-TILT = math.radians(0.01)
-"""the same for a held pitch [rad]"""
+TILT = 1e-6
+"""the same for a pitch or an orientation that is asked for [rad]"""
 SLOWEST_M_S = 1e-4
 """where a joint at its largest speed leaves the tool slower than this, it counts as singular [m/s]"""
 _AIM = 0.3
@@ -175,13 +176,14 @@ def _first_root(c: FloatArray, bound: float) -> float:
 
 # What the joints must do while the tool follows a curve: equations in the joint angles, and their solution.
 #
-# With the rows ``c(q) = w(s)`` (the tool point on the curve, the pitch where it is held) and A = ∂c/∂q over
-# the joints that move:
+# With the rows ``c(q) = w(s)`` (the tool point on the curve, and its pitch or orientation where one is asked
+# for) and A = ∂c/∂q over the joints that move:
 #
 #     A q' = w'          A q'' = w'' - Ȧ q'
 #
 # Where there are fewer rows than joints, q' is the least of ½ q'ᵀ W q' + gᵀ q': W are weights by the joints'
-# speeds, and g pushes away from the limits. q'' is the exact derivative of that q' along the path.
+# speeds, and g pushes away from the limits. q'' is the exact derivative of that q' along the path. Where
+# there are more rows than joints, q' is that of least squares, and counts where it meets all rows.
 
 _RANK = 1e-9
 """singular values below this share of the largest count as none"""
@@ -232,7 +234,7 @@ class ToolTask:
     curve: ToolCurve
     moving: NDArray[np.intp]
     """(f,) the joints that are solved for; the others stand"""
-    pitch: PitchRows | None
+    turn: TurnRows | None
     speeds: FloatArray
     """(n,) the joints' largest speeds: the weights of the least motion [rad/s]"""
     limits: FloatArray
@@ -243,7 +245,7 @@ class ToolTask:
     @property
     def rows(self) -> int:
         """How many equations."""
-        return 3 + (0 if self.pitch is None else self.pitch.count)
+        return 3 + (0 if self.turn is None else self.turn.count)
 
     @property
     def redundant(self) -> bool:
@@ -251,22 +253,24 @@ class ToolTask:
         return self.rows < len(self.moving)
 
     @property
+    def overdetermined(self) -> bool:
+        """Whether there are more equations than joints."""
+        return self.rows > len(self.moving)
+
+    @property
     def bounds(self) -> FloatArray:
         """(n, 2) the limits, with what rounding may take [rad]."""
         return self.limits + np.array([-LIMIT_TOLERANCE, LIMIT_TOLERANCE])
 
     def deviation(self, q: FloatArray, s: FloatArray) -> FloatArray:
-        """(k,) how far ``q`` (k, n) is off the curve or pitch at ``s`` (k,) (1: as far as allowed)."""
+        """(k,) how far ``q`` (k, n) is off the curve or the turn at ``s`` (k,) (1: as far as allowed)."""
         poses = self.chain.forward(q)
         away = np.linalg.norm(poses[:, :3, 3] - self.curve.positions(s), axis=1) / DEVIATION_M
-        return away if self.pitch is None else np.maximum(away, self.pitch.tilt(q, poses, s) / TILT)
+        return away if self.turn is None else np.maximum(away, self.turn.tilt(q, poses, s) / TILT)
 
     def arrived(self, guess: FloatArray, s: float) -> Knot | None:
         """The knot at ``s`` [m] next to ``guess`` (n,) [rad]; None: not found, or as ``knot``."""
-        q = guess.copy()
-        wanted = self.curve.positions(s)
-        if self.pitch is not None:
-            wanted = np.append(wanted, self.pitch.wanted(s)[0])
+        q, point = guess.copy(), self.curve.positions(s)
         speeds, inverse, before, size = self.speeds[self.moving], None, np.inf, np.inf
         for _ in range(_CORRECTIONS):
             pose = self.chain.forward(q)
@@ -275,14 +279,17 @@ class ToolTask:
                 if inverse is None:
                     return None
             before = size
-            value = pose[:3, 3] if self.pitch is None else np.append(pose[:3, 3], self.pitch.value(q, pose))
-            step = speeds * (inverse.least @ (wanted - value))
+            missing = point - pose[:3, 3]
+            if self.turn is not None:
+                missing = np.append(missing, self.turn.missing(q, pose, s))
+            step = speeds * (inverse.least @ missing)
             size = float(np.abs(step).max())
             if not size < _TOO_FAR:
                 return None
             q[self.moving] += step
             if size < _CONVERGED:
-                return self.knot(q, s)
+                off = self.overdetermined and self.deviation(q[None], np.array([s]))[0] > _AIM
+                return None if off else self.knot(q, s)
         return None
 
     def knot(self, q: FloatArray, s: float) -> Knot | None:
@@ -292,9 +299,9 @@ class ToolTask:
         if inverse is None:
             return None
         _, first, second = self.curve.derivatives(s)
-        if self.pitch is not None:
-            _, pitch_first, pitch_second = self.pitch.wanted(s)
-            first, second = np.append(first, pitch_first), np.append(second, pitch_second)
+        if self.turn is not None:
+            turn_first, turn_second = self.turn.rates(s)
+            first, second = np.append(first, turn_first), np.append(second, turn_second)
         speed = self.speeds[move]
         slope, bend = np.zeros(len(q)), np.zeros(len(q))
         rates = inverse.least @ first
@@ -306,8 +313,8 @@ class ToolTask:
             return None
         slope[move] = speed * rates
         turned = carried(jacobian[:3], jacobian[3:], slope)
-        if self.pitch is not None:
-            turned = np.append(turned, self.pitch.turned(pose, jacobian, slope), 0)
+        if self.turn is not None:
+            turned = np.append(turned, self.turn.turned(pose, jacobian, slope), 0)
         bends = inverse.least @ (second - turned @ slope)
         if self.redundant:
             # Lagrange's multipliers: the solution of A Aᵀ x = w' + A g
@@ -321,8 +328,8 @@ class ToolTask:
     def _scaled_rows(self, pose: FloatArray, jacobian: FloatArray) -> FloatArray:
         """(m, f) derivatives of the rows by the joints solved for, in units of their speeds."""
         rows = jacobian[:3]
-        if self.pitch is not None:
-            rows = np.concatenate([rows, self.pitch.rows(pose, jacobian)])
+        if self.turn is not None:
+            rows = np.concatenate([rows, self.turn.rows(pose, jacobian)])
         return rows[:, self.moving] * self.speeds[self.moving]
 
 
@@ -345,7 +352,7 @@ class _Inverse:
         # most poses: good enough for the normal equations, twice as quick as the singular values
         square = rows.shape[0] == rows.shape[1]
         matrix: FloatArray = rows if square else rows @ rows.T
-        inverse = _inverted(matrix)
+        inverse = _inverted(matrix) if rows.shape[0] <= rows.shape[1] else None
         if inverse is not None and _largest(matrix) * _largest(inverse) < _WELL:
             least: FloatArray = inverse if square else rows.T @ inverse
             return cls(rows, least, whole=True)

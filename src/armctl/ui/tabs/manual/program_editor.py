@@ -12,6 +12,7 @@ import numpy as np
 import viser
 
 from armctl.errors import InputError, StateError
+from armctl.kinematics import roll_pitch_yaw
 from armctl.motion import usual_pitch
 from armctl.program import CommentStep, Program, SpeedStep, Step, WaitStep, check_program
 from armctl.program import steps as registry
@@ -90,6 +91,7 @@ SET_VIA, ADD_WAIT = "Set via", "Add wait"
 _ARC, _RECORD = "Arc", "Add step"
 Point = tuple[float, float, float]
 _END, _VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
+_RPY = ("rx_deg", "ry_deg", "rz_deg")
 _DIGITS = 3
 _NOT_KNOWN = {
     "open_percent": "the gripper has not been told to move yet; press 'Set gripper' first",
@@ -125,15 +127,27 @@ def step_here(kind: type[Step], robot: Robot, snapshot: Snapshot, via_mm: Point 
 
 
 def _tool_here(robot: Robot, pose_deg: tuple[float, ...]) -> Mapping[str, Any]:
-    """Keys of steps and their values at a pose; no pitch where the place of the tool decides about it."""
-    mode = usual_pitch(robot)
-    pitch, roll = (
-        None if angle is None else round(math.degrees(angle), _DIGITS) + 0.0
-        for angle in robot.inverse_kinematics.pitch_and_roll(np.radians(pose_deg))
-    )
-    angles = {"pitch": mode, "pitch_deg": None if mode == "free" else pitch, "roll_deg": roll}
+    """Keys of steps and their values at a pose.
+
+    Of an arm that can turn its tool about any axis, its orientation; else its pitch and roll, but no pitch
+    where the place of the tool decides about it.
+    """
+    q = np.radians(pose_deg)
+    known: dict[str, float | None] = dict.fromkeys(("pitch_deg", "roll_deg", *_RPY))
+    if robot.orients_tool:
+        known |= zip(_RPY, roll_pitch_yaw(robot.forward(q)[:3, :3]).tolist(), strict=True)
+        modes = {"pitch": None, "orientation": "interpolated"}
+    else:
+        known |= zip(("pitch_deg", "roll_deg"), robot.inverse_kinematics.pitch_and_roll(q), strict=True)
+        modes = {"pitch": "free" if usual_pitch(robot) == "free" else None, "orientation": None}
+        if modes["pitch"] is not None:
+            known["pitch_deg"] = None
+    angles = {
+        key: None if angle is None else round(math.degrees(angle), _DIGITS) + 0.0
+        for key, angle in known.items()
+    }
     point = dict(zip(_END, tool_point_mm(robot, pose_deg), strict=True))
-    return {"joints_deg": pose_deg, **point, **angles}
+    return {"joints_deg": pose_deg, **point, **modes, **angles}
 
 
 def tool_point_mm(robot: Robot, pose_deg: tuple[float, ...]) -> Point:

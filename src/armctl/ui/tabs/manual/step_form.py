@@ -14,6 +14,7 @@ from armctl.program import Program, Step
 from armctl.program.keys import Key, keys_of
 from armctl.program.program import Change, replace
 from armctl.program.steps import all_keys
+from armctl.robot import Robot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_editor import EDIT_WAITS, ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
@@ -29,13 +30,23 @@ def by_label(keys: Sequence[Key]) -> dict[str, list[Key]]:
     return fields
 
 
-def texts_of(step: Step) -> dict[str, str]:
-    """The label of each field that a step has, and what the field shows."""
-    return {label: _shown(step, keys) for label, keys in by_label(keys_of(type(step))).items()}
+def texts_of(step: Step, robot: Robot | None = None) -> dict[str, str]:
+    """The label of each field that a step has, and what the field shows.
+
+    Of the tool's pitch and its orientation, what ``robot`` keeps, and what the step says (None: the pitch).
+    """
+    keeps = "orientation" if robot is not None and robot.orients_tool else "pitch"
+    return {
+        label: _shown(step, keys)
+        for label, keys in by_label(keys_of(type(step))).items()
+        if keys[0].field.turn in ("", keeps) or any(getattr(step, key.name) is not None for key in keys)
+    }
 
 
 def _shown(step: Step, keys: Sequence[Key]) -> str:
     values = [getattr(step, key.name) for key in keys]
+    if all(value is None for value in values):
+        return keys[0].field.left_open
     if keys[0].form in ("text", "choice"):
         return str(values[0])
     if keys[0].form == "numbers":
@@ -47,9 +58,14 @@ def edited(step: Step, texts: Mapping[str, str]) -> Step:
     """The step with ``texts`` by label; unedited ones keep all digits. An ``InputError`` names the field."""
     record: dict[str, object] = msgspec.to_builtins(step)
     fields = by_label(keys_of(type(step)))
+    typed: dict[str, object] = {}
     for label, keys in fields.items():
-        if texts[label] != _shown(step, keys):
-            record |= _values(step, label, keys, texts[label])
+        if label in texts and texts[label] != _shown(step, keys):
+            typed |= _values(step, label, keys, texts[label])
+    # a step says something of the tool's pitch or of its orientation: what is typed counts
+    turns = {key.name: key.field.turn for keys in fields.values() for key in keys if key.field.turn}
+    kinds = {turns[name] for name, value in typed.items() if name in turns and value is not None}
+    record |= {name: None for name, turn in turns.items() if kinds and turn not in kinds} | typed
     try:
         return msgspec.convert(record, type(step))
     except msgspec.ValidationError as cause:
@@ -65,6 +81,8 @@ def _values(step: Step, label: str, keys: Sequence[Key], text: str) -> dict[str,
         return {first.name: text}
     if not several and len(keys) == 1:
         return {first.name: _number(first, text)}
+    if first.optional and not text.strip():
+        return {key.name: None for key in keys}
     count = len(getattr(step, first.name)) if several else len(keys)
     parts = [part for part in re.split(r"[,;\s]+", text.strip().strip("()[]")) if part]
     if len(parts) != count:
@@ -108,7 +126,7 @@ class StepForm:
         if filled == self._filled:
             return
         self._filled = filled
-        texts = {} if step is None else texts_of(step)
+        texts = {} if step is None else texts_of(step, self._session.console.robot)
         for label, handle in self._handles.items():
             if label in texts:
                 _fill(handle, self._keys[label].choices, texts[label])
@@ -127,7 +145,8 @@ class StepForm:
         if self._filled is None:
             raise StateError("the list is empty; record a pose first")
         row, before = self._filled
-        step = edited(before, {label: self._handles[label].value for label in texts_of(before)})
+        labels = texts_of(before, self._session.console.robot)
+        step = edited(before, {label: self._handles[label].value for label in labels})
 
         def put(program: Program) -> Change:
             if self._editor.step != before:  # another page was faster

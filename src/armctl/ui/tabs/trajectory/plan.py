@@ -21,6 +21,7 @@ from armctl.motion import (
     ToolPathRefusedError,
     ToolPathUnreachableError,
     Trajectory,
+    TurnMode,
     arc,
     line,
     plan_joints,
@@ -83,11 +84,13 @@ class MotionRequest:
     duration_s: float | None = None
     choose: str = "least-rotation"
     end: FloatArray | Target | None = None
-    """of a joint motion: as ``start``; of a tool line or arc: the tool's last point, and its pitch there"""
+    """of a joint motion: as ``start``; of a tool line or arc: the tool's last point, and how it is turned"""
     via: FloatArray | None = None
     """(3,) a point of a tool arc [m]"""
-    pitch: PitchMode = "kept"
+    pitch: PitchMode | None = None
     """of the tool along its line or arc"""
+    orientation: TurnMode | None = None
+    """instead of the pitch"""
     speed: float | None = None
     """largest speed of the tool along its line or arc [m/s]; None: as fast as the joints can"""
     passing: Passing | None = "stop"
@@ -199,7 +202,7 @@ def _test_path(robot: Robot, asked: MotionRequest, start: FloatArray) -> Planned
         case "blend":
             trajectory = plan_blended(robot, list(solved), asked.blend_m, asked.duration_s)
         case None:
-            wish = replace(asked, via=via, pitch="free")
+            wish = replace(asked, via=via, pitch="free", orientation=None)
             trajectory, cut = _led(robot, solved[0], wish, Target.of(last))
     findings = _judged(robot, trajectory, cut, tool_path=asked.passing is None)
     swings = asked.passing == "spline" and any(finding.kind == "limits" for finding in findings)
@@ -218,7 +221,8 @@ def _led(
     """The motion of the tool, None; or its beginning, and why it cannot go on."""
     law, speed = _path_profile(asked.profile), asked.speed
     try:
-        path = follow_tool(robot, start, asked.via, end.position, asked.pitch, end.pitch, speed)
+        turn = (asked.pitch, end.pitch, asked.orientation, end.rotation)
+        path = follow_tool(robot, start, asked.via, end.position, *turn, speed=speed)
     except (ToolPathRefusedError, ToolPathUnreachableError) as refusal:
         if refusal.before is None:
             raise

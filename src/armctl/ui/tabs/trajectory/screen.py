@@ -12,10 +12,11 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, MotionRefusedError
-from armctl.kinematics import CRITERIA, Target
-from armctl.motion import PitchMode, not_checked, usual_pitch
+from armctl.kinematics import CRITERIA, Target, roll_pitch_yaw, rotation_of
+from armctl.motion import PitchMode, TurnMode, not_checked, usual_pitch
 from armctl.motion.analysis import Turning
 from armctl.motion.plan import Passing
+from armctl.robot import Robot
 from armctl.runtime import Follow, MoveJoints, RunProgram, Snapshot
 from armctl.ui.newest import Newest
 from armctl.ui.scene.ghost import Preview
@@ -175,6 +176,8 @@ _TO_THE_LIMITS = "For 0 s is until every joint has come to its limit."
 _CHOOSE_HINT = "What is least energy among the solutions of a point."
 _PAPER_ARM, _PAPER_CRITERION = "uzuner", "published"
 """the criterion that the paper's tables were made with"""
+TurnAsked = tuple[PitchMode | None, TurnMode | None]
+"""of the tool on its way: its pitch, or its orientation"""
 _PASSING: dict[str, Passing | None] = {
     "tool on the curve itself": None,
     "stop at each": "stop",
@@ -185,11 +188,24 @@ _BLEND_MM = 2.0
 _XYZ_HINT = "Tool point in the base frame [mm], by inverse kinematics; e.g. 220, −196, 85."
 _VIA_MM, _END_MM = (0.0, 40.0, 20.0), (0.0, 80.0, 0.0)
 """from the tool of the first named pose: an arc and a line that most arms can follow"""
-_PITCH: dict[str, PitchMode] = {"kept": "kept", "evenly to another": "interpolated", "free": "free"}
-_PITCH_HINT = (
-    "Tool pitch on the way. Kept: as at the start. Evenly to another: it turns to the pitch below. "
+_EVENLY = "evenly to another"
+_PITCH: dict[str, TurnAsked] = {
+    "kept": ("kept", None),
+    _EVENLY: ("interpolated", None),
+    "free": ("free", None),
+    "whole orientation kept": (None, "kept"),
+}
+_ORIENTATION: dict[str, TurnAsked] = {
+    "kept": (None, "kept"),
+    _EVENLY: (None, "interpolated"),
+    "only its pitch kept": ("kept", None),
+    "free": (None, "free"),
+}
+_TURN_HINT = (
+    "On the way. Kept: as at the start. Evenly to another: it turns to what is asked for below. "
     "Free: whatever takes the least motion."
 )
+_RPY_HINT = "Roll, pitch and yaw of the tool at the end [°]: Rz(yaw)·Ry(pitch)·Rx(roll)."
 _TOOL_SPEED_HINT = "Largest speed of the tool. 0 or empty: as fast as the joints can."
 _TURNING: dict[str, Turning] = {"each joint alone": "in turn", "all joints at once": "all at once"}
 _TURNING_HINT = (
@@ -214,9 +230,14 @@ class MotionForm:
         self._to = EndChoice(session, "To", first_pose, self._show_fields)
         self._via = _point_field(session, "Via X Y Z mm", _VIA_MM)
         self._end = _point_field(session, "End X Y Z mm", _END_MM)
-        usual = next(label for label, mode in _PITCH.items() if mode == usual_pitch(robot))
-        self._pitch = gui.add_dropdown("Tool pitch", tuple(_PITCH), initial_value=usual, hint=_PITCH_HINT)
+        self._turns = _ORIENTATION if robot.orients_tool else _PITCH
+        what = "orientation" if robot.orients_tool else "pitch"
+        offered = [label for label, (pitch, _) in self._turns.items() if pitch or _can_keep(robot)]
+        usual = "kept" if robot.orients_tool else usual_pitch(robot)
+        self._turn = gui.add_dropdown(f"Tool {what}", offered, initial_value=usual, hint=_TURN_HINT)
         self._end_pitch = NumberField(gui, "End pitch °", 0.0)
+        rpy = roll_pitch_yaw(robot.forward(robot.pose(first_pose))[:3, :3])
+        self._end_rpy = NumbersField(gui, "End Rx Ry Rz °", ("Rx", "Ry", "Rz"), rpy, DEGREES, _RPY_HINT)
         self._tool_speed = NumberField(gui, "Tool speed mm/s", 0.0, hint=_TOOL_SPEED_HINT)
         self._passing = gui.add_dropdown("Points", tuple(_PASSING))
         self._blend = NumberField(gui, "Blend radius mm", _BLEND_MM)
@@ -229,16 +250,17 @@ class MotionForm:
         self._zero = LiveHtml(gui)
         typed = (
             *self._from.fields.values(), *self._to.fields.values(), self._via, self._end, self._end_pitch,
-            self._tool_speed, self._blend, self._profile.duration, self._joint_speed, self._for,
+            self._end_rpy, self._tool_speed, self._blend, self._profile.duration, self._joint_speed,
+            self._for,
         )  # fmt: skip
         self._inputs = (
-            self._motion, self._from.choice, self._to.choice, self._pitch, self._passing, self._choose,
+            self._motion, self._from.choice, self._to.choice, self._turn, self._passing, self._choose,
             self._profile.choice, self._turning, self._start, *(field.handle for field in typed),
         )  # fmt: skip
         self.watch = EditWatch(typed)
         session.on(self._motion.on_update, self._on_motion)
         session.on(self._passing.on_update, self._show_fields)
-        session.on(self._pitch.on_update, self._show_fields)
+        session.on(self._turn.on_update, self._show_fields)
         self._show_fields()
 
     @property
@@ -277,7 +299,8 @@ class MotionForm:
             self._choose.value,
             end=self._end_asked(present),
             via=self._via.array if self._via.visible else None,
-            pitch=_PITCH[self._pitch.value],
+            pitch=self._asked_turn[0],
+            orientation=self._asked_turn[1],
             speed=None if speed is None else speed / 1000,
             passing=_PASSING[self._passing.value],
             blend_m=self._blend.value / 1000 if self._blend.visible else 0.0,
@@ -311,7 +334,12 @@ class MotionForm:
         if not self._end.visible:
             return None
         pitch = math.radians(self._end_pitch.value) if self._end_pitch.visible else None
-        return Target.of(self._end.array)._replace(pitch=pitch)
+        rotation = rotation_of(self._end_rpy.array) if self._end_rpy.visible else None
+        return Target.of(self._end.array, rotation=rotation)._replace(pitch=pitch)
+
+    @property
+    def _asked_turn(self) -> TurnAsked:
+        return self._turns[self._turn.value]
 
     def _title(self) -> str:
         motion, profile = self._motion.value, self._profile.profile
@@ -320,7 +348,9 @@ class MotionForm:
         if motion in TEST_PATHS:
             shaped = "" if self._blend.visible else f", {profile}"
             return f"{motion}, {self._passing.value}{shaped}"
-        return f"{motion} from {self._from.title}, pitch {_PITCH[self._pitch.value]}, {profile}"
+        pitch, orientation = self._asked_turn
+        turn = f"pitch {pitch}" if orientation is None else f"orientation {orientation}"
+        return f"{motion} from {self._from.title}, {turn}, {profile}"
 
     async def _on_motion(self) -> None:
         motion, robot = self._motion.value, self._session.console.robot
@@ -342,8 +372,9 @@ class MotionForm:
         self._from.show(motion == JOINTS or led)
         self._to.show(motion == JOINTS)
         self._via.visible = motion == TOOL_ARC
-        self._end.visible = self._pitch.visible = self._tool_speed.visible = led
-        self._end_pitch.visible = led and _PITCH[self._pitch.value] == "interpolated"
+        self._end.visible = self._turn.visible = self._tool_speed.visible = led
+        self._end_pitch.visible = led and self._asked_turn[0] == "interpolated"
+        self._end_rpy.visible = led and self._asked_turn[1] == "interpolated"
         self._passing.visible = test
         self._blend.visible = passing == "blend"
         self._choose.visible = test or self._from.is_point or self._to.is_point
@@ -352,6 +383,11 @@ class MotionForm:
         self._turning.visible = self._start.visible = study
         self._joint_speed.visible = self._for.visible = study
         self._about.show(muted(_ABOUT[motion]))
+
+
+def _can_keep(robot: Robot) -> bool:
+    """Whether an arm keeps its tool's orientation on some ways, if only in its own vertical plane."""
+    return robot.orients_tool or robot.inverse_kinematics.roll_joint is not None
 
 
 PRESENT = "present pose"
