@@ -13,6 +13,7 @@ from armctl.errors import InputError
 from armctl.kinematics.angles import LIMIT_TOLERANCE, rest_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.general_six.solver import GeneralSixSolver
 from armctl.kinematics.numeric.solver import NumericSolver
 from armctl.kinematics.offset_roll.solver import OffsetRollSolver
 from armctl.kinematics.parallel_linkage.solver import ParallelLinkageSolver
@@ -32,6 +33,7 @@ FAMILIES: tuple[type[InverseKinematics], ...] = (
     SphericalShoulderSolver,
     SphericalWristSolver,
     ThreeParallelSolver,
+    GeneralSixSolver,
     RedundantSolver,
     ParallelLinkageSolver,
     NumericSolver,

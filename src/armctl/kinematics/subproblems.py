@@ -455,9 +455,15 @@ def two_turns_of_many(
     if not B[:, 1].any():
         pairs, free = two_turns_of_many(B, A, c, tolerance)
         return pairs[..., ::-1], free
-    swap = _determinant(A) * _squared(B) > _determinant(B) * _squared(A)
-    flip = swap[:, None, None]
-    A, B = np.where(flip, B, A), np.where(flip, A, B)
+    flip = (_determinant(A) * _squared(B) > _determinant(B) * _squared(A))[:, None, None]
+    pairs, free = _general_pairs(np.where(flip, B, A), np.where(flip, A, B), c, tolerance)
+    return np.where(flip, pairs[..., ::-1], pairs), free
+
+
+def _general_pairs(
+    A: FloatArray, B: FloatArray, c: FloatArray, tolerance: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """As ``two_turns_of_many``; y is eliminated."""
     x, free = _first_turns(A, B, c)
     row = np.linalg.norm(B, axis=2).argmax(axis=1)
     every = np.arange(len(c))
@@ -479,7 +485,7 @@ def two_turns_of_many(
         good[:, j] &= ~(near & good[:, :j]).any(axis=1)
     best = np.argsort(~good, axis=1, kind="stable")[:, :4]
     pairs = np.take_along_axis(np.where(good[..., None], pairs, math.nan), best[..., None], axis=1)
-    return np.where(flip, pairs[..., ::-1], pairs), free & good.any(axis=1)
+    return pairs, free & good.any(axis=1)
 
 
 def _first_turns(A: FloatArray, B: FloatArray, c: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:

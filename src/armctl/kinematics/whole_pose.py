@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import TWO_PI, all_images
+from armctl.kinematics.angles import TWO_PI, all_images, rest_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.goals import rotation_vectors, tool_motion
@@ -29,6 +29,10 @@ _SAME = 1e-6
 _SPREAD = 24
 _SINGULAR = 1e-12
 """directions that the Jacobian keeps by less than this share are left alone by a Newton step"""
+_LONGEST = 0.3
+"""[rad]"""
+_ROUNDING = 2e-14
+"""a miss that no step makes smaller"""
 
 
 class Ways(NamedTuple):
@@ -88,9 +92,9 @@ class WholePoses:
         """(m,) angles inside the limits of a joint that may be at any [rad], that of ``start`` (n,) too."""
         low, high = self._limits[joint].tolist()
         middle, half = 0.5 * (low + high), min(0.5 * (high - low), math.pi)
-        values = [*np.linspace(middle - half, middle + half, _SPREAD), min(max(0.0, low), high)]
+        values = np.append(np.linspace(middle - half, middle + half, _SPREAD), rest_angle(low, high))
         if start is not None:
-            values.append(min(max(float(start[joint]), low), high))
+            values = np.append(values, min(max(float(start[joint]), low), high))
         return np.unique(values)
 
 
@@ -104,28 +108,39 @@ def distinct(q: FloatArray) -> NDArray[np.intp]:
     return np.array(kept, dtype=np.intp)
 
 
-def misses(chain: Chain, pose: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """How far configurations (k, n) are off a pose (4, 4): (k,) [m], (k,) [rad]."""
+def misses(chain: Chain, poses: FloatArray, q: FloatArray) -> FloatArray:
+    """By how much configurations (k, n) miss a pose each, or one for all, (..., 4, 4): (k,) [m] or [rad]."""
     T = chain.forward(q)
-    turned = rotation_vectors(T[:, :3, :3] @ pose[:3, :3].T)
-    return np.linalg.norm(T[:, :3, 3] - pose[:3, 3], axis=1), np.linalg.norm(turned, axis=1)
+    turned = rotation_vectors(T[:, :3, :3] @ np.swapaxes(poses[..., :3, :3], -1, -2))
+    away = np.linalg.norm(T[:, :3, 3] - poses[..., :3, 3], axis=1)
+    return np.maximum(away, np.linalg.norm(turned, axis=1))
 
 
-def polished(chain: Chain, pose: FloatArray, q: FloatArray, reach: float, steps: int) -> FloatArray:
-    """Configurations (k, n) [rad] after Newton steps towards a pose (4, 4), each while it gets nearer.
+def polished(chain: Chain, poses: FloatArray, q: FloatArray, reach: float, steps: int) -> FloatArray:
+    """Configurations (k, n) [rad] after Newton steps, each as long as it gets nearer to its pose.
 
-    Lengths are taken over the ``reach`` [m]. Steps are the least there are, also where the arm is singular.
+    ``poses`` (k, 4, 4), or one (4, 4) for all; lengths are taken over the ``reach`` [m].
     """
+    R, t = np.swapaxes(poses[..., :3, :3], -1, -2), poses[..., :3, 3]
     best, least = q, np.full(len(q), math.inf)
     for _ in range(steps + 1):
         motion = tool_motion(chain, q)
-        turned = rotation_vectors(motion.rotation @ pose[:3, :3].T)
-        off = np.concatenate([(motion.position - pose[:3, 3]) / reach, turned], axis=1)
-        far = np.abs(off).max(axis=1)
+        off = np.concatenate([(motion.position - t) / reach, rotation_vectors(motion.rotation @ R)], axis=1)
+        far = np.abs(off).max(axis=1, initial=0.0)
         nearer = far < least
         best, least = np.where(nearer[:, None], q, best), np.where(nearer, far, least)
-        if not nearer.any() or least.max() < 1e-15:
+        if not (nearer & (far > _ROUNDING)).any():
             break
         J = np.concatenate([motion.linear / reach, motion.axes], axis=1)
-        q = best - (np.linalg.pinv(J, rcond=_SINGULAR) @ off[:, :, None])[:, :, 0]
+        q = q - _steps(J, off)
     return best
+
+
+def _steps(J: FloatArray, off: FloatArray) -> FloatArray:
+    """Newton steps (k, n), none longer than ``_LONGEST``."""
+    try:
+        step = np.linalg.solve(J, off[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:
+        step = (np.linalg.pinv(J, rcond=_SINGULAR) @ off[:, :, None])[:, :, 0]
+    longest = np.abs(step).max(axis=1, initial=0.0)
+    return step * np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-300))[:, None]

@@ -122,7 +122,7 @@ def _conditions(arm: ThreeParallel, loop: Loop) -> tuple[FloatArray, FloatArray,
     (wa, wb, wc), (pa, pb, pc) = loop.axes, loop.points
     k, R, t = arm.plane[2], loop.G[:, :3, :3], loop.G[:, :3, 3]
     unit = float(np.abs(arm.points).max() + np.abs(arm.links).max())
-    v = k @ R
+    v: FloatArray = k @ R
     along_a, along_c = _dot(wa, k), _dot(wc, v)
     a0 = wa * along_a[..., None]
     c0 = wc * along_c[:, None]

@@ -90,9 +90,10 @@ def recognise_three_parallel(chain: Chain) -> ThreeParallel | None:
             points[[one, other]] = feet
             meet[which] = True
             misses.append(gap / reach)
-    signs = tuple(math.copysign(1.0, float(axes[n] @ k)) for n in range(first, first + 3))
-    inverse = np.linalg.inv(tool)
+    sign, middle, last = (math.copysign(1.0, float(axes[n] @ k)) for n in range(first, first + 3))
+    inverse = np.linalg.inv(tool).astype(np.float64)
     exact = max(misses) < _EXACT
+    signs = sign, middle, last
     return ThreeParallel(first, axes, points, plane, signs, links, inverse, (meet[0], meet[1]), exact)
 
 

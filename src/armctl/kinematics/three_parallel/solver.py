@@ -105,11 +105,11 @@ class ThreeParallelSolver(InverseKinematics):
         if len(there) == 0:
             return q
         q = q.copy()
-        far = np.maximum(*misses(self.chain, pose, q[there])) > _NEAR
+        far = misses(self.chain, pose, q[there]) > _NEAR
         if far.any():
             off = there[far]
             q[off] = polished(self.chain, pose, q[off], self._reach, _POLISH)
-            q[off[np.maximum(*misses(self.chain, pose, q[off])) > _MET]] = np.nan
+            q[off[misses(self.chain, pose, q[off]) > _MET]] = np.nan
         return q
 
     def _continuum(self, one: int, other: int) -> str:

@@ -1,0 +1,209 @@
+"""All configurations of a general arm of six joints for a tool pose, complex ones too, as eigenvectors.
+
+The turn of a joint about its line a (a unit dual quaternion with a² = -1) by the angle θ is c + s a, with
+c = cos θ/2 and s = sin θ/2. The closed loop of arm and pose g, with all joints at zero taken off, is
+
+    (c2 + s2 a2) (c3 + s3 a3) (c4 + s4 a4) (c5 + s5 a5) = (c1 - s1 a1) g (c6 - s6 a6)
+
+The right side lies in the space of four dimensions that g, a1 g, g a6 and a1 g a6 span (M. Husty, M. Pfurner
+and H.-P. Schröcker, "A new and efficient algorithm for the inverse kinematics of a general serial 6R
+manipulator", 2007, use such spaces). The four vectors across it make four equations, linear in each of the
+four pairs (c, s) of the left side. One pair is hidden in the coefficients. Times the six monomials of degree
+(2, 1, 0) in the other pairs these are 24 equations in the 24 monomials of degree (3, 2, 1) (the resultant of
+B. Sturmfels and A. Zelevinsky, "Multigraded resultants of Sylvester type", 1994), linear in the hidden pair:
+a generalised eigenvalue problem. Its 24 eigenvalues are the 16 configurations that a general arm has, and
+eight others with c² + s² = 0 for some joint, which are no turns.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.arrays import FloatArray
+from armctl.kinematics.chain import Chain
+
+ComplexArray = NDArray[np.complex128]
+
+SIZE = 24
+_ONE = np.eye(8)[0]
+
+
+class Candidates(NamedTuple):
+    """What the eigenvectors of m poses say."""
+
+    q: ComplexArray
+    """(m, 24, 6) joint angles [rad]"""
+    isotropy: FloatArray
+    """(m, 24) least |c² + s²| / (|c|² + |s|²) of the joints: 1 for a real turn, 0 for what is no turn"""
+    error: FloatArray
+    """(m, 24) how far rounding may have carried each [rad]; to first order"""
+
+
+class Loop:
+    """The constants of one arm. Immutable."""
+
+    def __init__(self, chain: Chain, beside: float = 0.0, seed: int = 0) -> None:
+        """Of the arm itself, or of one ``beside`` it: every axis turned and shifted by about so much."""
+        points, axes = chain.axes()
+        tool = chain.forward(np.zeros(chain.n))
+        lengths = np.linalg.norm(np.diff(np.vstack([points, tool[:3, 3]]), axis=0), axis=1)
+        self.unit = float(lengths.sum()) or 1.0
+        """[m] lengths are taken over it; angles, over a radian, count as much"""
+        points = points / self.unit
+        rng = np.random.default_rng(seed)
+        axes = axes + beside * rng.normal(size=axes.shape)
+        axes /= np.linalg.norm(axes, axis=1)[:, None]
+        points = points + beside * rng.normal(size=points.shape)
+        zeros = np.zeros((6, 1))
+        lines = np.concatenate([zeros, axes, zeros, np.cross(points, axes)], axis=1)
+        self._first, self._last = lines[0], lines[5]
+        self._T_tool_base = np.linalg.inv(tool)
+        products = np.stack([_ONE, lines[1]])
+        for line in lines[2:5]:
+            products = product(products[..., None, :], np.stack([_ONE, line]))
+        self._left: FloatArray = products
+        """(2, 2, 2, 2, 8) the left side's monomials, c before s, joints 2 to 5"""
+
+    def candidates(self, poses: FloatArray, hidden: int, turn: float) -> Candidates:
+        """Of tool poses ``T_base_tool`` (m, 4, 4) [m].
+
+        ``hidden``: which of the joints 2 to 5 (0 to 3) is in the coefficients; ``turn``: its angle that the
+        eigenvalues see as infinite, plus half a turn [rad]. They change nothing but the rounding.
+        """
+        m = len(poses)
+        g = dual_quaternions(poses @ self._T_tool_base, self.unit)
+        ahead = product(self._first, g)
+        span = np.stack([g, product(g, self._last), ahead, product(ahead, self._last)], axis=1)
+        across = np.linalg.svd(span)[2][:, 4:]
+        C = np.moveaxis(np.einsum("mhd,ijkld->mhijkl", across, self._left), 2 + hidden, 2)
+        c, s = math.cos(0.5 * turn), math.sin(0.5 * turn)
+        A, B = np.zeros((m, SIZE, SIZE)), np.zeros((m, SIZE, SIZE))
+        row, column, equation, i, j, k = _PLACES
+        A[:, row, column] = (c * C[:, :, 0] + s * C[:, :, 1])[:, equation, i, j, k]
+        B[:, row, column] = (c * C[:, :, 1] - s * C[:, :, 0])[:, equation, i, j, k]
+        M = -_solved(B, A)
+        values, vectors = np.linalg.eig(M)
+        error = _rounding(M, values, vectors)
+        pairs = [np.stack([c - s * values, s + c * values], axis=-1), *_factors(vectors)]
+        pairs.insert(hidden, pairs.pop(0))
+        left = np.einsum("mni,mnj,mnk,mnl,ijkld->mnd", *pairs, self._left, optimize=_PATH)
+        ends = np.linalg.pinv(span.swapaxes(1, 2)) @ left.swapaxes(1, 2)
+        first, last = _ends(ends.swapaxes(1, 2))
+        every = np.stack([first, *pairs, last], axis=2)
+        square = every[..., 0] ** 2 + every[..., 1] ** 2
+        isotropy = (np.abs(square) / (np.abs(every) ** 2).sum(axis=-1)).min(axis=-1)
+        x, y = every[..., 0] + 1j * every[..., 1], every[..., 0] - 1j * every[..., 1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            q = -1j * np.log(x / y)
+        return Candidates(q, isotropy, error)
+
+
+def _places() -> tuple[NDArray[np.intp], ...]:
+    """Where the coefficients stand: row, column, and the equation and the monomial that they are of."""
+    rows = [
+        (6 * equation + 2 * p + r, 6 * (p + i) + 2 * (r + j) + k, equation, i, j, k)
+        for equation in range(4) for p in range(3) for r in range(2)
+        for i in range(2) for j in range(2) for k in range(2)
+    ]  # fmt: skip
+    return tuple(np.array(rows).T)
+
+
+_PLACES = _places()
+_PATH = ["einsum_path", (0, 4), (0, 3), (0, 2), (0, 1)]
+
+
+def _solved(B: FloatArray, A: FloatArray) -> FloatArray:
+    """``B⁻¹ A`` of matrices (m, 24, 24); of a singular B with what rounding makes of it."""
+    try:
+        solved = np.linalg.solve(B, A)
+    except np.linalg.LinAlgError:
+        solved = np.linalg.solve(B + 1e-13 * np.random.default_rng(0).normal(size=B.shape[1:]), A)
+    return solved.astype(np.float64)
+
+
+def _rounding(M: FloatArray, values: ComplexArray, vectors: ComplexArray) -> FloatArray:
+    """(m, 24) the error of each eigenvalue as an angle, and over its distance from the next of its vector.
+
+    To first order: the eigenvalue's condition times the rounding of the matrix.
+    """
+    try:
+        inverse = np.linalg.inv(vectors)
+    except np.linalg.LinAlgError:
+        return np.full(values.shape, np.inf)
+    condition = np.linalg.norm(vectors, axis=1) * np.linalg.norm(inverse, axis=2)
+    size = np.linalg.norm(M, axis=(1, 2))[:, None]
+    scale = 1.0 + np.abs(values) ** 2
+    error = 2.0 * condition * np.finfo(float).eps * size / scale
+    apart = np.abs(values[:, :, None] - values[:, None]) / np.sqrt(scale[:, :, None] * scale[:, None])
+    apart += np.eye(SIZE)
+    return error / np.minimum(1.0, apart.min(axis=2) + 1e-300)
+
+
+def _factors(vectors: ComplexArray) -> list[ComplexArray]:
+    """The pairs (m, 24, 2) of three joints, of eigenvectors (m, 24, 24) that hold their monomials."""
+    m = len(vectors)
+    monomials = vectors.swapaxes(1, 2).reshape(m, SIZE, 4, 3, 2)
+    pairs: list[ComplexArray] = []
+    for axis in (2, 3, 4):
+        along = np.moveaxis(monomials, axis, -1)
+        low, high = along[..., :-1].reshape(m, SIZE, -1), along[..., 1:].reshape(m, SIZE, -1)
+        largest = (np.abs(low) ** 2 + np.abs(high) ** 2).argmax(axis=2)[..., None]
+        pair = [np.take_along_axis(part, largest, axis=2)[..., 0] for part in (low, high)]
+        pairs.append(np.stack(pair, axis=-1))
+    return pairs
+
+
+def _ends(products: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """The pairs (m, 24, 2) of the first and the last joint, of (m, 24, 4) c1 c6, -c1 s6, -s1 c6, s1 s6."""
+    table = products.reshape(*products.shape[:2], 2, 2) * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    size = np.abs(table) ** 2
+    column = size.sum(axis=2).argmax(axis=2)[..., None, None]
+    row = size.sum(axis=3).argmax(axis=2)[..., None, None]
+    first = np.take_along_axis(table, column, axis=3)[..., 0]
+    last = np.take_along_axis(table, row, axis=2)[:, :, 0]
+    return first, last
+
+
+# Dual quaternions: eight numbers, the real part w, x, y, z before the dual one.
+
+
+def product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The product (..., 8) of dual quaternions."""
+    p, q = a[..., :4], b[..., :4]
+    return np.concatenate([_hamilton(p, q), _hamilton(p, b[..., 4:]) + _hamilton(a[..., 4:], q)], axis=-1)
+
+
+def _hamilton(a: FloatArray, b: FloatArray) -> FloatArray:
+    w, x, y, z = (a[..., i] for i in range(4))
+    W, X, Y, Z = (b[..., i] for i in range(4))
+    return np.stack(
+        [
+            w * W - x * X - y * Y - z * Z,
+            w * X + x * W + y * Z - z * Y,
+            w * Y - x * Z + y * W + z * X,
+            w * Z + x * Y - y * X + z * W,
+        ],
+        axis=-1,
+    )
+
+
+def dual_quaternions(poses: FloatArray, unit: float) -> FloatArray:
+    """Of poses (m, 4, 4) [m], lengths over ``unit``: (m, 8), of either sign."""
+    R = poses[:, :3, :3]
+    # the largest column of 4 r rᵀ, so that nothing is lost by cancelling
+    outer = np.empty((len(R), 4, 4))
+    diagonal = R[:, [0, 1, 2], [0, 1, 2]]
+    outer[:, 0, 0] = 1.0 + diagonal.sum(axis=1)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        outer[:, i + 1, i + 1] = 1.0 + diagonal[:, i] - diagonal[:, j] - diagonal[:, k]
+        outer[:, 0, i + 1] = outer[:, i + 1, 0] = R[:, k, j] - R[:, j, k]
+        outer[:, i + 1, j + 1] = outer[:, j + 1, i + 1] = R[:, i, j] + R[:, j, i]
+    largest = np.diagonal(outer, axis1=1, axis2=2).argmax(axis=1)
+    r = outer[np.arange(len(R)), largest]
+    r /= np.linalg.norm(r, axis=1)[:, None]
+    t = np.concatenate([np.zeros((len(R), 1)), poses[:, :3, 3] / unit], axis=1)
+    return np.concatenate([r, 0.5 * _hamilton(t, r)], axis=1)
