@@ -26,7 +26,8 @@ from armctl.kinematics.target import Target
 
 _SAME = 1e-6
 """configurations this near to each other are one [rad]"""
-_SPREAD = 24
+_SPREAD = 12
+"""half of how many angles stand for a continuum"""
 _SINGULAR = 1e-12
 """directions that the Jacobian keeps by less than this share are left alone by a Newton step"""
 _LONGEST = 0.3
@@ -92,9 +93,10 @@ class WholePoses:
         """(m,) angles inside the limits of a joint that may be at any [rad], that of ``start`` (n,) too."""
         low, high = self._limits[joint].tolist()
         middle, half = 0.5 * (low + high), min(0.5 * (high - low), math.pi)
-        values = np.append(np.linspace(middle - half, middle + half, _SPREAD), rest_angle(low, high))
+        values = [middle + half * k / _SPREAD for k in range(-_SPREAD, _SPREAD + 1)]
+        values.append(rest_angle(low, high))
         if start is not None:
-            values = np.append(values, min(max(float(start[joint]), low), high))
+            values.append(min(max(float(start[joint]), low), high))
         return np.unique(values)
 
 

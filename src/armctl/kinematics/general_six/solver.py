@@ -159,7 +159,7 @@ class GeneralSixSolver(InverseKinematics):
         """(k,) the least singular value of the Jacobian, lengths over the reach."""
         if len(q) == 0:
             return np.empty(0)
-        return np.linalg.svd(self._scaled_jacobians(q), compute_uv=False)[:, -1]
+        return np.linalg.svd(self._scaled_jacobians(q), compute_uv=False)[:, -1].astype(np.float64)
 
     def _scaled_jacobians(self, q: FloatArray) -> FloatArray:
         J = self.chain.jacobian(q)

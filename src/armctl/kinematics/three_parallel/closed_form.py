@@ -14,6 +14,7 @@ axes in the chain.
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -30,8 +31,12 @@ _STILL = 2e-10
 """how near to axis b the direction k must be for the wrist to turn freely: sine of the angle"""
 _MET = 1e-11
 """what the conditions for a and c may be missed by (the second one as a share of the reach)"""
-_REACHED = 1e-12
-"""what the links may be too short or too long by, as a share of their squared length"""
+_REACHED = 1e-9
+"""what the links may be too short or too long by, as a share of their squared length: polishing decides"""
+_CLOSE = 1e-3
+"""a wrist as close to singular as this has its joint a computed from a distance: sine of the angle"""
+_DOUBTFUL = 1e-4
+"""a wrist or an elbow nearer to singular than this is polished [rad]"""
 _ONE_ELBOW = 1e-6
 """elbows bent less than this, to both sides, are one: straight [rad]"""
 
@@ -47,6 +52,8 @@ class Ways(NamedTuple):
     """(m, 8) where b may be at any angle, and the parallel joints follow"""
     shoulder_free: NDArray[np.bool_]
     """(m, 8) where the first parallel joint may be at any angle, and the third follows"""
+    doubtful: NDArray[np.bool_]
+    """(m, 8) where rounding counts for more, so close to a singularity"""
 
 
 class Loop(NamedTuple):
@@ -77,8 +84,7 @@ def all_ways(arm: ThreeParallel, poses: FloatArray) -> Ways:
     """Of tool poses ``T_base_tool`` (m, 4, 4) [m]; where a joint is free it is at 0."""
     loop = Loop.of(arm, poses)
     pairs, free = _pairs(arm, loop)
-    q, wrist_free, shoulder_free = _rest(arm, loop, pairs)
-    return Ways(q, free, wrist_free, shoulder_free)
+    return _rest(arm, loop, pairs)._replace(pairs_free=free)
 
 
 def with_pair(arm: ThreeParallel, pose: FloatArray, values: FloatArray) -> FloatArray:
@@ -96,7 +102,7 @@ def with_pair(arm: ThreeParallel, pose: FloatArray, values: FloatArray) -> Float
     both = np.stack([np.broadcast_to(values, found.shape), found], axis=-1)
     pairs = np.full((len(values), 4, 2), np.nan)
     pairs[:, :2] = np.moveaxis(both if holds_a else both[..., ::-1], 0, 1)
-    return _rest(arm, loop, pairs)[0]
+    return _rest(arm, loop, pairs).q
 
 
 def with_wrist(arm: ThreeParallel, pose: FloatArray, q: FloatArray, values: FloatArray) -> FloatArray:
@@ -105,7 +111,7 @@ def with_wrist(arm: ThreeParallel, pose: FloatArray, q: FloatArray, values: Floa
     loop = Loop.of(arm, np.broadcast_to(pose, (len(values), 4, 4)))
     pairs = np.full((len(values), 4, 2), np.nan)
     pairs[:, 0] = q[[a, c]]
-    return _rest(arm, loop, pairs, values)[0][:, [0, 4]]
+    return _rest(arm, loop, pairs, values).q[:, [0, 4]]
 
 
 def with_shoulder(arm: ThreeParallel, q: FloatArray, values: FloatArray) -> FloatArray:
@@ -150,21 +156,24 @@ def _pairs(arm: ThreeParallel, loop: Loop) -> tuple[FloatArray, NDArray[np.bool_
     return two_turns_of_many(*_conditions(arm, loop), _MET)
 
 
-def _rest(
-    arm: ThreeParallel, loop: Loop, pairs: FloatArray, wrist: FloatArray | None = None
-) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Whole ways (m, 8, 6) of pairs (m, 4, 2), and where b and the first parallel joint are free (m, 8).
-
-    Where b is free it is at ``wrist`` (m,) [rad], or 0.
-    """
+def _rest(arm: ThreeParallel, loop: Loop, pairs: FloatArray, wrist: FloatArray | None = None) -> Ways:
+    """The ways of pairs (m, 4, 2); where b is free it is at ``wrist`` (m,) [rad], or 0."""
     (wa, wb, wc), (pa, pb, pc) = (_columns(v) for v in loop.axes), (_columns(p) for p in loop.points)
     i, j, k = arm.plane
     m = len(pairs)
     qa, qc = pairs[..., 0], pairs[..., 1]
     v = np.broadcast_to((k @ loop.G[:, :3, :3])[:, None], (m, 4, 3))
     seen = _turned(v, wc, qc)
+    across = np.linalg.norm(np.cross(seen, wb), axis=-1)
+    still = across < _STILL
+    if (across < _CLOSE).any():
+        qa = _close_to_singular(k, wa, wb, seen, qa, across < _CLOSE)
+        if still.any():
+            near = (
+                np.abs(np.exp(1j * pairs[:, :, None]) - np.exp(1j * pairs[:, None])).max(axis=3) < _DOUBTFUL
+            )
+            qa = np.where(still & np.tril(near & still[:, None], -1).any(axis=2), np.nan, qa)
     goal = _turned(np.broadcast_to(k, seen.shape), wa, -qa)
-    still = np.linalg.norm(np.cross(goal, wb), axis=-1) < _STILL
     qb = np.where(still, 0.0 if wrist is None else wrist[:, None], _angle(wb, seen, goal))
     # P = G Ec⁻¹ Eb⁻¹ Ea⁻¹, of the direction i and of a point on the third parallel axis
     direction = np.broadcast_to(i, seen.shape)
@@ -191,9 +200,48 @@ def _rest(
         q[:, way, :, arm.first + 2] = s[2] * (turn - first - bend)
         for joint, angle in zip(arm.others, (qa, qb, qc), strict=True):
             q[:, way, :, joint] = angle
-    q = q.reshape(m, BRANCHES, 6)
-    q[np.isnan(q).any(axis=2)] = np.nan
-    return q, np.tile(still, 2), np.tile(shoulder_free, 2)
+    doubtful = np.stack([np.abs(np.sin(bend - arm.straight)) < _DOUBTFUL for bend in bends], axis=1)
+    doubtful |= ((across < _DOUBTFUL) | _double(pairs))[:, None]
+    q, there = q.reshape(m, BRANCHES, 6), ~np.isnan(q).any(axis=-1).reshape(m, BRANCHES)
+    q[~there] = np.nan
+    return Ways(
+        q,
+        np.zeros(m, dtype=np.bool_),
+        np.tile(still, 2) & there,
+        np.tile(shoulder_free, 2) & there,
+        doubtful.reshape(m, BRANCHES) & there,
+    )
+
+
+def _close_to_singular(
+    k: FloatArray, wa: FloatArray, wb: FloatArray, seen: FloatArray, qa: FloatArray, close: NDArray[np.bool_]
+) -> FloatArray:
+    """Angles of a (m, 4) [rad], recomputed where ``seen`` (m, 4, 3), and so Rot(a, -θa) k, is close to ±b.
+
+    There they are nearly a double root of the conditions, which have half of the digits only. The distance
+    from b has them all: |Rot(a, -θa) k - b|² = d0² + 4 r1 r2 sin²((θa - θ0) / 2).
+    """
+    side = np.copysign(1.0, _dot(seen, wb))[..., None] * wb
+    middle = _angle(wa, side, np.broadcast_to(k, seen.shape))
+    radii = np.linalg.norm(np.cross(wa, k), axis=-1), np.linalg.norm(np.cross(wa, side), axis=-1)
+    gap = seen - side
+    least = (radii[0] - radii[1]) ** 2 + (_dot(wa, k) - _dot(wa, side)) ** 2
+    half = np.sqrt(np.maximum(_dot(gap, gap) - least, 0.0) / np.maximum(4.0 * radii[0] * radii[1], 1e-300))
+    off = qa - middle
+    off -= 2.0 * math.pi * np.rint(off / (2.0 * math.pi))
+    sign = np.where(off == 0.0, np.array([1.0, 1.0, -1.0, -1.0]), np.sign(off))
+    return np.where(close & ~np.isnan(qa), middle + sign * 2.0 * np.arcsin(np.minimum(half, 1.0)), qa)
+
+
+def _double(pairs: FloatArray) -> NDArray[np.bool_]:
+    """(m, 4) where a pair (m, 4, 2) lies close to another."""
+    turns = np.exp(1j * pairs)
+    out = np.zeros(pairs.shape[:2], dtype=np.bool_)
+    for i, j in itertools.combinations(range(4), 2):
+        near = np.abs(turns[:, i] - turns[:, j]).max(axis=1) < _DOUBTFUL
+        out[:, i] |= near
+        out[:, j] |= near
+    return out
 
 
 def _elbows(
@@ -205,7 +253,6 @@ def _elbows(
     first axis, so that the links may turn about it.
     """
     one, other = np.linalg.norm(arm.links, axis=1).tolist()
-    straight = math.atan2(arm.links[0, 1], arm.links[0, 0]) - math.atan2(arm.links[1, 1], arm.links[1, 0])
     squared = (reached * reached).sum(axis=-1)
     longest = (one + other) ** 2
     out, folded = longest - squared, squared - (one - other) ** 2
@@ -213,7 +260,10 @@ def _elbows(
     bend = 2.0 * np.arctan2(np.sqrt(np.maximum(out, 0.0)), np.sqrt(np.maximum(folded, 0.0)))
     bend = np.where(bend < 0.5 * _ONE_ELBOW, 0.0, np.where(bend > math.pi - 0.5 * _ONE_ELBOW, math.pi, bend))
     alone = (bend == 0.0) | (bend == math.pi)
-    up, down = straight + np.where(misses, np.nan, bend), straight - np.where(misses | alone, np.nan, bend)
+    up, down = (
+        arm.straight + np.where(misses, np.nan, bend),
+        arm.straight - np.where(misses | alone, np.nan, bend),
+    )
     return (up, down), squared <= (_STILL * (one + other)) ** 2
 
 
@@ -235,5 +285,6 @@ def _turned(v: FloatArray, axis: FloatArray, angle: FloatArray) -> FloatArray:
 
 def _angle(axis: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
     """Subproblem 1: the turn about a unit axis that brings vectors onto others [rad]."""
-    along = _dot(axis, start) * _dot(axis, end)
-    return np.arctan2(_dot(axis, np.cross(start, end)), _dot(start, end) - along)
+    start = start - axis * _dot(axis, start)[..., None]  # first, so that short ones keep their digits
+    end = end - axis * _dot(axis, end)[..., None]
+    return np.arctan2(_dot(axis, np.cross(start, end)), _dot(start, end))

@@ -46,6 +46,12 @@ class ThreeParallel(ArrayRecord):
     """False: the arm is beside the family by rounded numbers, and its ways need to be polished"""
 
     @property
+    def straight(self) -> float:
+        """The angle of the middle parallel joint at which both links are in line [rad]."""
+        one, other = np.arctan2(self.links[:, 1], self.links[:, 0]).tolist()
+        return one - other
+
+    @property
     def others(self) -> tuple[int, int, int]:
         """The joints a, b and c."""
         a, b, c = ((self.first + i) % 6 for i in (3, 4, 5))

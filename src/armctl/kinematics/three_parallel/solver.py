@@ -65,10 +65,11 @@ class ThreeParallelSolver(InverseKinematics):
 
     def solve_poses(self, poses: FloatArray) -> BatchSolutions:
         """See ``InverseKinematics``; a joint that may be anywhere is at 0."""
-        q = all_ways(self.geometry, poses).q
-        if not self.geometry.exact:
-            for i in range(len(q)):
-                q[i] = self._sound(poses[i], q[i])
+        ways = all_ways(self.geometry, poses)
+        doubtful = ways.doubtful if self.geometry.exact else ~np.isnan(ways.q[..., 0])
+        row, column = np.nonzero(doubtful)
+        q = ways.q
+        q[row, column] = self._sound(poses[row], q[row, column])
         return BatchSolutions(q, ~np.isnan(q[..., 0]), self._names)
 
     def _every_way(self, pose: FloatArray, start: FloatArray | None) -> Ways:
@@ -84,32 +85,32 @@ class ThreeParallelSolver(InverseKinematics):
             reason = self._continuum(arm.others[0], arm.others[2])
         else:
             q, branch = ways.q[0], index
-            for i in np.flatnonzero(ways.wrist_free[0] & ~np.isnan(q[:BRANCHES, 0])).tolist():
+            for i in np.flatnonzero(ways.wrist_free[0]).tolist():
                 if i < BRANCHES // 2:
                     more = with_wrist(arm, pose, q[i], self._answers.spread(arm.others[1], start))
                     q = np.concatenate([q, *more])
                     branch = np.append(branch, np.tile(index[[i, i + BRANCHES // 2]], len(more)))
                 reason = self._continuum(arm.others[1], arm.first)
-            for i in np.flatnonzero(ways.shoulder_free[0] & ~np.isnan(q[:BRANCHES, 0])).tolist():
+            for i in np.flatnonzero(ways.shoulder_free[0]).tolist():
                 more = with_shoulder(arm, q[i], self._answers.spread(arm.first, start))
                 q, branch = np.concatenate([q, more]), np.append(branch, np.tile(index[i], len(more)))
                 reason = self._continuum(arm.first, arm.first + 2)
-        q = self._sound(pose, q)
+        there = np.flatnonzero(~np.isnan(q[:, 0]))
+        q, branch = q[there], branch[there]
+        q = self._sound(np.broadcast_to(pose, (len(q), 4, 4)), q)
         there = np.flatnonzero(~np.isnan(q[:, 0]))
         there = there[distinct(q[there])]
         return Ways(q[there], branch[there], reason)
 
-    def _sound(self, pose: FloatArray, q: FloatArray) -> FloatArray:
-        """Ways (k, 6), polished where they miss the pose by more than rounding; NaN where they do."""
-        there = np.flatnonzero(~np.isnan(q[:, 0]))
-        if len(there) == 0:
+    def _sound(self, poses: FloatArray, q: FloatArray) -> FloatArray:
+        """Ways (k, 6) of poses (k, 4, 4), polished where they miss them; NaN where that does not help."""
+        if len(q) == 0:
             return q
-        q = q.copy()
-        far = misses(self.chain, pose, q[there]) > _NEAR
-        if far.any():
-            off = there[far]
-            q[off] = polished(self.chain, pose, q[off], self._reach, _POLISH)
-            q[off[misses(self.chain, pose, q[off]) > _MET]] = np.nan
+        far = np.flatnonzero(misses(self.chain, poses, q) > _NEAR)
+        if len(far):
+            q = q.copy()
+            q[far] = polished(self.chain, poses[far], q[far], self._reach, _POLISH)
+            q[far[misses(self.chain, poses[far], q[far]) > _MET]] = np.nan
         return q
 
     def _continuum(self, one: int, other: int) -> str:

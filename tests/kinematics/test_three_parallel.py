@@ -1,0 +1,182 @@
+"""Arms with three parallel axes in a row: every solution of a whole pose, in closed form."""
+
+from __future__ import annotations
+
+import math
+import os
+
+import numpy as np
+import pytest
+from tests.kinematics.kit import random_q
+from tests.kinematics.six_joints import (
+    STEP,
+    THREE_PARALLEL,
+    UR5,
+    SixJoints,
+    apart,
+    assert_all_listed,
+    assert_sound,
+    dh,
+    multi_start,
+    plain_pose,
+    random_three_parallel,
+    rotation,
+    solver_of,
+    target_of,
+    with_links,
+)
+
+from armctl.kinematics import Chain, Target
+from armctl.kinematics.numeric.solver import NumericSolver
+
+LONG = bool(os.environ.get("ARMCTL_LONG"))
+FAMILY = "three parallel axes"
+
+
+def test_random_arms_list_the_configuration_behind_a_pose_and_all_others() -> None:
+    rng = np.random.default_rng(31)
+    for i in range(300):
+        arm = random_three_parallel(rng, i % 4)
+        q = random_q(rng, arm.limits)
+        pose = plain_pose(arm.chain, q)
+        solutions = solver_of(arm, FAMILY).solve(target_of(pose), STEP)
+        assert_sound(arm, solutions, pose, q)
+        assert solutions.complete or "whole turns" in str(solutions.incomplete_reason)
+        if LONG or i % 30 == 0:
+            assert_all_listed(arm, solutions, multi_start(arm, pose, rng, 600 if LONG else 60))
+
+
+@pytest.mark.parametrize("name", THREE_PARALLEL)
+def test_named_arms(name: str) -> None:
+    arm = THREE_PARALLEL[name]
+    rng = np.random.default_rng(32)
+    q = random_q(rng, np.clip(arm.limits, -math.pi, math.pi), 100_000 if LONG else 1000)
+    poses = plain_pose(arm.chain, q)
+    solver = solver_of(arm, FAMILY)
+    for at in range(0, len(q), 10_000):
+        part = slice(at, at + 10_000)
+        batch = solver.solve_poses(poses[part])
+        assert batch is not None
+        off = plain_pose(arm.chain, np.nan_to_num(batch.q)) - poses[part, None]
+        assert np.abs(off[batch.found]).max() < 1e-9
+        assert np.nanmin(np.where(batch.found, apart(batch.q, q[part, None]), np.inf), axis=1).max() < 1e-6
+        assert set(batch.count.tolist()) <= {2, 4, 6, 8}
+    for one, pose in zip(q[:20], poses[:20], strict=True):
+        solutions = solver.solve(target_of(pose), STEP)
+        assert_sound(arm, solutions, pose, one)
+        assert solutions.complete
+        assert len(solutions) % 64 == 0  # two images of each angle
+
+
+def test_the_eight_ways_have_names() -> None:
+    half = SixJoints(UR5.chain, np.tile([-math.pi, math.pi], (6, 1)))
+    pose = plain_pose(UR5.chain, np.array([0.4, -1.1, 1.3, -0.7, 0.9, 0.2]))
+    solutions = solver_of(half, FAMILY).solve(target_of(pose), STEP)
+    assert len(set(solutions.branch.tolist())) == 8
+    for q, name in zip(solutions.q, solutions.branch.tolist(), strict=True):
+        points, axes = UR5.chain.axes(q)
+        shoulder, elbow, wrist = points[1], points[2], points[3]
+        ahead = -np.cross(axes[0], axes[1])  # where the arm reaches to at zero
+        line = wrist - shoulder - axes[1] * (axes[1] @ (wrist - shoulder))
+        assert name.startswith("front" if line @ ahead > 0 else "back")
+        aside = elbow - shoulder - line * ((elbow - shoulder) @ line / (line @ line))
+        assert ("elbow-up" in name) == (aside @ axes[0] > 0)
+    flipped = [
+        math.sin(q[4]) for q, name in zip(solutions.q, solutions.branch, strict=True) if "flipped" in name
+    ]
+    assert len(flipped) == 4
+    assert len({math.copysign(1.0, s) for s in flipped}) == 1
+
+
+def test_a_wrist_in_line_with_the_parallel_axes_is_a_continuum() -> None:
+    q = np.array([0.4, -1.1, 1.3, -0.7, 0.0, 0.2])
+    pose = plain_pose(UR5.chain, q)
+    solver = solver_of(UR5, FAMILY)
+    solutions = solver.solve(target_of(pose), STEP, q)
+    assert_sound(UR5, solutions, pose, q)
+    assert not solutions.complete
+    assert "Joint 6 and Joint 2 can turn against each other" in (solutions.incomplete_reason or "")
+    assert solutions.best("least-travel", q) == pytest.approx(q, abs=1e-9)
+    assert np.ptp(solutions.q[:, 5]) > 6.0
+    batch = solver.solve_poses(pose[None])
+    assert batch is not None and batch.found.sum() >= 2
+
+
+def test_links_that_fold_onto_the_shoulder_are_a_continuum() -> None:
+    arm = with_links(0.3, 0.1)
+    q = np.array([0.3, 0.4, math.pi, 0.5, 0.7, -0.3])
+    pose = plain_pose(arm.chain, q)
+    solutions = solver_of(arm, FAMILY).solve(target_of(pose), STEP, q)
+    assert_sound(arm, solutions, pose, q)
+    assert "Joint 2 and Joint 4 can turn against each other" in (solutions.incomplete_reason or "")
+
+
+def test_a_wrist_on_the_first_axis_is_a_continuum() -> None:
+    arm = with_links(0.25, 0.0)
+    q = np.array([0.3, 0.7, 1.2, 0.0, 0.7, -0.3])
+    points = arm.chain.axes(q)[0]
+    wrist = points[5] - points[1]  # where the last two axes meet: turned onto the first axis
+    level = math.copysign(np.hypot(*wrist[:2]), wrist[:2] @ [math.cos(q[0]), math.sin(q[0])])
+    q[1] += math.pi / 2 - math.atan2(wrist[2], level)
+    pose = plain_pose(arm.chain, q)
+    solutions = solver_of(arm, FAMILY).solve(target_of(pose), STEP, q)
+    assert_sound(arm, solutions, pose, q)
+    assert "Joint 5 and Joint 1 can turn against each other" in (solutions.incomplete_reason or "")
+
+
+@pytest.mark.parametrize(
+    "q",
+    [
+        [0.4, -1.1, 0.0, -0.7, 0.9, 0.2],  # elbow stretched
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [2 * math.pi, -2 * math.pi, 1.0, 2 * math.pi, -1.0, -2 * math.pi],  # at limits
+        [0.4, -1.1, 1e-4, -0.7, 1e-4, 0.2],
+        [0.4, -1.1, 1.3, -0.7, 1e-8, 0.2],
+        [0.4, -1.1, 1.3, -0.7, math.pi, 0.2],
+    ],
+)
+def test_singular_poses_and_limits(q: list[float]) -> None:
+    pose = plain_pose(UR5.chain, np.array(q))
+    solutions = solver_of(UR5, FAMILY).solve(target_of(pose), STEP, np.array(q))
+    assert_sound(UR5, solutions, pose, np.array(q))
+
+
+def test_an_arm_beside_the_family_by_its_printed_digits_is_exact_all_the_same() -> None:
+    rng = np.random.default_rng(33)
+    rows = [(r.a_m, r.alpha_rad + 4e-10 * rng.normal(), r.d_m) for r in UR5.chain.rows]
+    arm = dh(rows, 180)
+    for q in random_q(rng, arm.limits, 20):
+        pose = plain_pose(arm.chain, q)
+        solver = solver_of(arm, FAMILY)
+        assert_sound(arm, solver.solve(target_of(pose), STEP), pose, q)
+        batch = solver.solve_poses(pose[None])
+        assert batch is not None
+        assert np.abs(plain_pose(arm.chain, batch.q[batch.found]) - pose).max() < 1e-11
+
+
+def test_parts_of_a_pose_and_poses_out_of_reach_are_answered_as_by_search() -> None:
+    solver = solver_of(UR5, FAMILY)
+    numeric = NumericSolver(UR5.chain, UR5.limits, solver.energy, solver.titles)
+    rng = np.random.default_rng(34)
+    for target in (Target.of([0.4, 0.1, 0.3]), Target.of([0.4, 0.1, 0.3], pitch=-1.0), Target.of([2, 0, 0])):
+        ours, theirs = solver.solve(target, STEP), numeric.solve(target, STEP)
+        assert np.array_equal(ours.q, theirs.q)
+        assert (ours.reason, ours.complete) == (theirs.reason, False)
+    pose = plain_pose(UR5.chain, np.array([0.3, 0.02, -0.05, 0.1, 1.0, 0.2]))
+    pose[:3, :3] = rotation(rng)
+    near = solver.solve(target_of(pose), STEP)  # the point, with the orientation as near as it can be
+    assert near.success and near.residual_m.max() < 1e-9 and not near.complete
+    assert near.residual_rad.min() == pytest.approx(numeric.solve(target_of(pose), STEP).residual_rad.min())
+    assert solver.pitch_and_roll(np.zeros(6))[1] == 0.0
+
+
+def test_four_parallel_axes_or_two_on_one_line_are_not_of_the_family() -> None:
+    q = math.pi / 2
+    for rows in (
+        [(0, q, 0.1), (0.3, 0, 0), (0.3, 0, 0), (0.2, 0, 0), (0, q, 0.1), (0, 0, 0.1)],
+        [(0, q, 0.1), (0.3, 0, 0), (0, 0, 0.1), (0, q, 0.1), (0, q, 0.1), (0, 0, 0.1)],
+    ):
+        arm = dh(rows, 180)
+        assert solver_of(arm, "numeric").family == "numeric"
+    chain = Chain(UR5.chain.segments[:5], UR5.chain.tail)
+    assert chain.n == 5
