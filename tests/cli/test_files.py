@@ -40,7 +40,7 @@ def test_only_regular_files_of_a_size_that_people_have(
     with made["large"].open("wb") as stream:
         stream.truncate(2**40)  # none of it is read
     for name, says in (
-        ("folder", "it is a folder, no regular file"),
+        ("folder", "holds no .urdf" if suffix == ".urdf" else "it is a folder, no regular file"),
         ("pipe", "it is a named pipe, no regular file"),
         ("device", "it is a device, no regular file"),
         ("large", f"is larger than {largest} KiB; no such file is"),

@@ -76,7 +76,7 @@ def _urdf(name: str | Path) -> tuple[Path, str | None] | None:
         return Path(match["path"]), match["wanted"]
     text, mark, wanted = text.partition("#")
     path = robot_path(text)
-    is_folder = path.suffix.lower() != ".toml" and os.path.isdir(path)
+    is_folder = path.suffix.lower() not in (".toml", ".csv") and os.path.isdir(path)
     if is_folder or _URDF.fullmatch(path.as_posix()):
         return path, wanted if mark else None
     return None
