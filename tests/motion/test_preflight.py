@@ -11,7 +11,18 @@ from tests.arms import FIVE
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
-from armctl.motion import JoinedTrajectory, PointToPoint, Sample, arc, line, preflight, require_clear
+from armctl.motion import (
+    JoinedTrajectory,
+    PointToPoint,
+    ProfileName,
+    Sample,
+    SlowedTrajectory,
+    arc,
+    line,
+    plan_spline,
+    preflight,
+    require_clear,
+)
 from armctl.motion.preflight import Finding, not_checked
 from armctl.robot import Robot, load_robot
 from armctl.robot.parts import Obstacle
@@ -73,6 +84,25 @@ def test_a_joint_outside_its_limits_is_named_with_figures() -> None:
         "Elbow: at 10.00 s, -91.20° is outside -84.36° … 95.07°; "
         "keep away from this limit: another target, or a straighter way"
     )
+
+
+@pytest.mark.parametrize("profile", ["s-curve", "quintic"])
+def test_the_jerk_of_a_profile_that_limits_it_is_checked(profile: ProfileName) -> None:
+    end = HOME + np.radians([40, 5, 0, 0, 0])
+    strict = replace(ROBOT, joints=tuple(replace(one, jerk=0.1 * one.jerk) for one in ROBOT.joints))
+    spline = np.array([HOME, end, HOME + np.radians([20, -8, 10, 0, 0])])
+    for motion in (
+        PointToPoint.plan(ROBOT, HOME, end, None, profile),
+        plan_spline(ROBOT, spline, profile=profile),
+    ):
+        for part in (motion, JoinedTrajectory([motion]), SlowedTrajectory(motion, 1.0)):
+            assert preflight(ROBOT, part) == []
+            found = preflight(strict, part)
+            assert {one.kind for one in found} == {"jerk"}
+            assert found[0].part == "Base"
+        assert preflight(strict, SlowedTrajectory(motion, 10 ** (1 / 3))) == []
+    for motion in (PointToPoint.plan(ROBOT, HOME, end), plan_spline(ROBOT, spline)):  # they promise nothing
+        assert preflight(strict, JoinedTrajectory([motion])) == []
 
 
 def test_speed_and_acceleration_peaks_are_exact() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -11,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize, sparse
 
-from armctl.errors import ArmctlError
+from armctl.errors import ArmctlError, MotionRefusedError
 from armctl.motion import ProfileName
 from armctl.motion.plan import follow_tool
 from armctl.motion.polynomial import PiecewisePolynomial, spline_through
@@ -135,3 +136,45 @@ def test_a_slow_line_takes_its_way_by_its_speed_and_its_ramps() -> None:
     path = next(paths(UZUNER, 1))
     cap = 0.01 * path.high
     assert timed(UZUNER, path, rate_cap=cap).duration == pytest.approx(path.high / cap, rel=1e-3)
+
+
+@pytest.mark.parametrize("profile", ["trapezoid", "s-curve", "cubic"])
+def test_the_limit_that_is_named_is_the_one_that_is_near_for_longest(profile: ProfileName) -> None:
+    robot, units = UZUNER, ("speed", "acceleration", "jerk")
+    for path in paths(robot, 20 if LONG else 2, seed=7):
+        with pytest.raises(MotionRefusedError) as refused:
+            timed(robot, path, profile=profile, duration_s=1e-3)
+        said = re.search(
+            r"s: (most of the time|at one place|for (\d+) % of the time, longer than any other,) "
+            r"(.+) is near its largest (\w+), (\S+) °",
+            str(refused.value),
+        )
+        assert said is not None
+        when, percent, title, unit, limit = said.groups()
+        motion = timed(robot, path, profile=profile)
+        state = motion.sample(np.linspace(0.0, motion.duration, 5003)[1:-1])
+        shares = np.concatenate(
+            [
+                np.abs(values) / most
+                for values, most in (
+                    (state.velocity, robot.speed_limits),
+                    (state.acceleration, robot.acceleration_limits),
+                    (state.jerk, robot.jerk_limits),
+                )[: 3 if profile == "s-curve" else 2]
+            ],
+            axis=1,
+        )
+        joint = [one.title for one in robot.joints].index(title)
+        column = robot.n * units.index(unit) + joint
+        one = robot.joints[joint]
+        most = np.degrees((one.speed, one.acceleration, one.jerk)[units.index(unit)])
+        assert float(limit) == pytest.approx(most, rel=5e-3)
+        near = (shares >= 0.95).mean(axis=0)
+        if when == "most of the time":
+            assert near[column] > 0.5
+        elif when == "at one place":
+            assert shares[:, column].max() > 0.99
+            assert near.max() < 0.02
+        else:
+            assert near[column] == pytest.approx(int(percent) / 100, abs=0.015)
+            assert near[column] >= near.max() - 0.005

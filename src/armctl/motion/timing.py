@@ -226,7 +226,7 @@ def _shortest(
 
 
 _SAMPLES = 1001
-_NEAR = 0.99
+_NEAR = 0.95
 """share of a limit from which on a motion counts as near it"""
 
 
@@ -242,10 +242,13 @@ def _bound(robot: Robot, motion: PathTrajectory, profile: ProfileName, rate_cap:
         limits.append(("jerk", "°/s³", state.jerk, robot.jerk_limits))
     shares = [np.abs(values) / most for _, _, values, most in limits]
     shares.append(np.abs(motion.law.derivatives(times, 1)[1]) / rate_cap)
-    near = (np.concatenate(shares, axis=1) >= _NEAR).mean(axis=0)
-    kind, joint = divmod(int(near.argmax()), robot.n)
+    share = np.concatenate(shares, axis=1)
+    near = (share >= _NEAR).mean(axis=0)
     percent = math.floor(100 * float(near.max()))
-    when = "most of the time" if percent > 50 else f"for {percent} % of the time, longer than any other,"
+    kind, joint = divmod(int((near if percent else share.max(axis=0)).argmax()), robot.n)
+    when = f"for {percent} % of the time, longer than any other," if percent else "at one place"
+    if percent > 50:
+        when = "most of the time"
     if kind == len(limits):
         return f"{when} it goes at the speed that was asked for"
     what, unit, _, most = limits[kind]

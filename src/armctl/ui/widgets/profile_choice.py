@@ -13,8 +13,9 @@ Laws = tuple[str, dict[str, Profile], str]
 ALL_PROFILES: Laws = (
     "Profile",
     {**{profile: profile for profile in PROFILES}, "normal (each joint for itself)": "normal"},
-    "cubic: the papers' third-order polynomial. quintic: least jerk. trapezoid: the shortest with limited "
-    "acceleration. s-curve: the shortest with limited jerk as well. normal: each joint at its own speed.",
+    "cubic: the papers' third-order polynomial. trapezoid: the fastest with limited acceleration. s-curve: "
+    "with limited jerk as well, the fastest joint by joint and nearly so along a path. quintic: with limited "
+    "jerk that does not jump on the way. normal: each joint at its own speed.",
 )
 MOVEMENTS: Laws = (
     "Movement",
@@ -22,7 +23,7 @@ MOVEMENTS: Laws = (
     "Planned: a third-order polynomial, all joints start and end together. "
     "Normal: nothing is planned between the two poses, each joint goes at its own speed.",
 )
-_DURATION_HINT = "Seconds. 0 or empty: the shortest that the limits allow."
+_DURATION_HINT = "Seconds. 0 or empty: the shortest with this profile."
 
 
 class ProfileChoice:

@@ -171,7 +171,7 @@ _ABOUT = {
     JOINT_BY_JOINT: "How fast each joint moves the tip at one constant joint speed. A study: nothing moves.",
 }
 """the motions, in the order in which they are offered"""
-_SHORTEST = "Duration 0 is the shortest that the speed and acceleration limits allow."
+_SHORTEST = "Duration 0 is the shortest with this profile inside the limits of the joints."
 _TO_THE_LIMITS = "For 0 s is until every joint has come to its limit."
 _CHOOSE_HINT = "What is least energy among the solutions of a point."
 _PAPER_ARM, _PAPER_CRITERION = "uzuner", "published"
