@@ -12,9 +12,27 @@ from tests.kinematics.kit import FloatArray, plain_frames, random_q
 
 from armctl import load_robot
 from armctl.errors import InputError, UnreachableError
-from armctl.kinematics import CRITERIA, CRITERION_TEXT, Body, GravityModel, Solutions
+from armctl.kinematics import (
+    CRITERIA,
+    CRITERION_TEXT,
+    Body,
+    Chain,
+    DHRow,
+    EnergyModel,
+    GravityModel,
+    Solutions,
+    Target,
+)
+from armctl.kinematics.numeric.solver import NumericSolver
+from armctl.motion import plan_joints
 
 START = np.radians([10, 100, -60, -20, 5.0])
+HALF = 0.5 * math.pi
+UR5 = (
+    (0.0, HALF, 0.089159), (-0.425, 0.0, 0.0), (-0.39225, 0.0, 0.0),
+    (0.0, HALF, 0.10915), (0.0, -HALF, 0.09465), (0.0, 0.0, 0.0823),
+)  # fmt: skip
+"""a [m], alpha [rad], d [m] (Universal Robots)"""
 
 
 def solutions() -> Solutions:
@@ -45,6 +63,63 @@ def test_least_rotation_travel_and_torque_by_their_formulas() -> None:
     loads = ((robot.gravity.torque(found.q) / stall) ** 2).sum(axis=1)
     assert found.energies("least-torque") == pytest.approx(loads, rel=1e-12)
     assert found.best("least-torque").tolist() == found.q[loads.argmin()].tolist()
+
+
+def test_shortest_time_is_the_duration_of_the_planned_motion() -> None:
+    found, robot = solutions(), load_robot("uzuner")
+    times = found.energies("shortest-time", START)
+    for i in range(0, len(found), len(found) // 40):
+        assert times[i] == plan_joints(robot, START, found[i], checked=False).duration
+    best = found.best("shortest-time", START)
+    assert plan_joints(robot, START, best, checked=False).duration <= times.min()
+
+
+@pytest.mark.parametrize("name", FIVE)
+def test_the_least_way_from_a_start_keeps_what_need_not_move(name: str) -> None:
+    """Asked for the position it is at, the arm stays; from elsewhere nothing that is listed beats it."""
+    robot = load_robot(name)
+    rng = np.random.default_rng(29)
+    poses = random_q(rng, robot.limits, 12)
+    if name == "scorbot":
+        poses = np.vstack([poses, np.radians([30, -50, 80, -60, 170])])
+    for q, start in zip(poses, np.roll(poses, 1, axis=0), strict=True):
+        T = robot.forward(q)
+        pitch, _ = robot.inverse_kinematics.pitch_and_roll(q)
+        here = robot.inverse(T[:3, 3], step=math.radians(1), start=q)
+        for criterion in ("least-travel", "shortest-time"):
+            assert here.best(criterion, q) == pytest.approx(q, abs=1e-6)
+        if robot.inverse_kinematics.free_joint is not None and pitch is not None:
+            assert robot.inverse(T[:3, 3], pitch, start=q).best("least-travel", q) == pytest.approx(
+                q, abs=1e-6
+            )
+        best = here.best("least-travel", start)
+        assert np.linalg.norm(robot.forward(best)[:3, 3] - T[:3, 3]) < 1e-9
+        travel = (np.abs(best - start) / robot.speed_limits).sum()
+        fine = robot.inverse(T[:3, 3], step=math.radians(0.02))
+        swept = fine.q.copy()
+        roll = robot.inverse_kinematics.roll_joint
+        if roll is not None:
+            swept[:, roll] = np.clip(start[roll], *robot.limits[roll])
+        listed = (np.abs(swept - start) / robot.speed_limits).sum(axis=1).min()
+        assert listed - 2e-3 < travel <= listed + 1e-9
+
+
+def test_a_searched_arm_asked_for_its_own_pose_stays_there() -> None:
+    """UR5, whose joints turn twice each way: every image is listed, and the search begins at the start."""
+    chain = Chain.from_dh([DHRow(*row) for row in UR5])
+    limits = np.array([[-math.tau, math.tau]] * 6)
+    solver = NumericSolver(
+        chain, limits, EnergyModel(np.ones(6), np.ones(6), GravityModel(chain, ())), "abcdef"
+    )
+    rng = np.random.default_rng(2)
+    for q in rng.uniform(-math.tau, math.tau, (4, 6)):
+        T = chain.forward(q)
+        for target in (Target.of(T[:3, 3], rotation=T[:3, :3]), Target.of(T[:3, 3])):
+            found = solver.solve(target, 0.1, q)
+            for criterion in ("least-travel", "shortest-time"):
+                assert found.best(criterion, q) == pytest.approx(q, abs=1e-9)
+            assert found.incomplete_reason is not None
+            assert found.incomplete_reason.startswith("found by search, there may be others")
 
 
 def test_published_is_the_magnitude_of_the_sum_with_the_last_pitch_joint_not_positive() -> None:
@@ -104,6 +179,7 @@ def test_all_excluded_says_so() -> None:
     ("criterion", "start", "says"),
     [
         ("least-travel", None, "needs the pose that the arm starts from"),
+        ("shortest-time", None, "shortest-time needs the pose that the arm starts from"),
         ("least-travel", [0, 0, 0], "5 joint angles are needed"),
         ("least-travel", [0, 0, 0, 0, math.nan], "finite"),
         ("least-travel", "home", "must be numbers"),

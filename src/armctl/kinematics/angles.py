@@ -144,8 +144,8 @@ def all_images(
 ) -> Images:
     """Every image inside limits (n, 2) of configurations (k, n) [rad], clipped onto the limits.
 
-    A configuration without one is left out. Where there would be more than ``most``, each joint keeps those
-    nearest to zero or to ``start`` (n,) [rad], and ``left_out`` counts the others.
+    A configuration without one is left out. Where there would be more than ``most``, each joint keeps that
+    nearest to ``start`` (n,) [rad] and those nearest to zero, and ``left_out`` counts the others.
     """
     low, high = limits.T
     first = np.ceil((low - LIMIT_TOLERANCE - q) / TWO_PI)
@@ -154,11 +154,15 @@ def all_images(
     about = np.clip(np.rint(((0.0 if start is None else start) - q) / TWO_PI), first, last)
     first, last = np.maximum(first, about - _MOST_TURNS), np.minimum(last, about + _MOST_TURNS)
     count = np.maximum(last - first + 1.0, 0.0).astype(np.intp)
-    turn = np.arange(count.max(initial=0))
+    turn = np.arange(float(count.max(initial=0)))
     angle: FloatArray = np.add(q[..., None], TWO_PI * (first[..., None] + turn))
     np.clip(angle, low[:, None], high[:, None], out=angle)
     angle[turn >= count[..., None]] = math.inf
-    away = np.abs(angle) if start is None else np.minimum(np.abs(angle), np.abs(angle - start[:, None]))
+    away = np.abs(angle)
+    if start is not None:  # that nearest to the start first, then that nearest to zero
+        aside = np.abs(angle - start[:, None])
+        np.put_along_axis(away, away.argmin(axis=-1)[..., None], -1.0, axis=-1)
+        np.put_along_axis(away, aside.argmin(axis=-1)[..., None], -2.0, axis=-1)
     ranked: FloatArray = np.take_along_axis(angle, away.argsort(axis=-1, kind="stable"), axis=-1)
     sizes: list[int] = count.max(axis=0, initial=0).tolist()
     while len(q) * math.prod(sizes) > most and max(sizes) > 1:

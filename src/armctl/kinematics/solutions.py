@@ -15,6 +15,7 @@ from armctl.arrays import FloatArray, lock
 from armctl.errors import InputError, UnreachableError
 from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.chain import Chain
+from armctl.kinematics.continuum import moving_joints
 from armctl.kinematics.energy import FROM_START, Criterion, EnergyModel, checked_criterion, energies
 from armctl.kinematics.target import Target, as_numbers
 
@@ -43,7 +44,13 @@ class SolvedArm(NamedTuple):
     limits: FloatArray | None = None
     """(n, 2) joint limits [rad]"""
     roll_joint: int | None = None
-    """index of the joint that turns the tool about an axis through the tool point"""
+    """index of the joint whose own angle is the roll"""
+    roll_moves_tip: bool = False
+    """True where the tool point lies beside the axis of that joint"""
+    titles: tuple[str, ...] = ()
+    """of the joints, for messages"""
+    up: FloatArray | None = None
+    """(3,) what a pitch is measured against; None: z of the base frame"""
 
 
 class Solutions:
@@ -76,13 +83,13 @@ class Solutions:
             least_rotation: the exact optimum over the continuum, where a joint is free.
             reason: why there is none; None when solved.
             nearest_q: (n,) configuration that comes nearest where there is no solution [rad].
-            incomplete_reason: why solutions may be missing, in words; None where none is.
+            incomplete_reason: why solutions may be missing, in words; None where a look at the list decides.
             travel: from a start (n,) [rad], further solutions (m, n) of a continuum, the one of least travel
                 among them.
         """
         self.arm, self.target, self._q, self._index = arm, target, q, branch_index
         self.free_joint, self.least_rotation = free_joint, least_rotation
-        self.reason, self.incomplete_reason, self.travel = reason, incomplete_reason, travel
+        self.reason, self.travel, self._missing = reason, travel, incomplete_reason
         self.nearest_q = None if nearest_q is None else lock(nearest_q)
 
     @cached_property
@@ -103,6 +110,29 @@ class Solutions:
     def __repr__(self) -> str:
         found = f"{len(self)} configurations" if self.success else self.explanation
         return f"Solutions({found})"
+
+    @cached_property
+    def incomplete_reason(self) -> str | None:
+        """Why solutions may be missing from the list, in words; None where none is.
+
+        A swept joint, and a roll that is free by itself, do not count.
+        """
+        arm, (_, _, roll, _) = self.arm, self.target
+        if self._missing is not None or not self.success or arm.limits is None:
+            return self._missing
+        if arm.chain.coupling is not None:
+            return None
+        given = arm.roll_joint if roll is not None else None
+        held = [k for k in (self.free_joint, self.free_roll, given) if k is not None]
+        up = np.array([0.0, 0.0, 1.0]) if arm.up is None else arm.up
+        moving = moving_joints(arm.chain, arm.limits, self.target, self.q, held, up)
+        if not moving:
+            return None
+        names = [arm.titles[k] if arm.titles else f"joint {k + 1}" for k in moving]
+        if len(names) == 1:
+            return f"{names[0]} may turn while the tool stays: of a continuum some are listed"
+        joints = f"{', '.join(names[:-1])} and {names[-1]}"
+        return f"{joints} may turn together while the tool stays: of a continuum some are listed"
 
     @property
     def complete(self) -> bool:
@@ -163,7 +193,7 @@ class Solutions:
     def free_roll(self) -> int | None:
         """Index of the joint that may have any angle inside its limits, because no roll was asked for."""
         joint, (_, pitch, roll, rotation) = self.arm.roll_joint, self.target
-        if joint is None or roll is not None or rotation is not None:
+        if joint is None or self.arm.roll_moves_tip or roll is not None or rotation is not None:
             return None
         chain = self.arm.chain
         approach = chain.forward(np.zeros(chain.n))[:3, 2]

@@ -76,7 +76,10 @@ class OffsetRollSolver(InverseKinematics):
         super().__init__(chain, limits, energy, titles, free_joint=free, roll_joint=geometry.joint)
         self.geometry = geometry
         self.pitch_joints = geometry.plane.pitch_joints
-        self._arm = SolvedArm(BRANCHES, chain, energy, self.pitch_joints, limits)
+        self._arm = SolvedArm(
+            BRANCHES, chain, energy, self.pitch_joints, limits, geometry.joint, roll_moves_tip=True,
+            titles=self.titles, up=geometry.plane.frame[:, 2],
+        )  # fmt: skip
         self._sweep = RollSweep(geometry, limits)
         self._at = lru_cache(_CACHED)(self._held)
         self._rolls: tuple[float, float] = (float(limits[-1, 0]), float(limits[-1, 1]))
@@ -172,7 +175,6 @@ class OffsetRollSolver(InverseKinematics):
             least_rotation=None if least is None else optimum,
             reason=inner.reason,
             nearest_q=None if nearest is None else np.append(nearest, roll),
-            incomplete_reason=inner.incomplete_reason,
             travel=None if travel is None else travelled,
         )
 

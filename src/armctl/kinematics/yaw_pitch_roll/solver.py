@@ -89,7 +89,10 @@ class YawPitchRollSolver(InverseKinematics):
         )
         self.geometry = geometry
         self._base: tuple[float, float] = tuple(limits[0].tolist())
-        self._arm = SolvedArm(BRANCHES, chain, energy, geometry.pitch_joints, limits, geometry.roll_joint)
+        self._arm = SolvedArm(
+            BRANCHES, chain, energy, geometry.pitch_joints, limits, geometry.roll_joint,
+            titles=self.titles, up=geometry.frame[:, 2],
+        )  # fmt: skip
         self._planar = PlanePostures(geometry, limits)
         self._pose = pose_function(geometry, limits) if compiled else None
         self._sweep = FreeJointSweep(geometry, limits) if three else None

@@ -1,0 +1,120 @@
+"""Whether a solution is isolated, or one of a continuum: joints that can move while the target is met.
+
+Where the Jacobian of what is asked for has a null direction, the arm takes a small step along it and comes
+back onto the target by Newton steps across it. If it meets the target there, the solution is not isolated;
+at a stretched arm, say, it does not.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Collection, Iterator
+
+import numpy as np
+
+from armctl.arrays import FloatArray
+from armctl.kinematics.angles import LIMIT_TOLERANCE
+from armctl.kinematics.chain import Chain
+from armctl.kinematics.numeric.goals import crossed, rotation_vectors, tool_motion
+from armctl.kinematics.target import Target
+
+_LOOKED_AT = 256
+"""of a long list, so many solutions are looked at, evenly spread"""
+_TRIED = 6
+"""of those with a null direction so many are tried"""
+_NULL = 1e-5
+"""the share of the greatest singular value below which a direction changes nothing"""
+_STEP = 1e-3
+"""along a null direction [rad]; what is isolated misses the target there by about its square"""
+_ROUNDS = 4
+_MET = 1e-10
+"""how near to the target counts as on it, [m] and [rad]"""
+_MOVES = 0.02
+"""the share of the largest movement from which a joint counts as moving"""
+_UPRIGHT = 1e-6
+"""how near to ±90° a pitch says two things about the approach axis (cosine)"""
+_UNMET = 1e-6
+"""a rotation missed by more is one that the arm can only come near to [rad]"""
+
+
+def moving_joints(
+    chain: Chain, limits: FloatArray, target: Target, q: FloatArray, held: Collection[int], up: FloatArray
+) -> tuple[int, ...]:
+    """Joints that can move together from one of the solutions ``q`` (k, n) [rad]; none: all are isolated.
+
+    Inside limits (n, 2) [rad]; joints that are ``held`` stay. A pitch is measured against ``up`` (3,).
+    """
+    free = [k for k in np.flatnonzero(limits[:, 0] < limits[:, 1]).tolist() if k not in held]
+    q = q[np.unique(np.linspace(0, len(q) - 1, min(_LOOKED_AT, len(q))).astype(np.intp))]
+    J = _rows(chain, target, up, q, q)[1][:, :, free]
+    _, sizes, directions = np.linalg.svd(J)
+    rank = (sizes > _NULL * np.maximum(sizes[:, :1], _NULL)).sum(axis=1)
+    singular = np.flatnonzero(rank < len(free))
+    for i in singular[:: max(1, len(singular) // _TRIED)].tolist():
+        for direction in _combined(directions[i, rank[i] :]):
+            step = np.zeros(chain.n)
+            step[free] = direction
+            moved = _moved(chain, limits, target, up, q[i], step, free)
+            if moved is not None:
+                size = np.abs(moved)
+                return tuple(np.flatnonzero(size > _MOVES * size.max()).tolist())
+    return ()
+
+
+def _combined(null: FloatArray) -> Iterator[FloatArray]:
+    """Both ways along each of some unit directions (d, m), and between each two of them."""
+    between = [a + sign * b for a, b in itertools.combinations(null, 2) for sign in (1.0, -1.0)]
+    for direction in (*null, *(one / math.sqrt(2.0) for one in between)):
+        yield direction
+        yield -direction
+
+
+def _moved(
+    chain: Chain, limits: FloatArray, target: Target, up: FloatArray, q: FloatArray, step: FloatArray,
+    free: list[int],
+) -> FloatArray | None:  # fmt: skip
+    """What the joints (n,) move by when the arm steps aside and comes back onto the target, if it can."""
+    x = q + _STEP * step
+    for _ in range(_ROUNDS):
+        r, J = _rows(chain, target, up, x[None], q[None])
+        off = np.append(r[0], step @ (x - q) - _STEP)
+        across = np.vstack([J[0][:, free], step[free]])
+        x = x.copy()
+        x[free] -= np.linalg.pinv(across, rcond=_NULL) @ off
+    inside = (x >= limits[:, 0] - LIMIT_TOLERANCE) & (x <= limits[:, 1] + LIMIT_TOLERANCE)
+    aside = float(np.abs(x - q).max())
+    met = np.abs(_rows(chain, target, up, x[None], q[None])[0]).max() < _MET
+    return x - q if met and inside.all() and 0.1 * _STEP < aside < 10.0 * _STEP else None
+
+
+def _rows(
+    chain: Chain, target: Target, up: FloatArray, q: FloatArray, solved: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """By how much configurations (k, n) miss a target (k, m), and the derivatives (k, m, n).
+
+    A rotation that the solutions ``solved`` (k, n) miss is to be missed by as much.
+    """
+    motion = tool_motion(chain, q)
+    rows, slopes = [motion.position - target.position], [motion.linear]
+    if target.pitch is not None:
+        approach, turned = motion.approach, crossed(motion.axes, motion.approach[:, :, None])
+        if abs(math.cos(target.pitch)) < _UPRIGHT:
+            level = np.linalg.svd(up[None])[2][1:]
+            rows.append(approach @ level.T)
+            slopes.append(level @ turned)
+        else:
+            rows.append((approach @ up - math.sin(target.pitch))[:, None])
+            slopes.append((up @ turned)[:, None])
+    if target.rotation is not None:
+        off = rotation_vectors(motion.rotation @ target.rotation.T)
+        before = rotation_vectors(tool_motion(chain, solved).rotation @ target.rotation.T)
+        size = np.linalg.norm(before, axis=1)
+        if size.max() < _UNMET:
+            rows.append(off)
+            slopes.append(motion.axes)
+        else:
+            length = np.linalg.norm(off, axis=1)
+            rows.append((length - size)[:, None])
+            slopes.append((off / np.maximum(length, _UNMET)[:, None])[:, None] @ motion.axes)
+    return np.concatenate(rows, axis=1), np.concatenate(slopes, axis=1)
