@@ -23,6 +23,8 @@ from armctl.kinematics.target import Target
 
 _END, _SAME = 1e-9, 1e-6
 """how near to the end of a run of solutions its last one is, and which angles of the sweep are one [rad]"""
+_FAR, _HALVINGS = 8.0, 16
+"""how many steps a joint may turn from a row to the next one, and how often a step is halved for that"""
 _MET_M, _MET_RAD = 1e-10, 1e-9
 """what rounding may leave of a pose; what misses more is no solution"""
 _MOST_ROWS = 500_000
@@ -62,7 +64,8 @@ class RedundantSolver(InverseKinematics):
     def solve(self, target: Target, step: float, start: FloatArray | None = None) -> Solutions:
         """All solutions of a whole pose, the free joint in steps of ``step`` [rad], and as ``start`` has it.
 
-        The ends of each run of solutions are listed, too. A pose that has none is approached by search: the
+        The ends of each run of solutions are listed, too, and more where another joint turns far in a step. A
+        pose that has none is approached by search: the
         position is met exactly, and the orientation as nearly as the search finds.
         Raises ``InputError``: ``step`` is not a positive number, or too small for a list.
         """
@@ -119,10 +122,42 @@ class RedundantSolver(InverseKinematics):
         which, q = self._on(pose, inside[new], branch[new])
         q = np.concatenate([found.q, q])
         branch = np.concatenate([found.branch, branch[new][which]])
-        met = self._meets(pose, q)
+        q, branch = self._along(q, branch)
+        middle, lane = self._between(pose, q, branch, step)
+        q, branch = self._along(np.concatenate([q, middle]), np.concatenate([branch, lane]))
+        met = np.flatnonzero(self._meets(pose, q))
+        return Found(met, branch[met], q[met])
+
+    def _along(self, q: FloatArray, branch: IndexArray) -> tuple[FloatArray, IndexArray]:
+        """Configurations (m, 7) and their branches (m,), along each branch."""
         order = np.lexsort((q[:, self._locked.joint], branch))
-        order = order[met[order]]
-        return Found(np.arange(len(order)), branch[order], q[order])
+        return q[order], branch[order]
+
+    def _between(
+        self, pose: FloatArray, q: FloatArray, branch: IndexArray, step: float
+    ) -> tuple[FloatArray, IndexArray]:
+        """Solutions (k, 7) between neighbours of a list where a joint turns far, and their branches (k,).
+
+        Where a run ends the others turn without bound against the free joint.
+        """
+        free = self._locked.joint
+        near = (branch[1:] == branch[:-1]) & (q[1:, free] - q[:-1, free] < (1.0 + _SAME) * step)
+        left, right, lane = q[:-1][near], q[1:][near], branch[1:][near]
+        found, lanes = [np.empty((0, q.shape[1]))], [np.empty(0, dtype=np.intp)]
+        for _ in range(_HALVINGS):
+            gap = right - left
+            turned = np.abs(gap - TWO_PI * np.rint(gap / TWO_PI)).max(axis=1, initial=0.0)
+            far = (turned > _FAR * step) & (gap[:, free] > 2.0 * _END)
+            left, right, lane = left[far], right[far], lane[far]
+            if len(lane) == 0:
+                break
+            which, middle = self._on(pose, 0.5 * (left[:, free] + right[:, free]), lane)
+            left, right = np.concatenate([left[which], middle]), np.concatenate([middle, right[which]])
+            lane = lane[which]
+            found.append(middle)
+            lanes.append(lane)
+            lane = np.concatenate([lane, lane])
+        return np.concatenate(found), np.concatenate(lanes)
 
     def _on(self, pose: FloatArray, angles: FloatArray, branch: IndexArray) -> tuple[IndexArray, FloatArray]:
         """Solutions of one branch for each of the angles (k,): indices of those that have it, and (m, 7)."""
