@@ -348,6 +348,13 @@ def needs(title: str, limits: NDArray[np.float64] | Sequence[float], *angles: fl
     return f"{title} needs {said}, its limits are {low:.{digits}f}° … {high:.{digits}f}°"
 
 
+def outside(lower: float, upper: float, angle: float) -> str:
+    """Text for a joint angle beyond limits, all [rad]."""
+    low, high, got = (math.degrees(value) + 0.0 for value in (lower, upper, angle))
+    digits = _digits(got, low, high)
+    return f"{got:.{digits}f}° is outside {low:.{digits}f}° … {high:.{digits}f}°"
+
+
 def _digits(angle: float, low: float, high: float) -> int:
     """How many decimals tell an angle from both limits."""
     shown = ((k, f"{angle:.{k}f}", (f"{low:.{k}f}", f"{high:.{k}f}")) for k in range(2, 10))

@@ -103,6 +103,11 @@ class InverseKinematics(ABC):
         """The workspace cut open in the plane of the base axis and the tip."""
         return SampledSection(self.chain, self.limits)
 
+    def _besides(self, refusal: str, rest: Target, step: float, start: FloatArray | None = None) -> str:
+        """Why a roll or a pitch cannot be, and what forbids the ``rest`` of the target."""
+        other = self.solve(rest, step, start)
+        return refusal if other.success else f"{refusal}; besides, {other.reason}"
+
     def _has_no(self, what: str) -> InputError:
         return InputError(f"arms of the family {self.family!r} have no {what}: call inverse for each target")
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
+from armctl.kinematics import GravityModel
 from armctl.kinematics.chain import LinkFrames
+from armctl.kinematics.solutions import outside
 from armctl.kinematics.target import checked_number
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Gaps, sources
@@ -63,12 +66,18 @@ class Finding:
     """index of the program's step; None: no step, or the program as a whole"""
 
     def __str__(self) -> str:
-        text = self.what if self.time is None else f"at {self.time:.2f} s, {self.what}"
+        text = self.what if self.time is None else f"at {_seconds(self.time)} s, {self.what}"
         if self.part:
             text = f"{self.part}: {text}"
         if self.mend:
             text += f"; {self.mend}"
         return text if self.step is None else f"step {self.step + 1}: {text}"
+
+
+def _seconds(time: float) -> str:
+    """To a hundredth, or as fine as it was chosen (``SampledMotion.told``)."""
+    digits = next((digits for digits in (2, 3, 4) if abs(round(time, digits) - time) < 1e-9), 2)
+    return f"{time:.{digits}f}"
 
 
 def preflight(
@@ -162,9 +171,10 @@ class SampledMotion:
         """(m, n) largest joint speeds of the part that each sample belongs to [rad/s]"""
         self.peaks = peaks_of(trajectory)
 
-    def shown(self, time: float) -> float:
-        """The time as texts show it, to a hundredth of a second [s]; the end, where it rests, as it is."""
-        return time if time == self.time[-1] else min(round(time, 2), float(self.time[-1]))
+    def told(self, time: float, holds: Callable[[float], bool]) -> float:
+        """A time as texts tell it: to a hundredth of a second, or finer where that does not hold [s]."""
+        rounded = (min(round(time, digits), float(self.time[-1])) for digits in (2, 3, 4))
+        return next((one for one in rounded if holds(one)), time)
 
     def beside(self, at: int) -> tuple[float, float]:
         """The times of the samples before and behind one [s]."""
@@ -191,7 +201,7 @@ _RATES: tuple[Kind, ...] = ("speed", "acceleration", "jerk")
 _ANGLE_TOLERANCE = 1e-9
 _RATE_TOLERANCE = 1e-6
 _REST_SPEED = 1e-6
-_MOST_HUNDREDTHS = 400
+_MOST_TIMES = 400
 """times that are looked at for the place of a peak"""
 _AS_FAST = 0.999
 
@@ -203,9 +213,8 @@ def _limit_findings(motion: SampledMotion) -> Iterator[Finding]:
     for j in np.flatnonzero(np.maximum(below, above) > _ANGLE_TOLERANCE).tolist():
         joint, sense = robot.joints[j], 1.0 if below[j] >= above[j] else -1.0
         worst = peaks.low[j] if sense > 0.0 else peaks.high[j]
-        angle, least, most = np.degrees([worst, joint.lower, joint.upper])
         yield Finding(
-            f"{angle:.2f}° is outside {least:.2f}° … {most:.2f}°",
+            outside(joint.lower, joint.upper, float(worst)),
             _when_least(motion, j, sense),
             joint.title,
             "keep away from this limit: another target, or a straighter way",
@@ -243,13 +252,16 @@ def _rate_findings(motion: SampledMotion, kind: Kind) -> Iterator[Finding]:
 
 
 def _when_most(motion: SampledMotion, order: int, j: int, at: int) -> float:
-    """When joint ``j`` is fastest, near the sample at which it is: at a hundredth, if one serves [s]."""
+    """When joint ``j`` is fastest, near the sample at which it is [s]; as ``SampledMotion.told``."""
     (begin, end), when = motion.beside(at), float(motion.time[at])
-    hundredths = np.arange(math.ceil(100 * begin), math.floor(100 * end) + 1) / 100
-    times = np.append(hundredths[:: len(hundredths) // _MOST_HUNDREDTHS + 1], when)
-    rates = motion.rates(times, order)[:, j]
-    best = int(rates[:-1].argmax()) if len(times) > 1 else -1
-    return float(times[best if rates[best] >= _AS_FAST * rates[-1] else -1])
+    most = float(motion.rates(np.array([when]), order)[0, j])
+    for digits in (2, 3, 4):
+        count = np.arange(math.ceil(begin * 10**digits), math.floor(end * 10**digits) + 1)
+        times = count[:: len(count) // _MOST_TIMES + 1] / 10**digits
+        rates = motion.rates(times, order)[:, j]
+        if rates.max(initial=0.0) >= _AS_FAST * most:
+            return float(times[rates.argmax()])
+    return when
 
 
 def _rest_findings(motion: SampledMotion) -> Iterator[Finding]:
@@ -326,12 +338,9 @@ def _deepest(motion: SampledMotion, source: Gaps, allowed: FloatArray, begin: fl
         return source.gaps(LinkFrames.at(motion.robot.chain, motion.trajectory.sample(time).q))
 
     when = motion.least_at(lambda time: (gaps_at(time) - allowed).min(axis=0), begin, end)
-    for time in (motion.shown(when), when):
-        gaps = gaps_at(np.array([time]))
-        slack = (gaps - allowed)[:, 0]
-        part, when = source.worst(slack), time
-        if slack[part] < 0.0:
-            break
+    when = motion.told(when, lambda time: bool((gaps_at(np.array([time])) < allowed).any()))
+    gaps = gaps_at(np.array([when]))
+    part = source.worst((gaps - allowed)[:, 0])
     what, mend = source.words(part, -1000 * float(gaps[part, 0]))
     return Finding(what, when, source.parts[part], mend, source.kind)
 
@@ -363,12 +372,12 @@ def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator
         lost = lost[turn * largest[lost] > _STRAINED * way]
     if len(lost):
         at, is_lost = int(lost[isotropy[lost].argmin()]), True
-    when, least = float(time[at]), float(isotropy[at])
-    shown = motion.shown(when)
-    there = float(isotropy_of(robot, robot.jacobian(motion.trajectory.sample(np.array([shown])).q))[0][0])
-    if there < (_LOST if is_lost else NEAR):
-        when, least = shown, there
-    percent = 100 * least
+
+    def isotropy_at(time: float) -> float:
+        return float(isotropy_of(robot, robot.jacobian(motion.trajectory.sample(np.array([time])).q))[0][0])
+
+    when = motion.told(float(time[at]), lambda time: isotropy_at(time) < (_LOST if is_lost else NEAR))
+    percent = 100 * isotropy_at(when)
     yield Finding(
         f"{'at' if percent < 0.1 else 'near'} a singularity: in one direction it moves only "
         f"{percent:.1f} % as freely as in the best",
@@ -407,14 +416,13 @@ def _torque_findings(motion: SampledMotion, links: LinkFrames, payload_kg: float
         stall = joint.stall_torque
         if not stall:
             continue
-        at, most_held = int(torque.argmax()), max(float(torque[0]), stall) * (1 + _TORQUE_TOLERANCE)
-        when, most = float(motion.time[at]), float(torque[at])
-        if most <= _WARM * stall:
+        at, allowed = int(torque.argmax()), max(float(torque[0]), stall) * (1 + _TORQUE_TOLERANCE)
+        if torque[at] <= _WARM * stall:
             continue
-        over, shown = most > most_held, motion.shown(when)
-        there = abs(float(gravity.torque(motion.trajectory.sample(shown).q)[j]))
-        if there > (most_held if over else _WARM * stall):
-            when, most = shown, there
+        over = bool(torque[at] > allowed)
+        least = allowed if over else _WARM * stall
+        when = motion.told(float(motion.time[at]), partial(_holds_more, motion, gravity, j, least))
+        most = _torque_at(motion, gravity, j, when)
         yield Finding(
             f"gravity asks for {most:.2f} N·m, "
             f"{100 * most / stall:.0f} % of its stall torque of {stall:.2f} N·m",
@@ -426,6 +434,15 @@ def _torque_findings(motion: SampledMotion, links: LinkFrames, payload_kg: float
             "torque",
             "error" if over else "warning",
         )
+
+
+def _torque_at(motion: SampledMotion, gravity: GravityModel, j: int, time: float) -> float:
+    """Size of the static torque of joint ``j`` [N·m]."""
+    return abs(float(gravity.torque(motion.trajectory.sample(time).q)[j]))
+
+
+def _holds_more(motion: SampledMotion, gravity: GravityModel, j: int, least: float, time: float) -> bool:
+    return _torque_at(motion, gravity, j, time) > least
 
 
 def not_checked(robot: Robot) -> tuple[str, ...]:

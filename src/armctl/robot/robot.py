@@ -26,6 +26,7 @@ from armctl.kinematics import (
 )
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.samples import joint_samples
+from armctl.kinematics.solutions import outside as outside_words
 from armctl.kinematics.velocity import NEAR, position_leaves_orientation
 from armctl.robot.body import ArmBody, Capsule, CollisionModel, Underside, shape_capsules, undersides
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
@@ -291,8 +292,7 @@ class Robot(ArrayRecord):
         outside = (q < self.limits[:, 0] - LIMIT_TOLERANCE) | (q > self.limits[:, 1] + LIMIT_TOLERANCE)
         if outside.any():
             parts = [
-                f"{joint.title}: {np.degrees(value):.2f}° is outside "
-                f"{np.degrees(joint.lower):.2f}° … {np.degrees(joint.upper):.2f}°"
+                f"{joint.title}: {outside_words(joint.lower, joint.upper, float(value))}"
                 for joint, value, out in zip(self.joints, q, outside, strict=True)
                 if out
             ]

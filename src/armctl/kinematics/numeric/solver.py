@@ -22,7 +22,7 @@ from armctl.kinematics.numeric.goals import (
     pitch_goal,
     tool_motion,
 )
-from armctl.kinematics.samples import checked_step
+from armctl.kinematics.samples import DEFAULT_STEP, checked_step
 from armctl.kinematics.solutions import Solutions, SolvedArm, too_far, too_near
 from armctl.kinematics.solver import InverseKinematics, held_roll
 from armctl.kinematics.target import Target
@@ -138,6 +138,8 @@ class NumericSolver(InverseKinematics):
 
     def _answer(self, target: Target, start: FloatArray | None, *, sought: bool) -> Solutions:
         refusal, box = self._box(target)
+        if refusal is not None:
+            refusal = self._besides(refusal, target._replace(roll=None), DEFAULT_STEP, start)
         position = PositionGoal(target.position, self._reach)
         turned = None if target.rotation is None else RotationGoal(target.rotation)
         if target.pitch is not None:

@@ -163,7 +163,9 @@ class ParallelLinkageSolver(InverseKinematics):
             kept, asked = math.degrees(self._pitch) + 0.0, math.degrees(target.pitch) + 0.0
             refusal = f"the rods keep the tool at a pitch of {kept:.2f}°; {asked:.2f}° cannot be had"
         if refusal is not None:
-            return self._refused(target, refusal, roll)
+            return self._refused(
+                target, self._besides(refusal, target._replace(pitch=None, roll=None), step), roll
+            )
         found = [
             (q, index) for position, index in self._positions(target) for q in self._rolled(position, target)
         ]

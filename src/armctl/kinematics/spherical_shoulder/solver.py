@@ -94,7 +94,9 @@ class SphericalShoulderSolver(InverseKinematics):
         step = checked_step(step)
         refusal, roll = held_roll(self._roll, target.roll)
         if refusal is not None:
-            return self._refused(target, refusal, self._nearest(target))
+            return self._refused(
+                target, self._besides(refusal, target._replace(roll=None), step), self._nearest(target)
+            )
         swivels = self._swivels(target, roll)
         if target.rotation is not None:
             found = self._orientation.nearest(swivels, target.rotation)

@@ -142,7 +142,7 @@ class YawPitchRollSolver(InverseKinematics):
             return self._refused(target, NO_PITCH)
         refusal, roll = held_roll(self._roll, roll)
         if refusal is not None:
-            return self._refused(target, refusal)
+            return self._refused(target, self._besides(refusal, target._replace(roll=None), step))
         x, y, z = self.geometry.local_of(x, y, z)
         branches = base_branches(self.geometry, x, y, self._base)
         if self._sweep is not None and pitch is None and rotation is None:

@@ -13,6 +13,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, MotionRefusedError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Solutions, Target
 from armctl.kinematics.angles import LIMIT_TOLERANCE
+from armctl.kinematics.solutions import needs
 from armctl.motion.clearance import stands_clear
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
 from armctl.motion.paths.tool_pitch import PitchRows, elevations
@@ -28,6 +29,8 @@ _BEYOND = 1e-4
 """how far past the end of a branch it is asked whether anything reaches there (share of the curve)"""
 _TURNING = 1e-6
 """a turn of the tool [rad/m], and a share of the way, that count as none"""
+_SHOWN, _TOLD = 0.0005, math.radians(0.01)
+"""how far off a place with one decimal of a percent is (share of the curve), and what may come of it [rad]"""
 _MOST_STARTS = 8
 """other starts that are tried for one refusal; each takes as long as planning a line"""
 _TURNED = 1e-6
@@ -160,13 +163,13 @@ def turn_refusal(tried: Attempt, task: ToolTask) -> ToolPathRefusedError | None:
 def limit_refusal(tried: Attempt, path: PiecewisePolynomial, s: float, k: int) -> ToolPathRefusedError:
     """Joint ``k`` leaves its limits at ``s`` [m], the first of those that do on the path that was walked."""
     robot, curve = tried.robot, tried.curve
-    needs = _needs(robot, path)
-    worst = max((one for one in needs if one.joint == k), key=lambda one: one.excess)
+    beyond = _beyond_limits(robot, path)
+    worst = max((one for one in beyond if one.joint == k), key=lambda one: one.excess)
     place = PathPlace(s, s / curve.length, curve.positions(s), k, worst.angle, worst.s)
     found = "on the best way that was found, " if tried.chosen else ""
     at = float(path(s)[k])
     limit = min(robot.limits[k].tolist(), key=lambda bound: abs(bound - at))
-    said = " and ".join(_need_words(tried, path, one) for one in needs)
+    said = " and ".join(_need_words(tried, path, one) for one in beyond)
     message = (
         f"{_where(curve, place)}: {found}{robot.joints[k].title} is at its limit of {_degrees(limit)}°; "
         f"{said}; {_other_ways(tried)}"
@@ -186,7 +189,7 @@ class _Need(NamedTuple):
     """[rad]"""
 
 
-def _needs(robot: Robot, path: PiecewisePolynomial) -> list[_Need]:
+def _beyond_limits(robot: Robot, path: PiecewisePolynomial) -> list[_Need]:
     """All joints that leave their limits on a path, in the order in which they are farthest beyond."""
     low, high = path.extremes_by_piece()
     found: list[_Need] = []
@@ -210,17 +213,14 @@ def _place_of(path: PiecewisePolynomial, piece: int, joint: int, value: float) -
 
 
 def _need_words(tried: Attempt, path: PiecewisePolynomial, need: _Need) -> str:
-    robot, share = tried.robot, round(100.0 * need.s / tried.curve.length, 1)
-    lower, upper = robot.limits[need.joint].tolist()
-    # near the end of a branch a joint turns fast: no more digits than the place, as it is said, decides
+    title, share = tried.robot.joints[need.joint].title, round(100.0 * need.s / tried.curve.length, 1)
+    low, high = map(_degrees, tried.robot.limits[need.joint].tolist())
+    # near the end of a branch a joint turns so fast that the place, as it is said, does not tell the angle
     slope = abs(float(path.derivatives(need.s, 1)[1, need.joint]))
-    unsure = 0.0 if share >= 100.0 else math.degrees(slope * 0.0005 * tried.curve.length)
-    digits = 2 if unsure < 0.01 else 1 if unsure < 0.1 else 0
-    angle = f"{math.degrees(need.angle):.{digits}f}°"
-    return (
-        f"at {share:.4g} % {robot.joints[need.joint].title} would need {angle}, "
-        f"its limits are {_degrees(lower)}° … {_degrees(upper)}°"
-    )
+    if share < 100.0 and slope * _SHOWN * tried.curve.length > _TOLD:
+        return f"before this branch ends, {title} would have to leave its limits of {low}° … {high}°"
+    words = needs(title, tried.robot.limits[need.joint], need.angle).replace(" needs ", " would need ")
+    return f"at {share:.4g} % {words}"
 
 
 def end_refusal(tried: Attempt) -> ToolPathRefusedError | ToolPathUnreachableError:
@@ -242,9 +242,8 @@ def end_refusal(tried: Attempt) -> ToolPathRefusedError | ToolPathUnreachableErr
         return ToolPathUnreachableError(f"{_where(curve, place)}: {why}", place, before)
     k = int((np.abs(last.slope) / robot.speed_limits).argmax())
     return ToolPathRefusedError(
-        f"{_where(curve, place)}: {robot.joints[k].title} would have to turn without bound "
-        f"({math.degrees(abs(last.slope[k])) / 1000:.3g}° a mm and more): a singularity, where this branch "
-        f"ends; {_other_ways(tried)}",
+        f"{_where(curve, place)}: {robot.joints[k].title} would have to turn without bound: a singularity, "
+        f"where this branch ends; {_other_ways(tried)}",
         replace(place, joint=k),
         before,
     )
@@ -261,11 +260,17 @@ def _out_of_reach(tried: Attempt, q: FloatArray, s: float) -> str | None:
         met = solutions.success and bool((solutions.residual_rad < _TURNED).any())
         if met or (not searched and robot.branches(*target)):
             return None
+        if solutions.success:
+            return f"the nearest orientation is {math.degrees(solutions.residual_rad.min()):.2f}° off"
         return solutions.explanation
 
     if missing(min(curve.length, s + _BEYOND * curve.length)) is None:
         return None
     with_it = f" with that {tried.held}" if tried.held else ""
+    if tried.held == "pitch" and tried.turn is not None:
+        begin, end = (tried.turn.wanted(at)[0] for at in (0.0, curve.length))
+        if np.abs(end - begin).max() > _TURNED:  # farther on it is another pitch
+            return f"here it leaves what the arm reaches{with_it}; move the {curve.kind}"
     # clearer than just beyond: far out, at whole percents, so that the figures hold where they say
     percent, first = 100, math.floor(100.0 * s / curve.length) + 1
     while percent >= first:

@@ -1,0 +1,177 @@
+"""Plain code of its own for what sentences say: products of 4 x 4 matrices, small steps, many starts.
+
+Nothing here calls armctl's kinematics, paths or pre-flight. Of a robot only its data is read.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from armctl.arrays import FloatArray
+from armctl.robot import Robot
+
+
+def link_poses(robot: Robot, q: FloatArray) -> FloatArray:
+    """(links, k, 4, 4) poses of the link frames at ``q`` (k, n) [rad], one product after the other."""
+    chain = robot.chain
+    turns = q if chain.coupling is None else q @ chain.coupling.T
+    T, poses = np.broadcast_to(np.eye(4), (len(q), 4, 4)), []
+    for k, segment in enumerate(chain.segments):
+        c, s = np.cos(turns[:, k]), np.sin(turns[:, k])
+        turn = np.zeros((len(q), 4, 4))
+        turn[:, 0, 0] = turn[:, 1, 1] = c
+        turn[:, 1, 0], turn[:, 0, 1] = s, -s
+        turn[:, 2, 2] = turn[:, 3, 3] = 1.0
+        T = T @ segment @ turn
+        poses.append(T)
+    return np.array(poses)
+
+
+def tools(robot: Robot, q: FloatArray) -> FloatArray:
+    """(k, 4, 4) tool poses."""
+    return link_poses(robot, q)[-1] @ robot.chain.tail
+
+
+def features(robot: Robot, q: FloatArray, *, pitched: bool) -> FloatArray:
+    """(k, 3 or 4) tool point [m] and the height of the approach axis, which is the sine of the pitch."""
+    T = tools(robot, q)
+    return np.column_stack([T[:, :3, 3], T[:, 2, 2]]) if pitched else T[:, :3, 3]
+
+
+def slopes(function: Callable[[FloatArray], FloatArray], q: FloatArray, h: float = 1e-6) -> FloatArray:
+    """(k, m, n) central differences of a function of configurations (k, n)."""
+    k, n = q.shape
+    steps = h * np.eye(n)[:, None]
+    values = function(np.concatenate([q + steps, q - steps]).reshape(-1, n)).reshape(2, n, k, -1)
+    return np.transpose((values[0] - values[1]) / (2 * h), (1, 2, 0))
+
+
+def descended(
+    function: Callable[[FloatArray], FloatArray],
+    goal: FloatArray,
+    q: FloatArray,
+    limits: FloatArray,
+    rounds: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Where starts (k, n) come to inside limits (n, 2) on the way to a goal (m,), and how far off (k,)."""
+    low, high = limits.T
+    q, damping = np.clip(q, low, high), np.full(len(q), 1e-3)
+    off = function(q) - goal
+    cost = (off * off).sum(axis=1)
+    for _ in range(rounds):
+        J = slopes(function, q)
+        g = np.einsum("kij,ki->kj", J, off)
+        held = ((q <= low) & (g > 0)) | ((q >= high) & (g < 0))
+        J = np.where(held[:, None, :], 0.0, J)
+        A = np.einsum("kij,kil->kjl", J, J) + damping[:, None, None] * np.eye(q.shape[1])
+        trial = np.clip(q - np.linalg.solve(A, np.where(held, 0.0, g)[:, :, None])[:, :, 0], low, high)
+        off_there = function(trial) - goal
+        there = (off_there * off_there).sum(axis=1)
+        won = there < cost
+        q[won], off[won], cost[won] = trial[won], off_there[won], there[won]
+        damping = np.clip(np.where(won, 0.3 * damping, 4.0 * damping), 1e-14, 1e3)
+    return q, np.sqrt(cost)
+
+
+def nearest(
+    robot: Robot, goal: FloatArray, limits: FloatArray, rng: np.random.Generator, *, pitched: bool = False,
+    starts: int = 60, first: FloatArray | None = None,
+) -> float:  # fmt: skip
+    """The least distance from a goal that many starts find inside limits (n, 2)."""
+    low, high = limits.T
+    spread = rng.uniform(low, high, (3000, robot.n))
+
+    def function(q: FloatArray) -> FloatArray:
+        return features(robot, q, pitched=pitched)
+
+    off = np.linalg.norm(function(spread) - goal, axis=1)
+    q = spread[np.argsort(off)[:starts]]
+    if first is not None:
+        q = np.vstack([first, q])
+    return float(descended(function, goal, q, limits, 60)[1].min())
+
+
+def followed(
+    robot: Robot, q: FloatArray, points: FloatArray, sine: float | None, held: list[int]
+) -> FloatArray | None:
+    """(k, n) the branch of ``q`` along points (k, 3) [m], by small steps; None: it does not lead on.
+
+    ``sine``: of the pitch that is kept, or None; the joints ``held`` stand. As many equations as joints.
+    """
+    moving = [k for k in range(robot.n) if k not in held]
+    out = [q]
+    before = q
+    for point in points[1:]:
+        goal = point if sine is None else np.append(point, sine)
+        here, guess = out[-1], 2 * out[-1] - before
+        for _ in range(12):
+            off = features(robot, guess[None], pitched=sine is not None)[0] - goal
+            if np.abs(off).max() < 1e-12:
+                break
+            J = slopes(lambda q: features(robot, q, pitched=sine is not None), guess[None])[0][:, moving]
+            guess = guess.copy()
+            guess[moving] -= np.linalg.lstsq(J, off, rcond=None)[0]
+        if np.abs(off).max() > 1e-9 or np.abs(guess - here).max() > 0.5:
+            return None
+        before = here
+        out.append(guess)
+    return np.array(out)
+
+
+def capsule_axes(robot: Robot, q: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    """Both ends (3,) of each capsule of the arm's body at ``q`` (n,)."""
+    poses = link_poses(robot, q[None])[:, 0]
+    frames = [np.eye(4) if piece.link < 0 else poses[piece.link] for piece in robot.collision.capsules]
+    return [
+        (T[:3, :3] @ piece.start + T[:3, 3], T[:3, :3] @ piece.end + T[:3, 3])
+        for T, piece in zip(frames, robot.collision.capsules, strict=True)
+    ]
+
+
+def apart(one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]) -> float:
+    """Distance of two segments [m]: the inside, else the ends of either from the other."""
+    (a, b), (c, d) = one, other
+
+    def to_segment(p: FloatArray, a: FloatArray, b: FloatArray) -> float:
+        way = b - a
+        size = float(way @ way)
+        t = 0.0 if size == 0.0 else min(max(float((p - a) @ way) / size, 0.0), 1.0)
+        return float(np.linalg.norm(a + t * way - p))
+
+    found = [to_segment(a, c, d), to_segment(b, c, d), to_segment(c, a, b), to_segment(d, a, b)]
+    A = np.column_stack([b - a, c - d])
+    st, _, rank, _ = np.linalg.lstsq(A, c - a, rcond=None)
+    if rank == 2 and (st >= 0).all() and (st <= 1).all():
+        found.append(float(np.linalg.norm(A @ st - (c - a))))
+    return min(found)
+
+
+def gravity_torques(robot: Robot, q: FloatArray, payload_kg: float) -> FloatArray:
+    """(n,) size of the static torques [N·m]: the slope of the potential energy."""
+
+    def energy(q: FloatArray) -> FloatArray:
+        poses = link_poses(robot, q)
+        total = np.zeros(len(q))
+        for body in robot.gravity.bodies:
+            place = robot.chain.places[robot.chain.joint_rows[body.joint] + 1]
+            centre = poses[body.joint] @ place.T_link_frame @ np.append(body.com_m, 1.0)
+            total += 9.80665 * body.mass_kg * centre[:, 2]
+        return (total + 9.80665 * payload_kg * tools(robot, q)[:, 2, 3])[:, None]
+
+    return np.abs(slopes(energy, q[None], 1e-5)[0, 0])
+
+
+def isotropy(robot: Robot, q: FloatArray) -> float:
+    """Smallest over largest singular value of the tool point's slopes by the joints that may turn."""
+    moving = robot.limits[:, 0] < robot.limits[:, 1]
+    J = slopes(lambda q: features(robot, q, pitched=False), q[None])[0][:, moving]
+    sizes = np.linalg.svd(J, compute_uv=False)
+    return float(sizes[2] / sizes[0])
+
+
+def degrees_near(said: float, angle: float, within: float = 0.006) -> bool:
+    """Whether an angle [rad] is as said [°]."""
+    return abs(said - math.degrees(angle)) <= within

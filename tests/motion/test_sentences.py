@@ -1,0 +1,470 @@
+"""Every figure and every "another branch" of refusals and warnings, recomputed by plain code of its own.
+
+A sentence that nothing here can read fails, and so does one with a number that nothing has checked.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from tests.motion.sentence_kit import (
+    apart,
+    capsule_axes,
+    degrees_near,
+    features,
+    followed,
+    gravity_torques,
+    isotropy,
+    nearest,
+    slopes,
+    tools,
+)
+
+from armctl.arrays import FloatArray
+from armctl.errors import ArmctlError, InputError
+from armctl.motion import Finding, PointToPoint, Trajectory, plan_arc, plan_line, plan_spline, preflight
+from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
+from armctl.robot import Robot, load_robot, shipped_robots
+
+LONG = bool(os.environ.get("ARMCTL_LONG"))
+ARMS = shipped_robots() if LONG else ("uzuner", "scorbot", "humanoid")
+EACH = int(os.environ.get("ARMCTL_SENTENCES", "1000")) if LONG else 5
+"""sentences of each kind, an arm"""
+NUMBER = r"-?\d+(?:\.\d+)?"
+NEEDS = re.compile(rf"(.+?) needs ({NUMBER})°(?: or ({NUMBER})°)?, its limits are ({NUMBER})° … ({NUMBER})°")
+NEAREST = re.compile(
+    rf"; the nearest reachable point is \(({NUMBER}), ({NUMBER}), ({NUMBER})\) mm, (\S+) mm away$"
+)
+
+
+def joint_of(robot: Robot, title: str) -> int:
+    return [joint.title for joint in robot.joints].index(title)
+
+
+def check_limits(robot: Robot, k: int, low: str, high: str) -> None:
+    assert degrees_near(float(low), robot.limits[k, 0]) and degrees_near(float(high), robot.limits[k, 1])
+
+
+# Refused targets.
+
+
+class Asked:
+    """A target that was refused."""
+
+    def __init__(self, robot: Robot, rng: np.random.Generator) -> None:
+        low, high = robot.limits.T
+        there = tools(robot, rng.uniform(low, high, (1, robot.n)))[0, :3, 3]
+        size = float(np.linalg.norm(there))
+        self.robot, self.rng = robot, rng
+        self.point: FloatArray = there + rng.uniform(-1, 1, 3) * size * rng.choice([0.1, 0.5, 1.5])
+        if rng.random() < 0.3:  # near the base axis
+            self.point[:2] = rng.uniform(-0.05, 0.05, 2)
+        self.pitch = float(rng.uniform(-1.5, 1.5)) if rng.random() < 0.3 else None
+        self.roll = float(rng.uniform(-4, 4)) if rng.random() < 0.1 else None
+        solutions = robot.inverse(self.point, self.pitch, self.roll)
+        self.said = solutions.explanation
+
+    def away(self, limits: FloatArray, *, pitched: bool, near: dict[int, float] | None = None) -> float:
+        """How far off the arm stays inside some limits [m]: brute force, also from joints at given angles."""
+        pitched = pitched and self.pitch is not None
+        goal = np.append(self.point, math.sin(self.pitch or 0.0)) if pitched else self.point
+        first = self.rng.uniform(limits[:, 0], limits[:, 1], (60 if near else 1, self.robot.n))
+        for k, angle in (near or {}).items():
+            first[:, k] = angle
+        return nearest(self.robot, goal, limits, self.rng, pitched=pitched, first=first)
+
+
+def check_target(asked: Asked) -> None:
+    """The whole of an explanation."""
+    robot, text = asked.robot, asked.said
+    if found := NEAREST.search(text):
+        x, y, z = (float(value) / 1000 for value in found.groups()[:3])
+        away = float(found[4]) / 1000
+        shown = 0.06e-3 + 0.05 * away * ("." not in found[4] or away < 5e-5)
+        assert abs(math.dist((x, y, z), asked.point) - away) <= shown + 0.09e-3, text
+        assert nearest(robot, np.array([x, y, z]), robot.limits, asked.rng) <= 0.1e-3, text
+        if robot.inverse_kinematics.complete:  # with a pitch kept others may be nearer; never the other way
+            if asked.pitch is None:
+                assert asked.away(robot.limits, pitched=False) >= away - shown, text
+        text = text[: found.start()]
+    if text.endswith("; the point itself can be reached"):
+        assert asked.away(robot.limits, pitched=False) < 1e-6, text
+        text = text.removesuffix("; the point itself can be reached")
+    for reason in text.split("; besides, "):
+        check_reason(asked, reason)
+
+
+def check_reason(asked: Asked, text: str) -> None:
+    robot = asked.robot
+    two = rf"too far by ({NUMBER}) mm: .* would be ({NUMBER}) mm from .*(?:reaches?|reach) ({NUMBER}) mm"
+    three = rf".*too near by ({NUMBER}) mm: .* would be ({NUMBER}) mm from .* no closer than ({NUMBER}) mm"
+    bound = rf"too (?:far|near) by ({NUMBER}) mm: the target is ({NUMBER}) mm from \(.*\) mm .* ({NUMBER}) mm"
+    if found := re.fullmatch(f"{two}|{three}|{bound}|inside the dead zone, {bound}", text):
+        miss, distance, length = (float(value) for value in found.groups() if value is not None)
+        assert abs(abs(distance - length) - miss) <= 0.11, text
+        wide = np.column_stack([np.full(robot.n, -math.pi), np.full(robot.n, math.pi)])
+        held = robot.limits[:, 0] == robot.limits[:, 1]
+        wide[held] = robot.limits[held]
+        free = asked.away(wide, pitched=False)
+        if "the target would be" in text:
+            assert abs(1000 * free - miss) <= 0.06, text
+        else:  # a bound, or a wrist at a pitch: the links alone do not reach it
+            assert asked.away(wide, pitched=True) > 1e-6, text
+    elif found := re.fullmatch(
+        rf"inside the ({NUMBER}) mm cylinder .* is ({NUMBER}) mm from the axis, .*", text
+    ):
+        assert abs(1000 * math.hypot(*asked.point[:2]) - float(found[2])) <= 0.0051, text
+        assert float(found[1]) > float(found[2])
+    elif "joint limits forbid it: " in text:
+        head, said = text.split("joint limits forbid it: ")
+        for way in said.removeprefix("at the least, ").split("; "):
+            side = re.sub("^(facing it|over the back), ", "", way)
+            if side != "the links do not reach it":
+                check_needs(asked, side, pitched="at that pitch" in head)
+    elif NEEDS.fullmatch(text) and asked.roll is not None:
+        found = NEEDS.fullmatch(text)
+        assert found is not None
+        k = joint_of(robot, found[1])
+        check_limits(robot, k, found[4], found[5])
+        turned = math.remainder(math.radians(float(found[2])) - asked.roll, math.tau)
+        assert abs(turned) < 1e-4, text
+    elif found := re.fullmatch(
+        rf"that pitch is impossible here: .*at ({NUMBER})° … ({NUMBER})°.*, the nearest .* ({NUMBER})°",
+        text,
+    ):
+        low, high, near = map(float, found.groups())
+        assert low <= near <= high, text
+        assert asked.pitch is not None
+        for said in (low, high):  # held there, and not at the pitch asked for
+            goal = np.append(asked.point, math.sin(math.radians(said)))
+            assert nearest(robot, goal, robot.limits, asked.rng, pitched=True) < 2e-4, text
+        assert asked.away(robot.limits, pitched=True) > 1e-6, text
+    elif "the position alone decides it; the links would give " in text:
+        wide = np.column_stack([np.full(robot.n, -math.pi), np.full(robot.n, math.pi)])
+        for said in re.findall(rf"({NUMBER})°", text):
+            goal = np.append(asked.point, math.sin(math.radians(float(said))))
+            assert nearest(robot, goal, wide, asked.rng, pitched=True) < 2e-4, text
+        assert asked.away(wide, pitched=True) > 1e-6, text
+    elif found := re.fullmatch(
+        rf"the arm reaches that point, but none of .* pitch of ({NUMBER})° there: the nearest is ({NUMBER})°",
+        text,
+    ):
+        assert asked.pitch is not None and degrees_near(float(found[1]), asked.pitch), text
+        goal = np.append(asked.point, math.sin(math.radians(float(found[2]))))
+        assert nearest(robot, goal, robot.limits, asked.rng, pitched=True, starts=300) < 2e-4, text
+    elif found := re.fullmatch(
+        rf"no solution was found: none of \d+ starts came nearer than ({NUMBER}) mm; .*", text
+    ):
+        assert asked.away(robot.limits, pitched=True) > 1e-7, text
+    elif found := re.fullmatch(
+        rf"the rods keep the tool at a pitch of ({NUMBER})°; ({NUMBER})° cannot be had", text
+    ):
+        q = asked.rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (5, robot.n))
+        assert (
+            np.abs(np.degrees(np.arcsin(np.clip(tools(robot, q)[:, 2, 2], -1, 1))) - float(found[1])).max()
+            < 0.006
+        )
+        assert asked.pitch is not None and degrees_near(float(found[2]), asked.pitch)
+    elif not re.search(r"\d", text.replace("joint 1", "")):
+        assert "rolls the tool" in text or "orientation" in text or "pitch means" in text or text, text
+    else:
+        raise AssertionError(f"nothing here reads {text!r}")
+
+
+def check_needs(asked: Asked, text: str, *, pitched: bool) -> None:
+    """With the limits of all the joints named widened to what is said, the arm gets there."""
+    robot = asked.robot
+    ways = [NEEDS.fullmatch(part) for part in text.split(" and ")]
+    assert all(ways), text
+    alternatives = max(2 if way and way[3] else 1 for way in ways)
+    for which in range(alternatives):
+        wide, near = robot.limits.copy(), dict[int, float]()
+        for way in ways:
+            assert way is not None
+            k, angle = joint_of(robot, way[1]), math.radians(float(way[3 if way[3] and which else 2]))
+            check_limits(robot, k, way[4], way[5])
+            assert not robot.limits[k, 0] < angle < robot.limits[k, 1], text
+            near[k] = angle
+            wide[k] = min(wide[k, 0], angle - 2e-4), max(wide[k, 1], angle + 2e-4)
+        assert asked.away(wide, pitched=pitched, near=near) < 1e-6, text
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_of_targets(name: str) -> None:
+    robot, rng = load_robot(name), np.random.default_rng(len(name))
+    checked = 0
+    while checked < EACH:
+        asked = Asked(robot, rng)
+        if asked.said:
+            check_target(asked)
+            checked += 1
+
+
+# Lines and arcs.
+
+PLACE = re.compile(
+    rf"at ({NUMBER}) s, (\d+) % of the (line|arc) \(x ({NUMBER}), y ({NUMBER}), z ({NUMBER}) mm\): (.*)"
+)
+NEED = re.compile(rf"at ({NUMBER}) % (.+?) would need ({NUMBER})°, its limits are ({NUMBER})° … ({NUMBER})°")
+
+BEFORE_THE_END = re.compile(
+    rf"before this branch ends, (.+?) would have to leave its limits of ({NUMBER})° … ({NUMBER})°"
+)
+
+
+class Led:
+    """A line or an arc from a random start."""
+
+    def __init__(self, robot: Robot, rng: np.random.Generator) -> None:
+        low, high = robot.limits.T
+        self.robot, self.rng = robot, rng
+        self.start: FloatArray = rng.uniform(low, high)
+        self.tool = tools(robot, self.start[None])[0]
+        begin, size = self.tool[:3, 3], float(np.linalg.norm(self.tool[:3, 3]))
+        self.end: FloatArray = begin + rng.uniform(-0.5, 0.5, 3) * size
+        self.kept = (
+            bool(rng.random() < 0.7) and robot.inverse_kinematics.pitch_and_roll(self.start)[0] is not None
+        )
+        self.via = begin + rng.uniform(-0.3, 0.3, 3) * size if rng.random() < 0.3 else None
+
+    def plan(self, start: FloatArray) -> Trajectory:
+        mode = "kept" if self.kept else "free"
+        if self.via is None:
+            return plan_line(self.robot, start, self.end, pitch=mode)
+        return plan_arc(self.robot, start, self.via, self.end, pitch=mode)
+
+    def points(self, shares: FloatArray) -> FloatArray:
+        """(k, 3) of the curve; the circle through three points by its centre."""
+        a, c = self.tool[:3, 3], self.end
+        if self.via is None:
+            return a + shares[:, None] * (c - a)
+        b = self.via
+        normal = np.cross(b - a, c - a)
+        normal /= np.linalg.norm(normal)
+        rows = np.array([b - a, c - a, normal])
+        right = [0.5 * (b @ b - a @ a), 0.5 * (c @ c - a @ a), normal @ a]
+        centre = np.linalg.solve(rows, right)
+        x = a - centre
+        y = np.cross(normal, x)
+        sweep = math.atan2((c - centre) @ y, (c - centre) @ x) % math.tau
+        angle = sweep * shares[:, None]
+        return centre + np.cos(angle) * x + np.sin(angle) * y
+
+    @property
+    def held(self) -> list[int]:
+        roll = self.robot.inverse_kinematics.roll_joint
+        still = np.flatnonzero(self.robot.limits[:, 0] == self.robot.limits[:, 1]).tolist()
+        return sorted({*still, *([] if roll is None else [roll])})
+
+    @property
+    def decided(self) -> bool:
+        """As many equations as joints: the branch decides the way."""
+        return self.robot.n - len(self.held) == 3 + self.kept
+
+    def walk(self, start: FloatArray, share: float, count: int = 160) -> FloatArray | None:
+        sine = float(self.tool[2, 2]) if self.kept else None
+        return followed(self.robot, start, self.points(np.linspace(0.0, share, count)), sine, self.held)
+
+
+def check_led(led: Led, error: ToolPathRefusedError | ToolPathUnreachableError) -> None:
+    found = PLACE.fullmatch(str(error))
+    assert found is not None, str(error)
+    percent, said = float(found[2]), found[7]
+    share = error.place.fraction
+    point = led.points(np.array([share]))[0]
+    assert abs(percent - 100 * share) <= 0.51
+    assert np.abs(1000 * point - [float(value) for value in found.groups()[3:6]]).max() <= 0.06, str(error)
+    if "is at its limit of" in said:
+        check_limit_words(led, share, said, str(error))
+    elif "without bound" in said:
+        if share > 0 and error.before is not None:
+            q = error.before(error.before.high)
+            assert isotropy_with_pitch(led, q) < 1e-3, str(error)
+    elif "here it leaves" in said:
+        check_reach_words(led, said)
+    else:
+        assert "stands in a singularity" in said and isotropy_with_pitch(led, led.start) < 1e-3, str(error)
+    check_other_branches(led, str(error))
+
+
+def isotropy_with_pitch(led: Led, q: FloatArray) -> float:
+    moving = [k for k in range(led.robot.n) if k not in led.held]
+    J = slopes(lambda q: features(led.robot, q, pitched=led.kept), q[None])[0][:, moving]
+    J[:3] /= np.linalg.norm(led.tool[:3, 3])
+    sizes = np.linalg.svd(J, compute_uv=False)
+    return float(sizes[min(J.shape) - 1] / sizes[0])
+
+
+def check_limit_words(led: Led, share: float, said: str, text: str) -> None:
+    robot = led.robot
+    at = re.match(rf"(?:on the best way that was found, )?(.+?) is at its limit of ({NUMBER})°; ", said)
+    assert at is not None, text
+    k, limit = joint_of(robot, at[1]), float(at[2])
+    assert any(degrees_near(limit, bound) for bound in robot.limits[k]), text
+    needs = NEED.findall(said)
+    ends = BEFORE_THE_END.findall(said)
+    assert len(needs) + len(ends) == said.count(" would "), text
+    named = {joint_of(robot, title) for title in [*(need[1] for need in needs), *(end[0] for end in ends)]}
+    assert k in named, text
+    for title, low, high in ends:
+        check_limits(robot, joint_of(robot, title), low, high)
+    for _, title, angle, low, high in needs:
+        check_limits(robot, joint_of(robot, title), low, high)
+        assert not float(low) < float(angle) < float(high), text
+    if "on the best way" in said:
+        assert not led.decided
+        return  # which way that is, nobody else can say
+    if not led.decided:
+        return
+    way = led.walk(led.start, max(share, 1e-6))
+    assert way is not None, text
+    slope = np.abs(way[-1] - way[-2])[k] * 160 / max(share, 1e-6)
+    assert abs(math.degrees(way[-1, k]) - limit) <= 0.02 + math.degrees(slope * 1e-4), text
+    inside = (way >= robot.limits[:, 0] - 1e-3) & (way <= robot.limits[:, 1] + 1e-3)
+    assert inside.all(), text
+    for place, title, angle, *_ in needs:
+        way = led.walk(led.start, float(place) / 100, 400)
+        if way is None:
+            continue  # small steps do not pass as near to a singularity
+        j = joint_of(robot, title)
+        slope = abs(way[-1, j] - way[-2, j]) * 400 * 100 / max(float(place), 0.1)
+        within = 0.02 + math.degrees(slope * 0.0005)
+        assert abs(math.degrees(way[-1, j]) - float(angle)) <= within, (text, math.degrees(way[-1, j]))
+        over = (way < robot.limits[:, 0] - 1e-6) | (way > robot.limits[:, 1] + 1e-6)
+        assert set(np.flatnonzero(over.any(axis=0)).tolist()) <= named, text
+
+
+def check_reach_words(led: Led, said: str) -> None:
+    found = re.fullmatch(r"here it leaves what the arm reaches(?: with that pitch)?; at (\d+) %, (.*)", said)
+    if found is None:
+        assert said.endswith("; move the line") or said.endswith("; move the arc"), said
+        return
+    asked = Asked.__new__(Asked)
+    asked.robot, asked.rng, asked.roll = led.robot, led.rng, None
+    asked.point = led.points(np.array([float(found[1]) / 100]))[0]
+    asked.pitch = math.asin(float(np.clip(led.tool[2, 2], -1, 1))) if "with that pitch" in said else None
+    asked.said = found[2]
+    check_target(asked)
+
+
+def check_other_branches(led: Led, text: str) -> None:
+    found = re.search(r"start on another branch \((.*) follows? the whole", text)
+    if found is None:
+        assert "another branch" not in text
+        return
+    robot = led.robot
+    roll = robot.inverse_kinematics.roll_joint
+    solutions = robot.inverse(
+        led.tool[:3, 3],
+        robot.inverse_kinematics.pitch_and_roll(led.start)[0] if led.kept else None,
+        None if roll is None else float(led.start[roll]),
+    )
+    mine = solutions.branch_of(led.start)
+    for name in found[1].split(" or "):
+        assert name != mine, text
+        starts = solutions.q[solutions.branch == name]
+        assert len(starts), text
+        for start in starts:
+            assert np.abs(tools(robot, start[None])[0, :3, 3] - led.tool[:3, 3]).max() < 1e-9
+            led.plan(start)  # and with all that a plan checks
+            if led.decided:
+                way = led.walk(start, 1.0, 200)
+                if way is not None:
+                    inside = (way >= robot.limits[:, 0] - 1e-6) & (way <= robot.limits[:, 1] + 1e-6)
+                    assert inside.all(), text
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_of_lines_and_arcs(name: str) -> None:
+    robot, rng = load_robot(name), np.random.default_rng(100 + len(name))
+    checked = 0
+    while checked < EACH:
+        led = Led(robot, rng)
+        try:
+            led.plan(led.start)
+        except (ToolPathRefusedError, ToolPathUnreachableError) as error:
+            check_led(led, error)
+            checked += 1
+        except InputError:
+            raise
+        except ArmctlError:
+            continue  # the pre-flight's, below
+
+
+# The pre-flight.
+
+
+def motions(robot: Robot, rng: np.random.Generator) -> Iterator[tuple[Trajectory, bool]]:
+    low, high = robot.limits.T
+    a, b, c = rng.uniform(low, high, (3, robot.n))
+    yield PointToPoint.lasting(a, b, float(rng.uniform(0.2, 4.0))), False
+    yield PointToPoint.lasting(a, b + 0.2 * rng.random(robot.n), 5.0), True
+    yield plan_spline(robot, [a, b, c], checked=False), True
+
+
+def check_finding(robot: Robot, motion: Trajectory, finding: Finding, payload: float) -> None:
+    text = str(finding)
+    assert finding.time is not None and "another branch" not in text
+    said = re.search(rf"at ({NUMBER}) s, ", text)
+    assert said is not None, text
+    state = motion.sample(np.clip(np.array([float(said[1]), finding.time]), 0.0, motion.duration))
+    q = state.q[0]
+    number = [float(value) for value in re.findall(NUMBER, finding.what)]
+    titles = [joint.title for joint in robot.joints]
+    if finding.kind == "limits":
+        k = titles.index(finding.part)
+        check_limits(robot, k, *re.findall(NUMBER, finding.what)[1:])
+        assert min(abs(np.degrees(state.q[:, k]) - number[0])) <= 0.03, text
+        assert not robot.limits[k, 0] <= math.radians(number[0]) <= robot.limits[k, 1]
+    elif finding.kind in ("speed", "acceleration", "jerk"):
+        k, order = titles.index(finding.part), ("speed", "acceleration", "jerk").index(finding.kind)
+        limits = (robot.speed_limits, robot.acceleration_limits, robot.jerk_limits)[order]
+        assert abs(math.degrees(limits[k]) - number[1]) <= 0.06
+        rates = np.degrees(np.abs((state.velocity, state.acceleration, state.jerk)[order][:, k]))
+        assert min(abs(rates - number[0])) <= 0.06 + 0.01 * number[0], text
+        longer = float(re.findall(NUMBER, finding.mend)[0])
+        assert number[0] / longer ** (order + 1) <= number[1] * 1.001 + 0.06, text
+    elif finding.kind == "floor":
+        pieces = zip(robot.collision.capsules, capsule_axes(robot, q), strict=True)
+        lowest = [min(a[2], b[2]) - piece.radius for piece, (a, b) in pieces if piece.part == finding.part]
+        if finding.part == "the tool":
+            lowest = [*lowest, tools(robot, q[None])[0, 2, 3]]
+        depths = [1000 * (robot.floor_z - height) for height in lowest]
+        assert min(abs(depth - number[0]) for depth in depths) <= 0.06, text
+    elif finding.kind == "self-collision":
+        axes, pieces = capsule_axes(robot, q), robot.collision.capsules
+        other = re.fullmatch(rf"{NUMBER} mm inside (.*)", finding.what)
+        assert other is not None
+        depths = [
+            1000 * (pieces[i].radius + pieces[j].radius - apart(axes[i], axes[j]))
+            for i, j in robot.collision.pairs
+            if (pieces[j].part, pieces[i].part) == (finding.part, other[1])
+        ]
+        assert min(abs(depth - number[0]) for depth in depths) <= 0.06, text
+    elif finding.kind == "singularity":
+        assert abs(100 * isotropy(robot, q) - number[0]) <= 0.06, text
+    elif finding.kind == "torque":
+        k = titles.index(finding.part)
+        torque = gravity_torques(robot, q, payload)[k]
+        stall = robot.joints[k].stall_torque or 0.0
+        assert abs(torque - number[0]) <= 0.006 and abs(stall - number[2]) <= 0.006, text
+        assert abs(100 * torque / stall - number[1]) <= 0.6, text
+    else:
+        assert finding.kind == "rest", text
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_of_the_preflight(name: str) -> None:
+    robot, rng = load_robot(name), np.random.default_rng(200 + len(name))
+    checked = 0
+    while checked < 3 * EACH:
+        for motion, tool_path in motions(robot, rng):
+            payload = float(rng.uniform(0.0, 1.0))
+            for finding in preflight(robot, motion, payload, tool_path=tool_path):
+                check_finding(robot, motion, finding, payload)
+                checked += 1
