@@ -267,10 +267,9 @@ def _out_of_reach(tried: Attempt, q: FloatArray, s: float) -> str | None:
     if missing(min(curve.length, s + _BEYOND * curve.length)) is None:
         return None
     with_it = f" with that {tried.held}" if tried.held else ""
-    if tried.held == "pitch" and tried.turn is not None:
-        begin, end = (tried.turn.wanted(at)[0] for at in (0.0, curve.length))
-        if np.abs(end - begin).max() > _TURNED:  # farther on it is another pitch
-            return f"here it leaves what the arm reaches{with_it}; move the {curve.kind}"
+    if tried.held == "pitch" and tried.turn is not None and tried.turn.rates(s).any():
+        # farther on it is another pitch
+        return f"here it leaves what the arm reaches{with_it}; move the {curve.kind}"
     # clearer than just beyond: far out, at whole percents, so that the figures hold where they say
     percent, first = 100, math.floor(100.0 * s / curve.length) + 1
     while percent >= first:
