@@ -14,9 +14,8 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE
+from armctl.kinematics.angles import LIMIT_TOLERANCE, rotation_angle
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.numeric.goals import crossed, rotation_vectors, tool_motion
 from armctl.kinematics.target import Target
 
 _LOOKED_AT = 256
@@ -95,10 +94,12 @@ def _rows(
 
     A rotation that the solutions ``solved`` (k, n) miss is to be missed by as much.
     """
-    motion = tool_motion(chain, q)
-    rows, slopes = [motion.position - target.position], [motion.linear]
+    pose, J = chain.forward(q), chain.jacobian(q)
+    linear, axes = J[:, :3], J[:, 3:]
+    rows, slopes = [pose[:, :3, 3] - target.position], [linear]
     if target.pitch is not None:
-        approach, turned = motion.approach, crossed(motion.axes, motion.approach[:, :, None])
+        approach = pose[:, :3, 2]
+        turned = np.cross(axes, approach[:, :, None], axis=1)
         if abs(math.cos(target.pitch)) < _UPRIGHT:
             level = np.linalg.svd(up[None])[2][1:]
             rows.append(approach @ level.T)
@@ -107,14 +108,14 @@ def _rows(
             rows.append((approach @ up - math.sin(target.pitch))[:, None])
             slopes.append((up @ turned)[:, None])
     if target.rotation is not None:
-        off = rotation_vectors(motion.rotation @ target.rotation.T)
-        before = rotation_vectors(tool_motion(chain, solved).rotation @ target.rotation.T)
-        size = np.linalg.norm(before, axis=1)
-        if size.max() < _UNMET:
-            rows.append(off)
-            slopes.append(motion.axes)
+        off = pose[:, :3, :3] @ target.rotation.T
+        missed = rotation_angle(chain.forward(solved)[:, :3, :3] @ target.rotation.T)
+        axis = np.stack([off[:, i, j] - off[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1)
+        if missed.max() < _UNMET:
+            rows.append(0.5 * axis)
+            slopes.append(axes)
         else:
-            length = np.linalg.norm(off, axis=1)
-            rows.append((length - size)[:, None])
-            slopes.append((off / np.maximum(length, _UNMET)[:, None])[:, None] @ motion.axes)
+            axis /= np.maximum(np.linalg.norm(axis, axis=1), _UNMET)[:, None]
+            rows.append((rotation_angle(off) - missed)[:, None])
+            slopes.append(axis[:, None] @ axes)
     return np.concatenate(rows, axis=1), np.concatenate(slopes, axis=1)
