@@ -96,6 +96,7 @@ def test_all_images_are_inside_the_limits_and_bounded() -> None:
     for i in set(few.source.tolist()):  # the nearest to the start is among them
         nearest = np.abs(found.q[found.source == i] - start).sum(axis=1).min()
         assert np.abs(few.q[few.source == i] - start).sum(axis=1).min() <= nearest + 1e-12
+    assert len(all_images(np.empty((0, 4)), limits, start).q) == 0
     wide = all_images(np.zeros((1, 1)), np.array([[-1e6, 1e6]]))
     assert len(wide.q) == 33
     assert wide.left_out > 300_000

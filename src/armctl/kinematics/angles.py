@@ -154,7 +154,7 @@ def all_images(
     about = np.clip(np.rint(((0.0 if start is None else start) - q) / TWO_PI), first, last)
     first, last = np.maximum(first, about - _MOST_TURNS), np.minimum(last, about + _MOST_TURNS)
     count = np.maximum(last - first + 1.0, 0.0).astype(np.intp)
-    turn = np.arange(float(count.max(initial=0)))
+    turn = np.arange(float(count.max(initial=1)))
     angle: FloatArray = np.add(q[..., None], TWO_PI * (first[..., None] + turn))
     np.clip(angle, low[:, None], high[:, None], out=angle)
     angle[turn >= count[..., None]] = math.inf

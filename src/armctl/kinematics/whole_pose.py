@@ -60,7 +60,7 @@ class WholePoses:
     ) -> None:
         self._arguments = chain, limits, energy, titles
         self._limits = limits
-        self.arm = SolvedArm(branch_names, chain, energy)
+        self.arm = SolvedArm(branch_names, chain, energy, limits=limits, titles=tuple(titles))
 
     @cached_property
     def _search(self) -> NumericSolver:
