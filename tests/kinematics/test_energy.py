@@ -72,6 +72,17 @@ def test_shortest_time_is_the_duration_of_the_planned_motion() -> None:
         assert times[i] == plan_joints(robot, START, found[i], checked=False).duration
     best = found.best("shortest-time", START)
     assert plan_joints(robot, START, best, checked=False).duration <= times.min()
+    far = START + np.radians(
+        [150, 0, 0, 0, 0]
+    )  # the base sets the time: of many equals the one that moves least
+    equal = found.energies("shortest-time", far) <= found.energies("shortest-time", far).min() + 1e-10
+    assert equal.sum() > 100
+    least = found.energies("least-travel", far)[equal].min()
+    best = found.best("shortest-time", far)
+    assert (np.abs(best - far) / robot.speed_limits).sum() <= least + 1e-12
+    order = found.order("shortest-time", far)
+    assert sorted(order.tolist()) == list(range(len(found)))
+    assert found.energies("least-travel", far)[order[0]] == least
 
 
 @pytest.mark.parametrize("name", FIVE)

@@ -25,6 +25,8 @@ _TURNED = 1e-6
 """rotations that differ by less are the same [rad]"""
 _SEEN_MM = 0.05
 """what one decimal shows as more than 0.0 [mm]"""
+_SAME_TIME = 9
+"""decimals of a time that count [s]"""
 _ALIGNED = 1e-9
 """sine of the angle up to which a roll axis is along the approach axis"""
 
@@ -231,6 +233,20 @@ class Solutions:
             )
         return energy
 
+    def order(self, criterion: Criterion, start: ArrayLike | None = None) -> NDArray[np.intp]:
+        """(k,) indices of the solutions, that of least energy first; of equal times the least travel."""
+        begin = None if start is None else self.arm.chain.checked_one(start)
+        q = self.taken(self.q, criterion, begin)
+        return self._ranked(criterion, self._energies(criterion, q, begin), q, begin)
+
+    def _ranked(
+        self, name: Criterion | None, energy: FloatArray, q: FloatArray, start: FloatArray | None
+    ) -> NDArray[np.intp]:
+        if name != "shortest-time":
+            return np.argsort(energy, kind="stable")
+        # one joint sets the time, and the others need not move for nothing
+        return np.lexsort((self._energies("least-travel", q, start), np.round(energy, _SAME_TIME)))
+
     def best(self, criterion: Choice = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
         """The configuration (n,) [rad] of least energy by one of ``energy.CRITERIA``, or your own ``Choice``.
 
@@ -255,7 +271,7 @@ class Solutions:
             if name in FROM_START and begin is not None and self.travel is not None:
                 q = np.concatenate([self.taken(self.travel(begin), name, begin), q])
         energy = self.energies(criterion, begin) if name is None else self._energies(name, q, begin)
-        i = int(np.argmin(energy))
+        i = int(self._ranked(name, energy, q, begin)[0])
         if not np.isfinite(energy[i]):
             said = "the criterion given" if name is None else repr(name)
             raise UnreachableError(f"none of the {len(self)} solutions is admitted by {said}")

@@ -101,7 +101,7 @@ def answer(robot: Robot, solutions: Solutions, criterion: str, start: FloatArray
         why_not = str(refusal)
     if solutions.success:
         energy = _UNITS[name][0] * solutions.energies(name, start)
-    order = np.argsort(energy, kind="stable")
+    order = solutions.order(name, start)
     judged = _verdicts(robot, solutions, name, start, best)
     found = Answer(solutions, name, start, energy, order, best, why_not, judged)
     return replace(found, curve=_energy_curve(robot, found))
