@@ -15,15 +15,15 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import into_limits
+from armctl.kinematics.angles import half_angle_cos_sin, into_limits
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.subproblems import across, angle_about, circle, roots, turned
+from armctl.kinematics.subproblems import across, circle, roots
 
 JOINTS = 7
 _ALIGNED = 1e-9
@@ -35,7 +35,12 @@ _TURN_TOLERANCE = 1e-12
 _DOUBLE = 1e-9
 """two roots this near to each other are one [rad]"""
 
+_UNMOVED = 1e-11
+"""a unit vector this near to an axis does not move when it turns"""
+
 IndexArray = NDArray[np.intp]
+_Columns = tuple[Any, Any, Any]
+"""x, y and z of vectors: (m,) each, or a float that all have in common"""
 
 
 class Found(NamedTuple):
@@ -102,39 +107,46 @@ class LockedArm:
 
     def solve(self, pose: FloatArray, angles: FloatArray, limits: FloatArray) -> Found:
         """Every solution inside limits (7, 2) [rad] of ``T_base_tool`` (4, 4), for angles (k,) [rad]."""
-        h = self.axes
+        h: list[_Columns] = [tuple(axis) for axis in self.axes.tolist()]
         limits = limits if self.joint == 0 else limits[::-1]
         R, t = _inside_out(pose, self.home, back=self.joint != 0)
+
+        def seen(v: FloatArray) -> _Columns:
+            """A vector (3,) that all joints have turned, from link 0."""
+            return _turned(tuple(v.tolist()), h[0], -angles)
+
         # W as joint 1 to 3 must bring it to its place, seen from P; link 0 stands still
-        ends = turned(R @ self.wrist + t - self.origin, h[0], -angles) + (self.origin - self.shoulder)
+        ahead = seen(R @ self.wrist + t - self.origin)
+        ends = _added(ahead, tuple((self.origin - self.shoulder).tolist()))
 
         fore, upper = self.wrist - self.elbow, self.shoulder - self.elbow
-        product = 0.5 * (fore @ fore + upper @ upper - np.einsum("ki,ki->k", ends, ends))
+        product = 0.5 * (fore @ fore + upper @ upper - _dot(ends, ends))
         elbow, row, third = _choices(roots(self._elbow_circle, product, _REACH_TOLERANCE), limits[3])
 
-        hand = turned(fore, h[3], third) - upper
-        length = np.maximum(np.linalg.norm(hand, axis=1, keepdims=True), 1e-300)
-        hand, end = hand / length, ends[row] / length
-        both = roots(circle(h[2], hand, h[1]), end @ h[1], _TURN_TOLERANCE, rest=0.0)
-        shoulder, of, second = _choices(both, limits[2])
-        hand, end, elbow, row, third = hand[of], end[of], elbow[of], row[of], third[of]
-        first = angle_about(h[1], turned(hand, h[2], second), end)
-        _, of, first = _choices(first[None], limits[1])
-        shoulder, elbow, row = shoulder[of], elbow[of], row[of]
-        second, third = second[of], third[of]
+        hand = _added(_turned(tuple(fore.tolist()), h[3], third), tuple((-upper).tolist()))
+        end = _taken(ends, row)
+        length = np.maximum(np.sqrt(_dot(hand, hand)), 1e-300)
+        hand, end = _scaled(hand, 1.0 / length), _scaled(end, 1.0 / length)
+        fixed = _dot(h[1], h[2]) * _dot(h[2], hand)
+        turning = fixed, _dot(h[1], hand) - fixed, _dot(h[1], _cross(h[2], hand))
+        shoulder, of, second = _choices(roots(turning, _dot(h[1], end), _TURN_TOLERANCE, rest=0.0), limits[2])
+        first = _about(h[1], _turned(_taken(hand, of), h[2], second), _taken(end, of))
+        _, kept, first = _choices(first[None], limits[1])
+        shoulder, of, second = shoulder[kept], of[kept], second[kept]
+        elbow, row, third = elbow[of], row[of], third[of]
 
-        def before_wrist(v: FloatArray) -> FloatArray:
-            """A vector (3,) that all joints have turned, as the wrist alone must turn it (m, 3)."""
-            v = turned(turned(R @ v, h[0], -angles)[row], h[1], -first)
-            return turned(turned(v, h[2], -second), h[3], -third)
+        def before_wrist(v: FloatArray) -> _Columns:
+            """The same as the wrist alone must turn it."""
+            turned = _turned(_taken(seen(R @ v), row), h[1], -first)
+            return _turned(_turned(turned, h[2], -second), h[3], -third)
 
-        aim = before_wrist(h[6])
-        both = roots(circle(h[5], h[6], h[4]), aim @ h[4], _TURN_TOLERANCE, rest=0.0)
+        aim = before_wrist(self.axes[6])
+        both = roots(circle(self.axes[5], self.axes[6], self.axes[4]), _dot(h[4], aim), _TURN_TOLERANCE, 0.0)
         wrist, of, fifth = _choices(both, limits[5])
-        fourth = angle_about(h[4], turned(h[6], h[5], fifth), aim[of])
-        side = _sideways(h[6])
-        rest = turned(turned(before_wrist(side)[of], h[4], -fourth), h[5], -fifth)
-        sixth = angle_about(h[6], side, rest)
+        fourth = _about(h[4], _turned(h[6], h[5], fifth), _taken(aim, of))
+        side = _sideways(self.axes[6])
+        rest = _turned(_turned(_taken(before_wrist(side), of), h[4], -fourth), h[5], -fifth)
+        sixth = _about(h[6], tuple(side.tolist()), rest)
 
         q = np.stack([angles[row[of]], first[of], second[of], third[of], fourth, fifth, sixth], axis=1)
         inside = np.ones(len(q), dtype=np.bool_)
@@ -146,6 +158,44 @@ class LockedArm:
         if self.joint != 0:
             q = q[:, ::-1]
         return Found(row[of][inside], branch[inside], q[inside])
+
+
+# Vectors as three columns, for tens of thousands of angles at once: as arrays (m, 3) they take far longer.
+
+
+def _dot(a: _Columns, b: _Columns) -> Any:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: _Columns, b: _Columns) -> _Columns:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _added(a: _Columns, b: _Columns) -> _Columns:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def _scaled(a: _Columns, factor: FloatArray) -> _Columns:
+    return factor * a[0], factor * a[1], factor * a[2]
+
+
+def _taken(a: _Columns, of: IndexArray) -> _Columns:
+    return a[0][of], a[1][of], a[2][of]
+
+
+def _turned(v: _Columns, axis: _Columns, angle: FloatArray) -> _Columns:
+    """Turned about a unit axis by angles (m,) [rad] (Rodrigues)."""
+    c, s = half_angle_cos_sin(angle)
+    along = (1.0 - c) * _dot(axis, v)
+    return _added(_added(_scaled(v, c), _scaled(_cross(axis, v), s)), _scaled(axis, along))
+
+
+def _about(axis: _Columns, start: _Columns, end: _Columns) -> FloatArray:
+    """Subproblem 1: the turn [rad] about a unit axis from one vector to another; 0 where it moves neither."""
+    sideways = _cross(axis, start)
+    cosine = _dot(start, end) - _dot(axis, start) * _dot(axis, end)
+    still = _dot(sideways, sideways) < _UNMOVED * _UNMOVED
+    return np.where(still, 0.0, np.arctan2(_dot(sideways, end), cosine))
 
 
 def common_point(points: FloatArray, axes: FloatArray) -> FloatArray | None:
