@@ -55,6 +55,23 @@ def test_a_good_program() -> None:
         (WaitStep(seconds=-1), "step 2: key seconds: must be 0 … 86400, not -1"),
         (LineStep(x_mm=200, y_mm=0, z_mm=85, pitch="interpolated"), 'step 2: pitch = "interpolated" and'),
         (LineStep(x_mm=200, y_mm=0, z_mm=85, pitch_deg=3), 'step 2: pitch = "kept" and pitch_deg = 3'),
+        (
+            LineStep(x_mm=200, y_mm=0, z_mm=85, orientation="interpolated"),
+            'step 2: orientation = "interpolated" and rx_deg, ry_deg, rz_deg = None do not go together',
+        ),
+        (
+            LineStep(x_mm=200, y_mm=0, z_mm=85, orientation="interpolated", rx_deg=1),
+            "step 2: an orientation needs all of rx_deg, ry_deg, rz_deg",
+        ),
+        (
+            LineStep(x_mm=200, y_mm=0, z_mm=85, orientation="kept", pitch="free"),
+            'step 2: pitch = "free" and orientation = "kept" do not go together',
+        ),
+        (PointStep(x_mm=200, y_mm=0, z_mm=85, ry_deg=1), "step 2: an orientation needs all of rx_deg"),
+        (
+            PointStep(x_mm=200, y_mm=0, z_mm=85, rx_deg=0, ry_deg=1, rz_deg=2, pitch_deg=3),
+            "step 2: give either a rotation, or pitch and roll, not both",
+        ),
         (RepeatStep(times=2), "step 2: this 'repeat' has no 'end'"),
         (EndStep(), "step 2: 'end' without a 'repeat'"),
     ],

@@ -213,5 +213,15 @@ def test_as_points_moves_are_led_through_forward_kinematics(name: str) -> None:
     assert (point.duration_s, point.blend_mm, point.profile, point.note) == (3, 4, "quintic", "n")
 
 
+def test_as_points_moves_of_six_joints_keep_their_orientation() -> None:
+    robot = load_robot("ur5")
+    q = robot.pose("home")
+    move = MoveStep(joints_deg=tuple(np.degrees(q).tolist()))
+    (point,) = read_csv(write_csv(Program(robot="ur5", steps=(move,)), robot, "points"), robot).steps
+    assert isinstance(point, PointStep) and point.pitch_deg is None
+    there = robot.forward(point.end(robot, q))
+    np.testing.assert_allclose(there, robot.forward(q), atol=1e-7)
+
+
 def test_an_empty_program_has_the_heads_of_the_joints() -> None:
     assert write_csv(Program(robot="uzuner"), ROBOT) == f"step,do,{JOINTS}\r\n"

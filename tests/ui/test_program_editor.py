@@ -13,6 +13,7 @@ from tests.runtime.kit import make_rig
 
 from armctl.errors import InputError, StateError
 from armctl.hardware import Source
+from armctl.kinematics import rotation_from_rpy
 from armctl.program import ArcStep, EndStep, GripperStep, LineStep, MoveStep, PointStep, RepeatStep, WaitStep
 from armctl.robot import Robot, load_robot
 from armctl.runtime import State
@@ -61,6 +62,19 @@ def test_each_kind_records_what_it_says() -> None:
     mico = load_robot("mico")
     line, point = (step_here(kind, mico, standing(mico)) for kind in (LineStep, PointStep))
     assert (cast(LineStep, line).pitch, cast(PointStep, point).pitch_deg) == ("free", None)
+
+
+@pytest.mark.parametrize("kind", [PointStep, LineStep])
+def test_of_six_joints_the_whole_pose_of_the_tool_is_recorded(kind: type[PointStep | LineStep]) -> None:
+    ur5 = load_robot("ur5")
+    step, there = step_here(kind, ur5, standing(ur5)), ur5.forward(ur5.pose("home"))
+    step.check(ur5)
+    start = ur5.inverse(
+        there[:3, 3] + [0.0, 0.03, 0.02], rotation=rotation_from_rpy(0.1, 0.2, 0) @ there[:3, :3]
+    )
+    end = step.plan(ur5, start.best("least-travel", ur5.pose("home"))).end
+    np.testing.assert_allclose(ur5.forward(end), there, atol=2e-5)
+    assert step.pitch_deg is None
 
 
 def test_an_arm_without_a_gripper_has_no_button_for_it() -> None:

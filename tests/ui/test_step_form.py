@@ -18,6 +18,7 @@ from armctl.program import (
     WaitStep,
 )
 from armctl.program.keys import keys_of
+from armctl.robot import load_robot
 from armctl.ui.tabs.manual.step_form import by_label, edited, texts_of
 
 MOVE = MoveStep(joints_deg=(0.12345, 90, -80, -40, 0), duration_s=2)
@@ -37,6 +38,26 @@ def test_each_kind_has_its_fields() -> None:
     assert list(texts_of(arc))[:2] == ["Point mm", "Via mm"]
     assert list(texts_of(WaitStep(seconds=1))) == ["Wait time s", "Note"]
     assert list(texts_of(EndStep())) == ["Note"]
+
+
+def test_arms_with_six_joints_are_asked_for_an_orientation_and_one_of_the_two_counts() -> None:
+    ur5 = load_robot("ur5")
+    fields = ["Point mm", "Tool orientation", "Rx Ry Rz °", "Tool speed mm/s"]
+    assert list(texts_of(LINE, ur5))[:4] == fields
+    assert texts_of(LINE, ur5)["Tool orientation"] == texts_of(LINE)["Tool pitch"] == "kept"
+    assert list(texts_of(POINT, ur5))[:3] == ["Point mm", "Rx Ry Rz °", "Choose by"]
+    changes = {"Tool orientation": "interpolated", "Rx Ry Rz °": "180, 0 -90"}
+    turned = edited(LINE, texts_of(LINE, ur5) | changes)
+    assert turned == LineStep(
+        x_mm=200, y_mm=0, z_mm=85, orientation="interpolated", rx_deg=180, ry_deg=0, rz_deg=-90
+    )
+    shown = texts_of(turned)
+    assert shown["Rx Ry Rz °"] == "180, 0, -90" and shown["Tool pitch"] == "kept"
+    assert edited(turned, shown | {"Tool pitch": "free"}) == LineStep(x_mm=200, y_mm=0, z_mm=85, pitch="free")
+    emptied = edited(turned, shown | {"Rx Ry Rz °": " ", "Tool orientation": "kept"})
+    assert emptied == LineStep(x_mm=200, y_mm=0, z_mm=85, orientation="kept")
+    with pytest.raises(InputError, match="Rx Ry Rz °: 3 numbers are needed"):
+        edited(turned, shown | {"Rx Ry Rz °": "1, 2"})
 
 
 @given(programs(joints=st.just(5)))

@@ -137,6 +137,27 @@ def test_the_seventh_joint_moves_as_little_as_serves() -> None:
         np.testing.assert_allclose(slope, least, atol=2e-3 * np.abs(least).max())
 
 
+@pytest.mark.parametrize(
+    ("q", "end"),
+    [
+        ((2.53, 1.06, -0.13, -1.5, -0.6, 1.24, -2.66), (-0.29, 0.49, 0.37)),
+        ((-2.06, -0.12, -2.61, -0.66, 1.27, 2.52, 1.51), (0.15, 0.3, 1.05)),
+    ],
+)
+def test_the_seventh_joint_leads_around_limits_that_the_least_motion_runs_into(
+    q: tuple[float, ...], end: tuple[float, ...]
+) -> None:
+    start, wide = np.array(q), np.array([[-20.0, 20.0]] * 7)
+    curve = ToolLine(SEVEN.forward(start)[:3, 3], end)
+    least = follow(robot_of(SEVEN.chain, wide), start, curve, orientation="kept")
+    assert least is not None
+    low, high = least.extremes()
+    assert (low < SEVEN.limits[:, 0]).any() or (high > SEVEN.limits[:, 1]).any()
+    path = follow(SEVEN, start, curve, orientation="kept")
+    assert path is not None
+    measured(SEVEN, curve, path, turned(SEVEN, start))
+
+
 # Five joints: yaw, three pitch joints, roll.
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Literal, get_args
 
 import numpy as np
@@ -33,6 +34,8 @@ PitchMode = TurnMode
 TURN_MODES: tuple[TurnMode, ...] = get_args(TurnMode)
 _PUSHES = (6.0, 30.0)
 """tried in this order: how strongly a free joint keeps away from the limits [rad/m]"""
+_DRIFTS = (0.5, 1.5, 4.0)
+"""and then: by how much the free joints are led aside on the whole way, each way [rad]"""
 _AT_ONCE = 1e-6
 _SAME_TURN = math.radians(0.01)
 """turns nearer to each other than this count as one where there is no way to turn on [rad]"""
@@ -223,3 +226,7 @@ def _tasks(robot: Robot, task: ToolTask, q: FloatArray) -> Iterator[ToolTask]:
     else:
         for strength in _PUSHES:
             yield replace(task, push=strength)
+        for turn, free in product(_DRIFTS, task.free_rates(q)):
+            drift = free * (turn / (task.curve.length * np.abs(free * task.speeds[task.moving]).max()))
+            for sense in (1.0, -1.0):
+                yield replace(task, push=_PUSHES[0], drift=sense * drift)

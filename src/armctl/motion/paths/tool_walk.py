@@ -241,6 +241,8 @@ class ToolTask:
     """(n, 2) [rad]"""
     push: float = 0.0
     """how strongly a free joint keeps away from its limits [rad/m]"""
+    drift: FloatArray | None = None
+    """(f,) rates, in units of the joints' speeds, that a free joint is led at besides [1/m]"""
 
     @property
     def rows(self) -> int:
@@ -305,10 +307,14 @@ class ToolTask:
         speed = self.speeds[move]
         slope, bend = np.zeros(len(q)), np.zeros(len(q))
         rates = inverse.least @ first
-        push, push_change = np.zeros((2, len(move)))
-        if self.redundant and self.push:  # the gradient g
+        lean, push_change = np.zeros((2, len(move)))  # the gradient g, in units of the speeds
+        if self.redundant and self.push:
             push, push_change = np.array(repulsion(q, self.limits, self.push))[:, move] / speed**2
-            rates = rates - inverse.null(speed * push)
+            lean = speed * push
+        if self.redundant and self.drift is not None:
+            lean = lean - self.drift
+        if lean.any():
+            rates = rates - inverse.null(lean)
         if not inverse.meets(rates, first):
             return None
         slope[move] = speed * rates
@@ -318,12 +324,17 @@ class ToolTask:
         bends = inverse.least @ (second - turned @ slope)
         if self.redundant:
             # Lagrange's multipliers: the solution of A Aᵀ x = w' + A g
-            right = first + inverse.rows @ (speed * push)
+            right = first + inverse.rows @ lean
             multipliers = inverse.least.T @ (inverse.least @ right)
             bends += inverse.null(speed * (turned[:, move].T @ multipliers - push_change * slope[move]))
         bend[move] = speed * bends
         bounded = np.isfinite(bend).all() and (np.abs(slope) * SLOWEST_M_S <= self.speeds).all()
         return Knot(s, q, slope, bend) if bounded else None
+
+    def free_rates(self, q: FloatArray) -> FloatArray:
+        """(k, f) rates that no equation sees at ``q`` (n,), in units of the speeds: unit vectors."""
+        rows = self._scaled_rows(self.chain.forward(q), self.chain.jacobian(q))
+        return np.linalg.svd(rows)[2][self.rows :]
 
     def _scaled_rows(self, pose: FloatArray, jacobian: FloatArray) -> FloatArray:
         """(m, f) derivatives of the rows by the joints solved for, in units of their speeds."""
