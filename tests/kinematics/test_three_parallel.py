@@ -68,6 +68,26 @@ def test_named_arms(name: str) -> None:
         assert len(solutions) % 64 == 0  # two images of each angle
 
 
+@pytest.mark.parametrize("name", [*THREE_PARALLEL, "random"])
+def test_one_pose_in_plain_floats_and_many_as_arrays_agree(name: str) -> None:
+    """A branch has the same name in both."""
+    rng = np.random.default_rng(35)
+    arm = THREE_PARALLEL.get(name) or random_three_parallel(np.random.default_rng(3), 1)
+    arm = SixJoints(arm.chain, np.tile([-math.pi, math.pi], (6, 1)))
+    solver = solver_of(arm, FAMILY)
+    q = random_q(rng, arm.limits, 60)
+    q[::6, 2] = 0.0  # singular, where plain floats leave it to the arrays
+    poses = plain_pose(arm.chain, q)
+    batch = solver.solve_poses(poses)
+    assert batch is not None
+    for pose, ways, found in zip(poses, batch.q, batch.found, strict=True):
+        solutions = solver.solve(target_of(pose), STEP)
+        assert len(solutions) == found.sum()
+        for one, branch in zip(solutions, solutions.branch_index, strict=True):
+            assert found[branch]
+            assert apart(ways[branch], one) < 1e-6
+
+
 def test_the_eight_ways_have_names() -> None:
     half = SixJoints(UR5.chain, np.tile([-math.pi, math.pi], (6, 1)))
     pose = plain_pose(UR5.chain, np.array([0.4, -1.1, 1.3, -0.7, 0.9, 0.2]))

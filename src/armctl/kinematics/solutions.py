@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,6 +34,14 @@ _ALIGNED = 1e-9
 Choice = str | Callable[[FloatArray, FloatArray | None], ArrayLike]
 """A named criterion, or one of your own: of the solutions (k, n) [rad] and the start (n,) [rad], or None
 where none is given, it makes k energies. The least is chosen; infinity excludes one."""
+
+
+class Listed(Protocol):
+    """An array whose length is known before it is made."""
+
+    def __len__(self) -> int: ...
+
+    def __array__(self) -> NDArray[Any]: ...
 
 
 class SolvedArm(NamedTuple):
@@ -65,8 +73,8 @@ class Solutions:
         self,
         arm: SolvedArm,
         target: Target,
-        q: FloatArray | Sequence[Sequence[float]],
-        branch_index: NDArray[np.int8] | Sequence[int],
+        q: FloatArray | Sequence[Sequence[float]] | Listed,
+        branch_index: NDArray[np.int8] | Sequence[int] | Listed,
         free_joint: int | None = None,
         least_rotation: Callable[[], FloatArray | None] | None = None,
         reason: str | None = None,

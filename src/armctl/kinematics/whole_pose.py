@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import TWO_PI, all_images, rest_angle
+from armctl.kinematics.angles import LIMIT_TOLERANCE, MOST_IMAGES, TWO_PI, Images, all_images, rest_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.goals import rotation_vectors, tool_motion
@@ -45,6 +45,43 @@ class Ways(NamedTuple):
     """(k,) index into the branch names"""
     incomplete_reason: str | None = None
     """why there are more, in words"""
+
+
+class _Images:
+    """The images of configurations inside the limits, counted at once and listed when they are looked at."""
+
+    def __init__(self, q: FloatArray, limits: FloatArray, start: FloatArray | None) -> None:
+        self._arguments = q, limits, start
+        low, high = limits.T
+        turns = np.floor((high + LIMIT_TOLERANCE - q) / TWO_PI) - np.ceil(
+            (low - LIMIT_TOLERANCE - q) / TWO_PI
+        )
+        every = round(float(np.maximum(turns + 1.0, 0.0).prod(axis=1).sum()))
+        self.left_out = self.listed.left_out if every > MOST_IMAGES else 0
+        self._count = every - self.left_out
+
+    @cached_property
+    def listed(self) -> Images:
+        return all_images(*self._arguments)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __array__(self, dtype: object = None, copy: object = None) -> FloatArray:
+        return self.listed.q
+
+
+class _BranchOfImages:
+    """The branch of each image."""
+
+    def __init__(self, branch: NDArray[np.int8], images: _Images) -> None:
+        self._branch, self._images = branch, images
+
+    def __len__(self) -> int:
+        return len(self._images)
+
+    def __array__(self, dtype: object = None, copy: object = None) -> NDArray[np.int8]:
+        return self._branch[self._images.listed.source]
 
 
 class WholePoses:
@@ -80,14 +117,15 @@ class WholePoses:
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = target.rotation, target.point
         ways = every_way(pose, start)
-        q, source, left_out = all_images(ways.q, self._limits, start)
-        if len(q) == 0:
+        images = _Images(ways.q, self._limits, start)
+        if len(images) == 0:
             return self._search.approach(target)
         reason = ways.incomplete_reason
-        if left_out:
+        if images.left_out:
             reason = f"{reason}; " if reason else ""
-            reason = f"{reason}{left_out} more differ by whole turns"
-        return Solutions(self.arm, target, q, ways.branch[source], incomplete_reason=reason)
+            reason = f"{reason}{images.left_out} more differ by whole turns"
+        branch = _BranchOfImages(ways.branch, images)
+        return Solutions(self.arm, target, images, branch, incomplete_reason=reason)
 
     def spread(self, joint: int, start: FloatArray | None) -> FloatArray:
         """(m,) angles inside the limits of a joint that may be at any [rad], that of ``start`` (n,) too."""

@@ -22,6 +22,7 @@ from armctl.kinematics.three_parallel.closed_form import (
     with_wrist,
 )
 from armctl.kinematics.three_parallel.geometry import ThreeParallel, recognise_three_parallel
+from armctl.kinematics.three_parallel.one_pose import OnePose
 from armctl.kinematics.whole_pose import Ways, WholePoses, distinct, misses, polished
 
 _NEAR = 1e-12
@@ -50,6 +51,8 @@ class ThreeParallelSolver(InverseKinematics):
         super().__init__(chain, limits, energy, titles, roll_joint=roll_joint(chain))
         self.geometry = geometry
         self._names = branch_names(geometry)
+        usual = geometry.exact and geometry.first == 1 and geometry.meet[0]
+        self._one_pose = OnePose(geometry) if usual else None
         self._answers = WholePoses(chain, limits, energy, titles, self._names)
         self._reach = float(np.abs(geometry.points).max() + np.linalg.norm(geometry.links, axis=1).sum())
 
@@ -74,6 +77,10 @@ class ThreeParallelSolver(InverseKinematics):
 
     def _every_way(self, pose: FloatArray, start: FloatArray | None) -> Ways:
         arm = self.geometry
+        if self._one_pose is not None:
+            few = self._one_pose.ways(pose.tolist())
+            if few is not None:
+                return Ways(np.array(few[0]).reshape(-1, 6), np.array(few[1], dtype=np.int8))
         ways = all_ways(arm, pose[None])
         index = np.arange(BRANCHES, dtype=np.int8)
         reason: str | None = None
