@@ -115,31 +115,28 @@ class RollSweep:
             [self._rows(way, *self._follow(place, way, rolls), rolls) for way in ways], start
         )
 
-    def candidates(self, place: Place, start: FloatArray, weights: FloatArray, step: float) -> FloatArray:
+    def candidates(
+        self, place: Place, start: FloatArray, weights: FloatArray, step: float, listed: FloatArray
+    ) -> FloatArray:
         """Configurations (m, n) among which Σ weight · |θ - start| is least, (n,) [rad] and positive.
 
         A joint is where it starts or at a limit there, or the sum is smooth: then its least is looked for
-        between the values of a grid of a step [rad].
+        about the best of those ``listed`` (k, n) with a step of the roll [rad].
         """
         rolls = np.append(self.knots(place, start), np.clip(start[-1], *self._ranges[-1]))
-        rows = self.at(place, np.concatenate([rolls, grid_values(*self._ranges[-1], step)]), start)
-        if len(rows.q) == 0:
-            return rows.q
+        found = np.concatenate([listed, self.at(place, rolls, start).q])
 
-        def cost(q: FloatArray) -> FloatArray:
-            return np.abs(q - start) @ weights
+        def least(q: FloatArray) -> FloatArray:
+            return q[int((np.abs(q - start) @ weights).argmin())]
 
-        best, reach = rows.q[int(cost(rows.q).argmin())], step
-        kept = [best[None]]
+        best, reach, kept = least(found), step, [found[len(listed) :]]
         for _ in range(_ZOOMS):
+            kept.append(best[None])
             at = float(best[-1])
             near: FloatArray = np.linspace(at - reach, at + reach, _ZOOM).clip(*self._ranges[-1])
-            q = self.at(place, near, start).q
-            if len(q) == 0:
-                break
-            best, reach = q[int(cost(q).argmin())], 2.0 * reach / (_ZOOM - 1)
-            kept.append(best[None])
-        return np.concatenate(kept)
+            best = least(np.concatenate([best[None], self.at(place, near, start).q]))
+            reach *= 2.0 / (_ZOOM - 1)
+        return np.concatenate([*kept, best[None]])
 
     def _ways(self, place: Place) -> Iterator[_Way]:
         plane = self._geometry.plane

@@ -48,7 +48,9 @@ _VERTICAL = 1e-9
 _LEFT, _UP, _DOWN = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
 _COARSE = 25
 """rolls tried for the least of two free joints, evenly over the limits"""
-_GOLDEN_ROUNDS, _GOLDEN = 40, 0.5 * (math.sqrt(5.0) - 1.0)
+_ASIDE = 1e-3
+"""a roll so far from that of the start tells whether it is better there [rad]"""
+_GOLDEN_ROUNDS, _GOLDEN = 32, 0.5 * (math.sqrt(5.0) - 1.0)
 _Candidate = tuple[FloatArray, int]
 """a configuration (n,) [rad] and the index of its branch"""
 
@@ -185,15 +187,14 @@ class OffsetRollSolver(InverseKinematics):
         rows = self._sweep.solve(place, step)
         if len(rows.q) == 0:
             return self._without(target, step)
-        weights = 1.0 / self.energy.speed_limits
 
         def optimum() -> FloatArray:
-            zero = np.zeros(self.chain.n)
-            found = self._sweep.candidates(place, zero, np.ones(self.chain.n), step)
-            return min(found, key=lambda q: float(np.abs(q).sum())).copy()
+            zero, ones = np.zeros(self.chain.n), np.ones(self.chain.n)
+            found = self._sweep.candidates(place, zero, ones, step, rows.q)
+            return found[int(np.abs(found).sum(axis=1).argmin())].copy()
 
         def travel(start: FloatArray) -> FloatArray:
-            return self._sweep.candidates(place, start, weights, step)
+            return self._sweep.candidates(place, start, 1.0 / self.energy.speed_limits, step, rows.q)
 
         reason = f"{rows.left_out} more differ by whole turns" if rows.left_out else None
         return Solutions(
@@ -255,15 +256,18 @@ class OffsetRollSolver(InverseKinematics):
             if weights[-1] * abs(roll - begin) >= cost(best):
                 break  # the roll alone takes as much
             best = min(best, roll, key=cost)
-        gap = (high - low) / (_COARSE - 1)
-        a, b = max(best - gap, low), min(best + gap, high)
-        for _ in range(_GOLDEN_ROUNDS):
+        beside = (max(begin - _ASIDE, low), min(begin + _ASIDE, high))
+        if best != begin or min(map(cost, beside)) < cost(begin):
+            gap = (high - low) / (_COARSE - 1)
+            a, b = max(best - gap, low), min(best + gap, high)
             left, right = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)
-            if cost(left) <= cost(right):
-                b = right
-            else:
-                a = left
-            best = min(best, left, right, key=cost)
+            for _ in range(_GOLDEN_ROUNDS):
+                if cost(left) <= cost(right):
+                    b, right = right, left
+                    left = b - _GOLDEN * (b - a)
+                else:
+                    a, left = left, right
+                    right = a + _GOLDEN * (b - a)
         ranked = sorted(seen, key=cost)
         return np.array([q for roll in ranked if (q := seen[roll][1]) is not None])
 
