@@ -13,7 +13,7 @@ from benchmarks import machine
 from benchmarks.measure import FULL, QUICK, Effort
 from benchmarks.row import Row
 from benchmarks.table import table, with_table
-from benchmarks.works import forward, least_rotation, off_manifold, path_speed, pose, sweep
+from benchmarks.works import forward, least_rotation, off_manifold, path_speed, pose, sweep, whole_pose
 
 PAGE = Path(__file__).parents[1] / "docs" / "speed.md"
 RESULTS = Path(__file__).parent / "results"
@@ -22,6 +22,7 @@ WORKS = {
     "sweep": sweep,
     "least_rotation": least_rotation,
     "pose": pose,
+    "whole_pose": whole_pose,
     "off_manifold": off_manifold,
     "path_speed": path_speed,
 }

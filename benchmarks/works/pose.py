@@ -26,9 +26,9 @@ def _one(robot: Robot, arm: PlanarArm, q: FloatArray, effort: Effort) -> Row:
 
     def sides() -> tuple[Work, Work]:
         peer = Eaik(robot)
-        _must_find(np.array([_nearest(peer.answers(T), one) for T, one in zip(poses, q, strict=True)]), q)
-        ours = [_nearest(robot.inverse(*target).q, one) for target, one in zip(targets, q, strict=True)]
-        _must_find(np.array(ours), q)
+        must_find(np.array([nearest(peer.answers(T), one) for T, one in zip(poses, q, strict=True)]), q)
+        ours = [nearest(robot.inverse(*target).q, one) for target, one in zip(targets, q, strict=True)]
+        must_find(np.array(ours), q)
         return (
             lambda: [peer.all_solutions(pose) for pose in poses],
             lambda: [robot.inverse(*target) for target in targets],
@@ -48,7 +48,7 @@ def _many(robot: Robot, arm: PlanarArm, q: FloatArray, effort: Effort) -> Row:
     def eaik() -> tuple[Work, Work]:
         peer = Eaik(robot)
         solutions = robot.inverse_batch(positions, pitch, roll)
-        _must_find(_nearest(np.where(solutions.found[..., None], solutions.q, np.inf), q), q)
+        must_find(nearest(np.where(solutions.found[..., None], solutions.q, np.inf), q), q)
         return lambda: peer.batch(poses), ours
 
     work = f"{robot.name}, the same, {count:,} poses, a pose"
@@ -56,7 +56,7 @@ def _many(robot: Robot, arm: PlanarArm, q: FloatArray, effort: Effort) -> Row:
     return compare(work, "EAIK's batch, all cores (keeps no limits)", eaik, effort, each=count, goal=goal)
 
 
-def _nearest(found: FloatArray, q: FloatArray) -> FloatArray:
+def nearest(found: FloatArray, q: FloatArray) -> FloatArray:
     """Of the configurations (..., b, n) that were found, each target's nearest to its own q (..., n)."""
     away = np.abs(np.angle(np.exp(1j * np.where(np.isfinite(found), found - q[..., None, :], np.pi)))).max(
         axis=-1
@@ -64,7 +64,7 @@ def _nearest(found: FloatArray, q: FloatArray) -> FloatArray:
     return np.take_along_axis(found, away.argmin(axis=-1)[..., None, None], axis=-2)[..., 0, :]
 
 
-def _must_find(found: FloatArray, q: FloatArray) -> None:
+def must_find(found: FloatArray, q: FloatArray) -> None:
     """The configuration that the target was made from is among the answers, whole turns aside."""
     for part in (np.cos, np.sin):
         must_agree("the configuration behind the target", part(found), part(q), 1e-5)

@@ -118,3 +118,39 @@ def random_arms(seed: int, count: int) -> list[tuple[Chain, FloatArray]]:
         (random_chain(rng, REGIONAL[i % len(REGIONAL)], backward=i % 4 == 3), random_limits(rng))
         for i in range(count)
     ]
+
+
+# A search of its own: Newton steps from many starts, on plain products of 4 x 4 matrices.
+
+
+def product(chain: Chain, q: FloatArray) -> list[FloatArray]:
+    """The frames of the joints and the tool at q (k, 6): (k, 4, 4) each."""
+    frames: list[FloatArray] = []
+    T = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+    for segment, angle in zip(chain.segments, q.T, strict=True):
+        Z = np.zeros((len(q), 4, 4))
+        Z[:, 0, 0] = Z[:, 1, 1] = np.cos(angle)
+        Z[:, 1, 0] = np.sin(angle)
+        Z[:, 0, 1] = -Z[:, 1, 0]
+        Z[:, 2, 2] = Z[:, 3, 3] = 1.0
+        T = T @ segment @ Z
+        frames.append(T)
+    return [*frames, T @ chain.tail]
+
+
+def newton(chain: Chain, pose: FloatArray, q: FloatArray, steps: int = 40) -> FloatArray:
+    """Those of starts (k, 6) that come to a pose, as they come [rad]."""
+    for _ in range(steps):
+        *frames, T = product(chain, q)
+        turn = T[:, :3, :3] @ pose[:3, :3].T
+        skew = [turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]]
+        off = np.concatenate([T[:, :3, 3] - pose[:3, 3], 0.5 * np.stack(skew, axis=1)], axis=1)
+        z = np.stack([frame[:, :3, 2] for frame in frames], axis=2)
+        arm = np.stack([T[:, :3, 3] - frame[:, :3, 3] for frame in frames], axis=2)
+        J = np.concatenate([np.cross(z, arm, axis=1), z], axis=1)
+        H = J.swapaxes(1, 2) @ J + 1e-12 * np.eye(6)
+        step = np.linalg.solve(H, J.swapaxes(1, 2) @ off[:, :, None])[:, :, 0]
+        q = q - step * np.minimum(1.0, 0.7 / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
+    T = product(chain, q)[-1]
+    there = np.abs(T - pose).max(axis=(1, 2)) < 1e-9
+    return q[there]

@@ -238,7 +238,7 @@ _SPREAD = 24
 def two_turns(A: _Matrix, B: _Matrix, c: _Pair, tolerance: float = TOLERANCE) -> Answer:
     """Angles with ``A (cos θ1, sin θ1) + B (cos θ2, sin θ2) = c``: up to four pairs.
 
-    One angle is eliminated by its unit length, the one whose matrix is better conditioned. What is left,
+    One angle is eliminated by its unit length, the one whose matrix has the larger determinant. What is left,
     ``|adj(B) (c - A u)|² = det(B)²``, is of degree 2 in exp(i θ1): four roots, which Newton steps in both
     angles make exact. Where nothing meets the conditions, the pair that misses them by the least.
     """
@@ -247,7 +247,7 @@ def two_turns(A: _Matrix, B: _Matrix, c: _Pair, tolerance: float = TOLERANCE) ->
         angles, exact = _one_turn(B if still_a else A, c, tolerance)
         pairs = tuple((0.0, x) if still_a else (x, 0.0) for x in angles)
         return Answer(pairs, exact, (0,) if still_a else (1,))
-    if _conditioned(A) > _conditioned(B):
+    if abs(_determinant_of(A)) > abs(_determinant_of(B)):
         answer = _two_turns(B, A, c, tolerance)
         return answer._replace(angles=tuple((x, y) for y, x in answer.angles))
     return _two_turns(A, B, c, tolerance)
@@ -314,15 +314,17 @@ def _descended(A: _Matrix, B: _Matrix, c: _Pair, x: float, y: float) -> tuple[_P
         sx, cx, sy, cy = math.sin(x), math.cos(x), math.sin(y), math.cos(y)
         j00, j01 = A[0][1] * cx - A[0][0] * sx, B[0][1] * cy - B[0][0] * sy
         j10, j11 = A[1][1] * cx - A[1][0] * sx, B[1][1] * cy - B[1][0] * sy
-        # (JᵀJ + small) step = -Jᵀr: near a double root J has no inverse
-        h00, h01, h11 = j00 * j00 + j10 * j10, j00 * j01 + j10 * j11, j01 * j01 + j11 * j11
-        damping = 1e-15 * (h00 + h11)
-        h00, h11 = h00 + damping, h11 + damping
-        g0, g1 = j00 * r0 + j10 * r1, j01 * r0 + j11 * r1
-        det = h00 * h11 - h01 * h01
-        if det <= 0.0:
-            break
-        new_x, new_y = x - (h11 * g0 - h01 * g1) / det, y - (h00 * g1 - h01 * g0) / det
+        det, size = j00 * j11 - j01 * j10, j00 * j00 + j01 * j01 + j10 * j10 + j11 * j11
+        if abs(det) > 1e-10 * size:
+            new_x, new_y = x - (j11 * r0 - j01 * r1) / det, y - (j00 * r1 - j10 * r0) / det
+        else:  # near a double root J has no inverse: (JᵀJ + small) step = -Jᵀr
+            h00, h01, h11 = j00 * j00 + j10 * j10, j00 * j01 + j10 * j11, j01 * j01 + j11 * j11
+            h00, h11 = h00 + 1e-15 * size, h11 + 1e-15 * size
+            g0, g1 = j00 * r0 + j10 * r1, j01 * r0 + j11 * r1
+            det = h00 * h11 - h01 * h01
+            if det <= 0.0:
+                break
+            new_x, new_y = x - (h11 * g0 - h01 * g1) / det, y - (h00 * g1 - h01 * g0) / det
         s0, s1, fewer = _missed(A, B, c, new_x, new_y)
         if not fewer < missed:
             break
@@ -346,9 +348,8 @@ def _one_turn(B: _Matrix, c: _Pair, tolerance: float) -> tuple[list[float], bool
     return met or [angles[misses.index(min(misses))]], bool(met)
 
 
-def _conditioned(M: _Matrix) -> float:
-    """|det| over the squared size: 1/2 for a turn, 0 where the angle cannot be told from the conditions."""
-    return abs(M[0][0] * M[1][1] - M[0][1] * M[1][0]) / _size(M) ** 2
+def _determinant_of(M: _Matrix) -> float:
+    return M[0][0] * M[1][1] - M[0][1] * M[1][0]
 
 
 def _size(M: _Matrix) -> float:

@@ -55,6 +55,7 @@ FARTHEST = 1000.0
 _ROUNDED, _TRUE = 1e-3, 1e-14
 """how far from orthonormal a matrix may be that is taken as a rotation, and one that is taken as it is"""
 _EYE = np.eye(3)
+_MATRIX = (3, 3)
 _FLOAT, _POINT, _ARRAY, _FARTHEST_SQUARED = np.dtype(np.float64), (3,), np.ndarray, FARTHEST**2
 
 
@@ -102,7 +103,12 @@ class Target(NamedTuple):
             return tuple.__new__(cls, (point, pitch, roll, None))  # pyright: ignore[reportUnknownMemberType]
         if pitch is not None or roll is not None:
             raise InputError("give either a rotation, or pitch and roll, not both")
-        return cls(point, None, None, read_only(checked_rotations(rotation, (3, 3), "the target rotation")))
+        if is_true_rotation(rotation):
+            matrix = rotation.copy()
+            matrix.flags.writeable = False
+        else:
+            matrix = read_only(checked_rotations(rotation, (3, 3), "the target rotation"))
+        return tuple.__new__(cls, (point, None, None, matrix))  # pyright: ignore[reportUnknownMemberType]
 
     @property
     def position(self) -> FloatArray:
@@ -183,6 +189,22 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> FloatArray:
             [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
+    )
+
+
+def is_true_rotation(value: ArrayLike) -> TypeGuard[FloatArray]:
+    """True for an array (3, 3) that is a rotation to the last digits; in a fifth of numpy's time."""
+    if not (type(value) is _ARRAY and value.dtype is _FLOAT and value.shape == _MATRIX):
+        return False
+    (a, b, c), (d, e, f), (g, h, i) = value.tolist()
+    t = _TRUE
+    return (  # false with NaN too
+        -t < a * a + b * b + c * c - 1.0 < t
+        and -t < d * d + e * e + f * f - 1.0 < t
+        and -t < a * d + b * e + c * f < t
+        and -t < b * f - c * e - g < t
+        and -t < c * d - a * f - h < t
+        and -t < a * e - b * d - i < t
     )
 
 

@@ -33,9 +33,9 @@ def _solve_into(closed: ClosedForm, poses: FloatArray, q: FloatArray) -> None:
     (X, Y, Z), (px, py, pz), (qx, qy, qz), (rx, ry, rz) = _placed(closed, poses)
     first, third, care = _pairs(closed, X, Y, Z)
     c, s = np.cos(first), np.sin(first)
-    u, v = X * c + Y * s - closed.a1, closed.ca1 * (Y * c - X * s) + closed.sa1 * Z
+    u, v = X * c + Y * s - closed.a1, closed.ca1 * (Y * c - X * s) + closed.sa1 * Z - closed.v0
     c3, s3 = np.cos(third), np.sin(third)
-    g, h = closed.a2 + closed.r * c3, closed.ca2 * closed.r * s3 - closed.sa2 * closed.h
+    g, h = closed.a2 + closed.r * c3, closed.ca2 * closed.r * s3 + closed.side
     square = u * u + v * v
     care |= (square < closed.near**2).any(axis=0)
     square = np.maximum(square, closed.near**2)

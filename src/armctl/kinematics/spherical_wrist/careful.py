@@ -138,7 +138,7 @@ class CarefulSolver:
             total = constant + turns * TWO_PI
             ends = sorted((total - sign * low6, total - sign * high6))
             low, high = max(low4, ends[0]), min(high4, ends[1])
-            if low > high + LIMIT_TOLERANCE:
+            if low > high + CLIPPED:
                 continue
             at = min(max(0.5 * (rest4 + total - sign * rest6), low), high)
             other = sign * (total - at)

@@ -7,9 +7,9 @@ first three joints have to meet (geometry.py; Pieper 1968, eq. 3.26 to 3.32)
     u²+v²+w²:     X²+Y²+Z² + a1² - 2 a1 (X c1 + Y s1) = K + 2 a2 r c3 + 2 d2 sα2 r s3
                   K = a2² + r² + h² + d2² + 2 d2 cα2 h
 
-Where two neighbouring axes are parallel or meet, a sum of them has only one of θ1 and φ3 (subproblem 3 or 4):
-two values, and two of the other one for each. Else they are two conditions on two angles (subproblem 5): up
-to four pairs. φ2 then turns one side onto the other.
+or the same with any p and q. Where two neighbouring axes are parallel or meet, a sum of them has only one of
+θ1 and φ3 (subproblem 3 or 4): two values, and two of the other one for each. Else they are two conditions on
+two angles (subproblem 5): up to four pairs. φ2 then turns one side onto the other.
 
 The wrist takes up M = (first three joints)' R: with σ the angle between the fourth axis and the sixth, α, β
 and the angle b of the fifth joint make a spherical triangle, ``cos σ = cα cβ - sα sβ cos b``: two values.
@@ -44,7 +44,7 @@ _APART = 1e-3
 """as it does where two postures are so near to each other [rad]"""
 _STEPS = 6
 ALMOST_HALF_TURN = math.pi - NEAR
-CLIPPED = 1e-5
+CLIPPED = 1e-4
 """how far outside a limit rounding may put an angle [rad]: near a singular pose 1e-16 m are 1e-8 rad"""
 _remainder = math.remainder
 Row = tuple[float, float, float, float, float, float]
@@ -131,13 +131,18 @@ class ClosedForm:
         """columns of C, and of Rx(α2) C, which follows φ2 ± φ3 where second and third axis are parallel"""
 
     def _set_arm(self, g: SphericalWrist) -> None:
-        (a1, a2), ((self.ca1, sa1), (ca2, sa2)), d2, (r, h) = g.a, g.alpha, g.d2, g.hand
+        ((self.ca1, sa1), (ca2, sa2)), (r, h) = g.alpha, g.hand
+        (a1, py, pz), (a2, qy, d2) = g.p.tolist(), g.q.tolist()
+        self.v0, self.side = self.ca1 * py + sa1 * pz, qy - sa2 * h
+        """what p and q add to v and to the other side of it [m]"""
         self.a1, self.sa1, self.a2, self.ca2, self.sa2, self.d2, self.r, self.h = (
             *(a1, sa1, a2, ca2, sa2, d2, r, h),
         )
         self.w0 = d2 + ca2 * h
         self.k = a2 * a2 + r * r + h * h + d2 * d2 + 2.0 * d2 * ca2 * h - a1 * a1
-        self._length, self.near = g.reach, NEAR * g.reach
+        p_square, q_square = float(g.p @ g.p), float(g.q @ g.q)
+        self._skew_reach = q_square + r * r + h * h + 2.0 * h * (d2 * ca2 - qy * sa2) - p_square
+        self.length, self.near = g.reach, NEAR * g.reach
         self.first_comes_first = g.regional in ("parallel-23", "meet-23")
         # the equation with θ1 is (m1 X + m2 Y) c1 + (m1 Y - m2 X) s1 = value
         squares = 2.0 * g.reach * BEYOND
@@ -250,7 +255,7 @@ class ClosedForm:
         range1, range2, range3, range4, range5, range6 = limits
         o2, o3, o5 = self.geometry.offsets
         a2, ca2, sa2, r = self.a2, self.ca2, self.sa2, self.r
-        side, parallel = -sa2 * self.h, sa2 == 0.0
+        side, parallel = self.side, sa2 == 0.0
         xx, xy, xz, yx, yy, yz, zx, zy, zz = self.twisted if parallel else self.C
         ca, sa, cb, sb = self.wrist
         atan2, cos, sin, sqrt, right = math.atan2, math.cos, math.sin, math.sqrt, self.right_angled
@@ -326,7 +331,7 @@ class ClosedForm:
         qx, qy = qx * c + qy * s, qy * c - qx * s
         rx, ry = rx * c + ry * s, ry * c - rx * s
         return (
-            fitted(first, limits), X * c + Y * s - self.a1, ca * (Y * c - X * s) + sa * Z,
+            fitted(first, limits), X * c + Y * s - self.a1, ca * (Y * c - X * s) + sa * Z - self.v0,
             px, ca * py + sa * pz, ca * pz - sa * py,
             qx, ca * qy + sa * qz, ca * qz - sa * qy,
             rx, ca * ry + sa * rz, ca * rz - sa * ry,
@@ -334,26 +339,27 @@ class ClosedForm:
 
     def _skew_pairs(self, X: float, Y: float, Z: float, whole: float) -> tuple[list[Pair], bool]:
         """As ``pairs``, for axes of which no neighbours are parallel or meet; numbered by rising θ1."""
-        s, r, length = self.sa1, self.r, self._length
-        across = -2.0 * self.a1 / length
-        far = -2.0 * r / length
+        s, r, length = self.sa1, self.r, self.length
+        (px, py, pz), qy = self.geometry.p.tolist(), float(self.geometry.q[1])
+        near, far = -2.0 / length, -2.0 * r / length
+        reach = self._skew_reach - whole + 2.0 * pz * Z
         answer = two_turns(
-            ((-s * Y, s * X), (across * X, across * Y)),
-            ((0.0, -self.sa2 * r), (far * self.a2, far * self.d2 * self.sa2)),
-            (self.w0 - self.ca1 * Z, (self.k - whole) / length),
+            ((-s * Y, s * X), (near * (px * X + py * Y), near * (px * Y - py * X))),
+            ((0.0, -self.sa2 * r), (far * self.a2, far * (self.ca2 * qy + self.sa2 * self.d2))),
+            (self.w0 - s * py + self.ca1 * (pz - Z), reach / length),
             BEYOND,
         )
         pairs = sorted(answer.angles)[:4] if answer.exact else []
         apart = [math.dist(*two) for two in itertools.combinations(pairs, 2)]
-        care = bool(answer.free) or min(apart, default=1.0) < _APART
+        care = self.geometry.nearly or bool(answer.free) or min(apart, default=1.0) < _APART
         return [(first, third, k) for k, (first, third) in enumerate(pairs)], care
 
     def second(self, centre: Three, first: float, third: float) -> tuple[float, float]:
         """φ2 [rad] that belongs to θ1 and φ3, and how far W is from the second axis [m]."""
         X, Y, Z = centre
         c1, s1, c3, s3 = math.cos(first), math.sin(first), math.cos(third), math.sin(third)
-        u, v = X * c1 + Y * s1 - self.a1, self.ca1 * (Y * c1 - X * s1) + self.sa1 * Z
-        p, q = self.a2 + self.r * c3, self.ca2 * self.r * s3 - self.sa2 * self.h
+        u, v = X * c1 + Y * s1 - self.a1, self.ca1 * (Y * c1 - X * s1) + self.sa1 * Z - self.v0
+        p, q = self.a2 + self.r * c3, self.ca2 * self.r * s3 + self.side
         return math.atan2(p * v - q * u, p * u + q * v), math.sqrt(u * u + v * v)
 
     def turned_back(self, rotation: tuple[float, ...], arm: Three) -> FloatArray:
@@ -372,8 +378,8 @@ class ClosedForm:
             second = first @ _about_x(self.ca1, self.sa1) @ _about_z(q[1])
             third = second @ _about_x(self.ca2, self.sa2)
             beyond3 = third @ _about_z(q[2]) @ [self.r, 0.0, self.h]
-            beyond2 = second @ [self.a2, 0.0, self.d2] + beyond3
-            W = self.a1 * first[:, 0] + beyond2
+            beyond2 = second @ self.geometry.q + beyond3
+            W = first @ self.geometry.p + beyond2
             off = np.array(centre) - W
             missed = float(np.linalg.norm(off))
             if not missed < least:

@@ -9,10 +9,11 @@ from its other end: the joints in reverse order, about opposite axes, with the s
 The first three axes and W are put into Denavit-Hartenberg frames (z along the axis, x along the common
 normal to the next one), whatever the arm was described by. With φ2 = θ2 + o2 and φ3 = θ3 + o3
 
-    W = B Rz(θ1) Tx(a1) Rx(α1) Rz(φ2) Tz(d2) Tx(a2) Rx(α2) Rz(φ3) (r, 0, h)
+    W = B Rz(θ1) (p + Rx(α1) Rz(φ2) (q + Rx(α2) Rz(φ3) (r, 0, h)))
     B' R F = Rz(θ1) Rx(α1) Rz(φ2) Rx(α2) Rz(φ3) C · Rz(θ4) Rx(α) Rz(θ5 + o5) Rx(β) Rz(θ6)
 
-R being the rotation of D, and C and F fixed.
+R being the rotation of D, and C and F fixed. ``p = (a1, 0, 0)`` and ``q = (a2, 0, d2)``, the common normals,
+where two neighbouring axes are parallel or meet.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ Regional = Literal["parallel-23", "meet-23", "parallel-12", "meet-12", "skew"]
 """what makes the first three joints easy: which two axes are parallel or meet; ``skew``: none"""
 _EXACT = 1e-12
 """axes that miss each other by less [m], or are less inclined (sine), meet or are parallel"""
+_NEARLY = 1e-3
+"""sine, or share of the arm's size, below which other axes nearly do"""
 _MOVES = 1e-7
 """an arm is always singular where its first three joints move W through less than this share of its cube"""
 _PROBES = 24
@@ -45,18 +48,20 @@ class SphericalWrist:
     backward: bool
     """True where the first three axes of the arm meet: its joints are counted from the tool"""
     regional: Regional
+    nearly: bool
+    """True where neighbouring axes are nearly parallel or nearly meet, so that rounding needs care"""
     base: FloatArray
     """(3, 3) B: the frame of the first axis at the zero pose, x towards the second axis"""
     origin: FloatArray
     """(3,) of that frame [m]"""
     centre: FloatArray
     """(3,) W at the zero pose [m]"""
-    a: tuple[float, float]
-    """a1, a2 [m]"""
+    p: FloatArray
+    """(3,) from the origin to a point of the second axis, in the frame of the first [m]"""
+    q: FloatArray
+    """(3,) from there to a point of the third axis, in the frame of the second joint [m]"""
     alpha: tuple[tuple[float, float], tuple[float, float]]
     """cosine and sine of α1 and of α2"""
-    d2: float
-    """[m]"""
     offsets: tuple[float, float, float]
     """o2, o3, o5"""
     hand: tuple[float, float]
@@ -75,7 +80,7 @@ class SphericalWrist:
     @property
     def reach(self) -> float:
         """A length of the size of the arm [m]."""
-        return sum(self.a) + abs(self.d2) + math.hypot(*self.hand)
+        return float(np.linalg.norm(self.p) + np.linalg.norm(self.q)) + math.hypot(*self.hand)
 
     @property
     def gimbal(self) -> tuple[bool, bool]:
@@ -143,9 +148,19 @@ def _geometry(
         foot3 = p[2] + ((before3 - p[2]) @ h[2]) * h[2]
         x2 = _unit(foot3 - before3)
     a1, a2 = float((foot2 - foot1) @ x1), float((foot3 - before3) @ x2)
-    a1, a2 = (0.0 if abs(a) < _EXACT else a for a in (a1, a2))
-    if a1 == 0.0 and (centre - foot1) @ x1 < 0.0:
+    meet12, meet23 = abs(a1) < _EXACT, abs(a2) < _EXACT
+    if meet12 and (centre - foot1) @ x1 < 0.0:
         x1 = -x1  # no side of the first axis is special: take that of W
+    first = _frame(x1, h[0])
+    if not (parallel12 or parallel23 or meet12 or meet23):
+        # any points of the axes will do; the common normal of nearly parallel ones is far away
+        foot3, foot2 = (p[k] + ((centre - p[k]) @ h[k]) * h[k] for k in (2, 1))
+        foot1 = p[0] + ((foot2 - p[0]) @ h[0]) * h[0]
+        to_second, to_third = first.T @ (foot2 - foot1), _frame(x2, h[1]).T @ (foot3 - foot2)
+    else:
+        d2 = 0.0 if parallel12 or parallel23 else float((before3 - foot2) @ h[1])
+        to_second = np.array([0.0 if meet12 else a1, 0.0, 0.0])
+        to_third = np.array([0.0 if meet23 else a2, 0.0, d2])
     along = (centre - foot3) @ h[2]
     level = centre - foot3 - along * h[2]
     r = float(np.linalg.norm(level))
@@ -154,23 +169,27 @@ def _geometry(
         "parallel-23"
         if parallel23
         else "meet-23"
-        if a2 == 0.0
+        if meet23
         else "parallel-12"
         if parallel12
         else "meet-12"
-        if a1 == 0.0
+        if meet12
         else "skew"
     )
+    twists = _twist(h[0], h[1], x1, parallel12), _twist(h[1], h[2], x2, parallel23)
+    size = float(np.linalg.norm(to_second) + np.linalg.norm(to_third)) + r
+    least = min(abs(twists[0][1]), abs(twists[1][1]), abs(a1) / size, abs(a2) / size)
     misses = [float(np.linalg.norm(across(h[k]) @ (centre - p[k]))) for k in (3, 4, 5)]
     return SphericalWrist(
         backward=backward,
         regional=regional,
-        base=_frame(x1, h[0]),
+        nearly=regional == "skew" and least < _NEARLY,
+        base=first,
         origin=foot1,
         centre=centre,
-        a=(a1, a2),
-        alpha=(_twist(h[0], h[1], x1, parallel12), _twist(h[1], h[2], x2, parallel23)),
-        d2=0.0 if parallel12 or parallel23 else float((before3 - foot2) @ h[1]),
+        p=to_second,
+        q=to_third,
+        alpha=twists,
         offsets=(_angle(h[1], x1, x2), _angle(h[2], x2, x3), _angle(h[4], x4, x5)),
         hand=(r, float(along)),
         C=_frame(x3, h[2]).T @ _frame(x4, h[3]),

@@ -56,7 +56,7 @@ class SphericalWristSolver(InverseKinematics):
         self._careful = CarefulSolver(self._closed, chain, limits, titles)
         self._rough = geometry.misfit > _ROUNDING
         spans = [(k, low, high) for k, (low, high) in enumerate(limits.tolist())]
-        self._turning = [span for span in spans if span[2] - span[1] > TWO_PI - 2.0 * LIMIT_TOLERANCE]
+        self._turning = [span for span in spans if span[2] - span[1] > TWO_PI + LIMIT_TOLERANCE]
         """joints of which an angle may have several images, with their limits"""
         self._most_images = math.prod(1 + int((high - low) / TWO_PI) for _, low, high in self._turning)
 
