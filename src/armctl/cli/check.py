@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
+import numpy as np
 
 from armctl.boards import setup_of
 from armctl.cli.main import DONE, REFUSED
@@ -16,6 +17,7 @@ from armctl.documents import DocumentKind
 from armctl.errors import ArmctlError, BoardError, InputError
 from armctl.hardware.boards import board_type
 from armctl.motion import Floor
+from armctl.motion.clearance import clear_pose
 from armctl.motion.preflight import Finding, not_checked, preflight
 from armctl.motion.profiles import PointToPoint
 from armctl.program import Program, check_program, open_program
@@ -108,6 +110,15 @@ def _kind(file: Path) -> str:
     return "robot" if "dh" in top or "joints" in top else "program"
 
 
+def _other_rest(robot: Robot) -> str:
+    """What to write for a rest pose that is clear of everything, if one is easily found."""
+    q = clear_pose(replace(robot, poses={}))
+    if q is None:
+        return "choose another rest pose, or another height of the floor"
+    angles = ", ".join(f"{angle:g}" for angle in np.degrees(q).round(2).tolist())
+    return f"in the side file or the robot file, [poses] rest = [{angles}] would do"
+
+
 def _check_robot(robot: Robot) -> Iterator[Finding]:
     """What is wrong with its solver, channels, rest pose, and the ways from home to its named poses."""
     robot.inverse_kinematics  # noqa: B018
@@ -120,7 +131,7 @@ def _check_robot(robot: Robot) -> Iterator[Finding]:
     # servos that are off may jump to where Enable sends them; motors stay where homing ended
     below = None if board.homing else below_floor(Floor(robot), robot.first_pose)
     if below is not None:
-        mend = "Enable is refused there; choose another rest pose (that of a URDF has all joints at zero)"
+        mend = f"Enable is refused there; {_other_rest(robot)}"
         yield Finding(below, part="the rest pose", mend=mend, kind="floor")
     home = robot.pose("home")
     for name in robot.poses:

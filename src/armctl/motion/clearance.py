@@ -6,6 +6,7 @@ Each kind has k gaps: ``parts`` are their names, ``levers`` (k, n) how much each
 
 from __future__ import annotations
 
+from itertools import product
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -131,3 +132,36 @@ def stands_clear(robot: Robot, q: FloatArray) -> bool:
     """Whether an arm may stand at ``q`` (n,) [rad]."""
     links = LinkFrames.at(robot.chain, q[None])
     return all((one.gaps(links).T >= one.closed - FLOOR_TOLERANCE_M).all() for one in sources(robot))
+
+
+_QUARTER = np.pi / 2
+_MOST_TURNED = 4
+"""joints of a suggested pose that are a quarter turn from zero"""
+_ROOM_M = 0.002
+"""A suggested pose is so far above the floor."""
+
+
+def clear_pose(robot: Robot) -> FloatArray | None:
+    """A pose (n,) [rad] that touches nothing, few joints a quarter turn from zero; None: there is none."""
+    zero = np.clip(np.zeros(robot.n), *robot.limits.T)
+    choices = [
+        [(0, at), *((1, k * _QUARTER) for k in (-1, 1) if low <= k * _QUARTER <= high)]
+        for at, (low, high) in zip(zero.tolist(), robot.limits.tolist(), strict=True)
+    ]
+    turned = sorted(
+        (
+            (sum(turns for turns, _ in one), [angle for _, angle in one])
+            for one in product(*choices)
+            if sum(turns for turns, _ in one) <= _MOST_TURNED
+        ),
+        key=lambda one: one[0],
+    )
+    q = np.array([angles for _, angles in turned])
+    links = LinkFrames.at(robot.chain, q)
+    clear = np.ones(len(q), dtype=bool)
+    for source in sources(robot):
+        if source.parts:
+            room = _ROOM_M if source.kind == "floor" else 0.0
+            clear &= (source.gaps(links) - source.closed[:, None]).min(axis=0) >= room
+    found = np.flatnonzero(clear)
+    return q[found[0]].copy() if len(found) else None

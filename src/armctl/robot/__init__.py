@@ -6,6 +6,7 @@ from armctl.robot.load import (
     robot_path,
     robots_folder,
     shipped_robots,
+    urdf_path,
     user_robots,
     user_robots_folder,
 )
@@ -24,6 +25,7 @@ __all__ = [
     "robot_path",
     "robots_folder",
     "shipped_robots",
+    "urdf_path",
     "user_robots",
     "user_robots_folder",
 ]

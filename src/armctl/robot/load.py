@@ -66,10 +66,10 @@ def _user_files() -> dict[str, Path]:
 
 def is_urdf(name: str | Path) -> bool:
     """True for the name of a URDF robot: what ``load_robot`` takes for one, with or without a tool link."""
-    return _urdf(name) is not None
+    return urdf_path(name) is not None
 
 
-def _urdf(name: str | Path) -> tuple[Path, str | None] | None:
+def urdf_path(name: str | Path) -> tuple[Path, str | None] | None:
     """The path of a URDF robot, and what stands behind the ``#``; None for the name of another robot."""
     text = name.as_posix() if isinstance(name, Path) else name
     if match := _URDF.fullmatch(text):
@@ -100,7 +100,7 @@ def load_robot(name: str | Path) -> Robot:
     path = as_path(name, "a robot is a shipped name or the path of a robot file")
     if "\0" in str(name):
         raise RobotFileError(f"{str(name)!r}: the name of a file holds no NUL")
-    if urdf := _urdf(name):
+    if urdf := urdf_path(name):
         from armctl.robot.urdf import load_urdf  # 15 ms that no other robot needs
 
         return load_urdf(*urdf)

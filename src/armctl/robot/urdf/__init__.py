@@ -8,7 +8,9 @@ from armctl.robot.urdf.side_file import (
     changed_side_file,
     decode_side_file,
     encode_side_file,
+    read_side_file,
 )
+from armctl.robot.urdf.tree import read_urdf_file
 
 __all__ = [
     "SIDE_SUFFIX",
@@ -20,5 +22,7 @@ __all__ = [
     "encode_side_file",
     "install_package",
     "load_urdf",
+    "read_side_file",
+    "read_urdf_file",
     "side_path",
 ]

@@ -17,13 +17,12 @@ from armctl.kinematics import Body, Chain, GravityModel
 from armctl.kinematics.angles import rest_angle
 from armctl.kinematics.chain import Place, frame_along
 from armctl.kinematics.yaw_pitch_roll.geometry import recognise
-from armctl.robot.file import ROBOT_FILES
 from armctl.robot.meshes import unreadable
 from armctl.robot.parts import JERK_UP_S, MOST_JOINTS, Joint, Shape
 from armctl.robot.robot import BODY_ASSUMED, Robot
 from armctl.robot.urdf.package import UrdfSource, arm_stem
 from armctl.robot.urdf.rounding import Rounding
-from armctl.robot.urdf.side_file import SideFile, ToolEntry, applied, decode_side_file
+from armctl.robot.urdf.side_file import SideFile, ToolEntry, applied, read_side_file
 from armctl.robot.urdf.tool import UrdfTool, suggested_tool
 from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, read_urdf_file
 
@@ -56,9 +55,7 @@ def load_urdf(path: Path, wanted: str | None) -> Robot:
     """
     try:
         source = UrdfSource.at(path)
-        side, document = SideFile(1), None
-        if source.side_path is not None:
-            side, document = ROBOT_FILES.load(source.side_path, decode_side_file)
+        side, document = read_side_file(source.side_path)
         link, approach = _wanted(wanted)
         if link is not None:
             side = msgspec.structs.replace(side, tool=ToolEntry())

@@ -103,6 +103,11 @@ def decode_side_file(content: bytes | str) -> tuple[SideFile, Document]:
     return without_board(document, SideFile), document
 
 
+def read_side_file(path: Path | None) -> tuple[SideFile, Document | None]:
+    """What a side file says; None: there is none."""
+    return (SideFile(1), None) if path is None else ROBOT_FILES.load(path, decode_side_file)
+
+
 def encode_side_file(record: Mapping[str, object]) -> str:
     """The text of a side file from its tables (those of ``SideFile``, and the board's); refuses as decoding.
 

@@ -20,6 +20,8 @@ MAX_FRAME_BYTES = 16 << 20
 """Pictures of the scene are the largest frames; viser itself would take 50 MiB."""
 MAX_UPLOAD_BYTES = 1 << 20
 """The largest file that a page may upload: a program, whose files have this limit, too."""
+MAX_ARM_BYTES = 24 << 20
+"""… and where an arm with its meshes is expected"""
 UPLOAD_PART_BYTES = 512 << 10
 """The page cuts a file in parts of this size (``chunkSize`` in viser's UploadButton.tsx)."""
 _MAX_PLAIN_BYTES = 128 << 10
@@ -117,11 +119,11 @@ class UploadLedger:
         self._too_large: dict[str, int] = {}
         """number of parts still to come, by transfer"""
 
-    def reason_against(self, start: wire.FileTransferStartUpload) -> str | None:
-        """Note a new file; why it is refused, if so."""
+    def reason_against(self, start: wire.FileTransferStartUpload, most: int = MAX_UPLOAD_BYTES) -> str | None:
+        """Note a new file of at most so many bytes; why it is refused, if so."""
         size, transfer = start.size_bytes, start.transfer_uuid
         parts = -(-size // UPLOAD_PART_BYTES)
-        if size > MAX_UPLOAD_BYTES:
+        if size > most:
             if len(self._too_large) < self.MOST_AT_ONCE:
                 self._too_large[transfer] = min(parts, self.MOST_LEFTOVER_PARTS)
             return "an upload that is too large"
@@ -206,12 +208,13 @@ class FrameFilter:
             return None
         if client is None or not isinstance(control, viser.GuiUploadButtonHandle):
             return "an upload to what is no upload button"
-        if message.size_bytes > MAX_UPLOAD_BYTES:
-            _refuse_upload(client, message)
-        return self._uploads.reason_against(message)
+        most = MAX_ARM_BYTES if ".zip" in control.mime_type else MAX_UPLOAD_BYTES
+        if message.size_bytes > most:
+            _refuse_upload(client, message, most)
+        return self._uploads.reason_against(message, most)
 
 
-def _refuse_upload(client: viser.ClientHandle, start: wire.FileTransferStartUpload) -> None:
+def _refuse_upload(client: viser.ClientHandle, start: wire.FileTransferStartUpload, most: int) -> None:
     """Tell the page that the file is too large; it takes the file for sent, and can send another one."""
     size = start.size_bytes
     done = wire.FileTransferPartAck(start.source_component_uuid, start.transfer_uuid, size, size)
@@ -219,7 +222,7 @@ def _refuse_upload(client: viser.ClientHandle, start: wire.FileTransferStartUplo
     client.add_notification(
         "Upload refused",
         f"{start.filename[:100]} was not taken: it has {size / 2**20:.1f} MiB, "
-        f"the largest that is taken has {MAX_UPLOAD_BYTES / 2**20:.0f} MiB.",
+        f"the largest that is taken has {most / 2**20:.0f} MiB.",
         color="red",
         auto_close_seconds=12.0,
     )

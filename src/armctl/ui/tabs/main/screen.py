@@ -30,6 +30,7 @@ from armctl.ui.tabs.main.boards import RobotChooser, board_html, enable_note, ho
 from armctl.ui.tabs.main.enabling import EnableQuestion, must_be_told
 from armctl.ui.tabs.main.own_arm import OwnArm
 from armctl.ui.tabs.main.people import People
+from armctl.ui.tabs.main.urdf_arm import UrdfArm
 from armctl.ui.tabs.main.which_joint import of_own_arm
 from armctl.ui.widgets.html import WARNING, LiveHtml, muted, time_of_day
 
@@ -75,6 +76,7 @@ class MainScreen:
             session.on(points.on_click, lambda: self._go_to_point(points.value))
         self._people = People(session)
         OwnArm(session)
+        self._urdf = UrdfArm(session)
         self._which_joint = of_own_arm(session)
         with gui.add_folder("Log"):
             self._log = LiveHtml(gui)
@@ -92,6 +94,7 @@ class MainScreen:
         """Show the board, what can be done, and the newest log lines."""
         self._robot.refresh(snapshot)
         self._people.refresh(snapshot)
+        self._urdf.refresh(snapshot)
         if self._which_joint is not None:
             self._which_joint.refresh(snapshot)
         fault = snapshot.state is State.FAULT and not snapshot.unreachable

@@ -1,0 +1,216 @@
+"""Arms from URDF files: brought in through the page, and what their files leave open."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import viser
+
+from armctl.errors import ArmctlError, InputError, RobotFileError
+from armctl.motion.clearance import clear_pose
+from armctl.robot import Robot, load_robot, urdf_path
+from armctl.robot.urdf import (
+    SideFile,
+    UrdfSource,
+    add_to_package,
+    changed_side_file,
+    install_package,
+    read_side_file,
+    read_urdf_file,
+    side_path,
+)
+from armctl.runtime import Snapshot
+from armctl.ui.robot_switch import RobotChoice
+from armctl.ui.session import Session
+from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence
+from armctl.ui.widgets.joint_angles import angle_fields
+from armctl.ui.widgets.number_field import NumberField
+
+_TAKEN = ".zip,.urdf,.xacro,.stl,.obj,.ply,.dae"
+_NOTE = (
+    "A .zip file with the URDF file and its meshes, or the URDF file first and then each mesh. It is kept on "
+    "the computer that armctl runs on."
+)
+_AS_FOUND = "(as armctl finds it)"
+_NO_LINKS: tuple[str, ...] = (_AS_FOUND,)
+_AXES = ("x", "y", "z", "-x", "-y", "-z")
+
+
+@dataclass(frozen=True, slots=True)
+class _Present:
+    """The URDF arm that is shown."""
+
+    name: str
+    """what opens it, without a tool link"""
+    source: UrdfSource
+    side: SideFile
+    links: tuple[str, ...]
+
+    @classmethod
+    def of(cls, name: str) -> _Present:
+        """May block. Raises ``RobotFileError``."""
+        found = urdf_path(name)
+        if found is None:
+            raise InputError(f"{name} is no URDF arm")
+        source = UrdfSource.at(found[0])
+        side, _ = read_side_file(source.side_path)
+        return cls(name.partition("#")[0], source, side, tuple(read_urdf_file(source).links))
+
+
+class UrdfArm:
+    """A folder in *Main*: upload an arm; choose tool, rest pose and floor of the present one."""
+
+    def __init__(self, session: Session) -> None:
+        self._session, self._robot = session, session.console.robot
+        self._present: _Present | None = None
+        gui, is_urdf = session.gui, urdf_path(session.robots.present.name) is not None
+        with gui.add_folder("Arms from URDF files", expand_by_default=False):
+            self._upload = gui.add_upload_button("Upload an arm", icon=viser.Icon.UPLOAD, mime_type=_TAKEN)
+            LiveHtml(gui, muted(_NOTE))
+            self._begin = gui.add_button("Tool, rest pose and floor", icon=viser.Icon.TOOL, visible=is_urdf)
+            self._box = gui.add_folder("Tool, rest pose and floor", visible=False)
+        with self._box:
+            self._link: viser.GuiDropdownHandle[str] = gui.add_dropdown("Tool link", _NO_LINKS)
+            self._axis = gui.add_dropdown("It points along", _AXES, initial_value="z")
+            self._offset = [NumberField(gui, f"Tool point {axis} mm", 0.0) for axis in "xyz"]
+            self._floor = NumberField(gui, "Floor mm", 0.0, hint="Height of the floor in the base frame.")
+            LiveHtml(gui, "<b>Rest pose</b>" + muted("Enable puts the simulated arm there (the ghost)."))
+            self._angles = angle_fields(gui, self._robot, self._robot.pose("rest"))
+            self._take = gui.add_button_group("Rest pose", ("Use the present pose", "Find a clear one"))
+            self._home = gui.add_checkbox("Home pose, too", False)
+            self._problem = LiveHtml(gui)
+            save = gui.add_button("Save and open anew", icon=viser.Icon.DEVICE_FLOPPY, color="green")
+            cancel = gui.add_button("Cancel", color="gray")
+        session.on(self._upload.on_upload, self._on_upload)
+        session.on(self._begin.on_click, self._on_begin)
+        session.on(self._take.on_click, self._on_take)
+        session.on(save.on_click, self._on_save)
+        session.on(cancel.on_click, self._end)
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Show the rest pose that is typed as the ghost; what cannot be is told."""
+        if not self._box.visible:
+            return
+        try:
+            q = self._robot.check_limits(self._angles.array)
+        except ArmctlError as refusal:
+            self._problem.show(refused(sentence(str(refusal))))
+            self._session.ghost.hide(self)
+            return
+        self._problem.show("")
+        self._session.ghost.show(q, self)
+
+    async def _on_begin(self) -> None:
+        self._present = present = await asyncio.to_thread(_Present.of, self._session.robots.present.name)
+        tool = present.side.tool
+        self._link.options = (_AS_FOUND, *present.links)
+        self._link.value = _AS_FOUND if tool.link is None else tool.link
+        self._axis.value = tool.approach
+        for field, value in zip(self._offset, tool.offset_mm, strict=True):
+            field.fill(value)
+        self._floor.fill(1000 * self._robot.floor_z)
+        self._angles.fill(self._robot.pose("rest"))
+        self._box.visible, self._begin.visible = True, False
+
+    def _end(self) -> None:
+        self._box.visible, self._begin.visible = False, True
+        self._session.ghost.hide(self)
+
+    async def _on_take(self) -> None:
+        if self._take.value == "Use the present pose":
+            self._angles.fill(self._session.console.last_known.standing(self._session.snapshot))
+            return
+        q = await asyncio.to_thread(clear_pose, self._with_floor())
+        if q is None:
+            raise InputError("no pose of quarter turns is clear of the floor and of the arm; type one")
+        self._angles.fill(q)
+
+    def _with_floor(self) -> Robot:
+        """The arm over the floor that is typed; its poses so far excuse nothing."""
+        floor = self._floor.value / 1000
+        return replace(self._robot, floor_z=floor, poses={})
+
+    async def _on_save(self) -> None:
+        session, present = self._session, self._present
+        session.require_operator()
+        if present is None:
+            return
+        angles = np.degrees(self._robot.check_limits(self._angles.array)).tolist()
+        rest = [round(angle, 4) + 0.0 for angle in angles]
+        tool: dict[str, object] = {
+            "link": None if self._link.value == _AS_FOUND else self._link.value,
+            "approach": self._axis.value,
+            "offset_mm": [field.value for field in self._offset],
+        }
+        poses = {"rest": rest, "home": rest} if self._home.value else {"rest": rest}
+        changes = {"tool": tool, "poses": poses, "floor": {"z_mm": self._floor.value}}
+        folder = session.console.files / "robots"
+        path = await asyncio.to_thread(_saved, present, changes, folder)
+        session.notify("Saved", f"{path}")
+        self._end()
+        name = present.name if path.parent != folder or present.source.side_path == path else str(path)
+        if name == session.robots.present.name:
+            await session.reopen_arm()
+        else:
+            session.robots.offer(RobotChoice(name, self._robot.title))
+            await session.robots.change(name, session.origin, session.require_operator)
+
+    async def _on_upload(self) -> None:
+        session, file = self._session, self._upload.value
+        session.require_operator()
+        folder = session.console.files / "robots"
+        if Path(file.name).suffix.lower() in (".zip", ".urdf", ".xacro"):
+            choice = await asyncio.to_thread(_installed, file.name, file.content, folder)
+            session.robots.offer(choice)
+            session.notify("Uploaded", f"{choice.title} is in the list of robots.")
+            await session.robots.change(choice.name, session.origin, session.require_operator)
+            return
+        found = urdf_path(session.robots.present.name)
+        if found is None or not found[0].is_relative_to(folder):
+            raise InputError(f"{file.name}: upload the URDF file first, then its meshes")
+        await asyncio.to_thread(add_to_package, found[0], file.name, file.content)
+        session.notify("Uploaded", f"{file.name} is used now, if the URDF file names it.")
+        await session.reopen_arm()
+
+
+def _installed(name: str, content: bytes, folder: Path) -> RobotChoice:
+    """Keep an arm in the user's folder, if it can be opened."""
+    place = install_package(name, content, folder)
+    try:
+        return RobotChoice(str(place), load_robot(place).title)
+    except RobotFileError as refusal:
+        shutil.rmtree(place, ignore_errors=True)
+        raise RobotFileError(str(refusal).replace(f"{place}/", "").replace(str(place), name)) from refusal
+
+
+def _saved(present: _Present, changes: Mapping[str, object], folder: Path) -> Path:
+    """Write the side file where there is one, else beside the URDF file, else into the user's folder.
+
+    What cannot be opened with it is not kept. Raises ``RobotFileError``.
+    """
+    source = present.source
+    path = source.side_path or side_path(source.file)
+    if source.side_path is None and not _writeable(path.parent):
+        path = folder / path.name
+        changes = {"urdf": str(source.file.absolute()), **changes}
+    before = path.read_bytes() if path.exists() else None
+    changed_side_file(path, changes)
+    try:
+        load_robot(path)
+    except RobotFileError:
+        if before is None:
+            path.unlink()
+        else:
+            path.write_bytes(before)
+        raise
+    return path
+
+
+def _writeable(folder: Path) -> bool:
+    return os.access(folder, os.W_OK)

@@ -1,0 +1,317 @@
+"""Meshes read within bounds, made coarser, and contained in capsules."""
+
+from __future__ import annotations
+
+import math
+import struct
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.robot.urdf_kit import Step, written
+
+from armctl import load_robot
+from armctl.arrays import FloatArray
+from armctl.errors import RobotFileError
+from armctl.kinematics import rotation_from_rpy
+from armctl.kinematics.chain import LinkFrames
+from armctl.motion import SelfCollision, not_checked, plan_joints
+from armctl.motion.clearance import clear_pose, stands_clear
+from armctl.motion.preflight import preflight
+from armctl.robot import meshes
+from armctl.robot.fitting import Fitted, fit
+from armctl.robot.meshes import read_mesh, solid_of
+from armctl.robot.parts import Shape
+from armctl.robot.robot import Robot
+from armctl.robot.solids import Solid, block, decimated, grown, tube, welded
+
+
+def posed(
+    solid: Solid, xyz: tuple[float, float, float], rpy: tuple[float, float, float] = (0, 0, 0)
+) -> Solid:
+    return Solid(solid.vertices @ rotation_from_rpy(*rpy).T + xyz, solid.faces)
+
+
+def binary_stl(solid: Solid) -> bytes:
+    facets = b"".join(struct.pack("<12fH", 0, 0, 1, *solid.vertices[face].ravel(), 0) for face in solid.faces)
+    return bytes(80) + struct.pack("<I", len(solid.faces)) + facets
+
+
+def text_of(solid: Solid, kind: str) -> str:
+    if kind == "obj":
+        lines = [f"v {x} {y} {z}" for x, y, z in solid.vertices.tolist()]
+        return "\n".join([*lines, *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in solid.faces.tolist())])
+    if kind == "ply":
+        head = f"ply\nformat ascii 1.0\nelement vertex {len(solid.vertices)}\nproperty float x\n"
+        head += f"property float y\nproperty float z\nelement face {len(solid.faces)}\n"
+        head += "property list uchar int vertex_indices\n"
+        lines = [f"{x} {y} {z}" for x, y, z in solid.vertices.tolist()]
+        faces = [f"3 {a} {b} {c}" for a, b, c in solid.faces.tolist()]
+        return head + "end_header\n" + "\n".join([*lines, *faces]) + "\n"
+    facets = [
+        "facet normal 0 0 1\nouter loop\n"
+        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in solid.vertices[face].tolist())
+        + "endloop\nendfacet\n"
+        for face in solid.faces
+    ]
+    return f"solid x\n{''.join(facets)}endsolid x\n"
+
+
+BOX = posed(block((0.1, 0.04, 0.02)), (0.02, 0.0, 0.3), (0.3, -0.2, 0.5))
+
+
+def sorted_corners(solid: Solid) -> FloatArray:
+    corners = solid.vertices[solid.faces].reshape(-1, 9)
+    return corners[np.lexsort(corners.round(6).T)]
+
+
+@pytest.mark.parametrize("kind", ["binary", "stl", "obj", "ply"])
+def test_every_format_holds_the_same_triangles(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"box.{'STL' if kind == 'binary' else kind}"
+    path.write_bytes(binary_stl(BOX) if kind == "binary" else text_of(BOX, kind).encode())
+    solid = read_mesh(path)
+    assert np.abs(sorted_corners(solid) - sorted_corners(BOX)).max() < 1e-7
+    mirrored = solid_of(Shape("mesh", (1.0, -2.0, 1.0), np.eye(4), str(path)))
+    assert np.abs(mirrored.vertices - solid.vertices * [1, -2, 1]).max() < 1e-12
+    assert volume(mirrored) == pytest.approx(2 * volume(solid), rel=1e-5)  # not inside out
+
+
+def volume(solid: Solid) -> float:
+    a, b, c = (solid.vertices[solid.faces[:, k]] for k in range(3))
+    return float((np.cross(a, b) * c).sum() / 6)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("a.stl", b"", r"a\.stl: "),
+        ("a.stl", binary_stl(BOX)[:-7], r"a\.stl: "),
+        ("a.stl", bytes(80) + struct.pack("<I", 0), "holds no triangles"),
+        ("a.stl", binary_stl(Solid(BOX.vertices * math.nan, BOX.faces)), "no finite numbers"),
+        ("a.obj", b"v 0 0 0\nf 1 2 9\n", r"a\.obj: "),
+        ("a.obj", b"nothing", r"a\.obj: "),
+        ("a.step", b"x", r"is not one of \.stl, \.obj, \.ply, \.dae"),
+        ("a.dae", b"PK\x03\x04", "is not XML|takes pycollada"),
+    ],
+)
+def test_what_is_no_mesh_is_refused_in_one_line(tmp_path: Path, name: str, content: bytes, says: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(RobotFileError, match=says) as refused:
+        read_mesh(tmp_path / name)
+    assert "\n" not in str(refused.value)
+
+
+def test_sizes_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.stl"
+    path.write_bytes(binary_stl(BOX))
+    with pytest.raises(RobotFileError, match=r'is 325 m large.*scale="0\.001 0\.001 0\.001"'):
+        solid_of(Shape("mesh", (1e3, 1e3, 1e3), np.eye(4), str(path)))
+    monkeypatch.setattr(meshes, "MOST_TRIANGLES", 11)
+    with pytest.raises(RobotFileError, match="holds 12 triangles; 11 at most"):
+        read_mesh(path)
+    monkeypatch.setattr(meshes, "MESHES", replace(meshes.MESHES, most_bytes=100))
+    with pytest.raises(RobotFileError, match="is larger than 0 KiB"):
+        read_mesh(path)
+
+
+def test_a_dae_file_needs_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(meshes, "find_spec", lambda name: None)
+    (tmp_path / "a.dae").write_text("<COLLADA/>")
+    with pytest.raises(RobotFileError, match=r"takes pycollada: pip install 'armctl\[urdf\]'"):
+        read_mesh(tmp_path / "a.dae")
+
+
+def test_a_coarser_mesh_keeps_its_shape() -> None:
+    fine = tube((0, 0, 0), (0, 0, 0.2), 0.08)
+    coarse = decimated(fine, 150)
+    assert 40 < len(coarse.faces) <= 150
+    assert np.abs(np.ptp(coarse.vertices, axis=0) - np.ptp(fine.vertices, axis=0)).max() < 0.03
+    assert decimated(fine, len(fine.faces)) is fine
+    loose = Solid(fine.vertices[fine.faces].reshape(-1, 3), np.arange(3 * len(fine.faces)).reshape(-1, 3))
+    assert len(welded(loose).vertices) == len(fine.vertices)
+    ball = grown(tube((0, 0, 0), (0, 0, 1e-6), 0.1), 0.002)
+    assert np.linalg.norm(ball.vertices, axis=1) == pytest.approx(0.052, abs=3e-4)
+
+
+# Capsules.
+
+
+def outside(points: FloatArray, capsules: list[Fitted]) -> float:
+    """How far the farthest of points (k, 3) is outside of all capsules [m]; by plain vectors, one by one."""
+    worst = -math.inf
+    for point in points:
+        nearest = math.inf
+        for one in capsules:
+            span = one.end - one.start
+            square = float(span @ span)
+            t = 0.0 if square == 0 else min(max(float((point - one.start) @ span) / square, 0.0), 1.0)
+            nearest = min(nearest, float(np.linalg.norm(point - one.start - t * span)) - one.radius)
+        worst = max(worst, nearest)
+    return worst
+
+
+def points_on(solids: list[Solid], rng: np.random.Generator, each: int) -> FloatArray:
+    """Corners and random points of all triangles (k, 3)."""
+    corners = np.concatenate([one.vertices[one.faces] for one in solids])
+    weights = rng.dirichlet([1, 1, 1], (len(corners), each))
+    return np.concatenate(
+        [corners.reshape(-1, 3), np.einsum("tec,tcx->tex", weights, corners).reshape(-1, 3)]
+    )
+
+
+L_SHAPE = [block((0.3, 0.04, 0.04)), posed(block((0.04, 0.04, 0.3)), (0.13, 0, 0.13))]
+SOLIDS = {
+    "rod": ([tube((0, 0, 0), (0.1, 0.2, 0.3), 0.06)], 1, 0.004),
+    "ball": ([tube((0, 0, 0), (0, 0, 1e-4), 0.1)], 1, 0.004),
+    "box": ([BOX], 1, 0.03),
+    "plate": ([block((0.2, 0.2, 0.004))], 3, 0.15),
+    "bent": (L_SHAPE, 3, 0.03),
+    "one triangle": ([Solid(np.eye(3), np.array([[0, 1, 2]]))], 3, 0.5),
+}
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_capsules_contain_the_whole_mesh(name: str) -> None:
+    solids, most, largest = SOLIDS[name]
+    capsules, gap = fit(solids)
+    assert 1 <= len(capsules) <= most
+    assert outside(points_on(solids, np.random.default_rng(1), 8), capsules) <= 1e-9
+    assert 0 <= gap <= largest
+
+
+def test_random_clouds_of_triangles_are_contained() -> None:
+    rng = np.random.default_rng(2)
+    for k in range(6):
+        corners = rng.normal(size=(int(rng.integers(1, 300)), 3, 3)) * rng.uniform(0.01, 0.3, 3)
+        solid = Solid(corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3))
+        capsules, gap = fit([solid])
+        assert outside(points_on([solid], rng, 2), capsules) <= 1e-9
+        assert gap >= 0, k
+
+
+def test_the_gap_is_that_of_points_of_the_surface() -> None:
+    """Round a thin plate one capsule stands off by its radius in the middle, and by less elsewhere."""
+    plate = block((0.3, 0.06, 0.001))
+    capsules, gap = fit([plate])
+    if len(capsules) == 1:
+        assert gap == pytest.approx(capsules[0].radius, rel=0.25)
+    rng = np.random.default_rng(3)
+    surface = np.array([one.start for one in capsules for _ in range(200)])
+    radii = np.array([one.radius for one in capsules for _ in range(200)])
+    along = rng.normal(size=surface.shape)
+    surface = surface + along / np.linalg.norm(along, axis=1, keepdims=True) * radii[:, None]
+    flat = np.maximum(np.abs(surface) - [0.15, 0.03, 0.0005], 0)
+    inner = [outside(point[None], capsules) < -1e-9 for point in surface]
+    assert gap >= np.linalg.norm(flat, axis=1)[~np.array(inner)].max() - 0.01
+
+
+# A whole arm.
+
+STEPS = (
+    Step("pan", "revolute", "base", "body", "0 0 0.1"),
+    Step("lift", "revolute", "body", "upper", "0 0 0.05", axis="0 1 0", limits=(-2.6, 2.6)),
+    Step("elbow", "revolute", "upper", "lower", "0 0 0.18", axis="0 1 0", limits=(-2.9, 2.9)),
+    Step("end", "fixed", "lower", "tool0", "0 0 0.2"),
+    Step("camera", "fixed", "upper", "cam", "0.05 0 0.1"),
+)
+SHAPES = {
+    "base": '<visual><origin xyz="0 0 0.04"/><geometry><cylinder radius="0.06" length="0.08"/></geometry>'
+    "</visual>",
+    "body": '<collision><geometry><sphere radius="0.07"/></geometry></collision>',
+    "upper": '<visual><origin xyz="0 0 0.12" rpy="0 0 0.3"/><geometry><mesh filename="upper.stl" '
+    'scale="0.001 0.001 0.001"/></geometry><material name="red"/></visual>',
+    "lower": '<visual><geometry><mesh filename="none.stl"/></geometry></visual>'
+    '<collision><origin xyz="0 0 0.1"/><geometry><box size="0.03 0.03 0.2"/></geometry></collision>',
+    "cam": '<visual><geometry><box size="0.02 0.02 0.02"/></geometry></visual>'
+    "<visual><geometry/></visual><visual><geometry><cone/></geometry></visual>",
+}
+
+
+def arm(tmp_path: Path) -> Robot:
+    path = written(tmp_path / "arm.urdf", STEPS)
+    text = path.read_text()
+    for name, shapes in SHAPES.items():
+        text = text.replace(f'<link name="{name}"/>', f'<link name="{name}">{shapes}</link>')
+    red = '<material name="red"><color rgba="1 0.5 0 1"/></material></robot>'
+    path.write_text(text.replace("</robot>", red))
+    upper = block((40.0, 30.0, 220.0))
+    (tmp_path / "upper.stl").write_bytes(binary_stl(upper))
+    return load_robot(path)
+
+
+def test_the_shapes_of_an_arm_move_with_its_links(tmp_path: Path) -> None:
+    robot = arm(tmp_path)
+    assert [(one.kind, one.link) for one in robot.shapes] == [
+        ("cylinder", -1), ("sphere", 0), ("mesh", 1), ("box", 2), ("box", 1),
+    ]  # fmt: skip
+    assert robot.shapes[2].color == (255, 128, 0)
+    told = "; ".join(robot.assumed)
+    assert "lower: none.stl is not found (drawn: what is meant for collisions)" in told
+    assert "cam: <visual>: <geometry> is missing or empty" in told and "<cone>: allowed are box" in told
+    whole = robot.with_body()
+    assert any(text.startswith("the body: ") and "largest gap is" in text for text in whole.assumed)
+    assert "armctl check says" not in "; ".join(whole.assumed)
+    assert whole.with_body() is whole and whole.collision.capsules == robot.collision.capsules
+    rng = np.random.default_rng(4)
+    for q in rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (3, 3)):
+        links = LinkFrames.at(robot.chain, q[None])
+        for shape in robot.shapes:
+            placed = links.place(shape.link, solid_of(shape).vertices)[:, :, 0].T
+            capsules = [
+                Fitted(*links.place(one.link, np.array([one.start, one.end]))[:, :, 0].T, one.radius)
+                for one in robot.collision.capsules
+                if one.link == shape.link
+            ]
+            assert outside(placed, capsules) <= 1e-9
+
+
+def test_a_mesh_that_went_away_leaves_a_bar(tmp_path: Path) -> None:
+    robot = arm(tmp_path)
+    (tmp_path / "upper.stl").write_bytes(b"broken")
+    whole = robot.with_body()
+    assert any("passed over: upper.stl" in text for text in whole.assumed)
+    assert {one.link for one in whole.collision.capsules} == {-1, 0, 1, 2}
+    bare = replace(robot, shapes=tuple(one for one in robot.shapes if one.link == -1))
+    assert {one.link for one in bare.collision.capsules} >= {-1, 1, 2}  # bars of the links without a shape
+
+
+def test_an_arm_folded_onto_itself_is_refused_also_where_it_touches_at_rest(tmp_path: Path) -> None:
+    robot = arm(tmp_path).with_body()
+    bends = np.linspace(0.0, 2.9, 100)
+    folding = np.stack([0 * bends, 0 * bends, bends], axis=1)
+    depths = -robot.collision.gaps(LinkFrames.at(robot.chain, folding)).min(axis=0)
+    touching, deeper = (folding[int(np.flatnonzero(depths > depth)[0])] for depth in (0.004, 0.015))
+
+    def refusals(one: Robot, goal: FloatArray) -> list[str]:
+        found = preflight(one, plan_joints(one, np.zeros(3), goal))
+        return [finding.what for finding in found if finding.kind == "self-collision"]
+
+    assert refusals(robot, touching) and refusals(robot, deeper)
+    # with a rest pose where the forearm lies against the shoulder it may lie there, but no deeper
+    lying = replace(robot, poses={"home": np.zeros(3), "rest": touching})
+    depth = 1000 * -SelfCollision(lying).closed.min()
+    assert depth >= 4
+    assert any(f"no deeper than at rest ({depth:.0f} mm)" in text for text in not_checked(lying))
+    assert refusals(lying, touching) == []
+    (what,) = refusals(lying, deeper)
+    assert "mm at rest)" in what
+
+
+def test_a_clear_pose_is_found_or_none(tmp_path: Path) -> None:
+    robot = replace(arm(tmp_path).with_body(), poses={})
+    q = clear_pose(robot)
+    assert q is not None and stands_clear(robot, q)
+    raised = replace(robot, floor_z=0.2)  # of the upper arm, the lower end is below it in every pose
+    assert clear_pose(raised) is None
+
+
+def test_an_arm_is_loaded_without_reading_its_meshes(tmp_path: Path) -> None:
+    arm(tmp_path)
+    code = (
+        "import sys, armctl; r = armctl.load_robot(sys.argv[1]); r.forward([0, 0, 0]); "
+        "assert len(r.shapes) == 5; assert not {'trimesh', 'scipy', 'viser'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code, str(tmp_path / "arm.urdf")], check=True)
