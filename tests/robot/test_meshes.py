@@ -18,9 +18,10 @@ from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import rotation_from_rpy
 from armctl.kinematics.chain import LinkFrames
-from armctl.motion import SelfCollision, not_checked, plan_joints
+from armctl.motion import SelfCollision, not_checked
 from armctl.motion.clearance import clear_pose, stands_clear
 from armctl.motion.preflight import preflight
+from armctl.motion.profiles import PointToPoint
 from armctl.robot import meshes
 from armctl.robot.fitting import Fitted, fit
 from armctl.robot.meshes import read_mesh, solid_of
@@ -286,7 +287,7 @@ def test_an_arm_folded_onto_itself_is_refused_also_where_it_touches_at_rest(tmp_
     touching, deeper = (folding[int(np.flatnonzero(depths > depth)[0])] for depth in (0.004, 0.015))
 
     def refusals(one: Robot, goal: FloatArray) -> list[str]:
-        found = preflight(one, plan_joints(one, np.zeros(3), goal))
+        found = preflight(one, PointToPoint.plan(one, np.zeros(3), goal))
         return [finding.what for finding in found if finding.kind == "self-collision"]
 
     assert refusals(robot, touching) and refusals(robot, deeper)

@@ -15,6 +15,7 @@ from tests.ui.guard_kit import CAMERA
 from viser._messages import FileTransferPart, FileTransferStartUpload
 
 from armctl.ui.guard.filter import (
+    MAX_ARM_BYTES,
     MAX_UPLOAD_BYTES,
     UPLOAD_PART_BYTES,
     FloodGauge,
@@ -63,8 +64,11 @@ class Clock:
         return self.now_s
 
 
+PART = 512 << 10
+
+
 class UploadButton(viser.GuiUploadButtonHandle):
-    visible, disabled = True, False
+    visible, disabled, mime_type = True, False, ".toml"
 
     def __init__(self) -> None:
         """Of no page."""
@@ -260,6 +264,22 @@ def test_a_busy_page_is_no_flood_and_the_allowance_comes_back_but_does_not_pile_
     while gauge.charge(0, refused=True):
         count += 1
     assert 150 < count < 200
+
+
+def test_an_arm_with_its_meshes_may_be_larger_than_a_program(page: Page) -> None:
+    def starts(size: int, button: object, transfer: str) -> bool:
+        page.controls["upload"] = button
+        start = {"filename": "arm.zip", "mime_type": "", "part_count": -(-size // PART), "size_bytes": size}
+        return page.admits("FileTransferStartUpload", **{**IDS, "transfer_uuid": transfer}, **start)
+
+    for_arms = type("ForArms", (UploadButton,), {"mime_type": ".zip,.urdf"})()
+    assert not starts(MAX_UPLOAD_BYTES + 1, UploadButton(), "one")
+    assert not starts(MAX_ARM_BYTES + 1, for_arms, "two")
+    assert "the largest that is taken has 24 MiB" in page.notices[-1]
+    assert starts(MAX_ARM_BYTES, for_arms, IDS["transfer_uuid"])
+    parts = (frame("FileTransferPart", **IDS, part_index=k, content=bytes(PART)) for k in range(48))
+    assert all(page.filter.admits(part) for part in parts)
+    assert not page.filter.flooded
 
 
 def test_a_file_that_is_too_large_is_told_once_and_is_no_flood(page: Page) -> None:
