@@ -64,9 +64,6 @@ class Clock:
         return self.now_s
 
 
-PART = 512 << 10
-
-
 class UploadButton(viser.GuiUploadButtonHandle):
     visible, disabled, mime_type = True, False, ".toml"
 
@@ -269,7 +266,12 @@ def test_a_busy_page_is_no_flood_and_the_allowance_comes_back_but_does_not_pile_
 def test_an_arm_with_its_meshes_may_be_larger_than_a_program(page: Page) -> None:
     def starts(size: int, button: object, transfer: str) -> bool:
         page.controls["upload"] = button
-        start = {"filename": "arm.zip", "mime_type": "", "part_count": -(-size // PART), "size_bytes": size}
+        start = {
+            "filename": "arm.zip",
+            "mime_type": "",
+            "part_count": -(-size // UPLOAD_PART_BYTES),
+            "size_bytes": size,
+        }
         return page.admits("FileTransferStartUpload", **{**IDS, "transfer_uuid": transfer}, **start)
 
     for_arms = type("ForArms", (UploadButton,), {"mime_type": ".zip,.urdf"})()
@@ -277,7 +279,9 @@ def test_an_arm_with_its_meshes_may_be_larger_than_a_program(page: Page) -> None
     assert not starts(MAX_ARM_BYTES + 1, for_arms, "two")
     assert "the largest that is taken has 24 MiB" in page.notices[-1]
     assert starts(MAX_ARM_BYTES, for_arms, IDS["transfer_uuid"])
-    parts = (frame("FileTransferPart", **IDS, part_index=k, content=bytes(PART)) for k in range(48))
+    parts = (
+        frame("FileTransferPart", **IDS, part_index=k, content=bytes(UPLOAD_PART_BYTES)) for k in range(48)
+    )
     assert all(page.filter.admits(part) for part in parts)
     assert not page.filter.flooded
 
