@@ -16,6 +16,7 @@ from armctl.errors import ArmctlError, MotionRefusedError
 from armctl.motion import ProfileName
 from armctl.motion.plan import follow_tool
 from armctl.motion.polynomial import PiecewisePolynomial, spline_through
+from armctl.motion.profiles import law_over
 from armctl.motion.timing import PathTrajectory, timed
 from armctl.robot import Robot, load_robot
 
@@ -136,6 +137,24 @@ def test_a_slow_line_takes_its_way_by_its_speed_and_its_ramps() -> None:
     path = next(paths(UZUNER, 1))
     cap = 0.01 * path.high
     assert timed(UZUNER, path, rate_cap=cap).duration == pytest.approx(path.high / cap, rel=1e-3)
+
+
+def test_where_a_joint_turns_back_it_need_not_wait() -> None:
+    """Base goes along (s - 1)²: at s = 1 its slope is 0, and no rate along the path moves it."""
+    row = np.zeros((1, 3, UZUNER.n))
+    row[0, :, 0] = [1.0, -2.0, 1.0]
+    there_and_back = timed(UZUNER, PiecewisePolynomial([0.0, 2.0], row)).duration
+    base = UZUNER.joints[0]
+    once = law_over(1.0, base.speed, base.acceleration, base.jerk, "trapezoid").high
+    assert there_and_back == pytest.approx(2 * once, rel=5e-3)
+
+
+def test_a_long_path_is_planned_in_parts() -> None:
+    points = np.random.default_rng(3).uniform(*UZUNER.limits.T, (40, UZUNER.n))
+    motion = timed(UZUNER, spline_through(points, 1 / UZUNER.speed_limits))
+    assert len(motion.law.coefficients) > 1024  # more than are held at once
+    shares = largest_shares(UZUNER, motion)[:2]
+    assert 0.99 < max(shares) <= 1 + 1e-9
 
 
 @pytest.mark.parametrize("profile", ["trapezoid", "s-curve", "cubic"])
