@@ -184,7 +184,7 @@ def test_killed_at_random_moments(killed: Killed) -> None:
                 ended.append(killed.pose()["ended"])
         killed.end()
         killed.assert_files_whole()
-    assert set(ended) <= {"moving", "", "closed", "released"}
+    assert set(ended) <= {"moving", "enabling", "", "closed", "released"}
     old = set((killed.folder / "run").rglob("arm-*"))
     killed.begin()  # and still it starts
     assert not [path for path in old if path.exists()]
