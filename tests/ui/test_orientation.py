@@ -75,7 +75,9 @@ def test_forward_couples_angles_and_orientation(page: FakePage, robot: Robot) ->
     assert off(robot, page.sent[-1].q, wanted) < 1e-6  # type: ignore[attr-defined]
 
 
-def test_a_pose_that_cannot_be_had_leaves_the_angles(page: FakePage, robot: Robot) -> None:
+def test_a_pose_that_cannot_be_had_leaves_the_angles(server: GuardedServer) -> None:
+    robot = ARMS["six"]
+    page = FakePage(server, robot, robot.pose("home"))
     ForwardScreen(page.session)
     page.put("Z mm", "5000")
     with pytest.raises(UnreachableError, match="not the same pose"):
@@ -84,6 +86,8 @@ def test_a_pose_that_cannot_be_had_leaves_the_angles(page: FakePage, robot: Robo
     reach = robot.inverse([9.0, 0.0, 0.3]).nearest_m
     assert reach is not None
     there = Target.of(0.999 * reach, rotation=robot.forward(home)[:3, :3] @ np.diag([-1.0, 1.0, -1.0]))
+    edge = solve(robot, there, "least-rotation", home)
+    assert "not in that orientation" in result_html(robot, edge)
     found = coupled_joints(robot, there, home)
     assert found.q is None and "not in that orientation" in found.why_not
     assert found.nearest_q is not None
@@ -135,10 +139,6 @@ def test_the_answer_says_how_the_tool_is_turned_and_what_is_free() -> None:
     assert "in steps of 0.01° of Joint 7" in result_html(robot, found)
     assert "a joint is free" in branches_html(found) and "pitch" not in branches_html(found)
     assert not isinstance(found.curve, str) and found.curve.title.startswith("Energy")
-    reach = robot.inverse([9.0, 0.0, 0.3]).nearest_m
-    assert reach is not None
-    edge = solve(robot, Target.of(0.999 * reach, rotation=np.diag([-1.0, 1.0, -1.0])), "least-rotation", home)
-    assert "not in that orientation" in result_html(robot, edge)
 
 
 def test_what_an_arm_cannot_do_is_not_offered(server: GuardedServer) -> None:
