@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,8 +15,11 @@ from armctl.errors import ArmctlError, InputError, MotionRefusedError, Unreachab
 from armctl.kinematics import Target
 from armctl.motion import (
     PROFILES,
+    JoinedTrajectory,
+    PiecewisePolynomial,
     PointToPoint,
     ProfileName,
+    SlowedTrajectory,
     ToolPathRefusedError,
     Trajectory,
     arc,
@@ -27,7 +32,7 @@ from armctl.motion import (
     preflight,
 )
 from armctl.motion.profiles import shortest_words
-from armctl.program import MoveStep, PointStep
+from armctl.program import MoveStep, PointStep, open_program
 
 ROBOT = load_robot("uzuner")
 HOME = ROBOT.pose("home")
@@ -177,3 +182,46 @@ def test_steps_are_in_degrees_and_millimetres() -> None:
     tool = ROBOT.forward(point.end)
     np.testing.assert_allclose(1000 * tool[:3, 3], [250, -50, 85], atol=1e-6)
     assert np.degrees(np.arcsin(tool[2, 2])) == pytest.approx(-45)
+
+
+JUNK = ["a", None, float("nan"), float("inf"), -1.0, [1, 2], {}, object(), True, 1j, np.zeros((1, 1)), b"x"]
+CALLS: dict[str, Callable[[Any], object]] = {
+    "the speed of a line": lambda x: plan_line(ROBOT, HOME, [0.2, 0.05, 0.15], pitch="free", speed=x),
+    "the end of a line": lambda x: plan_line(ROBOT, HOME, x),
+    "the start of a line": lambda x: plan_line(ROBOT, x, [0.2, 0.05, 0.15]),
+    "the duration of a line": lambda x: plan_line(ROBOT, HOME, [0.2, 0.0, 0.15], pitch="free", duration_s=x),
+    "the pitch of a line": lambda x: plan_line(ROBOT, HOME, [0.2, 0.05, 0.15], pitch=x),
+    "the profile of a line": lambda x: plan_line(ROBOT, HOME, [0.2, 0.05, 0.15], pitch="free", profile=x),
+    "the via of an arc": lambda x: plan_arc(ROBOT, HOME, x, [0.2, 0.05, 0.15]),
+    "the end of a motion": lambda x: plan_joints(ROBOT, HOME, x),
+    "the duration of a motion": lambda x: plan_joints(ROBOT, HOME, ROBOT.pose("rest"), x),
+    "the profile of a motion": lambda x: plan_joints(ROBOT, HOME, ROBOT.pose("rest"), None, x),
+    "a target": lambda x: plan_target(ROBOT, HOME, x),
+    "a criterion": lambda x: plan_target(ROBOT, HOME, Target.of([0.2, 0.0, 0.1]), x),
+    "the points of a spline": lambda x: plan_spline(ROBOT, x),
+    "a payload": lambda x: preflight(ROBOT, PointToPoint.plan(ROBOT, HOME, ROBOT.pose("rest")), x),
+    "a trajectory": lambda x: preflight(ROBOT, x),
+    "parts": JoinedTrajectory,
+    "a factor": lambda x: SlowedTrajectory(PointToPoint.plan(ROBOT, HOME, ROBOT.pose("rest")), x),
+    "a polynomial": lambda x: PiecewisePolynomial(x, x),
+    "a robot": load_robot,
+    "a pose": ROBOT.pose,
+    "a named point": ROBOT.point,
+    "a tool point": ROBOT.inverse,
+    "a rotation": lambda x: ROBOT.inverse([0.2, 0.0, 0.1], rotation=x),
+    "a step": lambda x: ROBOT.inverse([0.2, 0.0, 0.1], step=x),
+    "a program": open_program,
+}
+
+
+@pytest.mark.parametrize("what", CALLS)
+def test_junk_is_refused_in_words(what: str) -> None:
+    """Or taken, where it is what is asked for, such as no payload; nothing of numpy or Python comes out."""
+    refused = 0
+    for junk in JUNK:
+        try:
+            CALLS[what](junk)
+        except ArmctlError as error:
+            assert "\n" not in str(error) and len(str(error)) > 10
+            refused += 1
+    assert refused >= len(JUNK) - 4

@@ -179,6 +179,7 @@ def check_reason(asked: Asked, text: str) -> None:
 def check_needs(asked: Asked, text: str, *, pitched: bool) -> None:
     """With the limits of all the joints named widened to what is said, the arm gets there."""
     robot = asked.robot
+    text = re.sub(rf" \(with .+? at {NUMBER}°, where it comes nearest\)$", "", text)
     ways = [NEEDS.fullmatch(part) for part in text.split(" and ")]
     assert all(ways), text
     alternatives = max(2 if way and way[3] else 1 for way in ways)

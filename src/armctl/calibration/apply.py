@@ -229,7 +229,7 @@ def check_pose(robot: Robot) -> CheckPose:
         f"{joint.title} at {angle + 0.0:.1f}°"
         for joint, angle in zip(robot.joints, np.degrees(q).round(3).tolist(), strict=True)
     ]
-    return CheckPose(title, q, (*words, f"the tool at x {x:.1f}, y {y:.1f}, z {z:.1f} mm from the base"))
+    return CheckPose(title, q, (*words, f"the tool at x {x:z.1f}, y {y:z.1f}, z {z:z.1f} mm from the base"))
 
 
 def _right_angles(robot: Robot) -> FloatArray:

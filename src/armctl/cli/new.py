@@ -117,7 +117,7 @@ def summary(robot: Robot) -> list[str]:
         f"  {joint.title:<16}{math.degrees(joint.lower):9.2f}° … {math.degrees(joint.upper):.2f}°"
         for joint in robot.joints
     ]
-    lines.append(f"  in the pose home the tool is at x {x:.1f}, y {y:.1f}, z {z:.1f} mm")
+    lines.append(f"  in the pose home the tool is at x {x:z.1f}, y {y:z.1f}, z {z:z.1f} mm")
     if robot.output_map is None:
         lines.append("  no servos yet: it runs on the simulated board (give --servo JOINT=CHANNEL)")
     return lines

@@ -68,7 +68,7 @@ def run(
         x, y, z = arm.position_mm
         steps = "1 step" if len(loaded.steps) == 1 else f"{len(loaded.steps)} steps"
         click.echo(
-            f"done: {loaded.name}, {steps}; the tool is at ({x:.1f}, {y:.1f}, {z:.1f}) mm"
+            f"done: {loaded.name}, {steps}; the tool is at ({x:z.1f}, {y:z.1f}, {z:z.1f}) mm"
             + (f"; the {board.power} go off now" if board.off_when_left else "")
         )
 

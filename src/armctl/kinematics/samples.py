@@ -114,7 +114,8 @@ def grid_values(low: float, high: float, step: float) -> FloatArray:
     if (high - low) / step > _MOST_VALUES:
         least = math.degrees((high - low) / _MOST_VALUES)
         raise InputError(
-            f"the step of the swept joint must be an angle of at least {least:.2g}°, got {step!r} rad"
+            f"the step of the swept joint must be an angle of at least {1.005 * least:.3g}°, "
+            f"got {math.degrees(step):.6g}°"
         )
     first, last = math.ceil(low / step - _SLACK), math.floor(high / step + _SLACK)
     if first > last:

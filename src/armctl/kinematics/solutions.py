@@ -192,11 +192,11 @@ class Solutions:
         """The reason and the nearest reachable point in one sentence [mm]; empty when solved."""
         if self.reason is None or self.nearest_m is None:
             return self.reason or ""
-        x, y, z = np.round(1000.0 * self.nearest_m, 1) + 0.0  # no -0.0
+        x, y, z = 1000.0 * self.nearest_m
         away = float(np.linalg.norm(self.nearest_m - self.target.position))
         if away < _THERE_M:
             return f"{self.reason}; the point itself can be reached"
-        nearest = f"({x:.1f}, {y:.1f}, {z:.1f}) mm, {millimetres(away)} mm away"
+        nearest = f"({x:z.1f}, {y:z.1f}, {z:z.1f}) mm, {millimetres(away)} mm away"
         return f"{self.reason}; the nearest reachable point is {nearest}"
 
     @cached_property
@@ -368,15 +368,15 @@ def needs(title: str, limits: NDArray[np.float64] | Sequence[float], *angles: fl
     """Text for a joint that would leave its limits: ``limits`` (2,) and alternative ``angles`` [rad]."""
     low, high, *needed = (math.degrees(float(value)) + 0.0 for value in (*limits, *angles))
     digits = max(_digits(angle, low, high) for angle in needed)
-    said = " or ".join(dict.fromkeys(f"{angle:.{digits}f}°" for angle in needed))
-    return f"{title} needs {said}, its limits are {low:.{digits}f}° … {high:.{digits}f}°"
+    said = " or ".join(dict.fromkeys(f"{angle:z.{digits}f}°" for angle in needed))
+    return f"{title} needs {said}, its limits are {low:z.{digits}f}° … {high:z.{digits}f}°"
 
 
 def outside(lower: float, upper: float, angle: float) -> str:
     """Text for a joint angle beyond limits, all [rad]."""
     low, high, got = (math.degrees(value) + 0.0 for value in (lower, upper, angle))
     digits = _digits(got, low, high)
-    return f"{got:.{digits}f}° is outside {low:.{digits}f}° … {high:.{digits}f}°"
+    return f"{got:z.{digits}f}° is outside {low:z.{digits}f}° … {high:z.{digits}f}°"
 
 
 def _digits(angle: float, low: float, high: float) -> int:

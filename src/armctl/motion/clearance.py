@@ -6,6 +6,7 @@ Each kind has k gaps: ``parts`` are their names, ``levers`` (k, n) how much each
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 from typing import ClassVar, Literal
 
@@ -52,10 +53,11 @@ class Floor:
             height[:] = one.point @ links.rotation[one.link][2] + links.origin[one.link][2] - one.radius
         return heights - self._robot.floor_z
 
-    def worst(self, slack: FloatArray) -> int:
-        """Which gap is named, by the slack (k,) of each: the tool's, which comes last, if it lacks any."""
-        named = slack[-1] < 0.0 and self.parts[-1] == "the tool"
-        return len(slack) - 1 if named else int(slack.argmin())
+    def worst(self, gaps: FloatArray, slack: FloatArray) -> int:
+        """Which gap is named, by the size and the slack (k,) of each: the tool's point if it lacks any."""
+        if slack[-1] < 0.0 and self.parts[-1] == "the tool":
+            slack = np.append(np.zeros(len(slack) - 1), slack[-1])
+        return _deepest(self.parts, gaps, slack)
 
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """What is wrong where gap ``part`` is closed by ``depth_mm``, and what to do."""
@@ -78,17 +80,20 @@ class Obstacles:
         """(k, m) [m] at m configurations, negative inside an obstacle."""
         return self._model.gaps_to(self._obstacles, links)
 
-    def worst(self, slack: FloatArray) -> int:
-        """As ``Floor.worst``: the one that lacks most."""
-        return int(slack.argmin())
+    def worst(self, gaps: FloatArray, slack: FloatArray) -> int:
+        """As ``Floor.worst``: of those that lack most."""
+        return _deepest([(name, self._other(k)) for k, name in enumerate(self.parts)], gaps, slack)
 
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """As ``Floor.words``."""
-        title = self._obstacles[part // len(self._model.moving)].title
+        title = self._other(part)
         return (
             f"{depth_mm:.1f} mm inside {title}",
             f"choose another target, or go round {title} by another point",
         )
+
+    def _other(self, part: int) -> str:
+        return self._obstacles[part // len(self._model.moving)].title
 
 
 class SelfCollision:
@@ -106,9 +111,9 @@ class SelfCollision:
         """(k, m) [m] at m configurations, negative where a pair overlaps."""
         return self._model.gaps(links)
 
-    def worst(self, slack: FloatArray) -> int:
-        """As ``Floor.worst``: the one that lacks most."""
-        return int(slack.argmin())
+    def worst(self, gaps: FloatArray, slack: FloatArray) -> int:
+        """As ``Floor.worst``: of those that lack most."""
+        return _deepest([(name, self._other(k)) for k, name in enumerate(self.parts)], gaps, slack)
 
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """As ``Floor.words``."""
@@ -118,6 +123,15 @@ class SelfCollision:
             f"{depth_mm:.1f} mm inside {other}" + (f" ({at_rest:.1f} mm at rest)" if at_rest > 0 else ""),
             f"choose another target, or go round by a point farther from {other}",
         )
+
+    def _other(self, part: int) -> str:
+        return self._model.capsules[self._model.pairs[part][0]].part
+
+
+def _deepest(names: Sequence[object], gaps: FloatArray, slack: FloatArray) -> int:
+    """Of all gaps (k,) that are named as the one of least slack, the deepest."""
+    worst = names[int(slack.argmin())]
+    return min((k for k, name in enumerate(names) if name == worst), key=lambda k: float(gaps[k]))
 
 
 Gaps = Floor | Obstacles | SelfCollision

@@ -24,7 +24,7 @@ from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.paths.tool_path import PitchMode, TurnMode, follow
 from armctl.motion.polynomial import PiecewisePolynomial, spline_through
 from armctl.motion.preflight import require_clear
-from armctl.motion.profiles import NOWHERE, PointToPoint, ProfileName, lasting_s
+from armctl.motion.profiles import NOWHERE, PointToPoint, ProfileName, checked_profile, lasting_s
 from armctl.motion.timing import PathTrajectory, timed
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
 from armctl.robot import Robot
@@ -48,10 +48,10 @@ def plan_joints(
     limits, too short a duration, or what the pre-flight refuses.
     """
     end = robot.check_limits(end)
-    if profile == "normal" and duration_s is None:
+    if str(profile) == "normal" and duration_s is None:
         trajectory = PointToPoint.each_for_itself(robot, start, end)
     else:
-        law = "cubic" if profile == "normal" else profile
+        law = "cubic" if str(profile) == "normal" else checked_profile(profile)
         trajectory = PointToPoint.plan(robot, start, end, duration_s, law)
     if checked:
         require_clear(robot, trajectory)
@@ -80,6 +80,8 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: Choice)
     with the reason and the nearest point. A solver answers an orientation that cannot be had by the nearest;
     the arm is not sent there.
     """
+    if not isinstance(target, Target):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"a target is made with Target.of(position), it is not {target!r}")
     solver = robot.inverse_kinematics
     position_only = target.pitch is None and target.roll is None and target.rotation is None
     own = not isinstance(choose, str) and callable(choose)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
+from armctl.kinematics.target import as_numbers
 
 _NEGLIGIBLE = 1e-14
 """A coefficient that is a smaller share of the largest one counts as 0."""
@@ -26,9 +27,9 @@ class PiecewisePolynomial:
 
     def __init__(self, breaks: ArrayLike, coefficients: ArrayLike) -> None:
         """Copies breaks (k + 1,), rising, and coefficients (k, degree + 1, n), lowest power first."""
-        x, c = np.array(breaks, dtype=np.float64), np.array(coefficients, dtype=np.float64)
+        x, c = as_numbers(breaks, "breaks"), as_numbers(coefficients, "coefficients")
         if x.ndim != 1 or c.ndim != 3 or len(c) == 0 or len(x) != len(c) + 1 or c.shape[1] == 0:
-            raise InputError(f"{len(x)} breaks do not fit coefficients of shape {c.shape}")
+            raise InputError(f"breaks of shape {x.shape} do not fit coefficients of shape {c.shape}")
         if not (np.isfinite(c).all() and np.isfinite(x).all()):
             raise InputError("the breaks and coefficients of a polynomial must be finite numbers")
         if not (x[1:] > x[:-1]).all():

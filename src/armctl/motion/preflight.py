@@ -140,6 +140,8 @@ class SampledMotion:
 
     def __init__(self, robot: Robot, trajectory: Trajectory) -> None:
         """InputError: another number of joints, or a value that is not finite."""
+        if not isinstance(trajectory, Trajectory):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InputError(f"a motion is a trajectory, not {trajectory!r}")
         if trajectory.start.shape != (robot.n,) or trajectory.end.shape != (robot.n,):
             raise InputError(f"{robot.name} has {robot.n} joints, the trajectory has {len(trajectory.start)}")
         parts = trajectory.leaves() if isinstance(trajectory, JoinedTrajectory) else [(trajectory, 0.0)]
@@ -340,7 +342,7 @@ def _deepest(motion: SampledMotion, source: Gaps, allowed: FloatArray, begin: fl
     when = motion.least_at(lambda time: (gaps_at(time) - allowed).min(axis=0), begin, end)
     when = motion.told(when, lambda time: bool((gaps_at(np.array([time])) < allowed).any()))
     gaps = gaps_at(np.array([when]))
-    part = source.worst((gaps - allowed)[:, 0])
+    part = source.worst(gaps[:, 0], (gaps - allowed)[:, 0])
     what, mend = source.words(part, -1000 * float(gaps[part, 0]))
     return Finding(what, when, source.parts[part], mend, source.kind)
 

@@ -74,7 +74,7 @@ def law_over(
     Length and limits are positive. The cubic and the trapezoid do not keep the jerk limit.
     Raises ``InputError`` for a profile that is none.
     """
-    if profile in _SHAPES:
+    if checked_profile(profile) in _SHAPES:
         shape, way = _SHAPES[profile], np.array([length])
         return shape.over(way, float(shape.times(way, *np.array([[speed], [acceleration], [jerk]]))[0]))
     if profile == "trapezoid":
@@ -82,9 +82,14 @@ def law_over(
         ramp = peak / acceleration
         cruise = max(length / peak - ramp, 0.0)
         return _phases(length, ((ramp, acceleration, 0.0), (cruise, 0.0, 0.0), (ramp, -acceleration, 0.0)))
-    if profile == "s-curve":
-        return _s_curve(length, speed, acceleration, jerk)
-    raise InputError(f"there is no profile {profile!r}; choose among {', '.join(PROFILES)}")
+    return _s_curve(length, speed, acceleration, jerk)
+
+
+def checked_profile(profile: ProfileName) -> ProfileName:
+    """``profile``; ``InputError`` where it is none."""
+    if not isinstance(profile, str) or profile not in PROFILES:  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"there is no profile {profile!r}; choose among {', '.join(PROFILES)}")
+    return profile
 
 
 def _s_curve(length: float, speed: float, acceleration: float, jerk: float) -> PiecewisePolynomial:
@@ -148,7 +153,7 @@ class PointToPoint(KnowsPeaks):
         lasts = checked_duration(duration)
         if lasts == 0 and bool((first != last).any()):
             raise InputError(f"a motion cannot take {duration} s")
-        if profile not in _SHAPES:
+        if checked_profile(profile) not in _SHAPES:
             raise InputError(f"the shape of a {profile} depends on the limits; plan it")
         return cls(first, last, lasts, _SHAPES[profile].over(last - first, lasts) if lasts else None)
 
@@ -169,7 +174,7 @@ class PointToPoint(KnowsPeaks):
         """
         first, last = checked_ends(start, end, robot.n)
         travel = last - first
-        shape, laws = _SHAPES.get(profile), list[PiecewisePolynomial | None]()
+        shape, laws = _SHAPES.get(checked_profile(profile)), list[PiecewisePolynomial | None]()
         if shape is not None:
             way = np.where(np.abs(travel) > NOWHERE, np.abs(travel), 0.0)
             times = shape.times(way, robot.speed_limits, robot.acceleration_limits, robot.jerk_limits)

@@ -12,7 +12,7 @@ from armctl.errors import InputError
 from armctl.kinematics.target import as_numbers
 from armctl.motion.jerk_limited import jerk_limited_law
 from armctl.motion.polynomial import PiecewisePolynomial, quintic
-from armctl.motion.profiles import ProfileName, checked_duration, lasting_s, law_over
+from armctl.motion.profiles import ProfileName, checked_duration, checked_profile, lasting_s, law_over
 from armctl.motion.time_optimal import PathLimits, PathRates, fastest_rates, time_optimal_law
 from armctl.motion.trajectory import KnowsPeaks, Peaks, Sample, Trajectory
 from armctl.robot import Robot
@@ -185,7 +185,7 @@ def timed(
     ``MotionRefusedError``: the duration is too short; names which joint and limit ask for more, and the
     shortest.
     """
-    shortest = _shortest(robot, path, profile, rate_cap)
+    shortest = _shortest(robot, path, checked_profile(profile), rate_cap)
     if duration_s is None:
         return shortest
     lasts = lasting_s(

@@ -11,6 +11,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
+from armctl.kinematics.target import checked_number
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +89,9 @@ class JoinedTrajectory(KnowsPeaks):
 
     def __init__(self, parts: Sequence[Trajectory]) -> None:
         """At least one part, each starting where the one before it ends; else ``InputError``."""
+        listed = isinstance(parts, Sequence)  # pyright: ignore[reportUnnecessaryIsInstance]
+        if not (listed and all(isinstance(part, Trajectory) for part in parts)):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InputError(f"a trajectory is joined of trajectories, not of {parts!r}")
         if not parts:
             raise InputError("a trajectory needs at least one part")
         for k, (before, after) in enumerate(pairwise(parts), 2):
@@ -158,6 +162,7 @@ class SlowedTrajectory(KnowsPeaks):
 
     def __init__(self, trajectory: Trajectory, factor: float) -> None:
         """``factor`` times as long: at least 1 and finite, else ``InputError``."""
+        factor = checked_number(factor, "how many times as long a motion takes")
         if not 1.0 <= factor < np.inf:
             raise InputError(f"a motion is slowed down by a factor of 1 or more, not {factor}")
         self.inner, self.factor = trajectory, factor

@@ -269,7 +269,7 @@ class Robot(ArrayRecord):
 
     def pose(self, name: str) -> FloatArray:
         """A named configuration (n,) [rad]; ``InputError`` where there is none of that name."""
-        if name not in self.poses:
+        if not isinstance(name, str) or name not in self.poses:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(f"{self.name} has no pose {name!r}; it has {', '.join(self.poses)}")
         return self.poses[name].copy()
 
@@ -282,7 +282,7 @@ class Robot(ArrayRecord):
 
     def point(self, name: str) -> FloatArray:
         """A named tool point (3,) [m]; ``InputError`` where there is none of that name."""
-        if name not in self.points:
+        if not isinstance(name, str) or name not in self.points:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(f"{self.name} has no point {name!r}; it has {', '.join(self.points) or 'none'}")
         return self.points[name].copy()
 

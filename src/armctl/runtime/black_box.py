@@ -334,7 +334,8 @@ def _value(name: str, value: object) -> str:
         case np.ndarray():
             return f"array of {value.shape}"
         case Program():
-            return f"{value.name!r} with {len(value.steps)} steps"
+            steps = "1 step" if len(value.steps) == 1 else f"{len(value.steps)} steps"
+            return f"{value.name!r} with {steps}"
         case Target():
             place = ", ".join(f"{1000 * number:.1f}" for number in value.point)
             return f"({place}) mm{'' if value.pitch is None else f' pitch {math.degrees(value.pitch):.1f}°'}"

@@ -354,7 +354,7 @@ def below_floor(floor: Floor, q: FloatArray) -> str | None:
     slack = gaps - floor.closed + FLOOR_TOLERANCE_M
     if slack.min(initial=0.0) >= 0.0:
         return None
-    part = floor.worst(slack)
+    part = floor.worst(gaps, slack)
     return f"{floor.parts[part]}: {-1000 * gaps[part]:.1f} mm below the floor"
 
 

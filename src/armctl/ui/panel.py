@@ -111,7 +111,7 @@ class ControlPanel:
             for joint, angle in zip(robot.joints, np.round(np.degrees(q), 2), strict=True)
         ]
         x, y, z = np.round(1000 * robot.forward(q)[:3, 3], 1) + 0.0
-        tool = [["X", f"{x:.1f} mm"], ["Y", f"{y:.1f} mm"], ["Z", f"{z:.1f} mm"]]
+        tool = [["X", f"{x:z.1f} mm"], ["Y", f"{y:z.1f} mm"], ["Z", f"{z:z.1f} mm"]]
         for name, angle in zip(("Pitch", "Roll"), robot.inverse_kinematics.pitch_and_roll(q), strict=True):
             if angle is not None:
                 tool.append([name, f"{round(math.degrees(angle), 1) + 0.0:.1f}°"])

@@ -55,7 +55,7 @@ class LinkBound:
         """Why a point (3,) [m] cannot be reached, in words; None where the links alone do not forbid it."""
         distance = float(np.linalg.norm(point - self.centre))
         x, y, z = 1000.0 * self.centre + 0.0
-        place = f"({x:.1f}, {y:.1f}, {z:.1f}) mm on the axis of {first_joint}"
+        place = f"({x:z.1f}, {y:z.1f}, {z:z.1f}) mm on the axis of {first_joint}"
         where = f"the target is {1000 * distance:.1f} mm from {place}"
         if distance > self.outer + _ROUNDING:
             return too_far(distance - self.outer, where, "the links together reach", self.outer)

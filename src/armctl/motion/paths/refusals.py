@@ -82,7 +82,7 @@ def pitch_refusal(
     seen = np.degrees(elevations(robot, poses))
     return MotionRefusedError(
         f"the position alone decides this arm's tool pitch: along the {curve.kind} it goes through "
-        f"{seen.min():.2f}° … {seen.max():.2f}°, so that it can be neither kept nor led; choose free"
+        f"{seen.min():z.2f}° … {seen.max():z.2f}°, so that it can be neither kept nor led; choose free"
     )
 
 
@@ -327,12 +327,12 @@ def _may_be_followed(tried: Attempt, start: FloatArray) -> bool:
 
 
 def _where(curve: ToolCurve, place: PathPlace) -> str:
-    x, y, z = np.round(1000.0 * place.point, 1) + 0.0  # no -0.0
-    return f"{100.0 * place.fraction:.0f} % of the {curve.kind} (x {x:.1f}, y {y:.1f}, z {z:.1f} mm)"
+    x, y, z = (1000.0 * place.point).tolist()
+    return f"{100.0 * place.fraction:.0f} % of the {curve.kind} (x {x:z.1f}, y {y:z.1f}, z {z:z.1f} mm)"
 
 
 def _degrees(angle: float) -> str:
-    return f"{round(math.degrees(angle), 2) + 0.0:.2f}"
+    return f"{math.degrees(angle):z.2f}"
 
 
 def _before(path: PiecewisePolynomial | None, s: float) -> PiecewisePolynomial | None:

@@ -157,7 +157,7 @@ def _checked_turn(
 def _checked_mode(name: str, end: str, mode: TurnMode | None, has_end: bool) -> TurnMode:
     """``InputError``: no such mode, or an end that does not go with it."""
     mode = "kept" if mode is None else mode
-    if mode not in TURN_MODES:
+    if not isinstance(mode, str) or mode not in TURN_MODES:  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"tool {name} {mode!r}: allowed are {', '.join(map(repr, TURN_MODES))}")
     if has_end and mode != "interpolated":
         raise InputError(f"a {end} at the end does not go with {name} {mode!r}; choose 'interpolated'")

@@ -160,7 +160,7 @@ class OwnArm:
         x, y, z = np.round(1000 * robot.forward(self._pose_of(robot))[:3, 3], 1) + 0.0
         self._status.show(
             f"<div><b>{robot.n} joints: {escape(solver.family)}</b><br>{how}</div>"
-            f"<div style='opacity:.75'>The tool is at x {x:.1f}, y {y:.1f}, z {z:.1f} mm.</div>"
+            f"<div style='opacity:.75'>The tool is at x {x:z.1f}, y {y:z.1f}, z {z:z.1f} mm.</div>"
         )
         if self._robot is None or robot.chain != self._robot.chain:
             self._draw(robot)

@@ -280,7 +280,8 @@ def _program(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMo
         findings.insert(0, Finding(str(whole.broken.error), step=whole.broken.index))
         note = f"Drawn as far as step {whole.broken.index + 1}, which cannot be run."
     elif whole.cut:
-        note = f"The first {len(whole.steps)} steps of a pass; the rest is not drawn."
+        drawn = "step" if len(whole.steps) == 1 else f"{len(whole.steps)} steps"
+        note = f"The first {drawn} of a pass; the rest is not drawn."
     else:
         note = "One pass, with the durations of its own steps."
         if untimed:
