@@ -439,7 +439,7 @@ def check_finding(robot: Robot, motion: Trajectory, finding: Finding, payload: f
         assert min(abs(depth - number[0]) for depth in depths) <= 0.06, text
     elif finding.kind == "self-collision":
         axes, pieces = capsule_axes(robot, q), robot.collision.capsules
-        other = re.fullmatch(rf"{NUMBER} mm inside (.*)", finding.what)
+        other = re.fullmatch(rf"{NUMBER} mm inside (.*?)(?: \({NUMBER} mm at rest\))?", finding.what)
         assert other is not None
         depths = [
             1000 * (pieces[i].radius + pieces[j].radius - apart(axes[i], axes[j]))

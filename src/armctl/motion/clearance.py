@@ -117,7 +117,7 @@ class SelfCollision:
 
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """As ``Floor.words``."""
-        other = self._model.capsules[self._model.pairs[part][0]].part
+        other = self._other(part)
         at_rest = -1000 * float(self.closed[part])
         return (
             f"{depth_mm:.1f} mm inside {other}" + (f" ({at_rest:.1f} mm at rest)" if at_rest > 0 else ""),
