@@ -11,10 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.spherical_wrist.closed_form import ALMOST_HALF_TURN, BEYOND, DOUBLE, NEAR, ClosedForm
+from armctl.kinematics.spherical_wrist.closed_form import (
+    ALMOST_HALF_TURN,
+    APART,
+    BEYOND,
+    DOUBLE,
+    NEAR,
+    ClosedForm,
+)
+from armctl.kinematics.subproblems import two_turns_of_many
 
 _CHUNK = 4096
 """poses worked on at a time, so that what they need stays in the processor's cache"""
+_NEWTON = 2
+_FLAT = 1e-12
 
 
 def solve_poses(closed: ClosedForm, poses: FloatArray) -> FloatArray:
@@ -22,11 +32,10 @@ def solve_poses(closed: ClosedForm, poses: FloatArray) -> FloatArray:
 
     NaN where a pose lacks a branch. All infinite where a pose needs care, which the caller has to solve.
     """
-    q = np.full((len(poses), 8, 6), math.nan)
+    q = np.empty((6, 8, len(poses)))  # joint by joint in memory: contiguous to write
     for at in range(0, len(poses), _CHUNK):
-        part = poses[at : at + _CHUNK]
-        _solve_into(closed, part, q[at : at + _CHUNK])
-    return q
+        _solve_into(closed, poses[at : at + _CHUNK], q[:, :, at : at + _CHUNK])
+    return q.transpose(2, 1, 0)
 
 
 def _solve_into(closed: ClosedForm, poses: FloatArray, q: FloatArray) -> None:
@@ -69,19 +78,21 @@ def _solve_into(closed: ClosedForm, poses: FloatArray, q: FloatArray) -> None:
     else:
         bend = _bend(*closed.geometry.wrist, np.arctan2(level, m33))
         care |= ((bend < NEAR) | (bend > ALMOST_HALF_TURN)).any(axis=0)
-    fourth, sixth = np.arctan2(m23, m13), np.arctan2(m32, m31)
+    fourth, sixth = np.arctan2(m23, m13), -np.arctan2(m32, m31)
+    bad = ~np.isfinite(second + bend)
+    o2, o3, o5 = closed.geometry.offsets
     c, s = np.cos(bend), np.sin(bend)
-    k13, k23, k31, k32 = s * sb, -(ca * c * sb + sa * cb), sa * s, sa * c * cb + ca * sb
-    _, o3, o5 = closed.geometry.offsets
     for flip, sign in enumerate((-1.0, 1.0) if closed.first_is_flipped else (1.0, -1.0)):
-        angles = (
-            *(first, second - closed.geometry.offsets[0], third - o3),
-            *(fourth - np.arctan2(k23, sign * k13), sign * bend - o5, np.arctan2(k32, sign * k31) - sixth),
-        )
-        for joint, angle in enumerate(angles):
-            q[:, flip::2, joint] = angle.T
-    q[~np.isfinite(q).all(axis=2)] = math.nan
-    q[care] = math.inf
+        if closed.right_angled:  # what is added below is 0, or half a turn
+            half = 0.0 if sign > 0.0 else math.pi
+            q4, q6 = fourth + half, sixth + half
+        else:
+            q4 = fourth - np.arctan2(-(ca * c * sb + sa * cb), sign * sb * s)
+            q6 = sixth + np.arctan2(sa * c * cb + ca * sb, sign * sa * s)
+        for joint, angle in enumerate((first, second - o2, third - o3, q4, sign * bend - o5, q6)):
+            q[joint, flip::2] = angle
+        q[:, flip::2][:, bad] = math.nan
+    q[:, :, care] = math.inf
 
 
 def _placed(closed: ClosedForm, poses: FloatArray) -> tuple[FloatArray, ...]:
@@ -108,9 +119,8 @@ def _pairs(
     flat = X * X + Y * Y
     whole = flat + Z * Z
     care = flat < closed.near**2
-    ways = (4, len(X))
     if closed.geometry.regional == "skew":
-        return np.zeros(ways), np.zeros(ways), np.ones_like(care)
+        return _skew_pairs(closed, X, Y, Z, whole, care)
     b, c = closed.m1 * X + closed.m2 * Y, closed.m1 * Y - closed.m2 * X
     size, middle = np.sqrt(b * b + c * c), np.arctan2(c, b)
     signs = np.array([[1.0], [-1.0]])
@@ -141,6 +151,41 @@ def _pairs(
     away, close = _away(size, value, closed.first_beyond)
     first = np.concatenate([middle + away, middle - away])
     return first, np.concatenate([third, third]), care | bent | close.any(axis=0)
+
+
+def _skew_pairs(
+    closed: ClosedForm,
+    X: FloatArray,
+    Y: FloatArray,
+    Z: FloatArray,
+    whole: FloatArray,
+    care: NDArray[np.bool_],
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """As ``_pairs``, where no neighbouring axes are parallel or meet; by rising θ1."""
+    if closed.geometry.nearly:
+        return np.zeros((4, len(X))), np.zeros((4, len(X))), np.ones_like(care)
+    by_first, by_third, rest = closed.skew_conditions(X, Y, Z, whole)
+    A, B, c = np.moveaxis(np.array(by_first), -1, 0), np.array(by_third), np.array(rest).T
+    pairs, free = two_turns_of_many(A, np.broadcast_to(B, A.shape), c, BEYOND)
+    for _ in range(_NEWTON):
+        u, v = (np.stack([np.cos(x), np.sin(x)], axis=-1) for x in np.moveaxis(pairs, 2, 0))
+        off = u @ A.swapaxes(1, 2) + v @ B.T - c[:, None]
+        j, k = (np.stack([-w[..., 1], w[..., 0]], axis=-1) for w in (u, v))
+        j, k = j @ A.swapaxes(1, 2), k @ B.T
+        det = j[..., 0] * k[..., 1] - j[..., 1] * k[..., 0]
+        det = np.where(np.abs(det) < _FLAT, math.inf, det)  # nearly a double root: left to who takes care
+        pairs = pairs - np.stack(
+            [
+                (k[..., 1] * off[..., 0] - k[..., 0] * off[..., 1]) / det,
+                (j[..., 0] * off[..., 1] - j[..., 1] * off[..., 0]) / det,
+            ],
+            axis=-1,
+        )
+    first, third = np.moveaxis(pairs, 2, 0)
+    order = np.argsort(first, axis=1)  # those that there are not are NaN, and the last
+    first, third = np.take_along_axis(first, order, 1), np.take_along_axis(third, order, 1)
+    apart = np.abs(np.diff(first, axis=1)) + np.abs(np.diff(third, axis=1))
+    return first.T, third.T, care | free | (apart < APART).any(axis=1)
 
 
 def _away(size: FloatArray, value: FloatArray, beyond: float) -> tuple[FloatArray, NDArray[np.bool_]]:

@@ -20,7 +20,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,7 +40,7 @@ DOUBLE = 1e-12
 NEAR = 1e-5
 """where W is nearer to an axis, in lengths of the arm, or the wrist is nearer to its singular pose [rad],
 rounding needs more care"""
-_APART = 1e-3
+APART = 1e-3
 """as it does where two postures are so near to each other [rad]"""
 _STEPS = 6
 ALMOST_HALF_TURN = math.pi - NEAR
@@ -339,20 +339,26 @@ class ClosedForm:
 
     def _skew_pairs(self, X: float, Y: float, Z: float, whole: float) -> tuple[list[Pair], bool]:
         """As ``pairs``, for axes of which no neighbours are parallel or meet; numbered by rising θ1."""
+        answer = two_turns(*self.skew_conditions(X, Y, Z, whole), BEYOND)
+        pairs = sorted(answer.angles)[:4] if answer.exact else []
+        apart = [math.dist(*two) for two in itertools.combinations(pairs, 2)]
+        care = self.geometry.nearly or bool(answer.free) or min(apart, default=1.0) < APART
+        return [(first, third, k) for k, (first, third) in enumerate(pairs)], care
+
+    def skew_conditions(self, X: Any, Y: Any, Z: Any, whole: Any) -> tuple[Any, Any, Any]:
+        """A, B and c of ``two_turns`` for W at X, Y, Z [m], numbers or arrays; ``whole``: their squares.
+
+        The second condition is divided by a length.
+        """
         s, r, length = self.sa1, self.r, self.length
         (px, py, pz), qy = self.geometry.p.tolist(), float(self.geometry.q[1])
         near, far = -2.0 / length, -2.0 * r / length
         reach = self._skew_reach - whole + 2.0 * pz * Z
-        answer = two_turns(
+        return (
             ((-s * Y, s * X), (near * (px * X + py * Y), near * (px * Y - py * X))),
             ((0.0, -self.sa2 * r), (far * self.a2, far * (self.ca2 * qy + self.sa2 * self.d2))),
             (self.w0 - s * py + self.ca1 * (pz - Z), reach / length),
-            BEYOND,
         )
-        pairs = sorted(answer.angles)[:4] if answer.exact else []
-        apart = [math.dist(*two) for two in itertools.combinations(pairs, 2)]
-        care = self.geometry.nearly or bool(answer.free) or min(apart, default=1.0) < _APART
-        return [(first, third, k) for k, (first, third) in enumerate(pairs)], care
 
     def second(self, centre: Three, first: float, third: float) -> tuple[float, float]:
         """φ2 [rad] that belongs to θ1 and φ3, and how far W is from the second axis [m]."""
