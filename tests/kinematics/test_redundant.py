@@ -228,6 +228,39 @@ def test_whole_turns_are_listed_where_the_limits_allow_them() -> None:
     assert "more differ by whole turns" in (fine.incomplete_reason or "")
 
 
+@pytest.mark.parametrize(
+    ("name", "q"),
+    [
+        ("iiwa", [0.0] * 7),
+        ("iiwa", [0.3, 0.5, 0.2, 0.0, 0.1, 0.4, 0.2]),  # elbow straight
+        ("iiwa", [0.3, 0.0, 0.2, 0.8, 0.1, 0.4, 0.2]),  # two shoulder axes in line
+        ("iiwa", [0.3, 0.5, 0.2, 0.8, 0.1, 0.0, 0.2]),  # two wrist axes in line
+        ("panda", [0.1, 0.0, 0.2, -1.0, 0.3, 1.5, 0.4]),
+        ("panda", PANDA[1][:, 0]),  # every joint at a limit
+        ("panda", PANDA[1][:, 1]),
+        ("gen3", [0.0] * 7),
+        ("xarm7", [0.0] * 7),
+    ],
+)
+def test_where_the_arm_stands_is_listed_in_singular_poses_and_at_limits(name: str, q: list[float]) -> None:
+    arm, there = ARMS[name], np.array(q)
+    inverse, target = solver(arm), pose_of(arm[0], there)
+    found = inverse.solve(target, STEP, there)
+    assert nearest(found, there) < 1e-6
+    assert_sound(found, arm)
+    assert found.best("least-travel", there) == pytest.approx(there, abs=1e-6)
+    assert_sound(inverse.solve(target, STEP), arm)
+
+
+def test_a_held_joint_leaves_one_solution() -> None:
+    q = np.array([0.1, -0.4, 0.2, -2.0, 0.3, 1.8, 0.3])
+    for joint in (2, 6):
+        limits = PANDA[1].copy()
+        limits[joint] = q[joint]
+        found = solver((PANDA[0], limits)).solve(pose_of(PANDA[0], q), STEP, q)
+        assert nearest(found, q) < 1e-6 and len(found) < 9
+
+
 def test_a_position_alone_is_searched_for_and_a_pose_out_of_reach_is_approached() -> None:
     inverse, (chain, _) = solver(PANDA), PANDA
     T = plain_forward(chain, np.array([0.1, -0.4, 0.2, -2.0, 0.3, 1.8, 0.5]))

@@ -32,8 +32,8 @@ _REACH_TOLERANCE = 1e-13
 """how far rounding may carry the squared distance of W from P beyond what the elbow reaches [m²]"""
 _TURN_TOLERANCE = 1e-12
 """the same for a direction that joint 1 and 2, or 4 and 5, turn to (unit vectors)"""
-_DOUBLE = 1e-9
-"""two roots this near to each other are one [rad]"""
+_DOUBLE = 1e-6
+"""two roots this near to each other are one [rad]: rounding splits a double one by 1e-8 and more"""
 
 _UNMOVED = 1e-11
 """a unit vector this near to an axis does not move when it turns"""

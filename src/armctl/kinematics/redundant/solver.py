@@ -75,12 +75,14 @@ class RedundantSolver(InverseKinematics):
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = target.rotation, target.position
         found = self._listed(pose, self._grid(step, start), step)
+        if start is not None:
+            found = self._with(pose, found, start)
         if len(found.q) == 0:
             return self._search.solve(target, step, start)
         title = self.titles[self._locked.joint]
         reason = (
             f"listed in steps of {math.degrees(step):.6g}° of {title}; "
-            "a run of solutions shorter than that may be missing"
+            "a run of solutions shorter than that, and further ways of a singular pose, may be missing"
         )
         q, branch = found.q, found.branch
         if (np.ptp(self.limits, axis=1) >= TWO_PI).any():
@@ -92,6 +94,19 @@ class RedundantSolver(InverseKinematics):
             least_rotation=partial(self._least_rotation, pose, found, step), incomplete_reason=reason,
             travel=partial(self._travel, pose, found, step),
         )  # fmt: skip
+
+    def _with(self, pose: FloatArray, found: Found, q: FloatArray) -> Found:
+        """With a configuration (7,) among them that meets the pose: of a singular one not all are listed."""
+        low, high = self.limits.T
+        if ((q < low) | (q > high)).any() or not self._meets(pose, q[None])[0]:
+            return found
+        apart = np.abs(self._toward(found.q, q) - q).max(axis=1)
+        nearest = 0 if len(apart) == 0 else int(apart.argmin())
+        if len(apart) and apart[nearest] < _SAME:
+            return found
+        lane = found.branch[nearest] if len(apart) else 0
+        rows, branch = self._along(np.vstack([found.q, q]), np.append(found.branch, lane))
+        return Found(np.arange(len(rows)), branch, rows)
 
     def _grid(self, step: float, start: FloatArray | None) -> FloatArray:
         """The angles of the sweep (k,) [rad], rising: no more than a turn, its images are added later."""
@@ -125,7 +140,7 @@ class RedundantSolver(InverseKinematics):
         q, branch = self._along(q, branch)
         middle, lane = self._between(pose, q, branch, step)
         q, branch = self._along(np.concatenate([q, middle]), np.concatenate([branch, lane]))
-        met = np.flatnonzero(self._meets(pose, q))
+        met = np.flatnonzero(self._meets(pose, q) & ~_repeated(q))
         return Found(met, branch[met], q[met])
 
     def _along(self, q: FloatArray, branch: IndexArray) -> tuple[FloatArray, IndexArray]:
@@ -218,3 +233,14 @@ class RedundantSolver(InverseKinematics):
             step /= _SECTIONS
         _, q = self._on(pose, centre, branch)
         return q[self._meets(pose, q)]
+
+
+def _repeated(q: FloatArray) -> NDArray[np.bool_]:
+    """Which of configurations (m, 7) are there already: where two branches meet."""
+    place = q @ np.sqrt(np.arange(2.0, 2.0 + q.shape[1]))  # the same for the same ones
+    order = np.argsort(place, kind="stable")
+    near = np.flatnonzero(np.diff(place[order]) < 32.0 * _SAME)
+    first, second = order[near], order[near + 1]
+    repeated = np.zeros(len(q), dtype=np.bool_)
+    repeated[second[np.abs(q[second] - q[first]).max(axis=1, initial=0.0) < _SAME]] = True
+    return repeated
