@@ -8,8 +8,15 @@ from tests.motion.paths.tool_kit import ABAAS, ROBOTS, SCORBOT, UZUNER, random_s
 
 from armctl.motion.error_report import line
 from armctl.motion.paths.tool_curve import ToolLine
-from armctl.motion.paths.tool_pitch import AxisPitch, PitchGrid, carried, led_pitches
-from armctl.robot import Robot
+from armctl.motion.paths.tool_pitch import (
+    AxisPitch,
+    PitchGrid,
+    carried,
+    elevations,
+    led_pitches,
+    pitch_rows,
+)
+from armctl.robot import Robot, load_robot
 
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
@@ -38,6 +45,19 @@ def test_rows_of_the_axis_are_derivatives(parts: tuple[int, ...]) -> None:
     wanted = [(rows.missing(q, pose, 0.1 + way * h), rows.rates(0.1 + way * h)[0]) for way in (1.0, -1.0)]
     slopes = (np.array(wanted[0]) - np.array(wanted[1])) / (2 * h)
     np.testing.assert_allclose(rows.rates(0.1), slopes, atol=1e-8)
+
+
+@pytest.mark.parametrize("robot", [*ROBOTS, load_robot("ur5")], ids=lambda robot: robot.name)
+@pytest.mark.parametrize("end", [None, 0.3])
+def test_the_elevation_asked_for_begins_at_that_of_the_arm_and_goes_to_the_end(
+    robot: Robot, end: float | None
+) -> None:
+    rng = np.random.default_rng(8)
+    for q in (random_start(rng, robot) for _ in range(10)):
+        rows, now = pitch_rows(robot, q, 0.2, end), robot.forward(q)[None]
+        begun = float(elevations(robot, now)[0])
+        assert rows.elevation(0.0) == pytest.approx(begun, abs=1e-9)
+        assert rows.elevation(0.2) == pytest.approx(begun if end is None else end, abs=1e-9)
 
 
 @pytest.mark.parametrize("robot", [UZUNER, ABAAS, SCORBOT], ids=lambda robot: robot.name)

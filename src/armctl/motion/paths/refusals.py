@@ -113,14 +113,14 @@ class Attempt:
         """What is asked for besides the position, in a word; empty: nothing."""
         return "" if self.turn is None else "rotation" if isinstance(self.turn, ToolRotation) else "pitch"
 
-    def target(self, q: FloatArray, s: float) -> Target:
-        """What the tool is asked for at ``s`` [m]; a pitch as at ``q`` (n,) [rad]."""
+    def target(self, s: float) -> Target:
+        """What the tool is asked for at ``s`` [m]."""
         point = self.curve.positions(s)
         if self.turn is None:
             return Target.of(point)
         if isinstance(self.turn, ToolRotation):
             return Target.of(point, rotation=self.turn.at(s))
-        return Target.of(point, float(elevations(self.robot, self.robot.forward(q)[None])[0]))
+        return Target.of(point, self.turn.elevation(s))
 
     def solve(self, target: Target) -> Solutions:
         """The solutions of a target inside the limits."""
@@ -237,7 +237,7 @@ def end_refusal(tried: Attempt) -> ToolPathRefusedError | ToolPathUnreachableErr
     last = walked.knots[-1]
     s, before = last.s, _before(walked.path, last.s)
     place = PathPlace(s, s / curve.length, curve.positions(s))
-    why = _out_of_reach(tried, last.q, s)
+    why = _out_of_reach(tried, s)
     if why is not None:
         return ToolPathUnreachableError(f"{_where(curve, place)}: {why}", place, before)
     k = int((np.abs(last.slope) / robot.speed_limits).argmax())
@@ -249,13 +249,13 @@ def end_refusal(tried: Attempt) -> ToolPathRefusedError | ToolPathUnreachableErr
     )
 
 
-def _out_of_reach(tried: Attempt, q: FloatArray, s: float) -> str | None:
+def _out_of_reach(tried: Attempt, s: float) -> str | None:
     """Why no branch reaches the curve just beyond ``s`` [m], limits not looked at; None: one does."""
     robot, curve = tried.robot, tried.curve
     searched = tried.searched  # by many starts: too slow to ask often
 
     def missing(s: float) -> str | None:
-        target = tried.target(q, s)
+        target = tried.target(s)
         solutions = tried.solve(target)
         met = solutions.success and bool((solutions.residual_rad < _TURNED).any())
         if met or (not searched and robot.branches(*target)):
@@ -294,7 +294,7 @@ def _other_ways(tried: Attempt) -> str:
 def _other_branches(tried: Attempt) -> list[str]:
     """Names of branches from which the arm follows the whole curve; none where that is not known."""
     robot, q = tried.robot, tried.start
-    target = tried.target(q, 0.0)
+    target = tried.target(0.0)
     roll_joint = robot.inverse_kinematics.roll_joint
     if roll_joint is not None and target.rotation is None:
         target = target._replace(roll=float(q[roll_joint]))

@@ -39,7 +39,14 @@ class PlanePitch:
     """what the sum shall be over the way [m], one coordinate [rad]"""
     is_wish: bool = True
     """False: the curve is only a means to get along, and need not be kept exactly"""
+    offset: float = 0.0
+    """what the sum lacks of the tool's angle above the horizontal [rad]"""
     count: ClassVar[int] = 1
+
+    def elevation(self, s: float) -> float:
+        """The elevation of the tool's z axis that is asked for at ``s`` [m], within ±90° [rad]."""
+        angle = float(self.curve(s)[0]) + self.offset
+        return math.atan2(math.sin(angle), abs(math.cos(angle)))
 
     def missing(self, q: FloatArray, pose: FloatArray, s: float) -> FloatArray:
         """(count,) right side less left side at ``s`` [m], at ``q`` (n,) with the tool pose (4, 4)."""
@@ -77,6 +84,10 @@ class AxisPitch:
     def count(self) -> int:
         """1, or 2 for upright."""
         return len(self.parts)
+
+    def elevation(self, s: float) -> float:
+        """[rad]."""
+        return self.start + self.rate * s
 
     def missing(self, q: FloatArray, pose: FloatArray, s: float) -> FloatArray:
         """(count,)."""
@@ -150,9 +161,8 @@ def pitch_rows(robot: Robot, q: FloatArray, length: float, end: float | None) ->
         angle += geometry.tool_angle or 0.0
         forward = _reaches_forward(geometry, q, robot.forward(q)[:3, 3])
         turn = 0.0 if end is None else _plane_turn(angle, end, outward=0.0 if forward else math.pi)
-        return PlanePitch(
-            senses, PiecewisePolynomial([0.0, length], [[[float(senses @ q)], [turn / length]]])
-        )
+        curve = PiecewisePolynomial([0.0, length], [[[float(senses @ q)], [turn / length]]])
+        return PlanePitch(senses, curve, offset=angle - float(senses @ q))
     if end is not None and abs(end) > math.pi / 2:
         raise InputError(f"a tool pitch lies within ±90°, got {math.degrees(end):.2f}°")
     start = float(elevations(robot, robot.forward(q)[None])[0])
