@@ -13,7 +13,7 @@ import numpy as np
 import viser
 
 from armctl.errors import ArmctlError, InputError, RobotFileError
-from armctl.motion.clearance import clear_pose
+from armctl.motion.clearance import clear_pose, stands_clear
 from armctl.robot import Robot, load_robot, urdf_path
 from armctl.robot.urdf import (
     SideFile,
@@ -83,7 +83,7 @@ class UrdfArm:
             LiveHtml(gui, "<b>Rest pose</b>" + muted("Enable puts the simulated arm there (the ghost)."))
             self._angles = angle_fields(gui, self._robot, self._robot.pose("rest"))
             self._take = gui.add_button_group("Rest pose", ("Use the present pose", "Find a clear one"))
-            self._home = gui.add_checkbox("Home pose, too", False)
+            self._home = gui.add_checkbox("Home pose, too", False, hint="Home is a pose that Main goes to.")
             self._problem = LiveHtml(gui)
             save = gui.add_button("Save and open anew", icon=viser.Icon.DEVICE_FLOPPY, color="green")
             cancel = gui.add_button("Cancel", color="gray")
@@ -116,6 +116,8 @@ class UrdfArm:
             field.fill(value)
         self._floor.fill(1000 * self._robot.floor_z)
         self._angles.fill(self._robot.pose("rest"))
+        home = self._robot.pose("home")
+        self._home.value = not await asyncio.to_thread(stands_clear, replace(self._robot, poses={}), home)
         self._box.visible, self._begin.visible = True, False
 
     def _end(self) -> None:
