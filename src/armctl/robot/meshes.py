@@ -8,7 +8,6 @@ from __future__ import annotations
 import io
 import math
 import re
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -125,9 +124,11 @@ def _binary_stl(content: bytes, count: int) -> Solid:
 
 
 def _by_trimesh(content: bytes, suffix: str) -> Solid:
-    trimesh: Any = import_module("trimesh")
+    import trimesh  # as long as reading a mesh takes
+
+    library: Any = trimesh
     try:
-        loaded = trimesh.load_scene(
+        loaded = library.load_scene(
             io.BytesIO(content), file_type=suffix.removeprefix("."), process=False, skip_materials=True
         )
         mesh = loaded.to_mesh()
