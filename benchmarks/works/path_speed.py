@@ -112,16 +112,16 @@ def _planning(robot: Robot, count: int) -> Row:
         end = robot.forward(q)[:3, 3] + rng.normal(size=3) * 0.05
         try:
             for _ in range(_TRIES):
-                begin = time.perf_counter()
+                begin = time.thread_time()
                 plan_line(robot, q, end, pitch="free", checked=False)
-                tries.append(time.perf_counter() - begin)
+                tries.append(time.thread_time() - begin)
         except ArmctlError:
             continue
         taken.append(min(tries))
     ours = 1e6 * statistics.median(taken)
     return Row(
         f"{robot.name}, a line planned, pre-flight aside",
-        "10 ms",
+        "10 ms of the processor",
         _MOST_US,
         ours,
         ratio=ours / _MOST_US,
