@@ -111,12 +111,13 @@ class OffsetRollSolver(InverseKinematics):
         """
         step = checked_step(step)
         if target.pitch is not None and not self._has_pitch:
-            return self._refused(target, NO_PITCH)
+            free = target._replace(pitch=None, roll=None)
+            return self._refused(target, self._besides(NO_PITCH, free, step))
         if target.rotation is not None:
             return self._turned(target, target.rotation)
         refusal, held = held_roll(self._roll, target.roll)
         if refusal is not None:
-            return self._refused(target, refusal)
+            return self._refused(target, self._besides(refusal, target._replace(roll=None), step))
         if target.roll is not None or self._roll_is_held:
             given = [held] if target.roll is None else images(target.roll, *self._rolls)
             return self._with_rolls(target, given, step)
