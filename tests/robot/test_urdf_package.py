@@ -62,6 +62,7 @@ def zipped(files: dict[str, str | bytes]) -> bytes:
         ("package://other/upper.stl", "other/upper.stl"),
         ("package://renamed/meshes/upper.stl", "my_arm/meshes/upper.stl"),
         ("model://my_arm/meshes/upper.stl", "my_arm/meshes/upper.stl"),
+        ("package://my_arm_description/meshes/upper.stl", "my_arm/meshes/upper.stl"),
         ("../meshes/upper.stl", "my_arm/meshes/upper.stl"),
         ("file://../meshes/upper.stl", "my_arm/meshes/upper.stl"),
         ("meshes/a%20b.stl", "my_arm/urdf/meshes/a b.stl"),
@@ -293,7 +294,7 @@ def process_file(name):
         raise ValueError("a macro\\nfailed")
     if "FIND" in text:
         find("nowhere")
-    place = find("my_arm")
+    place = find("my_arm_support")
     return minidom.parseString(open(place + "/expanded.urdf").read())
 """
 

@@ -118,6 +118,9 @@ class UrdfSource:
                 yield place
             yield place / name
             yield place / "share" / name
+        for place in self._above():
+            if name.startswith(f"{place.name}_"):  # a copy whose folder lost the end of its name
+                yield place
         if self.folder is not None:
             return
         for entry in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep):

@@ -227,8 +227,8 @@ def expanded_by_package(file: Path, why: str) -> bytes:
     return done.stdout
 
 
-def _main(file: Path) -> None:
-    """The process of its own: print the expanded file."""
+def _main(file: Path, missing: list[str]) -> None:
+    """The process of its own: print the expanded file; ``missing`` gets what is said of a package."""
     from armctl.robot.urdf.package import UrdfSource
 
     source = UrdfSource(file)
@@ -236,7 +236,8 @@ def _main(file: Path) -> None:
     def find(name: str) -> str:
         place = source.package(name)
         if place is None:
-            raise RobotFileError(f"$(find {name}): no folder above the file holds a package of that name")
+            missing.append(f"$(find {name}): no folder above the file holds a package of that name")
+            raise RobotFileError(missing[-1])
         return str(place.absolute())
 
     if find_spec("ament_index_python") is None:  # where ROS is not, packages are looked for as for meshes
@@ -249,7 +250,8 @@ def _main(file: Path) -> None:
 
 
 if __name__ == "__main__":
+    not_found: list[str] = []
     try:
-        _main(Path(sys.argv[1]))
-    except Exception as failed:
-        sys.exit(" ".join(str(failed).split()) or type(failed).__name__)
+        _main(Path(sys.argv[1]), not_found)
+    except Exception as failed:  # xacro wraps what is raised, in several lines
+        sys.exit(" ".join([*not_found, str(failed)][0].split()) or type(failed).__name__)
