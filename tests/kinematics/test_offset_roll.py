@@ -258,3 +258,32 @@ def test_a_refusal_names_the_roll_and_the_nearest_point_is_not_beaten() -> None:
         assert away <= np.linalg.norm(tips - point, axis=1).min() + 1e-9
     beyond = ik.solve(Target.of([0.25, 0.0, 0.1], roll=math.radians(175)), STEP)
     assert beyond.reason == "Roll needs 175.00°, its limits are -157.21° … 162.79°"
+
+
+def test_orientations_upright_askew_and_out_of_reach() -> None:
+    chain, limits = so101()
+    ik = solver_of(chain, limits)
+    q = np.radians([20.0, -10.0, 30.0, 0.0, 40.0])
+    q[3] = np.radians(-90.0) - (ik.pitch_and_roll(q)[0] or 0.0)
+    rises: list[float] = []
+    for wrist in (q[3], -q[3]):  # one of them points straight down or up
+        q[3] = wrist
+        T = chain.forward(q)
+        rises.append(abs(T[2, 2]))
+        assert_sound(ik.solve(Target.of(T[:3, 3], rotation=T[:3, :3]), STEP), limits, q)
+    assert max(rises) > 1.0 - 1e-12
+    askew = T[:3, :3] @ looking(np.array([0.1, 0.2, 1.0]), 0.3)[:3, :3]
+    near = ik.solve(Target.of(T[:3, 3], rotation=askew), STEP)
+    assert near.residual_m.max() < 1e-9 < 0.01 < near.residual_rad.max()
+    assert near.incomplete_reason is not None and near.incomplete_reason.startswith("found by search")
+    assert not ik.solve(Target.of([0.9, 0.0, 0.2], rotation=askew), STEP).success
+    across = Chain(chain.segments, chain.tail @ looking(np.array([1.0, 0.0, 0.0]), 0.0))
+    aside = solver_of(across, limits)
+    assert aside.family == FAMILY
+    assert aside.pitch_and_roll(q) == (None, q[-1])
+    refused = aside.solve(Target.of(T[:3, 3], pitch=0.1), STEP)
+    assert (
+        refused.reason == "this arm's tool does not keep to its vertical plane, so it has no pitch to ask for"
+    )
+    turned = across.forward(q)
+    assert_sound(aside.solve(Target.of(turned[:3, 3], rotation=turned[:3, :3]), STEP), limits, q)
