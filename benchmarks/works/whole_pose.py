@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from armctl import Robot, load_robot
 
-_ARMS = ("ar4", "parol6")
+_ARMS = ("ar4", "parol6", "ur5")
 
 
 def rows(effort: Effort) -> Iterator[Row]:

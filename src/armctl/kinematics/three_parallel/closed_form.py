@@ -25,6 +25,8 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.subproblems import roots, two_turns_of_many
 from armctl.kinematics.three_parallel.geometry import ThreeParallel
 
+_CHUNK = 2048
+"""poses worked on at a time, so that what they need stays in the processor's cache"""
 BRANCHES = 8
 """four ways of the joints a and c, each with two of the elbow"""
 _STILL = 2e-10
@@ -82,9 +84,12 @@ class Loop(NamedTuple):
 
 def all_ways(arm: ThreeParallel, poses: FloatArray) -> Ways:
     """Of tool poses ``T_base_tool`` (m, 4, 4) [m]; where a joint is free it is at 0."""
-    loop = Loop.of(arm, poses)
-    pairs, free = _pairs(arm, loop)
-    return _rest(arm, loop, pairs)._replace(pairs_free=free)
+    parts: list[Ways] = []
+    for at in range(0, len(poses), _CHUNK):
+        loop = Loop.of(arm, poses[at : at + _CHUNK])
+        pairs, free = _pairs(arm, loop)
+        parts.append(_rest(arm, loop, pairs)._replace(pairs_free=free))
+    return parts[0] if len(parts) == 1 else Ways(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 def with_pair(arm: ThreeParallel, pose: FloatArray, values: FloatArray) -> FloatArray:
@@ -132,7 +137,7 @@ def _conditions(arm: ThreeParallel, loop: Loop) -> tuple[FloatArray, FloatArray,
     along_a, along_c = _dot(wa, k), _dot(wc, v)
     a0 = wa * along_a[..., None]
     c0 = wc * along_c[:, None]
-    a1, a2, c1, c2 = k - a0, np.cross(k, wa), v - c0, np.cross(wc, v)
+    a1, a2, c1, c2 = k - a0, _cross(k, wa), v - c0, _cross(wc, v)
     one, other = (pa - pb) / unit, (pb - pc) / unit
     m = len(R)
     A, B = np.empty((m, 2, 2)), np.empty((m, 2, 2))
@@ -164,7 +169,7 @@ def _rest(arm: ThreeParallel, loop: Loop, pairs: FloatArray, wrist: FloatArray |
     qa, qc = pairs[..., 0], pairs[..., 1]
     v = np.broadcast_to((k @ loop.G[:, :3, :3])[:, None], (m, 4, 3))
     seen = _turned(v, wc, qc)
-    across = np.linalg.norm(np.cross(seen, wb), axis=-1)
+    across = np.linalg.norm(_cross(seen, wb), axis=-1)
     still = across < _STILL
     if (across < _CLOSE).any():
         qa = _close_to_singular(k, wa, wb, seen, qa, across < _CLOSE)
@@ -181,9 +186,8 @@ def _rest(arm: ThreeParallel, loop: Loop, pairs: FloatArray, wrist: FloatArray |
     for w, p, angle in ((wa, pa, qa), (wb, pb, qb), (wc, pc, qc)):
         direction = _turned(direction, w, -angle)
         point = p + _turned(point - p, w, -angle)
-    R, t = loop.G[:, None, :3, :3], loop.G[:, None, :3, 3]
-    direction = np.einsum("mbij,mbj->mbi", np.broadcast_to(R, (m, 4, 3, 3)), direction)
-    point = np.einsum("mbij,mbj->mbi", np.broadcast_to(R, (m, 4, 3, 3)), point) + t
+    R, t = np.swapaxes(loop.G[:, :3, :3], 1, 2), loop.G[:, None, :3, 3]
+    direction, point = direction @ R, point @ R + t
     turn = np.arctan2(direction @ j, direction @ i)
     reached = (point - arm.points[arm.first]) @ arm.plane[:2].T
     bends, shoulder_free = _elbows(arm, reached)
@@ -223,7 +227,7 @@ def _close_to_singular(
     """
     side = np.copysign(1.0, _dot(seen, wb))[..., None] * wb
     middle = _angle(wa, side, np.broadcast_to(k, seen.shape))
-    radii = np.linalg.norm(np.cross(wa, k), axis=-1), np.linalg.norm(np.cross(wa, side), axis=-1)
+    radii = np.linalg.norm(_cross(wa, k), axis=-1), np.linalg.norm(_cross(wa, side), axis=-1)
     gap = seen - side
     least = (radii[0] - radii[1]) ** 2 + (_dot(wa, k) - _dot(wa, side)) ** 2
     half = np.sqrt(np.maximum(_dot(gap, gap) - least, 0.0) / np.maximum(4.0 * radii[0] * radii[1], 1e-300))
@@ -273,18 +277,24 @@ def _columns(v: FloatArray) -> FloatArray:
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return (a * b).sum(axis=-1)
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    x, y, z = a[..., 0], a[..., 1], a[..., 2]
+    u, v, w = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
 def _turned(v: FloatArray, axis: FloatArray, angle: FloatArray) -> FloatArray:
     """Vectors (m, 4, 3) turned about unit axes (3,) or (m, 1, 3) by angles (m, 4) [rad] (Rodrigues)."""
     c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
     along = axis * _dot(v, axis)[..., None]
-    return c * (v - along) + s * np.cross(axis, v) + along
+    return c * (v - along) + s * _cross(axis, v) + along
 
 
 def _angle(axis: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
     """Subproblem 1: the turn about a unit axis that brings vectors onto others [rad]."""
     start = start - axis * _dot(axis, start)[..., None]  # first, so that short ones keep their digits
     end = end - axis * _dot(axis, end)[..., None]
-    return np.arctan2(_dot(axis, np.cross(start, end)), _dot(start, end))
+    return np.arctan2(_dot(axis, _cross(start, end)), _dot(start, end))
