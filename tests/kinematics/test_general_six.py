@@ -196,7 +196,6 @@ def test_batches_are_the_single_answers() -> None:
     q = random_q(np.random.default_rng(47), np.clip(arm.limits, -3.0, 3.0), 6)
     poses = plain_pose(arm.chain, q)
     batch = solver.solve_poses(poses)
-    assert batch is not None
     wide = solver_of(SixJoints(arm.chain, np.tile([-math.pi, math.pi], (6, 1))), FAMILY)
     for i, pose in enumerate(poses):
         assert batch.count[i] == len(wide.solve(target_of(pose), STEP))

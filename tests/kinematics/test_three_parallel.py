@@ -56,7 +56,6 @@ def test_named_arms(name: str) -> None:
     for at in range(0, len(q), 10_000):
         part = slice(at, at + 10_000)
         batch = solver.solve_poses(poses[part])
-        assert batch is not None
         off = plain_pose(arm.chain, np.nan_to_num(batch.q)) - poses[part, None]
         assert np.abs(off[batch.found]).max() < 1e-9
         assert np.nanmin(np.where(batch.found, apart(batch.q, q[part, None]), np.inf), axis=1).max() < 1e-6
@@ -79,7 +78,6 @@ def test_one_pose_in_plain_floats_and_many_as_arrays_agree(name: str) -> None:
     q[::6, 2] = 0.0  # singular, where plain floats leave it to the arrays
     poses = plain_pose(arm.chain, q)
     batch = solver.solve_poses(poses)
-    assert batch is not None
     for pose, ways, found in zip(poses, batch.q, batch.found, strict=True):
         solutions = solver.solve(target_of(pose), STEP)
         assert len(solutions) == found.sum()
@@ -119,7 +117,7 @@ def test_a_wrist_in_line_with_the_parallel_axes_is_a_continuum() -> None:
     assert solutions.best("least-travel", q) == pytest.approx(q, abs=1e-9)
     assert np.ptp(solutions.q[:, 5]) > 6.0
     batch = solver.solve_poses(pose[None])
-    assert batch is not None and batch.found.sum() >= 2
+    assert batch.found.sum() >= 2
 
 
 def test_links_that_fold_onto_the_shoulder_are_a_continuum() -> None:
@@ -170,7 +168,6 @@ def test_an_arm_beside_the_family_by_its_printed_digits_is_exact_all_the_same() 
         solver = solver_of(arm, FAMILY)
         assert_sound(arm, solver.solve(target_of(pose), STEP), pose, q)
         batch = solver.solve_poses(pose[None])
-        assert batch is not None
         assert np.abs(plain_pose(arm.chain, batch.q[batch.found]) - pose).max() < 1e-11
 
 

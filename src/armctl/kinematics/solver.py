@@ -7,15 +7,24 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar, Self
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images, nearest_angle, rest_angle, wrap
+from armctl.kinematics.angles import (
+    LIMIT_TOLERANCE,
+    TWO_PI,
+    images,
+    into_limits,
+    nearest_angle,
+    rest_angle,
+    wrap,
+)
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.solutions import BatchSolutions, Solutions, needs
-from armctl.kinematics.target import Target
+from armctl.kinematics.target import Target, checked_positions, checked_rotations
 from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.workspace import SampledSection, Section
 
@@ -85,6 +94,27 @@ class InverseKinematics(ABC):
         """Every branch of many poses; ``Robot.inverse_batch`` says more.
 
         Raises ``InputError``: a wrong shape, an entry that is not finite, or a family that has no batch.
+        """
+        self.solve_poses(np.empty((0, 4, 4)))  # a family that has none says so first
+        if rotation is None or pitch is not None or roll is not None:
+            raise self._has_no("batch of targets other than positions with rotations")
+        position = checked_positions(position_m)
+        poses = np.tile(np.eye(4), (len(position), 1, 1))
+        poses[:, :3, 3] = position
+        poses[:, :3, :3] = checked_rotations(rotation, (len(position), 3, 3), "the target rotations")
+        solutions = self.solve_poses(poses)
+        q, found = solutions.q.copy(), solutions.found.copy()
+        for joint, (low, high) in enumerate(self.limits.tolist()):
+            angle = q[..., joint]
+            found &= into_limits(angle, low, high)
+            np.clip(angle, low, high, out=angle)
+        q[~found] = math.nan
+        return BatchSolutions(q, found, solutions.branch_names)
+
+    def solve_poses(self, poses: FloatArray) -> BatchSolutions:
+        """Every branch of many tool poses ``T_base_tool`` (k, 4, 4) [m], whatever the joint limits.
+
+        The angles are at any of their images. Raises ``InputError``: the family has no batch.
         """
         raise self._has_no("batch of poses")
 

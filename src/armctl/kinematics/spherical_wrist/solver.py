@@ -9,10 +9,10 @@ from functools import cached_property
 from typing import Self, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, all_images, images, into_limits
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, all_images, images
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.solver import NumericSolver, roll_joint
@@ -23,7 +23,7 @@ from armctl.kinematics.spherical_wrist.batch import solve_poses
 from armctl.kinematics.spherical_wrist.careful import CarefulSolver
 from armctl.kinematics.spherical_wrist.closed_form import ClosedForm, Range, Row
 from armctl.kinematics.spherical_wrist.geometry import SphericalWrist, recognise_wrist
-from armctl.kinematics.target import Target, checked_positions, checked_rotations
+from armctl.kinematics.target import Target
 
 _ROUNDING = 1e-13
 """how far the wrist's axes may miss each other where nothing has to be made up for [m]"""
@@ -135,29 +135,6 @@ class SphericalWristSolver(InverseKinematics):
         q = np.full((8, 6), math.nan)
         q[found.branches] = self.geometry.order(found.q)
         return q
-
-    def solve_batch(
-        self,
-        position_m: ArrayLike,
-        pitch: ArrayLike | None,
-        roll: ArrayLike | None,
-        rotation: ArrayLike | None = None,
-    ) -> BatchSolutions:
-        """See ``InverseKinematics``; of whole poses only."""
-        if rotation is None or pitch is not None or roll is not None:
-            raise self._has_no("batch of targets other than positions with rotations")
-        position = checked_positions(position_m)
-        poses = np.tile(np.eye(4), (len(position), 1, 1))
-        poses[:, :3, 3] = position
-        poses[:, :3, :3] = checked_rotations(rotation, (len(position), 3, 3), "the target rotations")
-        solutions = self.solve_poses(poses)
-        q, found = solutions.q.copy(), solutions.found.copy()
-        for joint, (low, high) in enumerate(self.limits.tolist()):
-            angle = q[..., joint]
-            found &= into_limits(angle, low, high)
-            np.clip(angle, low, high, out=angle)
-        q[~found] = math.nan
-        return BatchSolutions(q, found, solutions.branch_names)
 
 
 def branch_names(closed: ClosedForm) -> tuple[str, ...]:

@@ -85,7 +85,7 @@ class Loop(NamedTuple):
 def all_ways(arm: ThreeParallel, poses: FloatArray) -> Ways:
     """Of tool poses ``T_base_tool`` (m, 4, 4) [m]; where a joint is free it is at 0."""
     parts: list[Ways] = []
-    for at in range(0, len(poses), _CHUNK):
+    for at in range(0, max(len(poses), 1), _CHUNK):
         loop = Loop.of(arm, poses[at : at + _CHUNK])
         pairs, free = _pairs(arm, loop)
         parts.append(_rest(arm, loop, pairs)._replace(pairs_free=free))
