@@ -64,20 +64,16 @@ class Finding:
     severity: Severity = "error"
     step: int | None = None
     """index of the program's step; None: no step, or the program as a whole"""
+    digits: int = 2
+    """decimals with which the text says the time"""
 
     def __str__(self) -> str:
-        text = self.what if self.time is None else f"at {_seconds(self.time)} s, {self.what}"
+        text = self.what if self.time is None else f"at {self.time:.{self.digits}f} s, {self.what}"
         if self.part:
             text = f"{self.part}: {text}"
         if self.mend:
             text += f"; {self.mend}"
         return text if self.step is None else f"step {self.step + 1}: {text}"
-
-
-def _seconds(time: float) -> str:
-    """To a hundredth, or as fine as it was chosen (``SampledMotion.told``)."""
-    digits = next((digits for digits in (2, 3, 4) if abs(round(time, digits) - time) < 1e-9), 2)
-    return f"{time:.{digits}f}"
 
 
 def preflight(
@@ -173,10 +169,18 @@ class SampledMotion:
         """(m, n) largest joint speeds of the part that each sample belongs to [rad/s]"""
         self.peaks = peaks_of(trajectory)
 
-    def told(self, time: float, holds: Callable[[float], bool]) -> float:
-        """A time as texts tell it: to a hundredth of a second, or finer where that does not hold [s]."""
-        rounded = (min(round(time, digits), float(self.time[-1])) for digits in (2, 3, 4))
-        return next((one for one in rounded if holds(one)), time)
+    def told(self, time: float, holds: Callable[[float], bool]) -> tuple[float, int]:
+        """A time as a text says it [s], and with how many decimals: hundredths, if it holds there, or finer.
+
+        The end, where the arm rests, is said in hundredths and stays as it is.
+        """
+        for digits in (2, 3, 4):
+            if time == self.time[-1]:
+                break
+            rounded = min(round(time, digits), float(self.time[-1]))
+            if holds(rounded):
+                return rounded, digits
+        return time, 2
 
     def beside(self, at: int) -> tuple[float, float]:
         """The times of the samples before and behind one [s]."""
@@ -244,16 +248,18 @@ def _rate_findings(motion: SampledMotion, kind: Kind) -> Iterator[Finding]:
     for j in over:
         value, limit = np.degrees([most[j], limits[j]])
         longer = math.ceil(100.0 * (most[j] / limits[j]) ** (1 / (order + 1))) / 100.0
+        when, digits = _when_most(motion, order, j, int(rates[:, j].argmax()))
         yield Finding(
             f"{value:.1f} {unit} is over its limit of {limit:.1f} {unit}",
-            _when_most(motion, order, j, int(rates[:, j].argmax())),
+            when,
             robot.joints[j].title,
             f"take {longer:.2f} times as long",
             kind,
+            digits=digits,
         )
 
 
-def _when_most(motion: SampledMotion, order: int, j: int, at: int) -> float:
+def _when_most(motion: SampledMotion, order: int, j: int, at: int) -> tuple[float, int]:
     """When joint ``j`` is fastest, near the sample at which it is [s]; as ``SampledMotion.told``."""
     (begin, end), when = motion.beside(at), float(motion.time[at])
     most = float(motion.rates(np.array([when]), order)[0, j])
@@ -262,8 +268,8 @@ def _when_most(motion: SampledMotion, order: int, j: int, at: int) -> float:
         times = count[:: len(count) // _MOST_TIMES + 1] / 10**digits
         rates = motion.rates(times, order)[:, j]
         if rates.max(initial=0.0) >= _AS_FAST * most:
-            return float(times[rates.argmax()])
-    return when
+            return float(times[rates.argmax()]), digits
+    return when, 2
 
 
 def _rest_findings(motion: SampledMotion) -> Iterator[Finding]:
@@ -340,11 +346,11 @@ def _deepest(motion: SampledMotion, source: Gaps, allowed: FloatArray, begin: fl
         return source.gaps(LinkFrames.at(motion.robot.chain, motion.trajectory.sample(time).q))
 
     when = motion.least_at(lambda time: (gaps_at(time) - allowed).min(axis=0), begin, end)
-    when = motion.told(when, lambda time: bool((gaps_at(np.array([time])) < allowed).any()))
+    when, digits = motion.told(when, lambda time: bool((gaps_at(np.array([time])) < allowed).any()))
     gaps = gaps_at(np.array([when]))
     part = source.worst(gaps[:, 0], (gaps - allowed)[:, 0])
     what, mend = source.words(part, -1000 * float(gaps[part, 0]))
-    return Finding(what, when, source.parts[part], mend, source.kind)
+    return Finding(what, when, source.parts[part], mend, source.kind, digits=digits)
 
 
 # Does the tool lose a direction? The isotropy is the smallest over the largest singular value of the tool
@@ -378,7 +384,7 @@ def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator
     def isotropy_at(time: float) -> float:
         return float(isotropy_of(robot, robot.jacobian(motion.trajectory.sample(np.array([time])).q))[0][0])
 
-    when = motion.told(float(time[at]), lambda time: isotropy_at(time) < (_LOST if is_lost else NEAR))
+    when, digits = motion.told(float(time[at]), lambda time: isotropy_at(time) < (_LOST if is_lost else NEAR))
     percent = 100 * isotropy_at(when)
     yield Finding(
         f"{'at' if percent < 0.1 else 'near'} a singularity: in one direction it moves only "
@@ -390,6 +396,7 @@ def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator
         else "begin no lines and no jogs of the tool there: they would be slow, or refused",
         "singularity",
         "error" if is_lost else "warning",
+        digits=digits,
     )
 
 
@@ -423,7 +430,7 @@ def _torque_findings(motion: SampledMotion, links: LinkFrames, payload_kg: float
             continue
         over = bool(torque[at] > allowed)
         least = allowed if over else _WARM * stall
-        when = motion.told(float(motion.time[at]), partial(_holds_more, motion, gravity, j, least))
+        when, digits = motion.told(float(motion.time[at]), partial(_holds_more, motion, gravity, j, least))
         most = _torque_at(motion, gravity, j, when)
         yield Finding(
             f"gravity asks for {most:.2f} N·m, "
@@ -435,6 +442,7 @@ def _torque_findings(motion: SampledMotion, links: LinkFrames, payload_kg: float
             else "do not stay there for long: the motor gets hot",
             "torque",
             "error" if over else "warning",
+            digits=digits,
         )
 
 
