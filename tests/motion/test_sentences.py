@@ -9,6 +9,7 @@ import math
 import os
 import re
 from collections.abc import Iterator
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -216,6 +217,7 @@ PLACE = re.compile(
 )
 NEED = re.compile(rf"at ({NUMBER}) % (.+?) would need ({NUMBER})°, its limits are ({NUMBER})° … ({NUMBER})°")
 
+FREER = re.compile(r"; with (the tool \w+ free|only the tool pitch kept) the arm can follow it$")
 BEFORE_THE_END = re.compile(
     rf"before this branch ends, (.+?) would have to leave its limits of ({NUMBER})° … ({NUMBER})°"
 )
@@ -236,8 +238,8 @@ class Led:
         )
         self.via = begin + rng.uniform(-0.3, 0.3, 3) * size if rng.random() < 0.3 else None
 
-    def plan(self, start: FloatArray) -> Trajectory:
-        mode = "kept" if self.kept else "free"
+    def plan(self, start: FloatArray, mode: Literal["kept", "free"] | None = None) -> Trajectory:
+        mode = mode or ("kept" if self.kept else "free")
         if self.via is None:
             return plan_line(self.robot, start, self.end, pitch=mode)
         return plan_arc(self.robot, start, self.via, self.end, pitch=mode)
@@ -276,8 +278,11 @@ class Led:
 
 
 def check_led(led: Led, error: ToolPathRefusedError | ToolPathUnreachableError) -> None:
-    found = PLACE.fullmatch(str(error))
-    assert found is not None, str(error)
+    whole = str(error)
+    if freer := FREER.search(whole):
+        led.plan(led.start, "free" if freer[1].endswith("free") else "kept")
+    found = PLACE.fullmatch(FREER.sub("", whole))
+    assert found is not None, whole
     percent, said = float(found[2]), found[7]
     share = error.place.fraction
     point = led.points(np.array([share]))[0]
