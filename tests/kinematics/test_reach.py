@@ -202,3 +202,10 @@ def test_of_two_ways_to_the_nearest_point_the_least_turned_one_is_told(azimuth: 
     np.testing.assert_allclose(robot.forward(back)[:3, 3], found.nearest_m, atol=1e-8)
     least = min((facing, back), key=lambda q: float(np.abs(q).sum()))
     np.testing.assert_allclose(found.nearest_q, least, atol=1e-7)
+
+
+def test_the_nearest_point_beside_the_base_axis() -> None:
+    """The tip may lean to either side of the axis: one minimum each, and one of them is the nearest."""
+    solutions = load_robot("scorbot").inverse(np.array([20.95, -3.95, 943.22]) / 1000)
+    assert solutions.explanation.startswith("too far by 39.2 mm")
+    assert solutions.explanation.endswith("39.2 mm away")
