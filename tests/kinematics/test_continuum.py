@@ -97,6 +97,8 @@ def test_all_images_are_inside_the_limits_and_bounded() -> None:
         nearest = np.abs(found.q[found.source == i] - start).sum(axis=1).min()
         assert np.abs(few.q[few.source == i] - start).sum(axis=1).min() <= nearest + 1e-12
     assert len(all_images(np.empty((0, 4)), limits, start).q) == 0
+    exact = all_images(q, limits, most=len(found.q))  # none is left out that there is room for
+    assert exact.left_out == 0 and len(exact.q) == len(found.q)
     wide = all_images(np.zeros((1, 1)), np.array([[-1e6, 1e6]]))
     assert len(wide.q) == 33
     assert wide.left_out > 300_000

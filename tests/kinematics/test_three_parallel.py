@@ -67,6 +67,18 @@ def test_named_arms(name: str) -> None:
         assert len(solutions) % 64 == 0  # two images of each angle
 
 
+@pytest.mark.parametrize(("degrees", "whole"), [(360, True), (450, True), (540, False), (7000, False)])
+def test_as_many_are_listed_as_are_counted(degrees: float, whole: bool) -> None:
+    """Where the limits give some angles more images than others; what is left out is told."""
+    arm = SixJoints(UR5.chain, np.tile(np.radians([-degrees, degrees]), (6, 1)))
+    q = np.array([0.096, -2.305, 0.741, 1.66, 0.678, 2.504])
+    solutions = solver_of(arm, FAMILY).solve(target_of(plain_pose(arm.chain, q)), STEP)
+    assert len(solutions) == len(solutions.q) == len(solutions.branch) == len(np.unique(solutions.q, axis=0))
+    assert 0 < len(solutions) <= 4096
+    assert solutions.complete == whole == ("whole turns" not in str(solutions.incomplete_reason))
+    assert (degrees, len(solutions)) in {(360, 512), (450, 2241), (540, 4096)} or not whole
+
+
 @pytest.mark.parametrize("name", [*THREE_PARALLEL, "random"])
 def test_one_pose_in_plain_floats_and_many_as_arrays_agree(name: str) -> None:
     """A branch has the same name in both."""

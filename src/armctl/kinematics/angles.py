@@ -124,7 +124,7 @@ def into_limits(angle: FloatArray, low: float, high: float) -> NDArray[np.bool_]
 
 MOST_IMAGES = 4096
 """how many images of a list of configurations ``all_images`` gives, unless it is told otherwise"""
-_MOST_TURNS = 16
+MOST_TURNS = 16
 """how many whole turns of one joint, each way, are looked at"""
 
 
@@ -152,7 +152,7 @@ def all_images(
     last = np.floor((high + LIMIT_TOLERANCE - q) / TWO_PI)
     every = float(np.maximum(last - first + 1.0, 0.0).prod(axis=1).sum())
     about = np.clip(np.rint(((0.0 if start is None else start) - q) / TWO_PI), first, last)
-    first, last = np.maximum(first, about - _MOST_TURNS), np.minimum(last, about + _MOST_TURNS)
+    first, last = np.maximum(first, about - MOST_TURNS), np.minimum(last, about + MOST_TURNS)
     count = np.maximum(last - first + 1.0, 0.0).astype(np.intp)
     turn = np.arange(float(count.max(initial=1)))
     angle: FloatArray = np.add(q[..., None], TWO_PI * (first[..., None] + turn))
@@ -165,12 +165,17 @@ def all_images(
         np.put_along_axis(away, aside.argmin(axis=-1)[..., None], -2.0, axis=-1)
     ranked: FloatArray = np.take_along_axis(angle, away.argsort(axis=-1, kind="stable"), axis=-1)
     sizes: list[int] = count.max(axis=0, initial=0).tolist()
-    while len(q) * math.prod(sizes) > most and max(sizes) > 1:
+    while np.minimum(count, sizes).prod(axis=1, dtype=np.float64).sum() > most and max(sizes) > 1:
         sizes[sizes.index(max(sizes))] -= 1
-    choice = np.indices(sizes).reshape(len(sizes), -1).T
-    found: FloatArray = ranked[:, np.arange(len(sizes)), choice]
-    inside = np.isfinite(found).all(axis=2)
-    return Images(found[inside], np.nonzero(inside)[0], round(every - np.count_nonzero(inside)))
+    kept = np.minimum(count, sizes)
+    ways = kept.prod(axis=1)
+    source = np.repeat(np.arange(len(q)), ways)
+    rest = np.arange(len(source)) - np.repeat(np.cumsum(ways) - ways, ways)
+    found = np.empty((len(source), q.shape[1]))
+    for k in reversed(range(q.shape[1])):  # the last joint's images change fastest
+        rest, choice = np.divmod(rest, kept[source, k])
+        found[:, k] = ranked[source, k, choice]
+    return Images(found, source, round(every - len(found)))
 
 
 # Rotations in the forms that people and programs read.

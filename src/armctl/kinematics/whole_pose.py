@@ -15,7 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, MOST_IMAGES, TWO_PI, Images, all_images, rest_angle
+from armctl.kinematics.angles import (
+    LIMIT_TOLERANCE,
+    MOST_IMAGES,
+    MOST_TURNS,
+    TWO_PI,
+    Images,
+    all_images,
+    rest_angle,
+)
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.goals import rotation_vectors, tool_motion
@@ -56,9 +64,10 @@ class _Images:
         turns = np.floor((high + LIMIT_TOLERANCE - q) / TWO_PI) - np.ceil(
             (low - LIMIT_TOLERANCE - q) / TWO_PI
         )
-        every = round(float(np.maximum(turns + 1.0, 0.0).prod(axis=1).sum()))
-        self.left_out = self.listed.left_out if every > MOST_IMAGES else 0
-        self._count = every - self.left_out
+        every = float(np.maximum(turns + 1.0, 0.0).prod(axis=1).sum())
+        known = every <= MOST_IMAGES and turns.max(initial=0.0) < MOST_TURNS  # then none is left out
+        self.left_out = 0 if known else self.listed.left_out
+        self._count = round(every) if known else len(self.listed.q)
 
     @cached_property
     def listed(self) -> Images:
