@@ -61,6 +61,17 @@ def test_the_humanoid_elbow_branches_with_a_held_roll() -> None:
     assert all(branch.q[4] == 0.0 for branch in branches)
 
 
+@pytest.mark.parametrize("name", ["ur5", "so101", "al5d"])
+def test_a_rotation_that_is_only_come_near_to_has_no_branch(name: str) -> None:
+    robot, rng = load_robot(name), np.random.default_rng(2)
+    for q in rng.uniform(*np.clip(robot.limits, -3.0, 3.0).T, (4, len(robot.limits))):
+        T = robot.forward(q)
+        assert any(not branch.forbidden for branch in robot.branches(T[:3, 3], rotation=T[:3, :3]))
+        for turned in (T[:3, [2, 0, 1]], T[:3, [1, 2, 0]]):
+            for branch in robot.branches(T[:3, 3], rotation=turned):
+                assert np.abs(robot.forward(branch.q)[:3, :3] - turned).max() < 2e-6
+
+
 def test_a_free_joint_or_a_point_out_of_reach_has_no_branches() -> None:
     assert load_robot("uzuner").branches([0.2, 0.0, 0.1]) == ()
     assert load_robot("mico").branches([0.5, 0.0, 0.7]) == ()

@@ -63,6 +63,8 @@ _OPEN_END = 1e-8
 """how much less than a turn a widened joint has, so that half a turn is listed once [rad]"""
 _SAME = 1e-6
 """configurations this near to each other are one [rad]"""
+_MET = 1e-6
+"""how far what meets a target may be off it [m], [rad]: some families list what is nearest to a rotation"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +94,7 @@ class BranchFinder:
         self._solver = inverse_kinematics(chain, wide, energy, titles)
 
     def find(self, target: Target) -> tuple[Branch, ...]:
-        """All branches in the order of their names; none where the links do not reach, or a joint is free."""
+        """All branches by order of their names; none where nothing meets the target, or a joint is free."""
         if self._solver.is_swept(target):
             return ()  # a continuum, not branches
         joint = self._solver.roll_joint
@@ -101,9 +103,12 @@ class BranchFinder:
             low, high = self._limits[joint].tolist()
             target = target._replace(roll=rest_angle(low, high))
         solutions = self._solver.solve(target, DEFAULT_STEP)
+        meets = np.maximum(solutions.residual_m, solutions.residual_rad) <= _MET
         found: list[Branch] = []
         for i in np.argsort(solutions.branch_index, kind="stable").tolist():
             q = solutions.q[i]
+            if not meets[i]:
+                continue
             if any(np.abs(np.exp(1j * q) - np.exp(1j * other.q)).max() < _SAME for other in found):
                 continue
             inside = np.clip(q, *self._limits.T)  # takes rounding off the joints that are inside
