@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -224,7 +225,7 @@ def test_whole_turns_are_listed_where_the_limits_allow_them() -> None:
     start = q + np.array([2 * HALF, 0, 0, 0, 0, 0, 0])
     start[0] = min(start[0], limits[0, 1])
     assert found.best("least-travel", q) == pytest.approx(q, abs=1e-7)
-    fine = inverse.solve(pose_of(chain, q), math.radians(0.05), q)
+    fine = inverse.solve(pose_of(chain, q), math.radians(0.03), q)
     assert "more differ by whole turns" in (fine.incomplete_reason or "")
 
 
@@ -273,6 +274,20 @@ def test_a_position_alone_is_searched_for_and_a_pose_out_of_reach_is_approached(
         assert edge.residual_m.max() < 1e-9
     with pytest.raises(InputError, match="step"):
         inverse.solve(pose_of(chain, np.zeros(7)), 0.0)
+
+
+@pytest.mark.parametrize(("shift", "closed"), [(0.0, True), (5e-12, True), (5e-10, False), (9e-10, False)])
+def test_axes_that_miss_a_common_point_by_more_than_rounding_are_searched(shift: float, closed: bool) -> None:
+    """Rows of a closed form miss the pose by as much as the axes miss each other."""
+    rows = list(PANDA[0].rows)
+    rows[5] = replace(rows[5], a_m=rows[5].a_m + shift)
+    chain = Chain.from_dh(rows, "modified")
+    q = np.array([0.1, -0.4, 0.2, -2.0, 0.3, 1.8, 0.5])
+    inverse = solver_of(chain, PANDA[1])
+    assert isinstance(inverse, RedundantSolver) == closed
+    found = inverse.solve(pose_of(chain, q), STEP)
+    assert len(found) > (200 if closed else 20)
+    assert found.residual_m.max() < 5e-11
 
 
 def test_other_arms_of_seven_joints_are_not_of_the_family() -> None:

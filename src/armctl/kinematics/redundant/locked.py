@@ -27,7 +27,9 @@ from armctl.kinematics.subproblems import across, circle, roots
 
 JOINTS = 7
 _ALIGNED = 1e-9
-"""how far axes may miss a common point [m] and how nearly parallel they may be (sine of the angle)"""
+"""how nearly parallel axes may be (sine of the angle)"""
+_MEETING = 1e-11
+"""how far axes may miss a common point [m]: a row misses its pose by about as much"""
 _REACH_TOLERANCE = 1e-13
 """how far rounding may carry the squared distance of W from P beyond what the elbow reaches [m²]"""
 _TURN_TOLERANCE = 1e-12
@@ -210,7 +212,7 @@ def common_point(points: FloatArray, axes: FloatArray) -> FloatArray | None:
     matrix: FloatArray = levels.sum(axis=0)
     point = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
     missed = np.einsum("kij,kj->ki", levels, points - point)
-    return None if np.linalg.norm(missed, axis=1).max() > _ALIGNED else point
+    return None if np.linalg.norm(missed, axis=1).max() > _MEETING else point
 
 
 def _inside_out(pose: FloatArray, home: FloatArray, *, back: bool) -> tuple[FloatArray, FloatArray]:
