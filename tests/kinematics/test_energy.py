@@ -226,6 +226,9 @@ def test_a_criterion_of_your_own_chooses_among_the_solutions() -> None:
     assert len(admitted) < len(found)
     assert best.tolist() == admitted[np.abs(admitted[:, 2] - start[2]).argmin()].tolist()
     assert found.best(lambda q, _: range(len(q))).tolist() == found[0].tolist()
+    last = len(found) - 1  # minus infinity is the least energy of all
+    least = found.best(lambda q, _: np.where(np.arange(len(q)) == last, -np.inf, 0.0))
+    assert least.tolist() == found[last].tolist()
     with pytest.raises(UnreachableError, match=r"none of the \d+ solutions is admitted"):
         found.best(lambda q, _: np.full(len(q), np.inf))
     for wrong in (lambda q, _: 3, lambda q, _: np.zeros((len(q), 2)), lambda q, _: np.full(len(q), np.nan)):

@@ -280,7 +280,7 @@ class Solutions:
                 q = np.concatenate([self.taken(self.travel(begin), name, begin), q])
         energy = self.energies(criterion, begin) if name is None else self._energies(name, q, begin)
         i = int(self._ranked(name, energy, q, begin)[0])
-        if not np.isfinite(energy[i]):
+        if energy[i] == math.inf:
             said = "the criterion given" if name is None else repr(name)
             raise UnreachableError(f"none of the {len(self)} solutions is admitted by {said}")
         return q[i].copy()
