@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import math
 import os
 import zipfile
@@ -217,6 +218,40 @@ def test_what_comes_through_a_page_stays_in_a_folder_of_its_own(tmp_path: Path) 
         load_robot(place)
 
 
+@pytest.mark.parametrize("way", ["/", "../outside/", "link/"])
+def test_a_side_file_from_a_page_names_no_file_elsewhere(tmp_path: Path, way: str) -> None:
+    outside, robots = tmp_path / "outside", tmp_path / "XDG_DATA_HOME/armctl/robots"
+    outside.mkdir()
+    (outside / "arm.urdf").write_text(arm_text(tmp_path))
+    named = (
+        f"{outside}/arm.urdf" if way == "/" else f"../{way}arm.urdf" if way[0] == "." else f"{way}arm.urdf"
+    )
+    place = install_package("a.zip", zipped({"a.armctl.toml": f'format = 1\nurdf = "{named}"'}), robots)
+    (robots / "outside").symlink_to(outside)
+    (place / "link").symlink_to(outside)
+    with pytest.raises(RobotFileError, match="leads out of the folder"):
+        load_robot(place)
+
+
+def test_a_side_file_from_a_page_names_one_of_its_own_folder(tmp_path: Path) -> None:
+    files = {"a.armctl.toml": 'format = 1\nurdf = "sub/arm.urdf"', "sub/arm.urdf": arm_text(tmp_path)}
+    place = install_package("a.zip", zipped(dict(files)), tmp_path / "robots")
+    source = UrdfSource.at(place)
+    assert source.from_page and source.side_path == place / "a.armctl.toml"
+    assert load_robot(place).n == 3
+
+
+@pytest.mark.parametrize("named", [".", "a.armctl.toml", "b.armctl.toml", "sub"])
+def test_a_side_file_names_no_side_file(tmp_path: Path, named: str) -> None:
+    folder = tmp_path / "arms"
+    (folder / "sub").mkdir(parents=True)
+    (folder / "a.armctl.toml").write_text(f'format = 1\nurdf = "{named}"')
+    if named == "sub":
+        (folder / "sub/b.armctl.toml").write_text('format = 1\nurdf = ".."')
+    with pytest.raises(RobotFileError, match="names a side file"):
+        load_robot(folder / "a.armctl.toml")
+
+
 # xacro.
 
 XACRO = """<robot name="${name}_arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -259,6 +294,10 @@ def test_plain_properties_and_unused_macros_are_expanded(tmp_path: Path) -> None
         ("${1 +}", "cannot be computed: "),
         ("${(-8) ** 0.5}", "cannot be computed: no number comes of it"),
         ("${a}", "its properties are made of each other"),
+        ("${round(1, -999999999)}", "cannot be computed: round goes to 15 places"),
+        ("$(arg wide)", r"\$\(arg wide\): a text of more than 1000 characters"),
+        ("$(arg height)" * 20, "make more than 50 characters"),
+        ("${1}" * 20, "more than 12 expressions are computed"),
         ("$(arg none)", "the file gives it no default"),
         ("${" + "1+" * 600 + "1}", "an expression of more than 1000 characters"),
         ("${__import__('os').getcwd()}", "needs .*, which the package xacro expands"),
@@ -272,16 +311,29 @@ def test_what_cannot_be_expanded_is_said(
     tmp_path: Path, expression: str, says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("armctl.robot.urdf.xacro.find_spec", lambda name: None)
+    monkeypatch.setattr("armctl.robot.urdf.xacro._MOST_MADE", 50 if "50" in says else 4_000_000)
+    if "12" in says:
+        monkeypatch.setattr("armctl.robot.urdf.xacro._MOST_EVALUATED", 12)
     more = (
         expression
         if expression.startswith("<")
         else f"<material name='{expression.replace(chr(39), '&quot;')}'/>"
     )
     a = '<xacro:property name="a" value="${b}"/><xacro:property name="b" value="${a}"/>'
+    a += f'<xacro:arg name="wide" default="{"$(arg height)" * 400}"/>'
     (tmp_path / "arm.xacro").write_text(XACRO.replace("</robot>", f"{a}{more}</robot>"))
     with pytest.raises(RobotFileError, match=says) as refused:
         load_robot(tmp_path / "arm.xacro")
     assert "\n" not in str(refused.value)
+
+
+def test_what_doubles_at_every_step_is_made_once(tmp_path: Path) -> None:
+    names = [f"p{k}" for k in range(40)]
+    pairs = itertools.pairwise(names)
+    text = "".join(f'<xacro:property name="{b}" value="${{{a} + {a} - {a}}}"/>' for a, b in pairs)
+    text += '<xacro:property name="p0" value="1"/><material name="${p39}"/>'
+    (tmp_path / "arm.xacro").write_text(XACRO.replace("</robot>", f"{text}</robot>"))
+    assert load_robot(tmp_path / "arm.xacro").n == 1
 
 
 FAKE = """

@@ -68,7 +68,7 @@ class UrdfSource:
     def at(cls, path: Path) -> UrdfSource:
         """The arm at a path as the user names it: one of the files, a folder, a zip file, or inside of it."""
         if path.name.lower().endswith(SIDE_SUFFIX):
-            return replace(cls.at(_named_by(path)), side_path=path)
+            return cls._of_side_file(path)
         for outer in path.parents:
             if outer.suffix.lower() == ".zip" and outer.is_file():
                 return cls.at(unpacked(outer) / path.relative_to(outer))
@@ -79,8 +79,19 @@ class UrdfSource:
             path = _only_arm(path)
             if path.name.lower().endswith(SIDE_SUFFIX):
                 return cls.at(path)
-        folder = next((one for one in path.parents if (one / _UNPACKED).is_file()), None)
-        return cls(path, _beside(path), folder)
+        return cls(path, _beside(path), _unpacked_folder(path))
+
+    @classmethod
+    def _of_side_file(cls, side: Path) -> UrdfSource:
+        path, folder = _named_by(side), _unpacked_folder(side)
+        if folder is not None and not path.resolve().is_relative_to(folder.resolve()):
+            raise RobotFileError(f'{side}: urdf = "{path}" leads out of the folder that it came in')
+        if path.name.lower().endswith(SIDE_SUFFIX) or (
+            path.is_dir() and _only_arm(path).name.lower().endswith(SIDE_SUFFIX)
+        ):
+            raise RobotFileError(f'{side}: urdf = "{path}" names a side file; name the URDF file')
+        found = cls.at(path)
+        return replace(found, side_path=side, folder=folder or found.folder)
 
     def find(self, uri: str) -> Path | None:
         """The file that a mesh's ``filename`` means; None: there is none, or it is out of bounds."""
@@ -163,6 +174,11 @@ def side_path(path: Path) -> Path:
     if path.name.lower().endswith(SIDE_SUFFIX):
         return path
     return path.with_name(arm_stem(path) + SIDE_SUFFIX)
+
+
+def _unpacked_folder(path: Path) -> Path | None:
+    """The folder that a file was unpacked into, if it was."""
+    return next((one for one in path.absolute().parents if (one / _UNPACKED).is_file()), None)
 
 
 def _beside(path: Path) -> Path | None:

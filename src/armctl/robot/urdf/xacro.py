@@ -28,7 +28,11 @@ _HOLE = re.compile(r"\$\$\{|\$\$\(|\$\{(?P<expression>[^{}]*)\}|\$\((?P<call>[^(
 _LARGEST = 1e12
 """no number of an expression grows beyond"""
 _LONGEST = 1000
-"""characters of an expression"""
+"""characters of an expression, and of what a property or an argument stands for"""
+_MOST_MADE, _MOST_EVALUATED = 4_000_000, 100_000
+"""characters that all holes of a file may make, and expressions that are computed for them"""
+_MOST_DIGITS = 15
+"""places to which ``round`` goes"""
 _DEEPEST = 50
 """properties that are made of properties"""
 _TIMEOUT_S = 60.0
@@ -44,13 +48,21 @@ _OPERATORS: Mapping[type[ast.AST], str] = {
     ast.UAdd: "pos",
 }
 """names in the module ``operator``"""
+
+
+def _rounded(value: float, digits: int = 0) -> float:
+    if abs(digits) > _MOST_DIGITS:
+        raise OverflowError(f"round goes to {_MOST_DIGITS} places at most")
+    return round(value, digits) if digits else round(value)
+
+
 _FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     **{name: getattr(math, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sqrt")},
     **{name: getattr(math, name) for name in ("radians", "degrees", "hypot", "fabs")},
     "abs": abs,
     "min": min,
     "max": max,
-    "round": round,
+    "round": _rounded,
 }
 _CONSTANTS: Mapping[str, Value] = {"pi": math.pi, "tau": math.tau, "e": math.e}
 
@@ -119,14 +131,16 @@ class _Values:
 
     def __init__(self, names: Mapping[str, str], arguments: Mapping[str, str]) -> None:
         self._names, self._arguments = names, arguments
-        self._depth = 0
+        self._depth = self._made = self._evaluations = 0
+        self._texts: dict[str, str | None] = {}
+        """properties and arguments as they were made; None: it is being made"""
 
     def filled(self, text: str) -> str:
         """The text with what its holes stand for."""
 
         def value(match: re.Match[str]) -> str:
             if match["expression"] is not None:
-                return str(self._evaluated(match["expression"]))
+                return counted(str(self._evaluated(match["expression"])))
             if match["call"] is None:
                 return match[0][1:]
             command, _, name = match["call"].strip().partition(" ")
@@ -134,25 +148,37 @@ class _Values:
                 raise BeyondPlainError(f"$({command} …)")
             if name.strip() not in self._arguments:
                 raise RobotFileError(f"$(arg {name.strip()}): the file gives it no default")
-            return self._nested(self._arguments[name.strip()])
+            return counted(self._nested(f"$(arg {name.strip()})", self._arguments[name.strip()]))
+
+        def counted(made: str) -> str:
+            self._made += len(made)
+            if self._made > _MOST_MADE:
+                raise RobotFileError(f"its properties and arguments make more than {_MOST_MADE} characters")
+            return made
 
         return _HOLE.sub(value, text)
 
-    def _nested(self, text: str) -> str:
+    def _nested(self, key: str, text: str) -> str:
+        """What a property or an argument stands for, made once; ``key`` is how it is written."""
+        if key in self._texts and (made := self._texts[key]) is not None:
+            return made
         self._depth += 1
-        if self._depth > _DEEPEST:
+        if self._depth > _DEEPEST or key in self._texts:
             raise RobotFileError(f"{text!r}: its properties are made of each other")
-        try:
-            return self.filled(text)
-        finally:
-            self._depth -= 1
+        self._texts[key] = None
+        made = self.filled(text)
+        if len(made) > _LONGEST:
+            raise RobotFileError(f"{key}: a text of more than {_LONGEST} characters")
+        self._texts[key] = made
+        self._depth -= 1
+        return made
 
     def _property(self, name: str) -> Value:
         if name not in self._names:
             if name in _CONSTANTS:
                 return _CONSTANTS[name]
             raise RobotFileError(f"${{{name}}}: there is no such property")
-        text = self._nested(self._names[name])
+        text = self._nested(f"${{{name}}}", self._names[name])
         for read in (int, float):
             try:
                 return read(text)
@@ -162,6 +188,9 @@ class _Values:
 
     def _evaluated(self, expression: str) -> Value:
         where = f"${{{expression}}}"
+        self._evaluations += 1
+        if self._evaluations > _MOST_EVALUATED:
+            raise RobotFileError(f"more than {_MOST_EVALUATED} expressions are computed for it")
         if len(expression) > _LONGEST:
             raise RobotFileError(f"an expression of more than {_LONGEST} characters: {expression[:40]}…")
         try:
