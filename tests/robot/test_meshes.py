@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import struct
 import subprocess
 import sys
@@ -23,11 +24,12 @@ from armctl.motion.clearance import clear_pose, stands_clear
 from armctl.motion.preflight import preflight
 from armctl.motion.profiles import PointToPoint
 from armctl.robot import meshes
-from armctl.robot.fitting import Fitted, fit
+from armctl.robot.fitting import Fitted, _points_on, fit
 from armctl.robot.meshes import read_mesh, solid_of
 from armctl.robot.parts import Shape
 from armctl.robot.robot import Robot
 from armctl.robot.solids import Solid, block, decimated, grown, tube, welded
+from armctl.ui.scene.arm_figure import drawn_solids
 
 
 def posed(
@@ -123,6 +125,42 @@ def test_a_dae_file_needs_its_package(tmp_path: Path, monkeypatch: pytest.Monkey
     (tmp_path / "a.dae").write_text("<COLLADA/>")
     with pytest.raises(RobotFileError, match=r"takes pycollada: pip install 'armctl\[urdf\]'"):
         read_mesh(tmp_path / "a.dae")
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-10])
+def test_a_mesh_of_one_point_is_refused(tmp_path: Path, size: float) -> None:
+    path = tmp_path / "dot.obj"
+    path.write_text(f"v 0 0 0\nv {size:f} 0 0\nv 0 {size:.12f} 0\nv 9 9 9\nf 1 2 3\n")
+    with pytest.raises(RobotFileError, match="holds no surface"):
+        read_mesh(path)
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(RobotFileError, match="holds no surface"):
+        solid_of(Shape("mesh", (size, size, size), np.eye(4), str(path)))
+
+
+def test_an_arm_has_so_many_triangles_and_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(meshes, "MOST_OF_ARM", 30)
+    solids, box = meshes.ArmSolids(), Shape("box", (0.1, 0.1, 0.1), np.eye(4))
+    assert [len(solids.solid_of(box).faces) for _ in range(2)] == [12, 12]
+    for _ in range(2):
+        with pytest.raises(RobotFileError, match="box: beyond the 30 triangles"):
+            solids.solid_of(box)
+    triangles = np.random.default_rng(1).uniform(-1, 1, (1000, 3, 3))
+    assert len(_points_on(triangles, 0.03)) <= 200_000 + 3000
+
+
+def test_a_mesh_that_changed_is_drawn_anew(tmp_path: Path) -> None:
+    path = tmp_path / "box.stl"
+    shapes = (Shape("mesh", (1.0, 1.0, 1.0), np.eye(4), str(path)),)
+    assert drawn_solids(shapes) == ()
+    sizes: list[int] = []
+    for solid in (BOX, welded(posed(block((0.3, 0.04, 0.02)), (0, 0, 0)))):
+        path.write_bytes(binary_stl(solid))
+        os.utime(path, ns=(10**18, 10**18 + len(sizes)))
+        ((_, _, drawn),) = drawn_solids(shapes)
+        assert drawn_solids(shapes)[0][2] is drawn
+        sizes.append(round(1000 * float(np.ptp(drawn.vertices, axis=0).max())))
+    assert sizes[0] != sizes[1] == 300
 
 
 def test_a_coarser_mesh_keeps_its_shape() -> None:

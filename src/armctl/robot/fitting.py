@@ -18,7 +18,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Chain
 from armctl.robot.body import ArmBody, Capsule, link_name
-from armctl.robot.meshes import solid_of
+from armctl.robot.meshes import ArmSolids
 from armctl.robot.parts import Shape
 from armctl.robot.solids import Solid
 
@@ -42,6 +42,8 @@ _MOST_SHARED = 20_000
 """triangles up to which edges are cut"""
 _SPACING = 60
 """points of a mesh are so near to each other, by its size, when gaps are measured"""
+_MOST_POINTS = 200_000
+"""points between corners when gaps are measured; where that is too few, they are farther from each other"""
 _ON_SURFACE = 400
 """points of a capsule's surface from which gaps are measured"""
 
@@ -64,12 +66,13 @@ def fitted_body(
     capsules: list[Capsule] = []
     notes: list[str] = []
     widest, where = 0.0, ""
+    arm = ArmSolids()
     for link in range(-1, chain.n):
         solids: list[Solid] = []
         for shape in shapes:
             if shape.link == link:
                 try:
-                    solids.append(solid_of(shape))
+                    solids.append(arm.solid_of(shape))
                 except RobotFileError as problem:
                     notes.append(f"passed over: {problem}")
         name = link_name(link, titles)
@@ -280,9 +283,15 @@ def _largest_gap(capsules: Sequence[Fitted], triangles: FloatArray) -> float:
 
 
 def _points_on(triangles: FloatArray, spacing: float) -> FloatArray:
-    """Points of triangles (k, 3, 3), so many of each that none of it is farther from one than a spacing."""
+    """Points of triangles (k, 3, 3), so many of each that none of it is farther from one than a spacing.
+
+    The spacing is made larger where that were more than ``_MOST_POINTS`` beside the corners.
+    """
     sides = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2).max(axis=1)
     counts = np.minimum(np.ceil(sides / spacing), _SPACING).astype(np.int64)
+    while int(np.where(counts > 1, (counts + 1) * (counts + 2) // 2, 0).sum()) > _MOST_POINTS:
+        spacing *= 1.25
+        counts = np.minimum(np.ceil(sides / spacing), _SPACING).astype(np.int64)
     points = [triangles.reshape(-1, 3)]
     for count in cast("list[int]", np.unique(counts[counts > 1]).tolist()):
         steps = np.arange(count + 1, dtype=np.float64)

@@ -24,6 +24,9 @@ MESHES = DocumentKind(RobotFileError, most_bytes=64 << 20)
 SUFFIXES = (".stl", ".obj", ".ply", ".dae")
 MOST_TRIANGLES = 2_000_000
 """of one file"""
+MOST_OF_ARM = 4_000_000
+"""triangles of all meshes of an arm"""
+_SMALLEST_M = 1e-9
 FARTHEST_M = 100.0
 """No point of a mesh is farther from its link; files in millimetres without a scale are refused by that."""
 _BINARY_STL = 84
@@ -47,6 +50,23 @@ def solid_of(shape: Shape) -> Solid:
             solid = _scaled(read_mesh(Path(shape.file)), shape.size)
     T = shape.pose
     return Solid(solid.vertices @ T[:3, :3].T + T[:3, 3], solid.faces)
+
+
+class ArmSolids:
+    """The solids of one arm, one after the other, as long as they have ``MOST_OF_ARM`` triangles together."""
+
+    def __init__(self) -> None:
+        self._left = MOST_OF_ARM
+
+    def solid_of(self, shape: Shape) -> Solid:
+        """As ``solid_of``; refuses what is beyond, without reading more than one file too many."""
+        solid = solid_of(shape) if self._left > 0 else None
+        if solid is None or len(solid.faces) > self._left:
+            self._left = 0
+            name = Path(shape.file).name or shape.kind
+            raise RobotFileError(f"{name}: beyond the {MOST_OF_ARM} triangles that an arm may have")
+        self._left -= len(solid.faces)
+        return solid
 
 
 def _ball(radius: float) -> Solid:
@@ -76,7 +96,15 @@ def _scaled(solid: Solid, factors: tuple[float, ...]) -> Solid:
             f"is {farthest:.0f} m large; if its unit is the millimetre, the URDF file needs "
             'scale="0.001 0.001 0.001"'
         )
-    return Solid(vertices, faces)
+    return _with_surface(Solid(vertices, faces))
+
+
+def _with_surface(solid: Solid) -> Solid:
+    used = np.zeros(len(solid.vertices), dtype=np.bool_)
+    used[solid.faces] = True
+    if not float(np.ptp(solid.vertices[used], axis=0).max()) >= _SMALLEST_M:
+        raise RobotFileError("holds no surface: all its points are in one place")
+    return solid
 
 
 def unreadable(path: Path) -> str | None:
@@ -157,4 +185,4 @@ def _checked(vertices: FloatArray, faces: Any) -> Solid:
         raise RobotFileError(
             "holds points that are no finite numbers, or triangles of points that are not there"
         )
-    return Solid(vertices, faces)
+    return _with_surface(Solid(vertices, faces))

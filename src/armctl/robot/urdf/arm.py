@@ -41,6 +41,8 @@ _LEANS = 1e-6
 """angle from which on a base is not upright [rad]"""
 _SHORTEST = 1e-6
 """length from which on a link has a direction [m]"""
+_MOST_SHAPES = 500
+"""of an arm; further ones are passed over"""
 _MOST_TOLD = 8
 """shapes that were passed over, told one by one"""
 
@@ -208,7 +210,9 @@ def _shapes(
                 here, lacking = instead, [f"{file} (drawn: what is meant for collisions)" for file in lacking]
         missing += [f"{name}: {file}" for file in lacking]
         found += [replace(shape, pose=T @ shape.pose, link=k) for shape in here]
-    return tuple(found), tuple(dict.fromkeys(missing))
+    if len(found) > _MOST_SHAPES:
+        missing.insert(0, f"{len(found) - _MOST_SHAPES} shapes beyond the {_MOST_SHAPES} of an arm")
+    return tuple(found[:_MOST_SHAPES]), tuple(dict.fromkeys(missing))
 
 
 def _found(source: UrdfSource, shapes: Iterable[Shape]) -> tuple[list[Shape], list[str]]:

@@ -6,6 +6,7 @@ Rows give a bar along each a and d, a drum on each joint axis, a gripper or a ti
 from __future__ import annotations
 
 import logging
+import os
 from functools import lru_cache
 
 import numpy as np
@@ -15,7 +16,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import quaternion_wxyz
 from armctl.robot import Robot
-from armctl.robot.meshes import solid_of
+from armctl.robot.meshes import ArmSolids
 from armctl.robot.parts import Color, Shape
 from armctl.robot.shape import (
     FINGER,
@@ -69,19 +70,35 @@ _FEWEST_DRAWN = 300
 """triangles of a mesh below which it is not made coarser"""
 
 
-@lru_cache(maxsize=8)
 def drawn_solids(
     shapes: tuple[Shape, ...], most: int = MOST_DRAWN
 ) -> tuple[tuple[int, Color | None, Solid], ...]:
     """Link, colour and mesh of each shape, made coarser where the arm has more than ``most`` triangles.
 
     One that cannot be read any more is left out. Kept for some arms, as every page and every ghost asks for
-    it, and reading takes up to a second.
+    it, and reading takes up to a second; read anew where a file has changed.
     """
+    return _drawn_solids(shapes, most, tuple(_stamp(shape.file) for shape in shapes))
+
+
+def _stamp(file: str) -> tuple[int, int] | None:
+    """What changes with a file: its time and size; None: there is none."""
+    try:
+        status = os.stat(file)
+    except (OSError, ValueError):
+        return None
+    return status.st_mtime_ns, status.st_size
+
+
+@lru_cache(maxsize=8)
+def _drawn_solids(
+    shapes: tuple[Shape, ...], most: int, _stamps: tuple[tuple[int, int] | None, ...]
+) -> tuple[tuple[int, Color | None, Solid], ...]:
+    arm = ArmSolids()
     solids: list[tuple[Shape, Solid]] = []
     for shape in shapes:
         try:
-            solids.append((shape, welded(solid_of(shape))))
+            solids.append((shape, welded(arm.solid_of(shape))))
         except RobotFileError as problem:
             LOG.warning("a shape is not drawn: %s", problem)
     share = min(1.0, most / max(1, sum(len(solid.faces) for _, solid in solids)))
