@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from tests.robot.urdf_kit import Step, written
 
 from armctl import load_robot
-from armctl.errors import InputError, RobotFileError
+from armctl.errors import InputError, RobotFileError, StateError
 from armctl.motion.clearance import clear_pose
+from armctl.robot.urdf import install_package
 from armctl.ui.tabs.main import urdf_arm
-from armctl.ui.tabs.main.urdf_arm import _installed, _Present, _saved
+from armctl.ui.tabs.main.urdf_arm import UrdfArm, _installed, _Present, _saved
 
 LYING = (
     Step("pan", "revolute", "base", "body", "0 0 0.1"),
@@ -64,6 +67,41 @@ def test_beside_a_file_in_a_folder_of_somebody_else_it_goes_into_the_users_folde
     again = _Present.of(str(side))
     assert again.source.side_path == side
     assert _saved(again, {"floor": {"z_mm": -700}}, tmp_path / "robots") == side
+
+
+def test_another_arms_side_file_of_the_same_name_is_left_alone(
+    arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(urdf_arm.os, "access", lambda folder, mode: os.path.basename(folder) == "robots")
+    (tmp_path / "other").mkdir()
+    other = written(tmp_path / "other/arm.urdf", LYING)
+    robots = tmp_path / "robots"
+    sides = [_saved(_Present.of(str(one)), {"floor": {"z_mm": -600}}, robots) for one in (arm, other, other)]
+    assert [side.name for side in sides] == ["arm.armctl.toml", "arm_2.armctl.toml", "arm_2.armctl.toml"]
+    assert [_Present.of(str(side)).source.file for side in sides[:2]] == [arm, other]
+
+
+def test_nothing_is_written_while_the_arm_cannot_be_opened_anew(arm: Path, tmp_path: Path) -> None:
+    def refuse() -> None:
+        raise StateError("it stands")
+
+    robots = SimpleNamespace(
+        require_reopenable=refuse, present=SimpleNamespace(name=str(tmp_path / "robots/a"))
+    )
+    session = SimpleNamespace(
+        require_operator=lambda: None, robots=robots, console=SimpleNamespace(files=tmp_path)
+    )
+    place = install_package("a.urdf", arm.read_bytes(), tmp_path / "robots")
+    before = sorted(tmp_path.rglob("*"))
+    page = SimpleNamespace(
+        _session=session,
+        _present=_Present.of(str(place)),
+        _upload=SimpleNamespace(value=SimpleNamespace(name="a.stl", content=b"x")),
+    )
+    for click in (UrdfArm._on_save, UrdfArm._on_upload):
+        with pytest.raises(StateError, match="it stands"):
+            asyncio.run(click(page))  # type: ignore[arg-type]
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_an_arm_that_cannot_be_opened_is_not_kept(arm: Path, tmp_path: Path) -> None:

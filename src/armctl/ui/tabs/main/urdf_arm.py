@@ -25,6 +25,7 @@ from armctl.robot.urdf import (
     read_urdf_file,
     side_path,
 )
+from armctl.robot.urdf.side_file import SIDE_SUFFIX
 from armctl.runtime import Snapshot
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.session import Session
@@ -143,6 +144,7 @@ class UrdfArm:
         session.require_operator()
         if present is None:
             return
+        session.robots.require_reopenable()
         angles = np.degrees(self._robot.check_limits(self._angles.array)).tolist()
         rest = [round(angle, 4) + 0.0 for angle in angles]
         tool: dict[str, object] = {
@@ -176,6 +178,7 @@ class UrdfArm:
         found = urdf_path(session.robots.present.name)
         if found is None or not found[0].is_relative_to(folder):
             raise InputError(f"{file.name}: upload the URDF file first, then its meshes")
+        session.robots.require_reopenable()
         await asyncio.to_thread(add_to_package, found[0], file.name, file.content)
         session.notify("Uploaded", f"{file.name} is used now, if the URDF file names it.")
         await session.reopen_arm()
@@ -199,7 +202,7 @@ def _saved(present: _Present, changes: Mapping[str, object], folder: Path) -> Pa
     source = present.source
     path = source.side_path or side_path(source.file)
     if source.side_path is None and not _writeable(path.parent):
-        path = folder / path.name
+        path = _own_path(folder / path.name, source.file)
         changes = {"urdf": str(source.file.absolute()), **changes}
     before = path.read_bytes() if path.exists() else None
     changed_side_file(path, changes)
@@ -212,6 +215,21 @@ def _saved(present: _Present, changes: Mapping[str, object], folder: Path) -> Pa
             path.write_bytes(before)
         raise
     return path
+
+
+def _own_path(path: Path, urdf: Path) -> Path:
+    """A side file's path with a number where the name is taken by another arm's."""
+    stem, k = path.name.removesuffix(SIDE_SUFFIX), 2
+    while path.exists() and not _is_about(path, urdf):
+        path, k = path.with_name(f"{stem}_{k}{SIDE_SUFFIX}"), k + 1
+    return path
+
+
+def _is_about(side: Path, urdf: Path) -> bool:
+    try:
+        return UrdfSource.at(side).file.resolve() == urdf.resolve()
+    except RobotFileError:
+        return False
 
 
 def _writeable(folder: Path) -> bool:
