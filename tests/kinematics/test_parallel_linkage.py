@@ -159,6 +159,37 @@ def test_a_pitch_that_the_rods_do_not_keep_is_refused() -> None:
     assert refused.reason is not None and "the rods keep the tool" in refused.reason
 
 
+def test_a_held_roll_is_listed_once() -> None:
+    arm = next(arm for arm in random_arms() if arm.rolls)
+    limits = arm.limits.copy()
+    limits[3] = 0.2
+    solver = inverse_kinematics(
+        arm.chain, limits, EnergyModel(np.ones(4), np.ones(4), GravityModel(arm.chain, ())), TITLES
+    )
+    T = arm.chain.forward(np.append(arm.limits[:3].mean(axis=1), 1.0))
+    found = solver.solve(Target.of(T[:3, 3], rotation=T[:3, :3]), 0.01)
+    assert found.success
+    assert len(np.unique(found.q, axis=0)) == len(found)
+
+
+def test_too_near_one_way_and_too_far_the_other_says_both() -> None:
+    rows = [
+        DHRow(0.2, math.pi / 2, 0.0),
+        DHRow(0.2, 0.0, 0.0),
+        DHRow(0.1, 0.0, 0.0),
+        DHRow(0.0, -math.pi / 2, 0.0),
+    ]
+    chain = Chain.from_dh(rows, "standard", np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, -1]]))
+    energy = EnergyModel(np.ones(3), np.ones(3), GravityModel(chain, ()))
+    solver = inverse_kinematics(chain, np.tile([-math.pi, math.pi], (3, 1)), energy, TITLES[:3])
+    refused = solver.solve(Target.of([0.25, 0.0, 0.0]), 0.01)
+    assert refused.reason == (
+        "neither way round: the wrist would be 50.0 mm or 450.0 mm from the shoulder, the two links reach "
+        "from 100.0 mm to 300.0 mm"
+    )
+    assert refused.nearest_m == pytest.approx([0.3, 0.0, 0.0], abs=1e-6)
+
+
 def test_gravity_is_the_gradient_of_the_potential_energy() -> None:
     arm = Palletiser(np.random.default_rng(7), geared=True, rolls=True)
     bodies = tuple(Body(k, 0.1 * (k + 1), (0.02, -0.01, 0.03)) for k in range(5))

@@ -170,7 +170,7 @@ class NumericSolver(InverseKinematics):
             reason = f"{_SEARCHED}; {left_out} more differ by whole turns" if left_out else _SEARCHED
         else:
             begins = [np.zeros(self.chain.n), *([] if start is None else [start])]
-            near = [all_images(found - at, self.limits - at[:, None], most=1).q + at for at in begins]
+            near = [all_images(found, self.limits, at, most=1).q for at in begins]
             q, reason = np.vstack(near), f"{_SEARCHED}: they form a continuum"
             q = np.unique(q, axis=0)
         rotation: FloatArray = np.abs(q).sum(axis=1)

@@ -220,9 +220,8 @@ class ParallelLinkageSolver(InverseKinematics):
         # nearest is the turn of most trace(Rot(axis, angle) M), else one of the limits
         M = self.chain.forward(np.append(q, 0.0))[:3, :3] @ target.rotation.T
         wanted = math.atan2(np.trace(np.cross(np.eye(3), axis) @ M), np.trace(M) - axis @ M @ axis)
-        return [
-            np.append(q, angle) for angle in self._roll.angles(wanted) or (self._roll.low, self._roll.high)
-        ]
+        ends = dict.fromkeys((self._roll.low, self._roll.high))  # one, where it is held
+        return [np.append(q, angle) for angle in self._roll.angles(wanted) or ends]
 
     # Refusals.
 
@@ -251,6 +250,12 @@ class ParallelLinkageSolver(InverseKinematics):
         if max(distances) < least - _ROUNDING:
             where = f"the wrist would be {1000 * max(distances):.1f} mm from the shoulder"
             return too_near(least - max(distances), where, "the two links fold no closer than", least)
+        if not any(least - _ROUNDING <= away <= most + _ROUNDING for away in distances):
+            near, far = 1000.0 * min(distances), 1000.0 * max(distances)
+            return (
+                f"neither way round: the wrist would be {near:.1f} mm or {far:.1f} mm from the shoulder, the "
+                f"two links reach from {1000.0 * least:.1f} mm to {1000.0 * most:.1f} mm"
+            )
         best: list[tuple[int, float]] = []
         smallest = math.inf
         for base, pair, _ in self._branches(target, None):
