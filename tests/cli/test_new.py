@@ -57,6 +57,7 @@ def test_in_a_terminal_it_asks(monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
         ("--from uzuner --build pitch2", 2, "not both"),
         ("--build pitch2 --length upper", 2, "write NAME=VALUE"),
         ("--build pitch2 --length upper=long", 1, "numbers are needed"),
+        ("--build pitch2 --servo shoulder=1.9", 1, "1.9 is no whole number"),
         ("--build pitch2 --length upper=nan", 1, "1 finite numbers"),
         ("--build pitch2 --limit elbow=1", 1, "2 finite numbers"),
         ("--build pitch2 --limit knee=1,2", 1, "no joint 'knee'"),
@@ -72,3 +73,15 @@ def test_what_is_wrong_is_one_line(
     err = capsys.readouterr().err
     assert said in err and err.count("\n") == 1
     assert not folder.exists()
+
+
+def test_a_broken_file_of_ones_own_does_not_take_the_listing_down(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder.mkdir(parents=True)
+    (folder / "broken.toml").write_text("no")
+    for more in ([], ["--json"]):
+        assert run(["robots", *more]) == 0
+        out, err = capsys.readouterr()
+        assert "uzuner" in out and "broken" not in out
+        assert err.startswith("armctl: broken cannot be opened: ") and err.count("\n") == 1

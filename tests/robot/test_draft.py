@@ -84,6 +84,23 @@ def test_a_name_is_taken_until_it_is_given_up(folder: Path) -> None:
     assert "First" in (folder / "mine.toml~").read_text()
 
 
+@pytest.mark.parametrize("taken", ["mine", "mine.armctl.toml"])
+def test_the_name_of_an_urdf_arm_is_taken(folder: Path, taken: str) -> None:
+    (folder / taken).mkdir(parents=True)
+    for replace_old in (False, True):
+        with pytest.raises(RobotFileError, match="there is a robot 'mine' already"):
+            Draft.of_build("mine", "Mine", build_named("pitch3"), {}).save(replace_old=replace_old)
+    assert not (folder / "mine.toml").exists()
+
+
+def test_a_servo_channel_is_a_whole_number() -> None:
+    draft = Draft.of_build("mine", "Mine", build_named("pitch3"), {})
+    with pytest.raises(InputError, match=r"shoulder: 1\.9 is no whole number"):
+        draft.with_servo("shoulder", 1.9)
+    text = draft.with_servo("shoulder", 1.0).text()
+    assert "channel = 1\n" in text
+
+
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "armctl").write_text("a file where a folder belongs")
     with pytest.raises(RobotFileError, match=r"mine\.toml cannot be written"):

@@ -31,7 +31,20 @@ _LABEL, _NARROWEST = 17, 11
 @json_option
 def robots(as_json: bool) -> None:
     """List the shipped robots and your own: joints, limits, source."""
-    arms = [load_robot(name) for name in (*shipped_robots(), *user_robots())]
+    arms, refused = [load_robot(name) for name in shipped_robots()], list[tuple[str, ArmctlError]]()
+    for name in user_robots():
+        try:
+            arm = load_robot(name)
+            _ = arm.inverse_kinematics  # what is not solved refuses here, too
+            arms.append(arm)
+        except ArmctlError as refusal:
+            refused.append((name, refusal))
+    _print_robots(arms, as_json)
+    for name, refusal in refused:
+        click.echo(f"armctl: {name} cannot be opened: {refusal}", err=True)
+
+
+def _print_robots(arms: Sequence[Robot], as_json: bool) -> None:
     if as_json:
         print_json([
             {

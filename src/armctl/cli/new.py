@@ -62,7 +62,7 @@ def new(
     for joint, text in _pairs(servos, "--servo"):
         numbers = _numbers(text, f"--servo {joint}", 1, 3)
         settings = dict(zip(("zero_us", "us_per_deg"), numbers[1:], strict=False))
-        draft = draft.with_servo(joint, int(numbers[0]), **settings)
+        draft = draft.with_servo(joint, numbers[0], **settings)
     for pose, text in _pairs(poses, "--pose"):
         draft = draft.with_pose(pose, _numbers(text, f"--pose {pose}", len(draft.joints)))
     if floor_mm is not None:

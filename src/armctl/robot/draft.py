@@ -303,16 +303,26 @@ class Draft:
     def with_servo(
         self,
         name: str,
-        channel: int,
+        channel: float,
         zero_us: float | None = None,
         us_per_deg: float = _SERVO_US_PER_DEG,
         pulse_us: tuple[float, float] = _SERVO_US,
     ) -> Self:
-        """With a servo for one joint: output = zero + scale · angle; by default mid-travel is 1500 µs."""
+        """With a servo for one joint: output = zero + scale · angle; by default mid-travel is 1500 µs.
+
+        Raises ``InputError``: no such joint, or a channel that is no whole number.
+        """
+        if not float(channel).is_integer():
+            raise InputError(f"the servo channel of {name}: {channel:g} is no whole number")
         if zero_us is None:
             low, high = self._joint(name)["limit_deg"]
             zero_us = _SERVO_MIDDLE_US - us_per_deg * 0.5 * (low + high)
-        servo = {"channel": channel, "zero_us": zero_us, "us_per_deg": us_per_deg, "pulse_us": list(pulse_us)}
+        servo = {
+            "channel": int(channel),
+            "zero_us": zero_us,
+            "us_per_deg": us_per_deg,
+            "pulse_us": list(pulse_us),
+        }
         return self.with_joint(name, servo=servo)
 
     def with_channels(self, channels: Mapping[str, int]) -> Self:
@@ -360,8 +370,10 @@ class Draft:
             raise RobotFileError(f"{self.name!r} is a robot of armctl; choose another name")
         self.robot()
         path = user_robots_folder() / f"{self.name}.toml"
-        if path.exists() and not replace_old:
-            raise RobotFileError(f"there is a robot {self.name!r} already ({path}); choose another name")
+        urdf = (path.with_name(f"{self.name}.armctl.toml"), path.with_suffix(""))
+        taken = next((one for one in (*(() if replace_old else (path,)), *urdf) if one.exists()), None)
+        if taken is not None:
+            raise RobotFileError(f"there is a robot {self.name!r} already ({taken}); choose another name")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(path, self.text().encode(), keep=True)

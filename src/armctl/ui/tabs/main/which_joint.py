@@ -8,7 +8,7 @@ import math
 import viser
 
 from armctl.errors import InputError, StateError
-from armctl.robot import user_robots, user_robots_folder
+from armctl.robot import robot_path, user_robots_folder
 from armctl.robot.draft import Draft
 from armctl.runtime import MoveJoints, Snapshot, State
 from armctl.ui.session import Session
@@ -23,7 +23,8 @@ _HINT = (
 
 def of_own_arm(session: Session) -> WhichJoint | None:
     """The section for the present arm, if it is the user's own and has outputs."""
-    own = session.robots.present.name in user_robots()
+    name = session.robots.present.name
+    own = robot_path(name) == user_robots_folder() / f"{name}.toml"
     return WhichJoint(session) if own and session.console.robot.output_map is not None else None
 
 
