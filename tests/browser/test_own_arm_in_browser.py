@@ -115,3 +115,22 @@ def test_rows_are_checked_line_by_line_and_a_wrong_one_is_not_saved(page: Screen
     page.click("Discard")
     assert served.robot.name == "uzuner"
     assert not user_robots_folder().exists()
+
+
+def test_a_copy_keeps_what_is_not_edited(page: Screen, served: ServedArm) -> None:
+    old = served.robot
+    page.choose("Begin with", "A copy of the present robot")
+    page.wait_until(lambda: page.value("Floor mm") == f"{1000 * old.floor_z:g}", "the floor is its own")
+    page.type_into("Title", "Twin")
+    page.type_into("File name", "twin")
+    page.type_into("Highest °", "30")
+    page.choose("Joint", old.joint_names[1])
+    page.type_into("Speed °/s", "20")
+    page.click("Save and open")
+    opened(page, served, "twin")
+    new = load_robot("twin")
+    assert new.limits[0, 1] == pytest.approx(np.radians(30))
+    assert (new.output_map, new.floor_z) == (old.output_map, old.floor_z)
+    assert new.joints[0].acceleration == pytest.approx(old.joints[0].acceleration)
+    ratio = new.joints[1].acceleration / old.joints[1].acceleration
+    assert ratio == pytest.approx(np.radians(20) / old.joints[1].speed)

@@ -11,7 +11,9 @@ from armctl.robot import user_robots_folder
 from armctl.ui.tabs.main import which_joint
 
 
-def test_it_is_there_for_robot_files_of_ones_own_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_is_there_for_robot_files_of_ones_own_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     monkeypatch.setattr(which_joint, "WhichJoint", lambda session: "the section")
     (user_robots_folder() / "folder").mkdir(parents=True)

@@ -107,6 +107,11 @@ class NumberField(TextEntry):
             return self._exact
         return parse_number(self.text, self.label)
 
+    @property
+    def edited(self) -> bool:
+        """Whether it shows something else than what was filled in."""
+        return self.text != self._filled
+
     def positive(self, name: str, unit: str, zero: str) -> float | None:
         """The number, None for an empty field or 0 (``zero``); errors as ``parse_number``, and below 0."""
         value = self.value if self.text.strip() else 0.0

@@ -6,7 +6,7 @@ import asyncio
 import re
 from dataclasses import dataclass, field
 from html import escape
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import viser
@@ -68,6 +68,8 @@ class OwnArm:
         """how far beside the present arm the new one stands [m]"""
         self._q: dict[str, float] = {}
         """where each joint is drawn [degrees]"""
+        self._servo_shown = ("", "", "")
+        """the texts of the servo fields as they were filled in"""
         gui = session.gui
         self._gui = gui
         with gui.add_folder("Your own arm", expand_by_default=False):
@@ -202,7 +204,9 @@ class OwnArm:
 
     def _on_begin(self) -> None:
         self._box.visible, self._begin.visible = True, False
+        self._fill_floor()
         self._show()
+        self._fill_joint()
 
     def _end(self) -> None:
         if self._figure is not None:
@@ -218,8 +222,17 @@ class OwnArm:
         self._lengths_box.visible = kind in _BEGINNINGS
         self._rows_box.visible = kind == _ROWS
         self._fill_lengths()
+        self._fill_floor()
         self._show()
         self._fill_joint()
+
+    def _fill_floor(self) -> None:
+        """Show the floor of what is begun with."""
+        try:
+            floor = self._draft().table.get("floor", {})
+        except ArmctlError:  # told by ``_show``
+            floor = {}
+        self._floor.fill(float(cast("dict[str, float]", floor).get("z_mm", 0.0)))
 
     def _fill_lengths(self) -> None:
         for one in self._lengths.values():
@@ -260,7 +273,11 @@ class OwnArm:
         self._channel.value = str(channel)
         self._zero.fill(zero)
         self._scale.fill(scale)
+        self._servo_shown = self._servo_texts()
         self._angle.value = float(np.clip(np.degrees(self._pose_of(robot)[k]), -180.0, 180.0))
+
+    def _servo_texts(self) -> tuple[str, str, str]:
+        return self._channel.value, self._zero.text, self._scale.text
 
     def _on_angle(self) -> None:
         self._q[self._joint.value] = float(self._angle.value)
@@ -271,13 +288,18 @@ class OwnArm:
         self._on_joint_field()
 
     def _on_joint_field(self) -> None:
-        joint = self._joint.value
-        entries: dict[str, Any] = {
-            "limit_deg": [self._low.value, self._high.value],
-            "speed_deg_s": self._speed.value,
-            "acceleration_deg_s2": 6.0 * self._speed.value,
-        }
-        if self._channel.value.strip():
+        joint, robot = self._joint.value, self._robot
+        entries = dict(self._edits.joints.get(joint, {}))
+        entries["limit_deg"] = [self._low.value, self._high.value]
+        if self._speed.edited:
+            speed, ratio = self._speed.value, 6.0
+            if robot is not None and joint in robot.joint_names:
+                present = robot.joints[robot.joint_names.index(joint)]
+                ratio = present.acceleration / present.speed  # 1/s, in any unit of angle
+            entries |= {"speed_deg_s": speed, "acceleration_deg_s2": ratio * speed}
+        if "servo" not in entries and self._servo_texts() == self._servo_shown:
+            pass  # as the beginning has it
+        elif self._channel.value.strip():
             channel = parse_number(self._channel.value, "Servo channel")
             if channel != int(channel):
                 raise InputError(f"Servo channel: {channel:g} is no whole number")
@@ -322,8 +344,8 @@ class OwnArm:
         choice = RobotChoice(draft.name, str(draft.table["title"]))
         session.robots.offer(choice)
         session.notify("New arm", f"{choice.title} is saved: {path}")
-        self._end()
         await session.robots.change(choice.name, session.origin, session.require_operator)
+        self._end()
 
 
 def _names(names: tuple[str, ...]) -> tuple[str, ...]:
