@@ -14,6 +14,7 @@ from armctl import load_robot
 from armctl.errors import InputError, MotionRefusedError
 from armctl.motion import ProfileName
 from armctl.motion.polynomial import PiecewisePolynomial, spline_through
+from armctl.motion.preflight import preflight
 from armctl.motion.profiles import law_over, shortest_words
 from armctl.motion.time_optimal import PathLimits, fastest_rates, time_optimal_law
 from armctl.motion.timing import PathTrajectory, timed
@@ -137,3 +138,38 @@ def test_too_short_a_duration_is_refused_with_the_joint_and_its_limit(
     shortest = timed(robot, straight(np.array(turns)), profile=profile, rate_cap=cap).duration
     words = shortest_words(shortest, profile, exact=profile == "trapezoid")
     assert str(refused.value).endswith(f"; {words}")
+
+
+def cornered() -> PiecewisePolynomial:
+    """There and back, without a rounding."""
+    q, d = np.zeros(5), 0.3 * np.eye(5)[0]
+    return PiecewisePolynomial([0.0, 1.0, 2.0], np.array([[q, d], [q + d, -d]]))
+
+
+def test_where_the_slope_of_a_path_jumps_the_arm_stops() -> None:
+    motion = PathTrajectory.fastest(ROBOT, cornered())
+    assert (motion.peaks.acceleration <= ROBOT.acceleration_limits * (1 + 1e-9)).all()
+    time = np.linspace(0.0, motion.duration, 20_001)
+    speed = motion.sample(time).velocity
+    steps = np.abs(np.diff(speed, axis=0)) / time[1]
+    assert (steps <= ROBOT.acceleration_limits * (1 + 1e-6)).all()
+    assert not [finding for finding in preflight(ROBOT, motion) if finding.kind == "acceleration"]
+
+
+def test_a_corner_taken_at_speed_is_refused() -> None:
+    motion = PathTrajectory(cornered(), law_over(2.0, 0.1, 0.1, 0.1, "quintic"))
+    assert np.isinf(motion.peaks.acceleration[0])
+    assert "acceleration" in [finding.kind for finding in preflight(ROBOT, motion)]
+    for profile in ("cubic", "s-curve", "quintic"):
+        with pytest.raises(InputError, match="turns a corner"):
+            timed(ROBOT, cornered(), profile=profile)
+
+
+@pytest.mark.parametrize("profile", ["trapezoid", "cubic", "s-curve", "quintic"])
+def test_a_path_need_not_begin_at_nought(profile: ProfileName) -> None:
+    path = straight(np.full(5, 0.3))
+    later = PiecewisePolynomial(path.breaks + 1.0, path.coefficients)
+    motion, same = timed(ROBOT, later, profile=profile), timed(ROBOT, path, profile=profile)
+    assert motion.duration == pytest.approx(same.duration)
+    time = np.linspace(0.0, same.duration, 50)
+    np.testing.assert_allclose(motion.sample(time).q, same.sample(time).q, atol=1e-9)

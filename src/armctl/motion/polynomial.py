@@ -7,7 +7,7 @@ from functools import cache
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
@@ -149,6 +149,11 @@ class PiecewisePolynomial:
         return bool(
             np.abs(jumps).max() <= _JUMP * np.abs(pushes).max() and ends <= _JUMP * np.abs(rates).max()
         )
+
+    def slope_jumps(self) -> NDArray[np.bool_]:
+        """(k - 1, n) whether the first derivative jumps at each inner break."""
+        slope = self.derivative().control_points()
+        return np.abs(slope[1:, 0] - slope[:-1, -1]) > _JUMP * np.abs(slope).max()
 
     def control_points(self) -> FloatArray:
         """(k, degree + 1, n) Bernstein coefficients: each piece lies between its least and its largest."""

@@ -247,13 +247,21 @@ def _rate_findings(motion: SampledMotion, kind: Kind) -> Iterator[Finding]:
     rates = motion.rates(motion.time, order)
     for j in over:
         value, limit = np.degrees([most[j], limits[j]])
-        longer = math.ceil(100.0 * (most[j] / limits[j]) ** (1 / (order + 1))) / 100.0
         when, digits = _when_most(motion, order, j, int(rates[:, j].argmax()))
-        yield Finding(
+        what, mend = (
             f"{value:.1f} {unit} is over its limit of {limit:.1f} {unit}",
+            "stop there, or round the path",
+        )
+        if math.isfinite(value):
+            longer = math.ceil(100.0 * (most[j] / limits[j]) ** (1 / (order + 1))) / 100.0
+            mend = f"take {longer:.2f} times as long"
+        else:
+            what = f"its speed jumps at a corner of the path; its limit is {limit:.1f} {unit}"
+        yield Finding(
+            what,
             when,
             robot.joints[j].title,
-            f"take {longer:.2f} times as long",
+            mend,
             kind,
             digits=digits,
         )

@@ -115,6 +115,7 @@ class PathLimits:
         ``rate_cap``: a largest ds/dt besides, a number or (p,) one a piece of the path; ``finest``: most
         intervals of a piece. The grid of a piece depends on that piece alone: so what was planned to be
         braked on can be braked on when more is known.
+        Where the slope of the path jumps the rate is 0: the arm stops.
         Raises ``InputError``: a cap that is not positive.
         """
         caps = np.broadcast_to(np.asarray(rate_cap, dtype=np.float64), len(path.coefficients))
@@ -136,6 +137,7 @@ class PathLimits:
         # where nothing moves, any rate will do
         at_ends = np.minimum(np.minimum(at_ends, np.repeat(caps, counts)), width / _MARGIN) * (1 - _MARGIN)
         most = np.minimum(np.append(at_ends[0], np.inf), np.append(np.inf, at_ends[1])) ** 2
+        most[first[1:-1][path.slope_jumps().any(axis=1)]] = 0.0
         cap = np.minimum(at_ends.min(axis=0), curve)
         with np.errstate(divide="ignore"):
             left = robot.acceleration_limits - bend * cap[:, None] ** 2

@@ -6,6 +6,7 @@ import math
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
@@ -24,6 +25,10 @@ _SECTIONS, _SECTIONINGS = 32, 6
 """where a slice begins is sought in so many parts of the duration, that often: to a billionth of it"""
 _INTERVALS = 12_000
 """about so many intervals are enough for the longest path"""
+_STANDS = 1e-6
+"""of the largest rate: what is less counts as standing still, where the slope of a path jumps"""
+_AT_BREAK = 1e-8
+"""of the duration: so near a break of the law a path's break is passed at it"""
 _ROUNDING = 1e-13
 """so small a share of the whole way is none"""
 
@@ -101,12 +106,30 @@ class PathTrajectory(KnowsPeaks):
 
     @cached_property
     def peaks(self) -> Peaks:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Extremes of the whole motion: the joint angles exact, the rest never passed."""
+        """Extremes of the whole motion: the joint angles exact, the rest never passed.
+
+        The acceleration of a joint that passes a jump of the path's slope without standing still is infinite.
+        """
         low, high = self.path.extremes()
+        jumps = self._turned_at_speed()
         if self.law.coefficients.shape[1] <= 3:  # d²s/dt² is constant in pieces
-            return Peaks(low, high, *self._peaks_over_the_way(), None)
+            speed, acceleration = self._peaks_over_the_way()
+            return Peaks(low, high, speed, np.where(jumps, np.inf, acceleration), None)
         speed, acceleration, jerk = self._peaks_over_time()
+        acceleration = np.where(jumps, np.inf, acceleration)
         return Peaks(low, high, speed, acceleration, jerk if self.law.is_smooth_from_rest() else None)
+
+    def _turned_at_speed(self) -> NDArray[np.bool_]:
+        """(n,) joints whose speed jumps, where the slope of the path does."""
+        jumps = self.path.slope_jumps()
+        if not jumps.any():
+            return np.zeros(jumps.shape[1], dtype=np.bool_)
+        time, breaks = self._crossings()[1:-1], self.law.breaks
+        nearest = breaks[np.abs(time[:, None] - breaks).argmin(axis=1)]
+        time = np.where(np.abs(time - nearest) <= _AT_BREAK * self.duration, nearest, time)
+        rates = np.abs(self.law.derivatives(time, 1)[1, :, 0])
+        moves = rates > _STANDS * self.law.derivative().bound_by_piece().max()
+        return (jumps & moves[:, None]).any(axis=0)
 
     def _peaks_over_the_way(self) -> tuple[FloatArray, FloatArray]:
         """Largest speeds and accelerations (n,), by the polynomials of s that ``PathLimits`` bounds."""
@@ -204,15 +227,21 @@ def _shortest(
     fastest = PathTrajectory.fastest(robot, path, rate_cap)
     if profile == "trapezoid":
         return fastest
+    if path.slope_jumps().any():
+        raise InputError(
+            f"a path that turns a corner cannot be followed by the profile {profile}: use trapezoid"
+        )
     if profile == "s-curve" and len(path.coefficients) == 1 and not path.coefficients[0, 2:].any():
         slope = np.maximum(np.abs(path.coefficients[0, 1]), 1e-150)  # along a straight way it is exact
         limits = (robot.speed_limits, robot.acceleration_limits, robot.jerk_limits)
         speed, acceleration, jerk = (float((most / slope).min()) for most in limits)
-        law = law_over(path.high, min(speed, rate_cap), acceleration, jerk, profile)
+        law = law_over(path.high - path.low, min(speed, rate_cap), acceleration, jerk, profile)
+        law = _from(path.low, law)
     elif profile in _SPLINES:
         law = jerk_limited_law(robot, path, fastest.law, rate_cap, _SPLINES[profile])
     else:
-        law = law_over(path.high, 1.0, 1.0, 1.0, profile)
+        law = law_over(path.high - path.low, 1.0, 1.0, 1.0, profile)
+        law = _from(path.low, law)
     shaped = PathTrajectory(path, law)
     peaks = shaped.peaks
     needed = [  # times as long
@@ -223,6 +252,13 @@ def _shortest(
     if peaks.jerk is not None:
         needed.append(float((peaks.jerk / robot.jerk_limits).max()) ** (1 / 3))
     return shaped.scaled(max(needed))
+
+
+def _from(low: float, law: PiecewisePolynomial) -> PiecewisePolynomial:
+    """A law that begins at 0, from the beginning of a path on."""
+    c = law.coefficients.copy()
+    c[:, 0] += low
+    return PiecewisePolynomial(law.breaks, c)
 
 
 _SAMPLES = 1001
