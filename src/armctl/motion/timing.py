@@ -123,7 +123,7 @@ class PathTrajectory(KnowsPeaks):
         """(n,) joints whose speed jumps, where the slope of the path does."""
         jumps = self.path.slope_jumps()
         if not jumps.any():
-            return np.zeros(jumps.shape[1], dtype=np.bool_)
+            return np.array([False] * len(self.start), dtype=np.bool_)
         time, breaks = self._crossings()[1:-1], self.law.breaks
         nearest = breaks[np.abs(time[:, None] - breaks).argmin(axis=1)]
         time = np.where(np.abs(time - nearest) <= _AT_BREAK * self.duration, nearest, time)
