@@ -122,7 +122,7 @@ def test_a_full_disk_leaves_no_half_file_and_the_arm_goes_on(
 
 
 def test_who_asked_for_what_and_how_it_was_answered(holding: Rig) -> None:
-    holding.refuses(Enable(REST), "enable needs the state off")
+    holding.refuses(Enable(REST), "enable needs the arm off")
     holding.do(MoveTo(Target.of([0.22, -0.196, 0.085], pitch=-0.5)))
     holding.controller.stop(Origin("page", "the operator's page is gone"))
     holding.rests()
@@ -130,7 +130,7 @@ def test_who_asked_for_what_and_how_it_was_answered(holding: Rig) -> None:
     holding.controller.submit("nonsense", Origin("stranger" * 1000))  # type: ignore[arg-type]
     holding.tick()
     *_, enable, move, stop, run, nonsense = holding.controller.black_box().commands
-    assert enable.answer.startswith("enable needs the state off")
+    assert enable.answer.startswith("enable needs the arm off")
     assert move.what.startswith(
         "MoveTo target (220.0, -196.0, 85.0) mm pitch -28.6°, choose 'least-rotation'"
     )

@@ -219,7 +219,7 @@ def test_a_snapshot_that_cannot_be_made_is_a_fault_and_the_ticks_go_on(
     ("command", "words"),
     [
         (Release(), "nothing to release: disconnected"),
-        (Enable(), "needs the state off, it is disconnected; connect first"),
+        (Enable(), "needs the arm off, it is disconnected; connect first"),
         (MoveJoints(HOME), "it is disconnected; connect and enable first"),
         (MoveGripper(0.5), "uzuner is not connected"),
     ],

@@ -278,7 +278,7 @@ def test_an_arm_that_stands_away_from_its_setpoint_is_told(homed: Rig) -> None:
     ("command", "words"),
     [
         (MoveGripper(0.5), "the gripper needs the arm enabled, it is moving"),
-        (Enable(), r"enable needs the state off, it is moving \(homing \(test\)\)"),
+        (Enable(), r"enable needs the arm off, it is moving \(homing \(test\)\)"),
         (Pause(), "homing cannot be paused; press STOP"),
     ],
 )

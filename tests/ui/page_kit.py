@@ -43,6 +43,9 @@ class FakePage:
         if label is not None:
             self._handles[label], self._actions[label] = handle, action
 
+    def needs(self, *_: object, **__: object) -> None:
+        """What would be refused is not looked at here."""
+
     async def submit(self, command: Command) -> None:
         self.shown_at_sending.append(self.ghost.q)
         self.sent.append(command)

@@ -42,10 +42,12 @@ from armctl.runtime.snapshot import (
     Control,
     Event,
     LastPose,
+    Need,
     Party,
     ProgramProgress,
     Snapshot,
     State,
+    unmet,
 )
 
 __all__ = [
@@ -77,6 +79,7 @@ __all__ = [
     "MoveGripper",
     "MoveJoints",
     "MoveTo",
+    "Need",
     "Origin",
     "Party",
     "Pause",
@@ -95,5 +98,6 @@ __all__ = [
     "UpdateProgram",
     "black_boxes",
     "channel_settings",
+    "unmet",
     "wall_time",
 ]

@@ -25,9 +25,8 @@ from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.last_pose import PoseFolder, PoseWatch
 from armctl.runtime.mover import GripperMover, PathMover
 from armctl.runtime.planner import Pending, Submit, result_of
-from armctl.runtime.snapshot import EventLog, Notices, State
+from armctl.runtime.snapshot import POWERED, EventLog, Need, Notices, State, unmet
 
-POWERED = (State.HOLDING, State.MOVING, State.PAUSED)
 SLOWEST = 0.05
 """the smallest speed override"""
 JOG_GAP_S = 0.2
@@ -101,6 +100,13 @@ class Core:
     def powered(self) -> bool:
         """The pulses are on, as far as is known."""
         return self.gate.q is not None or bool(self.monitor.reading.on.any())
+
+    def require(self, need: Need, what: str) -> None:
+        """Refuse (``StateError``) ``what`` ("a motion") needs the arm in another state."""
+        homing = self.monitor.reading.homing
+        why = unmet(need, self.state, homed=homing is None or homing.done, cause=self.cause)
+        if why is not None:
+            raise StateError(f"{what} needs the arm {need.value}, it is {why}")
 
     # Connecting, and switching the outputs on and off.
 

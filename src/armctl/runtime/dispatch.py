@@ -18,13 +18,13 @@ from armctl.kinematics.target import as_numbers, checked_number
 from armctl.motion import plan_joints, plan_target
 from armctl.program import Program
 from armctl.program.feed import require_runnable
-from armctl.runtime.core import POWERED, Core
+from armctl.runtime.core import Core
 from armctl.runtime.jog import JOG_EXPIRY_S, Jogger, tool_turns
 from armctl.runtime.live_target import FOLLOW_EXPIRY_S, STREAM_EXPIRY_S, Follower, Streamer
 from armctl.runtime.planner import checked_trajectory
-from armctl.runtime.power import enable, hint, home, release
+from armctl.runtime.power import enable, home, release
 from armctl.runtime.program_runner import ProgramRunner, begun_program
-from armctl.runtime.snapshot import State
+from armctl.runtime.snapshot import Need, State
 
 _STOPPED_FOLLOWING = "the arm was stopped; switch the live target on again once it stands"
 FASTEST_TOOL_M_S, FASTEST_TURN_RAD_S = 0.5, math.pi
@@ -119,10 +119,10 @@ def _carry_out(core: Core, order: c.Order, now: float) -> bool:
 
 def _held_at(core: Core, what: str) -> FloatArray:
     """Where the arm holds (n,) [rad]."""
-    q = core.gate.q
-    if core.state is not State.HOLDING or q is None:
-        raise StateError(f"{what} needs the arm holding, it is {core.state.value}{hint(core)}")
-    return q
+    core.require(Need.HOLDING, what)
+    if core.gate.q is None:
+        raise StateError("nobody knows where the arm is; enable again")
+    return core.gate.q
 
 
 def _jog(core: Core, command: c.Jog | c.JogTool, order: c.Order, now: float) -> None:
@@ -232,8 +232,9 @@ def _move_gripper(core: Core, opening: float, order: c.Order) -> None:
     opening = checked_number(opening, f"the opening of {gripper.title}")
     if not 0 <= opening <= 1:
         raise InputError(f"{gripper.title}: {100 * opening:g} % is outside 0 … 100 %")
-    if core.state not in POWERED or core.gate.q is None:
-        raise StateError(f"the gripper needs the arm enabled, it is {core.state.value}{hint(core)}")
+    core.require(Need.ENABLED, "the gripper")
+    if core.gate.q is None:
+        raise StateError(f"the gripper needs the arm enabled, it is {core.state.value} ({core.cause})")
     if isinstance(core.activity, ProgramRunner) and core.activity.gripping:
         raise StateError("the program moves the gripper now; stop or wait")
     core.gripper.move_to(opening, order.ticket, order.motion)

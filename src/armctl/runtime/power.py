@@ -12,8 +12,8 @@ from armctl.motion import FLOOR_TOLERANCE_M, Floor
 from armctl.runtime.activity import Setpoint
 from armctl.runtime.board import Board, BoolArray, Reading
 from armctl.runtime.commands import Enable, Order
-from armctl.runtime.core import POWERED, Core
-from armctl.runtime.snapshot import State
+from armctl.runtime.core import Core
+from armctl.runtime.snapshot import HOME_FIRST, POWERED, Need, State
 
 ADOPT_TOLERANCE_RAD = np.radians(0.25)
 """how far outside a limit a joint may stand when it is taken over, and two readings may differ"""
@@ -25,7 +25,6 @@ _BACK_INSIDE = {
     Source.TRANSMITTED: _DROP_AND_ENABLE,
     Source.MEASURED: "release it and turn it back by hand, or press Homing",
 }
-_HOME_FIRST = "press Homing (every axis moves to its switch)"
 _SAY_WHERE = (
     "Say where it stands: in Main, with armctl run --pose last (or a named pose, or joint angles in "
     'degrees), or with arm.enable(pose="last")'
@@ -46,14 +45,15 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         return True
     board = core.board
     if core.state is not State.OFF or board is None:
-        raise StateError(f"enable needs the state off, it is {core.state.value}{hint(core, to_enable=True)}")
+        core.require(Need.OFF, "enable")
+        raise StateError("there is no board; connect first")
     goal = core.robot.check_limits(core.robot.pose("rest") if wanted is None else wanted)
     if command.opening is not None and not 0 <= checked_number(command.opening, "the opening") <= 1:
         raise InputError(f"an opening of {100 * command.opening:g} % is outside 0 … 100 %")
     board.configure()
     reading = _where_it_is(core, board, now)
     if reading.homing is not None and not reading.homing.done:
-        raise StateError(f"the arm does not know where it is yet; {_HOME_FIRST}")
+        raise StateError(f"the arm does not know where it is yet; {HOME_FIRST}")
     live = ~np.isnan(reading.q)
     if not (live.all() or wanted is not None or board.identity.simulated):
         known = "" if core.poses.last is None else f" ({core.poses.last})"
@@ -81,11 +81,8 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
 
 def home(core: Core, order: Order, now: float) -> None:
     """Have the board look for the zero of every axis: the arm moves. It holds where that ends."""
-    if core.board is None or core.state not in (State.OFF, State.HOLDING):
-        raise StateError(
-            f"homing needs the arm off or holding, it is {core.state.value}{hint(core, to_enable=True)}"
-        )
-    if core.monitor.reading.homing is None:
+    core.require(Need.STANDING, "homing")
+    if core.board is None or core.monitor.reading.homing is None:
         raise StateError("the servos of this arm know their angles: there is nothing to home")
     who = order.origin.who
     instead = StateError(f"the arm is being homed ({who})")
@@ -105,22 +102,6 @@ def release(core: Core, who: str) -> None:
     core.board.release()
     core.log.warn(f"RELEASE ({who}): {core.board.power} off")
     core.power_off(f"released ({who})")
-
-
-def hint(core: Core, *, to_enable: bool = False) -> str:
-    """What to do about a state in which a command is refused."""
-    match core.state:
-        case State.DISCONNECTED:
-            return "; connect first" if to_enable else "; connect and enable first"
-        case State.OFF:
-            homing = core.monitor.reading.homing
-            return "; enable first" if homing is None or homing.done else f"; {_HOME_FIRST}"
-        case State.MOVING | State.PAUSED:
-            return f" ({core.cause}); stop first"
-        case State.FAULT:
-            return f" ({core.cause}); clear the fault first"
-        case State.HOLDING:
-            return "; the arm is enabled already"
 
 
 class Enabling:

@@ -34,6 +34,49 @@ class State(Enum):
     FAULT = "fault"
 
 
+class Need(Enum):
+    """What a command needs of the arm; the controller and the buttons of the pages ask the same rule."""
+
+    HOLDING = "holding"
+    ENABLED = "enabled"
+    OFF = "off"
+    STANDING = "off or holding"
+
+
+POWERED = (State.HOLDING, State.MOVING, State.PAUSED)
+_MET_IN = {
+    Need.HOLDING: (State.HOLDING,),
+    Need.ENABLED: POWERED,
+    Need.OFF: (State.OFF,),
+    Need.STANDING: (State.OFF, State.HOLDING),
+}
+
+
+def unmet(need: Need, state: State, *, homed: bool, cause: str = "") -> str | None:
+    """Why a command is refused, and what to do: "off; enable first". None: its need is met.
+
+    ``homed``: every axis that has to knows where it is; ``cause``: of the state, to be named in the answer.
+    """
+    if state in _MET_IN[need]:
+        return None
+    told = f" ({cause})" if cause else ""
+    match state:
+        case State.DISCONNECTED:
+            mend = "; connect and enable first" if State.OFF not in _MET_IN[need] else "; connect first"
+        case State.OFF:
+            mend = "; enable first" if homed else f"; {HOME_FIRST}"
+        case State.MOVING | State.PAUSED:
+            mend = f"{told}; stop first"
+        case State.FAULT:
+            mend = f"{told}; clear the fault first"
+        case State.HOLDING:
+            mend = "; the arm is enabled already"
+    return f"{state.value}{mend}"
+
+
+HOME_FIRST = "press Homing (every axis moves to its switch)"
+
+
 @dataclass(frozen=True, slots=True)
 class ProgramProgress:
     """Where a running program is."""

@@ -69,6 +69,7 @@ class Page:
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw a snapshot."""
         with self.client.atomic():
+            self.session.refresh(snapshot)
             self._panel.refresh(snapshot)
             for screen in self._screens:
                 screen.refresh(snapshot)

@@ -6,16 +6,18 @@ import asyncio
 import logging
 import math
 from collections.abc import Callable, Coroutine
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
 
 import viser
 
 from armctl.errors import ArmctlError
-from armctl.runtime import Command, ControlCommand, Origin, Snapshot, Ticket
+from armctl.runtime import Command, ControlCommand, Need, Origin, Snapshot, Ticket, unmet
 from armctl.ui.console import page_name
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.widgets.events import Action
+from armctl.ui.widgets.html import LiveHtml, muted, sentence
 
 LOG = logging.getLogger("armctl.ui")
 Color = Literal["blue", "yellow", "red"]
@@ -36,6 +38,7 @@ class Session:
         self.console = robots.console
         self._tasks: set[asyncio.Task[None]] = set()
         self._keys: list[viser.CommandHandle] = []
+        self._offers: list[_Offer] = []
         self.closed = False
         """page or arm is gone; whoever has waited for something must not write to the page any more"""
         self.ghost = Ghost(client.scene, self.console.robot)
@@ -86,6 +89,53 @@ class Session:
             await self.attempt(action)
 
         attach(callback)
+
+    def needs(
+        self,
+        arm: Need | None,
+        *controls: Disableable,
+        also: Callable[[Snapshot], str | None] | None = None,
+        told: bool = True,
+    ) -> None:
+        """Disable controls while they would be refused, and say why below them, in the present container.
+
+        ``arm``: what they need of the arm; None: only that this page operates. ``also``: why they would be
+        refused all the same, in words ("the list is empty; record a pose first"), or None. ``told``: whether
+        the reason is shown; not where the same one stands beside it already.
+        """
+        reason = LiveHtml(self.gui, visible=False) if told else None
+        offer = _Offer(controls, arm, also, reason)
+        self._offers.append(offer)
+        self._draw_offer(offer, self.snapshot)
+
+    def why_not(self, arm: Need | None, snapshot: Snapshot) -> str | None:
+        """Why what needs this of the arm is refused on this page now, and what to do; None: it is not."""
+        if self.robots.opening is not None:
+            return f"the robot is being changed for {self.robots.opening.title}; wait a moment"
+        if not (snapshot.control.operates(self.me) or self.console.controller.ended):
+            return f"this page is watching, {self.operator} operates; press 'Take control' first"
+        if arm is None:
+            return None
+        if snapshot.unreachable:
+            return "the arm does not answer; see Control"
+        why = unmet(arm, snapshot.state, homed=all(axis.homed for axis in snapshot.homing))
+        return None if why is None else f"the arm is {why}"
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Enable and disable the controls for a snapshot."""
+        for offer in self._offers:
+            self._draw_offer(offer, snapshot)
+
+    def _draw_offer(self, offer: _Offer, snapshot: Snapshot) -> None:
+        why = self.why_not(offer.arm, snapshot)
+        if why is None and offer.also is not None:
+            why = offer.also(snapshot)
+        for control in offer.controls:
+            control.disabled = why is not None
+        if offer.reason is not None:
+            offer.reason.visible = why is not None
+            if why is not None:
+                offer.reason.show(muted(sentence(why)))
 
     def on_key(self, command: viser.CommandHandle, action: Action) -> None:
         """Run ``action`` when the command's key is pressed outside a field."""
@@ -206,6 +256,22 @@ class Session:
     def notify(self, title: str, text: str, color: Color = "blue") -> None:
         """Show a notification for as long as it takes to read it."""
         self._notices.show(title, text, color)
+
+
+class Disableable(Protocol):
+    """A button, a field, or a command of the palette."""
+
+    disabled: bool
+
+
+@dataclass(frozen=True)
+class _Offer:
+    """Controls that can be used under the same conditions."""
+
+    controls: tuple[Disableable, ...]
+    arm: Need | None
+    also: Callable[[Snapshot], str | None] | None
+    reason: LiveHtml | None
 
 
 class Notices:
