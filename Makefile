@@ -3,9 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 BENCH := build/bench-venv
-SOURCES := src tests benchmarks examples
+SOURCES := src tests benchmarks examples docs
 
-.PHONY: run test check format bench bench-live clean
+.PHONY: run test check format docs docs-serve bench bench-live clean
 
 run: $(VENV)/.installed
 	@$(BIN)/armctl serve $(ARGS)
@@ -25,6 +25,13 @@ check: $(VENV)/.tested
 format: $(VENV)/.tested
 	$(BIN)/ruff check --fix $(SOURCES)
 	$(BIN)/ruff format $(SOURCES)
+
+# The docs site, into build/site; a warning is an error. `make docs-serve` shows it at localhost:8000.
+docs: $(VENV)/.documented
+	$(BIN)/python docs/build.py $(ARGS)
+
+docs-serve: $(VENV)/.documented
+	$(BIN)/python docs/build.py --serve
 
 # The peers live in an environment of their own; one that does not install is named in the table.
 bench: $(BENCH)/.installed
@@ -50,6 +57,10 @@ $(BIN)/python:
 $(VENV)/.installed: pyproject.toml | $(BIN)/python
 	@echo 'installing armctl into $(VENV) (once) ...'
 	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+$(VENV)/.documented: pyproject.toml $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --editable . --group docs
 	@touch $@
 
 $(VENV)/.tested: pyproject.toml $(VENV)/.installed

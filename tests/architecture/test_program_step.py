@@ -3,49 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, ClassVar
 
 import pytest
-from msgspec import Meta
+from examples.extending.step import BlinkStep
 from tests.runtime.kit import make_rig
 
 from armctl.errors import InputError, ProgramError
 from armctl.program import Program, Step, check_program, load_program, read_csv, save_program, write_csv
 from armctl.program import steps as registry
-from armctl.program.keys import Field
 from armctl.program.program import PLACES, add
 from armctl.program.steps import Effect, MoveStep
-from armctl.robot import Robot, load_robot
+from armctl.robot import load_robot
 from armctl.runtime import RunProgram, State
 from armctl.ui.tabs.manual.program_editor import recorded_kinds, step_here
 from armctl.ui.tabs.manual.serial_motion import step_table
 from armctl.ui.tabs.manual.step_form import by_label, edited, texts_of
 
 ROBOT = load_robot("uzuner")
-
-
-class BlinkStep(Step, frozen=True, kw_only=True, tag="blink"):
-    """Stand still while a lamp blinks."""
-
-    button: ClassVar = ("Lamp", "Blink here", "roll_deg")
-
-    flashes: Annotated[int, Meta(ge=1, le=20), Field("Flashes")] = 1
-    each_s: Annotated[float, Meta(gt=0, le=5), Field("Flash s", "How long one flash takes.")] = 0.5
-    roll_deg: float = 0.0
-
-    @property
-    def effect(self) -> Effect:
-        """The lamp takes its time."""
-        return Effect(wait_s=self.flashes * self.each_s, says=f"the lamp flashes {self.flashes} times")
-
-    def describe(self) -> str:
-        """How often."""
-        return f"{self.flashes} flashes"
-
-    def check(self, robot: Robot) -> None:
-        """Refuse more than three flashes of a whole second."""
-        if self.flashes > 3 and self.each_s >= 1:
-            raise ProgramError("the lamp gets too hot")
 
 
 class BowStep(MoveStep, frozen=True, kw_only=True, tag="bow"):

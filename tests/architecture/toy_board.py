@@ -14,7 +14,7 @@ from armctl.hardware.boards import GROUP, board_types
 from armctl.robot import robots_folder
 
 PACKAGE = "toyboard"
-SOURCE = Path(__file__).parent / "toy" / "board.py"
+SOURCE = Path(__file__).parents[2] / "examples" / "extending" / "board.py"
 
 
 @contextmanager

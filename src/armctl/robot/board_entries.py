@@ -142,7 +142,7 @@ class ServoEntries:
         part.board(NoOptions)
         zero, per_deg = f"zero_{self.key}", f"{self.key}_per_deg"
         closed, opened = f"closed_{self.key}", f"open_{self.key}"
-        joint, gripper = self._models
+        joint, gripper = self.models
         servos = [msgspec.structs.asdict(one) for one in part.outputs("servo", joint)]
         if not servos:
             return None, None
@@ -171,7 +171,7 @@ class ServoEntries:
         return outputs, None
 
     @cached_property
-    def _models(self) -> tuple[type[msgspec.Struct], type[msgspec.Struct]]:
+    def models(self) -> tuple[type[msgspec.Struct], type[msgspec.Struct]]:
         """Of a joint's table and of the gripper's."""
         allowed = Annotated[float, Meta(ge=self.lowest, le=self.highest)]
         joint = {

@@ -43,12 +43,19 @@ class DHRowEntry(Strict, frozen=True):
     """
 
     alpha_deg: float
+    """turn about x"""
     a_mm: float
+    """length along x"""
     d_mm: float
+    """offset along z"""
     theta_deg: float = 0.0
+    """turn about z; of a joint, at its zero"""
     joint: Name | None = None
+    """the joint that turns this row"""
     follows: dict[Name, Annotated[float, Meta(ge=-10, le=10)]] = {}
+    """joint and factor, for rods of a parallel linkage"""
     link: Name | None = None
+    """name of a row that follows joints and has none of its own"""
 
     @property
     def turning(self) -> Name | None:
@@ -60,27 +67,37 @@ class DHEntry(Strict, frozen=True):
     """The arm's geometry."""
 
     convention: Literal["standard", "modified"]
+    """standard: z turns first; modified (Craig): x turns first"""
     rows: Annotated[tuple[DHRowEntry, ...], Meta(min_length=1, max_length=4 * MOST_JOINTS)]
+    """from the base to the tool"""
 
 
 class JointEntry(Strict, frozen=True):
     """One joint."""
 
     name: Name
+    """as in the rows, and in columns of CSV files"""
     title: str
+    """as it is shown"""
     limit_deg: tuple[Limit, Limit]
+    """lowest and highest angle; the same twice holds the joint there"""
     speed_deg_s: Positive
+    """largest speed"""
     acceleration_deg_s2: Positive
+    """largest acceleration"""
     jerk_deg_s3: Positive | None = None
     """None: the acceleration is reached in 50 ms"""
     stall_torque_nm: Positive | None = None
+    """of the servo; for the criterion least-torque"""
 
 
 class GripperEntry(Strict, frozen=True):
     """The gripper, as an opening of 0 to 100 %."""
 
     title: str
+    """as it is shown"""
     speed_percent_s: Positive
+    """largest speed; 100 opens it in a second"""
     stall_torque_nm: Positive | None = None
 
 
@@ -88,8 +105,10 @@ class BodyEntry(Strict, frozen=True):
     """A mass that moves with a joint (or a named link); ``com_mm`` in the frame of that DH row."""
 
     joint: Name
+    """the joint (or named link) that moves it"""
     mass_kg: NotNegative
     com_mm: tuple[float, float, float]
+    """centre of mass, in the frame of that DH row"""
 
 
 class LookEntry(Strict, frozen=True):
@@ -118,13 +137,16 @@ class FloorEntry(Strict, frozen=True):
     """The plane that the arm must stay above."""
 
     z_mm: float = 0.0
+    """height in the base frame"""
 
 
 class CapsuleEntry(Strict, frozen=True):
     """A piece of the arm's body: all within a radius of a segment, in the frame of the joint's DH row."""
 
     from_mm: tuple[float, float, float]
+    """one end of the segment"""
     to_mm: tuple[float, float, float]
+    """the other end"""
     radius_mm: Positive
     joint: Name | None = None
     """the joint (or named link) that moves it; None: it stands still with the base, in the base frame"""
@@ -134,8 +156,11 @@ class ObstacleEntry(Strict, frozen=True):
     """A box that the arm must stay out of, between two opposite corners in the base frame."""
 
     title: Annotated[str, Meta(min_length=1)]
+    """as refusals name it"""
     from_mm: tuple[float, float, float]
+    """one corner"""
     to_mm: tuple[float, float, float]
+    """the opposite corner"""
 
     def obstacle(self) -> Obstacle:
         """What it says; refuses a box without a volume."""
@@ -153,18 +178,28 @@ class RobotFile(Strict, frozen=True):
     """One robot file, as written."""
 
     format: Literal[1]
+    """of the file"""
     name: Name
+    """what programs and commands call the arm"""
     title: str
+    """as it is shown"""
     dh: DHEntry
+    """the geometry"""
     joints: Annotated[tuple[JointEntry, ...], Meta(min_length=1, max_length=MOST_JOINTS)]
+    """from the base to the tool"""
     poses: dict[Name, tuple[float, ...]]
+    """joint angles [°]; home and rest are needed"""
     points: dict[PointName, tuple[float, float, float]] = {}
     """named tool points [mm]"""
     source: str = ""
+    """where the dimensions come from"""
     assumed: tuple[str, ...] = ()
+    """what the source does not give"""
     payload_kg: NotNegative = 0.0
+    """mass at the tool, for torques"""
     gripper: GripperEntry | None = None
     bodies: tuple[BodyEntry, ...] = ()
+    """masses, for torques"""
     floor: FloorEntry = FloorEntry()
     capsules: Annotated[tuple[CapsuleEntry, ...], Meta(max_length=4 * MOST_JOINTS)] = ()
     """the arm's body; none: as it is drawn"""

@@ -24,13 +24,19 @@ class AxisEntry(Strict, frozen=True):
     """A motor with an encoder on an encoder board; the defaults suit the gear motors of a small arm."""
 
     axis: Annotated[int, Meta(ge=0, le=5)]
+    """of the board"""
     home_order: Annotated[int, Meta(ge=1, le=15)]
     """place in the homing order, from 1; those of one place follow each other by axis"""
-    home_toward: Literal["+", "-"] = "-"  # which way the switch (or the stop) is looked for first
+    home_toward: Literal["+", "-"] = "-"
+    """which way the switch (or the stop) is looked for first"""
     home_by: Literal["switch", "stall"] = "switch"
-    p_percent: NotNegative = 1.8  # drive for a position error of one count [% of full drive]
-    i_percent_s: NotNegative = 3.0  # [% of full drive for a count and a second]
-    d_percent: NotNegative = 0.025  # [% of full drive for a count a second]
+    """stall: against the stop, for an axis without a switch"""
+    p_percent: NotNegative = 1.8
+    """drive for a position error of one count [% of full drive]"""
+    i_percent_s: NotNegative = 3.0
+    """[% of full drive for a count and a second]"""
+    d_percent: NotNegative = 0.025
+    """[% of full drive for a count a second]"""
     breakaway_percent: Annotated[float, Meta(ge=0, le=100)] = 35.0
     """drive below which a motor that stands does not move"""
     max_drive_percent: Annotated[float, Meta(gt=0, le=100)] = 100.0
@@ -38,17 +44,24 @@ class AxisEntry(Strict, frozen=True):
     stall_s: Annotated[float, Meta(gt=0, le=5)] = 0.5
     """the largest drive without movement for so long switches the motors off"""
     encoder_inverted: bool = False
+    """a leading b counts down"""
     motor_inverted: bool = False
-    switch_inverted: bool = False  # the home switch is closed all the time and opens when it is pressed
+    """positive drive counts down"""
+    switch_inverted: bool = False
+    """the home switch is closed all the time and opens when it is pressed"""
 
 
 class EncoderEntry(AxisEntry, frozen=True, kw_only=True):
     """The encoder of a joint: counts = counts_per_deg · (angle - home_deg)."""
 
     counts_per_deg: float
-    home_deg: float = 0.0  # the angle where homing ends: at the edge of the switch
+    """with its sign"""
+    home_deg: float = 0.0
+    """the angle where homing ends: at the edge of the switch"""
     home_speed_deg_s: Positive = 10.0
-    following_error_deg: Positive = 5.0  # this far from its setpoint the motors are switched off
+    """speed of homing"""
+    following_error_deg: Positive = 5.0
+    """this far from its setpoint the motors are switched off"""
 
 
 class GripperEncoderEntry(AxisEntry, frozen=True, kw_only=True):
