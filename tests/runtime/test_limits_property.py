@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from tests.runtime.kit import (
     ROBOT,
@@ -122,7 +122,15 @@ def test_accelerations_stay_inside_their_limits_whatever_is_asked(script: Script
     assert_accelerations_keep_limits(play(script))
 
 
+FOLDED = Jog(np.array([-0.5, 1.0, 1.0, 0.3, -0.5]))
+"""leads the elbow to its limit; from there the shoulder must race for the tool to go on its line"""
+RACING = [(FOLDED, [TICK] * 33), *((JogTool(np.array(way)), [TICK] * 36) for way in
+                                   ([-0.25, -0.25, -0.25], [0.25, -0.05, 0.25]))]  # fmt: skip
+
+
 @given(st.lists(st.tuples(LED, EVEN), min_size=1, max_size=6))
+@example(RACING)
+@example([RACING[0], (RACING[1][0], [TICK]), RACING[2]])
 @settings(max_examples=60, suppress_health_check=list(HealthCheck))
 def test_silence_brings_an_arm_that_is_led_to_rest(script: Script) -> None:
     rig = play(script)

@@ -88,7 +88,8 @@ class JointServo:
         a, v = self.acceleration_limits, self.v
         most_up, halt_up = fastest_inside(self.high - self.q, v, a, dt)
         most_down, halt_down = fastest_inside(self.q - self.low, -v, a, dt)
-        after = np.clip(desired, v - a * dt, v + a * dt)
+        # A tool that is led past a singular pose may ask for more than the joints' speed.
+        after = np.clip(np.clip(desired, v - a * dt, v + a * dt), -self.speed_limits, self.speed_limits)
         after = np.clip(after, -most_down, most_up)
         moved = 0.5 * (v + after) * dt
         # Joints that can rest within the tick, if asked to, do so together; those that must brake fully.
