@@ -93,6 +93,7 @@ def serve(
         raise click.UsageError("--tls-cert and --tls-key belong together: give both, or neither")
     tls = None if tls_cert is None or tls_key is None else encryption(tls_cert, tls_key)
     token = None if no_token else secrets.token_urlsafe(24)
+    ended = end_event()  # also while it starts: what has been started by then, is ended in order
     for folder in (user_data_path("armctl"), CalibrationStore().folder, user_state_path("armctl")):
         for path in sweep_litter(folder, wall_time()):
             LOG.info("removed %s, which a killed save had left", path)
@@ -119,7 +120,6 @@ def serve(
     try:
         app = App(robots, server)
         try:
-            ended = end_event()  # before anything moves
             connected = _connect(console, port)
             board = "the simulated board" if port == SIMULATED else port
             where = f"on {board}" if connected else "(not connected)"

@@ -25,6 +25,7 @@ LOG = logging.getLogger("armctl.ui")
 FRAME_S = 1 / 30
 SILENCE_S = 0.9
 """Five beats a second come from a page. STOP reaches the arm within 1 s of the moment when they end."""
+_CLOSE_S = 5.0
 _FRAMES_A_REFRESH = 3
 _ARRIVING_S = 1.0
 
@@ -69,8 +70,12 @@ class App:
         )
 
     def close(self) -> None:
-        """Stop serving."""
-        asyncio.run_coroutine_threadsafe(self._end(), self.server.get_event_loop()).result()
+        """Stop serving; pages that hang are not waited for, so that the arm is brought to rest after it."""
+        ending = asyncio.run_coroutine_threadsafe(self._end(), self.server.get_event_loop())
+        try:
+            ending.result(_CLOSE_S)
+        except TimeoutError:
+            LOG.error("the pages have not ended within %g s; they are left", _CLOSE_S)
         self.server.stop()
 
     async def _end(self) -> None:
