@@ -49,6 +49,8 @@ class Linkage:
 
     plane: ToolPlane
     """as if the hand stood between base and shoulder; ``joint_angle`` gives the turns of the two links"""
+    turns_of_joints: FloatArray
+    """(2, 2) the turns of the two links of the two pitch joints' angles"""
     joints_of_turns: FloatArray
     """(2, 2) the two pitch joints' angles of the turns of the two links"""
     roll_axis: FloatArray | None
@@ -106,7 +108,7 @@ class Linkage:
             roll_joint=None,
         )
         inverse = np.linalg.inv(turns).astype(np.float64)
-        return cls(plane, inverse, axes[4] if links == 5 else None)
+        return cls(plane, turns, inverse, axes[4] if links == 5 else None)
 
     def turns_at(self, shoulder: float, bend: float) -> FloatArray:
         """(2,) pitch joints' angles [rad] of two plane angles, up to whole turns."""
@@ -329,7 +331,7 @@ class ParallelLinkageSolver(InverseKinematics):
     def _wrist(self, pairs: FloatArray) -> FloatArray:
         """Complex (k,) place of the wrist from the shoulder in the tool plane [m] at pitch joints (k, 2)."""
         plane = self._plane
-        turns = pairs @ np.linalg.inv(self._linkage.joints_of_turns).T
+        turns = pairs @ self._linkage.turns_of_joints.T
         first, bend = (plane.signs[k] * turns[:, k] + plane.offsets[k] for k in (0, 1))
         (a, b) = plane.lengths
         return a * np.exp(1j * first) + b * np.exp(1j * (first + bend))

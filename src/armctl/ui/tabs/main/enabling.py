@@ -12,7 +12,7 @@ from armctl.runtime import Enable, Snapshot, State
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, refused, sentence
 from armctl.ui.widgets.joint_angles import angle_fields
-from armctl.ui.widgets.number_field import EditWatch
+from armctl.ui.widgets.number_field import EditWatch, FieldArray
 
 _LOOK = (
     "The servos are off and cannot tell where the arm stands. <b>Look at the arm:</b> does it stand like the "
@@ -25,6 +25,18 @@ def must_be_told(snapshot: Snapshot) -> bool:
     board = snapshot.board
     waits = snapshot.state is State.OFF and all(axis.homed for axis in snapshot.homing)
     return waits and board is not None and not board.simulated and bool(np.isnan(snapshot.q).any())
+
+
+def show_typed(session: Session, angles: FieldArray, problem: LiveHtml, owner: object) -> None:
+    """Show the joint angles of fields as the page's ghost, which is ``owner``'s; else say what cannot be."""
+    try:
+        q = session.console.robot.check_limits(angles.array)
+    except ArmctlError as refusal:
+        problem.show(refused(sentence(str(refusal))))
+        session.ghost.hide(owner)
+        return
+    problem.show("")
+    session.ghost.show(q, owner)
 
 
 class EnableQuestion:
@@ -76,14 +88,7 @@ class EnableQuestion:
         if not must_be_told(snapshot):
             self.hide()
             return
-        try:
-            q = self._robot.check_limits(self._angles.array)
-        except ArmctlError as refusal:
-            self._problem.show(refused(sentence(str(refusal))))
-            self._session.ghost.hide(self)
-            return
-        self._problem.show("")
-        self._session.ghost.show(q, self)
+        show_typed(self._session, self._angles, self._problem, self)
 
     async def _on_yes(self) -> None:
         self._watch.require_settled()

@@ -31,6 +31,8 @@ _INTRO = (
     "Describe an arm and see it drawn beside the present one. Saved, it stands in the list Robot on this "
     "computer."
 )
+_NO_JOINTS: tuple[str, ...] = ("base",)
+"""until an arm is drawn"""
 _ASIDE = 1.1
 """how far beside the present arm the new one is drawn, times the longer reach of both"""
 
@@ -111,7 +113,7 @@ class OwnArm:
 
     def _add_joint_fields(self, gui: viser.GuiApi) -> None:
         session = self._session
-        self._joint = gui.add_dropdown("Joint", _names(("base",)))
+        self._joint: viser.GuiDropdownHandle[str] = gui.add_dropdown("Joint", _NO_JOINTS)
         self._angle = gui.add_slider("Turn it °", -180.0, 180.0, 0.5, 0.0)
         self._ends = gui.add_button_group("Limit at this angle", ("lowest", "highest"))
         self._low, self._high = NumberField(gui, "Lowest °", -90.0), NumberField(gui, "Highest °", 90.0)
@@ -346,11 +348,6 @@ class OwnArm:
         session.notify("New arm", f"{choice.title} is saved: {path}")
         await session.robots.change(choice.name, session.origin, session.require_operator)
         self._end()
-
-
-def _names(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Options of a dropdown that change later."""
-    return names
 
 
 _SEPARATORS = re.compile(r"[,;\s]+")

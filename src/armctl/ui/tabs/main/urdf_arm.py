@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import viser
 
-from armctl.errors import ArmctlError, InputError, RobotFileError
+from armctl.errors import InputError, RobotFileError
 from armctl.motion.clearance import clear_pose, stands_clear
 from armctl.robot import Robot, load_robot, urdf_path
 from armctl.robot.urdf import (
@@ -29,7 +29,8 @@ from armctl.robot.urdf.side_file import SIDE_SUFFIX
 from armctl.runtime import Snapshot
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.session import Session
-from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence
+from armctl.ui.tabs.main.enabling import show_typed
+from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.joint_angles import angle_fields
 from armctl.ui.widgets.number_field import NumberField
 
@@ -96,16 +97,8 @@ class UrdfArm:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show the rest pose that is typed as the ghost; what cannot be is told."""
-        if not self._box.visible:
-            return
-        try:
-            q = self._robot.check_limits(self._angles.array)
-        except ArmctlError as refusal:
-            self._problem.show(refused(sentence(str(refusal))))
-            self._session.ghost.hide(self)
-            return
-        self._problem.show("")
-        self._session.ghost.show(q, self)
+        if self._box.visible:
+            show_typed(self._session, self._angles, self._problem, self)
 
     async def _on_begin(self) -> None:
         self._present = present = await asyncio.to_thread(_Present.of, self._session.robots.present.name)
