@@ -76,6 +76,12 @@ class ServedArm:
         screen.wait_until(there, f"the arm stands at {np.round(degrees, 2).tolist()}")
 
     @property
+    def steps_run(self) -> list[tuple[int, int]]:
+        """Each pass and step of a program that came to run, in order."""
+        assert isinstance(self.arm.link, TestHost)
+        return self.arm.link.steps_run
+
+    @property
     def steps(self) -> tuple[Step, ...]:
         return self.edited.program.steps
 
@@ -93,6 +99,15 @@ class TestHost(Host):
     """What the test asks for is asked for as the page does that operates."""
 
     __test__ = False
+
+    def __init__(self, robot: Robot, pin: str = "") -> None:
+        self.steps_run: list[tuple[int, int]] = []
+        super().__init__(robot, published=self._note_step, pin=pin)
+
+    def _note_step(self) -> None:
+        progress = self.snapshot.program
+        if progress is not None and (at := (progress.loop, progress.step)) not in self.steps_run[-1:]:
+            self.steps_run.append(at)
 
     def submit(self, command: Command, origin: Origin | None = None) -> Ticket:
         operator = self.snapshot.control.operator

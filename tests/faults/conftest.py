@@ -19,3 +19,8 @@ def bench_of() -> Iterator[Callable[..., Bench]]:
             return bench
 
         yield make
+
+
+@pytest.fixture(autouse=True)
+def on_a_manual_clock(real_gap: None) -> None:
+    """No machine can stand still here but the tests' own."""

@@ -18,3 +18,8 @@ def holding() -> Rig:
 def late() -> Rig:
     """Holding; it plans only when told to."""
     return make_rig(LateExecutor()).enable()
+
+
+@pytest.fixture(autouse=True)
+def on_a_manual_clock(real_gap: None) -> None:
+    """No machine can stand still here but the tests' own."""
