@@ -1,4 +1,4 @@
-"""Paden-Kahan subproblems and the extended ones: all angles, least squares and continua, by brute force."""
+"""Geometry that families share: all angles, least squares and continua, against brute force."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ import pytest
 from tests.kinematics.kit import rotation_about
 
 from armctl.arrays import FloatArray
+from armctl.kinematics.angles import wrap
 from armctl.kinematics.subproblems import (
     Answer,
     angle_about,
+    angle_onto,
     circle,
+    circle_angles,
+    columns,
+    meeting_point,
     roots,
-    subproblem_1,
-    subproblem_2,
-    subproblem_3,
-    subproblem_4,
-    subproblem_5,
-    subproblem_6,
+    turned_by,
     two_turns,
+    two_turns_of_many,
 )
 
 TIMES = 60
@@ -32,110 +33,55 @@ def unit(rng: np.random.Generator) -> FloatArray:
     return v / np.linalg.norm(v)
 
 
+def near(found: float, angle: float) -> bool:
+    return abs(math.remainder(found - angle, math.tau)) < 1e-6
+
+
 def has(answer: Answer, *angles: float) -> bool:
-    return any(
-        max(abs(math.remainder(x - y, math.tau)) for x, y in zip(found, angles, strict=True)) < 1e-6
-        for found in answer.angles
-    )
+    return any(all(map(near, found, angles)) for found in answer.angles)
 
 
-def test_1_turns_one_vector_onto_another() -> None:
+def test_the_turn_of_one_vector_onto_another_leaves_the_least() -> None:
     rng = np.random.default_rng(1)
     for _ in range(TIMES):
-        k, p, x = unit(rng), rng.normal(size=3), rng.uniform(-3, 3)
-        assert has(subproblem_1(k, p, rotation_about(k, x) @ p), x)
-        q = rng.normal(size=3)
-        ((best,),), exact, free = subproblem_1(k, p, q)
+        k, p, q, x = unit(rng), rng.normal(size=3), rng.normal(size=3), rng.uniform(-3, 3)
+        assert near(float(angle_about(k, p, rotation_about(k, x) @ p)), x)
+        best = float(angle_about(k, p, q))
         least = min(np.linalg.norm(rotation_about(k, one) @ p - q) for one in GRID[::8])
-        assert not exact and not free
         assert np.linalg.norm(rotation_about(k, best) @ p - q) <= least + 1e-12
-        assert float(angle_about(k, p, q)) == pytest.approx(best, abs=1e-12)
-    assert subproblem_1(k, 2.0 * k, 2.0 * k) == Answer(((0.0,),), True, (0,))
-    assert subproblem_1(k, 2.0 * k, k) == Answer(((0.0,),), False, (0,))
+        assert float(angle_onto(columns(k), columns(p), columns(q))) == pytest.approx(best, abs=1e-12)
+        turned = turned_by(columns(p), columns(k), (np.cos(x), np.sin(x)))
+        np.testing.assert_allclose(turned, rotation_about(k, x) @ p, rtol=0, atol=1e-14)
 
 
-def test_2_brings_two_vectors_together() -> None:
-    rng = np.random.default_rng(2)
-    for _ in range(TIMES):
-        k1, k2, p = unit(rng), unit(rng), rng.normal(size=3)
-        x, y = rng.uniform(-3, 3, 2)
-        q = rotation_about(k2, -y) @ rotation_about(k1, x) @ p
-        answer = subproblem_2(k1, k2, p, q)
-        assert answer.exact and has(answer, x, y) and len(answer.angles) == 2
-        q = rng.normal(size=3)
-        answer = subproblem_2(k1, k2, p, q)
-        ends = np.array([rotation_about(k2, one) @ q for one in GRID[::16]])
-        least = min(np.linalg.norm(ends - rotation_about(k1, one) @ p, axis=1).min() for one in GRID[::16])
-        for first, second in answer.angles:
-            missed = np.linalg.norm(rotation_about(k1, first) @ p - rotation_about(k2, second) @ q)
-            assert missed <= least + 1e-9 and not answer.exact
-    x, y, z = np.eye(3)
-    assert subproblem_2(x, z, 2.0 * x, 2.0 * y).free == (0,)
-    assert has(subproblem_2(x, z, 2.0 * x, 2.0 * y), 0.0, -math.pi / 2)
-    assert subproblem_2(x, z, -2.0 * z, 2.0 * z).free == (1,)
-    assert subproblem_2(z, z, x, y).free == (0, 1)
-    assert subproblem_2(z, z, x, y).exact and not subproblem_2(z, -z, x, y + z).exact
-
-
-def test_3_and_4_have_two_angles_or_the_one_that_misses_least() -> None:
+def test_a_height_on_a_circle_is_met_at_two_angles_or_missed_by_the_least() -> None:
     rng = np.random.default_rng(3)
     for _ in range(TIMES):
-        k, p, q, x = unit(rng), rng.normal(size=3), rng.normal(size=3), rng.uniform(-3, 3)
-        answer = subproblem_3(k, p, q, float(np.linalg.norm(rotation_about(k, x) @ p - q)))
-        assert answer.exact and has(answer, x) and len(answer.angles) == 2
-        far = subproblem_3(k, p, q, 9.0)
-        distance = max(np.linalg.norm(rotation_about(k, one) @ p - q) for one in GRID)
-        assert not far.exact and len(far.angles) == 1
-        assert np.linalg.norm(rotation_about(k, far.angles[0][0]) @ p - q) >= distance - 1e-9
-        answer = subproblem_4(k, p, q, float(q @ rotation_about(k, x) @ p))
-        assert answer.exact and has(answer, x) and len(answer.angles) == 2
-        many = roots(circle(k, p, q), float(q @ rotation_about(k, x) @ p), 1e-12)
-        assert sorted(angle for (angle,) in answer.angles) == pytest.approx(
-            sorted(math.remainder(angle, math.tau) for angle in many.tolist()), abs=1e-9
-        )
-        assert not subproblem_4(k, p, q, -9.0 * float(np.linalg.norm(p) * np.linalg.norm(q))).exact
-    assert subproblem_3(k, k, q, float(np.linalg.norm(k - q))) == Answer(((0.0,),), True, (0,))
-    assert subproblem_4(k, p, k, float(k @ p)) == Answer(((0.0,),), True, (0,))
+        k, p, h, x = unit(rng), rng.normal(size=3), rng.normal(size=3), rng.uniform(-3, 3)
+        height = float(h @ rotation_about(k, x) @ p)
+        a, b, c = map(float, circle(k, p, h))
+        angles, missed = circle_angles(a, b, c, height)
+        assert missed == 0.0 and len(angles) == 2 and any(near(one, x) for one in angles)
+        many = roots((a, b, c), height, 1e-12)
+        assert sorted(angles) == pytest.approx(sorted(wrap(one) for one in many.tolist()), abs=1e-9)
+        highest = max(float(h @ rotation_about(k, one) @ p) for one in GRID)
+        (far,), missed = circle_angles(a, b, c, highest + 1.0)
+        assert float(h @ rotation_about(k, far) @ p) >= highest - 1e-9
+        assert missed == pytest.approx(1.0, abs=1e-3)
+        assert np.isnan(roots((a, b, c), highest + 1.0, 1e-12)).all()
 
 
-def test_5_finds_every_triple() -> None:
-    rng = np.random.default_rng(5)
-    counts: list[int] = []
-    for times in range(TIMES):
-        k1, k2, k3 = unit(rng), unit(rng), unit(rng)
-        p0, p1, p2, p3 = rng.normal(size=(4, 3))
-        x, y, z = rng.uniform(-3, 3, 3)
-        if times % 3 == 0:
-            k3 = k2  # only θ1 is in the first condition
-        p0 = rotation_about(k2, y) @ (p2 + rotation_about(k3, z) @ p3) - rotation_about(k1, x) @ p1
-        answer = subproblem_5(k1, k2, k3, p0, p1, p2, p3)
-        assert answer.exact and not answer.free and has(answer, x, y, z)
-        for one, two, three in answer.angles:
-            right = rotation_about(k2, two) @ (p2 + rotation_about(k3, three) @ p3)
-            assert np.abs(p0 + rotation_about(k1, one) @ p1 - right).max() < 1e-9
-        counts.append(len(answer.angles))
-    assert set(counts) == {2, 4}
-    missed = subproblem_5(k1, k2, k3, 9.0 * p0, p1, p2, p3)
-    assert not missed.exact and len(missed.angles) == 1
-    # a first vector on its axis, and a second one: the joints in between may be anywhere
-    x, y, z = np.eye(3)
-    assert subproblem_5(z, x, y, 0.0 * x, z, 0.0 * x, z).free == (0,)
-    assert 1 in subproblem_5(z, x, y, x, x, 2.0 * x, 0.0 * x).free
-
-
-def test_6_finds_every_pair() -> None:
-    rng = np.random.default_rng(6)
-    for times in range(TIMES):
-        k, h = [unit(rng) for _ in range(4)], rng.normal(size=(4, 3))
-        p = rng.normal(size=(4, 3))
-        if times % 3 == 0:
-            p[2] = k[2]  # the second condition has only the second angle
-        x, y = rng.uniform(-3, 3, 2)
-        parts = [float(h[i] @ rotation_about(k[i], (x, y)[i % 2]) @ p[i]) for i in range(4)]
-        answer = subproblem_6(k, p, h, parts[0] + parts[1], parts[2] + parts[3])
-        assert answer.exact and has(answer, x, y)
-        assert len(answer.angles) in (2, 4)
-    assert not subproblem_6(k, p, h, 99.0, 0.0).exact
+def test_lines_meet_in_one_point_or_not() -> None:
+    rng = np.random.default_rng(4)
+    for count in (2, 3):
+        axes = np.array([unit(rng) for _ in range(count)])
+        centre = rng.normal(size=3)
+        points = centre + rng.normal(size=(count, 1)) * axes
+        found = meeting_point(points, axes, 1e-9)
+        assert found is not None
+        np.testing.assert_allclose(found, centre, rtol=0, atol=1e-12)
+        assert meeting_point(points + 1e-3 * np.eye(3)[:count], axes, 1e-9) is None
+        assert meeting_point(points, np.tile(axes[0], (count, 1)), 1e-9) is None
 
 
 def test_two_turns_say_what_may_be_anywhere() -> None:
@@ -167,6 +113,8 @@ def test_two_turns_that_nearly_split_lose_no_pair(off: float) -> None:
         value = A @ [math.cos(x), math.sin(x)] + B @ [math.cos(y), math.sin(y)]
         answer = two_turns(A.tolist(), B.tolist(), tuple(value.tolist()))
         assert answer.exact and has(answer, x, y)
+        (many,), _ = two_turns_of_many(A[None], B[None], value[None], 1e-9)
+        assert any(near(one, x) and near(other, y) for one, other in many.tolist() if one == one)
         if (
             off < 1e-4
             and min(abs(math.sin(x - math.atan2(a[1], a[0]))), abs(math.sin(y - math.atan2(d[1], d[0]))))

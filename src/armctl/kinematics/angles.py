@@ -178,6 +178,20 @@ def all_images(
     return Images(found, source, round(every - len(found)))
 
 
+_SAME = 1e-6
+"""configurations this near to each other are one [rad]"""
+
+
+def distinct(q: FloatArray) -> NDArray[np.intp]:
+    """Rows of ``q`` (k, n) [rad], each configuration once, whole turns not counted."""
+    kept: list[int] = []
+    for i in range(len(q)):
+        apart = q[kept] - q[i]
+        if np.abs(apart - TWO_PI * np.rint(apart / TWO_PI)).max(axis=1).min(initial=math.inf) > _SAME:
+            kept.append(i)
+    return np.array(kept, dtype=np.intp)
+
+
 # Rotations in the forms that people and programs read.
 
 

@@ -103,7 +103,7 @@ class InverseKinematics(ABC):
         poses[:, :3, 3] = position
         poses[:, :3, :3] = checked_rotations(rotation, (len(position), 3, 3), "the target rotations")
         solutions = self.solve_poses(poses)
-        q, found = solutions.q.copy(), solutions.found.copy()
+        q, found = solutions.q.copy(order="K"), solutions.found.copy()
         for joint, (low, high) in enumerate(self.limits.tolist()):
             angle = q[..., joint]
             found &= into_limits(angle, low, high)

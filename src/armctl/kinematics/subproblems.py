@@ -1,17 +1,14 @@
-"""The subproblems of inverse kinematics: angles of one to three rotations that meet a condition.
+"""Geometry that solver families share: vectors turned about axes, and the angles that meet a condition.
 
-Subproblems 1 to 3 are those of Paden (1985) and Kahan (1983), 4 to 6 those of A. J. Elias and J. T. Wen,
-"IK-Geo: Unified robot inverse kinematics using subproblem decomposition" (2022), section 3:
+With the subproblems of Paden (1985), Kahan (1983), and A. J. Elias and J. T. Wen, "IK-Geo: Unified robot
+inverse kinematics using subproblem decomposition" (2022), section 3, of which there are here
 
-    1:  Rot(k, θ) p = q
-    2:  Rot(k1, θ1) p = Rot(k2, θ2) q
-    3:  |Rot(k, θ) p - q| = d
-    4:  h · Rot(k, θ) p = d
-    5:  p0 + Rot(k1, θ1) p1 = Rot(k2, θ2) (p2 + Rot(k3, θ3) p3)
-    6:  h1 · Rot(k1, θ1) p1 + h2 · Rot(k2, θ2) p2 = d1  and  h3 · Rot(k3, θ1) p3 + h4 · Rot(k4, θ2) p4 = d2
+    1:  Rot(k, θ) p = q                                     ``angle_about``, ``angle_onto``
+    3:  |Rot(k, θ) p - q| = d, 4:  h · Rot(k, θ) p = d      ``circle_angles``; ``circle`` and ``roots``
+    5 and 6:  two conditions for two angles                 ``two_turns``, ``two_turns_of_many``
 
-Vectors are in any unit, axes k are unit vectors in any position to each other. One problem is worked in plain
-floats, for which numpy would take ten times as long; the second half has 1, 3 and 4 for arrays of problems.
+Axes are unit vectors in any position to each other. One problem is worked in plain floats, for which numpy
+would take ten times as long.
 """
 
 from __future__ import annotations
@@ -19,7 +16,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,21 +24,21 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import TWO_PI, wrap
 
-Vector = Sequence[float]
-"""x, y, z"""
 TOLERANCE = 1e-10
 """what a condition may be missed by and still count as met, in the unit of the vectors"""
 _STILL = 1e-12
 """how near to its axis a vector does not move when the axis turns, in its own length"""
+_PARALLEL = 1e-6
+"""sine of the angle below which two axes have no place where they meet"""
 _SAME = 1e-7
 """angles this near to each other are one [rad]"""
 
 
 class Answer(NamedTuple):
-    """What a subproblem answers."""
+    """Angles that meet two conditions."""
 
     angles: tuple[tuple[float, ...], ...]
-    """of each solution an angle of every rotation, in order [rad], in (-pi, pi]"""
+    """pairs of angles [rad], in (-pi, pi]"""
     exact: bool
     """False: nothing meets the condition, and these angles miss it by the least (least squares)"""
     free: tuple[int, ...] = ()
@@ -49,39 +46,79 @@ class Answer(NamedTuple):
     are one of it. With two indices, the one angle hangs on the other."""
 
 
-# Vectors as three floats.
+# Vectors as three entries: floats, or arrays of as many vectors as there are. Arrays (m, 3) take far longer.
+
+Columns = Sequence[Any]
+"""x, y and z of vectors: an array each, or a float that all have in common"""
 
 
-def dot(a: Vector, b: Vector) -> float:
+def columns(v: FloatArray) -> Columns:
+    """Of one vector (3,) or of many (m, 3)."""
+    return v.tolist() if v.ndim == 1 else list(np.ascontiguousarray(v.T))
+
+
+def dot(a: Columns, b: Columns) -> Any:
     """``a · b``."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def cross(a: Vector, b: Vector) -> tuple[float, float, float]:
+def cross(a: Columns, b: Columns) -> tuple[Any, Any, Any]:
     """``a x b``."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-def added(a: Vector, b: Vector, factor: float = 1.0) -> tuple[float, float, float]:
+def added(a: Columns, b: Columns, factor: float = 1.0) -> tuple[Any, Any, Any]:
     """``a + factor · b``."""
     return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
 
 
-def rotated(k: Vector, angle: float, p: Vector) -> tuple[float, float, float]:
-    """``Rot(k, angle) p`` (Rodrigues)."""
-    c, s = math.cos(angle), math.sin(angle)
-    level = (1.0 - c) * (k[0] * p[0] + k[1] * p[1] + k[2] * p[2])
+def scaled(a: Columns, factor: Any) -> tuple[Any, Any, Any]:
+    """``factor · a``."""
+    return factor * a[0], factor * a[1], factor * a[2]
+
+
+def length(a: Columns) -> FloatArray:
+    """Of each vector."""
+    return np.sqrt(dot(a, a))
+
+
+CosSin = tuple[FloatArray, FloatArray]
+
+
+def back(turn: CosSin) -> CosSin:
+    """Cosine and sine of the turn the other way."""
+    return turn[0], -turn[1]
+
+
+def turned_by(v: Columns, axis: Columns, turn: CosSin) -> tuple[Any, Any, Any]:
+    """Vectors turned about unit axes, by the cosines and sines of the angles (Rodrigues)."""
+    c, s = turn
+    along, across = (1.0 - c) * dot(axis, v), cross(axis, v)
     return (
-        c * p[0] + s * (k[1] * p[2] - k[2] * p[1]) + level * k[0],
-        c * p[1] + s * (k[2] * p[0] - k[0] * p[2]) + level * k[1],
-        c * p[2] + s * (k[0] * p[1] - k[1] * p[0]) + level * k[2],
+        c * v[0] + s * across[0] + along * axis[0],
+        c * v[1] + s * across[1] + along * axis[1],
+        c * v[2] + s * across[2] + along * axis[2],
     )
 
 
-def turning(k: Vector, p: Vector, h: Vector) -> tuple[float, float, float]:
-    """A, B, C of ``h · Rot(k, θ) p = A + B cos θ + C sin θ``."""
-    fixed = dot(k, p) * dot(k, h)
-    return fixed, dot(h, p) - fixed, dot(h, cross(k, p))
+def angle_onto(axis: Columns, start: Columns, end: Columns) -> FloatArray:
+    """Subproblem 1: turns about unit axes that bring vectors onto others [rad], short ones too."""
+    start, end = (added(v, scaled(axis, dot(axis, v)), -1.0) for v in (start, end))
+    return np.arctan2(dot(axis, cross(start, end)), dot(start, end))
+
+
+def meeting_point(points: FloatArray, axes: FloatArray, within: float) -> FloatArray | None:
+    """The point (3,) in which lines meet ``within`` [m], through points (k, 3) along unit axes (k, 3).
+
+    None where they do not; neighbours that are parallel do not meet either.
+    """
+    if np.linalg.norm(np.cross(axes[1:], axes[:-1]), axis=1).min() < _PARALLEL:
+        return None
+    levels: FloatArray = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    right = np.einsum("kij,kj->ki", levels, points)
+    point = np.asarray(np.linalg.lstsq(levels.reshape(-1, 3), right.ravel(), rcond=None)[0], dtype=np.float64)
+    missed = np.linalg.norm(np.einsum("kij,kj->ki", levels, points - point), axis=1)
+    return point if missed.max() <= within else None
 
 
 def circle_angles(a: float, b: float, c: float, value: float) -> tuple[tuple[float, ...], float]:
@@ -101,131 +138,7 @@ def circle_angles(a: float, b: float, c: float, value: float) -> tuple[tuple[flo
     return (wrap(middle + away), wrap(middle - away)), 0.0
 
 
-# The subproblems.
-
-
-def subproblem_1(k: Vector, p: Vector, q: Vector, tolerance: float = TOLERANCE) -> Answer:
-    """``Rot(k, θ) p = q``; free where ``p`` or ``q`` lies on the axis."""
-    along_p, along_q = dot(k, p), dot(k, q)
-    sine, cosine = dot(k, cross(p, q)), dot(p, q) - along_p * along_q
-    around_p, around_q = _distance(k, p), _distance(k, q)
-    exact = math.hypot(along_p - along_q, around_p - around_q) <= tolerance
-    if _lies_on(around_p, p) or _lies_on(around_q, q):
-        return Answer(((0.0,),), exact, (0,))
-    return Answer(((math.atan2(sine, cosine),),), exact)
-
-
-def subproblem_2(k1: Vector, k2: Vector, p: Vector, q: Vector, tolerance: float = TOLERANCE) -> Answer:
-    """``Rot(k1, θ1) p = Rot(k2, θ2) q``: up to two solutions.
-
-    Free where a vector lies on its own axis, and where the axes are parallel, so that only the difference
-    of the angles counts (both are named then, as they turn together).
-    """
-    length_p, length_q = math.sqrt(dot(p, p)), math.sqrt(dot(q, q))
-    if math.hypot(*cross(k1, k2)) <= _STILL:
-        ((angle,),), exact, _ = subproblem_1(k1, p, q, tolerance)
-        return Answer(((angle, 0.0),), exact, (0, 1))
-    if _lies_on(_distance(k1, p), p):
-        ((angle,),), exact, free = subproblem_1(k2, q, p, tolerance)
-        return Answer(((0.0, angle),), exact, (0, 1) if free else (0,))
-    if _lies_on(_distance(k2, q), q):
-        ((angle,),), exact, _ = subproblem_1(k1, p, q, tolerance)
-        return Answer(((angle, 0.0),), exact, (1,))
-    # lengths set equal: that makes the angles of a missed condition those of least squares
-    a, b, c = turning(k1, p, k2)
-    firsts, _ = circle_angles(a, b, c, dot(k2, q) * length_p / length_q)
-    found: list[tuple[float, float]] = []
-    exact = True
-    for first in firsts:
-        end = rotated(k1, first, p)
-        second = subproblem_1(k2, q, end).angles[0][0]
-        found.append((first, second))
-        exact = exact and math.dist(end, rotated(k2, second, q)) <= tolerance
-    return Answer(tuple(found), exact)
-
-
-def subproblem_3(k: Vector, p: Vector, q: Vector, d: float, tolerance: float = TOLERANCE) -> Answer:
-    """``|Rot(k, θ) p - q| = d``: up to two solutions; free where ``p`` or ``q`` lies on the axis."""
-    a, b, c = turning(k, p, q)
-    squares = dot(p, p) + dot(q, q)
-    angles, _ = circle_angles(a, b, c, 0.5 * (squares - d * d))
-    free = _lies_on(_distance(k, p), p) or _lies_on(_distance(k, q), q)
-    missed = abs(math.dist(rotated(k, angles[0], p), q) - d)
-    return Answer(((0.0,),) if free else tuple((x,) for x in angles), missed <= tolerance, (0,) * free)
-
-
-def subproblem_4(k: Vector, p: Vector, h: Vector, d: float, tolerance: float = TOLERANCE) -> Answer:
-    """``h · Rot(k, θ) p = d``: up to two solutions; free where ``p`` or ``h`` lies along the axis."""
-    angles, missed = circle_angles(*turning(k, p, h), d)
-    free = _lies_on(_distance(k, p), p) or _lies_on(_distance(k, h), h)
-    return Answer(((0.0,),) if free else tuple((x,) for x in angles), missed <= tolerance, (0,) * free)
-
-
-def subproblem_5(
-    k1: Vector, k2: Vector, k3: Vector, p0: Vector, p1: Vector, p2: Vector, p3: Vector,
-    tolerance: float = TOLERANCE,
-) -> Answer:  # fmt: skip
-    """``p0 + Rot(k1, θ1) p1 = Rot(k2, θ2) (p2 + Rot(k3, θ3) p3)``: up to four solutions.
-
-    Both sides must have the same part along k2 and the same length: two conditions for θ1 and θ3. Then θ2
-    turns one side onto the other; Gauss-Newton steps in all three take off what rounding leaves where both
-    sides lie along k2. Where nothing meets it, the two conditions are missed by the least.
-    """
-
-    def sides(x: float, y: float, z: float) -> tuple[Vector, Vector]:
-        return added(p0, rotated(k1, x, p1)), rotated(k2, y, added(p2, rotated(k3, z, p3)))
-
-    a1, b1, c1 = turning(k1, p1, k2)
-    a3, b3, c3 = turning(k3, p3, k2)
-    # half the squares, over a length that gives them the unit of the first condition
-    unit = max(math.sqrt(dot(p, p)) for p in (p0, p1, p2, p3)) or 1.0
-    e1, f1, g1 = (x / unit for x in turning(k1, p1, p0))
-    e3, f3, g3 = (x / unit for x in turning(k3, p3, p2))
-    halves = 0.5 * (dot(p2, p2) + dot(p3, p3) - dot(p0, p0) - dot(p1, p1)) / unit
-    pairs, _, anywhere = two_turns(
-        ((b1, c1), (f1, g1)),
-        ((-b3, -c3), (-f3, -g3)),
-        (dot(k2, p2) + a3 - dot(k2, p0) - a1, halves + e3 - e1),
-        max(tolerance, 1e-9 * unit),
-    )
-    found: list[tuple[float, tuple[float, float, float], bool]] = []
-    for first, third in pairs:
-        left, right = sides(first, 0.0, third)
-        ((second,),), _, loose = subproblem_1(k2, right, left, math.inf)
-        angles, missed = (first, second, third), math.dist(left, rotated(k2, second, right))
-        for _ in range(_NEWTON if missed > 1e-15 * unit else 0):
-            left, right = sides(*angles)
-            by_first, by_second = cross(k1, added(left, p0, -1.0)), cross(k2, right)
-            by_third = rotated(k2, angles[1], cross(k3, rotated(k3, angles[2], p3)))
-            J = np.array([by_first, [-x for x in by_second], [-x for x in by_third]]).T
-            steps = np.linalg.lstsq(J, np.subtract(right, left), rcond=1e-9)[0].tolist()
-            tried = tuple(x + step for x, step in zip(angles, steps, strict=True))
-            fewer = math.dist(*sides(*tried))
-            if not fewer < missed:
-                break
-            angles, missed = tried, fewer
-        x, y, z = map(wrap, angles)
-        found.append((missed, (x, y, z), bool(loose)))
-    met = [one for one in found if one[0] <= tolerance]
-    kept = met or [min(found)]
-    free = {2 * index for index in anywhere} | {1 for _, _, loose in kept if loose}
-    return Answer(tuple(angles for _, angles, _ in kept), bool(met), tuple(sorted(free)))
-
-
-def subproblem_6(
-    k: Sequence[Vector], p: Sequence[Vector], h: Sequence[Vector], d1: float, d2: float,
-    tolerance: float = TOLERANCE,
-) -> Answer:  # fmt: skip
-    """``h1 · Rot(k1, θ1) p1 + h2 · Rot(k2, θ2) p2 = d1``, ``h3 · Rot(k3, θ1) p3 + h4 · Rot(k4, θ2) p4 = d2``.
-
-    Four vectors each in ``k``, ``p`` and ``h``. Up to four solutions (θ1, θ2).
-    """
-    (a1, *u1), (a2, *v1), (a3, *u2), (a4, *v2) = map(turning, k, p, h)
-    A, B = ((u1[0], u1[1]), (u2[0], u2[1])), ((v1[0], v1[1]), (v2[0], v2[1]))
-    return two_turns(A, B, (d1 - a1 - a2, d2 - a3 - a4), tolerance)
-
-
-# Two angles of two conditions: the core of the subproblems 5 and 6.
+# Two angles of two conditions.
 
 _Pair = tuple[float, float]
 _Matrix = tuple[_Pair, _Pair]
@@ -358,14 +271,6 @@ def _size(M: _Matrix) -> float:
 
 def _apart(a: _Pair, b: _Pair) -> float:
     return max(abs(math.remainder(x - y, TWO_PI)) for x, y in zip(a, b, strict=True))
-
-
-def _distance(k: Vector, p: Vector) -> float:
-    return math.hypot(*cross(k, p))
-
-
-def _lies_on(distance: float, p: Vector) -> bool:
-    return distance <= _STILL * math.sqrt(dot(p, p)) or distance == 0.0
 
 
 # For arrays of problems: vectors (..., 3), unit axes (3,), angles (...).

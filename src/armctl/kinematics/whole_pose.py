@@ -32,8 +32,6 @@ from armctl.kinematics.samples import checked_step
 from armctl.kinematics.solutions import Solutions, SolvedArm
 from armctl.kinematics.target import Target
 
-_SAME = 1e-6
-"""configurations this near to each other are one [rad]"""
 _SPREAD = 12
 """half of how many angles stand for a continuum"""
 _SINGULAR = 1e-12
@@ -145,16 +143,6 @@ class WholePoses:
         if start is not None:
             values.append(min(max(float(start[joint]), low), high))
         return np.unique(values)
-
-
-def distinct(q: FloatArray) -> NDArray[np.intp]:
-    """Rows of ``q`` (k, n) [rad], each configuration once, whole turns not counted."""
-    kept: list[int] = []
-    for i in range(len(q)):
-        apart = q[kept] - q[i]
-        if np.abs(apart - TWO_PI * np.rint(apart / TWO_PI)).max(axis=1).min(initial=math.inf) > _SAME:
-            kept.append(i)
-    return np.array(kept, dtype=np.intp)
 
 
 def misses(chain: Chain, poses: FloatArray, q: FloatArray) -> FloatArray:

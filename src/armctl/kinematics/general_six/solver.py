@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 
 from armctl.arrays import FloatArray
+from armctl.kinematics.angles import distinct
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.general_six.pencil import Candidates, Loop
@@ -18,7 +19,7 @@ from armctl.kinematics.samples import even_spread
 from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.target import Target
-from armctl.kinematics.whole_pose import Ways, WholePoses, distinct, misses, polished
+from armctl.kinematics.whole_pose import Ways, WholePoses, misses, polished
 
 _MOST = 16
 """no arm of six joints has more isolated configurations for a pose (E. J. F. Primrose, 1986)"""

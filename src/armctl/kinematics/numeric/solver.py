@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import all_images
+from armctl.kinematics.angles import all_images, distinct
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.descent import Starts, come_nearest, come_nearest_holding, meet
@@ -91,8 +91,6 @@ _WAVE, _WAVES = 64, 4
 _REFINED = 48
 """how many of the best are refined where the goal can only be approached"""
 _MET_M, _MET_RAD = 5e-10, 1e-8
-_SAME = 1e-6
-"""configurations this near to each other are one [rad]"""
 _ALIKE = 1e-7
 """orientations this near to the best are as good [rad]"""
 _SEARCHED = "found by search, there may be others"
@@ -295,9 +293,4 @@ def _distinct(q: FloatArray) -> FloatArray:
     """Each configuration once, whole turns not counted; least rotation first."""
     keys = np.round(np.column_stack([q, np.abs(q).sum(axis=1)]), 9)
     order: NDArray[np.intp] = np.lexsort(keys.T)  # the last key counts first
-    kept: list[FloatArray] = []
-    for one in q[order]:
-        apart = np.array(kept).reshape(-1, q.shape[1]) - one
-        if np.abs(apart - math.tau * np.rint(apart / math.tau)).max(axis=1).min(initial=math.inf) >= _SAME:
-            kept.append(one)
-    return np.array(kept).reshape(-1, q.shape[1])
+    return q[order][distinct(q[order])]

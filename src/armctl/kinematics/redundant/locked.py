@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,18 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import half_angle_cos_sin, into_limits
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.subproblems import across, circle, roots
+from armctl.kinematics.subproblems import (
+    Columns,
+    across,
+    added,
+    circle,
+    cross,
+    dot,
+    meeting_point,
+    roots,
+    scaled,
+    turned_by,
+)
 
 JOINTS = 7
 _ALIGNED = 1e-9
@@ -41,8 +52,6 @@ _UNMOVED = 1e-11
 """a unit vector this near to an axis does not move when it turns"""
 
 IndexArray = NDArray[np.intp]
-_Columns = tuple[Any, Any, Any]
-"""x, y and z of vectors: (m,) each, or a float that all have in common"""
 
 
 class Found(NamedTuple):
@@ -89,7 +98,8 @@ class LockedArm:
             return None
         ahead, forward = chain.axes()
         for joint, points, axes in ((0, ahead, forward), (JOINTS - 1, ahead[::-1], -forward[::-1])):
-            shoulder, wrist = common_point(points[1:3], axes[1:3]), common_point(points[4:], axes[4:])
+            shoulder = meeting_point(points[1:3], axes[1:3], _MEETING)
+            wrist = meeting_point(points[4:], axes[4:], _MEETING)
             if shoulder is not None and wrist is not None:
                 home = chain.forward(np.zeros(JOINTS))
                 found = cls(joint, axes.copy(), points[0].copy(), points[3].copy(), shoulder, wrist, home)
@@ -109,41 +119,41 @@ class LockedArm:
 
     def solve(self, pose: FloatArray, angles: FloatArray, limits: FloatArray) -> Found:
         """Every solution inside limits (7, 2) [rad] of ``T_base_tool`` (4, 4), for angles (k,) [rad]."""
-        h: list[_Columns] = [tuple(axis) for axis in self.axes.tolist()]
+        h: list[Columns] = [tuple(axis) for axis in self.axes.tolist()]
         limits = limits if self.joint == 0 else limits[::-1]
         R, t = _inside_out(pose, self.home, back=self.joint != 0)
 
-        def seen(v: FloatArray) -> _Columns:
+        def seen(v: FloatArray) -> Columns:
             """A vector (3,) that all joints have turned, from link 0."""
             return _turned(tuple(v.tolist()), h[0], -angles)
 
         # W as joint 1 to 3 must bring it to its place, seen from P; link 0 stands still
         ahead = seen(R @ self.wrist + t - self.origin)
-        ends = _added(ahead, tuple((self.origin - self.shoulder).tolist()))
+        ends = added(ahead, tuple((self.origin - self.shoulder).tolist()))
 
         fore, upper = self.wrist - self.elbow, self.shoulder - self.elbow
-        product = 0.5 * (fore @ fore + upper @ upper - _dot(ends, ends))
+        product = 0.5 * (fore @ fore + upper @ upper - dot(ends, ends))
         elbow, row, third = _choices(roots(self._elbow_circle, product, _REACH_TOLERANCE), limits[3])
 
-        hand = _added(_turned(tuple(fore.tolist()), h[3], third), tuple((-upper).tolist()))
+        hand = added(_turned(tuple(fore.tolist()), h[3], third), tuple((-upper).tolist()))
         end = _taken(ends, row)
-        length = np.maximum(np.sqrt(_dot(hand, hand)), 1e-300)
-        hand, end = _scaled(hand, 1.0 / length), _scaled(end, 1.0 / length)
-        fixed = _dot(h[1], h[2]) * _dot(h[2], hand)
-        turning = fixed, _dot(h[1], hand) - fixed, _dot(h[1], _cross(h[2], hand))
-        shoulder, of, second = _choices(roots(turning, _dot(h[1], end), _TURN_TOLERANCE, rest=0.0), limits[2])
+        length = np.maximum(np.sqrt(dot(hand, hand)), 1e-300)
+        hand, end = scaled(hand, 1.0 / length), scaled(end, 1.0 / length)
+        fixed = dot(h[1], h[2]) * dot(h[2], hand)
+        turning = fixed, dot(h[1], hand) - fixed, dot(h[1], cross(h[2], hand))
+        shoulder, of, second = _choices(roots(turning, dot(h[1], end), _TURN_TOLERANCE, rest=0.0), limits[2])
         first = _about(h[1], _turned(_taken(hand, of), h[2], second), _taken(end, of))
         _, kept, first = _choices(first[None], limits[1])
         shoulder, of, second = shoulder[kept], of[kept], second[kept]
         elbow, row, third = elbow[of], row[of], third[of]
 
-        def before_wrist(v: FloatArray) -> _Columns:
+        def before_wrist(v: FloatArray) -> Columns:
             """The same as the wrist alone must turn it."""
             turned = _turned(_taken(seen(R @ v), row), h[1], -first)
             return _turned(_turned(turned, h[2], -second), h[3], -third)
 
         aim = before_wrist(self.axes[6])
-        both = roots(circle(self.axes[5], self.axes[6], self.axes[4]), _dot(h[4], aim), _TURN_TOLERANCE, 0.0)
+        both = roots(circle(self.axes[5], self.axes[6], self.axes[4]), dot(h[4], aim), _TURN_TOLERANCE, 0.0)
         wrist, of, fifth = _choices(both, limits[5])
         fourth = _about(h[4], _turned(h[6], h[5], fifth), _taken(aim, of))
         side = _sideways(self.axes[6])
@@ -162,57 +172,20 @@ class LockedArm:
         return Found(row[of][inside], branch[inside], q[inside])
 
 
-# Vectors as three columns, for tens of thousands of angles at once: as arrays (m, 3) they take far longer.
-
-
-def _dot(a: _Columns, b: _Columns) -> Any:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a: _Columns, b: _Columns) -> _Columns:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def _added(a: _Columns, b: _Columns) -> _Columns:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-def _scaled(a: _Columns, factor: FloatArray) -> _Columns:
-    return factor * a[0], factor * a[1], factor * a[2]
-
-
-def _taken(a: _Columns, of: IndexArray) -> _Columns:
+def _taken(a: Columns, of: IndexArray) -> Columns:
     return a[0][of], a[1][of], a[2][of]
 
 
-def _turned(v: _Columns, axis: _Columns, angle: FloatArray) -> _Columns:
-    """Turned about a unit axis by angles (m,) [rad] (Rodrigues)."""
-    c, s = half_angle_cos_sin(angle)
-    along = (1.0 - c) * _dot(axis, v)
-    return _added(_added(_scaled(v, c), _scaled(_cross(axis, v), s)), _scaled(axis, along))
+def _turned(v: Columns, axis: Columns, angle: FloatArray) -> Columns:
+    return turned_by(v, axis, half_angle_cos_sin(angle))
 
 
-def _about(axis: _Columns, start: _Columns, end: _Columns) -> FloatArray:
+def _about(axis: Columns, start: Columns, end: Columns) -> FloatArray:
     """Subproblem 1: the turn [rad] about a unit axis from one vector to another; 0 where it moves neither."""
-    sideways = _cross(axis, start)
-    cosine = _dot(start, end) - _dot(axis, start) * _dot(axis, end)
-    still = _dot(sideways, sideways) < _UNMOVED * _UNMOVED
-    return np.where(still, 0.0, np.arctan2(_dot(sideways, end), cosine))
-
-
-def common_point(points: FloatArray, axes: FloatArray) -> FloatArray | None:
-    """The point (3,) in which lines meet, through points (k, 3) along unit axes (k, 3); None: they do not.
-
-    Neighbours that are parallel do not meet either.
-    """
-    if np.linalg.norm(np.cross(axes[1:], axes[:-1]), axis=1).min() < _ALIGNED:
-        return None
-    levels: FloatArray = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    right: FloatArray = np.einsum("kij,kj->i", levels, points)
-    matrix: FloatArray = levels.sum(axis=0)
-    point = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
-    missed = np.einsum("kij,kj->ki", levels, points - point)
-    return None if np.linalg.norm(missed, axis=1).max() > _MEETING else point
+    sideways = cross(axis, start)
+    cosine = dot(start, end) - dot(axis, start) * dot(axis, end)
+    still = dot(sideways, sideways) < _UNMOVED * _UNMOVED
+    return np.where(still, 0.0, np.arctan2(dot(sideways, end), cosine))
 
 
 def _inside_out(pose: FloatArray, home: FloatArray, *, back: bool) -> tuple[FloatArray, FloatArray]:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import images
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.subproblems import across, angle_about, turn, turned
+from armctl.kinematics.subproblems import across, angle_about, meeting_point, turn, turned
 
 _ALIGNED = 1e-9
 """how far axes may miss a common point [m] and how nearly parallel they may be (sine of the angle)"""
@@ -131,7 +131,7 @@ def recognise_spherical(chain: Chain) -> SphericalShoulder | None:
         return None
     points, axes = chain.axes()
     tool = chain.forward(np.zeros(chain.n))
-    centre = meeting_point(points, axes)
+    centre = meeting_point(points[:3], axes[:3], _ALIGNED)
     if centre is None:
         return None
     tip = tool[:3, 3]
@@ -149,17 +149,6 @@ def recognise_spherical(chain: Chain) -> SphericalShoulder | None:
         offset=float(angle_about(axes[3], upper, fore)),
         tool=tool[:3, :3],
     )
-
-
-def meeting_point(points: FloatArray, axes: FloatArray) -> FloatArray | None:
-    """(3,) where the first three axes meet; None where they do not, or where neighbours are parallel."""
-    if any(np.linalg.norm(across(axes[k]) @ axes[k + 1]) < 1e-6 for k in (0, 1)):
-        return None
-    planes: list[FloatArray] = [np.eye(3) - np.outer(axis, axis) for axis in axes[:3]]
-    along = np.concatenate([planes[k] @ points[k] for k in (0, 1)])
-    meeting = np.asarray(np.linalg.lstsq(np.vstack(planes[:2]), along, rcond=None)[0], dtype=np.float64)
-    misses = [float(np.linalg.norm(p @ (meeting - q))) for p, q in zip(planes, points[:3], strict=True)]
-    return meeting if max(misses) <= _ALIGNED else None
 
 
 # Names of the branches of *spherical shoulder + elbow (+ roll)*.

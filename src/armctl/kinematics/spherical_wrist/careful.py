@@ -1,8 +1,8 @@
 """Poses of a spherical-wrist arm at which rounding needs care: near singular postures and near joint limits.
 
 What the closed form gives is made exact on the arm itself by Newton steps, angles that only rounding has put
-outside a limit are put onto it, and of each continuum one posture is listed: the one nearest to where the
-arm stands, or to rest.
+outside a limit are put onto it, and of each continuum one posture is found: the one nearest to where the arm
+stands, or to rest. Each posture is found once, at any of its images.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, all_images, rest_angle
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, distinct, rest_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.spherical_wrist.closed_form import CLIPPED, ON_AXIS, ClosedForm, Placed, Three, Wrist
 
@@ -29,8 +29,6 @@ _LEAST = 1e-16
 _STEPS = 12
 _TURNED = 2.9
 """trace of a turn by less than a fifth of a radian"""
-_SAME = 1e-6
-"""configurations this near to each other are one [rad]"""
 _VALUES = {1: 721, 2: 37}
 """how many angles are tried of one joint that is free, and of each of two"""
 
@@ -39,7 +37,7 @@ class Found(NamedTuple):
     """What there is at one pose."""
 
     q: FloatArray
-    """(k, 6) joint angles [rad]"""
+    """(k, 6) joint angles [rad], each posture once"""
     branches: list[int]
     continua: tuple[str, ...]
     """a sentence for each continuum of which only one posture is listed"""
@@ -59,23 +57,24 @@ class CarefulSolver:
     def __init__(self, closed: ClosedForm, chain: Chain, limits: FloatArray, titles: Sequence[str]) -> None:
         self._closed, self._chain, self._limits, self._titles = closed, chain, limits, titles
         self._low, self._high = limits.T
-        self._widened = limits + np.array([-CLIPPED, CLIPPED])
 
     def solve(self, pose: FloatArray, start: FloatArray | None) -> Found:
-        """Every posture inside the limits that has a tool pose (4, 4), with all its images."""
+        """Every posture that has a tool pose (4, 4) and an image inside the limits."""
         placed = self._closed.place(pose[:3, 3].tolist(), pose[:3, :3])
         rest = np.array([rest_angle(*pair) for pair in self._limits.tolist()]) if start is None else start
         rest = self._closed.geometry.order(rest)
-        kept: list[tuple[FloatArray, int]] = []
-        continua: set[str] = set()
+        postures: list[FloatArray] = []
+        branches: list[int] = []
+        continua: list[tuple[str, ...]] = []
         for arm in self._arms(placed):
             for flip, wrist, q in self._postures(arm, placed, pose, rest):
-                branch = 2 * arm.way + flip
-                if any(np.abs(q - other).max() < _SAME for other, _ in kept):
-                    continue
-                kept.append((q, branch))
-                continua.update(self._told(arm.free, wrist.coupled))
-        return Found(np.array([q for q, _ in kept]).reshape(-1, 6), [b for _, b in kept], tuple(continua))
+                postures.append(q)
+                branches.append(2 * arm.way + flip)
+                continua.append(tuple(self._told(arm.free, wrist.coupled)))
+        q = np.array(postures).reshape(-1, 6)
+        kept: list[int] = distinct(q).tolist()
+        told = dict.fromkeys(text for k in kept for text in continua[k])
+        return Found(q[kept], [branches[k] for k in kept], tuple(told))
 
     def _arms(self, placed: Placed) -> Iterator[_Arm]:
         x, y, z = placed.centre
@@ -148,25 +147,38 @@ class CarefulSolver:
         return best
 
     def _admitted(self, q: FloatArray, pose: FloatArray) -> list[FloatArray]:
-        """Every image of a posture (6,) inside the limits, or put outside them by rounding alone: clipped."""
-        if len(all_images(q[None], self._widened).q) == 0:
+        """A posture (6,) made exact, and with angles clipped that rounding alone put outside; or neither."""
+        if self._at_limits(q) is None:
             return []
         none: NDArray[np.bool_] = np.zeros(6, dtype=np.bool_)
         exact, missed = self._polished(q, pose, none)
-        admitted: list[FloatArray] = []
-        for image in all_images(exact[None], self._widened).q:
-            inside = np.clip(image, self._low, self._high)
-            over = np.maximum(image - self._high, self._low - image)
-            if over.max() <= _ROUNDING and missed <= _MET:
-                admitted.append(inside)
-                continue
-            for held in (over > 0.0, over > -LIMIT_TOLERANCE, over > -CLIPPED):
-                found, _ = self._polished(inside, pose, held)
-                found = np.clip(found, self._low, self._high)
-                if self._missed(found, pose) <= _MET:
-                    admitted.append(found)
-                    break
-        return admitted
+        image = self._at_limits(exact)
+        if image is None:
+            return []
+        inside = np.clip(image, self._low, self._high)
+        over = np.maximum(image - self._high, self._low - image)
+        met = [inside] if missed <= _MET and self._has_image(exact) else []
+        if over.max() <= _ROUNDING and met:
+            return met
+        for held in (over > 0.0, over > -LIMIT_TOLERANCE, over > -CLIPPED):
+            found, _ = self._polished(inside, pose, held)
+            found = np.clip(found, self._low, self._high)
+            if self._missed(found, pose) <= _MET:
+                return [found, *([exact] if met else [])]
+        return [exact] if met else []
+
+    def _at_limits(self, q: FloatArray) -> FloatArray | None:
+        """Of each angle (6,) the image farthest out, at most ``CLIPPED`` outside; None: there is none."""
+        first: FloatArray = q + TWO_PI * np.ceil((self._low - CLIPPED - q) / TWO_PI)
+        last: FloatArray = q + TWO_PI * np.floor((self._high + CLIPPED - q) / TWO_PI)
+        if (first > last + 1.0).any():
+            return None
+        return np.where(self._low - first > last - self._high, first, last)
+
+    def _has_image(self, q: FloatArray) -> bool:
+        """Whether each angle (6,) has an image inside, or outside by a rounding."""
+        first = q + TWO_PI * np.ceil((self._low - _ROUNDING - q) / TWO_PI)
+        return bool((first <= self._high + _ROUNDING).all())
 
     def _missed(self, q: FloatArray, pose: FloatArray) -> float:
         """What a posture (6,) misses a pose by [m], [rad]."""

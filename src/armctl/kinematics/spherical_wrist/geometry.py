@@ -27,11 +27,12 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.samples import even_spread
-from armctl.kinematics.spherical_shoulder.geometry import meeting_point
-from armctl.kinematics.subproblems import across, turned
+from armctl.kinematics.subproblems import across, meeting_point, turned
 
 Regional = Literal["parallel-23", "meet-23", "parallel-12", "meet-12", "skew"]
 """what makes the first three joints easy: which two axes are parallel or meet; ``skew``: none"""
+_MEETS = 1e-9
+"""how far the last three axes may miss W [m]"""
 _EXACT = 1e-12
 """axes that miss each other by less [m], or are less inclined (sine), meet or are parallel"""
 _NEARLY = 1e-3
@@ -109,7 +110,7 @@ def recognise_wrist(chain: Chain) -> SphericalWrist | None:
     home = chain.forward(np.zeros(6))
     for backward in (False, True):
         h, p = (-axes[::-1], points[::-1]) if backward else (axes, points)
-        centre = meeting_point(p[3:], h[3:])
+        centre = meeting_point(p[3:], h[3:], _MEETS)
         if centre is not None and _moves(h[:3], p[:3], centre):
             return _geometry(h, p, centre, home, backward=backward)
     return None

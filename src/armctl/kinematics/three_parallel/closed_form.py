@@ -22,7 +22,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.subproblems import roots, two_turns_of_many
+from armctl.kinematics.angles import TWO_PI, half_angle_cos_sin
+from armctl.kinematics.subproblems import (
+    Columns,
+    added,
+    angle_onto,
+    back,
+    columns,
+    cross,
+    dot,
+    length,
+    roots,
+    scaled,
+    turned_by,
+    two_turns_of_many,
+)
 from armctl.kinematics.three_parallel.geometry import ThreeParallel
 
 _CHUNK = 2048
@@ -130,25 +144,23 @@ def with_shoulder(arm: ThreeParallel, q: FloatArray, values: FloatArray) -> Floa
 
 def _conditions(arm: ThreeParallel, loop: Loop) -> tuple[FloatArray, FloatArray, FloatArray]:
     """A, B (m, 2, 2) and d (m, 2) of ``A (cos θa, sin θa) + B (cos θc, sin θc) = d``, without units."""
-    (wa, wb, wc), (pa, pb, pc) = loop.axes, loop.points
-    k, R, t = arm.plane[2], loop.G[:, :3, :3], loop.G[:, :3, 3]
+    (wa, wb, wc), (pa, pb, pc) = map(_all_columns, (loop.axes, loop.points))
+    k, R, t = arm.plane[2], loop.G[:, :3, :3], columns(loop.G[:, :3, 3])
     unit = float(np.abs(arm.points).max() + np.abs(arm.links).max())
-    v: FloatArray = k @ R
-    along_a, along_c = _dot(wa, k), _dot(wc, v)
-    a0 = wa * along_a[..., None]
-    c0 = wc * along_c[:, None]
-    a1, a2, c1, c2 = k - a0, _cross(k, wa), v - c0, _cross(wc, v)
-    one, other = (pa - pb) / unit, (pb - pc) / unit
+    v, k = columns(k @ R), columns(k)
+    a0, c0 = scaled(wa, dot(wa, k)), scaled(wc, dot(wc, v))
+    a1, a2, c1, c2 = added(k, a0, -1.0), cross(k, wa), added(v, c0, -1.0), cross(wc, v)
+    one, other = scaled(added(pa, pb, -1.0), 1.0 / unit), scaled(added(pb, pc, -1.0), 1.0 / unit)
     m = len(R)
     A, B = np.empty((m, 2, 2)), np.empty((m, 2, 2))
-    A[:, 0, 0], A[:, 0, 1], A[:, 1, 0], A[:, 1, 1] = _dot(wb, a1), _dot(wb, a2), _dot(one, a1), _dot(one, a2)
+    A[:, 0, 0], A[:, 0, 1], A[:, 1, 0], A[:, 1, 1] = dot(wb, a1), dot(wb, a2), dot(one, a1), dot(one, a2)
     B[:, 0, 0], B[:, 0, 1], B[:, 1, 0], B[:, 1, 1] = (
-        -_dot(wb, c1), -_dot(wb, c2), _dot(other, c1), _dot(other, c2),
+        -dot(wb, c1), -dot(wb, c2), dot(other, c1), dot(other, c2),
     )  # fmt: skip
     right = np.empty((m, 2))
-    right[:, 0] = _dot(wb, c0) - _dot(wb, a0)
-    height = (_dot(k, pa) - t @ k - _dot(v, pc)) / unit
-    right[:, 1] = height - _dot(one, a0) - _dot(other, c0)
+    right[:, 0] = dot(wb, c0) - dot(wb, a0)
+    height = (dot(k, pa) - dot(t, k) - dot(v, pc)) / unit
+    right[:, 1] = height - dot(one, a0) - dot(other, c0)
     if arm.meet[0]:
         A[:, 1] = 0.0
     if arm.meet[1]:
@@ -163,101 +175,113 @@ def _pairs(arm: ThreeParallel, loop: Loop) -> tuple[FloatArray, NDArray[np.bool_
 
 def _rest(arm: ThreeParallel, loop: Loop, pairs: FloatArray, wrist: FloatArray | None = None) -> Ways:
     """The ways of pairs (m, 4, 2); where b is free it is at ``wrist`` (m,) [rad], or 0."""
-    (wa, wb, wc), (pa, pb, pc) = (_columns(v) for v in loop.axes), (_columns(p) for p in loop.points)
-    i, j, k = arm.plane
-    m = len(pairs)
-    qa, qc = pairs[..., 0], pairs[..., 1]
-    v = np.broadcast_to((k @ loop.G[:, :3, :3])[:, None], (m, 4, 3))
-    seen = _turned(v, wc, qc)
-    across = np.linalg.norm(_cross(seen, wb), axis=-1)
+    (wa, wb, wc), (pa, pb, pc) = map(_all_columns, (loop.axes, loop.points))
+    R, t = loop.G[:, :3, :3], loop.G[:, :3, 3]
+    i, k = columns(arm.plane[0]), columns(arm.plane[2])
+    qa, qc = (np.ascontiguousarray(pairs[..., n].T) for n in (0, 1))  # (4, m), as all that follows
+    turn_c = half_angle_cos_sin(qc)
+    seen = turned_by(columns(arm.plane[2] @ R), wc, turn_c)
+    across = length(cross(seen, wb))
     still = across < _STILL
-    if (across < _CLOSE).any():
-        qa = _close_to_singular(k, wa, wb, seen, qa, across < _CLOSE)
+    close = across < _CLOSE
+    if close.any():
+        _close_to_singular(k, wa, wb, seen, qa, close)
         if still.any():
-            near = (
-                np.abs(np.exp(1j * pairs[:, :, None]) - np.exp(1j * pairs[:, None])).max(axis=3) < _DOUBTFUL
-            )
-            qa = np.where(still & np.tril(near & still[:, None], -1).any(axis=2), np.nan, qa)
-    goal = _turned(np.broadcast_to(k, seen.shape), wa, -qa)
-    qb = np.where(still, 0.0 if wrist is None else wrist[:, None], _angle(wb, seen, goal))
+            near = _apart(pairs[:, :, None] - pairs[:, None]).max(axis=3) < _DOUBTFUL
+            again = np.tril(near & still.T[:, None], -1).any(axis=2).T
+            qa[still & again] = np.nan
+    turn_a = back(half_angle_cos_sin(qa))
+    goal = turned_by(k, wa, turn_a)
+    qb = np.where(still, 0.0 if wrist is None else wrist, angle_onto(wb, seen, goal))
+    turns = (wa, pa, turn_a), (wb, pb, back(half_angle_cos_sin(qb))), (wc, pc, back(turn_c))
     # P = G Ec⁻¹ Eb⁻¹ Ea⁻¹, of the direction i and of a point on the third parallel axis
-    direction = np.broadcast_to(i, seen.shape)
-    point = np.broadcast_to(arm.points[arm.first + 2], seen.shape)
-    for w, p, angle in ((wa, pa, qa), (wb, pb, qb), (wc, pc, qc)):
-        direction = _turned(direction, w, -angle)
-        point = p + _turned(point - p, w, -angle)
-    R, t = np.swapaxes(loop.G[:, :3, :3], 1, 2), loop.G[:, None, :3, 3]
-    direction, point = direction @ R, point @ R + t
-    turn = np.arctan2(direction @ j, direction @ i)
-    reached = (point - arm.points[arm.first]) @ arm.plane[:2].T
-    bends, shoulder_free = _elbows(arm, reached)
+    direction, point = i, columns(arm.points[arm.first + 2])
+    for w, p, by in turns:
+        direction, point = turned_by(direction, w, by), added(p, turned_by(added(point, p, -1.0), w, by))
+    ahead, aside = (columns(axis @ R) for axis in arm.plane[:2])
+    turn = np.arctan2(dot(direction, aside), dot(direction, ahead))
+    x, y = ((t - arm.points[arm.first]) @ axis for axis in arm.plane[:2])
+    x, y = dot(point, ahead) + x, dot(point, aside) + y
+    bends, shoulder_free = _elbows(arm, x * x + y * y)
+    facing, m = np.arctan2(y, x), len(pairs)
     (x1, y1), (x2, y2) = arm.links
-    s = np.array(arm.signs)
-    q = np.empty((m, 2, 4, 6))
+    s = arm.signs
+    q = np.empty((6, 2, 4, m))  # joint by joint in memory: contiguous to write
     for way, bend in enumerate(bends):
-        cosine, sine = np.cos(bend), np.sin(bend)
-        x, y = x1 + cosine * x2 - sine * y2, y1 + sine * x2 + cosine * y2
-        first = np.arctan2(reached[..., 1], reached[..., 0]) - np.arctan2(y, x)
+        cosine, sine = half_angle_cos_sin(bend)
+        first = facing - np.arctan2(y1 + sine * x2 + cosine * y2, x1 + cosine * x2 - sine * y2)
         first = np.where(shoulder_free, 0.0, first)
-        q[:, way, :, arm.first] = s[0] * first
-        q[:, way, :, arm.first + 1] = s[1] * bend
-        q[:, way, :, arm.first + 2] = s[2] * (turn - first - bend)
+        q[arm.first, way] = s[0] * first
+        q[arm.first + 1, way] = s[1] * bend
+        q[arm.first + 2, way] = s[2] * (turn - first - bend)
         for joint, angle in zip(arm.others, (qa, qb, qc), strict=True):
-            q[:, way, :, joint] = angle
-    doubtful = np.stack([np.abs(np.sin(bend - arm.straight)) < _DOUBTFUL for bend in bends], axis=1)
-    doubtful |= ((across < _DOUBTFUL) | _double(pairs))[:, None]
-    q, there = q.reshape(m, BRANCHES, 6), ~np.isnan(q).any(axis=-1).reshape(m, BRANCHES)
-    q[~there] = np.nan
-    return Ways(
-        q,
-        np.zeros(m, dtype=np.bool_),
-        np.tile(still, 2) & there,
-        np.tile(shoulder_free, 2) & there,
-        doubtful.reshape(m, BRANCHES) & there,
-    )
+            q[joint, way] = angle
+    doubtful = np.stack([np.abs(np.sin(bend - arm.straight)) < _DOUBTFUL for bend in bends])
+    doubtful |= (across < _DOUBTFUL) | _double(qa, qc)
+    there = np.isfinite(q[arm.first + 2] + qb)
+    q[:, ~there] = np.nan
+
+    def by_pose(what: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        return (np.broadcast_to(what, there.shape) & there).reshape(BRANCHES, m).T
+
+    none = np.zeros(m, dtype=np.bool_)
+    q = q.reshape(6, BRANCHES, m).transpose(2, 1, 0)
+    return Ways(q, none, by_pose(still), by_pose(shoulder_free), by_pose(doubtful))
 
 
 def _close_to_singular(
-    k: FloatArray, wa: FloatArray, wb: FloatArray, seen: FloatArray, qa: FloatArray, close: NDArray[np.bool_]
-) -> FloatArray:
-    """Angles of a (m, 4) [rad], recomputed where ``seen`` (m, 4, 3), and so Rot(a, -θa) k, is close to ±b.
+    k: Columns, wa: Columns, wb: Columns, seen: Columns, qa: FloatArray, close: NDArray[np.bool_]
+) -> None:
+    """Recompute the angles of a (4, m) [rad] where ``seen`` (4, m), and so Rot(a, -θa) k, is close to ±b.
 
     There they are nearly a double root of the conditions, which have half of the digits only. The distance
     from b has them all: |Rot(a, -θa) k - b|² = d0² + 4 r1 r2 sin²((θa - θ0) / 2).
     """
-    side = np.copysign(1.0, _dot(seen, wb))[..., None] * wb
-    middle = _angle(wa, side, np.broadcast_to(k, seen.shape))
-    radii = np.linalg.norm(_cross(wa, k), axis=-1), np.linalg.norm(_cross(wa, side), axis=-1)
-    gap = seen - side
-    least = (radii[0] - radii[1]) ** 2 + (_dot(wa, k) - _dot(wa, side)) ** 2
-    half = np.sqrt(np.maximum(_dot(gap, gap) - least, 0.0) / np.maximum(4.0 * radii[0] * radii[1], 1e-300))
-    off = qa - middle
-    off -= 2.0 * math.pi * np.rint(off / (2.0 * math.pi))
-    sign = np.where(off == 0.0, np.array([1.0, 1.0, -1.0, -1.0]), np.sign(off))
-    return np.where(close & ~np.isnan(qa), middle + sign * 2.0 * np.arcsin(np.minimum(half, 1.0)), qa)
+    way, pose = np.nonzero(close & ~np.isnan(qa))
+    seen, wa, wb = ([_of(entry, way, pose) for entry in v] for v in (seen, wa, wb))
+    side = scaled(wb, np.copysign(1.0, dot(seen, wb)))
+    middle = angle_onto(wa, side, k)
+    radii = length(cross(wa, k)), length(cross(wa, side))
+    gap = added(seen, side, -1.0)
+    least = (radii[0] - radii[1]) ** 2 + (dot(wa, k) - dot(wa, side)) ** 2
+    half = np.sqrt(np.maximum(dot(gap, gap) - least, 0.0) / np.maximum(4.0 * radii[0] * radii[1], 1e-300))
+    off = qa[way, pose] - middle
+    off -= TWO_PI * np.rint(off / TWO_PI)
+    sign = np.where(off == 0.0, np.where(way < 2, 1.0, -1.0), np.sign(off))
+    qa[way, pose] = middle + sign * 2.0 * np.arcsin(np.minimum(half, 1.0))
 
 
-def _double(pairs: FloatArray) -> NDArray[np.bool_]:
-    """(m, 4) where a pair (m, 4, 2) lies close to another."""
-    turns = np.exp(1j * pairs)
-    out = np.zeros(pairs.shape[:2], dtype=np.bool_)
+def _of(entry: FloatArray | float, way: NDArray[np.intp], pose: NDArray[np.intp]) -> FloatArray | float:
+    """Those of (4, m), (m,) or one for all that belong to some ways of some poses."""
+    if not isinstance(entry, np.ndarray):
+        return entry
+    return entry[way, pose] if entry.ndim == 2 else entry[pose]
+
+
+def _apart(angles: FloatArray) -> FloatArray:
+    """Differences of angles [rad] without whole turns and sign."""
+    return np.abs(angles - TWO_PI * np.rint(angles / TWO_PI))
+
+
+def _double(qa: FloatArray, qc: FloatArray) -> NDArray[np.bool_]:
+    """(4, m) where a pair of angles (4, m) lies close to another."""
+    out = np.zeros(qa.shape, dtype=np.bool_)
     for i, j in itertools.combinations(range(4), 2):
-        near = np.abs(turns[:, i] - turns[:, j]).max(axis=1) < _DOUBTFUL
-        out[:, i] |= near
-        out[:, j] |= near
+        near = (_apart(qa[i] - qa[j]) < _DOUBTFUL) & (_apart(qc[i] - qc[j]) < _DOUBTFUL)
+        out[i] |= near
+        out[j] |= near
     return out
 
 
 def _elbows(
-    arm: ThreeParallel, reached: FloatArray
+    arm: ThreeParallel, squared: FloatArray
 ) -> tuple[tuple[FloatArray, FloatArray], NDArray[np.bool_]]:
-    """Both angles of the middle parallel joint for a point (..., 2) of the third axis in the plane.
+    """Both angles of the middle parallel joint for a squared distance (...) of the third axis from the first.
 
-    NaN where the links do not reach, or for the second where both are one; and where the point lies on the
-    first axis, so that the links may turn about it.
+    NaN where the links do not reach, or for the second where both are one; and where the third axis lies on
+    the first, so that the links may turn about it.
     """
     one, other = np.linalg.norm(arm.links, axis=1).tolist()
-    squared = (reached * reached).sum(axis=-1)
     longest = (one + other) ** 2
     out, folded = longest - squared, squared - (one - other) ** 2
     misses = (out < -_REACHED * longest) | (folded < -_REACHED * longest)
@@ -271,30 +295,6 @@ def _elbows(
     return (up, down), squared <= (_STILL * (one + other)) ** 2
 
 
-def _columns(v: FloatArray) -> FloatArray:
-    """(3,) or (m, 3) so that it goes with (m, 4, 3)."""
-    return v if v.ndim == 1 else v[:, None]
-
-
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    x, y, z = a[..., 0], a[..., 1], a[..., 2]
-    u, v, w = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
-
-
-def _turned(v: FloatArray, axis: FloatArray, angle: FloatArray) -> FloatArray:
-    """Vectors (m, 4, 3) turned about unit axes (3,) or (m, 1, 3) by angles (m, 4) [rad] (Rodrigues)."""
-    c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
-    along = axis * _dot(v, axis)[..., None]
-    return c * (v - along) + s * _cross(axis, v) + along
-
-
-def _angle(axis: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Subproblem 1: the turn about a unit axis that brings vectors onto others [rad]."""
-    start = start - axis * _dot(axis, start)[..., None]  # first, so that short ones keep their digits
-    end = end - axis * _dot(axis, end)[..., None]
-    return np.arctan2(_dot(axis, _cross(start, end)), _dot(start, end))
+def _all_columns(vectors: tuple[FloatArray, FloatArray, FloatArray]) -> tuple[Columns, Columns, Columns]:
+    a, b, c = map(columns, vectors)
+    return a, b, c

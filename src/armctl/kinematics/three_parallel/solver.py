@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from armctl.arrays import FloatArray
+from armctl.kinematics.angles import distinct
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.solver import roll_joint
@@ -23,7 +24,7 @@ from armctl.kinematics.three_parallel.closed_form import (
 )
 from armctl.kinematics.three_parallel.geometry import ThreeParallel, recognise_three_parallel
 from armctl.kinematics.three_parallel.one_pose import OnePose
-from armctl.kinematics.whole_pose import Ways, WholePoses, distinct, misses, polished
+from armctl.kinematics.whole_pose import Ways, WholePoses, misses, polished
 
 _NEAR = 1e-12
 """[m] and [rad]; farther ways are polished"""
