@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
+import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import armctl
 from armctl.arrays import FloatArray
-from armctl.errors import RobotFileError
+from armctl.errors import MotionRefusedError, RobotFileError
 from armctl.kinematics import Body, Chain, DHRow, GravityModel
+from armctl.kinematics.chain import TurnLimit
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.families import inverse_kinematics
 from armctl.kinematics.target import Target
+from armctl.motion import plan_joints
+from armctl.robot import robots_folder
 
 ARMS = 60
 """random arms"""
@@ -24,7 +30,7 @@ TITLES = ("Base", "Shoulder", "Elbow", "Hand")
 class Palletiser:
     """A random arm, and its tool pose by plain products of its links' absolute angles."""
 
-    def __init__(self, rng: np.random.Generator, *, geared: bool, rolls: bool) -> None:
+    def __init__(self, rng: np.random.Generator, *, geared: bool, rolls: bool, bounded: bool = False) -> None:
         self.lengths = rng.uniform(0.04, 0.3, 2)
         self.ahead, self.height, self.hand, self.drop = rng.uniform(-0.05, 0.1, 4)
         self.geared, self.rolls = geared, rolls
@@ -45,11 +51,22 @@ class Palletiser:
         coupling[3] = -coupling[1] - coupling[2]
         if rolls:
             coupling[4, 3] = 1.0
-        self.chain = Chain.from_dh(rows, "standard", coupling)
         low = rng.uniform(-2.5, 0.0, joints)
         self.limits = np.column_stack([low, low + rng.uniform(0.5, 5.0, joints)])
+        middle = self.turn(self.limits.mean(axis=1))
+        self.between = (middle - 0.4, middle + 0.7) if bounded else (-math.inf, math.inf)
+        limits = [TurnLimit(2, *self.between, "the angle between Shoulder and Elbow")] if bounded else []
+        self.chain = Chain.from_dh(rows, "standard", coupling, limits)
         energy = EnergyModel(np.ones(joints), np.ones(joints), GravityModel(self.chain, ()))
         self.solver = inverse_kinematics(self.chain, self.limits, energy, TITLES[:joints])
+
+    def turn(self, q: FloatArray) -> Any:
+        """(...) the angle from the upper arm to the forearm."""
+        return q[..., 2] - q[..., 1] if self.geared else q[..., 2]
+
+    def keeps(self, q: FloatArray) -> Any:
+        """Where that angle is inside its limits."""
+        return (self.turn(q) >= self.between[0] - 1e-9) & (self.turn(q) <= self.between[1] + 1e-9)
 
     def point(self, q: FloatArray) -> FloatArray:
         """(..., 3) the tool point, from the absolute angles of upper arm and forearm."""
@@ -64,7 +81,10 @@ class Palletiser:
 
 def random_arms() -> list[Palletiser]:
     rng = np.random.default_rng(5)
-    return [Palletiser(rng, geared=bool(k % 2), rolls=bool(k // 2 % 2)) for k in range(ARMS)]
+    kinds = [
+        {"geared": bool(k % 2), "rolls": bool(k // 2 % 2), "bounded": bool(k // 4 % 2)} for k in range(ARMS)
+    ]
+    return [Palletiser(rng, **kind) for kind in kinds]
 
 
 def test_the_tool_is_where_plain_trigonometry_puts_it() -> None:
@@ -94,12 +114,16 @@ def test_the_pose_that_made_a_point_is_listed_and_each_one_once() -> None:
             if rng.random() < 0.3:  # at a limit
                 k = rng.integers(arm.chain.n)
                 q[k] = arm.limits[k, rng.integers(2)]
+            if not arm.keeps(q):
+                refused = arm.solver.solve(Target.of(arm.point(q)), 0.01)
+                assert arm.keeps(refused.q).all()
+                continue
             T = arm.chain.forward(q)
             roll = float(q[3]) if arm.rolls else None
             for target in (Target.of(T[:3, 3], None, roll), Target.of(T[:3, 3], rotation=T[:3, :3])):
                 found = arm.solver.solve(target, 0.01)
                 assert np.abs(found.q - q).max(axis=1).min() < 1e-7
-                assert found.residual_m.max() < 1e-9
+                assert found.residual_m.max() < 1e-9 and arm.keeps(found.q).all()
                 assert (found.q >= arm.limits[:, 0]).all() and (found.q <= arm.limits[:, 1]).all()
                 apart = np.abs(found.q[:, None] - found.q[None]).max(axis=2) + np.eye(len(found))
                 assert apart.min() > 1e-9
@@ -125,7 +149,7 @@ def test_every_solution_that_a_sweep_finds_is_listed() -> None:
         full = np.column_stack([starts, np.zeros(len(starts))]) if arm.rolls else starts
         there = np.linalg.norm(arm.point(full) - point, axis=1) < 1e-10
         inside = ((starts >= low) & (starts <= high)).all(axis=1)
-        for one in starts[there & inside]:
+        for one in starts[there & inside & arm.keeps(starts)]:
             assert np.abs(found.q[:, :3] - one).max(axis=1).min() < 1e-5
 
 
@@ -135,6 +159,7 @@ def test_the_nearest_point_is_never_beaten() -> None:
     for arm in random_arms():
         grid = np.stack(np.meshgrid(*[np.linspace(low, high, 41) for low, high in arm.limits[:3]]), axis=-1)
         grid = grid.reshape(-1, 3)
+        grid = grid[arm.keeps(grid)]
         points = arm.point(np.column_stack([grid, np.zeros(len(grid))]))
         target = rng.uniform(-0.5, 0.5, 3)
         found = arm.solver.solve(Target.of(target), 0.01)
@@ -144,6 +169,7 @@ def test_the_nearest_point_is_never_beaten() -> None:
         assert found.reason
         assert found.nearest_q is not None and found.nearest_m is not None
         assert (found.nearest_q >= arm.limits[:, 0]).all() and (found.nearest_q <= arm.limits[:, 1]).all()
+        assert arm.keeps(found.nearest_q)
         away = np.linalg.norm(found.nearest_m - target)
         assert away <= np.linalg.norm(points - target, axis=1).min() + 1e-9
     assert refused > ARMS // 2
@@ -271,3 +297,58 @@ def test_a_robot_file_says_which_joints_a_link_follows(tmp_path: Path) -> None:
 def test_rods_that_make_no_sense_are_refused(tmp_path: Path, hand: str, said: str) -> None:
     with pytest.raises(RobotFileError, match=said):
         load(tmp_path, hand)
+
+
+@pytest.mark.parametrize("name", ["mearm", "eezybotarm_mk2", "uarm"])
+def test_upper_arm_and_forearm_do_not_fold_onto_each_other(name: str) -> None:
+    robot = armctl.load_robot(name)
+    (limit,) = robot.chain.turn_limits
+    low, high = limit.lower, limit.upper
+    folded = robot.pose("home")
+    folded[1:3] = robot.limits[1, 1], robot.limits[2, 0]  # each inside its own limits
+    turn = folded[2] - folded[1]
+    assert turn < low
+    words = f"the angle between Shoulder and Elbow: {math.degrees(turn):.2f}° is outside"
+    with pytest.raises(MotionRefusedError, match=re.escape(words)):
+        robot.check_limits(folded)
+    tip = robot.forward(folded)[:3, 3]
+    found = robot.inverse(tip)
+    assert all(low <= q[2] - q[1] <= high for q in found)
+    assert any(
+        "the angle between Shoulder and Elbow needs" in one
+        for b in robot.branches(tip)
+        for one in b.forbidden
+    )
+    if not found.success:
+        assert "the angle between Shoulder and Elbow needs" in found.explanation
+    # each joint for itself: the slower one leaves the fast one to fold the arm on the way
+    slow = replace(robot.joints[1], speed=0.1 * robot.joints[1].speed)
+    robot = replace(robot, joints=(robot.joints[0], slow, *robot.joints[2:]))
+    start, end = robot.pose("home"), robot.pose("home")
+    start[1:3] = robot.limits[1, 1], robot.limits[1, 1] + low + 0.05
+    end[1:3] = robot.limits[1, 1] - 0.5, robot.limits[1, 1] + low - 0.4
+    with pytest.raises(MotionRefusedError, match="the angle between Shoulder and Elbow: at "):
+        plan_joints(robot, start, end, profile="normal")
+    plan_joints(robot, start, end)
+
+
+def test_a_limit_between_links_belongs_to_a_row_that_follows(tmp_path: Path) -> None:
+    text = (robots_folder() / "mearm.toml").read_text()
+    for old, new, says in (
+        ("between_deg = [-150, -20]", "between_deg = [-20, -150]", "row 3: between_deg = [-20.0, -150.0]"),
+        (
+            'joint = "shoulder" }',
+            'joint = "shoulder", between_deg = [0, 1] }',
+            "only a row that follows joints",
+        ),
+        (
+            "rest = [0, 110, -30]",
+            "rest = [0, 135, -30]",
+            "poses.rest: the angle between Shoulder and Elbow: -165.00°",
+        ),
+    ):
+        assert old in text
+        path = tmp_path / "mearm.toml"
+        path.write_text(text.replace(old, new))
+        with pytest.raises(RobotFileError, match=re.escape(says)):
+            armctl.load_robot(path)

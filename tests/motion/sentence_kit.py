@@ -78,15 +78,29 @@ def descended(
 
 def nearest(
     robot: Robot, goal: FloatArray, limits: FloatArray, rng: np.random.Generator, *, pitched: bool = False,
-    starts: int = 60, first: FloatArray | None = None,
+    starts: int = 60, first: FloatArray | None = None, between: dict[int, tuple[float, float]] | None = None,
 ) -> float:  # fmt: skip
-    """The least distance from a goal that many starts find inside limits (n, 2)."""
+    """The least distance from a goal that many starts find inside limits (n, 2).
+
+    ``between``: what each link may turn by, those of the robot where it is None; passing it costs as much as
+    a far goal.
+    """
+    if between is None:
+        between = {one.link: (one.lower, one.upper) for one in robot.chain.turn_limits}
     low, high = limits.T
     spread = rng.uniform(low, high, (3000, robot.n))
 
-    def function(q: FloatArray) -> FloatArray:
-        return features(robot, q, pitched=pitched)
+    def beyond(q: FloatArray) -> FloatArray:
+        turns = q if robot.chain.coupling is None else q @ robot.chain.coupling.T
+        over = [
+            np.maximum(np.maximum(a - turns[:, k], turns[:, k] - b), 0.0) for k, (a, b) in between.items()
+        ]
+        return 100.0 * np.array(over).reshape(-1, len(q)).T
 
+    def function(q: FloatArray) -> FloatArray:
+        return np.column_stack([features(robot, q, pitched=pitched), beyond(q)])
+
+    goal = np.append(goal, np.zeros(len(between)))
     off = np.linalg.norm(function(spread) - goal, axis=1)
     q = spread[np.argsort(off)[:starts]]
     if first is not None:

@@ -51,6 +51,19 @@ def check_limits(robot: Robot, k: int, low: str, high: str) -> None:
     assert degrees_near(float(low), robot.limits[k, 0]) and degrees_near(float(high), robot.limits[k, 1])
 
 
+def inside(robot: Robot, rng: np.random.Generator) -> FloatArray:
+    """(n,) a configuration inside all limits."""
+    while True:
+        q = rng.uniform(robot.limits[:, 0], robot.limits[:, 1])
+        C = robot.chain.coupling
+        if all(
+            one.lower <= float(C[one.link] @ q) <= one.upper
+            for one in robot.chain.turn_limits
+            if C is not None
+        ):
+            return q
+
+
 # Refused targets.
 
 
@@ -70,14 +83,21 @@ class Asked:
         solutions = robot.inverse(self.point, self.pitch, self.roll)
         self.said = solutions.explanation
 
-    def away(self, limits: FloatArray, *, pitched: bool, near: dict[int, float] | None = None) -> float:
+    def away(
+        self,
+        limits: FloatArray,
+        *,
+        pitched: bool,
+        near: dict[int, float] | None = None,
+        between: dict[int, tuple[float, float]] | None = None,
+    ) -> float:
         """How far off the arm stays inside some limits [m]: brute force, also from joints at given angles."""
         pitched = pitched and self.pitch is not None
         goal = np.append(self.point, math.sin(self.pitch or 0.0)) if pitched else self.point
         first = self.rng.uniform(limits[:, 0], limits[:, 1], (60 if near else 1, self.robot.n))
         for k, angle in (near or {}).items():
             first[:, k] = angle
-        return nearest(self.robot, goal, limits, self.rng, pitched=pitched, first=first)
+        return nearest(self.robot, goal, limits, self.rng, pitched=pitched, first=first, between=between)
 
 
 def check_target(asked: Asked) -> None:
@@ -115,11 +135,11 @@ def check_reason(asked: Asked, text: str) -> None:
         wide = np.column_stack([np.full(robot.n, -math.pi), np.full(robot.n, math.pi)])
         held = robot.limits[:, 0] == robot.limits[:, 1]
         wide[held] = robot.limits[held]
-        free = asked.away(wide, pitched=False)
+        free = asked.away(wide, pitched=False, between={})
         if "the target would be" in text and not rolled:
             assert abs(1000 * free - miss) <= 0.06, text
         else:  # a bound, or a wrist at a pitch: the links alone do not reach it
-            assert asked.away(wide, pitched=True) > 1e-6, text
+            assert asked.away(wide, pitched=True, between={}) > 1e-6, text
     elif found := re.fullmatch(
         rf"inside the ({NUMBER}) mm cylinder .* is ({NUMBER}) mm from the axis, .*", text
     ):
@@ -189,14 +209,22 @@ def check_needs(asked: Asked, text: str, *, pitched: bool) -> None:
     alternatives = max(2 if way and way[3] else 1 for way in ways)
     for which in range(alternatives):
         wide, near = robot.limits.copy(), dict[int, float]()
+        between = {one.link: (one.lower, one.upper) for one in robot.chain.turn_limits}
         for way in ways:
             assert way is not None
+            angles = [one for one in robot.chain.turn_limits if one.name == way[1]]
+            if angles:
+                (limit,), angle = angles, math.radians(float(way[2]))
+                assert not limit.lower < angle < limit.upper, text
+                assert degrees_near(float(way[4]), limit.lower) and degrees_near(float(way[5]), limit.upper)
+                between[limit.link] = min(limit.lower, angle - 2e-4), max(limit.upper, angle + 2e-4)
+                continue
             k, angle = joint_of(robot, way[1]), math.radians(float(way[3 if way[3] and which else 2]))
             check_limits(robot, k, way[4], way[5])
             assert not robot.limits[k, 0] < angle < robot.limits[k, 1], text
             near[k] = angle
             wide[k] = min(wide[k, 0], angle - 2e-4), max(wide[k, 1], angle + 2e-4)
-        assert asked.away(wide, pitched=pitched, near=near) < 1e-6, text
+        assert asked.away(wide, pitched=pitched, near=near, between=between) < 1e-6, text
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -227,9 +255,8 @@ class Led:
     """A line or an arc from a random start."""
 
     def __init__(self, robot: Robot, rng: np.random.Generator) -> None:
-        low, high = robot.limits.T
         self.robot, self.rng = robot, rng
-        self.start: FloatArray = rng.uniform(low, high)
+        self.start: FloatArray = inside(robot, rng)
         self.tool = tools(robot, self.start[None])[0]
         begin, size = self.tool[:3, 3], float(np.linalg.norm(self.tool[:3, 3]))
         self.end: FloatArray = begin + rng.uniform(-0.5, 0.5, 3) * size
@@ -409,8 +436,7 @@ def test_of_lines_and_arcs(name: str) -> None:
 
 
 def motions(robot: Robot, rng: np.random.Generator) -> Iterator[tuple[Trajectory, bool]]:
-    low, high = robot.limits.T
-    a, b, c = rng.uniform(low, high, (3, robot.n))
+    a, b, c = (inside(robot, rng) for _ in range(3))
     yield PointToPoint.lasting(a, b, float(rng.uniform(0.2, 4.0))), False
     yield PointToPoint.lasting(a, b + 0.2 * rng.random(robot.n), 5.0), True
     yield plan_spline(robot, [a, b, c], checked=False), True
@@ -425,7 +451,13 @@ def check_finding(robot: Robot, motion: Trajectory, finding: Finding, payload: f
     q = state.q[0]
     number = [float(value) for value in re.findall(NUMBER, finding.what)]
     titles = [joint.title for joint in robot.joints]
-    if finding.kind == "limits":
+    angles = {one.name: one for one in robot.chain.turn_limits}
+    if finding.kind == "limits" and finding.part in angles:
+        limit = angles[finding.part]
+        turns = np.degrees(state.q @ np.array(robot.chain.coupling)[limit.link])
+        assert min(abs(turns - number[0])) <= 0.05, text
+        assert not limit.lower <= math.radians(number[0]) <= limit.upper
+    elif finding.kind == "limits":
         k = titles.index(finding.part)
         check_limits(robot, k, *re.findall(NUMBER, finding.what)[1:])
         assert min(abs(np.degrees(state.q[:, k]) - number[0])) <= 0.03, text

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from armctl import load_robot, shipped_robots
+from armctl.cli.main import cli
 from armctl.errors import InputError, RobotFileError
-from armctl.robot import robots_folder, user_robots
+from armctl.robot import hidden_robots, robot_title, robots_folder, user_robots
 from armctl.robot.draft import BUILDS, Build, Draft, build_named
 
 
@@ -49,6 +51,18 @@ def test_a_shipped_file_can_be_made_anew(name: str) -> None:
     rest = {key: table.get(key) for key in ("source", "assumed", "board", "gripper", "bodies", "floor")}
     rest |= {key: table.get(key) for key in ("look", "payload_kg", "points", "capsules", "obstacles")}
     assert entered.changed(**rest).robot() == robot == whole.robot()
+
+
+def test_a_shipped_name_means_the_shipped_robot_and_the_user_is_told(folder: Path) -> None:
+    folder.mkdir(parents=True)
+    own = folder / "scorbot.toml"
+    own.write_text((robots_folder() / "scorbot.toml").read_text().replace('title = "', 'title = "My '))
+    assert load_robot("scorbot").title == robot_title("scorbot") != load_robot(own).title
+    assert load_robot(own).title == robot_title(str(own)) == f"My {load_robot('scorbot').title}"
+    assert user_robots() == () and hidden_robots() == (own,)
+    said = CliRunner().invoke(cli, ["robots"])
+    assert said.exit_code == 0
+    assert f"{own} has the name of a shipped robot: open it by its path, or rename it" in said.stderr
 
 
 def test_what_is_wrong_is_said_and_nothing_is_saved(folder: Path) -> None:

@@ -267,6 +267,18 @@ def test_it_stops_above_the_floor_and_comes_up_again() -> None:
     assert floor.clearance(rig.now.q_command).min() > 0.02
 
 
+def test_it_stops_where_two_links_would_fold_onto_each_other() -> None:
+    rig = enabled(load_robot("mearm"))
+    (limit,) = rig.robot.chain.turn_limits
+    hold(rig, Jog(np.array([0.0, 0.0, -1.0])), 2.0)
+    turns = np.array([s.q_command[2] - s.q_command[1] for s in rig.history])
+    assert limit.lower <= turns.min() < limit.lower + np.radians(1)
+    assert rig.now.warnings == ("jog: the angle between Shoulder and Elbow is at its limit",)
+    assert rig.now.state is not State.FAULT
+    hold(rig, Jog(np.array([0.0, 0.0, 1.0])), 0.3)
+    assert rig.now.q_command[2] - rig.now.q_command[1] > limit.lower + np.radians(5)
+
+
 def test_letting_go_near_the_floor_does_not_carry_it_through() -> None:
     floor = Floor(ROBOT)
     for ticks in range(20, 75, 3):

@@ -20,7 +20,7 @@ from armctl.kinematics import (
     roll_pitch_yaw,
     rotation_of,
 )
-from armctl.robot import Robot, load_robot, shipped_robots, user_robots
+from armctl.robot import Robot, hidden_robots, load_robot, shipped_robots, user_robots
 
 _LISTED = 20
 _LABEL, _NARROWEST = 17, 11
@@ -42,6 +42,10 @@ def robots(as_json: bool) -> None:
     _print_robots(arms, as_json)
     for name, refusal in refused:
         click.echo(f"armctl: {name} cannot be opened: {refusal}", err=True)
+    for path in hidden_robots():
+        click.echo(
+            f"armctl: {path} has the name of a shipped robot: open it by its path, or rename it", err=True
+        )
 
 
 def _print_robots(arms: Sequence[Robot], as_json: bool) -> None:

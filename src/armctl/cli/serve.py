@@ -23,11 +23,11 @@ from armctl.calibration import CalibrationStore
 from armctl.cli.ending import end_event
 from armctl.cli.options import has_display, park_option, port_option
 from armctl.documents import sweep_litter
-from armctl.errors import ArmctlError, RobotFileError, ServerError
+from armctl.errors import ArmctlError, ServerError
 from armctl.hardware.boards import board_type
 from armctl.hardware.ports import list_ports
 from armctl.process import start_arm
-from armctl.robot import Robot, load_robot, shipped_robots, user_robots
+from armctl.robot import Robot, hidden_robots, load_robot, robot_title, shipped_robots, user_robots
 from armctl.runtime import Connect, Event, Origin, wall_time
 from armctl.ui import (
     App,
@@ -216,13 +216,9 @@ def _open_console(name: str, port: str, asked: str, pin: str) -> Console:
 
 def _robot_choices(present: RobotChoice) -> list[RobotChoice]:
     """The shipped robots, the user's own, and the present one if it is a file elsewhere."""
-    choices: list[RobotChoice] = []
-    for name in (*shipped_robots(), *user_robots()):
-        try:
-            title = load_robot(name).title
-        except RobotFileError:  # choosing it says what is wrong with it
-            title = name
-        choices.append(RobotChoice(name, title))
+    choices = [RobotChoice(name, robot_title(name)) for name in (*shipped_robots(), *user_robots())]
+    for path in map(str, hidden_robots()):
+        choices.append(RobotChoice(path, f"{robot_title(path)} (your own file)"))
     return choices if present in choices else [*choices, present]
 
 

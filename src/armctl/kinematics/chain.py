@@ -18,11 +18,11 @@ from functools import partial
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import FloatArray, content
 from armctl.errors import InputError
-from armctl.kinematics.angles import half_angle_cos_sin
+from armctl.kinematics.angles import LIMIT_TOLERANCE, half_angle_cos_sin
 from armctl.kinematics.target import as_numbers, require_finite
 
 Convention = Literal["standard", "modified"]
@@ -63,6 +63,16 @@ class Place(NamedTuple):
     """(4, 4), metres"""
 
 
+class TurnLimit(NamedTuple):
+    """How far a link of a parallel linkage may turn against the one ahead: as ``Chain.turns`` [rad]."""
+
+    link: int
+    lower: float
+    upper: float
+    name: str
+    """of that angle, for messages"""
+
+
 class Chain:
     """A chain of n revolute joints. Immutable; safe in several threads.
 
@@ -79,18 +89,22 @@ class Chain:
         rows: Sequence[DHRow] = (),
         convention: Convention | None = None,
         coupling: ArrayLike | None = None,
+        turn_limits: Sequence[TurnLimit] = (),
     ) -> None:
         """Of m poses (4, 4) of a turning link's frame in the link ahead, and of the tool in the last link.
 
         ``rows`` are the DH rows that say the same, if there are any, and ``places`` the base and the frames
         behind them; without rows: the base, the links, the tool. ``coupling`` (m, n): the turn of each link
-        by a turn of each joint; None: each link has its own joint.
+        by a turn of each joint; None: each link has its own joint. ``turn_limits``: of links, besides those
+        of the joints.
         """
         if not segments:
             raise InputError("a chain needs at least one row with a joint")
         self.segments, self.tail = tuple(segments), tail
         self.coupling = None if coupling is None else _checked_coupling(coupling, len(segments))
         """(m, n) read-only, or None"""
+        self.turn_limits = tuple(turn_limits)
+        """what configurations must keep besides the limits of each joint (``turn_excess``)"""
         self.n = len(segments) if self.coupling is None else self.coupling.shape[1]
         """number of joints"""
         self.rows, self.convention = tuple(rows), convention
@@ -121,13 +135,14 @@ class Chain:
 
     @property
     def _says(self) -> tuple[Any, ...]:
-        return self.segments, self.tail, self.places, self.rows, self.convention, self.coupling
+        says = self.segments, self.tail, self.places, self.rows, self.convention, self.coupling
+        return (*says, self.turn_limits)
 
     def __reduce__(self) -> tuple[Callable[..., Chain], tuple[object, ...]]:
         """Pickled and copied through the constructor, so that the arrays stay read-only."""
-        segments, tail, places, rows, convention, coupling = self._says
-        keywords = {"places": places, "rows": rows, "convention": convention, "coupling": coupling}
-        return partial(type(self), **keywords), (segments, tail)
+        segments, tail, *says = self._says
+        names = ("places", "rows", "convention", "coupling", "turn_limits")
+        return partial(type(self), **dict(zip(names, says, strict=True))), (segments, tail)
 
     @classmethod
     def from_dh(
@@ -135,8 +150,9 @@ class Chain:
         rows: Sequence[DHRow],
         convention: Convention = "standard",
         coupling: ArrayLike | None = None,
+        turn_limits: Sequence[TurnLimit] = (),
     ) -> Self:
-        """A chain of DH rows; ``coupling`` (m, n) of the m rows that turn, as of ``Chain``.
+        """A chain of DH rows; ``coupling`` (m, n) of the m rows that turn, ``turn_limits`` as of ``Chain``.
 
         Standard (distal) rows are ``Rz(theta) Tz(d) Tx(a) Rx(alpha)``, modified (Craig, proximal) rows
         ``Rx(alpha) Tx(a) Rz(theta) Tz(d)``.
@@ -160,7 +176,10 @@ class Chain:
             if convention == "standard":
                 T_link_frame = T_link_frame @ _x_part(row)
             places.append(Place(len(segments) - 1, T_link_frame))
-        return cls(segments, T_link_frame, places=places, rows=rows, convention=convention, coupling=coupling)
+        return cls(
+            segments, T_link_frame, places=places, rows=rows, convention=convention, coupling=coupling,
+            turn_limits=turn_limits,
+        )  # fmt: skip
 
     @classmethod
     def from_joints(cls, origins: Sequence[FloatArray], axes: Sequence[FloatArray], tool: FloatArray) -> Self:
@@ -186,8 +205,33 @@ class Chain:
         """How far each link turns (..., m) [rad] at joint angles ``q`` (..., n)."""
         return q if self.coupling is None else q @ self.coupling.T
 
+    def turn_excess(self, q: FloatArray) -> FloatArray:
+        """By how much ``q`` (..., n) passes each of k ``turn_limits``: (..., k) [rad], negative inside."""
+        if not self.turn_limits:
+            return np.empty((*q.shape[:-1], 0))
+        turns = self.turns(q)[..., [limit.link for limit in self.turn_limits]]
+        low = np.array([limit.lower for limit in self.turn_limits])
+        high = np.array([limit.upper for limit in self.turn_limits])
+        return np.maximum(low - turns, turns - high)
+
+    def keeps_turns(self, q: FloatArray, tolerance: float = LIMIT_TOLERANCE) -> NDArray[np.bool_]:
+        """Where ``q`` (..., n) keeps all ``turn_limits``: (...)."""
+        return np.asarray((self.turn_excess(q) <= tolerance).all(axis=-1))
+
+    def without_turn_limits(self) -> Chain:
+        """The same, whatever its links turn by."""
+        if not self.turn_limits:
+            return self
+        segments, tail, places, rows, convention, coupling, _ = self._says
+        return Chain(segments, tail, places=places, rows=rows, convention=convention, coupling=coupling)
+
     def with_last_held(self, angle: float) -> Chain:
-        """The chain of the joints before the last one, which is held at an angle [rad]."""
+        """The chain of the joints before the last one, which is held at an angle [rad].
+
+        ``InputError``: a parallel linkage, whose links follow several joints.
+        """
+        if self.coupling is not None:
+            raise InputError("of a parallel linkage no joint can be held by itself: its links follow several")
         T = np.eye(4)
         c, s = math.cos(angle), math.sin(angle)
         T[:2, :2] = [[c, -s], [s, c]]
@@ -422,6 +466,7 @@ class LinkFrames:
 
 def _checked_coupling(coupling: ArrayLike, links: int) -> FloatArray:
     C = as_numbers(coupling, "a coupling").copy()
+    require_finite(C, "a coupling")
     if C.ndim != 2 or len(C) != links or np.linalg.matrix_rank(C) != C.shape[1]:
         raise InputError(
             f"a coupling has one row for each of {links} links and a column for each joint, and each joint "

@@ -91,7 +91,8 @@ class BranchFinder:
         turn = np.maximum(0.5 * (high - low), math.pi)
         held = high - low < _SAME
         wide = np.where(held[:, None], limits, np.stack([middle - turn + _OPEN_END, middle + turn], axis=1))
-        self._solver = inverse_kinematics(chain, wide, energy, titles)
+        self._chain = chain
+        self._solver = inverse_kinematics(chain.without_turn_limits(), wide, energy, titles)
 
     def find(self, target: Target) -> tuple[Branch, ...]:
         """All branches by order of their names; none where nothing meets the target, or a joint is free."""
@@ -116,5 +117,10 @@ class BranchFinder:
             why = [
                 needs(self._titles[k], self._limits[k], float(q[k])) for k in np.flatnonzero(outside).tolist()
             ]
-            found.append(Branch(str(solutions.branch[i]), np.where(outside, q, inside), tuple(why)))
+            q = np.where(outside, q, inside)
+            turns = self._chain.turns(q)
+            for limit, excess in zip(self._chain.turn_limits, self._chain.turn_excess(q), strict=True):
+                if excess > LIMIT_TOLERANCE:
+                    why.append(needs(limit.name, (limit.lower, limit.upper), float(turns[limit.link])))
+            found.append(Branch(str(solutions.branch[i]), q, tuple(why)))
         return tuple(found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -50,6 +51,7 @@ def sample_workspace(chain: Chain, limits: FloatArray, count: int) -> WorkspaceS
     Far more configurations are tried; space is divided into cells, and a cell keeps its first point.
     """
     q = joint_samples(limits, _CANDIDATES_A_POINT * count)
+    q = q[chain.keeps_turns(q)]
     points = chain.forward(q)[:, :3, 3]
     kept = _spread(points, count)
     return WorkspaceSamples(q[kept], points[kept], manipulability(chain.jacobian(q[kept])[:, :3]))
@@ -59,12 +61,16 @@ def workspace_extent(chain: Chain, limits: FloatArray) -> Extent:
     """How far the tool comes sideways, down and up inside joint limits (n, 2)."""
     base, axes = chain.axes()
 
-    def sideways(q: FloatArray) -> FloatArray:
-        return np.linalg.norm(np.cross(axes[0], chain.forward(q)[:, :3, 3] - base[0]), axis=1)
+    def sideways(tips: FloatArray) -> FloatArray:
+        return np.linalg.norm(np.cross(axes[0], tips - base[0]), axis=1)
 
-    down, _ = greatest(lambda q: -chain.forward(q)[:, 2, 3], limits)
-    up, _ = greatest(lambda q: chain.forward(q)[:, 2, 3], limits)
-    return Extent(greatest(sideways, limits)[0], -down, up)
+    def most(measure: Callable[[FloatArray], FloatArray]) -> float:
+        def value(q: FloatArray) -> FloatArray:
+            return np.where(chain.keeps_turns(q), measure(chain.forward(q)[:, :3, 3]), -1e9)
+
+        return greatest(value, limits)[0]
+
+    return Extent(most(sideways), -most(lambda tips: -tips[:, 2]), most(lambda tips: tips[:, 2]))
 
 
 def longest_levers(chain: Chain, limits: FloatArray) -> FloatArray:
@@ -220,6 +226,7 @@ class SampledSection:
         held = limits.copy()
         held[0] = 0.0
         q = joint_samples(held, _SAMPLES)
+        q = q[chain.keeps_turns(q)]
         self._rho, self._z, self._azimuth = self._cylindrical(chain.forward(q)[:, :3, 3])
         self.cell_m = 2.0 * max(float(self._rho.max()), float(np.ptp(self._z)) / 2) / _CELLS
 

@@ -145,7 +145,9 @@ def sources(robot: Robot) -> tuple[Gaps, ...]:
 def stands_clear(robot: Robot, q: FloatArray) -> bool:
     """Whether an arm may stand at ``q`` (n,) [rad]."""
     links = LinkFrames.at(robot.chain, q[None])
-    return all((one.gaps(links).T >= one.closed - FLOOR_TOLERANCE_M).all() for one in sources(robot))
+    return bool(robot.chain.keeps_turns(q)) and all(
+        (one.gaps(links).T >= one.closed - FLOOR_TOLERANCE_M).all() for one in sources(robot)
+    )
 
 
 _QUARTER = np.pi / 2
@@ -172,7 +174,7 @@ def clear_pose(robot: Robot) -> FloatArray | None:
     )
     q = np.array([angles for _, angles in turned])
     links = LinkFrames.at(robot.chain, q)
-    clear = np.ones(len(q), dtype=bool)
+    clear = robot.chain.keeps_turns(q)
     for source in sources(robot):
         if source.parts:
             room = _ROOM_M if source.kind == "floor" else 0.0

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -86,8 +87,9 @@ def preflight(
 ) -> list[Finding]:
     """Check one motion: errors first, then warnings, each in the order of time.
 
-    - Joint limits, speed and acceleration by the peaks of the trajectory, and the jerk of a profile that
-      limits it; rest at both ends (``at_rest``).
+    - Limits of joints and of angles between links, speed and acceleration by the peaks of the trajectory, and
+      the jerk of a profile that limits it; rest at both ends (``at_rest``), the same speed on both sides of
+      each seam.
     - Floor, obstacles and self-collision over the whole motion (``gap_finding``).
     - Singularities of the tool point, which must not cut a ``tool_path``, and gravity torque (with
       ``payload_kg`` instead of the robot file's) against stall torque, at the samples.
@@ -97,9 +99,10 @@ def preflight(
     if payload_kg is not None and checked_number(payload_kg, "a payload") < 0.0:
         raise InputError(f"a payload must be at least 0 kg, got {payload_kg}")
     links = LinkFrames.at(robot.chain, motion.q)
-    findings = [*_limit_findings(motion)]
+    findings = [*_limit_findings(motion), *_turn_findings(motion)]
     for kind in _RATES:
         findings += _rate_findings(motion, kind)
+    findings += _seam_findings(motion)
     for source in sources(robot):
         finding = gap_finding(motion, source, source.gaps(links))
         if finding is not None:
@@ -168,6 +171,11 @@ class SampledMotion:
         self.speed = np.concatenate(speeds)
         """(m, n) largest joint speeds of the part that each sample belongs to [rad/s]"""
         self.peaks = peaks_of(trajectory)
+        ends = [
+            (begins, state[1]) for (_, begins), state in zip(parts, states, strict=True) if len(state[1]) > 1
+        ]
+        self.seams = [(at, after[0] - before[-1]) for (_, before), (at, after) in pairwise(ends)]
+        """when each part but the first begins [s], and how far the joint speeds jump there (n,) [rad/s]"""
 
     def told(self, time: float, holds: Callable[[float], bool]) -> tuple[float, int]:
         """A time as a text says it [s], and with how many decimals: hundredths, if it holds there, or finer.
@@ -228,6 +236,27 @@ def _limit_findings(motion: SampledMotion) -> Iterator[Finding]:
         )
 
 
+def _turn_findings(motion: SampledMotion) -> Iterator[Finding]:
+    """Angles between links of a parallel linkage beyond their limits."""
+    chain = motion.robot.chain
+    for k, limit in enumerate(chain.turn_limits):
+
+        def room(time: FloatArray, k: int = k) -> FloatArray:
+            return -chain.turn_excess(motion.trajectory.sample(time).q)[:, k]
+
+        at = int(chain.turn_excess(motion.q)[:, k].argmax())
+        when = motion.least_at(room, *motion.beside(at))
+        if room(np.array([when]))[0] < -_ANGLE_TOLERANCE:
+            turn = float(chain.turns(motion.trajectory.sample(np.array([when])).q)[0, limit.link])
+            yield Finding(
+                outside(limit.lower, limit.upper, turn),
+                when,
+                limit.name,
+                "keep away from this limit: another target, or a way by another point",
+                "limits",
+            )
+
+
 def _when_least(motion: SampledMotion, j: int, sense: float) -> float:
     """When the angle of joint ``j`` times ``sense`` is least [s]."""
     beside = motion.beside(int((sense * motion.q[:, j]).argmin()))
@@ -278,6 +307,20 @@ def _when_most(motion: SampledMotion, order: int, j: int, at: int) -> tuple[floa
         if rates.max(initial=0.0) >= _AS_FAST * most:
             return float(times[rates.argmax()]), digits
     return when, 2
+
+
+def _seam_findings(motion: SampledMotion) -> Iterator[Finding]:
+    """Joints whose speed jumps where one part of a joined trajectory ends and the next begins."""
+    for when, jump in motion.seams:
+        j = int(np.abs(jump).argmax())
+        if abs(jump[j]) > _REST_SPEED:
+            yield Finding(
+                f"its speed jumps by {np.degrees(abs(jump[j])):.2f} °/s between two parts of the motion",
+                when,
+                motion.robot.joints[j].title,
+                "let a part end as fast as the next one begins, or let both be at rest there",
+                "acceleration",
+            )
 
 
 def _rest_findings(motion: SampledMotion) -> Iterator[Finding]:

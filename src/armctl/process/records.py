@@ -14,7 +14,7 @@ import numpy as np
 from armctl.arrays import read_only
 from armctl.errors import ArmctlError, InputError, ProgramError
 from armctl.kinematics import Chain, Target
-from armctl.kinematics.chain import DHRow, Place
+from armctl.kinematics.chain import DHRow, Place, TurnLimit
 from armctl.kinematics.target import as_numbers
 from armctl.motion import Trajectory
 from armctl.motion.polynomial import PiecewisePolynomial
@@ -272,7 +272,7 @@ def robot_record(robot: Robot) -> dict[str, Any]:
     def plain(value: object) -> object:
         match value:
             case Chain():
-                names = ("segments", "tail", "places", "rows", "convention", "coupling")
+                names = ("segments", "tail", "places", "rows", "convention", "coupling", "turn_limits")
                 return {name: getattr(value, name) for name in names}
             case Mapping():
                 return dict(cast("Mapping[str, object]", value))
@@ -299,6 +299,7 @@ def robot_of(record: dict[str, Any]) -> Robot:
             rows=rows,
             convention=value["convention"],
             coupling=value["coupling"],
+            turn_limits=msgspec.convert(value["turn_limits"], tuple[TurnLimit, ...]),
         )
 
     hints = get_type_hints(Robot)

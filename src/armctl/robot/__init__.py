@@ -1,9 +1,11 @@
 """What an arm is, and the robot files that say so."""
 
 from armctl.robot.load import (
+    hidden_robots,
     is_urdf,
     load_robot,
     robot_path,
+    robot_title,
     robots_folder,
     shipped_robots,
     urdf_path,
@@ -20,9 +22,11 @@ __all__ = [
     "Joint",
     "OutputMap",
     "Robot",
+    "hidden_robots",
     "is_urdf",
     "load_robot",
     "robot_path",
+    "robot_title",
     "robots_folder",
     "shipped_robots",
     "urdf_path",

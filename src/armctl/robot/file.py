@@ -39,7 +39,8 @@ class DHRowEntry(Strict, frozen=True):
     """One DH row; without ``joint`` it is fixed at ``theta_deg``, with it ``theta_deg`` is the offset.
 
     Rods of a parallel linkage: a row that ``follows`` joints turns by its factor times the angle of each,
-    besides its own joint. Without a joint of its own it needs a name, ``link``.
+    besides its own joint. Without a joint of its own it needs a name, ``link``. The joint limits alone may
+    let two links fold onto each other: ``between_deg`` limits the sum that the link turns by.
     """
 
     alpha_deg: float
@@ -54,6 +55,8 @@ class DHRowEntry(Strict, frozen=True):
     """the joint that turns this row"""
     follows: dict[Name, Annotated[float, Meta(ge=-10, le=10)]] = {}
     """joint and factor, for rods of a parallel linkage"""
+    between_deg: tuple[Limit, Limit] | None = None
+    """of a row that follows: limits of the angle between its link and the one ahead, 0 as the row has it"""
     link: Name | None = None
     """name of a row that follows joints and has none of its own"""
 

@@ -16,6 +16,7 @@ from armctl.arrays import FloatArray
 from armctl.documents import as_path
 from armctl.errors import RobotFileError
 from armctl.kinematics import Body, Chain, DHRow, GravityModel
+from armctl.kinematics.chain import TurnLimit
 from armctl.robot.board_entries import read_outputs
 from armctl.robot.body import Capsule, capsule
 from armctl.robot.file import (
@@ -29,6 +30,7 @@ from armctl.robot.file import (
 from armctl.robot.parts import JERK_UP_S, Gripper, Joint, Look
 from armctl.robot.robot import Robot
 
+_SIDE_SUFFIX = ".armctl.toml"
 _URDF = re.compile(
     r"(?P<path>.+?\.(?:urdf|xacro|zip|armctl\.toml))(?:#(?P<wanted>.*))?", re.IGNORECASE | re.DOTALL
 )
@@ -56,12 +58,28 @@ def user_robots() -> tuple[str, ...]:
     return tuple(sorted(_user_files().keys() - set(shipped_robots())))
 
 
+def hidden_robots() -> tuple[Path, ...]:
+    """The user's own robots that have the name of a shipped one: the name means that, a path means them."""
+    shipped = set(shipped_robots())
+    return tuple(path for name, path in sorted(_user_files().items()) if name in shipped)
+
+
 def _user_files() -> dict[str, Path]:
     """The user's own robots by name: robot files, side files of URDF arms, folders with a URDF arm."""
     folder = user_robots_folder()
     folders = {path.name: path for path in folder.glob("[!.]*/")}
     files = {path.stem.removesuffix(".armctl"): path for path in folder.glob("*.toml")}
     return folders | files
+
+
+def robot_title(name: str) -> str:
+    """A robot's title, of a robot file without working the rest out; its name where it cannot be read."""
+    try:
+        if is_urdf(name):
+            return load_robot(name).title
+        return ROBOT_FILES.load(robot_path(name), lambda text: str(ROBOT_FILES.parse(text).record["title"]))
+    except (RobotFileError, KeyError):  # choosing it says what is wrong with it
+        return name
 
 
 def is_urdf(name: str | Path) -> bool:
@@ -83,15 +101,25 @@ def urdf_path(name: str | Path) -> tuple[Path, str | None] | None:
 
 
 def robot_path(name: str) -> Path:
-    """The file that a robot's name or path stands for, without the tool link of a URDF file."""
-    if name in shipped_robots():
-        return robots_folder() / f"{name}.toml"
-    return _user_files().get(name, Path(name.split("#")[0]))
+    """The file that a robot's name or path stands for, without the tool link of a URDF file.
+
+    A shipped name means the shipped robot, also where the user has one of that name.
+    """
+    if name and os.path.basename(name) == name:
+        own = user_robots_folder()
+        files = (robots_folder() / f"{name}.toml", own / f"{name}.toml", own / f"{name}{_SIDE_SUFFIX}")
+        for path in files:
+            if os.path.isfile(path):
+                return path
+        if not name.startswith(".") and os.path.isdir(own / name):
+            return own / name
+    return Path(name.split("#")[0])
 
 
 def load_robot(name: str | Path) -> Robot:
     """Load a shipped robot or one of your own by its name, or one from a path.
 
+    A shipped name always means the shipped robot: your own file of that name is opened by its path.
     A path leads to a robot file (``.toml``), or to an arm in URDF: a ``.urdf`` or ``.xacro`` file, a folder
     or a ``.zip`` file with one, or the side file (``.armctl.toml``) beside it. Behind these may stand the
     tool link, and which of its axes is the approach axis: ``arm.urdf#gripper_link,approach=x``.
@@ -124,7 +152,12 @@ def robot_of(content: bytes) -> Robot:
     _check_joints(file, by_name)
     joints = [by_name[row.joint] for row in file.dh.rows if row.joint is not None]
     links = [row for row in file.dh.rows if row.turning is not None]
-    chain = Chain.from_dh([_row(row) for row in file.dh.rows], file.dh.convention, _coupling(links, joints))
+    chain = Chain.from_dh(
+        [_row(row) for row in file.dh.rows],
+        file.dh.convention,
+        _coupling(links, joints),
+        _turn_limits(links, by_name),
+    )
     board, outputs, settings = read_outputs(
         document, [(joint.name, joint.limit_deg) for joint in joints], has_gripper=file.gripper is not None
     )
@@ -152,6 +185,9 @@ def robot_of(content: bytes) -> Robot:
     for needed in ("home", "rest"):
         if needed not in robot.poses:
             raise RobotFileError(f"poses.{needed} is missing; every robot names home and rest")
+    for name, pose in robot.poses.items():
+        if words := robot.turn_words(pose):
+            raise RobotFileError(f"poses.{name}: {'; '.join(words)}")
     return robot
 
 
@@ -173,6 +209,11 @@ def _check_joints(file: RobotFile, by_name: dict[str, JointEntry]) -> None:
             raise RobotFileError(f"{where}: a row with a joint is called after it; leave out link")
         if (row.link is None) != (not row.follows) and row.joint is None:
             raise RobotFileError(f"{where}: a row that follows joints needs a name, link, and the reverse")
+        if row.between_deg is not None and (not row.follows or row.between_deg[0] > row.between_deg[1]):
+            raise RobotFileError(
+                f"{where}: between_deg = {list(row.between_deg)}: only a row that follows joints has it, "
+                "the lower limit first (other links keep to limit_deg of their joint)"
+            )
         for name in row.follows:
             if name not in by_name or name == row.joint:
                 raise RobotFileError(f"{where}: follows {name!r}, which is no other joint")
@@ -202,6 +243,15 @@ def _coupling(links: Sequence[DHRowEntry], joints: Sequence[JointEntry]) -> Floa
         for name, factor in row.follows.items():
             turns[names.index(name)] = factor
     return coupling
+
+
+def _turn_limits(links: Sequence[DHRowEntry], joints: Mapping[str, JointEntry]) -> list[TurnLimit]:
+    titles = ["the base", *(_link_title(row, joints) for row in links)]
+    return [
+        TurnLimit(link, math.radians(low), math.radians(high), f"the angle between {ahead} and {title}")
+        for link, (row, ahead, title) in enumerate(zip(links, titles[:-1], titles[1:], strict=True))
+        for low, high in ([] if row.between_deg is None else [row.between_deg])
+    ]
 
 
 def _link_title(row: DHRowEntry, joints: Mapping[str, JointEntry]) -> str:

@@ -287,7 +287,7 @@ class Robot(ArrayRecord):
         return self.points[name].copy()
 
     def check_limits(self, q: ArrayLike) -> FloatArray:
-        """``q`` (n,) [rad]; ``MotionRefusedError`` names each joint outside its limits, and these."""
+        """``q`` (n,) [rad]; ``MotionRefusedError`` names each joint or angle that is outside."""
         q = self.chain.checked_one(q)
         outside = (q < self.limits[:, 0] - LIMIT_TOLERANCE) | (q > self.limits[:, 1] + LIMIT_TOLERANCE)
         if outside.any():
@@ -297,4 +297,19 @@ class Robot(ArrayRecord):
                 if out
             ]
             raise MotionRefusedError("; ".join(parts))
-        return np.clip(q, self.limits[:, 0], self.limits[:, 1])
+        q = np.clip(q, self.limits[:, 0], self.limits[:, 1])
+        if words := self.turn_words(q):
+            raise MotionRefusedError("; ".join(words))
+        return q
+
+    def turn_words(self, q: FloatArray) -> list[str]:
+        """A sentence for each angle between links that is beyond its limits at ``q`` (n,) [rad]."""
+        chain = self.chain
+        if not chain.turn_limits or chain.keeps_turns(q):
+            return []
+        turns = chain.turns(q)
+        return [
+            f"{limit.name}: {outside_words(limit.lower, limit.upper, float(turns[limit.link]))}"
+            for limit, excess in zip(chain.turn_limits, chain.turn_excess(q), strict=True)
+            if excess > LIMIT_TOLERANCE
+        ]

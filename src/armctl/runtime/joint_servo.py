@@ -154,8 +154,14 @@ class KeepClear:
 
     def blocked(self, path: FloatArray) -> tuple[int, str] | None:
         """First row of ``path`` (k, n) [rad] that may not be, and why; None: all may. Row 0 always may."""
-        links = LinkFrames.at(self._robot.chain, path)
+        chain = self._robot.chain
+        links = LinkFrames.at(chain, path)
         first: tuple[int, str] | None = None
+        excess = chain.turn_excess(path)
+        for k, limit in enumerate(chain.turn_limits):
+            rows = np.flatnonzero(excess[:, k] > max(excess[0, k], 0.0))
+            if len(rows) and (first is None or rows[0] < first[0]):
+                first = int(rows[0]), f"{limit.name} is at its limit"
         for source, words in self._sources:
             if not words:
                 continue

@@ -355,7 +355,10 @@ def _taken_over(core: Core, board: Board, q: FloatArray) -> FloatArray:
             f"{joint.title} stands at {np.degrees(q[i]):.1f}°, outside {np.degrees(joint.lower):.1f}° … "
             f"{np.degrees(joint.upper):.1f}°; {_BACK_INSIDE[core.monitor.reading.source]}"
         )
-    return np.clip(q, low, high)
+    q = np.clip(q, low, high)
+    if words := core.robot.turn_words(q):
+        raise StateError(f"{'; '.join(words)}; {_BACK_INSIDE[core.monitor.reading.source]}")
+    return q
 
 
 def _how_it_began(core: Core, live: BoolArray, source: Source) -> str:

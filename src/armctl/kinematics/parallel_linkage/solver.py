@@ -10,17 +10,19 @@ import cmath
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from typing import Self
 
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import central_image, images, rotation_angle, wrap
+from armctl.errors import InputError
+from armctl.kinematics.angles import LIMIT_TOLERANCE, central_image, images, rotation_angle, wrap
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.samples import checked_step
-from armctl.kinematics.solutions import Solutions, SolvedArm, all_needs, too_far, too_near
+from armctl.kinematics.solutions import Solutions, SolvedArm, needs, too_far, too_near
 from armctl.kinematics.solver import InverseKinematics, held_roll, roll_angles
 from armctl.kinematics.target import Target
 from armctl.kinematics.tool_plane import ToolPlane
@@ -201,7 +203,13 @@ class ParallelLinkageSolver(InverseKinematics):
         for base, pair, index in self._branches(target, tuple(self.limits[0].tolist())):
             both = [images(angle, *self.limits[1 + k].tolist()) for k, angle in enumerate(pair.tolist())]
             for first, second in product(*both):
-                yield np.array([base.angle, first, second]), index
+                q = np.array([base.angle, first, second])
+                if self.chain.keeps_turns(self._whole(q)):
+                    yield q, index
+
+    def _whole(self, q: FloatArray) -> FloatArray:
+        """The first three joints (3,) with the hand's roll, which turns no other link, at 0."""
+        return np.append(q, np.zeros(self.chain.n - 3))
 
     def _branches(
         self, target: Target, yaw_limits: tuple[float, float] | None
@@ -258,22 +266,30 @@ class ParallelLinkageSolver(InverseKinematics):
                 f"neither way round: the wrist would be {near:.1f} mm or {far:.1f} mm from the shoulder, the "
                 f"two links reach from {1000.0 * least:.1f} mm to {1000.0 * most:.1f} mm"
             )
-        best: list[tuple[int, float]] = []
-        smallest = math.inf
+        best, smallest = "", math.inf
+        limits = self.limits[:3].tolist()
         for base, pair, _ in self._branches(target, None):
-            angles = [base.angle, *pair.tolist()]
-            needed: list[tuple[int, float]] = []
-            excess = 0.0
-            for k, angle in enumerate(angles):
-                low, high = self.limits[k].tolist()
-                if not images(angle, low, high):
-                    near = central_image(angle, low, high)
-                    needed.append((k, near))
-                    excess += max(low - near, near - high)
-            if excess < smallest:
-                best, smallest = needed, excess
-        said = all_needs(self.titles, self.limits, best)
-        return f"within the links' reach, but joint limits forbid it: {said}"
+            angles = zip((base.angle, *pair.tolist()), limits, strict=True)
+            ways = [images(angle, *pair) or [central_image(angle, *pair)] for angle, pair in angles]
+            for q in map(np.array, product(*ways)):
+                said, excess = self._needs(q)
+                if excess < smallest:
+                    best, smallest = said, excess
+        return f"within the links' reach, but joint limits forbid it: {best}"
+
+    def _needs(self, q: FloatArray) -> tuple[str, float]:
+        """Which limits the first three joints (3,) would have to leave, and by how much in all [rad]."""
+        chain, low, high = self.chain, *self.limits[:3].T
+        over = np.maximum(low - q, q - high)
+        said = [
+            needs(self.titles[k], self.limits[k], float(q[k])) for k in np.flatnonzero(over > LIMIT_TOLERANCE)
+        ]
+        whole = self._whole(q)
+        turns, beyond = chain.turns(whole), chain.turn_excess(whole)
+        for limit, excess in zip(chain.turn_limits, beyond, strict=True):
+            if excess > LIMIT_TOLERANCE:
+                said.append(needs(limit.name, (limit.lower, limit.upper), float(turns[limit.link])))
+        return " and ".join(said), float(np.maximum(over, 0.0).sum() + np.maximum(beyond, 0.0).sum())
 
     def _nearest(self, target: Target) -> FloatArray:
         """(3,) where the tool point comes nearest to the target, exactly."""
@@ -295,32 +311,45 @@ class ParallelLinkageSolver(InverseKinematics):
         return best
 
     def _nearest_pairs(self, w: complex) -> Iterator[FloatArray]:
-        """Candidates (2,) for the wrist nearest to ``w``: inside, or on one of four edges of the limits."""
+        """Candidates (2,) for the wrist nearest to ``w``: inside, or on an edge of what the limits leave."""
         limits = self.limits[1:3]
         for shoulder, bend in self._linkage.triangle(w, clamp=True):
             pair = self._linkage.turns_at(shoulder, bend).tolist()
             both = [images(angle, *limits[k].tolist()) for k, angle in enumerate(pair)]
-            yield from map(np.array, product(*both))
-        for fixed, side in product((0, 1), (0, 1)):
-            yield self._nearest_on_edge(w, fixed, float(limits[fixed, side]))
+            for inside in map(np.array, product(*both)):
+                if self.chain.keeps_turns(self._whole(np.append(0.0, inside))):
+                    yield inside
+        corners = self._corners
+        for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
+            yield self._nearest_on_edge(w, start, end)
 
-    def _nearest_on_edge(self, w: complex, fixed: int, at: float) -> FloatArray:
-        """The best of one joint's range with the other one held: samples, then sectioning."""
-        low, high = self.limits[2 - fixed].tolist()
+    @cached_property
+    def _corners(self) -> list[FloatArray]:
+        """Corners (2,), in order, of what the limits leave to the two pitch joints [rad]."""
+        (low, high), (least, most) = self.limits[1:3].tolist()
+        corners = [np.array(pair) for pair in ((low, least), (high, least), (high, most), (low, most))]
+        turning = self.chain.turns(np.eye(self.chain.n)).T[:, 1:3]
+        for limit in self.chain.turn_limits:
+            row = turning[limit.link]
+            for normal, bound in ((row, limit.upper), (-row, -limit.lower)):
+                corners = _cut(corners, normal, bound)
+        if not corners:
+            raise InputError("the limits of the joints and those of the angles between links leave no pose")
+        return corners
 
-        def pairs(angles: FloatArray) -> FloatArray:
-            out = np.full((len(angles), 2), at)
-            out[:, 1 - fixed] = angles
-            return out
+    def _nearest_on_edge(self, w: complex, start: FloatArray, end: FloatArray) -> FloatArray:
+        """The best pair (2,) between two of them: samples, then sectioning."""
 
-        def away(angles: FloatArray) -> FloatArray:
-            return np.abs(self._wrist(pairs(angles)) - w)
+        def pairs(shares: FloatArray) -> FloatArray:
+            return start + shares[:, None] * (end - start)
 
-        samples: FloatArray = low + (high - low) * np.arange(_EDGE_SAMPLES) / (_EDGE_SAMPLES - 1)
+        def away(shares: FloatArray) -> FloatArray:
+            return np.abs(self._wrist(pairs(shares)) - w)
+
+        samples: FloatArray = np.arange(_EDGE_SAMPLES) / (_EDGE_SAMPLES - 1)
         k = int(away(samples).argmin())
-        at_k = low + (high - low) * k / (_EDGE_SAMPLES - 1)
-        gap = (high - low) / (_EDGE_SAMPLES - 1)
-        left, right = max(at_k - gap, low), min(at_k + gap, high)
+        at_k, gap = float(samples[k]), 1.0 / (_EDGE_SAMPLES - 1)
+        left, right = max(at_k - gap, 0.0), min(at_k + gap, 1.0)
         for _ in range(_SECTIONINGS):
             inner = np.array([right - _GOLDEN * (right - left), left + _GOLDEN * (right - left)])
             first, second = away(inner)
@@ -335,3 +364,15 @@ class ParallelLinkageSolver(InverseKinematics):
         first, bend = (plane.signs[k] * turns[:, k] + plane.offsets[k] for k in (0, 1))
         (a, b) = plane.lengths
         return a * np.exp(1j * first) + b * np.exp(1j * (first + bend))
+
+
+def _cut(corners: list[FloatArray], normal: FloatArray, bound: float) -> list[FloatArray]:
+    """What a half plane ``normal · x <= bound`` leaves of a convex polygon (Sutherland and Hodgman 1974)."""
+    kept: list[FloatArray] = []
+    for one, other in zip(corners, corners[1:] + corners[:1], strict=True):
+        here, there = float(normal @ one) - bound, float(normal @ other) - bound
+        if here <= 0.0:
+            kept.append(one)
+        if (here < 0.0 < there) or (there < 0.0 < here):
+            kept.append(one + here / (here - there) * (other - one))
+    return kept
