@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -170,6 +171,23 @@ def test_a_corrected_map_sends_the_joint_where_it_is_said_to_be(
         assert value == pytest.approx(
             {"zero_us": zero, "us_per_deg": per, "counts_per_deg": per, "home_deg": -zero / per}[key]
         )
+
+
+def test_the_zero_of_a_linkage_is_written_into_every_row_that_it_turns() -> None:
+    robot = load_robot("uarm")  # has no outputs: its zeros stand in the DH rows
+    q = random_poses(robot, np.random.default_rng(12))
+    off = q.copy()
+    off[:, 1] += np.radians(2.5)
+    error = tool_error(robot, q, robot.forward(off)[:, :3, 3])
+    assert error.blame is not None and error.blame.title == "zero of Shoulder"
+    rows = list(robot.chain.rows)
+    for change in error.changes:
+        row = int(re.findall(r"row (\d+)", change.table)[0]) - 1
+        assert change.key == "theta_deg" and change.old == np.degrees(rows[row].theta_rad)
+        rows[row] = replace(rows[row], theta_rad=np.radians(change.new))
+    mended = Chain.from_dh(rows, "standard", robot.chain.coupling)
+    np.testing.assert_allclose(mended.forward(q), robot.forward(off), rtol=0, atol=1e-7)
+    assert error.toml().count("# [dh.rows, row ") == len(error.changes) == 2
 
 
 def test_parameters_that_these_points_cannot_tell_apart_are_named_together() -> None:

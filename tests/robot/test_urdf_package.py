@@ -194,7 +194,9 @@ def test_only_the_newest_zip_files_stay_unpacked(tmp_path: Path, monkeypatch: py
     assert len(list((tmp_path / "XDG_CACHE_HOME/armctl/urdf").iterdir())) == 2
 
 
-def test_what_comes_through_a_page_stays_in_a_folder_of_its_own(tmp_path: Path) -> None:
+def test_what_comes_through_a_page_stays_in_a_folder_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     robots, text = tmp_path / "XDG_DATA_HOME/armctl/robots", arm_text(tmp_path, "package://a/upper.stl")
     place = install_package("My arm (1).urdf", text.encode(), robots)
     assert place == robots / "My_arm_1"
@@ -211,6 +213,13 @@ def test_what_comes_through_a_page_stays_in_a_folder_of_its_own(tmp_path: Path) 
     with pytest.raises(RobotFileError, match="only meshes"):
         add_to_package(tmp_path, "upper.stl", b"")
     macro = '<robot xmlns:xacro="http://ros.org/xacro"><xacro:include filename="x"/></robot>'
+    monkeypatch.setattr(packages, "MOST_FILES", 3)
+    add_to_package(place, "upper.stl", MESH.encode())  # in place of the one that is there
+    with pytest.raises(RobotFileError, match=r"lower\.stl: an arm from a page has 3 files"):
+        add_to_package(place, "lower.stl", MESH.encode())
+    monkeypatch.setattr(packages, "_MOST_NAMESAKES", 3)
+    with pytest.raises(RobotFileError, match="holds 2 arms 'My_arm_1': delete some of them"):
+        install_package("My arm (1).urdf", text.encode(), robots)
     place = install_package("arm.xacro", macro.encode(), robots)
     with pytest.raises(
         RobotFileError, match="needs <xacro:include>, which armctl does not expand for a page"
@@ -428,6 +437,12 @@ def test_the_side_file_says_what_the_urdf_file_leaves_open(tmp_path: Path) -> No
             load_robot(f"{path}#lower,approach=x").forward(q)[:3, 2]
         )
     assert not any("home" in text or "floor" in text or "±180" in text for text in robot.assumed)
+    assert not any("faster" in text for text in robot.assumed)
+    joints = [{"name": "lift", "speed_deg_s": 200}]
+    fast = load_robot(beside(tmp_path, joints=joints, board=None, gripper=None, poses={}))
+    assert (
+        "faster than the URDF file allows, by the side file: lift 200 °/s instead of 115 °/s" in fast.assumed
+    )
 
 
 def test_without_a_word_on_it_everything_stays_as_it_was(tmp_path: Path) -> None:

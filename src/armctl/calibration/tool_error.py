@@ -150,8 +150,13 @@ class ToolError:
 
     def toml(self) -> str:
         """The changed values, each with the old one and where it stands."""
-        lines = [f"# [{self.changes[0].table}]"] if self.changes else []
-        lines += [f"{one.key} = {one.new:.6g}  # was {one.old:.6g}" for one in self.changes]
+        lines: list[str] = []
+        table = None
+        for one in self.changes:
+            if one.table != table:
+                table = one.table
+                lines.append(f"# [{table}]")
+            lines.append(f"{one.key} = {one.new:.6g}  # was {one.old:.6g}")
         return "".join(f"{line}\n" for line in lines)
 
 
@@ -257,9 +262,7 @@ def _changes(
         table = f"the URDF file, joint {name}: the turn of its origin about its axis"
         return (Change(table, "offset_deg", 0.0, math.degrees(offset)),)
     if outputs is None:
-        row_of = robot.chain.joint_rows[robot.chain.first_links[i]]
-        old = math.degrees(robot.chain.rows[row_of].theta_rad)
-        return (Change(_row_table(robot, row_of), "theta_deg", old, old + math.degrees(offset)),)
+        return _turned_rows(robot, i, math.degrees(offset)) if offset else ()
     # The map under which a joint that says θ stands at θ + offset + scale · θ.
     per, zero = float(outputs.per_rad[i]), float(outputs.zero[i])
     new_per = per / (1 + scale)
@@ -273,6 +276,19 @@ def _changes(
         pairs = [scale, home] if outputs.homed else [(f"zero_{outputs.key}", zero, new_zero), scale]
         table = f"joints.{name}.{outputs.table}"
     return tuple(Change(table, key, old, new) for key, old, new in pairs if not math.isclose(old, new))
+
+
+def _turned_rows(robot: Robot, joint: int, offset_deg: float) -> tuple[Change, ...]:
+    """The zero of a joint written into the DH rows: of all links that it turns, which several do by rods."""
+    chain = robot.chain
+    coupling = np.eye(robot.n) if chain.coupling is None else chain.coupling
+    changes: list[Change] = []
+    for link in np.flatnonzero(coupling[:, joint]).tolist():
+        row = chain.joint_rows[link]
+        old = math.degrees(chain.rows[row].theta_rad)
+        new = old + float(coupling[link, joint]) * offset_deg
+        changes.append(Change(_row_table(robot, row), "theta_deg", old, new))
+    return tuple(changes)
 
 
 def _row_table(robot: Robot, row: int) -> str:

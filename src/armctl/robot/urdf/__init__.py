@@ -1,6 +1,6 @@
 """Arms from URDF files: the file's tree, its tool, its meshes, and what is said beside it."""
 
-from armctl.robot.urdf.arm import load_urdf
+from armctl.robot.urdf.arm import AXES, load_urdf
 from armctl.robot.urdf.package import UrdfSource, add_to_package, install_package, side_path
 from armctl.robot.urdf.side_file import (
     SIDE_SUFFIX,
@@ -13,6 +13,7 @@ from armctl.robot.urdf.side_file import (
 from armctl.robot.urdf.tree import read_urdf_file
 
 __all__ = [
+    "AXES",
     "SIDE_SUFFIX",
     "SideFile",
     "UrdfSource",

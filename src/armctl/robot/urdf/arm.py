@@ -33,6 +33,8 @@ SPEED_UP_S = 1 / 6
 AXES = {f"{sign}{axis}": (sign, k) for sign in ("", "-") for k, axis in enumerate("xyz")}
 """the axes of a link, as ``approach=`` names them: sign and column"""
 _APPROACH = "approach="
+_FASTER = 1.001
+"""a speed is raised by more than rounding"""
 _UNSEEN = 1e-9
 """a shift of the tool that is not worth a word [m]"""
 _ALONG = math.cos(math.radians(1))
@@ -43,6 +45,8 @@ _SHORTEST = 1e-6
 """length from which on a link has a direction [m]"""
 _MOST_SHAPES = 500
 """of an arm; further ones are passed over"""
+_MOST_NAMED = 40
+"""links of a file in one refusal"""
 _MOST_TOLD = 8
 """shapes that were passed over, told one by one"""
 
@@ -64,7 +68,8 @@ def load_urdf(path: Path, wanted: str | None) -> Robot:
         tree = read_urdf_file(source)
         link = link or side.tool.link
         if link is not None and link not in tree.links:
-            raise RobotFileError(f"there is no link {link!r}; it has {', '.join(tree.links)}")
+            some = ", ".join(list(tree.links)[:_MOST_NAMED]) + ", …" * (len(tree.links) > _MOST_NAMED)
+            raise RobotFileError(f"there is no link {link!r}; it has {some}")
         tool = suggested_tool(tree) if link is None else UrdfTool(link, "")
         robot, endless = _robot(source, tree, tool, approach or side.tool.approach, side)
         if document is None or source.side_path is None:
@@ -341,6 +346,15 @@ def _about_joints(moving: Sequence[UrdfJoint], names: Sequence[str], side: SideF
         yield f"limits of ±180° of the continuous joints: {', '.join(endless)}"
     if slow := [name for name, joint in pairs if joint.speed == 0 and silent(name, "speed_deg_s")]:
         yield f"a speed of 60°/s of joints without one: {', '.join(slow)}"
+    faster = [
+        f"{name} {said[name].speed_deg_s:g} °/s instead of {math.degrees(joint.speed):.3g} °/s"
+        for name, joint in pairs
+        if joint.speed
+        and not silent(name, "speed_deg_s")
+        and (said[name].speed_deg_s or 0) > _FASTER * math.degrees(joint.speed)
+    ]
+    if faster:
+        yield f"faster than the URDF file allows, by the side file: {', '.join(faster)}"
     if any(silent(name, "acceleration_deg_s2") for name in names):
         yield "accelerations: full speed within 1/6 s"
 

@@ -34,6 +34,8 @@ MOST_PACKED_BYTES = 64 << 20
 MOST_FILES = 5000
 """of a zip file or a folder"""
 _MOST_UNPACKED_BYTES = 256 << 20
+_MOST_NAMESAKES = 1000
+"""arms from pages whose files have the same name"""
 _KEPT = 16
 """unpacked zip files that stay in the cache"""
 _ZIPS = DocumentKind(RobotFileError, most_bytes=MOST_PACKED_BYTES)
@@ -324,8 +326,11 @@ def install_package(name: str, content: bytes, folder: Path) -> Path:
     else:
         raise RobotFileError(f"{name}: an arm is a .urdf or .xacro file, or a .zip file with one")
     stem = re.sub(r"[^A-Za-z0-9_-]+", "_", arm_stem(Path(name))).strip("_") or "arm"
-    numbers = ("", *(f"_{k}" for k in range(2, 1000)))
-    place = next(folder / (stem[:40] + k) for k in numbers if not (folder / (stem[:40] + k)).exists())
+    numbers = ("", *(f"_{k}" for k in range(2, _MOST_NAMESAKES)))
+    places = (folder / (stem[:40] + k) for k in numbers)
+    place = next((place for place in places if not place.exists()), None)
+    if place is None:
+        raise RobotFileError(f"{folder} holds {_MOST_NAMESAKES - 1} arms {stem[:40]!r}: delete some of them")
     write_folder(place, files, from_page=True)
     return place
 
@@ -334,6 +339,14 @@ def add_to_package(place: Path, name: str, content: bytes) -> None:
     """Put one more file, a mesh, into a folder that ``install_package`` made."""
     if Path(name).suffix.lower() not in SUFFIXES or not (place / _UNPACKED).is_file():
         raise RobotFileError(f"{name}: only meshes ({', '.join(SUFFIXES)}) are added to an arm from a page")
+    there = [path for path in walk(place) if path != place / "meshes" / Path(name).name]
+    if (
+        len(there) + 2 > MOST_FILES  # with this one, and the mark that it was unpacked
+        or sum(path.stat().st_size for path in there) + len(content) > _MOST_UNPACKED_BYTES
+    ):
+        raise RobotFileError(
+            f"{name}: an arm from a page has {MOST_FILES} files, {_MOST_UNPACKED_BYTES >> 20} MiB at most"
+        )
     try:
         (place / "meshes").mkdir(exist_ok=True)
         write_atomically(place / "meshes" / Path(name).name, content)

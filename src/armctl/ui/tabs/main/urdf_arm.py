@@ -16,6 +16,7 @@ from armctl.errors import InputError, RobotFileError
 from armctl.motion.clearance import clear_pose, stands_clear
 from armctl.robot import Robot, load_robot, urdf_path
 from armctl.robot.urdf import (
+    AXES,
     SideFile,
     UrdfSource,
     add_to_package,
@@ -41,7 +42,6 @@ _NOTE = (
 )
 _AS_FOUND = "(as armctl finds it)"
 _NO_LINKS: tuple[str, ...] = (_AS_FOUND,)
-_AXES = ("x", "y", "z", "-x", "-y", "-z")
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ class UrdfArm:
             self._box = gui.add_folder("Tool, rest pose and floor", visible=False)
         with self._box:
             self._link: viser.GuiDropdownHandle[str] = gui.add_dropdown("Tool link", _NO_LINKS)
-            self._axis = gui.add_dropdown("It points along", _AXES, initial_value="z")
+            self._axis = gui.add_dropdown("It points along", tuple(AXES), initial_value="z")
             self._offset = [NumberField(gui, f"Tool point {axis} mm", 0.0) for axis in "xyz"]
             self._floor = NumberField(gui, "Floor mm", 0.0, hint="Height of the floor in the base frame.")
             LiveHtml(gui, "<b>Rest pose</b>" + muted("Enable puts the simulated arm there (the ghost)."))
