@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from itertools import pairwise
 
 import numpy as np
 from benchmarks.peers.peer import load
@@ -39,7 +40,8 @@ class Toppra:
             def __call__(self, places: float, order: int = 0) -> object:
                 return path.derivatives(places, order)[order]
 
-        grid = path.refined(-(-_PLACES // len(path.coefficients))).breaks
+        count = -(-_PLACES // len(path.coefficients))
+        grid = np.unique([np.linspace(*ends, count + 1) for ends in pairwise(path.breaks)])
         problem = self._toppra.algorithm.TOPPRA(
             self._limits, Path(), gridpoints=grid, parametrizer="ParametrizeConstAccel"
         )

@@ -31,7 +31,10 @@ from armctl.motion import (
     plan_target,
     preflight,
 )
+from armctl.motion.plan import plan_blended, plan_through
 from armctl.motion.profiles import shortest_words
+from armctl.motion.timing import PathTrajectory
+from armctl.motion.trajectory import peaks_of
 from armctl.program import MoveStep, PointStep, open_program
 
 ROBOT = load_robot("uzuner")
@@ -73,7 +76,7 @@ def test_a_duration_is_kept_and_one_too_short_is_refused_with_the_shortest() -> 
     start = at(ARC[0])
     shortest = plan_arc(ROBOT, start, ARC[28], ARC[-1]).duration
     assert plan_arc(ROBOT, start, ARC[28], ARC[-1], duration_s=9.5).duration == pytest.approx(9.5)
-    with pytest.raises(MotionRefusedError, match=re.escape(shortest_words(shortest))):
+    with pytest.raises(MotionRefusedError, match=re.escape(shortest_words(shortest, exact=False))):
         plan_arc(ROBOT, start, ARC[28], ARC[-1], duration_s=0.9 * shortest)
     with pytest.raises(InputError, match="leave it open"):
         plan_arc(ROBOT, start, ARC[28], ARC[-1], duration_s=-1.0)
@@ -225,3 +228,72 @@ def test_junk_is_refused_in_words(what: str) -> None:
             assert "\n" not in str(error) and len(str(error)) > 10
             refused += 1
     assert refused >= len(JUNK) - 4
+
+
+def test_what_is_ragged_equal_or_no_time_is_refused_in_words_or_stands() -> None:
+    ragged: Any = [[1.0, 2.0], 3.0]
+    calls: list[Callable[[], object]] = [
+        lambda: plan_line(ROBOT, HOME, ragged),
+        lambda: plan_arc(ROBOT, HOME, ragged, [0.2, 0.0, 0.1]),
+        lambda: plan_spline(ROBOT, ragged),
+        lambda: plan_through(ROBOT, ragged),
+        lambda: plan_blended(ROBOT, ragged, 0.01),
+        lambda: plan_blended(ROBOT, [HOME, HOME], "a"),  # pyright: ignore[reportArgumentType]
+    ]
+    for call in calls:
+        with pytest.raises(InputError):
+            call()
+    for motion in (
+        plan_through(ROBOT, [HOME, HOME, HOME], 3.0),
+        plan_through(ROBOT, [HOME], 3.0),
+        plan_blended(ROBOT, [HOME, HOME], 0.01, 3.0),
+    ):
+        assert motion.duration == pytest.approx(3.0)
+        np.testing.assert_array_equal(motion.sample(np.linspace(0.0, 3.0, 7)).q, np.tile(HOME, (7, 1)))
+    there = HOME + np.radians(20)
+    for motion in (
+        plan_joints(ROBOT, HOME, there),
+        plan_through(ROBOT, [HOME, there]),
+        SlowedTrajectory(plan_spline(ROBOT, [HOME, there, HOME]), 2.0),
+    ):
+        for time in ("a", [0.0, [1.0]], float("nan")):
+            with pytest.raises(InputError, match="the times of a trajectory must be numbers"):
+                motion.sample(time)  # pyright: ignore[reportArgumentType]
+
+
+def test_nearly_equal_points_of_a_spline_are_one() -> None:
+    rng = np.random.default_rng(8)
+    points = ROBOT.limits.mean(axis=1) + rng.uniform(-0.1, 0.1, (6, ROBOT.n))
+    plain = plan_spline(ROBOT, points, checked=False).duration
+    for apart in (1e-11, 1e-9, 1e-7):
+        doubled = np.repeat(points, 3, axis=0)
+        doubled += apart * rng.uniform(-1, 1, doubled.shape)
+        for profile in ("trapezoid", "s-curve"):
+            motion = plan_spline(ROBOT, doubled, profile=profile, checked=False)
+            assert motion.duration < 3 * plain
+            np.testing.assert_allclose(motion.sample(motion.duration).q, doubled[-1], rtol=0, atol=1e-12)
+            assert profile == "trapezoid" or peaks_of(motion).jerk is not None
+    assert plan_spline(ROBOT, [HOME, HOME + 1e-8]).end == pytest.approx(HOME + 1e-8, abs=1e-15)
+
+
+def test_a_jump_of_the_speed_between_two_parts_is_refused() -> None:
+    there = HOME + 0.2
+    away, home = plan_joints(ROBOT, HOME, there), plan_joints(ROBOT, there, HOME)
+    assert not [f for f in preflight(ROBOT, JoinedTrajectory([away, home])) if f.severity == "error"]
+    at_speed = PathTrajectory(
+        PiecewisePolynomial([0.0, 1.0], np.stack([HOME, there - HOME])[None]),
+        PiecewisePolynomial([0.0, 2.0], [[[0.0], [0.5]]]),
+    )
+    (found,) = [
+        f for f in preflight(ROBOT, JoinedTrajectory([at_speed, home]), at_rest=False) if f.time == 2.0
+    ]
+    assert (found.kind, found.severity) == ("acceleration", "error")
+    assert "its speed jumps by 5.73 °/s between two parts" in found.what
+
+
+def test_a_refused_line_of_an_arm_without_a_pitch_is_refused_in_words() -> None:
+    arm = load_robot("mearm")
+    start = arm.pose("home")
+    tool = arm.forward(start)[:3, 3]
+    with pytest.raises((MotionRefusedError, UnreachableError)):
+        plan_line(arm, start, 3 * tool, orientation="kept")

@@ -17,14 +17,14 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Choice, Target, checked_criterion
-from armctl.kinematics.target import as_numbers, checked_number
+from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion.blend import Leg, blend
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.paths.tool_path import PitchMode, TurnMode, follow
-from armctl.motion.polynomial import PiecewisePolynomial, spline_through
+from armctl.motion.polynomial import PiecewisePolynomial, points_apart, spline_through
 from armctl.motion.preflight import require_clear
-from armctl.motion.profiles import NOWHERE, PointToPoint, ProfileName, checked_profile, lasting_s
+from armctl.motion.profiles import PointToPoint, ProfileName, checked_profile, lasting_s
 from armctl.motion.timing import PathTrajectory, timed
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
 from armctl.robot import Robot
@@ -62,7 +62,7 @@ def plan_target(
     robot: Robot,
     start: ArrayLike,
     target: Target,
-    choose: str = "least-rotation",
+    choose: Choice = "least-rotation",
     duration_s: float | None = None,
     profile: Profile = "cubic",
     *,
@@ -163,14 +163,24 @@ def plan_spline(
 ) -> Trajectory:
     """Plan a motion through configurations (k, n) [rad] without a stop, from the first on, and check it.
 
-    Raises as ``plan_joints``; the curve may swing beyond a point, and so leave the joint limits.
+    Points less than a microsecond of way apart count as one. Raises as ``plan_joints``; the curve may swing
+    beyond a point, and so leave the joint limits.
     """
-    q = as_numbers(points, "joint angles")
-    if q.ndim != 2 or q.shape[1] != robot.n or len(q) == 0:
-        raise InputError(f"a spline needs configurations (k, {robot.n}), got the shape {q.shape}")
-    still = len(q) == 1 or float(np.abs(q - q[0]).max()) <= NOWHERE
-    path = None if still else spline_through(q, 1.0 / robot.speed_limits)
+    q = _checked_stops(robot, points, "a spline")
+    apart = points_apart(q, 1.0 / robot.speed_limits)
+    if len(apart) < 2:
+        return plan_joints(robot, q[0], q[-1], duration_s, profile, checked=checked)
+    path = spline_through(apart, 1.0 / robot.speed_limits)
     return plan_path(robot, q[0], path, duration_s=duration_s, profile=profile, checked=checked)
+
+
+def _checked_stops(robot: Robot, stops: ArrayLike, what: str) -> FloatArray:
+    """Configurations (k, n) [rad] to go through, one at least; ``InputError`` for anything else."""
+    q = as_numbers(stops, "joint angles")
+    if q.ndim != 2 or q.shape[1] != robot.n or len(q) == 0:
+        raise InputError(f"{what} needs configurations (k, {robot.n}), got the shape {q.shape}")
+    require_finite(q, "joint angles")
+    return q
 
 
 def plan_path(
@@ -218,7 +228,7 @@ def follow_tool(
     """
     q = robot.chain.checked(as_numbers(start, "joint angles"))
     tool = robot.forward(q)[:3, 3]
-    curve = ToolLine(tool, np.asarray(end_m)) if via_m is None else ToolArc(tool, via_m, end_m)
+    curve = ToolLine(tool, end_m) if via_m is None else ToolArc(tool, via_m, end_m)
     try:
         return follow(robot, q, curve, pitch, end_pitch, orientation, end_rotation)
     except (ToolPathRefusedError, ToolPathUnreachableError) as cause:
@@ -249,7 +259,7 @@ def _freer(
             path = follow(robot, q, curve, mode)
             if path is not None:
                 require_clear(robot, PathTrajectory.fastest(robot, path, cap), tool_path=True)
-        except (MotionRefusedError, UnreachableError):
+        except (InputError, MotionRefusedError, UnreachableError):  # InputError: an arm that has no pitch
             continue
         return f"; with {words} the arm can follow it"
     return ""
@@ -261,7 +271,7 @@ Passing = Literal["stop", "spline", "blend"]
 """at rest in each point; smoothly through all points; turning off before each point, towards the next"""
 
 
-def solve_points(robot: Robot, points: FloatArray, choose: str, start: FloatArray) -> FloatArray:
+def solve_points(robot: Robot, points: FloatArray, choose: Choice, start: FloatArray) -> FloatArray:
     """(k, n) joint angles [rad] for points (k, 3) [m], each chosen by a criterion from the one before.
 
     Raises ``UnreachableError``: a point has no solution; says which and why.
@@ -280,16 +290,25 @@ def plan_through(
 ) -> JoinedTrajectory:
     """Plan a motion through configurations (n,) [rad], at rest in each; no pre-flight.
 
-    A duration slows all parts alike; raises ``MotionRefusedError`` where it is too short.
+    A duration slows all parts alike; where all stops are equal, the arm stands that long. Raises
+    ``MotionRefusedError`` where it is too short.
     """
     law = "cubic" if profile == "normal" and duration_s is not None else profile
-    parts = [plan_joints(robot, *ends, None, law, checked=False) for ends in pairwise(stops)]
+    points = _checked_stops(robot, stops, "a motion through points")
+    if len(points) == 1:
+        return JoinedTrajectory([plan_joints(robot, points[0], points[0], duration_s, law, checked=False)])
+    parts = [plan_joints(robot, *ends, None, law, checked=False) for ends in pairwise(points)]
     shortest = JoinedTrajectory(parts)
     if duration_s is None:
         return shortest
-    factor = _slower(duration_s, shortest.duration, "trapezoid" if law == "normal" else law)
+    lasts = _whole_s(duration_s, shortest.duration, "trapezoid" if law == "normal" else law)
+    each = [part.duration for part in parts] if shortest.duration else [1.0] * len(parts)
+    factor = lasts / sum(each)
     return JoinedTrajectory(
-        [plan_joints(robot, p.start, p.end, factor * p.duration, law, checked=False) for p in parts]
+        [
+            plan_joints(robot, part.start, part.end, factor * length, law, checked=False)
+            for part, length in zip(parts, each, strict=True)
+        ]
     )
 
 
@@ -298,26 +317,30 @@ def plan_blended(
 ) -> Trajectory:
     """Plan a motion that turns off towards the next configuration before it comes to each; no pre-flight.
 
-    ``stops`` (n,) [rad], two at least differ; the tool may begin to turn off ``radius_m`` [m] before each.
-    Raises ``InputError`` for a radius that is not positive, ``MotionRefusedError`` for too short a duration.
+    ``stops`` (n,) [rad]; the tool may begin to turn off ``radius_m`` [m] before each. Where all stops are
+    equal, the arm stands. Raises ``InputError`` for a radius that is not positive, ``MotionRefusedError`` for
+    too short a duration.
     """
+    radius_m, points = checked_number(radius_m, "a blend radius"), _checked_stops(robot, stops, "a blend")
     if not radius_m > 0:
         raise InputError(
             f"a blend radius must be positive, got {1000 * radius_m:g} mm; or stop at each point"
         )
     legs = [
         Leg(PiecewisePolynomial([0.0, 1.0], np.stack([start, end - start])[None]), radius_m)
-        for start, end in pairwise(stops)
+        for start, end in pairwise(points)
         if bool((start != end).any())
     ]
+    if not legs:
+        return PointToPoint.lasting(points[0], points[0], 0.0 if duration_s is None else duration_s)
     legs[-1] = Leg(legs[-1].path)
     shortest = JoinedTrajectory(blend(robot, legs).trajectories)
     if duration_s is None:
         return shortest
-    return SlowedTrajectory(shortest, _slower(duration_s, shortest.duration, "trapezoid"))
+    lasts = _whole_s(duration_s, shortest.duration, "trapezoid", exact=False)
+    return SlowedTrajectory(shortest, lasts / shortest.duration)
 
 
-def _slower(duration_s: float, shortest: float, profile: ProfileName) -> float:
-    """How many times as long as the shortest a duration is."""
+def _whole_s(duration_s: float, shortest: float, profile: ProfileName, *, exact: bool = True) -> float:
     words = "the whole motion cannot take {:g} s".format
-    return lasting_s(duration_s, shortest, words, profile) / shortest
+    return lasting_s(duration_s, shortest, words, profile, exact=exact)

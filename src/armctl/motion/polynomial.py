@@ -80,11 +80,6 @@ class PiecewisePolynomial:
             np.append(breaks[:-1][rises], breaks[-1]), self.coefficients[rises] * powers[:, None]
         )
 
-    def refined(self, parts: int) -> PiecewisePolynomial:
-        """The same curve with each piece cut into equal parts."""
-        inner = self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * (np.arange(parts) / parts)
-        return self.cut(np.append(inner.ravel(), self.breaks[-1]))
-
     def cut(self, breaks: FloatArray) -> PiecewisePolynomial:
         """The same curve over rising breaks (m + 1,) within it, which hold all of its own between them."""
         if breaks[0] < self.low or breaks[-1] > self.high:
@@ -149,6 +144,11 @@ class PiecewisePolynomial:
         return bool(
             np.abs(jumps).max() <= _JUMP * np.abs(pushes).max() and ends <= _JUMP * np.abs(rates).max()
         )
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether it is one straight line."""
+        return len(self.coefficients) == 1 and not self.coefficients[0, 2:].any()
 
     def slope_jumps(self) -> NDArray[np.bool_]:
         """(k - 1, n) whether the first derivative jumps at each inner break."""
@@ -218,24 +218,47 @@ def quintic(start: FloatArray, end: FloatArray) -> FloatArray:
     return c
 
 
-_SAME = 1e-12
+_APART = 1e-6
+"""a shorter way between two points of a spline is none, in its path variable: seconds, or radians"""
+
+
+def points_apart(points: FloatArray, weights: ArrayLike | None = None) -> FloatArray:
+    """(m, n) of points (k, n) those that a spline goes through, each apart from the one before it.
+
+    ``weights`` as of ``spline_through``. The first and the last one are kept.
+    """
+    scale = 1.0 if weights is None else np.asarray(weights)
+    last, kept = len(points) - 1, [0]
+
+    def is_apart(k: int) -> bool:
+        return float((np.abs(points[k] - points[kept[-1]]) * scale).max()) > _APART
+
+    for k in range(1, last):
+        if is_apart(k):
+            kept.append(k)
+    while len(kept) > 1 and not is_apart(last):
+        kept.pop()
+    if is_apart(last):
+        kept.append(last)
+    return points[kept]
 
 
 def spline_through(points: ArrayLike, weights: ArrayLike | None = None) -> PiecewisePolynomial:
     """The cubic spline through points (k, n), in the order given; ``cubic_spline`` tells its ends.
 
     The path variable between two points is the largest way of a coordinate times its weight; ``weights`` (n,)
-    of one over each joint's largest speed make it the least time [s]. Equal points in a row count once.
+    of one over each joint's largest speed make it the least time [s]. Of points less than 1e-6 of it apart
+    one counts (``points_apart``): a curve between them would be all rounding.
     Raises ``InputError``: a wrong shape, a value that is not finite, fewer than two points that differ.
     """
-    p = np.asarray(points, dtype=np.float64)
+    p = as_numbers(points, "the points of a spline")
     if p.ndim != 2 or p.size == 0 or not np.isfinite(p).all():
         raise InputError(f"a spline needs points (k, n) of finite numbers, got the shape {p.shape}")
-    way = (np.abs(np.diff(p, axis=0)) * (1.0 if weights is None else np.asarray(weights))).max(axis=1)
-    moves = way > _SAME
-    if not moves.any():
+    p = points_apart(p, weights)
+    if len(p) < 2:
         raise InputError("a spline needs at least two points that differ")
-    return cubic_spline(np.append(0.0, np.cumsum(way[moves])), p[np.append(True, moves)])
+    way = (np.abs(np.diff(p, axis=0)) * (1.0 if weights is None else np.asarray(weights))).max(axis=1)
+    return cubic_spline(np.append(0.0, np.cumsum(way)), p)
 
 
 def cubic_spline(breaks: FloatArray, points: FloatArray) -> PiecewisePolynomial:

@@ -27,7 +27,7 @@ from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics.energy import CUBIC_PEAKS, rest_to_rest_times
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.motion.trajectory import KnowsPeaks, Peaks, Sample
+from armctl.motion.trajectory import KnowsPeaks, Peaks, Sample, as_times
 from armctl.robot import Robot
 
 ProfileName = Literal["cubic", "quintic", "trapezoid", "s-curve"]
@@ -208,7 +208,7 @@ class PointToPoint(KnowsPeaks):
         """Extremes of the whole motion, exact: no joint turns back on its way."""
         low, high = np.minimum(self.start, self.end), np.maximum(self.start, self.end)
         if self.way is None:
-            return Peaks(low, high, np.zeros(len(low)), np.zeros(len(low)))
+            return Peaks(low, high, *np.zeros((3, len(low))))
         rate = self.way.derivative()
         push = rate.derivative()
         jerk = _largest(push.derivative()) if self.way.is_smooth_from_rest() else None
@@ -216,7 +216,7 @@ class PointToPoint(KnowsPeaks):
 
     def sample(self, t: float | FloatArray) -> Sample:
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
-        time = np.asarray(t, dtype=np.float64)
+        time = as_times(t)
         if self.way is None:
             q = np.where((time < self.duration)[..., None], self.start, self.end)
             return Sample(q, np.zeros_like(q), np.zeros_like(q), np.zeros_like(q))
@@ -264,7 +264,7 @@ def shortest_words(shortest: float, profile: ProfileName = "trapezoid", *, exact
     ``exact``: no motion of this profile takes less; only the trapezoid is the shortest of all.
     """
     by = "" if profile == "trapezoid" else f"with the profile {profile} "
-    which = "shortest possible duration" if exact else "shortest duration"
+    which = "shortest possible duration" if exact else "shortest duration (near the shortest possible)"
     return f"{by}the {which} is {math.ceil(1000 * shortest - _SPARE_MS) / 1000:.3f} s"
 
 

@@ -8,10 +8,11 @@ from itertools import pairwise
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
-from armctl.kinematics.target import checked_number
+from armctl.kinematics.target import as_numbers, checked_number
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +66,14 @@ class Trajectory(Protocol):
     def sample(self, t: float | FloatArray) -> Sample:
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
         ...
+
+
+def as_times(t: ArrayLike) -> FloatArray:
+    """Times (...) [s] at which a trajectory is sampled; ``InputError`` for what is none."""
+    times = as_numbers(t, "the times of a trajectory")
+    if np.isnan(times).any():
+        raise InputError("the times of a trajectory must be numbers, got NaN")
+    return times
 
 
 class KnowsPeaks:
@@ -128,7 +137,7 @@ class JoinedTrajectory(KnowsPeaks):
 
     def sample(self, t: float | FloatArray) -> Sample:
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
-        time = np.asarray(t, dtype=np.float64)
+        time = as_times(t)
         which = np.minimum(np.searchsorted(self._ends, time, side="left"), len(self.parts) - 1)
         q, velocity, acceleration, jerk = np.empty((4, *time.shape, len(self.start)))
         for k in np.unique(which).tolist():
@@ -179,5 +188,5 @@ class SlowedTrajectory(KnowsPeaks):
     def sample(self, t: float | FloatArray) -> Sample:
         """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
         f = self.factor
-        state = self.inner.sample(np.asarray(t, dtype=np.float64) / f)
+        state = self.inner.sample(as_times(t) / f)
         return Sample(state.q, state.velocity / f, state.acceleration / f**2, state.jerk / f**3)

@@ -32,7 +32,7 @@ _TURNING = 1e-6
 _SHOWN, _TOLD = 0.0005, math.radians(0.01)
 """how far off a place with one decimal of a percent is (share of the curve), and what may come of it [rad]"""
 _MOST_STARTS = 8
-"""other starts that are tried for one refusal; each takes as long as planning a line"""
+"""other branches that are tried for one refusal; each takes as long as planning a line"""
 _TURNED = 1e-6
 """how far off a rotation a solution does not have it any more [rad]"""
 
@@ -121,6 +121,18 @@ class Attempt:
         if isinstance(self.turn, ToolRotation):
             return Target.of(point, rotation=self.turn.at(s))
         return Target.of(point, self.turn.elevation(s))
+
+    def reached(self, s: float) -> bool:
+        """Whether any configuration has what is asked for at ``s`` [m], limits not looked at."""
+        target, solver = self.target(s), self.robot.inverse_kinematics
+        if solver.complete and solver.searches_parts and target.rotation is not None:
+            pose = np.eye(4)  # all branches at once: a list would search for the nearest where there is none
+            pose[:3, :3], pose[:3, 3] = target.rotation, target.point
+            return bool(solver.solve_poses(pose[None]).found.any())
+        solutions = self.solve(target)
+        if solutions.success and bool((solutions.residual_rad < _TURNED).any()):
+            return True
+        return not self.searched and bool(self.robot.branches(*target))
 
     def solve(self, target: Target) -> Solutions:
         """The solutions of a target inside the limits."""
@@ -251,20 +263,8 @@ def end_refusal(tried: Attempt) -> ToolPathRefusedError | ToolPathUnreachableErr
 
 def _out_of_reach(tried: Attempt, s: float) -> str | None:
     """Why no branch reaches the curve just beyond ``s`` [m], limits not looked at; None: one does."""
-    robot, curve = tried.robot, tried.curve
-    searched = tried.searched  # by many starts: too slow to ask often
-
-    def missing(s: float) -> str | None:
-        target = tried.target(s)
-        solutions = tried.solve(target)
-        met = solutions.success and bool((solutions.residual_rad < _TURNED).any())
-        if met or (not searched and robot.branches(*target)):
-            return None
-        if solutions.success:
-            return f"the nearest orientation is {math.degrees(solutions.residual_rad.min()):.2f}° off"
-        return solutions.explanation
-
-    if missing(min(curve.length, s + _BEYOND * curve.length)) is None:
+    curve = tried.curve
+    if tried.reached(min(curve.length, s + _BEYOND * curve.length)):
         return None
     with_it = f" with that {tried.held}" if tried.held else ""
     if tried.held == "pitch" and tried.turn is not None and tried.turn.rates(s).any():
@@ -273,10 +273,14 @@ def _out_of_reach(tried: Attempt, s: float) -> str | None:
     # clearer than just beyond: far out, at whole percents, so that the figures hold where they say
     percent, first = 100, math.floor(100.0 * s / curve.length) + 1
     while percent >= first:
-        why = missing(0.01 * percent * curve.length)
-        if why is not None:
+        there = 0.01 * percent * curve.length
+        if not tried.reached(there):
+            solutions = tried.solve(tried.target(there))
+            why = solutions.explanation
+            if solutions.success:
+                why = f"the nearest orientation is {math.degrees(solutions.residual_rad.min()):.2f}° off"
             return f"here it leaves what the arm reaches{with_it}; at {percent} %, {why}"
-        if searched or percent == first:
+        if tried.searched or percent == first:  # a search is too slow to ask it often
             break
         percent = (percent + first) // 2
     return f"here it leaves what the arm reaches{with_it}; move the {curve.kind}"
@@ -303,18 +307,15 @@ def _other_branches(tried: Attempt) -> list[str]:
     solutions = tried.solve(target)
     if not (solutions.success and solutions.complete and solutions.free_joint is None):
         return []  # a continuum of starts, or perhaps not all of them
-    starts: dict[str, list[FloatArray]] = {}
-    for one, name, off in zip(solutions, solutions.branch.tolist(), solutions.residual_rad, strict=True):
-        if off < _TURNED:
-            starts.setdefault(name, []).append(one)
+    # of a branch the image nearest to where the arm stands: the one that it would go to
+    starts: dict[str, FloatArray] = {}
+    away = np.abs(solutions.q - q).max(axis=1)
+    for i in np.argsort(away, kind="stable").tolist():
+        if solutions.residual_rad[i] < _TURNED:
+            starts.setdefault(str(solutions.branch[i]), solutions.q[i])
     mine = solutions.branch_of(q)
-    if sum(len(some) for name, some in starts.items() if name != mine) > _MOST_STARTS:
-        return []
-    return [
-        name
-        for name, some in sorted(starts.items())
-        if name != mine and all(_may_be_followed(tried, one) for one in some)
-    ]
+    others = [name for name in starts if name != mine][:_MOST_STARTS]
+    return [name for name in sorted(others) if _may_be_followed(tried, starts[name])]
 
 
 def _may_be_followed(tried: Attempt, start: FloatArray) -> bool:
