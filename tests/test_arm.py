@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import pickle
-import re
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.arms import BENCH_URDF, quick_robot
 from tests.browser.serving import serving
 from tests.robot.panda_kit import panda_file
 from tests.runtime.kit import ROBOT, RecordingDriver
@@ -47,17 +47,6 @@ from armctl.runtime import (
     Ticket,
     commands,
 )
-
-
-def quick_robot(folder: Path) -> Path:
-    """The file of an arm that is four times as fast: the same motions, in a quarter of the time."""
-    text = (Path(__file__).parent.parent / "robots/uzuner.toml").read_text()
-    for key, faster in (("speed_deg_s", 4), ("acceleration_deg_s2", 16)):
-        for value in sorted({int(one) for one in re.findall(rf"{key} = (\d+)", text)}, reverse=True):
-            text = text.replace(f"{key} = {value}\n", f"{key} = {faster * value}\n")
-    file = folder / "quick.toml"
-    file.write_text(text)
-    return file
 
 
 @contextmanager
@@ -265,25 +254,10 @@ def test_the_package_exports_what_the_readme_uses() -> None:
         armctl.nonsense  # noqa: B018
 
 
-URDF = """<robot name="bench_arm">
-  <link name="base"/><link name="tower"/><link name="upper"/>
-  <link name="fore"/><link name="hand"/><link name="tool0"/>
-  <joint name="turn" type="continuous"><parent link="base"/><child link="tower"/><axis xyz="0 0 1"/></joint>
-  <joint name="lift" type="revolute"><parent link="tower"/><child link="upper"/><origin xyz="0 0 0.1"/>
-    <axis xyz="0 -1 0"/><limit lower="-0.5" upper="2" velocity="2" effort="3"/></joint>
-  <joint name="bend" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.2 0 0"/>
-    <axis xyz="0 -1 0"/><limit lower="-2" upper="2" velocity="2" effort="3"/></joint>
-  <joint name="swing" type="revolute"><parent link="fore"/><child link="hand"/><origin xyz="0.15 0.02 0"/>
-    <axis xyz="0 0.6 0.8"/><limit lower="-1" upper="1" velocity="2" effort="3"/></joint>
-  <joint name="end" type="fixed"><parent link="hand"/><child link="tool0"/><origin xyz="0.05 0 0.01"/></joint>
-</robot>
-"""
-
-
 def test_an_arm_from_a_urdf_goes_to_a_point_on_the_simulated_board(tmp_path: Path) -> None:
     """No family, no servos: the numeric solver and a stand-in map."""
     file = tmp_path / "bench.urdf"
-    file.write_text(URDF)
+    file.write_text(BENCH_URDF)
     with armctl.Arm.open(file) as arm:
         arm.enable()
         target = 1000 * arm.robot.forward([0.3, 0.8, -0.9, 0.2])[:3, 3]
@@ -334,7 +308,7 @@ def test_an_orientation_that_the_arm_cannot_take_is_refused_with_the_angle(arm: 
 
 def test_a_real_board_is_not_driven_for_an_arm_without_servos(tmp_path: Path) -> None:
     file = tmp_path / "bench.urdf"
-    file.write_text(URDF)
+    file.write_text(BENCH_URDF)
     with pytest.raises(PortError, match=r"/dev/ttyACM0 is not opened: the robot file of .* gives no servos"):
         armctl.Arm.open(file, port="/dev/ttyACM0")
 

@@ -24,12 +24,19 @@ def toy_board(folder: Path) -> Iterator[Path]:
     Yields:
         a robot file of an arm that it drives: the Uzuner arm, with steps in place of pulses.
     """
+    with installed(folder):
+        yield robot_file(folder / "toy_arm.toml")
+
+
+@contextmanager
+def installed(folder: Path) -> Iterator[None]:
+    """As ``toy_board``, without an arm."""
     install(folder, PACKAGE, f"toy = {PACKAGE}:ToyBoard")
     shutil.copy(SOURCE, folder / f"{PACKAGE}.py")
     sys.path.insert(0, str(folder))
     forget()
     try:
-        yield robot_file(folder / "toy_arm.toml")
+        yield
     finally:
         sys.path.remove(str(folder))
         sys.modules.pop(PACKAGE, None)

@@ -1,0 +1,58 @@
+"""Each example runs on the simulated board, and prints what it promises."""
+
+from __future__ import annotations
+
+import re
+import runpy
+from collections.abc import Iterator
+from pathlib import Path
+
+import matplotlib as mpl
+import pytest
+from matplotlib import pyplot as plt
+from tests.architecture.toy_board import installed
+from tests.arms import quick_arms
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PRINTS = {
+    "01_hello_arm.py": r"tool at x 200\.0, y 0\.0, z 100\.0 mm",
+    "02_all_solutions.py": r"[\d,]{5,} solutions on \d branches: front elbow-down, front elbow-up",
+    "03_least_energy.py": r"least-torque loads the servos \d\d% less",
+    "04_jog.py": r"base turned by \d+\.\d°\ntool raised by \d+\.\d mm",
+    "05_line_and_arc.py": r"tool at x 220\.0, y -60\.0, z 100\.0 mm",
+    "06_published_arc.py": r"solutions  RMSE x 0\.00\d+ y 0\.00\d+",
+    "07_pick_from_conveyor.py": r"^placed; tool at x 221\.4, y 160\.9, z 243\.0 mm",
+    "08_program_from_csv.py": r"0 errors\nsaved: square\.toml",
+    "09_calibrate.py": r"before: the tool misses by \d\d?\.\d mm\nafter: the tool misses by [01]\.\d mm",
+    "10_own_robot.py": r"complete list of solutions: yes\n(?s:.*)joints at the cup",
+    "11_own_criterion.py": r"spare_the_wrist: wrist joint \d+ mm high",
+    "12_own_board.py": r"board: Toy board\nmeasured \[°\]: 30\.0 45\.0",
+    "13_measured_against_commanded.py": r"the positions are measured\nWaist +largest error \d\.\d\d°",
+}
+
+
+@pytest.fixture(autouse=True)
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A folder to write into, arms that are quick, and figures without a window."""
+    monkeypatch.chdir(tmp_path)
+    quick_arms(tmp_path, monkeypatch)
+    mpl.use("agg")
+    yield
+    plt.close("all")
+
+
+def test_each_is_listed_and_tried() -> None:
+    scripts = {path.name for path in EXAMPLES.glob("*.py")}
+    assert scripts == set(PRINTS)
+    listed = (EXAMPLES / "README.md").read_text(encoding="utf-8")
+    assert [path.name for path in EXAMPLES.glob("*.*") if f"]({path.name})" not in listed] == ["README.md"]
+
+
+@pytest.mark.parametrize("name", PRINTS)
+def test_it_runs(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with installed(tmp_path):  # as pip would install the package of example 12
+        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+    printed = capsys.readouterr().out
+    assert re.search(PRINTS[name], printed, re.MULTILINE), printed
+    for picture in re.findall(r"^drawn: (\S+)$", printed, re.MULTILINE):
+        assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
