@@ -368,7 +368,8 @@ class Run:
     moving: float = 0.0
     memory_mb: float = 0.0
     minutes: float = 0.0
-    gaps_s: list[float] = field(default_factory=list[float])
+    gaps_s: list[tuple[float, bool]] = field(default_factory=list[tuple[float, bool]])
+    """each, and whether the board's own process, which has precedence, stood still meanwhile, too"""
     """all that are longer than ``_GAP_S``"""
 
     def of(self, what: str) -> Times:
@@ -427,16 +428,18 @@ async def long_program(console: Console, run: Run) -> None:
         await console.stands()
 
 
-async def gaps(console: Console, seconds: float) -> list[float]:
-    """Let a program loop; the gaps between its setpoints that are too long."""
+async def gaps(console: Console, seconds: float) -> list[tuple[float, bool]]:
+    """Let a program loop; the gaps between its setpoints that are too long, and whether all stood still."""
     await console.go()
-    found: list[float] = []
+    found: list[tuple[float, bool]] = []
+    stood = console.wire.stood
     last, end = 0.0, time.monotonic() + seconds
     while time.monotonic() < end:
         await asyncio.sleep(0.1)
         for frame in await console.frames():
-            if last and frame.at_s - last > _GAP_S:
-                found.append(frame.at_s - last)
+            if last and (gap := frame.at_s - last) > _GAP_S:
+                still = sum(max(0.0, min(end, frame.at_s) - max(start, last)) for start, end in stood)
+                found.append((gap, gap - still <= _GAP_S))
             last = frame.at_s
         console.arrived.clear()
     await console.page.stop()
@@ -458,7 +461,8 @@ def rows(split: Run, before: Run | None) -> list[Row]:
         for what, times in split.times.items()
     ]
     what = f"gaps above {1000 * _GAP_S:.0f} ms between setpoints, {split.minutes:g} minutes under load"
-    found.append(Row(what, _gaps(split), _before(before, _gaps), "0", not split.gaps_s))
+    met = all(still for _, still in split.gaps_s)
+    found.append(Row(what, _gaps(split), _before(before, _gaps), "0", met))
     for what, most, figure in (
         ("memory of both processes [MB]", 150, lambda run: run.memory_mb),
         ("processor, holding, one page [% of a core]", 4, lambda run: run.holding),
@@ -483,7 +487,11 @@ def _judged(times: Times) -> tuple[str, bool | None]:
 
 def _gaps(run: Run) -> str:
     shorter = f" in {run.minutes:g} minutes" if run.minutes <= _BEFORE_MINUTES else ""
-    return f"{len(run.gaps_s)}{shorter} (worst {1000 * max(run.gaps_s):.0f} ms)" if run.gaps_s else "0"
+    if not run.gaps_s:
+        return "0"
+    stood = sum(still for _, still in run.gaps_s)
+    with_machine = f"; in {stood} the machine stood still" if stood else ""
+    return f"{len(run.gaps_s)}{shorter} (worst {1000 * max(run.gaps_s)[0]:.0f} ms{with_machine})"
 
 
 def table(rows: Sequence[Row]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 from contextlib import suppress
 from multiprocessing import get_context
@@ -19,6 +20,7 @@ from armctl.runtime.board import output_map
 
 ROBOT = "uzuner"
 US_PER_QUARTER = 0.25
+_LOOK_S, _STOOD_S = 0.005, 0.03
 
 
 class Frame(NamedTuple):
@@ -60,15 +62,35 @@ class _Board:
         return self._maestro.feed(data)
 
 
+class _Watch(threading.Thread):
+    """Notes when this process, which has precedence and next to nothing to do, stood still itself."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.stood: list[tuple[float, float]] = []
+
+    def run(self) -> None:
+        last = time.monotonic()
+        while True:
+            time.sleep(_LOOK_S)
+            now = time.monotonic()
+            if now - last > _STOOD_S:
+                self.stood.append((last, now))
+            last = now
+
+
 def _serve(pipe: Connection) -> None:
-    with suppress(PermissionError):
-        os.nice(-10)  # a board is late for no other program
+    with suppress(PermissionError, AttributeError):  # a board is late for no other program
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+    watch = _Watch()
+    watch.start()
     with PtyServer(_Board(), time.monotonic, tick_s=0.1) as server:
         pipe.send(server.port)
         while pipe.recv():
             with server.inspect() as board:
                 frames, board.frames = board.frames, []
-            pipe.send([tuple(frame) for frame in frames])
+            stood, watch.stood = watch.stood, []
+            pipe.send(([tuple(frame) for frame in frames], stood))
 
 
 class Wire:
@@ -80,11 +102,15 @@ class Wire:
         self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
         self._process.start()
         self.port: str = self._pipe.recv()
+        self.stood: list[tuple[float, float]] = []
+        """from when to when [s] the board's own process stood still: then it is the machine, not armctl"""
 
     def frames(self) -> list[Frame]:
         """The setpoints that have come since the last call."""
         self._pipe.send(True)
-        return [Frame(*frame) for frame in self._pipe.recv()]
+        frames, stood = self._pipe.recv()
+        self.stood += stood
+        return [Frame(*frame) for frame in frames]
 
     def __enter__(self) -> Self:
         return self
