@@ -12,23 +12,19 @@ import errno
 import math
 import os
 import re
-import reprlib
 import stat
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, TypeVar
 
-import msgspec
-from msgspec import inspect
-
-from armctl.errors import ArmctlError, InputError
+from armctl.decoding import Decoder, Place
+from armctl.errors import ArmctlError, Errors, InputError
 
 T = TypeVar("T")
-Place = tuple[str | int, ...]
-"""Where a value stands: keys and indices from the top, e.g. ("steps", 2, "x_mm")"""
 
 
 def as_path(value: str | Path, what: str) -> Path:
@@ -55,7 +51,7 @@ class DocumentKind:
         try:
             return decode(self.read(path))
         except self.error as cause:
-            raise self.error(f"{path}: {cause}") from cause
+            raise cause.about(str(path)) from cause
 
     def read(self, path: Path) -> bytes:
         """The bytes of a regular file that is not too large; refuses others, and never waits for one."""
@@ -108,10 +104,7 @@ class DocumentKind:
 
     def decode(self, content: bytes | str, model: type[T]) -> T:
         """A struct from the content of its file; refuses as the three methods that it calls."""
-        document = self.parse(content)
-        found = document.convert(model)
-        document.require_numbers()
-        return found
+        return self.parse(content).convert(model)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,41 +117,50 @@ class Document:
     """None: made in Python; a refusal then names no line"""
 
     def convert(self, model: type[T], place: Place = ()) -> T:
-        """What stands at ``place`` as a struct; refuses an unknown or missing key, a wrong type or value."""
+        """What stands at ``place`` as a struct; refuses every unknown or missing key, wrong type or value.
+
+        Numbers that are not finite (TOML knows nan and inf) are refused, and those that are too large.
+        """
+        errors = Errors()
+        found = self.decoded(model, errors, place)
+        errors.raise_all()
+        return found
+
+    def decoded(self, model: type[T], errors: Errors, place: Place = ()) -> T:
+        """As ``convert``, but ``errors`` takes the refusals; what was refused is ``REFUSED`` there."""
         value: Any = self.record
         for key in place:
             value = value[key]
+        decoder = Decoder(self.kind.largest)
         try:
-            return msgspec.convert(value, model)
-        except msgspec.ValidationError as cause:
-            refusal = refusal_of(cause, value, model)
-            raise self.refusal(refusal.what, (*place, *refusal.place), refusal.key) from cause
+            found = decoder.decoded(value, model, place)
         except RecursionError as cause:
             raise self.kind.error("arrays or tables are nested too deep") from cause
-
-    def require_numbers(self) -> None:
-        """Refuse numbers that are not finite (TOML knows nan and inf), or too large."""
-        for place, number in _numbers(self.record, ()):
-            if isinstance(number, float) and not math.isfinite(number):
-                raise self.refusal(f"{number} is no number to use", place)
-            if abs(number) > self.kind.largest:
-                allowed = f"must be within ±{self.kind.largest:.0e}"
-                raise self.refusal(f"{allowed}, not {reprlib.repr(number)}", place)
+        errors.found += (self.refusal(one.what, one.place, one.key) for one in decoder.refusals)
+        return found
 
     def refusal(self, what: str, place: Place, key: str | None = None) -> ArmctlError:
         """The error that says what is wrong at a place; ``key`` is unknown or missing there."""
-        line = None if self.text is None else line_of(self.text, place if key is None else (*place, key))
-        words = [] if line is None else [f"line {line}"]
+        words: list[str] = []
+        shown = place
         match place:
             case (str() as name, int() as index, *rest) if name in self.kind.entries:
                 words.append(f"{self.kind.entries[name]} {index + 1}")
-                place = tuple(rest)
+                shown = tuple(rest)
             case _:
                 pass
-        if place:
-            text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place)
+        if shown:
+            text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in shown)
             words.append(f"key {text.removeprefix('.')}")
-        return self.kind.error(f"{', '.join(words)}: {what}" if words else what)
+        what = f"{', '.join(words)}: {what}" if words else what
+        return self.error(what, place if key is None else (*place, key), ", " if words else ": ")
+
+    def error(self, what: str, place: Place, between: str = ": ") -> ArmctlError:
+        """``what``, with the line of a place before it."""
+        line = None if self.text is None else line_of(self.text, place)
+        error = self.kind.error(what if line is None else f"line {line}{between}{what}")
+        error.line = line
+        return error
 
 
 MOST_KEY_PARTS = 16
@@ -205,181 +207,85 @@ def _syntax(message: str) -> str:
     return f"{what} at the end of the file" if line is None else f"line {line}, column {column}: {what}"
 
 
-def _numbers(value: object, place: Place) -> Iterator[tuple[Place, float]]:
-    """Every number in a value that was parsed, and where it stands."""
-    if isinstance(value, dict):
-        for key, one in cast("dict[str, object]", value).items():
-            yield from _numbers(one, (*place, key))
-    elif isinstance(value, list | tuple):
-        for index, one in enumerate(cast("Sequence[object]", value)):
-            yield from _numbers(one, (*place, index))
-    elif isinstance(value, float | int):
-        yield place, value
-
-
-# A decoder's refusal in plain words.
-
-_UNKNOWN = re.compile(r"Object contains unknown field `(.+)`", re.DOTALL)
-_MISSING = re.compile(r"Object missing required field `(.+)`", re.DOTALL)
-_CHOICE = re.compile(r"Invalid (?:enum )?value (.+)", re.DOTALL)
-_BOUND = re.compile(r"Expected `(?:float|int)` (?:>=|<=|>|<) \S+")
-_LENGTH = re.compile(r"Expected `(array|str)` of length (?:(>=|<=) )?(\d+)(?:, got \d+)?")
-_PATTERN = re.compile(r"Expected `str` matching regex '(.*)'", re.DOTALL)
-_TYPE = re.compile(r"Expected `([a-z| ]+)`, got `\w+`")
-_TYPE_WORDS = {
-    "float": "a number",
-    "int": "a whole number",
-    "str": "text",
-    "array": "a list",
-    "object": "a table",
-    "null": "left out",
-}
-_LENGTH_WORDS = {None: "", ">=": "at least ", "<=": "at most "}
-_STEP = re.compile(r"\[(\d+|\.\.\.)\]|([^.\[]+)")
-
-
-class Refusal(NamedTuple):
-    """What a record was refused for."""
-
-    place: Place
-    key: str | None
-    """the key that is unknown or missing there"""
-    what: str
-
-
-def refusal_of(error: msgspec.ValidationError, record: object, model: Any) -> Refusal:
-    """What the decoder raised on decoding ``record`` as a ``model``, in plain words."""
-    what, _, where = str(error).rpartition(" - at `")
-    if not what:
-        what, where = str(error), "$`"
-    where = where.removeprefix("key` in `").removesuffix("`").removeprefix("$")
-    steps = _STEP.findall(where)
-    place = tuple(int(index) if index.isdigit() else key or "*" for index, key in steps)
-    if match := _UNKNOWN.fullmatch(what):
-        return Refusal(place, match[1], f"unknown key {match[1]!r}; mistyped?")
-    if match := _MISSING.fullmatch(what):
-        return Refusal(place, match[1], f"the key {match[1]!r} is missing")
-    return Refusal(place, None, _plain_words(what, *_found(record, inspect.type_info(model), place)))
-
-
-def _plain_words(what: str, value: Any, node: inspect.Type) -> str:
-    """What is wrong with a value that should be of the type ``node``."""
-    got = "" if value is _LOST else f", not {reprlib.repr(value)}"
-    if _BOUND.fullmatch(what) and isinstance(node, inspect.FloatType | inspect.IntType):
-        return f"must be {range_words(node)}{got}"
-    if (match := _CHOICE.fullmatch(what)) and isinstance(node, inspect.LiteralType):
-        return f"{must_be(node.values)}, not {match[1]}"
-    if match := _TYPE.fullmatch(what):
-        allowed = " or ".join(_TYPE_WORDS.get(name, name) for name in match[1].split(" | "))
-        return f"must be {allowed}{got}"
-    if match := _LENGTH.fullmatch(what):
-        count, unit = int(match[3]), "character" if match[1] == "str" else "value"
-        return f"must have {_LENGTH_WORDS[match[2]]}{count} {unit}{'' if count == 1 else 's'}{got}"
-    if match := _PATTERN.fullmatch(what):
-        return f"a name must match {match[1]}{got if isinstance(value, str) else ''}"
-    what = what.replace("`", "")
-    return f"{what[:1].lower()}{what[1:]}"
-
-
-def must_be(choices: Sequence[object]) -> str:
-    """What may stand where only some values may: "must be one of 'a', 'b'"."""
-    allowed = ", ".join(repr(choice) for choice in choices)
-    return f"must be {'one of ' if len(choices) > 1 else ''}{allowed}"
-
-
-def range_words(node: inspect.FloatType | inspect.IntType) -> str:
-    """Which numbers are allowed: "0 … 100", "more than 0"."""
-    if node.ge is not None and node.le is not None:
-        return f"{node.ge:.15g} … {node.le:.15g}"
-    bounds = (("at least", node.ge), ("more than", node.gt), ("at most", node.le), ("less than", node.lt))
-    return " and ".join(f"{word} {bound:.15g}" for word, bound in bounds if bound is not None)
-
-
-_LOST = object()
-"""a value below a key that the decoder does not name"""
-
-
-def _found(value: Any, node: inspect.Type, place: Place) -> tuple[Any, inspect.Type]:
-    """The value at a place of a record, and its type there."""
-    for part in place:
-        match _one_type(node, value):
-            case inspect.StructType(fields=fields):
-                node = next(one.type for one in fields if one.encode_name == part)
-            case inspect.UnionType(types=kinds):  # of structs, and no kind has the tag that stands there
-                node = inspect.LiteralType(
-                    tuple(one.tag for one in kinds if isinstance(one, inspect.StructType))
-                )
-            case (
-                inspect.DictType(value_type=inner)
-                | inspect.ListType(item_type=inner)
-                | inspect.VarTupleType(item_type=inner)
-            ):
-                node = inner
-            case inspect.TupleType(item_types=inners) if isinstance(part, int):
-                node = inners[part]
-            case _:
-                pass
-        try:
-            value = value[part]
-        except (KeyError, TypeError):
-            value = _LOST
-    return value, _one_type(node, value)
-
-
-def _one_type(node: inspect.Type, value: Any) -> inspect.Type:
-    """A type that may also be None or several kinds of structs: the one that the value is of."""
-    if not isinstance(node, inspect.UnionType):
-        return node
-    kinds = [one for one in node.types if not isinstance(one, inspect.NoneType)]
-    tags = cast("dict[object, object]", value) if isinstance(value, dict) else {}
-    for one in kinds:
-        if isinstance(one, inspect.StructType) and one.tag is not None and tags.get(one.tag_field) == one.tag:
-            return one
-    return kinds[0] if len(kinds) == 1 else node
-
-
 # On which line of a TOML text something stands.
 
 _NAME = r"""(?:[A-Za-z0-9_-]+|"(?:\\.|[^"\\\n])*"|'[^'\n]*')"""
 _NAMES = rf"{_NAME}(?:[ \t]*\.[ \t]*{_NAME})*"
-_SKIPPED = (
-    r'"""(?:\\.|[^\\])*?"""'  # strings may hold what looks like a header or a key
-    r"|'''.*?'''"
+_HEADER = re.compile(rf"(?P<open>\[\[?)[ \t]*(?P<table>{_NAMES})[ \t]*\]\]?")
+_KEY = re.compile(rf"(?P<key>{_NAMES})[ \t]*=[ \t]*")
+_SPACE = re.compile(r"(?:[ \t\n]+|#[^\n]*)*")
+_SCALAR = re.compile(
+    r'"""(?:\\.|[^\\])*?"{3,5}'  # a string may hold what looks like a header or a key
+    r"|'{3}.*?'{3,5}"
     r'|"(?:\\.|[^"\\\n])*"'
     r"|'[^'\n]*'"
-    r"|#[^\n]*"
-)
-_LINES = re.compile(
-    rf"^[ \t]*(?P<open>\[\[?)[ \t]*(?P<table>{_NAMES})[ \t]*\]\]?[ \t]*(?=[\n#]|\Z)"
-    rf"|^[ \t]*(?P<key>{_NAMES})[ \t]*="
-    rf"|{_SKIPPED}",
-    re.MULTILINE | re.DOTALL,
+    r"|[^,\]}\n#]+",
+    re.DOTALL,
 )
 
 
 def line_of(text: str, place: Place) -> int | None:
-    """Line of valid TOML, from 1, of a key, or of the table that it is missing in.
+    """Line of valid TOML, from 1, of a key or an entry of a list, or of the table that it is missing in."""
+    offsets = _offsets(text)
+    while place and place not in offsets:
+        place = place[:-1]
+    return text.count("\n", 0, offsets[place]) + 1 if place else None
 
-    None where it cannot be told: the entries of an array of inline tables have no line.
-    """
+
+@lru_cache(maxsize=1)
+def _offsets(text: str) -> dict[Place, int]:
+    """Where everything in valid TOML begins."""
+    found: dict[Place, int] = {}
     entries: dict[Place, int] = {}
     table: Place = ()
-    best: Place = ()
-    found: int | None = None
-    for match in _LINES.finditer(text):
-        if match["table"]:
+    at = _after_space(text, 0)
+    while at < len(text):
+        if match := _HEADER.match(text, at):
             table = _opened(_names(match["table"]), entries, new=match["open"] == "[[")
-            here = table
-        elif match["key"]:
-            here = (*table, *_names(match["key"]))
+            for length in range(1, len(table) + 1):
+                found.setdefault(table[:length], at)
+            at = match.end()
         else:
-            continue
-        if len(here) > len(best) and place[: len(here)] == here:
-            best, found = here, match.start()
-    rest = place[len(best) :]
-    if found is None or (len(rest) > 1 and isinstance(rest[0], int)):
-        return None
-    return text.count("\n", 0, found) + 1
+            at = _entry(text, at, table, found)
+        at = _after_space(text, at)
+    return found
+
+
+def _entry(text: str, at: int, table: Place, found: dict[Place, int]) -> int:
+    """Note ``key = value`` at an offset, and what is in the value; where it ends."""
+    match = _KEY.match(text, at)
+    if match is None:
+        raise ValueError(f"no TOML at offset {at}")
+    here = table
+    for name in _names(match["key"]):
+        here = (*here, name)
+        found.setdefault(here, at)
+    return _value(text, match.end(), here, found)
+
+
+def _value(text: str, at: int, here: Place, found: dict[Place, int]) -> int:
+    """Note what is in a value at an offset; where it ends."""
+    opening = text[at]
+    if opening not in "[{":
+        match = _SCALAR.match(text, at)
+        return at + 1 if match is None else match.end()
+    at, count = _after_space(text, at + 1), 0
+    while text[at] not in "]}":
+        if opening == "{":
+            at = _entry(text, at, here, found)
+        else:
+            found.setdefault((*here, count), at)
+            at = _value(text, at, (*here, count), found)
+        count += 1
+        at = _after_space(text, at)
+        if text[at] == ",":
+            at = _after_space(text, at + 1)
+    return at + 1
+
+
+def _after_space(text: str, at: int) -> int:
+    match = _SPACE.match(text, at)
+    return at if match is None else match.end()
 
 
 def _names(text: str) -> list[str]:

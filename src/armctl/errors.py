@@ -6,9 +6,64 @@ translated where they enter (``raise ... from cause``), so that nobody above has
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Self
+
 
 class ArmctlError(Exception):
     """Anything that armctl refuses or that went wrong, in words for the user."""
+
+    each: Sequence[ArmctlError] = ()
+    """the errors that this one tells together; empty: it is one"""
+    line: int | None = None
+    """of the file that it is about"""
+
+    def about(self, what: str) -> Self:
+        """The same, with what it is about before it."""
+        error = type(self)(f"{what}: {self}")
+        error.each = [one.about(what) for one in self.each]
+        error.line = self.line
+        return error
+
+
+class RefusedBeforeError(Exception):
+    """A check met a value that was refused already, so it cannot tell anything (``decoding.REFUSED``)."""
+
+
+_TOLD = 3
+"""errors that one message tells"""
+
+
+class Errors:
+    """Collects errors, so that who has to mend a file sees them all: ``with errors: check()``."""
+
+    def __init__(self) -> None:
+        self.found: list[ArmctlError] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
+        """Take an ``ArmctlError``; pass over what was refused before."""
+        if isinstance(error, ArmctlError):
+            self.found += error.each or [error]
+        return isinstance(error, ArmctlError | RefusedBeforeError)
+
+    def raise_all(self) -> None:
+        """Raise what was found, if anything, in the order of the lines."""
+        found = sorted(self.found, key=lambda one: one.line or math.inf)
+        if len(found) > 1:
+            told = "; ".join(map(str, found[:_TOLD]))
+            more = f"; and {len(found) - _TOLD} more (armctl check tells all)" if len(found) > _TOLD else ""
+            joined = type(found[0])(f"{len(found)} errors: {told}{more}")
+            joined.each = found
+            raise joined
+        if found:
+            raise found[0]
 
 
 class InputError(ArmctlError):

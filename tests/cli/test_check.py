@@ -6,11 +6,12 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from armctl.cli.main import DONE, REFUSED, run
 from armctl.program import LineStep, MoveStep, Program, Step, save_program
-from armctl.robot import robots_folder
+from armctl.robot import load_robot, robots_folder
 
 HOME = MoveStep(joints_deg=(0, 90, -80, -40, 0))
 STRETCHED = MoveStep(joints_deg=(0, 0, 0, 0, 0))
@@ -70,7 +71,7 @@ def test_a_csv_without_a_robot_says_how_to_name_one(
 @pytest.mark.parametrize("name", ["abaas", "humanoid", "mico", "scorbot", "uzuner"])
 def test_shipped_robots_are_sound(capsys: pytest.CaptureFixture[str], name: str) -> None:
     status, out, err = call(capsys, str(robots_folder() / f"{name}.toml"))
-    assert status == DONE and "a sound robot" in out
+    assert status == DONE and "a sound robot" in out and "the tool axis" not in err
     assert ("not checked: gravity torque" in out) == (name in ("humanoid", "mico", "scorbot"))
     if name == "abaas":
         assert "warning: " in err and "the way from home to zero: " in err and "below the floor" in err
@@ -157,3 +158,111 @@ def test_a_python_script_is_run_with_python(capsys: pytest.CaptureFixture[str], 
         status = run([command, str(path)])
         assert status == REFUSED
         assert "pick.py: is a Python script; run it with Python: python pick.py" in capsys.readouterr().err
+
+
+def test_all_that_is_wrong_with_a_robot_file_is_told_at_once_in_the_order_of_its_lines(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Keys, types, choices, contradictions and the board's tables, in one list and in a table each."""
+    text = (robots_folder() / "uzuner.toml").read_text()
+    wrong = (
+        ('convention = "modified"', 'convention = "modifed"', r"'modifed'; did you mean 'modified'\?"),
+        ('joint = "elbow" }', 'joint = "elbow", colour = 3 }', r"unknown key 'colour'; .* alpha_deg, a_mm"),
+        ('title = "Base"', "title = 3", "title: must be text, not 3"),
+        ("[-3.19, 146.831]", "[146.831, -3.19]", r"shoulder\.limit_deg = .*: the lower limit comes first"),
+        ("acceleration_deg_s2 = 540", "aceleration_deg_s2 = 540", "Did you mean 'acceleration_deg_s2'?"),
+        ("zero_us = 1446.45", "zero_us = nan", r"servo\.zero_us: nan is no number"),
+        ("channel = 5", "chanel = 5", r"gripper\.servo: unknown key 'chanel'; .*'channel'"),
+        ("home = [0, 90, -80, -40, 0]", "home = [0, 90, -80, -40]", r"poses\.home: 5 angles are needed"),
+        ('joint = "base"\nmass_kg', 'joint = "bsae"\nmass_kg', "no joint 'bsae'; did you mean 'base'?"),
+    )
+    for old, new, _ in wrong:
+        assert old in text
+        text = text.replace(old, new, 1)
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    status, _, err = call(capsys, str(path))
+    lines = err.splitlines()
+    assert status == REFUSED and len(lines) == len(wrong)
+    numbers = [int(re.findall(r"mine\.toml: line (\d+)", line)[0]) for line in lines]
+    assert numbers == sorted(numbers)
+    for (_, new, says), line, number in zip(wrong, lines, numbers, strict=True):
+        assert re.search(says, line), line
+        assert text.splitlines()[number - 1] in new or new in text.splitlines()[number - 1]
+
+
+def test_all_steps_that_are_wrong_are_told_at_once(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        'format = 1\nrobot = "uzuner"\nstep = 3\n[[steps]]\ndo = "wait"\nsecs = 1\n'
+        '[[steps]]\ndo = "hop"\n[[steps]]\ndo = "line"\nx_mm = 1\ny_mm = "2"\n'
+    )
+    status, out, _ = call(capsys, str(path), "--json")
+    told = [finding["text"] for finding in json.loads(out)["findings"]]
+    says = (
+        r"line 3: unknown key 'step'; .* 'steps'",
+        r"line 6, step 1: unknown key 'secs'",
+        r"line 8, step 2, key do: must be one of .*, not 'hop'",
+        r"line 9, step 3: the key 'z_mm' is missing",
+        r"line 12, step 3, key y_mm: must be a number, not '2'",
+    )
+    assert status == REFUSED
+    for one, text in zip(says, told, strict=True):
+        assert re.search(one, text), text
+
+
+@pytest.mark.parametrize(
+    ("convention", "rows"),
+    [
+        ("standard", ["a_mm = 90, alpha_deg = 0, d_mm = 4, joint = 'wrist'"]),
+        ("standard", ["a_mm = -90, alpha_deg = 0, d_mm = 0, joint = 'wrist'"]),
+        (
+            "modified",
+            ["a_mm = 110, alpha_deg = 0, d_mm = 0, joint = 'wrist'", "a_mm = 90, alpha_deg = 0, d_mm = 0"],
+        ),
+    ],
+)
+def test_a_tool_axis_across_the_link_is_told_with_the_rows_that_mend_it(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, convention: str, rows: list[str]
+) -> None:
+    ahead = [
+        "a_mm = 0, alpha_deg = 90, d_mm = 80, joint = 'base'",
+        "a_mm = 120, alpha_deg = 0, d_mm = 0, joint = 'shoulder'",
+        "a_mm = 110, alpha_deg = 0, d_mm = 0, joint = 'elbow'",
+    ]
+    if convention == "modified":
+        ahead = [
+            "a_mm = 0, alpha_deg = 0, d_mm = 80, joint = 'base'",
+            "a_mm = 0, alpha_deg = 90, d_mm = 0, joint = 'shoulder'",
+            "a_mm = 120, alpha_deg = 0, d_mm = 0, joint = 'elbow'",
+        ]
+    joints = "".join(
+        f"[[joints]]\nname = '{name}'\ntitle = 'The {name}'\nlimit_deg = [-150, 150]\nspeed_deg_s = 60\n"
+        "acceleration_deg_s2 = 360\n"
+        for name in ("base", "shoulder", "elbow", "wrist")
+    )
+    path = tmp_path / "mine.toml"
+
+    def written(*more: str) -> str:
+        listed = ",\n".join(f"{{ {row} }}" for row in [*ahead, *rows])
+        path.write_text(
+            "format = 1\nname = 'mine'\ntitle = 'Mine'\n"
+            "poses = { home = [0, 45, 0, 0], rest = [0, 45, 0, 0] }\n"
+            f"[dh]\nconvention = '{convention}'\nrows = [{', '.join([listed, *more])}]\n{joints}"
+        )
+        return str(path)
+
+    status, _, err = call(capsys, written())
+    found = re.search(r"warning: .*the tool axis: .*along the link: (\{.*\})$", err, re.MULTILINE)
+    assert status == DONE and found is not None
+    robot, mended = load_robot(path), load_robot(written(found[1]))
+    assert not len(robot.inverse([0.2, 0.0, 0.1], pitch=-0.5).q)
+    assert len(mended.inverse([0.2, 0.0, 0.1], pitch=-0.5).q)
+    q = np.radians([20.0, 40.0, -30.0, -20.0])
+    hand = mended.forward(q)[:3, 3] - mended.frames(q)[3 if convention == "standard" else 4][:3, 3]
+    along = mended.forward(q)[:3, 2] @ hand / np.linalg.norm(hand)
+    assert along > 0.99
+    assert robot.forward(q)[:3, 3] == pytest.approx(mended.forward(q)[:3, 3])
+    assert "the tool axis" not in call(capsys, str(path))[2]

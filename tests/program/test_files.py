@@ -138,10 +138,10 @@ def test_a_program_has_so_many_steps_at_most() -> None:
         read_csv(f"base_deg,shoulder_deg,elbow_deg,wrist_pitch_deg,wrist_roll_deg\n{rows}", ROBOT)
 
 
-def test_steps_as_an_array_are_read_and_named_without_a_line() -> None:
+def test_steps_as_an_array_are_read_and_named() -> None:
     text = 'robot = "uzuner"\nsteps = [\n  {do = "wait", seconds = 1},\n  {do = "wait", seconds = %s},\n]\n'
     assert decode_program(text % "2").steps == (WaitStep(seconds=1), WaitStep(seconds=2))
-    with pytest.raises(ProgramError, match=r"^step 2, key seconds: must be a number, not 'x'"):
+    with pytest.raises(ProgramError, match=r"^line 4, step 2, key seconds: must be a number, not 'x'"):
         decode_program(text % "'x'")
 
 

@@ -193,7 +193,7 @@ def test_named_points_and_the_look_are_read(tmp_path: Path) -> None:
             '[look]\nlinks = ["#ff8000"]\nwidth_percent = 0',
             "width_percent: must be more than 0 and at most",
         ),
-        ("[points]\nP0 = [1, 2]", r"points\.\*: must have 3 values"),
+        ("[points]\nP0 = [1, 2]", r"line \d+, key points\.P0: must have 3 values"),
         ('[points]\n"P 0" = [0, 0, 0]', r"points"),
     ],
 )

@@ -127,9 +127,7 @@ def checked_record(calibration: Calibration, again: int | None = None) -> dict[s
         },
     )
     record = {key: value for key, value in msgspec.to_builtins(file).items() if value is not None}
-    document = Document(_CALIBRATIONS, record)
-    document.convert(_CalibrationFile)
-    document.require_numbers()
+    Document(_CALIBRATIONS, record).convert(_CalibrationFile)
     file.require_sense()
     return record
 

@@ -22,6 +22,7 @@ from armctl.motion.preflight import Finding, not_checked, preflight
 from armctl.motion.profiles import PointToPoint
 from armctl.program import Program, check_program, open_program
 from armctl.robot import Robot, is_urdf, load_robot
+from armctl.robot.shape import across_the_link
 from armctl.runtime.power import below_floor
 
 _ANY = DocumentKind(InputError, most_bytes=1024 * 1024)
@@ -54,7 +55,7 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
             findings = check_on_terminal(program, arm)
         unknown = not_checked(arm)
     except ArmctlError as refusal:
-        findings = [Finding(str(refusal))]
+        findings = [Finding(str(one)) for one in refusal.each or (refusal,)]
     errors = [finding for finding in findings if finding.severity == "error"]
     if as_json:
         print_json({
@@ -133,6 +134,9 @@ def _check_robot(robot: Robot) -> Iterator[Finding]:
     if below is not None:
         mend = f"Enable is refused there; {_other_rest(robot)}"
         yield Finding(below, part="the rest pose", mend=mend, kind="floor")
+    note = across_the_link(robot.chain)
+    if note is not None:
+        yield Finding(note.what, part="the tool axis", mend=note.mend, kind="reach", severity="warning")
     home = robot.pose("home")
     for name in robot.poses:
         if name != "home":

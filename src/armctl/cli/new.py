@@ -13,6 +13,7 @@ from armctl.cli.options import NUMBER
 from armctl.errors import InputError
 from armctl.robot import Robot, robot_path
 from armctl.robot.draft import BUILDS, Build, Draft, build_named
+from armctl.robot.shape import across_the_link
 
 
 @click.command()
@@ -118,6 +119,8 @@ def summary(robot: Robot) -> list[str]:
         for joint in robot.joints
     ]
     lines.append(f"  in the pose home the tool is at x {x:z.1f}, y {y:z.1f}, z {z:z.1f} mm")
+    if (note := across_the_link(robot.chain)) is not None:
+        lines.append(f"  warning: the tool axis: {note.what}; {note.mend}")
     if robot.output_map is None:
         lines.append("  no servos yet: it runs on the simulated board (give --servo JOINT=CHANNEL)")
     return lines

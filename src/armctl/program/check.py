@@ -88,9 +88,7 @@ def _value_findings(program: Program, robot: Robot) -> Iterator[tuple[int, str]]
     for index, step in () if _is_sound(program.steps, robot) else enumerate(program.steps):
         try:
             # A file's values were checked when it was decoded; a program made in Python is checked here only.
-            written = Document(PROGRAM_FILES, msgspec.to_builtins(step))
-            written.convert(type(step))
-            written.require_numbers()
+            Document(PROGRAM_FILES, msgspec.to_builtins(step)).convert(type(step))
             step.check(robot)
         except ArmctlError as cause:
             yield index, str(cause)

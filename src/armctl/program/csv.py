@@ -13,7 +13,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from armctl.documents import refusal_of
+from armctl.decoding import refusal_of
 from armctl.errors import ProgramError
 from armctl.kinematics import roll_pitch_yaw
 from armctl.program.keys import keys_of

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path, PurePath
 from typing import Any, Literal, cast
 
@@ -11,7 +12,7 @@ import numpy as np
 import tomli_w
 
 from armctl.documents import Document, as_path, write_atomically
-from armctl.errors import ProgramError
+from armctl.errors import Errors, ProgramError
 from armctl.program.csv import read_csv
 from armctl.program.keys import literal
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
@@ -102,17 +103,22 @@ class _Head(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     format: Literal[1] = 1
     robot: str
     name: str = "untitled"
-    steps: list[object] = []
+    steps: tuple[()] = ()
 
 
 def _decoded(document: Document) -> Program:
-    head = document.convert(_Head)
-    if len(head.steps) > MOST_STEPS:
-        raise ProgramError(f"it has {len(head.steps)} steps; a program has {MOST_STEPS} at most")
-    steps: tuple[Step, ...] = document.convert(tuple[any_step(), ...], ("steps",)) if head.steps else ()
-    document.require_numbers()
+    errors = Errors()
+    head = replace(document, record={**document.record, "steps": []}).decoded(_Head, errors)
+    written: Any = document.record.get("steps", [])
+    if isinstance(written, list) and (count := len(cast("list[object]", written))) > MOST_STEPS:
+        raise ProgramError(f"it has {count} steps; a program has {MOST_STEPS} at most")
+    steps: tuple[Step, ...] = ()
+    if written != []:
+        steps = document.decoded(tuple[any_step(), ...], errors, ("steps",))
+    errors.raise_all()
     for index, what in Blocks.of(steps).findings:
-        raise document.refusal(what, ("steps", index))
+        errors.found.append(document.refusal(what, ("steps", index)))
+    errors.raise_all()
     return Program(robot=head.robot, name=head.name, steps=steps)
 
 

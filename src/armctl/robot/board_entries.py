@@ -10,15 +10,16 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated, Any, Protocol, TypeVar
+from typing import Annotated, Any, Protocol, TypeVar, cast
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
-from armctl.documents import Document, must_be
-from armctl.errors import RobotFileError
-from armctl.robot.file import Channel, Strict, board_tables
+from armctl.decoding import Place, did_you_mean, must_be
+from armctl.documents import Document
+from armctl.errors import ArmctlError, Errors, RefusedBeforeError
+from armctl.robot.file import Channel, Strict, Table, board_tables
 from armctl.robot.outputs import DEFAULT_BOARD, FLATTEST_PER_DEG, OutputMap
 
 Entry = TypeVar("Entry", bound=msgspec.Struct)
@@ -65,23 +66,29 @@ class BoardPart:
 
     def outputs(self, key: str, model: type[Entry]) -> list[Entry]:
         """The table ``key`` of each joint; empty where no joint has one, refused where only some have it."""
-        entries = enumerate(self.document.record.get("joints", ()))  # a side file need not name every joint
-        joints = {one["name"]: (i, board_tables(one)) for i, one in entries}
-        for tables in (
-            *(own for _, own in joints.values()),
-            board_tables(self.document.record.get("gripper")),
-        ):
-            for other in (name for name in tables if name != key):
-                raise RobotFileError(
-                    f"board.kind = {self.kind!r}: its joints and its gripper have {key} entries, "
-                    f"not {other} entries"
-                )
-        missing = [name for name, _ in self.joints if name not in joints or not joints[name][1]]
+        errors = Errors()
+        places = [self._place(name) for name, _ in self.joints]
+        tables = [{} if place is None else board_tables(self._at(place)) for place in places]
+        for where, own in [*zip(places, tables, strict=True), (("gripper",), self._gripper)]:
+            for other in own.keys() - {key}:
+                with errors:
+                    raise self.document.error(
+                        f"board.kind = {self.kind!r}: its joints and its gripper have {key} entries, "
+                        f"not {other} entries",
+                        (*(where or ()), other),
+                    )
+        missing = [name for (name, _), own in zip(self.joints, tables, strict=True) if not own]
+        errors.raise_all()
         if len(missing) == len(self.joints):
             return []
-        if missing:
-            raise RobotFileError(f"joints.{missing[0]}.{key} is missing; the other joints have one")
-        return [self.document.convert(model, ("joints", joints[name][0], key)) for name, _ in self.joints]
+        entries: list[Entry] = []
+        for (name, _), place in zip(self.joints, places, strict=True):
+            with errors:
+                if name in missing:
+                    raise self.error(f"joints.{name}.{key}", " is missing; the other joints have one")
+                entries.append(self.document.convert(model, (*(place or ()), key)))
+        errors.raise_all()
+        return entries
 
     def gripper(self, key: str, model: type[Entry], closed: str, opened: str) -> Entry | None:
         """The table ``key`` of the gripper; None for an arm without a gripper.
@@ -90,28 +97,51 @@ class BoardPart:
         """
         if not self.has_gripper:
             return None
-        if key not in self.document.record["gripper"]:
-            raise RobotFileError(f"gripper.{key} is missing; the joints have one")
+        where = f"gripper.{key}"
+        if key not in self._gripper:
+            raise self.error(where, " is missing; the joints have one")
         entry = self.document.convert(model, ("gripper", key))
         if getattr(entry, closed) == getattr(entry, opened):
-            raise RobotFileError(
-                f"gripper.{key}: closed and open are both {getattr(entry, closed):g}; they must differ, "
-                "or it cannot move"
-            )
+            both = f"closed and open are both {getattr(entry, closed):g}"
+            raise self.error(where, f": {both}; they must differ, or it cannot move")
         return entry
 
     def check_channels(self, channels: Sequence[int], gripper: int | None, what: str) -> None:
         """Refuse two ``what`` on one channel."""
         everything = [*channels, *([] if gripper is None else [gripper])]
-        if len(set(everything)) != len(everything):
-            raise RobotFileError(f"two {what} are on the same channel: {everything}")
+        for i, channel in enumerate(everything):
+            if channel in everything[:i]:
+                where = f"joints.{self.joints[i][0]}" if i < len(self.joints) else "gripper"
+                raise self.error(where, f": two {what} are on the same channel: {everything}")
 
     def check_scale(self, per_deg: float, where: str) -> None:
         """Refuse a scale on which a whole turn is about a step of the board, or less."""
         if abs(per_deg) < FLATTEST_PER_DEG:
-            raise RobotFileError(
-                f"{where} is {per_deg:g}: the joint would not move; {FLATTEST_PER_DEG} or more"
-            )
+            what = f" is {per_deg:g}: the joint would not move; {FLATTEST_PER_DEG} or more"
+            raise self.error(where, what)
+
+    def error(self, where: str, what: str) -> ArmctlError:
+        """The refusal of what stands at ``where``, e.g. ``joints.elbow.servo``; it names the line."""
+        first, *rest = where.split(".")
+        place: Place = (first, *rest)
+        if first == "joints" and rest:
+            place = (*(self._place(rest[0]) or (first,)), *rest[1:])
+        return self.document.error(f"{where}{what}", place)
+
+    @property
+    def _gripper(self) -> Table:
+        return board_tables(self.document.record.get("gripper"))
+
+    def _place(self, joint: str) -> Place | None:
+        """Of a joint's table; None: a side file need not name every joint."""
+        entries = cast("Sequence[object]", self.document.record.get("joints", ()))
+        for i, entry in enumerate(entries):
+            if isinstance(entry, dict) and cast("Table", entry).get("name") == joint:
+                return "joints", i
+        return None
+
+    def _at(self, place: Place) -> object:
+        return self.document.record["joints"][place[1]]
 
 
 class NoOptions(Strict, frozen=True):
@@ -139,20 +169,30 @@ class ServoEntries:
 
     def read(self, part: BoardPart) -> tuple[OutputMap | None, object]:
         """The map of the outputs; None where the file has none."""
-        part.board(NoOptions)
         zero, per_deg = f"zero_{self.key}", f"{self.key}_per_deg"
         closed, opened = f"closed_{self.key}", f"open_{self.key}"
         joint, gripper = self.models
-        servos = [msgspec.structs.asdict(one) for one in part.outputs("servo", joint)]
-        if not servos:
-            return None, None
-        found = part.gripper("servo", gripper, closed, opened)
+        errors, servos = Errors(), list[dict[str, Any]]()
+        found: msgspec.Struct | None = None
+        with errors:
+            part.board(NoOptions)
+        with errors:
+            servos = [msgspec.structs.asdict(one) for one in part.outputs("servo", joint)]
+            for (name, limits), servo in zip(part.joints, servos, strict=bool(servos)):
+                with errors:
+                    self._check_range(part, servo, limits, f"joints.{name}.servo")
+                with errors:
+                    part.check_scale(servo[per_deg], f"joints.{name}.servo.{per_deg}")
+        with errors:
+            if servos or "servo" in board_tables(part.document.record.get("gripper")):
+                found = part.gripper("servo", gripper, closed, opened)
         hand: dict[str, Any] = {} if found is None else msgspec.structs.asdict(found)
         channels = tuple(servo["channel"] for servo in servos)
-        part.check_channels(channels, hand.get("channel"), "servos")
-        for (name, limits), servo in zip(part.joints, servos, strict=True):
-            self._check_range(servo, limits, f"joints.{name}.servo")
-            part.check_scale(servo[per_deg], f"joints.{name}.servo.{per_deg}")
+        with errors:
+            part.check_channels(channels, hand.get("channel"), "servos")
+        errors.raise_all()
+        if not servos:
+            return None, None
         outputs = OutputMap(
             unit=self.unit,
             channels=channels,
@@ -188,15 +228,18 @@ class ServoEntries:
         )
         return joint_model, gripper_model
 
-    def _check_range(self, servo: dict[str, Any], limits: tuple[float, float], where: str) -> None:
+    def _check_range(
+        self, part: BoardPart, servo: dict[str, Any], limits: tuple[float, float], where: str
+    ) -> None:
         """Refuse limits [degrees] that the safe range of outputs does not hold."""
         zero, per_deg = servo[f"zero_{self.key}"], servo[f"{self.key}_per_deg"]
         least, most = sorted(zero + per_deg * angle for angle in limits)
         low, high = servo[self.range_key]
         if least < low - _ROUNDING or most > high + _ROUNDING:
-            raise RobotFileError(
-                f"{where}: the limits {limits[0]}° … {limits[1]}° need pulses of {least:.1f} … {most:.1f} "
-                f"{self.unit}, {self.range_key} allows {low} … {high} {self.unit}"
+            raise part.error(
+                where,
+                f": the limits {limits[0]}° … {limits[1]}° need pulses of {least:.1f} … {most:.1f} "
+                f"{self.unit}, {self.range_key} allows {low} … {high} {self.unit}",
             )
 
 
@@ -205,10 +248,13 @@ def read_outputs(
 ) -> tuple[str, OutputMap | None, object]:
     """The kind of the board, the map of the joints in their order, and what else the board needs."""
     board = document.record.get("board", {})
-    kind = board.get("kind", None if board else DEFAULT_BOARD)
+    if not isinstance(board, dict):
+        raise RefusedBeforeError
+    kind = cast("dict[str, Any]", board).get("kind", None if board else DEFAULT_BOARD)
     if kind is None:
-        raise RobotFileError("board: the key 'kind' is missing")
+        raise document.error("board: the key 'kind' is missing", ("board",))
     found = find_entries(kind if isinstance(kind, str) else "")
     if isinstance(found, tuple):
-        raise RobotFileError(f"key board.kind: {must_be(found)}, not {kind!r}")
+        what = f"key board.kind: {must_be(found)}, not {kind!r}{did_you_mean(kind, found)}"
+        raise document.error(what, ("board", "kind"))
     return kind, *found.read(BoardPart(kind, document, joints, has_gripper))

@@ -354,8 +354,8 @@ class Draft:
             raise RobotFileError(f"{self.name}: {cause}") from cause
 
     def robot(self) -> Robot:
-        """The robot, checked as if it had been loaded. Raises ``RobotFileError``."""
-        return robot_of(self.text().encode())
+        """The robot, checked as if it had been loaded. Raises ``RobotFileError``, without lines."""
+        return robot_of(replace(ROBOT_FILES.parse(self.text()), text=None))
 
     def save(self, *, replace_old: bool = False) -> Path:
         """Write the file into the user's folder of robots, where ``load_robot`` finds it by its name.

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Meta
 
 from armctl.documents import Document, DocumentKind
-from armctl.errors import RobotFileError
+from armctl.errors import Errors, RobotFileError
 from armctl.robot.parts import MOST_JOINTS, Look, Obstacle
 from armctl.robot.parts import Color as Rgb
 
@@ -167,13 +167,13 @@ class ObstacleEntry(Strict, frozen=True):
 
     def obstacle(self) -> Obstacle:
         """What it says; refuses a box without a volume."""
+        for axis, low, high in zip("xyz", self.from_mm, self.to_mm, strict=True):
+            if low == high:
+                raise RobotFileError(
+                    f"obstacles: {self.title}: from_mm and to_mm have the same {axis}; "
+                    "they must be opposite corners of a box"
+                )
         corners = np.array([self.from_mm, self.to_mm]) / 1000
-        flat = np.flatnonzero(corners[0] == corners[1])
-        if len(flat):
-            raise RobotFileError(
-                f"obstacles: {self.title}: from_mm and to_mm have the same {'xyz'[flat[0]]}; "
-                "they must be opposite corners of a box"
-            )
         return Obstacle(self.title, corners.min(axis=0), corners.max(axis=0))
 
 
@@ -213,23 +213,23 @@ class RobotFile(Strict, frozen=True):
 
 def read_robot_file(content: bytes) -> tuple[RobotFile, Document]:
     """Decode a file without judging what it says; the board's part stays in the document."""
-    document = ROBOT_FILES.parse(content)
-    return without_board(document, RobotFile), document
+    document, errors = ROBOT_FILES.parse(content), Errors()
+    file = without_board(document, RobotFile, errors)
+    errors.raise_all()
+    return file, document
 
 
-def without_board(document: Document, model: type[T]) -> T:
-    """The document as a struct, without the tables that only the board reads; refuses as ``convert``."""
+def without_board(document: Document, model: type[T], errors: Errors) -> T:
+    """The document as a struct, without the tables that only the board reads; as ``Document.decoded``."""
     record: Table = dict(document.record)
     board, joints = record.pop("board", {}), record.get("joints")
     if not isinstance(board, dict):
-        raise document.refusal(f"must be a table, not {board!r}", ("board",))
+        errors.found.append(document.refusal(f"must be a table, not {board!r}", ("board",)))
     if isinstance(joints, list):
         record["joints"] = [_without_tables(entry) for entry in cast("list[object]", joints)]
     if "gripper" in record:
         record["gripper"] = _without_tables(record["gripper"])
-    file = replace(document, record=record).convert(model)
-    document.require_numbers()
-    return file
+    return replace(document, record=record).decoded(model, errors)
 
 
 def board_tables(entry: object) -> Table:

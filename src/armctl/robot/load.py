@@ -8,13 +8,15 @@ import re
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from platformdirs import user_data_path
 
 from armctl.arrays import FloatArray
-from armctl.documents import as_path
-from armctl.errors import RobotFileError
+from armctl.decoding import REFUSED, did_you_mean, known
+from armctl.documents import Document, as_path
+from armctl.errors import Errors, RobotFileError
 from armctl.kinematics import Body, Chain, DHRow, GravityModel
 from armctl.kinematics.chain import TurnLimit
 from armctl.robot.board_entries import read_outputs
@@ -25,7 +27,7 @@ from armctl.robot.file import (
     DHRowEntry,
     JointEntry,
     RobotFile,
-    read_robot_file,
+    without_board,
 )
 from armctl.robot.parts import JERK_UP_S, Gripper, Joint, Look
 from armctl.robot.robot import Robot
@@ -136,31 +138,42 @@ def load_robot(name: str | Path) -> Robot:
         path = robot_path(str(name))
         if path.suffix == "":
             own = ", ".join(user_robots())
+            hint = did_you_mean(name, (*shipped_robots(), *user_robots()))
             raise RobotFileError(
-                f"there is no robot {str(name)!r}; shipped are {', '.join(shipped_robots())}"
+                f"there is no robot {str(name)!r}{hint}; shipped are {', '.join(shipped_robots())}"
                 f"{own and f'; your own are {own}'} (or give a path to a .toml or .urdf file)"
             )
     elif path.suffix.lower() != ".toml":
         raise RobotFileError(f"{path}: a robot file ends in .toml or .urdf (or .xacro, or .zip)")
-    return ROBOT_FILES.load(path, robot_of)
+    return ROBOT_FILES.load(path, lambda content: robot_of(ROBOT_FILES.parse(content)))
 
 
-def robot_of(content: bytes) -> Robot:
-    """The robot of a file's content. Raises ``RobotFileError``, which does not name the file."""
-    file, document = read_robot_file(content)
-    by_name = {joint.name: joint for joint in file.joints}
-    _check_joints(file, by_name)
-    joints = [by_name[row.joint] for row in file.dh.rows if row.joint is not None]
+def robot_of(document: Document) -> Robot:
+    """The robot of a file's tables. Raises ``RobotFileError``: all that is wrong in them."""
+    errors = Errors()
+    file = without_board(document, RobotFile, errors)
+    joints: Sequence[JointEntry] = file.joints
+    with errors:
+        joints = _joints_by_rows(file, document)
+        for name, values in file.poses.items():
+            with errors:
+                _check_pose(values, joints, document, name)
+    _check_entries(file, document, errors)
+    board: Any = None
+    with errors:
+        limits = [(joint.name, joint.limit_deg) for joint in joints]
+        has_gripper = file.gripper is not None and file.gripper is not REFUSED
+        board = read_outputs(document, limits, has_gripper=has_gripper)
+    errors.raise_all()
     links = [row for row in file.dh.rows if row.turning is not None]
+    by_name = {joint.name: joint for joint in joints}
     chain = Chain.from_dh(
         [_row(row) for row in file.dh.rows],
         file.dh.convention,
         _coupling(links, joints),
         _turn_limits(links, by_name),
     )
-    board, outputs, settings = read_outputs(
-        document, [(joint.name, joint.limit_deg) for joint in joints], has_gripper=file.gripper is not None
-    )
+    kind, outputs, settings = board
     gripper, look = file.gripper, file.look
     robot = Robot(
         name=file.name,
@@ -169,9 +182,9 @@ def robot_of(content: bytes) -> Robot:
         assumed=file.assumed,
         joints=tuple(map(_joint, joints)),
         chain=chain,
-        poses={name: _pose(values, joints, f"poses.{name}") for name, values in file.poses.items()},
+        poses={name: np.radians(np.array(values, dtype=np.float64)) for name, values in file.poses.items()},
         output_map=outputs,
-        board=board,
+        board=kind,
         board_settings=settings,
         gripper=None if gripper is None else Gripper(gripper.title, gripper.speed_percent_s / 100),
         gravity=_gravity(file, [str(row.turning) for row in links], chain),
@@ -182,48 +195,93 @@ def robot_of(content: bytes) -> Robot:
         named_links=() if chain.coupling is None else tuple(_link_title(row, by_name) for row in links),
         obstacles=tuple(entry.obstacle() for entry in file.obstacles),
     )
-    for needed in ("home", "rest"):
-        if needed not in robot.poses:
-            raise RobotFileError(f"poses.{needed} is missing; every robot names home and rest")
     for name, pose in robot.poses.items():
-        if words := robot.turn_words(pose):
-            raise RobotFileError(f"poses.{name}: {'; '.join(words)}")
+        with errors:
+            if words := robot.turn_words(pose):
+                raise document.error(f"poses.{name}: {'; '.join(words)}", ("poses", name))
+    errors.raise_all()
     return robot
 
 
-def _check_joints(file: RobotFile, by_name: dict[str, JointEntry]) -> None:
-    if len(by_name) != len(file.joints):
-        raise RobotFileError("joints: two joints have the same name")
+def _joints_by_rows(file: RobotFile, document: Document) -> list[JointEntry]:
+    """The joints in the order of their DH rows."""
+    by_name: dict[str, JointEntry] = {}
+    for i, joint in enumerate(file.joints):
+        if joint.name in by_name:
+            what = f"joints: two joints have the same name, {joint.name}"
+            raise document.error(what, ("joints", i, "name"))
+        by_name[joint.name] = joint
     used = [row.joint for row in file.dh.rows if row.joint is not None]
     if sorted(used) != sorted(by_name):
-        raise RobotFileError(
+        strange = next((i for i, row in enumerate(file.dh.rows) if row.joint not in (None, *by_name)), None)
+        hint = "" if strange is None else did_you_mean(file.dh.rows[strange].joint, by_name)
+        raise document.error(
             "dh.rows and joints must name the same joints once each: "
-            f"rows name {', '.join(used)}; joints are {', '.join(by_name)}"
+            f"rows name {', '.join(used)}; joints are {', '.join(by_name)}{hint}",
+            ("dh", "rows") if strange is None else ("dh", "rows", strange, "joint"),
         )
-    turning = [row.turning for row in file.dh.rows if row.turning is not None]
-    if len(set(turning)) != len(turning):
-        raise RobotFileError("dh.rows: two links have the same name")
-    for number, row in enumerate(file.dh.rows, 1):
-        where = f"dh.rows, row {number}"
-        if row.joint is not None and row.link is not None:
-            raise RobotFileError(f"{where}: a row with a joint is called after it; leave out link")
-        if (row.link is None) != (not row.follows) and row.joint is None:
-            raise RobotFileError(f"{where}: a row that follows joints needs a name, link, and the reverse")
-        if row.between_deg is not None and (not row.follows or row.between_deg[0] > row.between_deg[1]):
-            raise RobotFileError(
-                f"{where}: between_deg = {list(row.between_deg)}: only a row that follows joints has it, "
-                "the lower limit first (other links keep to limit_deg of their joint)"
-            )
-        for name in row.follows:
-            if name not in by_name or name == row.joint:
-                raise RobotFileError(f"{where}: follows {name!r}, which is no other joint")
-    for joint in file.joints:
-        low, high = joint.limit_deg
-        if not (math.isfinite(low) and math.isfinite(high) and low <= high):
-            raise RobotFileError(
-                f"joints.{joint.name}.limit_deg = [{low}, {high}]: the lower limit comes first "
-                "(the same number twice holds the joint there)"
-            )
+    return [by_name[name] for name in used]
+
+
+def _check_entries(file: RobotFile, document: Document, errors: Errors) -> None:
+    """All that needs no order of the joints."""
+    names, links = list[str](), list[str]()
+    rows: Sequence[DHRowEntry] = ()
+    with errors:
+        names = [joint.name for joint in known(file.joints)]
+    with errors:
+        rows = known(file.dh.rows)
+        links = [row.turning for row in rows if row.turning is not None]
+        named = [row.link for row in rows if row.link is not None]
+        if any(links.count(link) > 1 for link in named):
+            raise document.error("dh.rows: two links have the same name", ("dh", "rows"))
+    for i, joint in enumerate(known(file.joints)):
+        with errors:
+            low, high = joint.limit_deg
+            if not low <= high:
+                raise document.error(
+                    f"joints.{joint.name}.limit_deg = [{low}, {high}]: the lower limit comes first "
+                    "(the same number twice holds the joint there)",
+                    ("joints", i, "limit_deg"),
+                )
+    for i, row in enumerate(rows):
+        with errors:
+            _check_row(row, names, document, i)
+    for key, entries in (("bodies", known(file.bodies)), ("capsules", known(file.capsules))):
+        for i, entry in enumerate(entries):
+            with errors:
+                if links and entry.joint is not None and entry.joint not in (*links, *names):
+                    what = f"{key}: there is no joint {entry.joint!r}{did_you_mean(entry.joint, links)}"
+                    raise document.error(what, (key, i, "joint"))
+    for i, entry in enumerate(known(file.obstacles)):
+        with errors:
+            try:
+                entry.obstacle()
+            except RobotFileError as cause:
+                raise document.error(str(cause), ("obstacles", i)) from cause
+    for needed in ("home", "rest"):
+        with errors:
+            if needed not in file.poses:
+                what = f"poses.{needed} is missing; every robot names home and rest"
+                raise document.error(what, ("poses", needed))
+
+
+def _check_row(row: DHRowEntry, joints: Sequence[str], document: Document, index: int) -> None:
+    what = ""
+    if row.joint is not None and row.link is not None:
+        what = "a row with a joint is called after it; leave out link"
+    elif (row.link is None) != (not row.follows) and row.joint is None:
+        what = "a row that follows joints needs a name, link, and the reverse"
+    elif row.between_deg is not None and (not row.follows or row.between_deg[0] > row.between_deg[1]):
+        what = (
+            f"between_deg = {list(row.between_deg)}: only a row that follows joints has it, "
+            "the lower limit first (other links keep to limit_deg of their joint)"
+        )
+    for name in row.follows:
+        if joints and (name not in joints or name == row.joint):
+            what = f"follows {name!r}, which is no other joint{did_you_mean(name, joints)}"
+    if what:
+        raise document.error(f"dh.rows, row {index + 1}: {what}", ("dh", "rows", index))
 
 
 def _row(row: DHRowEntry) -> DHRow:
@@ -275,20 +333,19 @@ def _joint(entry: JointEntry) -> Joint:
     )
 
 
-def _pose(values: tuple[float, ...], joints: Sequence[JointEntry], where: str) -> FloatArray:
+def _check_pose(
+    values: tuple[float, ...], joints: Sequence[JointEntry], document: Document, name: str
+) -> None:
+    what = ""
     if len(values) != len(joints):
-        raise RobotFileError(f"{where}: {len(joints)} angles are needed, there are {len(values)}")
-    for value, joint in zip(values, joints, strict=True):
-        low, high = joint.limit_deg
-        if not low <= value <= high:
-            raise RobotFileError(f"{where}: {joint.name} = {value}° is outside {low}° … {high}°")
-    return np.radians(np.array(values, dtype=np.float64))
-
-
-def _index(name: str, links: Sequence[str], where: str) -> int:
-    if name not in links:
-        raise RobotFileError(f"{where}: there is no joint {name!r}")
-    return links.index(name)
+        what = f"{len(joints)} angles are needed, there are {len(values)}"
+    else:
+        for value, joint in zip(values, joints, strict=True):
+            low, high = joint.limit_deg
+            if low <= high and not low <= value <= high:
+                what += f"{what and '; '}{joint.name} = {value}° is outside {low}° … {high}°"
+    if what:
+        raise document.error(f"poses.{name}: {what}", ("poses", name))
 
 
 def _capsule(
@@ -296,7 +353,7 @@ def _capsule(
 ) -> Capsule:
     frame = 0
     if entry.joint is not None:
-        frame = chain.joint_rows[_index(entry.joint, [str(row.turning) for row in links], "capsules")] + 1
+        frame = chain.joint_rows[[row.turning for row in links].index(entry.joint)] + 1
     ends = np.array([entry.from_mm, entry.to_mm]) / 1000
     titles = [_link_title(row, joints) for row in links]
     return capsule(chain, titles, frame, (ends[0], ends[1]), entry.radius_mm / 1000)
@@ -306,5 +363,5 @@ def _gravity(file: RobotFile, links: Sequence[str], chain: Chain) -> GravityMode
     bodies: list[Body] = []
     for body in file.bodies:
         x, y, z = (value / 1000 for value in body.com_mm)
-        bodies.append(Body(_index(body.joint, links, "bodies"), body.mass_kg, (x, y, z)))
+        bodies.append(Body(links.index(body.joint), body.mass_kg, (x, y, z)))
     return GravityModel(chain, tuple(bodies), file.payload_kg)

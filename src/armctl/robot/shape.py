@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,45 @@ FINGER, PALM = (0.026, 0.012, 0.085), (0.03, 0.15, 0.022)
 GAP_CLOSED, GAP_OPEN = 0.008, 0.065
 # ... and the tip of an arm without one, as multiples of the links' width.
 TIP_RADIUS, TIP_LENGTH = 0.4, 1.6
+
+
+# A hand whose tool does not point along it.
+
+_ACROSS, _PARALLEL = 0.4, 0.999
+
+
+class AxisNote(NamedTuple):
+    """That the tool axis lies across the last link."""
+
+    what: str
+    mend: str
+
+
+def across_the_link(chain: Chain) -> AxisNote | None:
+    """What to know where the tool axis is parallel to the last joint, and the tool point is off that axis.
+
+    So it is where the DH rows of an arm of pitch joints end with its last joint. Such a tool cannot be
+    pitched: all pitch joints turn it about its own axis. None: it is not so, or there are no DH rows.
+    """
+    axis, (x, y, z) = chain.tail[:3, 2], chain.tail[:3, 3].tolist()
+    off = math.hypot(x, y)
+    if not chain.rows or off < 1e-6 or abs(axis[2]) < _PARALLEL or abs(z) > _ACROSS * off:
+        return None
+    ahead = chain.tail[:3, :3].T @ [x, y, 0.0]
+    theta = round(math.degrees(math.atan2(ahead[1], ahead[0])) + 90.0, 3) + 0.0
+    theta = theta - 360.0 if theta > 180.0 else theta
+    turn = f"{{ a_mm = 0, alpha_deg = 90, d_mm = 0, theta_deg = {theta:g} }}"
+    if chain.convention == "modified":  # alpha comes before theta there
+        turn = (
+            f"{{ a_mm = 0, alpha_deg = 0, d_mm = 0, theta_deg = {theta:g} }}, "
+            "{ a_mm = 0, alpha_deg = 90, d_mm = 0 }"
+        )
+    rows = "two rows" if chain.convention == "modified" else "row"
+    return AxisNote(
+        "it (z of the last DH row) lies across the last link, along the axis of the last joint: "
+        "the tool has no pitch that the joints could change",
+        f"add this {rows} at the end of dh.rows, and z points along the link: {turn}",
+    )
 
 
 @dataclass(frozen=True, slots=True)

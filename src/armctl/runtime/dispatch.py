@@ -11,7 +11,7 @@ import numpy as np
 
 import armctl.runtime.commands as c
 from armctl.arrays import FloatArray
-from armctl.documents import must_be
+from armctl.decoding import must_be
 from armctl.errors import ArmctlError, BoardError, InputError, StateError
 from armctl.kinematics import Target
 from armctl.kinematics.target import as_numbers, checked_number

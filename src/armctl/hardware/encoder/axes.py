@@ -10,7 +10,8 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta
 
-from armctl.errors import BoardError, RobotFileError
+from armctl.decoding import did_you_mean
+from armctl.errors import BoardError, Errors
 from armctl.hardware.driver import ChannelSettings, ChannelTable
 from armctl.hardware.encoder import SCALE
 from armctl.robot.board_entries import BoardPart
@@ -102,32 +103,56 @@ class EncoderSettings:
 
 def read_entries(part: BoardPart) -> tuple[OutputMap | None, EncoderSettings]:
     """The map of the joints (None: none in the file) and the axes; ``RobotFileError`` for a contradiction."""
-    board = part.board(EncoderBoardEntry)
-    encoders = part.outputs(_KEY, EncoderEntry)
-    differential = _differential(part, board, encoders)
+    errors, encoders = Errors(), list[EncoderEntry]()
+    board, gripper = EncoderBoardEntry(), None
+    with errors:
+        board = part.board(EncoderBoardEntry)
+    with errors:
+        encoders = part.outputs(_KEY, EncoderEntry)
+    differential = None
+    if not errors.found:
+        with errors:
+            differential = _differential(part, board, encoders)
+    with errors:
+        if encoders:
+            gripper = part.gripper(_KEY, GripperEncoderEntry, "closed_counts", "open_counts")
+        if gripper is not None:
+            _check_drive(part, gripper, "gripper.encoder")
+    with errors:
+        part.check_channels([one.axis for one in encoders], gripper and gripper.axis, "encoders")
+    for (name, limits), entry in zip(part.joints, encoders, strict=bool(encoders)):
+        _check_joint(part, entry, limits, f"joints.{name}.encoder", errors)
+    errors.raise_all()
     if not encoders:
         return None, EncoderSettings((), differential)
-    gripper = part.gripper(_KEY, GripperEncoderEntry, "closed_counts", "open_counts")
-    part.check_channels([one.axis for one in encoders], gripper and gripper.axis, "encoders")
     axes: list[EncoderAxis] = []
-    for (name, (low, high)), entry in zip(part.joints, encoders, strict=True):
-        part.check_scale(entry.counts_per_deg, f"joints.{name}.encoder.counts_per_deg")
-        _check_drive(entry, f"joints.{name}.encoder")
-        if not low <= entry.home_deg <= high:
-            raise RobotFileError(
-                f"joints.{name}.encoder.home_deg = {entry.home_deg}° is outside the "
-                f"limits {low}° … {high}°: homing would end where the joint may not be"
-            )
+    for entry in encoders:
         per_deg = abs(entry.counts_per_deg)
         toward = 1 if (entry.home_toward == "+") == (entry.counts_per_deg > 0) else -1
         axes.append(
             EncoderAxis(entry, toward, entry.home_speed_deg_s * per_deg, entry.following_error_deg * per_deg)
         )
     if gripper is not None:
-        _check_drive(gripper, "gripper.encoder")
         toward = 1 if gripper.home_toward == "+" else -1
         axes.append(EncoderAxis(gripper, toward, gripper.home_speed_counts_s, gripper.following_error_counts))
     return _output_map(part, encoders, gripper), EncoderSettings(tuple(axes), differential)
+
+
+def _check_joint(
+    part: BoardPart, entry: EncoderEntry, limits: tuple[float, float], where: str, errors: Errors
+) -> None:
+    with errors:
+        part.check_scale(entry.counts_per_deg, f"{where}.counts_per_deg")
+    with errors:
+        _check_drive(part, entry, where)
+    with errors:
+        low, high = limits
+        if not low <= entry.home_deg <= high:
+            raise part.error(
+                f"{where}.home_deg",
+                f" = {entry.home_deg}° is outside the limits {low}° … {high}°: "
+                "homing would end where the joint may not be",
+            )
 
 
 def _output_map(
@@ -161,18 +186,20 @@ def _differential(
     axes = {name: encoder.axis for (name, _), encoder in zip(part.joints, encoders, strict=False)}
     for name in board.differential:
         if name not in axes:
-            raise RobotFileError(f"board.differential: {name!r} is no joint with an encoder")
+            hint = did_you_mean(name, axes)
+            raise part.error("board.differential", f": {name!r} is no joint with an encoder{hint}")
     first, second = board.differential
     if first == second:
-        raise RobotFileError("board.differential names one joint twice; it takes two")
+        raise part.error("board.differential", " names one joint twice; it takes two")
     return axes[first], axes[second]
 
 
-def _check_drive(entry: AxisEntry, where: str) -> None:
+def _check_drive(part: BoardPart, entry: AxisEntry, where: str) -> None:
     if entry.breakaway_percent > entry.max_drive_percent:
-        raise RobotFileError(
-            f"{where}.breakaway_percent = {entry.breakaway_percent:g} is above max_drive_percent = "
-            f"{entry.max_drive_percent:g}: the motor could not start; raise the one or lower the other"
+        raise part.error(
+            f"{where}.breakaway_percent",
+            f" = {entry.breakaway_percent:g} is above max_drive_percent = {entry.max_drive_percent:g}: "
+            "the motor could not start; raise the one or lower the other",
         )
 
 

@@ -19,7 +19,7 @@ from msgspec import Meta
 
 from armctl.arrays import FloatArray
 from armctl.documents import Document, write_atomically
-from armctl.errors import RobotFileError
+from armctl.errors import Errors, RobotFileError
 from armctl.kinematics.angles import rest_angle
 from armctl.robot.board_entries import read_outputs
 from armctl.robot.file import (
@@ -99,8 +99,10 @@ class SideFile(Strict, frozen=True):
 
 def decode_side_file(content: bytes | str) -> tuple[SideFile, Document]:
     """Decode a side file without judging what it says; the board's part stays in the document."""
-    document = ROBOT_FILES.parse(content)
-    return without_board(document, SideFile), document
+    document, errors = ROBOT_FILES.parse(content), Errors()
+    side = without_board(document, SideFile, errors)
+    errors.raise_all()
+    return side, document
 
 
 def read_side_file(path: Path | None) -> tuple[SideFile, Document | None]:

@@ -15,12 +15,12 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError
 from armctl.robot import Robot, robot_path
 from armctl.robot.draft import BUILDS, Draft
-from armctl.robot.shape import reach
+from armctl.robot.shape import across_the_link, reach
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.stage import look_at_arm
 from armctl.ui.session import Session
-from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence
+from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence, warned
 from armctl.ui.widgets.number_field import NumberField, parse_number
 
 _ROWS, _COPY = "DH rows", "A copy of the present robot"
@@ -155,16 +155,19 @@ class OwnArm:
             solver = robot.inverse_kinematics
         except ArmctlError as refusal:
             self._save.disabled = True
-            self._status.show(refused(sentence(str(refusal))))
+            each = refusal.each or (refusal,)
+            self._status.show("".join(refused(sentence(str(one))) for one in each))
             return
         self._save.disabled = False
         how = (
             "every solution in closed form" if solver.complete else "solutions by search, some may be missing"
         )
+        note = across_the_link(robot.chain)
         x, y, z = np.round(1000 * robot.forward(self._pose_of(robot))[:3, 3], 1) + 0.0
         self._status.show(
             f"<div><b>{robot.n} joints: {escape(solver.family)}</b><br>{how}</div>"
             f"<div style='opacity:.75'>The tool is at x {x:z.1f}, y {y:z.1f}, z {z:z.1f} mm.</div>"
+            + ("" if note is None else warned(sentence(f"the tool axis: {note.what}; {note.mend}")))
         )
         if self._robot is None or robot.chain != self._robot.chain:
             self._draw(robot)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import msgspec
 import viser
 
-from armctl.documents import refusal_of
+from armctl.decoding import refusal_of
 from armctl.errors import InputError, StateError
 from armctl.program import Program, Step
 from armctl.program.keys import Key, keys_of
