@@ -21,6 +21,7 @@ COMMANDS = {
     "run": "armctl.cli.run:run",
     "new": "armctl.cli.new:new",
     "check": "armctl.cli.check:check",
+    "twin": "armctl.cli.twin:twin",
     "calibrate": "armctl.cli.calibrate:calibrate",
     "doctor": "armctl.cli.doctor:doctor",
     "replay": "armctl.cli.replay:replay",

@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import os
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import viser
@@ -168,9 +169,29 @@ class ArmFigure:
                 handle.wxyz = quaternion_wxyz(frames[i, :3, :3])
         self._shown = frames
         if self._fingers and opening is not None:
-            gap = self._reach * (GAP_CLOSED + (GAP_OPEN - GAP_CLOSED) * opening)
-            for side, finger in zip((1, -1), self._fingers, strict=True):
-                finger.position = (0.0, side * gap, 0.0)
+            for finger, y in zip(self._fingers, self._fingers_y(opening), strict=True):
+                finger.position = (0.0, y, 0.0)
+
+    def _fingers_y(self, opening: Any) -> tuple[Any, Any]:
+        """How far the fingers are to either side at an opening 0..1, or at many [m]."""
+        gap = self._reach * (GAP_CLOSED + (GAP_OPEN - GAP_CLOSED) * opening)
+        return gap, -gap
+
+    def tracks(self, q: FloatArray, opening: FloatArray) -> dict[str, FloatArray]:
+        """Where ``pose`` would put its parts at angles (k, n) [rad] and openings (k,): by name (k, 7).
+
+        Columns: x, y, z [m] and the quaternion w, x, y, z, whose sign does not jump.
+        """
+        frames, tracks = self._robot.frames(q), dict[str, FloatArray]()
+        for i, handle in enumerate(self._frames):
+            turned = np.array([quaternion_wxyz(T[:3, :3]) for T in frames[:, i]])
+            flips = np.where((turned[1:] * turned[:-1]).sum(axis=1) < 0, -1.0, 1.0)
+            turned[1:] *= np.cumprod(flips)[:, None]
+            tracks[handle.name] = np.hstack([frames[:, i, :3, 3], turned])
+        for finger, y in zip(self._fingers, self._fingers_y(opening), strict=False):
+            tracks[finger.name] = np.zeros((len(q), 7))
+            tracks[finger.name][:, 1], tracks[finger.name][:, 3] = y, 1.0
+        return tracks
 
     def say(self, words: str | None) -> None:
         """Write words at the tool point; None: nothing."""

@@ -123,14 +123,18 @@ def floor_size(robot: Robot) -> float:
 
 def look_at_arm(client: viser.ClientHandle, robot: Robot, covered: int = 0) -> None:
     """See the whole arm from the front right of its home pose; ``covered``: width that is panels [px]."""
-    camera, ahead = client.camera, front(robot)
+    camera = client.camera
+    aspect = max((camera.image_width - covered) / camera.image_height, _LEAST_ASPECT)
+    camera.up_direction = np.array([0.0, 0.0, 1.0])
+    camera.position, camera.look_at = first_view(robot, in_view(robot), camera.fov, aspect)
+
+
+def first_view(robot: Robot, points: FloatArray, fov: float, aspect: float) -> tuple[FloatArray, FloatArray]:
+    """Where the camera stands at first, and what it looks at (3,) [m]; the rest as in ``framed``."""
+    ahead = front(robot)
     side = np.array([ahead[1], -ahead[0]])
     away = np.array([*(_IN_FRONT * ahead + _BESIDE * side), _ABOVE])
-    aspect = max((camera.image_width - covered) / camera.image_height, _LEAST_ASPECT)
-    position, centre = framed(in_view(robot), away, camera.fov, aspect, _FILLED)
-    camera.up_direction = np.array([0.0, 0.0, 1.0])
-    camera.position = position
-    camera.look_at = centre
+    return framed(points, away, fov, aspect, _FILLED)
 
 
 def in_view(robot: Robot) -> FloatArray:

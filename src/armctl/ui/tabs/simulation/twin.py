@@ -11,8 +11,11 @@ from html import escape
 import numpy as np
 import viser
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.kinematics import Target
+from armctl.motion.preflight import preflight
+from armctl.program import Program, check_program
 from armctl.program.rehearsal import Rehearsal, rehearse, rehearse_pose
 from armctl.runtime import FollowTarget, Snapshot, State
 from armctl.runtime.joint_servo import KeepClear
@@ -22,15 +25,15 @@ from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.ghost import Lines, played, segments, thicker
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.shared_program import SharedProgram
-from armctl.ui.widgets.html import WARNING, LiveHtml
+from armctl.ui.twin_file import HALF_OPEN, LONGEST_S, MOST_STEPS, planned_for_file, program_file, twin_file
+from armctl.ui.widgets.html import WARNING, LiveHtml, muted
 from armctl.ui.widgets.number_field import DraggedPoint, EditWatch
 
 _FRAME_S = 1 / 30
 _LINGER_S = 2.0
-_LONGEST_S, _MOST_STEPS = 1800.0, 2000
-"""a rehearsal ends after this much of a program"""
 _COLOR = (240, 140, 0)
 _PROGRAM = "the program of Serial motion"
+_EXPORT = muted("Export: one file that plays this in any browser, without armctl and without a network.")
 _IDLE = "The orange twin rehearses <b>without the arm</b>."
 
 
@@ -60,11 +63,20 @@ class TwinControl:
         stop = gui.add_button("Stop twin", color="gray", icon=viser.Icon.PLAYER_STOP)
         self._text = LiveHtml(gui, _IDLE)
         self._bar = gui.add_progress_bar(0.0, visible=False)
+        self._export = gui.add_button("Export", icon=viser.Icon.DOWNLOAD, color="gray")
+        self._export_text = LiveHtml(gui, _EXPORT)
+        self._share: float | None = None
+        """how much of an export is done; None: none is made"""
+        session.on(self._export.on_click, self._on_export)
         session.on(start.on_click, self._on_start)
         session.on(stop.on_click, self._on_stop)
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Show how far the twin is."""
+        """Show how far the twin is, and an export."""
+        self._export.disabled = self._share is not None
+        self._export_text.show(
+            _EXPORT if self._share is None else muted(f"Making the file: {100 * self._share:.0f} %")
+        )
         plan, elapsed = self._plan, self._elapsed_s
         self._bar.visible = plan is not None
         if plan is None:
@@ -93,17 +105,53 @@ class TwinControl:
             self._plan, self._steps, self._elapsed_s = plan, steps, 0.0
             self._session.spawn(self._play(plan, is_newest))
 
-    async def _planned(self) -> tuple[Rehearsal, tuple[str, ...]]:
+    async def _on_export(self) -> None:
+        """Send the page a file that plays what is chosen; it is made beside the event loop."""
+        if self._share is not None:
+            raise StateError("a file is being made; wait until it is there")
+        self._share = 0.0
+        try:
+            name, page = await asyncio.to_thread(self._exported, *self._chosen())
+        finally:
+            self._share = None
+        self._session.download(f"{name}.html", page)
+
+    def _exported(self, chosen: Program | str, q: FloatArray, opening: float | None) -> tuple[str, str]:
+        """Name and page of a program, or of the way to a named pose."""
+        robot = self._robot
+
+        def progress(share: float) -> None:
+            self._share = share
+            if self._session.closed:
+                raise StateError("the page is gone")
+
+        if isinstance(chosen, str):
+            plan = rehearse_pose(robot, q, robot.pose(chosen), HALF_OPEN if opening is None else opening)
+            title, findings = f"go to {chosen}", preflight(robot, plan.trajectory)
+            return f"go-to-{chosen}", twin_file(robot, title, plan, findings, progress=progress)
+        plan = planned_for_file(robot, chosen, q, opening)
+        findings = check_program(
+            chosen, robot, start=q, progress=lambda done, count: progress(0.5 * done / count)
+        )
+        page = program_file(robot, chosen, plan, findings, lambda share: progress(0.5 + 0.5 * share))
+        return chosen.name, page
+
+    def _chosen(self) -> tuple[Program | str, FloatArray, float | None]:
+        """What is to be rehearsed, from where, and how far the gripper is open."""
         snapshot, program = self._session.snapshot, self._session.console.shared(SharedProgram).program
-        q, opening = snapshot.q_command, snapshot.gripper
-        if self._what.value != _PROGRAM:
-            pose = self._robot.pose(self._what.value.removeprefix("go to "))
-            return await asyncio.to_thread(rehearse_pose, self._robot, q, pose, opening), ()
-        if not program.steps:
+        chosen = program if self._what.value == _PROGRAM else self._what.value.removeprefix("go to ")
+        if chosen is program and not program.steps:
             raise StateError("the program of Serial motion has no steps yet; record some, or choose a pose")
-        steps = tuple(f"{step.title} {step.describe()}" for step in program.steps)
-        plan = partial(rehearse, longest_s=_LONGEST_S, most_steps=_MOST_STEPS)
-        return await asyncio.to_thread(plan, self._robot, program, q, opening), steps
+        return chosen, snapshot.q_command, snapshot.gripper
+
+    async def _planned(self) -> tuple[Rehearsal, tuple[str, ...]]:
+        chosen, q, opening = self._chosen()
+        if isinstance(chosen, str):
+            pose = self._robot.pose(chosen)
+            return await asyncio.to_thread(rehearse_pose, self._robot, q, pose, opening), ()
+        steps = tuple(f"{step.title or step.kind} {step.describe()}" for step in chosen.steps)
+        plan = partial(rehearse, longest_s=LONGEST_S, most_steps=MOST_STEPS)
+        return await asyncio.to_thread(plan, self._robot, chosen, q, opening), steps
 
     async def _play(self, plan: Rehearsal, is_newest: Callable[[], bool]) -> None:
         async for time in played(0.0, plan.duration, lambda: self._session.snapshot.speed, _FRAME_S):

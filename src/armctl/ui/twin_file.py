@@ -1,0 +1,342 @@
+"""A planned motion as one HTML file, which plays in any browser, without armctl and without a network.
+
+The file is viser's client with the arm in it, as viser embeds a scene (``StateSerializer.as_html``), a
+player of our own (``twin_file.js``), graphs, and what the pre-flight found. viser's own player would repeat
+the poses as messages of 80 bytes each; here a pose is seven numbers of two bytes, as differences, deflated.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import json
+import math
+import threading
+import zlib
+from collections.abc import Callable, Sequence
+from html import escape
+from importlib import resources
+from typing import Any, cast
+
+import numpy as np
+import viser
+from viser import InitialCameraConfig
+from viser.infra import StateSerializer, WebsockMessageHandler
+from viser.infra._async_message_buffer import AsyncMessageBuffer
+
+from armctl import __version__
+from armctl.arrays import FloatArray
+from armctl.errors import ProgramError
+from armctl.motion.figure import COLORS
+from armctl.motion.preflight import Finding, not_checked
+from armctl.program import Program
+from armctl.program.rehearsal import Rehearsal, rehearse
+from armctl.robot import Robot
+from armctl.ui.scene.arm_figure import ArmFigure
+from armctl.ui.scene.ghost import Lines, segments
+from armctl.ui.scene.stage import Stage, first_view, set_lights
+
+FRAMES_A_S, _MOST_FRAMES = 30, 9_000
+"""what is between two frames is interpolated; a motion of more than five minutes has fewer a second"""
+LONGEST_S, MOST_STEPS = 1800.0, 2000
+"""a file ends after this much of a program"""
+HALF_OPEN = 0.5
+"""the gripper, where nobody has seen it"""
+_CHUNK = 300
+_PATH, _PATH_POINTS = (240, 140, 0), 1500
+_ASPECT, _VIEW, _SEEN = 1.1, math.radians(40), 200
+"""width by height of the scene on most screens, upright angle of view, poses that are in view"""
+_ROOT = "/arm"
+
+
+def planned_for_file(robot: Robot, program: Program, q: FloatArray, opening: float | None) -> Rehearsal:
+    """What of a program a file shows, from ``q`` (n,) [rad]; a ``ProgramError`` says why there is nothing."""
+    if program.robot != robot.name:
+        raise ProgramError(f"{program.name} is for the robot {program.robot!r}, this one is {robot.name!r}")
+    if not program.steps:
+        raise ProgramError(f"{program.name} has no steps, so there is no motion to show")
+    return rehearse(
+        robot,
+        program,
+        q,
+        HALF_OPEN if opening is None else opening,
+        longest_s=LONGEST_S,
+        most_steps=MOST_STEPS,
+        as_far=True,
+    )
+
+
+def program_file(
+    robot: Robot,
+    program: Program,
+    plan: Rehearsal,
+    findings: Sequence[Finding],
+    progress: Callable[[float], object] | None = None,
+) -> str:
+    """The page of a program's plan, with the findings of ``check_program``; the rest as in ``twin_file``."""
+    broken = plan.broken
+    if broken and not any(one.step == broken.index and one.severity == "error" for one in findings):
+        findings = [*findings, Finding(f"{broken.error}; the motion shown ends there", step=broken.index)]
+    steps = [f"{step.title or step.kind} {step.describe()}" for step in program.steps]
+    return twin_file(robot, program.name, plan, findings, steps, progress)
+
+
+def twin_file(
+    robot: Robot,
+    title: str,
+    plan: Rehearsal,
+    findings: Sequence[Finding],
+    steps: Sequence[str] = (),
+    progress: Callable[[float], object] | None = None,
+) -> str:
+    """The page of a plan.
+
+    ``findings``: of its pre-flight. ``steps``: of a program in words, empty for a plain motion.
+    ``progress`` is called with the share that is done; what it raises ends the work.
+    """
+    frames = min(math.ceil(plan.duration * FRAMES_A_S), _MOST_FRAMES - 1) + 1
+    time = np.linspace(0.0, plan.duration, frames)
+    scene = _Scene()
+    figure = scene.draw(robot, plan)
+    tracks, columns = _columns(robot, plan, time, figure, progress or (lambda share: None))
+    said = [
+        (one.begins, f"Step {one.index + 1} of {len(steps)}: {steps[one.index]}")
+        for one in plan.steps
+        if steps
+    ]
+    side = (
+        f"<aside id='twin-side'><h1>{escape(title)}</h1>"
+        f"<p class='soft'>{escape(robot.title)}, {plan.duration:.1f} s at full speed</p>"
+        f"<p id='twin-step'></p>{_found(robot, plan, findings, linked=bool(steps))}"
+        f"{_graphs(robot, time, columns)}"
+        f"<p class='soft'>A plan, computed by armctl {escape(__version__)}. No arm moved for it.</p></aside>"
+    )
+    data = {
+        "duration": plan.duration,
+        "frames": frames,
+        "root": _ROOT,
+        "tracks": tracks,
+        "steps": said,
+        **_packed(columns),
+    }
+    return _page(scene.html(), title, side, data)
+
+
+class _Scene(WebsockMessageHandler):
+    """A scene that is kept, not served: viser's ``SceneApi`` writes to it as to a server."""
+
+    client_id = ""
+    """as viser's server calls itself"""
+
+    def __init__(self) -> None:
+        super().__init__()
+        nobody = asyncio.new_event_loop()
+        nobody.close()  # viser wakes it with each message, and takes a closed one for a server that has ended
+        self._buffer = AsyncMessageBuffer(nobody, persistent_messages=True)
+        self._websock_connection = self._viser_server = self
+        self._scene_lifecycle_lock = threading.RLock()
+        self.api = viser.SceneApi(cast(Any, self), cast(Any, None), nobody)
+
+    def get_message_buffer(self) -> AsyncMessageBuffer:
+        """What ``queue_message`` writes to: the newest of each kind for each part."""
+        return self._buffer
+
+    def draw(self, robot: Robot, plan: Rehearsal) -> ArmFigure:
+        """The stage, the tool's way, and the arm where the plan begins."""
+        set_lights(self.api)
+        Stage(self.api, robot)
+        Lines(self.api, "/path", _PATH).show(segments(plan.tool_path(robot, _PATH_POINTS)))
+        figure = ArmFigure(self.api, robot, _ROOT)
+        state = plan.sample(0.0)
+        figure.pose(state.q, state.opening)
+        camera = InitialCameraConfig(self.queue_message)
+        camera.fov = _VIEW
+        way = plan.trajectory.sample(np.linspace(0.0, plan.duration, _SEEN)).q
+        points = np.vstack([robot.frames(way)[..., :3, 3].reshape(-1, 3), [0.0, 0.0, robot.floor_z]])
+        camera.position, camera.look_at = first_view(robot, points, _VIEW, _ASPECT)
+        return figure
+
+    def html(self) -> str:
+        """Client of viser with this scene in it."""
+        serializer: StateSerializer = self.get_message_serializer(
+            lambda message: message.include_in_scene_serialization
+        )
+        for message in self._buffer.message_from_id.values():
+            serializer._insert_message(message)  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
+        return serializer.as_html()
+
+
+# The motion as numbers.
+
+
+def _columns(
+    robot: Robot, plan: Rehearsal, time: FloatArray, figure: ArmFigure, progress: Callable[[float], object]
+) -> tuple[list[tuple[str, int]], FloatArray]:
+    """The first column of each part that moves, and (columns, k): parts, angles, speeds, the tool's speed.
+
+    Angles and speeds in degrees and seconds, the tool's in mm/s.
+    """
+    parts: list[dict[str, FloatArray]] = []
+    figures: list[FloatArray] = []
+    trajectory = plan.trajectory
+    for first in range(0, len(time), _CHUNK):
+        progress(first / len(time))
+        at = time[first : first + _CHUNK]
+        state = trajectory.sample(at)
+        opening = np.array([plan.sample(t).opening for t in at.tolist()], dtype=np.float64)
+        parts.append(figure.tracks(state.q, opening))
+        tool = np.einsum("kij,kj->ki", robot.jacobian(state.q)[:, :3], state.velocity)
+        speed = 1000 * np.linalg.norm(tool, axis=1)
+        figures.append(np.vstack([np.degrees(state.q).T, np.degrees(state.velocity).T, speed]))
+    tracks = {name: np.concatenate([part[name] for part in parts]).T for name in parts[0]}
+    moving = [name for name, track in tracks.items() if np.ptp(track, axis=1).max() > 1e-9]
+    shown = [*(tracks[name] for name in moving), np.hstack(figures)]
+    return [(name, 7 * i) for i, name in enumerate(moving)], np.vstack(shown)
+
+
+def _packed(columns: FloatArray) -> dict[str, object]:
+    """Columns (m, k) as whole numbers 0 … 65535 of each one's range; their differences, deflated."""
+    low, high = columns.min(axis=1), columns.max(axis=1)
+    step = (high - low) / 65535
+    words = np.rint((columns - low[:, None]) / np.where(step > 0, step, 1.0)[:, None]).astype(np.uint16)
+    difference = np.diff(words, axis=1, prepend=np.uint16(0))
+    planes = np.stack([difference & 0xFF, difference >> 8], axis=1).astype(np.uint8)
+    return {
+        "ranges": np.stack([low, step], axis=1).tolist(),
+        "columns": base64.b64encode(zlib.compress(planes.tobytes(), 9)).decode("ascii"),
+    }
+
+
+# The page.
+
+# Nothing may be fetched, whatever viser's client or a program's texts may try.
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' blob: data:; "
+    "worker-src blob: data:; style-src 'unsafe-inline'; img-src data: blob:; font-src data:; "
+    "connect-src data: blob:; base-uri 'none'; form-action 'none'"
+)
+_SPEEDS = ("0.25", "0.5", "1", "2", "4", "8")
+_BAR = (
+    "<div id='twin-bar'><button id='twin-play' type='button'>Play</button>"
+    "<input id='twin-seek' type='range' min='0' max='{most}' step='0.01' value='0' aria-label='Time s'>"
+    "<span id='twin-time'></span><select id='twin-speed' aria-label='Speed'>{speeds}</select></div>"
+)
+
+
+def _page(client: str, title: str, side: str, data: dict[str, Any]) -> str:
+    here = resources.files("armctl.ui")
+    script, style = (here.joinpath(f"twin_file.{kind}").read_text("utf-8") for kind in ("js", "css"))
+    head, begins, rest = client.partition("<head>")
+    body, ends, tail = rest.rpartition("</body>")
+    if not (begins and ends):
+        raise RuntimeError("viser's page has no <head> and <body> to put the twin into")
+    body = body.replace("<title>Viser</title>", f"<title>{escape(title)}</title>", 1)
+    speeds = "".join(
+        f"<option value='{one}'{' selected' if one == '1' else ''}>{one}×</option>" for one in _SPEEDS
+    )
+    packed = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    return "".join((
+        head, begins, f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
+        f"<style>{style}</style>", body, side, _BAR.format(most=data["duration"], speeds=speeds),
+        f"<script id='twin-data' type='application/json'>{packed}</script><script>{script}</script>",
+        ends, tail,
+    ))  # fmt: skip
+
+
+def _found(robot: Robot, plan: Rehearsal, findings: Sequence[Finding], *, linked: bool) -> str:
+    """The pre-flight's findings; ``linked``: that of a step leads to the time at which the step begins."""
+    begins = {step.index: step.begins for step in reversed(plan.steps if linked else ())}
+    rows: list[str] = []
+    for finding in findings:
+        text = escape(str(finding))
+        if finding.step in begins:
+            text = f"<button type='button' data-time='{begins[finding.step]}'>{text}</button>"
+        rows.append(f"<li class='{finding.severity}'>{text}</li>")
+    notes = [f"Not checked: {text}" for text in not_checked(robot)]
+    if plan.cut:
+        notes.append(f"Only the first {plan.duration:.0f} s are shown; there is more of the program.")
+    listed = f"<ul>{''.join(rows)}</ul>" if rows else "<p>Nothing found.</p>"
+    return f"<h2>Pre-flight</h2>{listed}" + "".join(f"<p class='soft'>{escape(note)}</p>" for note in notes)
+
+
+# Graphs: SVG with a cursor that the player moves.
+
+_WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _BOTTOM = 384, 128, 40, 6, 8, 18
+_POINTS = 600
+
+
+def _graphs(robot: Robot, time: FloatArray, columns: FloatArray) -> str:
+    """Of the last ``2 n + 1`` columns, see ``_columns``."""
+    titles, first = [joint.title for joint in robot.joints], len(columns) - 2 * robot.n - 1
+    shown = (
+        ("Joint angles", "°", titles, first),
+        ("Joint speeds", "°/s", titles, first + robot.n),
+        ("Tool speed", "mm/s", ["tool"], len(columns) - 1),
+    )
+    return "".join(
+        _graph(time, title, unit, columns[at : at + len(names)], names, at)
+        for title, unit, names, at in shown
+    )
+
+
+def _graph(
+    time: FloatArray, title: str, unit: str, values: FloatArray, names: Sequence[str], column: int
+) -> str:
+    """Lines (m, k) over the time; the first one's values are the player's ``column``."""
+    end = float(time[-1]) or 1.0
+    low, high = min(float(values.min()), 0.0), max(float(values.max()), 0.0)
+    high = high if high - low > 1e-6 else low + 1.0
+    wide, tall = _WIDTH - _LEFT - _RIGHT, _HEIGHT - _TOP - _BOTTOM
+
+    def x(at: Any) -> Any:
+        return _LEFT + wide * at / end
+
+    def y(value: Any) -> Any:
+        return _TOP + tall * (high - value) / (high - low)
+
+    keep = np.unique(np.linspace(0, len(time) - 1, min(len(time), _POINTS)).round().astype(np.intp))
+    parts: list[str] = []
+    for tick in _ticks(low, high, 4):
+        parts.append(
+            f"<path d='M{_LEFT} {y(tick):.1f}h{wide}' stroke='#e9ecef'/>"
+            f"<text x='{_LEFT - 5}' y='{y(tick) + 4:.1f}' text-anchor='end'>{_number(tick)}</text>"
+        )
+    parts += [
+        f"<text x='{x(tick):.1f}' y='{_HEIGHT - 4}' text-anchor='middle'>{_number(tick)}</text>"
+        for tick in _ticks(0.0, end, 6)
+    ]
+    for i, line in enumerate(values):
+        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x(time[keep]), y(line[keep]), strict=True))
+        parts.append(
+            f"<polyline points='{points}' fill='none' stroke='{_color(i)}' stroke-width='1.5' "
+            "stroke-linejoin='round'/>"
+        )
+    parts.append(
+        f"<path class='now' d='M0 {_TOP}v{tall}' stroke='#212529' transform='translate({_LEFT} 0)'/>"
+    )
+    legend = "".join(
+        f"<span><span style='color:{_color(i)}'>■</span> {escape(name)} "
+        f"<b data-column='{column + i}'></b></span>"
+        for i, name in enumerate(names)
+    )
+    return (
+        f"<h2>{title} <small>({unit}, over s)</small></h2>"
+        f"<svg viewBox='0 0 {_WIDTH} {_HEIGHT}' data-left='{_LEFT}' data-width='{wide}' role='img' "
+        f"aria-label='{title} over the time'>{''.join(parts)}</svg><div class='values'>{legend}</div>"
+    )
+
+
+def _color(i: int) -> str:
+    return COLORS[i % len(COLORS)]
+
+
+def _number(value: float) -> str:
+    return f"{value + 0.0:.10g}".replace("-", "−")
+
+
+def _ticks(low: float, high: float, most: int) -> list[float]:
+    """Round numbers within a range, ``most`` steps at most."""
+    rough = (high - low) / most
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(power * one for one in (1, 2, 5, 10) if power * one >= rough * (1 - 1e-9))
+    return [step * i for i in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
