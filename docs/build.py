@@ -54,12 +54,13 @@ UNITS = {
     "_percent_s": "%/s", "counts_per_deg": "counts/°", "_counts": "counts", "_counts_s": "counts/s",
 }  # fmt: skip
 """the unit that a key ends in"""
+_HEAD = "| key | value | if left out | meaning |\n|---|---|---|---|"
 _TEXTS = {r"^#[0-9a-fA-F]{6}$": "colour, `#rrggbb`", r"^[a-z][a-z0-9_]*$": "name in `a-z 0-9 _`"}
 
 
 def unit(key: str) -> str:
-    """The unit that a key names, empty for none."""
-    return next((UNITS[end] for end in sorted(UNITS, key=len, reverse=True) if key.endswith(end)), "")
+    """The unit that a key names, to stand behind what its value must be; empty for none."""
+    return next((f" [{UNITS[end]}]" for end in sorted(UNITS, key=len, reverse=True) if key.endswith(end)), "")
 
 
 def bounds(kind: inspect.FloatType | inspect.IntType) -> str:
@@ -134,10 +135,10 @@ def said_of(struct: type) -> dict[str, str]:
 def table(struct: type) -> str:
     """The keys of one table of a file."""
     said = said_of(struct)
-    rows = ["| key | unit | value | if left out | meaning |", "|---|---|---|---|---|"]
+    rows = [_HEAD]
     for field in fields_of(struct):
         value, meaning = words(field.type), said.get(field.name) or _about(field.type)
-        rows.append(row((f"`{field.name}`", unit(field.name), value, default(field), meaning)))
+        rows.append(row((f"`{field.name}`", value + unit(field.name), default(field), meaning)))
     return "\n".join(rows)
 
 
@@ -205,12 +206,13 @@ def steps() -> str:
 
 def _step(kind: type[Step]) -> str:
     fields = {field.name: field for field in fields_of(kind)}
-    rows = ["| key | unit | value | if left out | meaning | CSV column |", "|---|---|---|---|---|---|"]
+    rows = [_HEAD]
     for key in keys_of(kind):
         field = fields[key.name]
         value = " or ".join(f"`{choice}`" for choice in key.choices) or words(field.type)
-        told = (key.field.hint, f"`{key.head}`")
-        rows.append(row((f"`{key.name}`", unit(key.name), value, default(field), *told)))
+        column = "" if key.head == key.name else f"CSV column: `{key.head}`."
+        told = " ".join(filter(None, (key.field.hint, column)))
+        rows.append(row((f"`{key.name}`", value + unit(key.name), default(field), told)))
     call = f"In Python: `arm.{kind.call[0]}(…)`." if kind.call else ""
     button = f"In the page: **{kind.button[1]}**." if kind.button else ""
     text = " ".join(filter(None, (" ".join((kind.__doc__ or "").split()), button, call)))
