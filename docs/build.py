@@ -37,6 +37,7 @@ FROM_ELSEWHERE = {
     "ARCHITECTURE.md": "architecture.md",
     "CHANGELOG.md": "changelog.md",
     "CONTRIBUTING.md": "contributing.md",
+    "examples/README.md": "examples.md",
     "firmware/README.md": "boards/encoder-firmware.md",
 }
 """pages of the site that stand outside of docs/"""
