@@ -39,7 +39,6 @@ FROM_ELSEWHERE = {
     "CONTRIBUTING.md": "contributing.md",
     "examples/README.md": "examples.md",
     "firmware/README.md": "boards/encoder-firmware.md",
-    "examples/README.md": "examples.md",
 }
 """pages of the site that stand outside of docs/"""
 
