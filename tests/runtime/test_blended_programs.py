@@ -133,7 +133,7 @@ def commanded(rig: Rig) -> np.ndarray:
 
 
 @given(seed=st.integers(0, 10_000), at=st.floats(0.02, 9.0), stand=st.floats(0.0, 1.0), stops=st.booleans())
-@settings(max_examples=25)
+@settings(max_examples=12)
 def test_a_pause_or_stop_stays_on_the_path_and_skips_no_step(
     seed: int, at: float, stand: float, stops: bool
 ) -> None:
