@@ -471,15 +471,15 @@ class Client:
         return changes
 
 
-# Garbage: what lives from the start is never looked at. What is young is looked at often, as every look takes
-# as long as there is much of it (200,000 objects: 40 to 130 ms, two ticks and more); the rest while the arm stands.
+# Garbage: what lives from the start is never looked at. What is young is looked at often, a little at a time:
+# 200,000 objects take 40 to 130 ms, some ticks, 3,000 take 0.1. The rest is looked at while the arm stands.
 
 _LOOK_EVERY_S, _OLD_EVERY_S = 0.1, 60.0
 _MOST_YOUNG = 3_000
 
 
 async def collect_at_rest(arm: ArmLink) -> None:
-    """Collect garbage in place of Python's own collector: in a motion only what is young, a little at a time."""
+    """Collect garbage in place of Python's own collector: while the arm moves, only what is young."""
     gc.collect()
     gc.freeze()
     gc.disable()
