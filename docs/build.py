@@ -336,8 +336,10 @@ def main(arguments: list[str]) -> int:
         print(wrong, file=sys.stderr)
         return 1
     program = Path(sys.executable).with_name("zensical")
-    command = ["serve"] if "--serve" in arguments else ["build", "--strict", "--clean"]
-    return subprocess.run([program, *command], cwd=ROOT, check=False).returncode
+    os.chdir(ROOT)
+    if "--serve" in arguments:
+        os.execv(program, [program, "serve"])
+    return subprocess.run([program, "build", "--strict", "--clean"], check=False).returncode
 
 
 if __name__ == "__main__":
