@@ -6,6 +6,8 @@ After a change: ``python -m tests.examples.test_notebooks`` runs them and keeps 
 from __future__ import annotations
 
 import copy
+import re
+import tempfile
 from pathlib import Path
 
 import nbformat
@@ -41,6 +43,8 @@ def printed(notebook: NotebookNode) -> list[str]:
 def test_it_prints_what_its_file_shows(path: Path, tmp_path: Path) -> None:
     kept = nbformat.read(path, as_version=4)
     assert printed(run(kept, tmp_path)) == printed(kept)
+    shown = re.findall(r'src="([^"]+\.html)"', path.read_text(encoding="utf-8").replace('\\"', '"'))
+    assert all((tmp_path / page).stat().st_size > 10_000 for page in shown)
     assert sum("[1 figures]" in one for one in printed(kept)) >= 2
     assert path.stat().st_size < MOST_BYTES
 
@@ -48,7 +52,8 @@ def test_it_prints_what_its_file_shows(path: Path, tmp_path: Path) -> None:
 def main() -> None:
     """Run all and keep what they print."""
     for path in NOTEBOOKS:
-        fresh = run(nbformat.read(path, as_version=4), path.parent)
+        with tempfile.TemporaryDirectory() as folder:
+            fresh = run(nbformat.read(path, as_version=4), Path(folder))
         fresh.metadata = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}
         nbformat.write(fresh, path)
 
