@@ -254,7 +254,7 @@ def _help(text: str) -> str:
 
 
 def _line(text: str) -> str:
-    return re.sub(r"([<[])", r"\\\1", " ".join(text.split()))
+    return " ".join(text.split()).replace("<", "&lt;").replace("[", "\\[")
 
 
 GENERATED: Mapping[str, Callable[[], str]] = {
