@@ -48,8 +48,9 @@ def test_control_is_asked_for_told_and_logged(screens: Screens, served: ServedAr
     second.type_into("Your name", "Bob")
     second.wait_for_text("Operator: Ada")
     first.wait_for_text("1 watching")
-    second.click("Home")
-    second.wait_for_text("this page is watching, Ada operates; press 'Take control' first")
+    second.wait_for_text("WATCHING: Ada operates the arm")
+    second.wait_for_text("This page is watching, Ada operates; press 'Take control' first.")
+    expect(second.button("Home")).to_be_disabled()
     second.click("Take control")
     second.wait_for_text("Ada operates the arm. Click Take control again to take it.")
     assert operator(served) == "Ada"
@@ -63,8 +64,9 @@ def test_control_is_asked_for_told_and_logged(screens: Screens, served: ServedAr
     expect(second.page.get_by_role("button", name="Take control", exact=True)).to_have_count(0)
     first.screenshot("people-watcher")
     second.screenshot("people-operator")
-    first.click("Home")
-    first.wait_for_text("this page is watching, Bob operates; press 'Take control' first")
+    first.wait_for_text("WATCHING: Bob operates the arm")
+    expect(first.button("Home")).to_be_disabled()
+    expect(second.page.locator("#armctl-watching")).to_be_hidden()
     first.click("STOP")  # everybody's
     first.wait_until(lambda: logged(served, "STOP (browser page 1)"), "who watches stops it")
     second.page.close()

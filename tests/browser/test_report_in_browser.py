@@ -27,6 +27,7 @@ def test_a_fault_is_reported_and_replayed(page: Screen, served: ServedArm, scree
     page.wait_for_text("MOVING")
     host.boards.simulated().close()
     page.wait_for_text("FAULT")
+    page.open_tab("Log")
     file = page.download("Download report")
     assert file.name == "uzuner-report.zip"
     recording = read_recording(file)

@@ -99,7 +99,9 @@ def test_a_robot_brings_its_fields_limits_and_figure_and_moves(
 ) -> None:
     choose(page, served, name)
     served.wait_for(page, State.OFF)
+    page.open_tab("Log")
     page.wait_for_text(re.compile(f"robot: Uzuner 5-DOF arm → {re.escape(TITLES[name])}"))
+    page.open_tab("Main")
     enable_and_go_home(page, served)
     page.screenshot(f"robot-{name}-main")
     page.open_tab("Manual")
@@ -124,6 +126,7 @@ def test_there_and_back_again_leaves_nothing_of_the_arm_between(page: Screen, se
     expect(page.page).to_have_title(f"armctl – {TITLES['humanoid']}", timeout=PATIENCE_MS)
     choose(page, served, "uzuner")
     enable_and_go_home(page, served)
+    page.open_tab("Log")
     page.page.keyboard.press("Escape")  # the hot key went with the page that was built anew
     page.wait_for_text("STOP (browser page 1)")
     page.screenshot("robot-and-back")
@@ -134,9 +137,8 @@ def test_a_page_that_watches_follows_but_may_not_choose(
     page: Screen, served: ServedArm, screens: Screens
 ) -> None:
     watcher = screens(served.url)
-    watcher.choose("Robot", TITLES["mico"])
-    watcher.wait_for_notification(re.compile("this page is watching, browser page 1 operates"))
-    watcher.wait_until(lambda: watcher.value("Robot") == TITLES["uzuner"], "its list is set back")
+    watcher.wait_for_text(re.compile("This page is watching, browser page 1 operates"))
+    expect(watcher.entry("Robot")).to_be_disabled()
     assert served.robot.name == "uzuner"
     choose(page, served, "scorbot")
     watcher.wait_for_notification(re.compile("browser page 1 chose Scorbot ER-4PC"))
@@ -153,20 +155,26 @@ def test_a_page_that_watches_follows_but_may_not_choose(
     assert page.errors == watcher.errors == []
 
 
-def test_a_moving_arm_is_not_left(page: Screen, served: ServedArm) -> None:
+def test_a_moving_arm_is_not_left_and_an_unsaved_program_asks(page: Screen, served: ServedArm) -> None:
     served.put((100, 90, -80, -40, 0), (-100, 90, -80, -40, 0))
     page.open_tab("Manual", "Serial motion")
     page.click("Loop")
     served.wait_for(page, State.MOVING)
     page.open_tab("Main")
-    page.choose("Robot", TITLES["mico"])
-    page.wait_for_notification(re.compile("the arm moves; press STOP, then choose another robot"))
-    page.wait_until(lambda: page.value("Robot") == TITLES["uzuner"], "the list is set back")
+    page.wait_for_text("The arm moves; press STOP, then choose another robot.")
+    expect(page.entry("Robot")).to_be_disabled()
     page.screenshot("robot-refused")
-    assert served.robot.name == "uzuner"
     page.click("STOP")
     served.wait_for(page, State.HOLDING)
-    choose(page, served, "mico")
+    page.choose("Robot", TITLES["mico"])
+    page.wait_for_text(re.compile("The program .*test.* is not saved"))
+    page.screenshot("robot-unsaved")
+    page.click("Stay with this robot")
+    page.wait_until(lambda: page.value("Robot") == TITLES["uzuner"], "the list is set back")
+    assert served.robot.name == "uzuner"
+    page.choose("Robot", TITLES["mico"])
+    page.click("Change without saving")
+    page.wait_until(lambda: served.robot.name == "mico", "the robot is changed")
     assert served.steps == ()  # the program is another arm's
     assert page.errors == []
 

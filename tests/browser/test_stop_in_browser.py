@@ -69,8 +69,8 @@ def in_a_text_field(screen: Screen) -> None:
 
 def in_an_open_dropdown(screen: Screen) -> None:
     screen.open_tab("Main")
-    screen.press(screen.entry("Robot"))
-    screen.page.get_by_role("option", name="Scorbot").first.wait_for()
+    screen.press(screen.entry("Port"))
+    screen.page.get_by_role("option", name="Simulated board").first.wait_for()
 
 
 def in_the_command_palette(screen: Screen) -> None:
@@ -85,7 +85,7 @@ def on_the_scene(screen: Screen) -> None:
 
 
 def on_a_button(screen: Screen) -> None:
-    screen.button("Resume").focus()
+    screen.button("Pause").focus()
 
 
 def test_escape_stops_from_every_place_and_is_one_line_of_the_log(page: Screen, served: ServedArm) -> None:

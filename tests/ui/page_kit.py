@@ -9,12 +9,22 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 from armctl.arrays import FloatArray
+from armctl.hardware import Driver
 from armctl.robot import Robot
-from armctl.runtime import Command, State
+from armctl.runtime import Command, Controller, ManualClock, Snapshot, State
 from armctl.ui.guard import GuardedServer
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.session import Session
 from armctl.ui.widgets.events import Action
+
+
+def snapshot_of(robot: Robot) -> Snapshot:
+    """Of an arm that nothing was asked of yet."""
+
+    def no_driver(port: str) -> Driver:
+        raise AssertionError(port)
+
+    return Controller(robot, no_driver, ManualClock()).snapshot
 
 
 class FakePage:

@@ -10,7 +10,8 @@ from armctl.hardware import BoardIdentity
 from armctl.robot import load_robot
 from armctl.runtime import AxisHoming, Snapshot, State
 from armctl.ui import PortChoice
-from armctl.ui.tabs.main.boards import board_html, enable_note, homing_html, ports_html
+from armctl.ui.enabling import enable_note
+from armctl.ui.tabs.main.boards import board_html, homing_html, ports_html
 
 
 def words(html: str) -> str:
@@ -65,6 +66,6 @@ def test_what_enable_will_do(
     homing = () if homed is None else (AxisHoming("Waist", homed, False),)
     assert said in enable_note(replace(snapshot, powered=powered, homing=homing), board)
     lost = replace(snapshot, state=State.FAULT, board=None)
-    assert "then press **Connect**" in enable_note(lost, "encoder")
+    assert "then press Connect" in enable_note(lost, "encoder")
     there = replace(lost, board=BoardIdentity("encoder board", "/dev/ttyACM0"))
     assert "Connect" not in enable_note(there, "encoder")

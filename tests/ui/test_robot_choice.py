@@ -11,10 +11,11 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from tests.ui.page_kit import snapshot_of
 
 from armctl.calibration import Calibration, CalibrationStore, own_calibration
 from armctl.errors import ArmctlError, BoardError, InputError, RobotFileError, StateError
-from armctl.hardware import BoardIdentity, Driver, Source
+from armctl.hardware import BoardIdentity, Source
 from armctl.robot import Robot, load_robot
 from armctl.runtime import (
     Arrive,
@@ -22,10 +23,8 @@ from armctl.runtime import (
     Connect,
     Control,
     ControlCommand,
-    Controller,
     Leave,
     LockControl,
-    ManualClock,
     Origin,
     Party,
     SetSpeed,
@@ -45,13 +44,6 @@ SIMULATED = BoardIdentity("Pololu Micro Maestro 6-channel", "/dev/pts/3", simula
 REAL = BoardIdentity("Pololu Micro Maestro 6-channel", "/dev/ttyACM0")
 CHOICES = tuple(RobotChoice(name, load_robot(name).title) for name in ("uzuner", "mico", "scorbot"))
 PAGE = Origin("page 7")
-
-
-def snapshot_of(robot: Robot) -> Snapshot:
-    def no_driver(port: str) -> Driver:
-        raise AssertionError(port)
-
-    return Controller(robot, no_driver, ManualClock()).snapshot
 
 
 @dataclass

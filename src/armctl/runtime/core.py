@@ -104,7 +104,8 @@ class Core:
     def require(self, need: Need, what: str) -> None:
         """Refuse (``StateError``) ``what`` ("a motion") needs the arm in another state."""
         homing = self.monitor.reading.homing
-        why = unmet(need, self.state, homed=homing is None or homing.done, cause=self.cause)
+        homed, connected = homing is None or homing.done, self.board is not None
+        why = unmet(need, self.state, connected=connected, homed=homed, cause=self.cause)
         if why is not None:
             raise StateError(f"{what} needs the arm {need.value}, it is {why}")
 

@@ -52,26 +52,26 @@ _MET_IN = {
 }
 
 
-def unmet(need: Need, state: State, *, homed: bool, cause: str = "") -> str | None:
+def unmet(need: Need, state: State, *, connected: bool, homed: bool, cause: str = "") -> str | None:
     """Why a command is refused, and what to do: "off; enable first". None: its need is met.
 
-    ``homed``: every axis that has to knows where it is; ``cause``: of the state, to be named in the answer.
+    ``connected``: there is a board; ``homed``: every axis that has to knows where it is; ``cause``: of the
+    state, to be named in the answer.
     """
     if state in _MET_IN[need]:
         return None
     told = f" ({cause})" if cause else ""
     match state:
         case State.DISCONNECTED:
-            mend = "; connect and enable first" if State.OFF not in _MET_IN[need] else "; connect first"
+            return f"disconnected; connect {'first' if State.OFF in _MET_IN[need] else 'and enable first'}"
         case State.OFF:
-            mend = "; enable first" if homed else f"; {HOME_FIRST}"
+            return f"off; {'enable first' if homed else HOME_FIRST}"
         case State.MOVING | State.PAUSED:
-            mend = f"{told}; stop first"
+            return f"{state.value}{told}; stop first"
         case State.FAULT:
-            mend = f"{told}; clear the fault first"
+            return f"in fault{told}; {'clear the fault first' if connected else 'connect again'}"
         case State.HOLDING:
-            mend = "; the arm is enabled already"
-    return f"{state.value}{mend}"
+            return "holding; the arm is enabled already"
 
 
 HOME_FIRST = "press Homing (every axis moves to its switch)"

@@ -15,8 +15,8 @@ from armctl.errors import ArmctlError
 from armctl.runtime import Arrive, Leave, Origin, State
 from armctl.ui.console import Console, page_name
 from armctl.ui.guard import GuardedServer
-from armctl.ui.page import TABS_WIDTH, Page
-from armctl.ui.panel import PANEL_WIDTH
+from armctl.ui.page import Page, covered
+from armctl.ui.panel import set_theme
 from armctl.ui.robot_switch import RESTARTED, RobotChange, RobotSwitch
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
@@ -57,9 +57,7 @@ class App:
         self._lines = server.stop_lines
         self._lines.attend(self._stop, self._silent, silence_s)
         self._pages: dict[int, Page] = {}
-        self.server.gui.configure_theme(
-            dark_mode=False, show_logo=False, show_share_button=False, brand_color=(24, 100, 171)
-        )
+        set_theme(server.gui, dark=False)
         set_lights(self.server.scene)
         self._draw_arm()
         robots.on_change(self._changed)
@@ -92,7 +90,7 @@ class App:
         who = page_name(client.client_id)
         try:
             # the page has told its width before there were panels
-            look_at_arm(client, self._console.robot, covered=TABS_WIDTH + PANEL_WIDTH)
+            look_at_arm(client, self._console.robot, covered=covered(client))
             lost = self._operator_lost
             self._pages[client.client_id] = Page(client, self.robots, self._lines.link, lost)
         except Exception:

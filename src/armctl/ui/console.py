@@ -162,6 +162,10 @@ class Console:
         default_factory=list[Callable[[Snapshot], None]], init=False
     )
     """called at each frame that is drawn, 30 times a second"""
+    unsaved: list[Callable[[], str | None]] = field(
+        default_factory=list[Callable[[], str | None]], init=False
+    )
+    """each says what would be lost with this arm, in a sentence, or None"""
     _shared: dict[type[Shared], Shared] = field(default_factory=dict[type[Shared], Shared], init=False)
 
     @property

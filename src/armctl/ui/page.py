@@ -7,19 +7,25 @@ from collections.abc import Callable
 import viser
 
 from armctl.runtime import Snapshot
-from armctl.ui.panel import ControlPanel
+from armctl.ui.panel import NARROW_PX, PANEL_WIDTH, ControlPanel
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.session import Session
 from armctl.ui.tabs import TABS, Screen
 
-TABS_WIDTH = 460
-"""[px]"""
-_STYLE = (
-    "<style>[data-dock-tab]{padding:0 .35em!important}"
-    "[data-dock-tab],[data-dock-tab] *{font-size:13px!important}"
-    "label[for],.mantine-Notification-description{color:#495057!important}</style>"
-)
-"""Without it the tabs need a second row where the font is wide, and the grey of labels is hard to read."""
+_WIDE_PX, _PHONE_PX = 1600, 576
+
+
+def tabs_width(window: int) -> int:
+    """How wide the tabs are in a window [px]."""
+    return 580 if window >= _WIDE_PX else 480 if window >= NARROW_PX else 380
+
+
+def covered(client: viser.ClientHandle) -> int:
+    """How much of a page's window is panels [px]; to be asked before they are there."""
+    window = client.camera.image_width
+    if window < _PHONE_PX:
+        return 0  # they lie over the lower part of the scene
+    return tabs_width(window) + (PANEL_WIDTH if window >= NARROW_PX else 0)
 
 
 class Page:
@@ -35,8 +41,7 @@ class Page:
         """Build everything for the present arm; ``link`` and ``lost`` as in ``Session.find_line``."""
         self.client, self._robots, self._link, self._lost = client, robots, link, lost
         client.gui.main_panel.dock_right()
-        client.gui.main_panel.set_width(TABS_WIDTH)
-        client.gui.add_html(_STYLE)
+        client.gui.main_panel.set_width(tabs_width(client.camera.image_width))
         group = client.gui.add_tab_group()
         self._tabs = [(tab, group.add_tab(tab.label, tab.icon)) for tab in TABS]
         self._build()

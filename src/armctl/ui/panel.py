@@ -12,28 +12,43 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.hardware.boards import board_type
 from armctl.robot import OutputMap, Robot
-from armctl.runtime import Pause, Release, Resume, SetSpeed, Snapshot, State, TakeControl
+from armctl.runtime import ClearFault, Pause, Release, Resume, SetSpeed, Snapshot, State, TakeControl
+from armctl.ui.enabling import EnableButton
+from armctl.ui.scene.stage import look_at_arm
 from armctl.ui.session import Session
-from armctl.ui.widgets.html import WARNING, LiveHtml, fixed, limited, muted, table
+from armctl.ui.widgets.html import ERROR, LiveHtml, fixed, limited, muted, table
 from armctl.ui.widgets.joint_angles import held_at
 
 PANEL_WIDTH = 250
 """[px]"""
+NARROW_PX = 900
+"""in a window less wide the panel stands above the tabs: the arm is seen beside them"""
 _MOST_LINES, _MOST_FAULT_LINES = 4, 12
 """of a cause or a warning: what the arm does must stay in view; the log has all of it"""
 _RELEASE_SECONDS = _ASKED_S = 5.0
 _DOUBLE_CLICK_S = 0.6
 _EXPAND_S = 1.0
-_STOP_NOTE = "STOP (Escape) holds, with power. Release: THE ARM DROPS. Both are software, no emergency stop."
+_STOP_NOTE = (
+    "STOP (Escape): the arm stops and holds, with power. Release: THE ARM DROPS. Both are software only. "
+    "They do not replace an emergency stop."
+)
 _SPEED_HINT = "Slows down everything that moves; the path stays the same."
 _COLORS = {
     State.DISCONNECTED: "#5c636a",
     State.OFF: "#5c636a",
-    State.HOLDING: "#2b8a3e",
-    State.MOVING: "#1971c2",
-    State.PAUSED: WARNING,
+    State.HOLDING: "#237032",
+    State.MOVING: "#1864ab",
+    State.PAUSED: "#9c5500",
     State.FAULT: "#c92a2a",
 }
+"""behind white letters, in both themes"""
+_BADGE = (
+    "padding:3px 10px;border-radius:4px;color:#fff;font-size:1.15em;font-weight:700;"
+    "letter-spacing:.05em;text-align:center;background:"
+)
+LIGHT, DARK = "Light", "Dark"
+_BLUE = (24, 100, 171)
+_PAUSE, _RESUME = ("Pause", viser.Icon.PLAYER_PAUSE), ("Resume", viser.Icon.PLAYER_PLAY)
 
 
 class ControlPanel:
@@ -46,17 +61,24 @@ class ControlPanel:
         speed = round(100 * session.snapshot.speed)
         with self.window.add_tab("Control", viser.Icon.HAND_STOP):
             self._stop = gui.add_button("STOP", color="red", icon=viser.Icon.HAND_STOP)
-            self._hold = gui.add_button_group("Motion", ("Pause", "Resume"))
+            self._state = LiveHtml(gui)
+            self._take = gui.add_button("Take control", icon=viser.Icon.HAND_GRAB, visible=False)
+            self._clear = gui.add_button("Clear fault", color="orange", visible=False)
+            session.needs(None, self._clear, told=False)
+            self._enable = EnableButton(session)
+            self._hold = gui.add_button(_PAUSE[0], icon=_PAUSE[1])
             self._release = gui.add_button("Release", color="gray", icon=viser.Icon.POWER)
             title = escape(f"armctl – {session.console.robot.title}")
             LiveHtml(gui, f"{muted(_STOP_NOTE)}<i hidden data-armctl-title='{title}'></i>")
-            self._state = LiveHtml(gui)
             self._speed = gui.add_slider("Speed %", 5, 100, 1, initial_value=speed, hint=_SPEED_HINT)
-            self._take = gui.add_button("Take control", visible=False)
             self._where = LiveHtml(gui)
-        # Docked: notifications cover what floats at the left, but give way to what is docked there.
-        self.window.dock_left()
-        self.window.set_width(PANEL_WIDTH)
+            self._theme = gui.add_dropdown("Theme", (LIGHT, DARK), initial_value=LIGHT)
+        if session.client.camera.image_width < NARROW_PX:
+            self.window.dock_above(gui.main_panel)
+            self.window.expand()  # on a phone it begins folded, and Enable is in it
+        else:  # docked: notifications cover what floats at the left, but give way to what is docked there
+            self.window.dock_left()
+            self.window.set_width(PANEL_WIDTH)
         self._asked_release = False
         self._released_at = 0.0
         self._expanded_at = self._asked_take = -math.inf
@@ -66,15 +88,28 @@ class ControlPanel:
         session.on(self._stop.on_click, self._on_stop)
         hot_key = session.gui.add_command("STOP", hotkey="escape", description="Decelerate and hold")
         session.on_key(hot_key, self._on_stop)
-        hold = self._hold
-        session.on(hold.on_click, lambda: session.submit(Pause() if hold.value == "Pause" else Resume()))
+        session.on(self._hold.on_click, self._on_hold)
         session.on(self._release.on_click, self._on_release)
         session.on(self._speed.on_update, lambda: session.submit(SetSpeed(self._speed.value / 100)))
         session.on(self._take.on_click, self._on_take)
+        session.on(self._clear.on_click, lambda: session.submit(ClearFault()))
+        session.on(self._theme.on_update, self._on_theme)
+        hold = session.command("Pause or resume", self._on_hold, "Come to rest on the path, or go on")
+        session.command("Reset view", self._reset_view, "See the whole arm again")
+        session.needs(None, self._hold, hold, also=_nothing_moves, told=False)
+        session.needs(None, self._release, also=_no_board, told=False)
+        session.needs(None, self._speed, told=False)
+        session.spawn(self._recall_theme())
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show state, operator and speed."""
         session = self._session
+        self._enable.refresh(snapshot)
+        fault = snapshot.state is State.FAULT and not snapshot.unreachable
+        self._clear.visible = fault and snapshot.board is not None
+        label, icon = _RESUME if snapshot.state is State.PAUSED else _PAUSE
+        if self._hold.label != label:
+            self._hold.label, self._hold.icon = label, icon
         if snapshot.state is State.MOVING and snapshot.stamp - self._expanded_at > _EXPAND_S:
             self.window.expand()  # a panel that was minimised must not hide STOP
             self._expanded_at = snapshot.stamp
@@ -89,13 +124,14 @@ class ControlPanel:
         watching = f" · {count} watching" if count else ""
         source = session.console.last_known.words(snapshot, session.console.robot.board)
         lines = [
-            f"<div style='font-size:1.15em;font-weight:600;color:{_COLORS[snapshot.state]}'>"
-            f"{snapshot.state.value.upper()}</div>",
+            f"<div style='{_BADGE}{_COLORS[snapshot.state]}'>{snapshot.state.value.upper()}</div>",
             limited(snapshot.cause, most, "opacity:.75") if snapshot.cause else "",
             f"<div>Operator: <b>{escape(session.operator)}</b>{watching}</div>",
             f"<div>Position shown: <b>{source}</b></div>",
-            *(limited(f"⚠ {text}", _MOST_LINES, "color:#c92a2a") for text in warnings),
+            *(limited(f"⚠ {text}", _MOST_LINES, f"color:{ERROR}") for text in warnings),
         ]
+        if not session.operates:  # for the banner that is laid over the page
+            lines.append(f"<i hidden data-armctl-watching='{escape(session.operator)}'></i>")
         if snapshot.unreachable:  # for what is laid over the page beside STOP
             lines.append(f"<i hidden data-armctl-lost='{escape(snapshot.cause)}'></i>")
         self._state.show("".join(lines))
@@ -122,6 +158,26 @@ class ControlPanel:
     async def _on_stop(self) -> None:
         self._session.console.controller.stop(self._session.origin)
 
+    async def _on_hold(self) -> None:
+        paused = self._session.snapshot.state is State.PAUSED
+        await self._session.submit(Resume() if paused else Pause())
+
+    def _reset_view(self) -> None:
+        look_at_arm(self._session.client, self._session.console.robot)
+
+    def _on_theme(self) -> None:
+        self._session.remember("theme", self._theme.value)
+        self._use_theme()
+
+    async def _recall_theme(self) -> None:
+        theme = await self._session.recall("theme")
+        if theme in (LIGHT, DARK) and theme != self._theme.value:
+            self._theme.value = theme
+            self._use_theme()
+
+    def _use_theme(self) -> None:
+        set_theme(self._session.gui, dark=self._theme.value == DARK)
+
     async def _on_release(self) -> None:
         """The first click asks, a second one within a few seconds releases."""
         self._session.require_operator()
@@ -134,6 +190,9 @@ class ControlPanel:
             return
         self._released_at = now
         self._ask_release(True)
+        self._session.spawn(self._forget_release())
+
+    async def _forget_release(self) -> None:
         await asyncio.sleep(_RELEASE_SECONDS)
         self._ask_release(False)
 
@@ -168,6 +227,19 @@ class ControlPanel:
             session.notify(
                 "Control", f"This page watches now: {session.operator} operates the arm.", "yellow"
             )
+
+
+def _nothing_moves(snapshot: Snapshot) -> str | None:
+    return None if snapshot.state in (State.MOVING, State.PAUSED) else "nothing moves"
+
+
+def _no_board(snapshot: Snapshot) -> str | None:
+    return None if snapshot.board is not None else "no board is connected"
+
+
+def set_theme(gui: viser.GuiApi, *, dark: bool) -> None:
+    """Light or dark, in armctl's blue."""
+    gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False, brand_color=_BLUE)
 
 
 # The rounding of setpoints to the board's steps.

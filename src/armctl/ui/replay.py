@@ -17,7 +17,7 @@ from armctl.ui.guard import GuardedServer
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.ghost import played, thicker
 from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
-from armctl.ui.widgets.html import WARNING, LiveHtml, fixed, heading, muted, table
+from armctl.ui.widgets.html import ERROR, WARNING, LiveHtml, fixed, heading, muted, table
 from armctl.ui.widgets.plots import Line, LinePlot, Picture, thinned, upright
 
 LOG = logging.getLogger("armctl.ui")
@@ -28,7 +28,7 @@ _SPEEDS = {"1/10": 0.1, "1/4": 0.25, "1/1": 1.0, "4/1": 4.0}
 _TWIN = (240, 140, 0)
 _LINES_SHOWN = 12
 _MOST_POINTS = 1500
-_COLOR = {"warning": WARNING, "error": "#c92a2a"}
+_COLOR = {"warning": WARNING, "error": ERROR}
 
 
 class ReplayApp:
@@ -163,7 +163,7 @@ class ReplayPage:
         late, took = (1000 * recording.column(name)[k] for name in ("late_s", "took_s"))
         warned = [one.texts for one in recording.warnings if one.time_s <= now]
         warnings = "".join(
-            f"<div style='color:#c92a2a'>⚠ {escape(text)}</div>" for text in (warned[-1] if warned else ())
+            f"<div style='color:{ERROR}'>⚠ {escape(text)}</div>" for text in (warned[-1] if warned else ())
         )
         with self._client.atomic():
             self._at.value = min(max(self._now, self._at.min), self._at.max)

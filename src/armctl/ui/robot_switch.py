@@ -249,11 +249,16 @@ def release_first(snapshot: Snapshot, *, reopen: bool) -> str | None:
     return f"{on}, and the arm has to be opened anew: support it, press Release (it drops), then try again"
 
 
-def require_replaceable(snapshot: Snapshot, *, reopen: bool) -> None:
-    """Refuse (``StateError``) to leave an arm, or to open it anew, that moves or must be released first."""
+def not_replaceable(snapshot: Snapshot, *, reopen: bool) -> str | None:
+    """Why an arm cannot be left for another one, or opened anew: it moves, or must be released first."""
     if snapshot.state in (State.MOVING, State.PAUSED):
         doing = "moves" if snapshot.state is State.MOVING and not reopen else "is in the middle of a motion"
         then = "try again" if reopen else "choose another robot"
-        raise StateError(f"the arm {doing}; press STOP, then {then}")
-    if (why := release_first(snapshot, reopen=reopen)) is not None:
+        return f"the arm {doing}; press STOP, then {then}"
+    return release_first(snapshot, reopen=reopen)
+
+
+def require_replaceable(snapshot: Snapshot, *, reopen: bool) -> None:
+    """Refuse (``StateError``) where an arm is ``not_replaceable``."""
+    if (why := not_replaceable(snapshot, reopen=reopen)) is not None:
         raise StateError(why)

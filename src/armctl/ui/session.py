@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Generator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
@@ -26,6 +28,10 @@ _LINK_TIMEOUT_S = 3.0
 _MOST_NOTICES = 3
 """at a time: they lie over the scene, and older ones answer older clicks"""
 _LETTERS_A_SECOND = 12
+_AT_ONCE_S = 0.3
+"""what takes longer shows that it is being worked on"""
+_AT_WORK: ContextVar[Callable[[], None]] = ContextVar("at_work", default=lambda: None)
+"""to be called once the arm has accepted the command of the present action"""
 
 
 class Session:
@@ -39,6 +45,9 @@ class Session:
         self._tasks: set[asyncio.Task[None]] = set()
         self._keys: list[viser.CommandHandle] = []
         self._offers: list[_Offer] = []
+        self.obeyed: set[str] = set()
+        """labels of the buttons of this page whose commands the arm has accepted"""
+        self._end_question: Callable[[], None] = lambda: None
         self.closed = False
         """page or arm is gone; whoever has waited for something must not write to the page any more"""
         self.ghost = Ghost(client.scene, self.console.robot)
@@ -86,7 +95,8 @@ class Session:
         async def callback(event: viser.GuiEvent[Any]) -> None:
             if event.client is None:
                 return
-            await self.attempt(action)
+            with self._shown_at_work(event.target):
+                await self.attempt(action)
 
         attach(callback)
 
@@ -118,7 +128,8 @@ class Session:
             return None
         if snapshot.unreachable:
             return "the arm does not answer; see Control"
-        why = unmet(arm, snapshot.state, homed=all(axis.homed for axis in snapshot.homing))
+        homed, connected = all(axis.homed for axis in snapshot.homing), snapshot.board is not None
+        why = unmet(arm, snapshot.state, connected=connected, homed=homed)
         return None if why is None else f"the arm is {why}"
 
     def refresh(self, snapshot: Snapshot) -> None:
@@ -132,10 +143,15 @@ class Session:
             why = offer.also(snapshot)
         for control in offer.controls:
             control.disabled = why is not None
-        if offer.reason is not None:
-            offer.reason.visible = why is not None
-            if why is not None:
-                offer.reason.show(muted(sentence(why)))
+        if offer.reason is not None:  # a page that has just come is about to be told who operates
+            offer.reason.visible = why is not None and snapshot.control.party(self.me) is not None
+            offer.reason.show(muted(sentence(why)) if why else "")
+
+    def command(self, label: str, action: Action, description: str) -> viser.CommandHandle:
+        """Add a command to the palette (Ctrl+K)."""
+        handle = self.gui.add_command(label, description=description)
+        self.on_key(handle, action)
+        return handle
 
     def on_key(self, command: viser.CommandHandle, action: Action) -> None:
         """Run ``action`` when the command's key is pressed outside a field."""
@@ -168,6 +184,35 @@ class Session:
             LOG.exception("a page's action failed")
             self.refuse("an internal error; the program's log has the details", title="Error")
 
+    @contextmanager
+    def _shown_at_work(self, pressed: object) -> Generator[None]:
+        """Show that what was pressed is being worked on, as long as it is and the arm does not act on it."""
+        button = pressed.value if isinstance(pressed, viser.GuiButtonGroupHandle) else ""
+        label = button or getattr(pressed, "label", "")
+        shown: list[viser.NotificationHandle] = []
+
+        def show() -> None:
+            if label and not self.closed:
+                shown.append(
+                    self.client.add_notification(label, "Working …", loading=True, with_close_button=False)
+                )
+
+        def end() -> None:
+            timer.cancel()
+            while shown:
+                shown.pop().remove()
+
+        def accepted() -> None:
+            end()
+            self.obeyed.add(label)
+
+        timer = asyncio.get_running_loop().call_later(_AT_ONCE_S, show)
+        _AT_WORK.set(accepted)
+        try:
+            yield
+        finally:
+            end()
+
     def require_operator(self) -> None:
         """Refuse (``ArmctlError``) what only the operator may do."""
         if self.console.controller.ended:
@@ -181,6 +226,7 @@ class Session:
         self.robots.require_settled()
         ticket = self.console.controller.submit(command, self.origin)
         await asyncio.wrap_future(ticket.accepted)
+        _AT_WORK.get()()  # from here on the arm itself shows it
         self.spawn(self._report_end(ticket))
         return ticket
 
@@ -193,6 +239,38 @@ class Session:
         content = content.encode() if isinstance(content, str) else content
         name = f"{self.console.robot.name}-{name}"
         self.client.send_file_download(name, content, save_immediately=True)
+
+    async def change_robot(self, name: str) -> None:
+        """Change the present arm for another one; where something is not saved, the page is asked first."""
+        words = [text for unsaved in self.console.unsaved if (text := unsaved()) is not None]
+        if words and name != self.robots.present.name:
+            self.require_operator()
+            self._ask_first(f"{' '.join(words)} Save it first: **Manual → Serial motion → Files**.", name)
+        else:
+            await self._change_robot(name)
+
+    def _ask_first(self, text: str, name: str) -> None:
+        self._end_question()
+        question = self.gui.add_modal("Change the robot?")
+        with question:
+            self.gui.add_markdown(text)
+            stay = self.gui.add_button("Stay with this robot")
+            change = self.gui.add_button("Change without saving", color="orange")
+
+        def end() -> None:
+            if not question.closed:
+                question.close()
+
+        async def go_on() -> None:
+            end()
+            await self._change_robot(name)
+
+        self._end_question = end
+        self.on(stay.on_click, end)
+        self.on(change.on_click, go_on)
+
+    async def _change_robot(self, name: str) -> None:
+        await self.robots.change(name, self.origin, self.require_operator)
 
     async def reopen_arm(self, port: str | None = None) -> None:
         """Open the arm anew, as calibrated now, on ``port`` or where it was; this page shows what fails."""
@@ -233,6 +311,14 @@ class Session:
             await asyncio.sleep(_LINK_AGAIN_S)
         link(line, who)
 
+    async def recall(self, key: str) -> str | None:
+        """What this browser remembers under a key; None: nothing, or it keeps no storage."""
+        return await self._ask(f"armctl-{key}", _LINK_TIMEOUT_S)
+
+    def remember(self, key: str, value: str) -> None:
+        """Have this browser remember something."""
+        self.client.local_storage.set_item(f"armctl-{key}", value)
+
     async def answers(self, timeout_s: float) -> bool:
         """Ask the page for a sign of life; its script has to answer."""
         return await self._ask("armctl-page", timeout_s) is not None
@@ -246,6 +332,7 @@ class Session:
     def close(self) -> None:
         """The page or its arm is gone: end what waits for it."""
         self.closed = True
+        self._end_question()
         for task in tuple(self._tasks):
             task.cancel()
 
@@ -261,7 +348,13 @@ class Session:
 class Disableable(Protocol):
     """A button, a field, or a command of the palette."""
 
-    disabled: bool
+    @property
+    def disabled(self) -> bool:
+        """Whether it can be used no more."""
+        ...
+
+    @disabled.setter
+    def disabled(self, disabled: bool) -> None: ...
 
 
 @dataclass(frozen=True)

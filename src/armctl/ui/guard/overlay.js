@@ -1,5 +1,6 @@
-// STOP that is always there: Escape from every place of the page, a large button wherever the panel's own
-// one is out of view, and a line to the arm that waits for nothing else (stop_line.py).
+// What armctl lays over viser's page. STOP that is always there: Escape from every place of the page, a large
+// button wherever the panel's own one is out of view, and a line to the arm that waits for nothing else
+// (stop_line.py). A banner on a page that watches. Names of fields for screen readers, folders for the keyboard.
 (() => {
   "use strict";
   const BEAT_MS = 200;
@@ -19,8 +20,13 @@
 
   // viser reads this page's localStorage when the server asks: so the server learns which line is whose.
   const getItem = Storage.prototype.getItem;
+  // What it asks for as theme is the one chosen here, or else the system's.
   Storage.prototype.getItem = function (key) {
-    return key === "viser-user:armctl-page" ? page : getItem.call(this, key);
+    if (key === "viser-user:armctl-page") return page;
+    const kept = getItem.call(this, key);
+    if (kept === null && key === "viser-user:armctl-theme" && matchMedia("(prefers-color-scheme: dark)").matches)
+      return "Dark";
+    return kept;
   };
 
   // The line.
@@ -90,8 +96,10 @@
   // What is shown.
   const bar = document.createElement("div");
   bar.id = "armctl-bar";
-  bar.innerHTML = '<p role="alert" hidden></p><button type="button" data-armctl-stop>STOP</button>';
-  const [words, ownStop] = bar.children;
+  bar.innerHTML =
+    '<p role="status" id="armctl-watching" hidden></p><p role="alert" hidden></p>' +
+    '<button type="button" data-armctl-stop>STOP</button>';
+  const [banner, words, ownStop] = bar.children;
   document.addEventListener("DOMContentLoaded", () => document.documentElement.append(bar));
   const narrow = matchMedia("(max-width: 36em)");
 
@@ -113,6 +121,60 @@
     if (hidden !== (button.getAttribute("aria-hidden") === "true")) button.setAttribute("aria-hidden", hidden);
   }
 
+  function say(element, text) {
+    if (element.textContent !== text) element.textContent = text;
+    element.hidden = !text;
+  }
+
+  // viser's labels name few of its fields, and its folders open by a click alone.
+  function nameFields() {
+    for (const label of document.querySelectorAll("#root p > label[for]")) {
+      const name = label.textContent;
+      const fields = label.parentElement.parentElement.nextElementSibling;
+      if (!fields || label.dataset.armctlNamed === name) continue;
+      const inputs = Array.from(fields.querySelectorAll("input:not([type=hidden]), textarea"));
+      inputs.forEach((input, i) => {
+        const axis = inputs.length > 1 && !fields.querySelector("[role=slider]") ? ` ${"xyz"[i]}` : "";
+        if (input.labels.length === 0) input.setAttribute("aria-label", name + axis);
+      });
+      fields.querySelector("[role=slider]")?.setAttribute("aria-label", name);
+      if (fields.querySelector("button") && !inputs.length) {
+        fields.setAttribute("role", "group");
+        fields.setAttribute("aria-label", name);
+      }
+      label.dataset.armctlNamed = name;
+    }
+    for (const icon of document.querySelectorAll("svg.tabler-icon-chevron-up, svg.tabler-icon-chevron-down")) {
+      const head = icon.parentElement;
+      if (!head?.matches(".mantine-Paper-root")) continue;
+      const open = String(icon.classList.contains("tabler-icon-chevron-up"));
+      if (head.getAttribute("aria-expanded") === open) continue;
+      head.setAttribute("role", "button");
+      head.setAttribute("tabindex", "0");
+      head.setAttribute("aria-label", `${head.textContent}, section`);
+      head.setAttribute("aria-expanded", open);
+    }
+  }
+
+  // viser's buttons without words.
+  const ICONS = {
+    ".mantine-Notification-closeButton": "Close this message",
+    "button:has(> * svg.tabler-icon-list-search)": "Commands (Ctrl+K)",
+    "button:has(> * svg.tabler-icon-adjustments)": "Settings of the view",
+  };
+  function nameIcons() {
+    document.getElementById("root").setAttribute("role", "main");
+    for (const [selector, name] of Object.entries(ICONS))
+      for (const button of document.querySelectorAll(`${selector}:not([aria-label])`)) button.setAttribute("aria-label", name);
+  }
+
+  addEventListener("keydown", (event) => {
+    const head = event.target instanceof Element && event.target.matches(".mantine-Paper-root[aria-expanded]");
+    if (!head || (event.key !== "Enter" && event.key !== " ")) return;
+    event.preventDefault();
+    event.target.click();
+  });
+
   function show(now) {
     findPanelStop();
     const own = narrow.matches || !panelStop || !inView(panelStop);
@@ -124,8 +186,11 @@
     const cause = document.querySelector("[data-armctl-lost]")?.dataset.armctlLost;
     const gone = cause && cause[0].toUpperCase() + cause.slice(1);
     const text = lost ? LOST : gone ? gone : unanswered ? UNANSWERED : "";
-    if (words.textContent !== text) words.textContent = text;
-    words.hidden = !text;
+    say(words, text);
+    const operator = document.querySelector("[data-armctl-watching]")?.dataset.armctlWatching;
+    say(banner, operator ? `WATCHING: ${operator} operates the arm` : "");
+    nameFields();
+    nameIcons();
     const title = document.querySelector("[data-armctl-title]")?.dataset.armctlTitle;
     if (title && document.title !== title) document.title = title;
   }

@@ -208,6 +208,12 @@ def _share_type_hints() -> None:
     props_api.get_type_hints = gui_api.get_type_hints_cached  # pyright: ignore[reportPrivateImportUsage]
 
 
+def _let_groups_be_disabled() -> None:
+    """Have viser disable groups of buttons, too: it refuses, though its page shows them so."""
+    if "disabled" in vars(viser.GuiButtonGroupHandle):
+        delattr(viser.GuiButtonGroupHandle, "disabled")  # it is a property like any other then
+
+
 _VISER_VERSION = "1.1.1"
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{16,256}")
 
@@ -324,6 +330,7 @@ def guarded_server(
     address, bound_port = listener.getsockname()[:2]
     server: GuardedServer | None = None
     _share_type_hints()
+    _let_groups_be_disabled()
     tally, stop_lines = Tally(), StopLines()
     sockets = {STOP_PATH: SocketDoor(stop_lines.handle), **sockets}
     door = Door(extra_hosts, token, tally, "http" if tls is None else "https", sockets)

@@ -219,12 +219,12 @@ class StopLines:
 
 
 class OverlaidPage:
-    """The page of viser, with ``overlay.js`` and ``overlay.css`` ahead of its own script."""
+    """The page of viser, ahead of its script ``overlay.css`` and, where an arm is driven, ``overlay.js``."""
 
     def __init__(self, *, overlay: bool = True) -> None:
         here = resources.files("armctl.ui.guard")
         script, style = (here.joinpath(f"overlay.{kind}").read_text() for kind in ("js", "css"))
-        self._overlay = f"<style>{style}</style><script>{script}</script>".encode() if overlay else b""
+        self._overlay = (f"<style>{style}</style>" + f"<script>{script}</script>" * overlay).encode()
         self._bodies: dict[str, bytes | bytearray] = {}
 
     def answer(self, response: Response) -> Response:

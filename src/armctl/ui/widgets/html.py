@@ -14,8 +14,12 @@ from armctl.ui.widgets.events import On
 
 _LINE_EM = 1.5
 """height of a line in a block of HTML"""
-WARNING = "#a65b00"
-"""colour of what is not as it should be; dark enough to be read on white"""
+WARNING = "var(--armctl-warning,#a65b00)"
+"""colour of what is not as it should be"""
+ERROR = "var(--armctl-error,#c92a2a)"
+"""colour of what is refused or broken"""
+GOOD = "var(--armctl-good,#237032)"
+"""colour of what is as it should be; these three can be read in both themes (``overlay.css``)"""
 _MINUS = re.compile(r"(?<![\w.)-])-(?=\d)")
 """a hyphen before a number that is no part of a word, a range or a date"""
 
@@ -65,7 +69,7 @@ def sentence(text: str) -> str:
 
 def refused(text: str) -> str:
     """Why something cannot be done."""
-    return f"<div style='color:#c92a2a'>{escape(with_minus(text))}</div>"
+    return f"<div style='color:{ERROR}'>{escape(with_minus(text))}</div>"
 
 
 def warned(text: str) -> str:

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from html import escape
 
 from armctl.motion.preflight import Finding
-from armctl.ui.widgets.html import WARNING
+from armctl.ui.widgets.html import ERROR, WARNING
 
 _MOST = 12
 _CHECKED = ("limits", "speeds", "floor", "self-collision", "singularity", "torque")
-_MARK = {"error": ("✕ refused", "#c92a2a"), "warning": ("! warning", WARNING)}
+_MARK = {"error": ("✕ refused", ERROR), "warning": ("! warning", WARNING)}
 _BLOCK = "margin:4px 0;padding:2px 0 2px 8px;border-left:3px solid "
 
 

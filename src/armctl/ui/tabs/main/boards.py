@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from functools import partial
 from html import escape
 from pathlib import Path
 
-from armctl.hardware.boards import board_type
 from armctl.robot import Robot
-from armctl.runtime import Snapshot, State
+from armctl.runtime import Snapshot
 from armctl.ui.console import PortChoice
-from armctl.ui.robot_switch import RobotChoice, release_first
+from armctl.ui.robot_switch import RobotChoice, not_replaceable
 from armctl.ui.session import Session
-from armctl.ui.widgets.html import LiveHtml, folded, muted, refused, sentence
+from armctl.ui.widgets.html import LiveHtml, folded, refused, sentence
 
 
 class RobotChooser:
@@ -26,25 +26,22 @@ class RobotChooser:
             label for label, name in self._names.items() if name == self._robots.present.name
         )
         self._list = session.gui.add_dropdown("Robot", tuple(self._names), initial_value=self._present)
+        session.needs(None, self._list, also=partial(not_replaceable, reopen=False))
         self._about = about(session.console.robot)
         self._text = LiveHtml(session.gui, self._about)
         session.on(self._list.on_update, self._on_choose)
 
-    def refresh(self, snapshot: Snapshot) -> None:
-        """Nothing can be chosen while the robot is being changed, or held up by real servos or motors."""
-        opening, held = self._robots.opening, release_first(snapshot, reopen=False)
-        self._list.disabled = opening is not None or held is not None
-        if opening is not None:
-            self._text.show(f"Opening {escape(opening.title)} …")
-        else:
-            self._text.show(self._about if held is None else self._about + muted(sentence(held)))
+    def refresh(self, _: Snapshot) -> None:
+        """Tell that the robot is being changed."""
+        opening = self._robots.opening
+        self._text.show(self._about if opening is None else f"Opening {escape(opening.title)} …")
 
     async def _on_choose(self) -> None:
         session = self._session
         try:
-            await self._robots.change(self._names[self._list.value], session.origin, session.require_operator)
+            await session.change_robot(self._names[self._list.value])
         finally:
-            if not session.closed:  # refused: this page still shows the present robot
+            if not session.closed:  # refused, or asked: this page still shows the present robot
                 self._list.value = self._present
 
 
@@ -74,33 +71,7 @@ def about(robot: Robot) -> str:
     return source + (folded("Assumed values (not in the source)", robot.assumed) if robot.assumed else "")
 
 
-# What *Main* says of the boards: which are there, which is connected, what Enable and Homing will do.
-
-_ENABLE_NOTE = (
-    "**Enable** asks where the arm stands, then switches the servos on there, one by one: keep clear."
-)
-_SIMULATED_NOTE = "**Enable** switches the servos of the simulated board on, in the rest pose."
-_TAKE_OVER_NOTE = "The servos are on: **Enable** takes the arm over where it stands. Nothing jumps."
-_LOST_NOTE = (
-    "The board is lost. See to its cable and its power, then press **Connect**; nothing moves by itself."
-)
-_UNHOMED_NOTE = (
-    "The arm does not know where it is yet. **Homing** moves every axis slowly to its home switch, one after "
-    "the other: keep clear. STOP ends it."
-)
-
-
-def enable_note(snapshot: Snapshot, board: str) -> str:
-    """What Enable will do, or what must be done before."""
-    if snapshot.state is State.FAULT and snapshot.board is None:
-        return _LOST_NOTE
-    if not board_type(board).homing:
-        if snapshot.powered:
-            return _TAKE_OVER_NOTE
-        simulated = snapshot.board is not None and snapshot.board.simulated
-        return _SIMULATED_NOTE if simulated else _ENABLE_NOTE
-    homed = bool(snapshot.homing) and all(axis.homed for axis in snapshot.homing)
-    return "**Enable** switches the motors on; they hold the arm where it stands." if homed else _UNHOMED_NOTE
+# What *Main* says of the boards: which are there, which is connected, which axes are homed.
 
 
 def homing_html(snapshot: Snapshot) -> str:

@@ -66,6 +66,8 @@ class OwnArm:
         self._session, self._edits = session, _Edits()
         self._robot: Robot | None = None
         self._figure: ArmFigure | None = None
+        self._wrong: str | None = None
+        """why what the fields say is no arm"""
         self._aside = 0.0
         """how far beside the present arm the new one stands [m]"""
         self._q: dict[str, float] = {}
@@ -99,6 +101,7 @@ class OwnArm:
             self._save = gui.add_button("Save and open", icon=viser.Icon.DEVICE_FLOPPY, color="green")
             download = gui.add_button("Download robot file", icon=viser.Icon.DOWNLOAD, color="gray")
             cancel = gui.add_button("Discard", color="gray")
+        session.needs(None, self._save, also=lambda _: self._wrong, told=False)
         self._lengths: dict[str, NumberField] = {}
         self._fill_lengths()
         session.on(self._begin.on_click, self._on_begin)
@@ -154,11 +157,11 @@ class OwnArm:
             robot = draft.robot()
             solver = robot.inverse_kinematics
         except ArmctlError as refusal:
-            self._save.disabled = True
+            self._wrong = str(refusal)
             each = refusal.each or (refusal,)
             self._status.show("".join(refused(sentence(str(one))) for one in each))
             return
-        self._save.disabled = False
+        self._wrong = None
         how = (
             "every solution in closed form" if solver.complete else "solutions by search, some may be missing"
         )
@@ -349,7 +352,7 @@ class OwnArm:
         choice = RobotChoice(draft.name, str(draft.table["title"]))
         session.robots.offer(choice)
         session.notify("New arm", f"{choice.title} is saved: {path}")
-        await session.robots.change(choice.name, session.origin, session.require_operator)
+        await session.change_robot(choice.name)
         self._end()
 
 

@@ -1,44 +1,35 @@
-"""Main: robot, board, enable, named poses and points, log."""
+"""Main: first steps, robot, board, named poses and points."""
 
 from __future__ import annotations
 
 import asyncio
 import math
-from html import escape
 
 import viser
 
-from armctl.errors import ArmctlError, InputError
+from armctl.errors import InputError
 from armctl.hardware.boards import board_type
 from armctl.kinematics import Target
-from armctl.report import report
+from armctl.robot import Robot
 from armctl.runtime import (
-    ClearFault,
     Connect,
     Disconnect,
-    Enable,
-    Event,
     HomeAxes,
     MoveJoints,
     MoveTo,
+    Need,
     Snapshot,
     State,
 )
 from armctl.ui.console import PortChoice
-from armctl.ui.session import Session
-from armctl.ui.tabs.main.boards import RobotChooser, board_html, enable_note, homing_html, ports_html
-from armctl.ui.tabs.main.enabling import EnableQuestion, must_be_told
+from armctl.ui.session import Disableable, Session
+from armctl.ui.tabs.main.boards import RobotChooser, board_html, homing_html, ports_html
 from armctl.ui.tabs.main.own_arm import OwnArm
 from armctl.ui.tabs.main.people import People
 from armctl.ui.tabs.main.urdf_arm import UrdfArm
 from armctl.ui.tabs.main.which_joint import of_own_arm
-from armctl.ui.widgets.html import WARNING, LiveHtml, muted, time_of_day
+from armctl.ui.widgets.html import GOOD, LiveHtml, numbers
 
-_LOG_LINES = 14
-_LEVEL_COLOR = {"warning": WARNING, "error": "#c92a2a"}
-_REPORT_HINT = (
-    "The report holds versions, robot file, log, and the last minute of the arm: send it with a question."
-)
 _ASKED_S = 5.0
 _DISCONNECT_DROPS = (
     "The board switches its motors off when nobody speaks to it: THE ARM MAY DROP half a second later. Click "
@@ -46,8 +37,16 @@ _DISCONNECT_DROPS = (
 )
 
 
+_LINES = {
+    "Connect": (State.DISCONNECTED, State.FAULT),
+    "Disconnect": (State.OFF, State.HOLDING, State.MOVING, State.PAUSED, State.FAULT),
+    "Rescan": tuple(State),
+}
+"""in which states each button is there"""
+
+
 class MainScreen:
-    """Choose a robot, connect, enable, go home, and read what happened."""
+    """First steps, the robot, the board, and where to go at once."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -56,72 +55,50 @@ class MainScreen:
         labels = tuple(self._choices)
         chosen = next((c.label for c in self._choices.values() if c.port == console.default_port), labels[0])
         self._asked_to_disconnect = -math.inf
+        self._first = FirstSteps(session)
         self._robot = RobotChooser(session)
         self._port = gui.add_dropdown("Port", labels, initial_value=chosen)
-        self._line = gui.add_button_group("Board", ("Connect", "Disconnect", "Rescan"))
+        self._line = gui.add_button_group("Board", tuple(_LINES))
         self._ports = LiveHtml(gui)
         self._board = LiveHtml(gui)
         self._homing = gui.add_button("Homing", icon=viser.Icon.TARGET, visible=False)
         self._homed = LiveHtml(gui)
-        self._enable_note = gui.add_markdown(enable_note(session.snapshot, console.robot.board))
-        self._enable = gui.add_button("Enable", icon=viser.Icon.BOLT, color="green")
-        self._question = EnableQuestion(session)
-        self._clear = gui.add_button("Clear fault", color="orange", visible=False)
-        self._home = gui.add_button("Home", icon=viser.Icon.HOME)
+        home = gui.add_button("Home", icon=viser.Icon.HOME)
         poses = gui.add_button_group(
             "Go to pose", tuple(name for name in console.robot.poses if name != "home")
         )
+        goals: list[Disableable] = [
+            home,
+            poses,
+            session.command("Home", self._go_home, "Go to the home pose"),
+        ]
         if console.robot.points:
             points = gui.add_button_group("Go to point", tuple(console.robot.points))
+            goals.append(points)
             session.on(points.on_click, lambda: self._go_to_point(points.value))
+        session.needs(Need.HOLDING, *goals)
         self._people = People(session)
         OwnArm(session)
         self._urdf = UrdfArm(session)
         self._which_joint = of_own_arm(session)
-        with gui.add_folder("Log"):
-            self._log = LiveHtml(gui)
-            save = gui.add_button("Download report", icon=viser.Icon.DOWNLOAD, color="gray")
-            LiveHtml(gui, muted(_REPORT_HINT))
-        session.on(save.on_click, self._on_report)
+        session.needs(Need.STANDING, self._homing, told=False)
+        session.needs(None, self._line, told=False)
         session.on(self._line.on_click, self._on_line)
-        session.on(self._enable.on_click, self._on_enable)
         session.on(self._homing.on_click, lambda: session.submit(HomeAxes()))
-        session.on(self._clear.on_click, lambda: session.submit(ClearFault()))
-        session.on(self._home.on_click, lambda: self._go_to_pose("home"))
+        session.on(home.on_click, self._go_home)
         session.on(poses.on_click, lambda: self._go_to_pose(poses.value))
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Show the board, what can be done, and the newest log lines."""
+        """Show the board, and what can be done."""
+        self._first.refresh(snapshot)
         self._robot.refresh(snapshot)
         self._people.refresh(snapshot)
         self._urdf.refresh(snapshot)
-        if self._which_joint is not None:
-            self._which_joint.refresh(snapshot)
-        fault = snapshot.state is State.FAULT and not snapshot.unreachable
-        self._clear.visible = fault and snapshot.board is not None
-        holds = snapshot.powered and snapshot.state is not State.OFF
-        self._question.refresh(snapshot)
-        self._enable.visible = self._enable_note.visible = not (holds or self._question.asked)
-        self._enable_note.content = enable_note(snapshot, self._session.console.robot.board)
-        unhomed = any(not axis.homed for axis in snapshot.homing)
-        self._enable.disabled = snapshot.state is not State.OFF or unhomed
+        self._line.options = tuple(one for one in _LINES if snapshot.state in _LINES[one])
         self._homing.visible = bool(snapshot.homing)
-        self._homing.disabled = snapshot.state not in (State.OFF, State.HOLDING)
         self._homed.show(homing_html(snapshot))
-        self._home.disabled = snapshot.state is not State.HOLDING
         self._ports.show(ports_html(self._choices.values()))
         self._board.show(board_html(snapshot))
-        events = (*self._session.console.earlier, *snapshot.events)[-_LOG_LINES:]
-        self._log.show("".join(_log_line(event) for event in reversed(events)))
-
-    async def _on_enable(self) -> None:
-        """Where nobody knows how the arm stands, the operator is asked first."""
-        session = self._session
-        if must_be_told(session.snapshot):
-            session.require_operator()
-            self._question.ask(session.snapshot)
-        else:
-            await session.submit(Enable())
 
     async def _on_line(self) -> None:
         match self._line.value:
@@ -132,21 +109,6 @@ class MainScreen:
                 await self._disconnect()
             case _:
                 await self._connect(self._choices[self._port.value])
-
-    async def _on_report(self) -> None:
-        session, console = self._session, self._session.console
-        robot, calibration = session.robots.present.name, console.calibration.calibration
-        folder = console.files / "programs" / console.robot.name
-
-        def made() -> bytes:
-            try:
-                recording = console.controller.black_box()
-            except ArmctlError as cause:
-                recording = cause
-            names = sorted(path.name for path in folder.glob("*.toml"))
-            return report(robot, calibration, recording, names)
-
-        session.download("report.zip", await asyncio.to_thread(made))
 
     async def _disconnect(self) -> None:
         """Where that lets the arm drop, the first click asks, and a second one soon after disconnects."""
@@ -172,6 +134,9 @@ class MainScreen:
         else:
             await session.submit(Connect(choice.port))
 
+    async def _go_home(self) -> None:
+        await self._go_to_pose("home")
+
     async def _go_to_pose(self, name: str) -> None:
         await self._session.submit(MoveJoints(self._session.console.robot.pose(name)))
 
@@ -181,7 +146,77 @@ class MainScreen:
         await self._session.submit(MoveTo(Target.of(point), "least-travel"))
 
 
-def _log_line(event: Event) -> str:
-    color = _LEVEL_COLOR.get(event.level, "inherit")
-    when = f"<span style='opacity:.6'>{time_of_day(event.stamp)}</span>"
-    return f"<div style='color:{color}'>{when} {escape(event.text)}</div>"
+# First steps.
+
+_HIDDEN = "hidden"
+_FIRST_STEPS = {"enable", "slider", "point"}
+_POINT_BUTTONS = {"Go by least energy", "Go by the selected one"}
+_SAMPLES = (
+    "Then load a sample program: <b>Manual → Serial motion → Files</b>, list <b>Saved programs</b>, "
+    "and press <b>Run once</b>."
+)
+
+
+class FirstSteps:
+    """A card for who is here for the first time; each step is ticked off once it was done in this browser."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._done: set[str] = set()
+        gui = session.gui
+        self._box = gui.add_folder("First steps", visible=False)
+        with self._box:
+            self._steps = LiveHtml(gui)
+            hide = gui.add_button("Hide first steps", color="gray")
+        self._known = False
+        """whether it is known what was done here before"""
+        session.on(hide.on_click, self._on_hide)
+        session.spawn(self._begin())
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Tick off what was done."""
+        pressed = self._session.obeyed
+        if snapshot.state is State.HOLDING and self._session.operates:
+            self._note("enable")
+        if "Go" in pressed:
+            self._note("slider")
+        if pressed & _POINT_BUTTONS:
+            self._note("point")
+        self._steps.show(self._html())
+
+    async def _begin(self) -> None:
+        kept = await self._session.recall("first-steps")
+        self._done |= set((kept or "").split())
+        self._known = True
+        self._box.visible = _HIDDEN not in self._done and not self._done >= _FIRST_STEPS
+
+    def _note(self, step: str) -> None:
+        if step not in self._done:
+            self._done.add(step)
+            if self._known:
+                self._session.remember("first-steps", " ".join(sorted(self._done)))
+
+    def _on_hide(self) -> None:
+        self._note(_HIDDEN)
+        self._box.visible = False
+
+    def _html(self) -> str:
+        point = _example(self._session.console.robot)
+        steps = {
+            "enable": "Press <b>Enable</b> in Control.",
+            "slider": "Open <b>Manual</b>, move a slider, and press <b>Go</b>.",
+            "point": f"Open <b>Inverse</b>, type a point, for example {point} mm, "
+            "and press <b>Go by least energy</b>.",
+        }
+        lines = [
+            f"<div style='color:{GOOD if step in self._done else 'inherit'}'>"
+            f"<b>{'✓' if step in self._done else number}</b> {text}</div>"
+            for number, (step, text) in enumerate(steps.items(), 1)
+        ]
+        return "".join([*lines, f"<div>{_SAMPLES}</div>"])
+
+
+def _example(robot: Robot) -> str:
+    """A point [mm] that the tool can reach."""
+    q = 0.5 * (robot.pose("home") + robot.pose("rest"))
+    return numbers((1000 * robot.forward(q)[:3, 3]).round().tolist(), 0)

@@ -28,9 +28,9 @@ from armctl.robot.urdf import (
 )
 from armctl.robot.urdf.side_file import SIDE_SUFFIX
 from armctl.runtime import Snapshot
+from armctl.ui.enabling import show_typed
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.session import Session
-from armctl.ui.tabs.main.enabling import show_typed
 from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.joint_angles import angle_fields
 from armctl.ui.widgets.number_field import NumberField
@@ -74,6 +74,7 @@ class UrdfArm:
         gui, is_urdf = session.gui, urdf_path(session.robots.present.name) is not None
         with gui.add_folder("Arms from URDF files", expand_by_default=False):
             self._upload = gui.add_upload_button("Upload an arm", icon=viser.Icon.UPLOAD, mime_type=_TAKEN)
+            session.needs(None, self._upload)
             LiveHtml(gui, muted(_NOTE))
             self._begin = gui.add_button("Tool, rest pose and floor", icon=viser.Icon.TOOL, visible=is_urdf)
             self._box = gui.add_folder("Tool, rest pose and floor", visible=False)
@@ -156,7 +157,7 @@ class UrdfArm:
             await session.reopen_arm()
         else:
             session.robots.offer(RobotChoice(name, self._robot.title))
-            await session.robots.change(name, session.origin, session.require_operator)
+            await session.change_robot(name)
 
     async def _on_upload(self) -> None:
         session, file = self._session, self._upload.value
@@ -166,7 +167,7 @@ class UrdfArm:
             choice = await asyncio.to_thread(_installed, file.name, file.content, folder)
             session.robots.offer(choice)
             session.notify("Uploaded", f"{choice.title} is in the list of robots.")
-            await session.robots.change(choice.name, session.origin, session.require_operator)
+            await session.change_robot(choice.name)
             return
         found = urdf_path(session.robots.present.name)
         if found is None or not found[0].is_relative_to(folder):

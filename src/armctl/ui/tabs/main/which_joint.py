@@ -10,7 +10,7 @@ import viser
 from armctl.errors import InputError, StateError
 from armctl.robot import robot_path, user_robots_folder
 from armctl.robot.draft import Draft
-from armctl.runtime import MoveJoints, Snapshot, State
+from armctl.runtime import MoveJoints, Need, Snapshot
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, muted
 
@@ -44,17 +44,19 @@ class WhichJoint:
             LiveHtml(gui, muted(_HINT))
             self._channel = gui.add_dropdown("Channel", tuple(map(str, self._channels)))
             self._nudge = gui.add_button("Nudge", icon=viser.Icon.HAND_FINGER)
+            session.needs(Need.HOLDING, self._nudge)
             self._joint = gui.add_dropdown("It moved", tuple(titles))
             seen = gui.add_button("This joint moved")
             self._list = LiveHtml(gui)
-            self._write = gui.add_button("Write channels", icon=viser.Icon.DEVICE_FLOPPY, disabled=True)
+            self._write = gui.add_button("Write channels", icon=viser.Icon.DEVICE_FLOPPY)
+            session.needs(None, self._write, also=self._missing)
         session.on(self._nudge.on_click, self._on_nudge)
         session.on(seen.on_click, self._on_seen)
         session.on(self._write.on_click, self._on_write)
 
-    def refresh(self, snapshot: Snapshot) -> None:
-        """Nothing can be nudged unless the arm holds."""
-        self._nudge.disabled = snapshot.state is not State.HOLDING
+    def _missing(self, _: Snapshot) -> str | None:
+        left = len(self._channels) - len(self._found)
+        return None if left == 0 else f"{left} channel{'s have' if left > 1 else ' has'} no joint yet"
 
     async def _on_nudge(self) -> None:
         """Turn by 4° to where there is more room, and back."""
@@ -78,7 +80,6 @@ class WhichJoint:
         self._list.show(
             "".join(f"<div>Channel {one}: {by_name[name]}</div>" for one, name in sorted(self._found.items()))
         )
-        self._write.disabled = len(self._found) < len(self._channels)
         left = [str(one) for one in self._channels if one not in self._found]
         if left:
             self._channel.value = left[0]
@@ -86,8 +87,8 @@ class WhichJoint:
     async def _on_write(self) -> None:
         session = self._session
         session.require_operator()
-        if len(self._found) < len(self._channels):
-            raise StateError("not every channel has a joint yet")
+        if (missing := self._missing(session.snapshot)) is not None:
+            raise StateError(missing)
         name = session.robots.present.name
         session.robots.require_reopenable()
         await asyncio.to_thread(_rewrite, name, self._found)

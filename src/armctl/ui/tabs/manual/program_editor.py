@@ -197,9 +197,12 @@ class ProgramRecord:
             if _ARC in labels:
                 labels.insert(labels.index(_ARC), SET_VIA)
             group = gui.add_button_group(row, labels, hint=_TOOL_HINT if _ARC in labels else None)
-            session.on(group.on_click, partial(self._on_record, group))
+            session.on(group.on_click, partial(self._on_group, group))
             if row == _RECORD:
                 self._seconds = gui.add_number("Wait s", 1.0, min=0.0, max=LONGEST_WAIT_S, step=0.1)
+        pose = partial(self._record, next(iter(self._kinds)))
+        command = session.command("Record pose", pose, "Put the present pose on the list of Serial motion")
+        session.needs(None, command, told=False)
         self._via = LiveHtml(gui)
         self._via.visible = False
         edits = gui.add_button_group("Edit", tuple(_EDITS))
@@ -239,8 +242,11 @@ class ProgramRecord:
         row = self._editor.selected
         await self._editor.change(lambda program: edit(program, row))
 
-    async def _on_record(self, group: viser.GuiButtonGroupHandle) -> None:
-        robot, snapshot, label = self._session.console.robot, self._session.snapshot, group.value
+    async def _on_group(self, group: viser.GuiButtonGroupHandle) -> None:
+        await self._record(group.value)
+
+    async def _record(self, label: str) -> None:
+        robot, snapshot = self._session.console.robot, self._session.snapshot
         if label == ADD_WAIT:
             await self._add(WaitStep(seconds=checked_seconds(self._seconds.value)))
         elif label == SET_VIA:

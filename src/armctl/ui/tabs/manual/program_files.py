@@ -10,12 +10,12 @@ import viser
 from armctl.errors import ProgramError
 from armctl.motion.preflight import Finding
 from armctl.program import PROGRAM_SUFFIXES, encode_program, read_program, write_csv, write_script
+from armctl.program.samples import SAMPLES, sample_program
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.verdict_list import first_error
 
-_NONE = "(none saved yet)"
 _UPLOAD_NOTE = (
     "Upload takes a program of this robot: .toml, or .csv with units in its head "
     "(base_deg, … or x_mm, y_mm, z_mm)."
@@ -59,7 +59,7 @@ class ProgramFiles:
             self._saved.options = choices
 
     def _choices(self) -> tuple[str, ...]:
-        return tuple(self._shared.saved()) or (_NONE,)
+        return (*self._shared.saved(), *SAMPLES)
 
     async def _on_keep(self) -> None:
         if self._keep.value != "Save":
@@ -85,10 +85,12 @@ class ProgramFiles:
 
     async def _on_load(self) -> None:
         self._session.require_operator()
-        if self._saved.value == _NONE:
-            raise ProgramError("no program is saved yet; give this one a name and press Save")
-        await self._shared.load(self._saved.value)
-        await self._tell_findings(self._saved.value)
+        name, robot = self._saved.value, self._session.console.robot
+        if name in SAMPLES:
+            self._shared.put(await asyncio.to_thread(sample_program, name, robot))
+        else:
+            await self._shared.load(name)
+        await self._tell_findings(name)
 
     async def _on_upload(self) -> None:
         self._session.require_operator()

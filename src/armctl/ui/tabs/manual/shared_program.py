@@ -61,6 +61,7 @@ class SharedProgram:
             shared = cls(robot, folder, kept)
         if shared.kept is not None:
             console.frame_listeners.append(shared.keep)
+        console.unsaved.append(shared.unsaved_words)
         return shared
 
     def relation(self, progress: ProgramProgress | None) -> Relation | None:
@@ -143,6 +144,12 @@ class SharedProgram:
     def unsaved(self) -> bool:
         """Whether a crash would lose the program, were it not kept."""
         return bool(self.program.steps) and self.program != self._filed
+
+    def unsaved_words(self) -> str | None:
+        """What would be lost with the program."""
+        count = len(self.program.steps)
+        steps = f"{count} step{'' if count == 1 else 's'}"
+        return f"The program {self.program.name!r} ({steps}) is not saved." if self.unsaved else None
 
     def keep(self, _: Snapshot) -> None:
         """Keep the program as it is now, if it has changed; called with every frame."""

@@ -1,4 +1,4 @@
-"""Enable where servos are off and cannot say where the arm stands: a ghost, and "Is the arm here?"."""
+"""Enable: what it will do, and the question "Is the arm here?" where nobody knows how the arm stands."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import numpy as np
 import viser
 
 from armctl.errors import ArmctlError
-from armctl.runtime import Enable, Snapshot, State
+from armctl.hardware.boards import board_type
+from armctl.runtime import Enable, Need, Snapshot, State
 from armctl.ui.session import Session
-from armctl.ui.widgets.html import LiveHtml, refused, sentence
+from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence
 from armctl.ui.widgets.joint_angles import angle_fields
 from armctl.ui.widgets.number_field import EditWatch, FieldArray
 
@@ -18,6 +19,30 @@ _LOOK = (
     "The servos are off and cannot tell where the arm stands. <b>Look at the arm:</b> does it stand like the "
     "blue ghost? If not, type its angles below, or put it there by hand. Enabled in a wrong pose, it jumps."
 )
+_ENABLE_NOTE = "Enable asks where the arm stands. Then it switches the servos on, one by one: keep clear."
+_SIMULATED_NOTE = "Enable switches the servos of the simulated board on, in the rest pose."
+_TAKE_OVER_NOTE = "The servos are on: Enable takes the arm over where it stands. Nothing jumps."
+_MOTORS_NOTE = "Enable switches the motors on; they hold the arm where it stands."
+_LOST_NOTE = (
+    "The board is lost. Check its cable and its power, then press Connect in Main. Nothing moves by itself."
+)
+_UNHOMED_NOTE = (
+    "The arm does not know where it is yet. Homing in Main moves every axis slowly to its home switch, one "
+    "after the other: keep clear. STOP ends it."
+)
+
+
+def enable_note(snapshot: Snapshot, board: str) -> str:
+    """What Enable will do, or what must be done before."""
+    if snapshot.state is State.FAULT and snapshot.board is None:
+        return _LOST_NOTE
+    if not board_type(board).homing:
+        if snapshot.powered:
+            return _TAKE_OVER_NOTE
+        simulated = snapshot.board is not None and snapshot.board.simulated
+        return _SIMULATED_NOTE if simulated else _ENABLE_NOTE
+    homed = bool(snapshot.homing) and all(axis.homed for axis in snapshot.homing)
+    return _MOTORS_NOTE if homed else _UNHOMED_NOTE
 
 
 def must_be_told(snapshot: Snapshot) -> bool:
@@ -39,6 +64,43 @@ def show_typed(session: Session, angles: FieldArray, problem: LiveHtml, owner: o
     session.ghost.show(q, owner)
 
 
+class EnableButton:
+    """Enable while the outputs are off, and the question where nobody knows how the arm stands."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        gui = session.gui
+        command = session.command("Enable", self._on_enable, "Switch the outputs on")
+        self._box = gui.add_folder(None)
+        with self._box:
+            self._note = LiveHtml(gui)
+            enable = gui.add_button("Enable", icon=viser.Icon.BOLT, color="green")
+            session.needs(Need.OFF, enable, command, also=_unhomed)
+        self._question = EnableQuestion(session)
+        session.on(enable.on_click, self._on_enable)
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Hide the button once the arm is on, or while the question is asked."""
+        self._question.refresh(snapshot)
+        holds = snapshot.powered and snapshot.state is not State.OFF
+        self._box.visible = not (holds or self._question.asked)
+        self._note.show(muted(enable_note(snapshot, self._session.console.robot.board)))
+
+    async def _on_enable(self) -> None:
+        """Where nobody knows how the arm stands, the operator is asked first."""
+        session = self._session
+        if must_be_told(session.snapshot):
+            session.require_operator()
+            self._question.ask(session.snapshot)
+        else:
+            await session.submit(Enable())
+
+
+def _unhomed(snapshot: Snapshot) -> str | None:
+    homed = all(axis.homed for axis in snapshot.homing)
+    return None if homed else "home the arm first"
+
+
 class EnableQuestion:
     """The question, the angles that the ghost shows, and the answers; hidden until it is asked."""
 
@@ -54,6 +116,7 @@ class EnableQuestion:
             cancel = gui.add_button("Cancel")
             self._problem = LiveHtml(gui)
             self._angles = angle_fields(gui, self._robot, self._robot.pose("rest"))
+        session.needs(Need.OFF, yes, rest, told=False)
         self._watch = EditWatch(self._angles.fields)
         session.on(yes.on_click, self._on_yes)
         session.on(rest.on_click, self._on_rest)

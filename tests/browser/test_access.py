@@ -1,0 +1,79 @@
+"""Pages for everybody: axe-core on every tab in both themes, and the main job by the keyboard alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from tests.browser.kit import Screen
+from tests.browser.served_arm import ServedArm
+
+from armctl.runtime import Release, State
+from armctl.ui.tabs import TABS
+
+pytestmark = pytest.mark.browser
+_NAMED = (
+    "() => [...document.querySelectorAll('#root p > label[for]')].every((one) => one.dataset.armctlNamed)"
+)
+_FOCUSED = """() => {
+  const one = document.activeElement;
+  return one.getAttribute("aria-label") || one.title || one.textContent.trim();
+}"""
+_MOST_TABS = 150
+
+
+def violations(page: Screen, rules: dict[str, Any]) -> list[str]:
+    """What axe-core calls serious or critical, each with the first element that it is about."""
+    page.page.wait_for_function(_NAMED)
+    found = Axe().run(page.page, options={"resultTypes": ["violations"], **rules}).response["violations"]
+    return [
+        f"{one['id']}: {one['nodes'][0]['html'][:200]}"
+        for one in found
+        if one["impact"] in ("serious", "critical")
+    ]
+
+
+def test_axe_finds_nothing_serious_on_any_tab_in_either_theme(page: Screen, served: ServedArm) -> None:
+    del served
+    for theme, rules in (("Light", {}), ("Dark", {"runOnly": ["color-contrast"]})):
+        page.choose("Theme", theme)
+        for tab in TABS:
+            page.open_tab(tab.label)
+            assert violations(page, rules) == [], (theme, tab.label)
+    page.page.reload()  # the browser remembers the theme
+    page.page.locator(":root[data-mantine-color-scheme=dark]").wait_for(state="attached")
+
+
+def tab_to(page: Screen, name: str) -> None:
+    """Press the tab key until what has this name has the focus."""
+    for _ in range(_MOST_TABS):
+        page.page.keyboard.press("Tab")
+        if page.page.evaluate(_FOCUSED) == name:
+            return
+    raise AssertionError(f"the tab key does not come to {name!r}")
+
+
+def test_the_keyboard_alone_does_the_main_job(page: Screen, served: ServedArm) -> None:
+    served.order(Release()).result(10)
+    page.wait_for_text("OFF")
+    page.page.wait_for_function(_NAMED)
+    keyboard = page.page.keyboard
+    tab_to(page, "Enable")
+    keyboard.press("Enter")
+    served.wait_for(page, State.HOLDING)
+    tab_to(page, "Inverse")
+    keyboard.press("Enter")
+    page.button("Solve").wait_for()
+    page.page.wait_for_function(_NAMED)
+    for axis, value in zip("XYZ", ("220", "-60", "100"), strict=True):
+        tab_to(page, f"{axis} mm")
+        keyboard.press("Control+A")
+        keyboard.type(value, delay=20)
+        page.pause()
+    tab_to(page, "Go by least energy")
+    page.pause(300)  # a click that comes with an edit is refused
+    keyboard.press("Space")
+    page.wait_until(
+        lambda: bool(abs(served.tool_mm - [220, -60, 100]).max() < 0.01), "the tool is at the point"
+    )

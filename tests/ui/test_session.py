@@ -1,0 +1,165 @@
+"""A page's session: which controls can be used, and what shows that something is being worked on."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+from tests.ui.page_kit import snapshot_of
+from viser import GuiEvent
+
+from armctl.hardware import BoardIdentity
+from armctl.robot import load_robot
+from armctl.runtime import AxisHoming, Control, MoveJoints, Need, Party, Snapshot, State, Ticket
+from armctl.ui import RobotChoice
+from armctl.ui import session as sessions
+from armctl.ui.guard import GuardedServer
+from armctl.ui.session import Session
+
+ROBOT = load_robot("uzuner")
+ME, OTHER = Party("browser page 7", "Ada", True), Party("browser page 8", "Bob", True)
+BOARD = BoardIdentity("Pololu Micro Maestro 6-channel", "/dev/pts/3", simulated=True)
+
+
+class Bench:
+    """A session on an arm that obeys at once, and the notifications that its page shows."""
+
+    def __init__(self, server: GuardedServer, **changes: Any) -> None:
+        given = {"state": State.HOLDING, "board": BOARD, "control": Control((ME,)), **changes}
+        self.snapshot = replace(snapshot_of(ROBOT), **given)
+        self.shown: list[str] = []
+        self.ended = False
+        self.changed_to: list[str] = []
+        self.opening: RobotChoice | None = None
+        self.ticket = Ticket.ended()
+        client = SimpleNamespace(
+            gui=server.gui, scene=server.scene, client_id=6, add_notification=self._notify
+        )
+        controller = SimpleNamespace(snapshot=self.snapshot, ended=False, submit=lambda *_: self.ticket)
+        self.console = SimpleNamespace(robot=ROBOT, controller=controller, unsaved=[])
+
+        async def change(name: str, *_: object) -> None:
+            self.changed_to.append(name)
+
+        self.robots = SimpleNamespace(
+            console=self.console, opening=None, present=RobotChoice("uzuner", "Uzuner"), change=change,
+            require_settled=lambda: None,
+        )  # fmt: skip
+        self.session = Session(cast(Any, client), cast(Any, self.robots))
+
+    def _notify(self, title: str, body: str, **_: object) -> SimpleNamespace:
+        self.shown.append(title)
+        return SimpleNamespace(remove=lambda: self.shown.remove(title))
+
+    def why_not(self, need: Need | None) -> str | None:
+        return self.session.why_not(need, self.snapshot)
+
+
+@pytest.mark.parametrize(
+    ("need", "changes", "why"),
+    [
+        (Need.HOLDING, {}, None),
+        (Need.ENABLED, {"state": State.MOVING}, None),
+        (Need.STANDING, {"state": State.OFF}, None),
+        (None, {"state": State.DISCONNECTED, "board": None}, None),
+        (Need.HOLDING, {"state": State.OFF}, "the arm is off; enable first"),
+        (Need.HOLDING, {"state": State.DISCONNECTED}, "the arm is disconnected; connect and enable first"),
+        (Need.OFF, {"state": State.DISCONNECTED}, "the arm is disconnected; connect first"),
+        (Need.HOLDING, {"state": State.MOVING, "cause": "program"}, "the arm is moving; stop first"),
+        (Need.OFF, {}, "the arm is holding; the arm is enabled already"),
+        (Need.HOLDING, {"state": State.FAULT}, "the arm is in fault; clear the fault first"),
+        (Need.HOLDING, {"state": State.FAULT, "board": None}, "the arm is in fault; connect again"),
+        (Need.HOLDING, {"state": State.FAULT, "unreachable": True}, "the arm does not answer; see Control"),
+        (
+            Need.HOLDING,
+            {"state": State.OFF, "homing": (AxisHoming("Base", False, False),)},
+            "the arm is off; press Homing (every axis moves to its switch)",
+        ),
+        (
+            None,
+            {"control": Control((replace(ME, operates=False), OTHER))},
+            "this page is watching, Bob operates; press 'Take control' first",
+        ),
+    ],
+)
+def test_why_a_control_cannot_be_used(
+    server: GuardedServer, need: Need | None, changes: dict[str, Any], why: str | None
+) -> None:
+    assert Bench(server, **changes).why_not(need) == why
+
+
+def test_controls_follow_the_arm_and_say_why_they_cannot_be_used(server: GuardedServer) -> None:
+    bench = Bench(server, state=State.OFF)
+    session, steps = bench.session, list[str]()
+    button, group = server.gui.add_button("Go"), server.gui.add_button_group("Run", ("Once", "Loop"))
+    before = set(server.gui._gui_input_handle_from_uuid)
+    session.needs(Need.HOLDING, button, group, also=lambda _: None if steps else "the list is empty")
+    assert set(server.gui._gui_input_handle_from_uuid) == before
+    (offer,) = session._offers
+    assert offer.reason is not None
+
+    def told(snapshot: Snapshot) -> str | None:
+        session.refresh(snapshot)
+        assert button.disabled == group.disabled == offer.reason.visible
+        return offer.reason._handle.content if offer.reason.visible else None
+
+    assert "The arm is off; enable first." in (told(bench.snapshot) or "")
+    holding = replace(bench.snapshot, state=State.HOLDING)
+    assert "The list is empty." in (told(holding) or "")
+    steps.append("one")
+    assert told(holding) is None
+    assert not button.disabled
+
+
+def press(session: Session, button: Any) -> None:
+    """Call what is attached to a button, as viser does."""
+    (callback,) = button._impl.update_cb
+    event = GuiEvent(cast(Any, session.client), 6, button)
+    asyncio.run(callback(event))
+
+
+def test_what_takes_long_is_shown_until_it_is_done(
+    server: GuardedServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "_AT_ONCE_S", 0.0)
+    bench = Bench(server)
+    session, button = bench.session, server.gui.add_button("Solve")
+    seen: list[list[str]] = []
+
+    async def solve() -> None:
+        for _ in range(3):
+            await asyncio.sleep(0)
+        seen.append(list(bench.shown))
+        await session.submit(MoveJoints(ROBOT.pose("home")))
+        seen.append(list(bench.shown))
+
+    session.on(button.on_click, solve)
+    press(session, button)
+    assert seen == [["Solve"], []]  # once the arm obeys, it shows so itself
+    assert bench.shown == []
+    assert session.obeyed == {"Solve"}
+
+
+def test_a_robot_is_changed_at_once_only_where_nothing_is_lost(server: GuardedServer) -> None:
+    bench = Bench(server)
+    session, words = bench.session, list[str]()
+    bench.console.unsaved.append(lambda: words[0] if words else None)
+    asyncio.run(session.change_robot("mico"))
+    assert bench.changed_to == ["mico"]
+    words.append("The program 'pick' (3 steps) is not saved.")
+    asyncio.run(session.change_robot("scorbot"))
+    assert bench.changed_to == ["mico"]
+    (question,) = server.gui._modal_handle_from_uuid.values()
+    text, stay, _ = question._children.values()
+    assert "'pick' (3 steps)" in cast(Any, text).content
+    press(session, stay)
+    assert (bench.changed_to, question.closed) == (["mico"], True)
+    asyncio.run(session.change_robot("scorbot"))
+    (question,) = server.gui._modal_handle_from_uuid.values()
+    _, _, change = question._children.values()
+    press(session, change)
+    assert bench.changed_to == ["mico", "scorbot"]
+    assert not server.gui._modal_handle_from_uuid
