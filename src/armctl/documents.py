@@ -15,7 +15,7 @@ import re
 import stat
 import tempfile
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -154,6 +154,14 @@ class Document:
             words.append(f"key {text.removeprefix('.')}")
         what = f"{', '.join(words)}: {what}" if words else what
         return self.error(what, place if key is None else (*place, key), ", " if words else ": ")
+
+    @contextlib.contextmanager
+    def at(self, place: Place) -> Iterator[None]:
+        """What is refused inside names the line of a place."""
+        try:
+            yield
+        except self.kind.error as cause:
+            raise self.error(str(cause), place) from cause
 
     def error(self, what: str, place: Place, between: str = ": ") -> ArmctlError:
         """``what``, with the line of a place before it."""

@@ -3,6 +3,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 
 import numpy as np
 import pytest
@@ -225,3 +226,12 @@ def test_as_points_moves_of_six_joints_keep_their_orientation() -> None:
 
 def test_an_empty_program_has_the_heads_of_the_joints() -> None:
     assert write_csv(Program(robot="uzuner"), ROBOT) == f"step,do,{JOINTS}\r\n"
+
+
+def test_all_that_is_wrong_is_told_at_once() -> None:
+    text = "do,x_mm,y_mm,z_mm,duration_s\npoint,220,0,100,\npoint,far,0,high,\nhop,,,,\npoint,220,,100,-1\n"
+    with pytest.raises(ProgramError) as refused:
+        read_csv(text, load_robot("uzuner"))
+    told = [re.findall(r"^line (\d), column (\w+)", str(one)) for one in refused.value.each]
+    wrong = [("3", "x_mm"), ("3", "z_mm"), ("4", "do"), ("5", "duration_s"), ("5", "y_mm")]
+    assert told == [[one] for one in wrong]

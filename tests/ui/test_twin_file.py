@@ -94,7 +94,7 @@ def test_findings_and_names_are_shown_as_text() -> None:
     assert "<h1>&lt;img src=x&gt; &amp; co</h1>" in page and "<img" not in page.split("</aside>")[0][-90000:]
     begins = plan.steps[1].begins
     assert re.search(
-        rf"<li class='warning'><button type='button' data-time='{begins}'>step 2: .*singularity", page
+        rf"<li class='warning'>⚠ <button type='button' data-time='{begins}'>step 2: .*singularity", page
     )
     assert len(data["steps"]) == 2
 
@@ -103,9 +103,9 @@ def test_a_program_that_breaks_off_is_shown_as_far_as_it_goes() -> None:
     what = program(*MOVES, LineStep(x_mm=-200, y_mm=0, z_mm=120, pitch="free"))
     plan, page, _ = page_of(what)
     assert plan.broken is not None and len(plan.steps) == 3
-    assert re.search(r"<li class='error'>step 4: ", page)
+    assert re.search(r"<li class='error'>✖ step 4: ", page)
     bare = program_file(ROBOT, what, plan, ())
-    assert re.search(r"<li class='error'>step 4: .*the motion shown ends there", bare)
+    assert re.search(r"<li class='error'>✖ step 4: .*the motion shown ends there", bare)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_every_arm_has_a_page(name: str) -> None:
     plan = rehearse_pose(robot, robot.pose("home"), robot.pose("rest"), 0.5)
     told: list[float] = []
     page = twin_file(robot, "to rest", plan, [Finding("nearly", severity="warning")], progress=told.append)
-    assert "<li class='warning'>nearly</li>" in page and told[0] == 0.0
+    assert "<li class='warning'>⚠ nearly</li>" in page and told[0] == 0.0
     assert len(page.encode()) < 1.2e6
 
 

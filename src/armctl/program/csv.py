@@ -13,8 +13,8 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from armctl.decoding import refusal_of
-from armctl.errors import ProgramError
+from armctl.decoding import MOST_REFUSALS, Decoder, Refusal
+from armctl.errors import Errors, ProgramError
 from armctl.kinematics import roll_pitch_yaw
 from armctl.program.keys import keys_of
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
@@ -209,10 +209,15 @@ def read_csv(text: bytes | str, robot: Robot, name: str = "untitled") -> Program
     """
     table = _Table(PROGRAM_FILES.text(text), robot)
     found: list[tuple[int, Step]] = []
-    for line, cells in table.rows():
-        found += ((line, step) for step in table.steps(line, cells))
+    errors = Errors()
+    for line, cells in table.rows(errors):
+        with errors:
+            found += [(line, step) for step in table.steps(line, cells)]
+        if len(errors.found) >= MOST_REFUSALS:
+            break
         if len(found) > MOST_STEPS:
             raise ProgramError(f"line {line}: a program has {MOST_STEPS} steps at most")
+    errors.raise_all()
     steps = tuple(step for _, step in found)
     if not steps:
         raise ProgramError("the file has no rows below its head")
@@ -250,26 +255,31 @@ class _Table:
                 self._by_place[column.place] = column
         self._require_whole(line)
 
-    def rows(self) -> Iterator[tuple[int, dict[Place, float | int | str]]]:
-        """(line, what its cells hold) of each row that is not empty."""
+    def rows(self, errors: Errors) -> Iterator[tuple[int, dict[Place, float | int | str]]]:
+        """(line, what its cells hold) of each row that is not empty; ``errors`` takes what is wrong."""
         for line, cells in self._records:
             values: dict[Place, float | int | str] = {}
+            before = len(errors.found)
             for i, text in enumerate(cells):
-                column = self._columns[i] if i < len(self._columns) else None
-                if column is None:
-                    if text.strip():
-                        what = f"{text.strip()[:40]!r} stands in a column without a head"
-                        raise ProgramError(f"line {line}: {what}")
-                    continue
-                text = unguarded(text) if column.factor is None else text
-                if column.place is None or not (text if column.place == ("note", None) else text.strip()):
-                    continue
-                try:
-                    values[column.place] = column.value(text, comma=self._delimiter != ",")
-                except ProgramError as refusal:
-                    raise ProgramError(f"line {line}, column {column.head}: {refusal}") from refusal
-            if values:
+                with errors:
+                    values |= self._cell(line, self._columns[i] if i < len(self._columns) else None, text)
+            if values and len(errors.found) == before:
                 yield line, values
+
+    def _cell(self, line: int, column: Column | None, text: str) -> dict[Place, float | int | str]:
+        """What a cell holds; ``column``: None without a head."""
+        if column is None:
+            if text.strip():
+                what = f"{text.strip()[:40]!r} stands in a column without a head"
+                raise ProgramError(f"line {line}: {what}")
+            return {}
+        text = unguarded(text) if column.factor is None else text
+        if column.place is None or not (text if column.place == ("note", None) else text.strip()):
+            return {}
+        try:
+            return {column.place: column.value(text, comma=self._delimiter != ",")}
+        except ProgramError as refusal:
+            raise ProgramError(f"line {line}, column {column.head}: {refusal}") from refusal
 
     def steps(self, line: int, cells: dict[Place, float | int | str]) -> Iterator[Step]:
         """The steps that a row asks for."""
@@ -302,17 +312,22 @@ class _Table:
     def _step(self, line: int, record: dict[str, object]) -> Step:
         try:
             return msgspec.convert(record, any_step())
-        except msgspec.ValidationError as cause:
-            refusal = refusal_of(cause, record, any_step())
-            key, what = refusal.key, refusal.what
-            if key is not None:
-                what = (
-                    f"a {str(record[_DO])!r} step has no such thing" if key in record else "the cell is empty"
-                )
-            elif refusal.place:
-                key = str(refusal.place[0])
-            column = "" if key is None else f", column {self._head((key, 0 if key == _JOINTS else None))}"
-            raise ProgramError(f"line {line}{column}: {what}") from cause
+        except msgspec.ValidationError:
+            decoder, errors = Decoder(), Errors()
+            step = decoder.decoded(record, any_step())
+            for refusal in decoder.refusals:
+                errors.found.append(self._refused(line, record, refusal))
+            errors.raise_all()
+            return step
+
+    def _refused(self, line: int, record: dict[str, object], refusal: Refusal) -> ProgramError:
+        key, what = refusal.key, refusal.what
+        if key is not None:
+            what = f"a {str(record[_DO])!r} step has no such thing" if key in record else "the cell is empty"
+        elif refusal.place:
+            key = str(refusal.place[0])
+        column = "" if key is None else f", column {self._head((key, 0 if key == _JOINTS else None))}"
+        return ProgramError(f"line {line}{column}: {what}")
 
     def _head(self, place: Place) -> str:
         """The head under which a step's key stands, or would stand."""

@@ -254,11 +254,8 @@ def _check_entries(file: RobotFile, document: Document, errors: Errors) -> None:
                     what = f"{key}: there is no joint {entry.joint!r}{did_you_mean(entry.joint, links)}"
                     raise document.error(what, (key, i, "joint"))
     for i, entry in enumerate(known(file.obstacles)):
-        with errors:
-            try:
-                entry.obstacle()
-            except RobotFileError as cause:
-                raise document.error(str(cause), ("obstacles", i)) from cause
+        with errors, document.at(("obstacles", i)):
+            entry.obstacle()
     for needed in ("home", "rest"):
         with errors:
             if needed not in file.poses:

@@ -32,6 +32,7 @@ from armctl.motion.preflight import Finding, not_checked
 from armctl.program import Program
 from armctl.program.rehearsal import Rehearsal, rehearse
 from armctl.robot import Robot
+from armctl.robot.shape import reach
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.scene.stage import Stage, first_view, set_lights
@@ -44,8 +45,8 @@ HALF_OPEN = 0.5
 """the gripper, where nobody has seen it"""
 _CHUNK = 300
 _PATH, _PATH_POINTS = (240, 140, 0), 1500
-_ASPECT, _VIEW, _SEEN = 1.1, math.radians(40), 200
-"""width by height of the scene on most screens, upright angle of view, poses that are in view"""
+_ASPECT, _VIEW, _SEEN, _ROOM = 1.1, math.radians(40), 200, 0.1
+"""width by height of the scene on most screens, upright angle of view, poses in view, and around them"""
 _ROOT = "/arm"
 
 
@@ -152,7 +153,9 @@ class _Scene(WebsockMessageHandler):
         camera = InitialCameraConfig(self.queue_message)
         camera.fov = _VIEW
         way = plan.trajectory.sample(np.linspace(0.0, plan.duration, _SEEN)).q
-        points = np.vstack([robot.frames(way)[..., :3, 3].reshape(-1, 3), [0.0, 0.0, robot.floor_z]])
+        frames = robot.frames(way)[..., :3, 3].reshape(-1, 3)
+        room = _ROOM * reach(robot.chain)
+        points = np.vstack([frames - room, frames + room, [0.0, 0.0, robot.floor_z]])
         camera.position, camera.look_at = first_view(robot, points, _VIEW, _ASPECT)
         return figure
 
@@ -251,7 +254,8 @@ def _found(robot: Robot, plan: Rehearsal, findings: Sequence[Finding], *, linked
         text = escape(str(finding))
         if finding.step in begins:
             text = f"<button type='button' data-time='{begins[finding.step]}'>{text}</button>"
-        rows.append(f"<li class='{finding.severity}'>{text}</li>")
+        mark = "✖" if finding.severity == "error" else "⚠"
+        rows.append(f"<li class='{finding.severity}'>{mark} {text}</li>")
     notes = [f"Not checked: {text}" for text in not_checked(robot)]
     if plan.cut:
         notes.append(f"Only the first {plan.duration:.0f} s are shown; there is more of the program.")

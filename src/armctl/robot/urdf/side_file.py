@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal, cast
+from typing import Annotated, Any, Literal, cast
 
 import msgspec
 import numpy as np
@@ -18,6 +18,7 @@ import tomli_w
 from msgspec import Meta
 
 from armctl.arrays import FloatArray
+from armctl.decoding import did_you_mean
 from armctl.documents import Document, write_atomically
 from armctl.errors import Errors, RobotFileError
 from armctl.kinematics.angles import rest_angle
@@ -156,23 +157,27 @@ def applied(robot: Robot, side: SideFile, document: Document, endless: Sequence[
 
     ``endless``: names of the continuous joints.
     """
-    entries = {entry.name: entry for entry in side.joints}
-    if len(entries) != len(side.joints):
-        raise RobotFileError("joints: two entries have the same name")
-    for name in entries:
-        if name not in robot.joint_names:
-            raise RobotFileError(f"joints: there is no joint {name!r}; it has {', '.join(robot.joint_names)}")
-    joints = [
-        joint if (entry := entries.get(joint.name)) is None else _joint(joint, entry, joint.name in endless)
-        for joint in robot.joints
-    ]
-    board, outputs, settings = read_outputs(
-        document,
-        [(one.name, (math.degrees(one.lower), math.degrees(one.upper))) for one in joints],
-        has_gripper=side.gripper is not None,
-    )
+    errors, joints, poses = Errors(), list(robot.joints), dict[str, FloatArray]()
+    if len({entry.name for entry in side.joints}) != len(side.joints):
+        errors.found.append(RobotFileError("joints: two entries have the same name"))
+    for i, entry in enumerate(side.joints):
+        with errors, document.at(("joints", i)):
+            if entry.name not in robot.joint_names:
+                hint = did_you_mean(entry.name, robot.joint_names)
+                what = f"there is no joint {entry.name!r}{hint}; it has {', '.join(robot.joint_names)}"
+                raise RobotFileError(f"joints: {what}")
+            k = robot.joint_names.index(entry.name)
+            joints[k] = _joint(joints[k], entry, entry.name in endless)
+    for name, values in side.poses.items():
+        with errors, document.at(("poses", name)):
+            poses[name] = _pose(values, joints, f"poses.{name}")
+    board: Any = None
+    with errors:
+        limits = [(one.name, (math.degrees(one.lower), math.degrees(one.upper))) for one in joints]
+        board = read_outputs(document, limits, has_gripper=side.gripper is not None)
+    errors.raise_all()
+    kind, outputs, settings = board
     home = np.array([rest_angle(joint.lower, joint.upper) for joint in joints])
-    poses = {name: _pose(values, joints, f"poses.{name}") for name, values in side.poses.items()}
     gripper = side.gripper
     return replace(
         robot,
@@ -182,7 +187,7 @@ def applied(robot: Robot, side: SideFile, document: Document, endless: Sequence[
         joints=tuple(joints),
         poses={"home": home, "rest": poses.get("home", home)} | poses,
         output_map=outputs,
-        board=board,
+        board=kind,
         board_settings=settings,
         gripper=None if gripper is None else Gripper(gripper.title, gripper.speed_percent_s / 100),
         gravity=replace(robot.gravity, payload_kg=side.payload_kg),
