@@ -15,7 +15,7 @@ import re
 import stat
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -156,7 +156,7 @@ class Document:
         return self.error(what, place if key is None else (*place, key), ", " if words else ": ")
 
     @contextlib.contextmanager
-    def at(self, place: Place) -> Iterator[None]:
+    def at(self, place: Place) -> Generator[None]:
         """What is refused inside names the line of a place."""
         try:
             yield
