@@ -42,7 +42,7 @@ def test_what_is_imported_is_declared_and_what_is_declared_is_imported() -> None
 
 def test_every_file_and_folder_that_the_architecture_names_is_there() -> None:
     named = re.findall(r"`([\w./-]+(?:\.py|/))`", (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8"))
-    paths = [path for folder in ("src", "tests") for path in (ROOT / folder).rglob("*")]
+    paths = [path for folder in ("docs", "src", "tests") for path in (ROOT / folder).rglob("*")]
     there = {f"/{path.relative_to(ROOT).as_posix()}{'/' if path.is_dir() else ''}" for path in paths}
     assert len(named) > 30
     assert not [name for name in named if not any(path.endswith(f"/{name}") for path in there)]
