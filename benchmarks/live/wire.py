@@ -14,7 +14,7 @@ from typing import NamedTuple, Self
 from armctl.boards import setup_of
 from armctl.hardware.maestro.codec import Opcode, PacketParser, us_to_quarters
 from armctl.hardware.maestro.simulated import simulated_maestro
-from armctl.hardware.simulation import PtyServer
+from armctl.hardware.simulation import BoardServer
 from armctl.robot import load_robot
 from armctl.runtime.board import output_map
 
@@ -84,7 +84,7 @@ def _serve(pipe: Connection) -> None:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
     watch = _Watch()
     watch.start()
-    with PtyServer(_Board(), time.monotonic, tick_s=0.1) as server:
+    with BoardServer(_Board(), time.monotonic, tick_s=0.1) as server:
         pipe.send(server.port)
         while pipe.recv():
             with server.inspect() as board:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from armctl.errors import ArmctlError
 from armctl.hardware.boards import find_entries
 from armctl.robot import Robot, board_entries, load_robot, shipped_robots
+from armctl.version import __version__
 
 if TYPE_CHECKING:
     from armctl.arm import Arm
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
 
 board_entries.find_entries = find_entries  # robot files are read in a layer below the boards
 logging.getLogger("armctl").addHandler(logging.NullHandler())  # whoever uses the library chooses what to show
-__version__ = "0.1.0"
 __all__ = ["Arm", "ArmctlError", "Robot", "__version__", "load_robot", "shipped_robots"]
 
 

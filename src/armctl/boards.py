@@ -8,11 +8,11 @@ from functools import partial
 from pathlib import Path
 
 from armctl.calibration import CalibrationStore, calibrated
-from armctl.errors import PortError
+from armctl.errors import OtherBoardError, PortError
 from armctl.hardware import BoardType, ByteModel, Driver, Setup
 from armctl.hardware.boards import board_type, find_board_type
 from armctl.hardware.ports import boards_listed_as, find_board, list_ports
-from armctl.hardware.simulation import PtyServer
+from armctl.hardware.simulation import BoardServer
 from armctl.hardware.transport import NO_SUCH_PORT, Connection, PortInfo, describe_port
 from armctl.robot import Robot
 from armctl.runtime import channel_settings
@@ -44,7 +44,7 @@ class Boards:
         self._held = held
         self._robot, self._now, self._ports, self._board = robot, now, ports, board
         self._lock = threading.Lock()
-        self._simulated: PtyServer[ByteModel] | None = None
+        self._simulated: BoardServer[ByteModel] | None = None
 
     def driver(self, port: str) -> Driver:
         """A driver, not opened yet, for ``sim``, ``auto``, ``socket://host:port`` or a device.
@@ -63,12 +63,12 @@ class Boards:
                 require_kind(self._robot, board, device)
         return self._real(device)
 
-    def simulated(self) -> PtyServer[ByteModel]:
+    def simulated(self) -> BoardServer[ByteModel]:
         """The simulated board's server, started when it is first asked for."""
         with self._lock:
             if self._simulated is None:
                 board = board_type(self._robot.board)
-                server = PtyServer(board.simulated(setup_of(self._robot), {}), self._now)
+                server = BoardServer(board.simulated(setup_of(self._robot), {}), self._now)
                 server.__enter__()
                 self._simulated = server
             return self._simulated
@@ -97,7 +97,7 @@ class Boards:
         if self._board in (ANY_BOARD, found):
             return
         was = "no board was there" if self._board == NO_BOARD else f"board {self._board} was there"
-        raise PortError(
+        raise OtherBoardError(
             f"{line}: {was} when the calibration of {self._robot.title} was looked up, now board {found} is; "
             "it was told nothing. Connect again, to go by its own calibration"
         )
@@ -118,7 +118,7 @@ def split_kind(port: str) -> tuple[BoardType | None, str]:
 def require_kind(robot: Robot, board: BoardType, port: str) -> None:
     """Refuse another kind of board than the robot file's (``PortError``)."""
     if board.kind != robot.board:
-        raise PortError(
+        raise OtherBoardError(
             f"{port}: {robot.title} is set up for {board_type(robot.board).title}, this is {board.title}, "
             "and a channel of one is not that of the other; choose another port, or give the arm a "
             "robot file for this board ([board] kind, channels)"
@@ -148,7 +148,7 @@ def _require_real(port: str, robot: Robot) -> None:
         raise PortError(f"{port!r}: {NO_SUCH_PORT}")
     why_not = only_simulated(robot)
     if why_not is not None:
-        raise PortError(f"{port} is not opened: {why_not}")
+        raise OtherBoardError(f"{port} is not opened: {why_not}")
 
 
 def board_name(port: str, robot: Robot, ports: Callable[[], Sequence[PortInfo]] = list_ports) -> str:

@@ -18,11 +18,13 @@ import tomllib
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar
 
 from armctl.decoding import Decoder, Place
 from armctl.errors import ArmctlError, Errors, InputError
+from armctl.system import whose
 
 T = TypeVar("T")
 
@@ -312,6 +314,16 @@ def _opened(names: Sequence[str], entries: dict[Place, int], *, new: bool) -> Pl
     return table
 
 
+# Files that are shipped.
+
+
+def shipped_folder(name: str) -> Path:
+    """A folder that armctl is shipped with: inside an installed package, or beside ``src`` in a checkout."""
+    package = Path(str(files("armctl")))
+    installed = package / name
+    return installed if installed.is_dir() else package.parent.parent / name
+
+
 # Writing: a reader, a crash or another save at the same time meets one whole version.
 
 
@@ -405,12 +417,6 @@ def has_ended(process: str) -> bool:
     """Whether nobody works on what a process left, by its number: it has ended, or this one has it now."""
     if not process:
         return True
-    if os.name != "posix":  # there, asking would end it
-        return False
-    try:
-        os.kill(int(process), 0)
-    except ProcessLookupError:
-        return True
-    except PermissionError:  # another user's
-        return False
-    return int(process) == os.getpid()  # it has just begun: in a container every start has the same number
+    number, is_ours = int(process), whose(int(process))
+    # ours: this one has just begun; in a container every start has the same number
+    return is_ours == "nobody's" or (is_ours == "ours" and number == os.getpid())

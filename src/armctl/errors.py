@@ -9,12 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from types import TracebackType
-from typing import Self
+from typing import ClassVar, Self
+
+DOCS = "https://armctl-console.readthedocs.io/en/latest/"
+"""where the documentation is published: the same as in pyproject.toml"""
 
 
 class ArmctlError(Exception):
     """Anything that armctl refuses or that went wrong, in words for the user."""
 
+    section: ClassVar[str] = ""
+    """the section of docs/troubleshooting.md that helps; empty: none does"""
     each: Sequence[ArmctlError] = ()
     """the errors that this one tells together; empty: it is one"""
     line: int | None = None
@@ -26,6 +31,16 @@ class ArmctlError(Exception):
         error.each = [one.about(what) for one in self.each]
         error.line = self.line
         return error
+
+    @property
+    def help(self) -> str:
+        """The address of the section that helps; empty: there is none."""
+        return f"{DOCS}troubleshooting/#{self.section}" if self.section else ""
+
+
+def with_help(error: ArmctlError) -> str:
+    """The text for a user: the message, and the address of the section that helps."""
+    return f"{error} – see {error.help}" if error.help else str(error)
 
 
 class RefusedBeforeError(Exception):
@@ -73,29 +88,61 @@ class InputError(ArmctlError):
 class RobotFileError(ArmctlError):
     """A robot file that cannot be read, or that contradicts itself."""
 
+    section = "the-robot-file-cannot-be-read"
+
 
 class ProgramError(ArmctlError):
     """A motion program that cannot be read or run; names the file and the step."""
+
+    section = "the-program-cannot-be-read"
 
 
 class UnreachableError(ArmctlError):
     """A target without a solution. The message says why and names the nearest reachable point."""
 
+    section = "the-target-is-out-of-reach"
+
 
 class MotionRefusedError(ArmctlError):
     """A motion that would leave the limits, found before the arm moves."""
+
+    section = "a-motion-is-refused"
 
 
 class StateError(ArmctlError):
     """A command that the present state does not allow (for example: move while off)."""
 
+    section = "the-arm-does-not-take-a-command"
+
+
+class EnableError(StateError):
+    """The arm cannot be enabled where it stands, or as it is."""
+
+    section = "the-arm-cannot-be-enabled"
+
 
 class BoardError(ArmctlError):
     """The board or the line to it: absent, silent, garbled, or reporting an error."""
 
+    section = "the-board-does-not-answer"
+
 
 class PortError(BoardError):
     """A serial port that cannot be opened or found."""
+
+    section = "the-port-cannot-be-opened"
+
+
+class NoBoardError(PortError):
+    """No port has the board that is wanted, or several may have."""
+
+    section = "no-board-is-found"
+
+
+class OtherBoardError(PortError):
+    """The board on a port is not the one that the arm is set up for."""
+
+    section = "the-board-belongs-to-another-arm"
 
 
 class BoardTimeoutError(BoardError):
@@ -106,9 +153,19 @@ class BoardProtocolError(BoardError):
     """The board answered something that its protocol does not allow."""
 
 
+class ArmProcessError(BoardError):
+    """The arm process does not start, does not answer, or has ended."""
+
+    section = "the-arm-process-has-ended"
+
+
 class ServerError(ArmctlError):
     """The web server cannot be started, or its guard is not effective."""
+
+    section = "the-page-does-not-open"
 
 
 class CalibrationError(ArmctlError):
     """Marks that give no calibration, or a calibration that cannot be read, kept or used."""
+
+    section = "the-calibration-is-refused"

@@ -21,8 +21,9 @@ from armctl.hardware.doctor import without_personal_data
 from armctl.robot import robot_path
 from armctl.runtime import Recording
 from armctl.runtime.black_box import Story, members, packed, read_recording, saved_recordings, zipped
+from armctl.version import __version__
 
-_PACKAGES = ("armctl", "numpy", "scipy", "viser", "pyserial", "msgspec", "websockets")
+_PACKAGES = ("numpy", "scipy", "viser", "pyserial", "msgspec", "websockets")
 _FAULTS = 3
 _ROBOTS = DocumentKind(RobotFileError, most_bytes=4 << 20)
 _TOKEN = re.compile(r"(token|pin|secret)=[^\s&\"']+", re.IGNORECASE)
@@ -41,10 +42,11 @@ def environment() -> dict[str, str]:
     """Versions of everything that has a part in it."""
     versions = {"Python": platform.python_version()}
     versions["system"] = f"{platform.system()} {platform.release()} {platform.machine()}"
+    versions["armctl"] = __version__
     for package in _PACKAGES:
         try:
             versions[package] = version(package)
-        except PackageNotFoundError:  # run from a source tree that was not installed
+        except PackageNotFoundError:  # put on the path by hand
             versions[package] = "not installed"
     return versions
 

@@ -19,7 +19,7 @@ from armctl.errors import RobotFileError
 from armctl.hardware.board_type import ByteModel, Setup
 from armctl.hardware.boards import SHIPPED, board_type, board_types, kinds
 from armctl.hardware.ports import list_ports
-from armctl.hardware.simulation import PtyServer
+from armctl.hardware.simulation import BoardServer
 from armctl.process import Host
 from armctl.program import MoveStep, Program, save_program
 from armctl.runtime import Connect, MonotonicClock
@@ -34,9 +34,9 @@ def toy_arm(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.fixture
-def plugged_in(toy_arm: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[PtyServer[ByteModel]]:
+def plugged_in(toy_arm: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[BoardServer[ByteModel]]:
     """The toy on a serial port that the system lists, with its USB numbers."""
-    with PtyServer(board_type("toy").simulated(Setup(), {}), MonotonicClock().now) as server:
+    with BoardServer(board_type("toy").simulated(Setup(), {}), MonotonicClock().now) as server:
         port = ListPortInfo(server.port)
         port.vid, port.pid, port.hwid, port.serial_number = 0x1209, 0x0001, "USB VID:PID=1209:0001", "42"
         for command in ("ports", "doctor"):
@@ -78,7 +78,7 @@ def test_it_runs_a_program(toy_arm: Path, tmp_path: Path) -> None:
 
 
 def test_ports_and_doctor_know_it(
-    plugged_in: PtyServer[ByteModel], toy_arm: Path, capsys: pytest.CaptureFixture[str]
+    plugged_in: BoardServer[ByteModel], toy_arm: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(["ports", "--probe", "--json"]) == DONE
     [port] = json.loads(capsys.readouterr().out)
@@ -92,7 +92,7 @@ def test_ports_and_doctor_know_it(
 
 
 def test_a_defect_of_its_own_is_told_in_words(
-    plugged_in: PtyServer[ByteModel], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    plugged_in: BoardServer[ByteModel], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(*_: object) -> None:
         raise ValueError("the toy is broken")

@@ -20,7 +20,7 @@ from tests.avr.building import IMAGES
 from tests.hardware.lines import LoopTransport
 
 from armctl.errors import BoardError
-from armctl.hardware.simulation import PtyServer
+from armctl.hardware.simulation import BoardServer
 from armctl.runtime.clock import MonotonicClock
 
 _LONGEST_STEP_S = 0.05
@@ -91,10 +91,10 @@ _LOOK_S = 0.2
 
 
 @contextmanager
-def served(avr: Avr, now: Callable[[], float], link: Path | None = None) -> Generator[PtyServer[AvrBoard]]:
+def served(avr: Avr, now: Callable[[], float], link: Path | None = None) -> Generator[BoardServer[AvrBoard]]:
     """Serve a simulated CPU on a pty while the context is open; ``AvrError`` on leaving where it crashed."""
     board = AvrBoard(avr)
-    with PtyServer(board, now, link=link, tick_s=_TICK_S) as server:
+    with BoardServer(board, now, link=link, tick_s=_TICK_S) as server:
         yield server
     if board.crash is not None:
         raise board.crash

@@ -13,11 +13,13 @@ from pathlib import Path
 
 
 @contextmanager
-def serving(folder: Path, *words: str) -> Iterator[str]:
-    """``armctl serve`` in a process of its own; gives the address that it prints."""
+def serving(
+    folder: Path, *words: str, python: str | Path = sys.executable, end: signal.Signals = signal.SIGINT
+) -> Iterator[str]:
+    """``armctl serve`` in a process of its own; gives the address that it prints. A signal ends it."""
     with (folder / "stderr").open("w") as errors:
         process = subprocess.Popen(
-            [sys.executable, "-m", "armctl", "serve", "--no-browser", "--http-port", "0", *words],
+            [python, "-m", "armctl", "serve", "--no-browser", "--http-port", "0", *words],
             stdout=subprocess.PIPE,
             stderr=errors,
             text=True,
@@ -31,7 +33,7 @@ def serving(folder: Path, *words: str) -> Iterator[str]:
         assert address is not None, said + (folder / "stderr").read_text()
         yield address.group()
     finally:
-        process.send_signal(signal.SIGINT)
+        process.send_signal(end)
         process.wait(30)
         process.stdout.close()
         log = (folder / "stderr").read_text()

@@ -14,7 +14,7 @@ from tests.browser.kit import Screens
 from tests.browser.serving import serving
 
 from armctl.hardware.maestro.simulated import simulated_maestro
-from armctl.hardware.simulation import PtyServer
+from armctl.hardware.simulation import BoardServer
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 
@@ -32,7 +32,7 @@ def test_the_page_asks_where_the_arm_is(tmp_path: Path, screens: Screens) -> Non
     assert outputs is not None
     page = screens(drawn=True)
     with (
-        PtyServer(simulated_maestro(channels=channel_settings(ROBOT)), MonotonicClock().now) as board,
+        BoardServer(simulated_maestro(channels=channel_settings(ROBOT)), MonotonicClock().now) as board,
         serving(tmp_path, "--port", board.port) as url,
     ):
 

@@ -16,7 +16,7 @@ from tests.browser.serving import serving
 
 from armctl.hardware.maestro.codec import Opcode, set_targets, us_to_quarters
 from armctl.hardware.maestro.simulated import SimulatedMaestro, simulated_maestro
-from armctl.hardware.simulation import PtyServer
+from armctl.hardware.simulation import BoardServer
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 
@@ -27,15 +27,15 @@ QUARTER = 0.126
 
 
 @pytest.fixture
-def board(tmp_path: Path) -> Iterator[PtyServer[SimulatedMaestro]]:
-    with PtyServer(
+def board(tmp_path: Path) -> Iterator[BoardServer[SimulatedMaestro]]:
+    with BoardServer(
         simulated_maestro(channels=channel_settings(ROBOT)), MonotonicClock().now, link=tmp_path / "maestro"
     ) as board:
         yield board
 
 
 @pytest.fixture
-def page(board: PtyServer[SimulatedMaestro], tmp_path: Path, screens: Screens) -> Iterator[Screen]:
+def page(board: BoardServer[SimulatedMaestro], tmp_path: Path, screens: Screens) -> Iterator[Screen]:
     """A page that draws every frame, as an operator's does."""
     screen = screens(drawn=True)
     with serving(tmp_path, "--port", board.port) as url:
@@ -43,12 +43,12 @@ def page(board: PtyServer[SimulatedMaestro], tmp_path: Path, screens: Screens) -
         yield screen
 
 
-def pulses(board: PtyServer[SimulatedMaestro]) -> list[float | None]:
+def pulses(board: BoardServer[SimulatedMaestro]) -> list[float | None]:
     with board.inspect() as model:
         return [model.position_us(channel) for channel in range(5)]
 
 
-def holds(board: PtyServer[SimulatedMaestro], q_deg: list[float]) -> bool:
+def holds(board: BoardServer[SimulatedMaestro], q_deg: list[float]) -> bool:
     """Whether the channels hold exactly the pulses of joint angles."""
     assert ROBOT.output_map is not None
     expected = list(ROBOT.output_map.outputs(np.radians(q_deg)).values())
@@ -58,7 +58,7 @@ def holds(board: PtyServer[SimulatedMaestro], q_deg: list[float]) -> bool:
     )
 
 
-def enable(page: Screen, board: PtyServer[SimulatedMaestro]) -> None:
+def enable(page: Screen, board: BoardServer[SimulatedMaestro]) -> None:
     """Take over an arm whose pulses are on, in the rest pose."""
     assert ROBOT.output_map is not None
     on = {**ROBOT.output_map.outputs(ROBOT.pose("rest")), 5: 1500.0}
@@ -70,14 +70,14 @@ def enable(page: Screen, board: PtyServer[SimulatedMaestro]) -> None:
     assert holds(board, [0, 110, -80, -70, 0])
 
 
-def targets(board: PtyServer[SimulatedMaestro]) -> list[tuple[float, int, float]]:
+def targets(board: BoardServer[SimulatedMaestro]) -> list[tuple[float, int, float]]:
     """Every Set Target of the joints so far: time [s], channel, pulse [µs]."""
     with board.inspect() as model:
         log = [entry for entry in model.log if entry.opcode is Opcode.SET_TARGET and entry.data[0] < 5]
     return [(entry.time, entry.data[0], (entry.data[1] | entry.data[2] << 7) / 4) for entry in log]
 
 
-def test_a_point_by_least_energy(page: Screen, board: PtyServer[SimulatedMaestro]) -> None:
+def test_a_point_by_least_energy(page: Screen, board: BoardServer[SimulatedMaestro]) -> None:
     assert pulses(board) == [None] * 5  # nothing is on before Enable
     page.click("Enable")
     page.click("It is at the rest pose")
@@ -105,7 +105,7 @@ def test_a_point_by_least_energy(page: Screen, board: PtyServer[SimulatedMaestro
     assert page.errors == []
 
 
-def test_a_recorded_loop_and_stop(page: Screen, board: PtyServer[SimulatedMaestro]) -> None:
+def test_a_recorded_loop_and_stop(page: Screen, board: BoardServer[SimulatedMaestro]) -> None:
     enable(page, board)
     page.open_tab("Manual", "Serial motion")
     page.click("Record pose")
@@ -131,7 +131,7 @@ def test_a_recorded_loop_and_stop(page: Screen, board: PtyServer[SimulatedMaestr
 
 
 def test_every_target_on_the_wire_keeps_the_limits_and_speeds(
-    page: Screen, board: PtyServer[SimulatedMaestro]
+    page: Screen, board: BoardServer[SimulatedMaestro]
 ) -> None:
     enable(page, board)
     page.click("zero")
@@ -153,7 +153,7 @@ def test_every_target_on_the_wire_keeps_the_limits_and_speeds(
 
 
 def test_closing_the_page_stops_the_arm(
-    board: PtyServer[SimulatedMaestro], tmp_path: Path, screens: Screens
+    board: BoardServer[SimulatedMaestro], tmp_path: Path, screens: Screens
 ) -> None:
     with serving(tmp_path, "--port", board.port) as url:
         page, watcher = screens(url), screens(url)

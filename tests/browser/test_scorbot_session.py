@@ -13,7 +13,7 @@ from tests.browser.serving import serving
 
 from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
-from armctl.hardware.simulation import PtyServer
+from armctl.hardware.simulation import BoardServer
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 
@@ -30,8 +30,8 @@ class Cable:
         self.link = link
         self.server = self._serve()
 
-    def _serve(self) -> PtyServer[SimulatedEncoderBoard]:
-        server = PtyServer(
+    def _serve(self) -> BoardServer[SimulatedEncoderBoard]:
+        server = BoardServer(
             simulated_encoder_board(channels=channel_settings(ROBOT), axes=ROBOT.board_settings.axes),
             MonotonicClock().now,
             link=self.link,

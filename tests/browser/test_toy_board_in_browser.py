@@ -13,7 +13,7 @@ from tests.browser.serving import serving
 
 from armctl.hardware.board_type import Setup
 from armctl.hardware.boards import board_type
-from armctl.hardware.simulation import PtyServer
+from armctl.hardware.simulation import BoardServer
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock
 
@@ -27,7 +27,7 @@ def test_it_is_enabled_and_runs_a_recorded_program(
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path))  # where `armctl serve` finds the package
     with (
         toy_board(tmp_path) as robot_file,
-        PtyServer(board_type("toy").simulated(Setup(), {}), MonotonicClock().now) as toy,
+        BoardServer(board_type("toy").simulated(Setup(), {}), MonotonicClock().now) as toy,
         serving(tmp_path, "--robot", str(robot_file), "--port", toy.port) as url,
     ):
         outputs = load_robot(robot_file).output_map

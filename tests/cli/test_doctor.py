@@ -16,7 +16,7 @@ from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
 from armctl.errors import PortError
 from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.hardware.maestro.simulated import MaestroSettings, SerialMode, SimulatedMaestro, simulated_maestro
-from armctl.hardware.simulation import PtyServer
+from armctl.hardware.simulation import BoardServer
 from armctl.hardware.transport import PortInfo, SerialTransport
 from armctl.runtime.clock import ManualClock, MonotonicClock
 
@@ -65,7 +65,7 @@ def test_the_report_for_people(capsys: pytest.CaptureFixture[str]):
 
 
 def test_a_pty_by_its_link_without_a_robot(capsys: pytest.CaptureFixture[str], tmp_path: Path):
-    with PtyServer(simulated_maestro(), ManualClock().now, link=tmp_path / "arm"):
+    with BoardServer(simulated_maestro(), ManualClock().now, link=tmp_path / "arm"):
         status, verdicts, seen = record(capsys, "--port", str(tmp_path / "arm"))
     assert status == DONE
     assert seen["who answers"] == "Pololu Maestro"
@@ -79,7 +79,7 @@ def test_a_pty_by_its_link_without_a_robot(capsys: pytest.CaptureFixture[str], t
 def test_a_port_in_use_is_not_called_free_first(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     port = str(tmp_path / "arm")
     with (
-        PtyServer(simulated_maestro(), ManualClock().now, link=tmp_path / "arm"),
+        BoardServer(simulated_maestro(), ManualClock().now, link=tmp_path / "arm"),
         closing(SerialTransport(port)),
     ):
         status, verdicts, seen = record(capsys, "--port", port)
@@ -89,7 +89,7 @@ def test_a_port_in_use_is_not_called_free_first(capsys: pytest.CaptureFixture[st
 
 
 def test_the_kind_may_stand_in_front_of_the_port(capsys: pytest.CaptureFixture[str], tmp_path: Path):
-    with PtyServer(simulated_maestro(), ManualClock().now, link=tmp_path / "arm"):
+    with BoardServer(simulated_maestro(), ManualClock().now, link=tmp_path / "arm"):
         status, _, seen = record(capsys, "--port", f"encoder:{tmp_path / 'arm'}")
     assert status == REFUSED
     assert "a Pololu Maestro answers, where an Arduino with armctl's" in seen["who answers"]
@@ -134,7 +134,7 @@ def test_auto_without_a_robot_finds_an_arduino_too(capsys: pytest.CaptureFixture
     port = str(tmp_path / "mega")
     listing = [PortInfo(port, "Arduino Mega", "Mega", "75", True, None)]
     monkeypatch.setattr("armctl.cli.doctor.list_ports", lambda: listing)
-    with PtyServer(SimulatedFirmata(), MonotonicClock().now, link=tmp_path / "mega"):
+    with BoardServer(SimulatedFirmata(), MonotonicClock().now, link=tmp_path / "mega"):
         _, verdicts, seen = record(capsys, "--port", "auto")
     assert seen["port"] == "Arduino Mega, USB serial number 75"
     assert seen["who answers"] == "StandardFirmata 2.3; Firmata protocol 2.3"
@@ -143,7 +143,7 @@ def test_auto_without_a_robot_finds_an_arduino_too(capsys: pytest.CaptureFixture
 
 def test_a_board_in_the_factorys_serial_mode_fails_with_advice(capsys: pytest.CaptureFixture[str], tmp_path):
     settings = MaestroSettings(serial_mode=SerialMode.UART_DETECT_BAUD)
-    with PtyServer(simulated_maestro(settings=settings), ManualClock().now, link=tmp_path / "arm"):
+    with BoardServer(simulated_maestro(settings=settings), ManualClock().now, link=tmp_path / "arm"):
         assert run(["doctor", "--port", str(tmp_path / "arm"), "--robot", "uzuner"]) == REFUSED
     out = capsys.readouterr().out
     assert "failed      who answers     nobody that armctl knows answers\n" in out

@@ -17,7 +17,7 @@ from armctl.cli.ending import end_event, ends_like_ctrl_c
 from armctl.cli.main import REFUSED
 from armctl.hardware.maestro.codec import Opcode, set_targets, us_to_quarters
 from armctl.hardware.maestro.simulated import SimulatedMaestro, simulated_maestro
-from armctl.hardware.simulation import PtyServer
+from armctl.hardware.simulation import BoardServer
 from armctl.program import MoveStep, Program, save_program
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
@@ -69,7 +69,7 @@ def test_a_closed_terminal_that_shall_not_matter_does_not() -> None:
         assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 
 
-def base_targets(server: PtyServer[SimulatedMaestro]) -> list[tuple[float, int]]:
+def base_targets(server: BoardServer[SimulatedMaestro]) -> list[tuple[float, int]]:
     """What the board was told of channel 0: when [s], and what [quarter µs]."""
     with server.inspect() as board:
         log = board.log
@@ -77,7 +77,7 @@ def base_targets(server: PtyServer[SimulatedMaestro]) -> list[tuple[float, int]]
     return [(entry.time, entry.data[1] | entry.data[2] << 7) for entry in sent]
 
 
-def swing(server: PtyServer[SimulatedMaestro]) -> int:
+def swing(server: BoardServer[SimulatedMaestro]) -> int:
     """How far apart the targets so far are."""
     values = [value for _, value in base_targets(server)]
     return max(values, default=0) - min(values, default=0)
@@ -114,7 +114,7 @@ def ended_run(link: Path, program: Path, numbers: tuple[signal.Signals, ...]) ->
     robot = load_robot("uzuner")
     there, back = (MoveStep(joints_deg=(angle, 90, -80, -40, 0)) for angle in (90, -90))
     save_program(Program(robot="uzuner", steps=(there, back)), program)
-    with PtyServer(
+    with BoardServer(
         simulated_maestro(channels=channel_settings(robot)), MonotonicClock().now, link=link
     ) as server:
         with server.inspect() as model:  # its pulses are on already: the arm is taken over where it stands

@@ -9,7 +9,7 @@ import pytest
 
 from armctl.cli.main import DONE, run
 from armctl.hardware.maestro.simulated import SimulatedMaestro, simulated_maestro
-from armctl.hardware.simulation import PtyServer
+from armctl.hardware.simulation import BoardServer
 from armctl.hardware.transport import PortInfo
 from armctl.runtime.clock import ManualClock
 
@@ -56,7 +56,7 @@ def test_kind_serial_number_reason_name_and_notes(listing, capsys: pytest.Captur
 
 
 def test_probing_opens_usable_ports_only(listing, capsys: pytest.CaptureFixture[str], tmp_path: Path):
-    with PtyServer(simulated_maestro(), ManualClock().now, link=tmp_path / "arm") as server:
+    with BoardServer(simulated_maestro(), ManualClock().now, link=tmp_path / "arm") as server:
         listing += [
             PortInfo(server.port, MAESTRO, "", None, True, None),
             PortInfo("/dev/ttyACM1", MAESTRO, "", None, False, "this is the TTL port"),
@@ -71,7 +71,7 @@ def test_probing_opens_usable_ports_only(listing, capsys: pytest.CaptureFixture[
 
 def test_listing_alone_opens_nothing(listing, capsys: pytest.CaptureFixture[str]):
     board = SimulatedMaestro()
-    with PtyServer(board, ManualClock().now) as server:
+    with BoardServer(board, ManualClock().now) as server:
         listing.append(PortInfo(server.port, MAESTRO, "", None, True, None))
         printed(capsys)
         with server.inspect() as seen:

@@ -20,7 +20,7 @@ from armctl.calibration import CalibrationStore
 from armctl.documents import has_ended
 from armctl.hardware.maestro.codec import Opcode, set_targets
 from armctl.hardware.maestro.simulated import simulated_maestro
-from armctl.hardware.simulation import PtyServer
+from armctl.hardware.simulation import BoardServer
 from armctl.program import load_program
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
@@ -42,7 +42,7 @@ class Killed:
             self.environment[f"XDG_{name}_HOME"] = str(folder / name.lower())
         self.environment["XDG_RUNTIME_DIR"] = str(folder / "run")
         (folder / "run").mkdir(mode=0o700)
-        self.board = PtyServer(
+        self.board = BoardServer(
             simulated_maestro(channels=channel_settings(ROBOT)), NOW, link=folder / "board"
         )
         self.client: subprocess.Popen[str] | None = None

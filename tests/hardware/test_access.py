@@ -12,13 +12,13 @@ import pytest
 from armctl.hardware.access import (
     MODEM_MANAGER_NOTE,
     UDEV_RULES_NAME,
-    may_open,
     modem_manager_note,
     permission_hint,
     program_using,
     udev_rules,
 )
 from armctl.hardware.boards import board_types
+from armctl.system import may_open
 
 
 def test_the_hint_names_the_group_that_owns_the_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

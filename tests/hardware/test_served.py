@@ -26,7 +26,7 @@ from armctl.hardware.maestro.simulated import (
     SimulatedMaestro,
     simulated_maestro,
 )
-from armctl.hardware.simulation import PtyServer
+from armctl.hardware.simulation import BoardServer
 from armctl.hardware.transport import Connection
 from armctl.runtime.clock import ManualClock, MonotonicClock
 
@@ -37,7 +37,7 @@ PATIENT_S = 5.0  # the pty has a thread of its own, which a busy machine may kee
 def test_plain_serial_clients(clock: ManualClock, tmp_path: Path):
     link = tmp_path / "firmata"
     with (
-        PtyServer(SimulatedFirmata(), clock.now, link=link) as server,
+        BoardServer(SimulatedFirmata(), clock.now, link=link) as server,
         serial.Serial(server.port, 57600, timeout=PATIENT_S) as port,
     ):
         port.write(bytes.fromhex("f0 6d 09 f7"))
@@ -45,7 +45,7 @@ def test_plain_serial_clients(clock: ManualClock, tmp_path: Path):
         assert port.read_until(bytes.fromhex("f0 6e 09 01 00 f7"))[-6:].hex(" ") == "f0 6e 09 01 00 f7"
     assert not link.is_symlink()
     with (
-        PtyServer(simulated_encoder_board(AXIS_CHANNELS, AXES), clock.now) as server,
+        BoardServer(simulated_encoder_board(AXIS_CHANNELS, AXES), clock.now) as server,
         serial.Serial(server.port, timeout=PATIENT_S) as port,
     ):
         port.write(b"1 HELLO*7DF0\n")
@@ -53,7 +53,10 @@ def test_plain_serial_clients(clock: ManualClock, tmp_path: Path):
         while not answer.startswith(b"1 "):
             answer = port.readline()
         assert answer.startswith(b"1 ok armctl-encoder 1.2.0 proto=3 axes=6 reset=power*")
-    with PtyServer(simulated_maestro(), clock.now) as server, serial.Serial(server.port, timeout=5.0) as port:
+    with (
+        BoardServer(simulated_maestro(), clock.now) as server,
+        serial.Serial(server.port, timeout=5.0) as port,
+    ):
         port.write(bytes.fromhex("84 02 70 2e"))  # 1500 µs on channel 2
         port.write(bytes.fromhex("90 02"))
         assert port.read(2) == bytes.fromhex("70 17")
@@ -76,7 +79,7 @@ def test_plain_serial_clients(clock: ManualClock, tmp_path: Path):
 )
 def test_two_sessions_and_an_unplugged_board(board: ByteModel, driver_of, channels):
     now = MonotonicClock().now
-    with PtyServer(FaultyModel(board), now, tick_s=0.001) as server:
+    with BoardServer(FaultyModel(board), now, tick_s=0.001) as server:
         driver: Driver = driver_of(Connection(server.port, now, simulated=True))
         for _ in range(2):
             driver.close()

@@ -2,14 +2,16 @@ from __future__ import annotations
 
 import os
 import select
+import socket
 import threading
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 import serial
 
 from armctl.errors import BoardError, PortError
-from armctl.hardware.simulation import PtyServer, make_link, remove_link
+from armctl.hardware.simulation import BoardServer, make_link, remove_link
 from armctl.hardware.transport import SerialTransport
 from armctl.runtime.clock import ManualClock
 
@@ -39,13 +41,13 @@ class Recorder:
         self.heard.clear()
 
 
-def client(server: PtyServer[Recorder]) -> serial.Serial:
+def client(server: BoardServer[Recorder]) -> serial.Serial:
     return serial.Serial(server.port, timeout=5.0)
 
 
 def test_every_byte_value_passes_untouched_both_ways_while_clients_come_and_go(clock: ManualClock):
     every = bytes(range(256))
-    with PtyServer(Recorder(), clock.now) as server:
+    with BoardServer(Recorder(), clock.now) as server:
         for _ in range(3):
             with client(server) as port:
                 port.write(every)
@@ -56,7 +58,7 @@ def test_every_byte_value_passes_untouched_both_ways_while_clients_come_and_go(c
 
 def test_a_client_that_leaves_the_terminal_as_it_is_gets_no_echo_and_no_translation(clock: ManualClock):
     # pyserial makes the line raw itself; cat, a C program or another language's library may not.
-    with PtyServer(Recorder(), clock.now) as server:
+    with BoardServer(Recorder(), clock.now) as server:
         port = os.open(server.port, os.O_RDWR | os.O_NOCTTY)
         sent = b"\x03\x04\r\n\x11\x13\x1a\x7f"
         os.write(port, sent)
@@ -68,7 +70,7 @@ def test_a_client_that_leaves_the_terminal_as_it_is_gets_no_echo_and_no_translat
 
 
 def test_an_answer_larger_than_the_ptys_buffer_does_not_wait_for_the_tick(clock: ManualClock):
-    with PtyServer(Recorder(), clock.now, tick_s=3600.0) as server, client(server) as port:
+    with BoardServer(Recorder(), clock.now, tick_s=3600.0) as server, client(server) as port:
         with server.inspect() as model:
             model.repeat = 50_000
         port.write(b"\x0f")
@@ -76,7 +78,7 @@ def test_an_answer_larger_than_the_ptys_buffer_does_not_wait_for_the_tick(clock:
 
 
 def test_the_board_lives_by_the_injected_clock(clock: ManualClock):
-    with PtyServer(Recorder(), clock.now) as server, client(server) as port:
+    with BoardServer(Recorder(), clock.now) as server, client(server) as port:
         port.write(b"\x01")
         port.read(1)
         clock.advance(7.0)
@@ -90,14 +92,14 @@ def test_the_board_lives_by_the_injected_clock(clock: ManualClock):
 
 def test_a_link_of_the_users_choice(clock: ManualClock, tmp_path: Path):
     link = tmp_path / "arm"
-    with PtyServer(Recorder(), clock.now, link=link) as server:
+    with BoardServer(Recorder(), clock.now, link=link) as server:
         assert server.port == str(link)
         with client(server) as port:
             port.write(b"\x01")
             assert port.read(1) == b"\xfe"
         with (
             pytest.raises(PortError, match="already there"),
-            PtyServer(Recorder(), clock.now, link=link),
+            BoardServer(Recorder(), clock.now, link=link),
         ):
             pass
         assert link.is_symlink()
@@ -105,7 +107,7 @@ def test_a_link_of_the_users_choice(clock: ManualClock, tmp_path: Path):
 
 
 def test_closing_does_not_wait_for_the_tick_and_leaves_nothing_open(clock: ManualClock):
-    server = PtyServer(Recorder(), clock.now, tick_s=3600.0)
+    server = BoardServer(Recorder(), clock.now, tick_s=3600.0)
     threads, descriptors = threading.active_count(), set(os.listdir("/proc/self/fd"))
     with pytest.raises(PortError, match="not being served"):
         _ = server.port
@@ -120,7 +122,7 @@ def test_closing_does_not_wait_for_the_tick_and_leaves_nothing_open(clock: Manua
 
 
 def test_a_board_that_leaves_the_line_breaks_it_for_its_clients(clock: ManualClock):
-    with PtyServer(Recorder(), clock.now, tick_s=0.001) as server:
+    with BoardServer(Recorder(), clock.now, tick_s=0.001) as server:
         line = SerialTransport(server.port)
         with server.inspect() as model:
             model.gone = True
@@ -131,9 +133,72 @@ def test_a_board_that_leaves_the_line_breaks_it_for_its_clients(clock: ManualClo
             assert model.gone
 
 
+@pytest.fixture
+def no_terminals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on Windows."""
+    monkeypatch.setattr("armctl.hardware.simulation.open_pseudo_terminal", lambda: None)
+
+
+def dialled(server: BoardServer[Recorder]) -> socket.socket:
+    address = urlsplit(server.port)
+    assert (address.scheme, address.hostname) == ("socket", "127.0.0.1")
+    return socket.create_connection(("127.0.0.1", address.port), timeout=5.0)
+
+
+@pytest.mark.usefixtures("no_terminals")
+def test_without_terminals_it_is_served_on_a_port_of_this_computer(clock: ManualClock):
+    every = bytes(range(256))
+    with BoardServer(Recorder(), clock.now, tick_s=3600.0) as server:
+        with dialled(server) as rude:  # leaves answers unread, so that the line is reset
+            rude.sendall(every)
+            rude.recv(1)
+        with dialled(server) as first, dialled(server) as second:
+            second.sendall(b"\x01")  # waits until the first one has left
+            first.sendall(every)
+            assert received(first, 256) == every[::-1]
+            first.close()
+            assert received(second, 1) == b"\xfe"
+            with server.inspect() as model:
+                assert bytes(model.heard) == every * 2 + b"\x01"
+                model.repeat = 50_000
+            second.sendall(b"\x0f")
+            assert received(second, 50_000) == b"\xf0" * 50_000
+
+
+@pytest.mark.usefixtures("no_terminals")
+def test_without_terminals_a_board_leaves_and_comes_back(clock: ManualClock, tmp_path: Path):
+    with BoardServer(Recorder(), clock.now, tick_s=0.001) as server:
+        with dialled(server) as line:
+            with server.inspect() as model:
+                model.gone = True
+            assert line.recv(1) == b""
+        while server.address is not None:
+            os.sched_yield()
+        with server.inspect() as model:
+            model.gone = False
+        while server.address is None:
+            os.sched_yield()
+        transport = SerialTransport(server.port)
+        assert transport._serial._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+        transport.write(b"\x01")
+        assert transport.read(1, 5.0) == b"\xfe"
+        transport.close()
+    with pytest.raises(PortError, match="leave out --link"):
+        BoardServer(Recorder(), clock.now, link=tmp_path / "arm").__enter__()
+
+
+def received(line: socket.socket, count: int) -> bytes:
+    data = b""
+    while len(data) < count:
+        part = line.recv(count - len(data))
+        assert part
+        data += part
+    return data
+
+
 def test_a_board_that_comes_back_is_served_again_at_its_link(clock: ManualClock, tmp_path: Path):
     link = tmp_path / "arm"
-    with PtyServer(Recorder(), clock.now, link=link, tick_s=0.001) as server:
+    with BoardServer(Recorder(), clock.now, link=link, tick_s=0.001) as server:
         line = SerialTransport(server.port)
         with server.inspect() as model:
             model.gone = True

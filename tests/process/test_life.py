@@ -20,7 +20,7 @@ from armctl.boards import UNNUMBERED
 from armctl.errors import BoardError, PortError, StateError
 from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
-from armctl.hardware.simulation import PtyServer
+from armctl.hardware.simulation import BoardServer
 from armctl.process import Host, Link, registry, start_arm
 from armctl.process.link import LocalLine
 from armctl.robot import load_robot
@@ -85,9 +85,9 @@ def owner(
 
 
 @pytest.fixture
-def board() -> Iterator[PtyServer[SimulatedEncoderBoard]]:
+def board() -> Iterator[BoardServer[SimulatedEncoderBoard]]:
     board = simulated_encoder_board(channel_settings(SCORBOT), SCORBOT.board_settings.axes)
-    with PtyServer(board, MonotonicClock.now) as server:
+    with BoardServer(board, MonotonicClock.now) as server:
         yield server
 
 
@@ -110,7 +110,7 @@ def set_off(link: Link) -> None:
 
 
 def test_an_arm_that_would_drop_is_held_for_who_takes_it_over(
-    folder: Path, board: PtyServer[SimulatedEncoderBoard]
+    folder: Path, board: BoardServer[SimulatedEncoderBoard]
 ) -> None:
     port = board.port
 

@@ -32,7 +32,7 @@ from armctl.calibration import (
     tool_error,
 )
 from armctl.cli.calibrate_joint import measure_joint, show_check_pose, show_fit, show_narrowed
-from armctl.cli.options import NUMBER, QUERY_SETTINGS, SPEED_PERCENT, json_option, print_json, rounded
+from armctl.cli.options import NUMBER, QUERY_SETTINGS, ROBOT, SPEED_PERCENT, json_option, print_json, rounded
 from armctl.errors import CalibrationError
 from armctl.robot import Robot, is_urdf, load_robot
 from armctl.runtime.clock import wall_time
@@ -56,7 +56,7 @@ port_option = click.option("--port", help="The port that the board is on, instea
 
 
 @calibrate.command(context_settings=QUERY_SETTINGS)
-@click.argument("robot")
+@click.argument("robot", type=ROBOT)
 @click.argument("joint")
 @click.argument("low", type=NUMBER)
 @click.argument("high", type=NUMBER)
@@ -84,7 +84,7 @@ def safe(robot: str, joint: str, low: float, high: float, board: str | None, por
 
 
 @calibrate.command(context_settings=QUERY_SETTINGS)
-@click.argument("robot")
+@click.argument("robot", type=ROBOT)
 @click.argument("closed", type=NUMBER)
 @click.argument("opened", type=NUMBER, metavar="OPEN")
 @board_option
@@ -120,7 +120,7 @@ def _save(arm: Robot, changed: Calibration) -> None:
 
 
 @calibrate.command()
-@click.argument("robot")
+@click.argument("robot", type=ROBOT)
 @click.argument("joint")
 @click.argument("marks", type=click.Path(path_type=Path))
 @json_option
@@ -136,7 +136,7 @@ def fit(robot: str, joint: str, marks: Path, as_json: bool) -> None:
 
 
 @calibrate.command("joint")
-@click.argument("robot")
+@click.argument("robot", type=ROBOT)
 @click.argument("joint")
 @click.option("--port", required=True, help="sim, auto, a device or socket://host:port.")
 @click.option("--places", type=click.IntRange(3, 20), default=5, show_default=True, help="How many marks.")
@@ -156,7 +156,7 @@ def joint_command(robot: str, joint: str, port: str, places: int, speed: float, 
 
 
 @calibrate.command()
-@click.argument("robot")
+@click.argument("robot", type=ROBOT)
 @board_option
 @json_option
 def show(robot: str, board: str | None, as_json: bool) -> None:
@@ -206,7 +206,7 @@ def list_command(as_json: bool) -> None:
 
 
 @calibrate.command()
-@click.argument("robot")
+@click.argument("robot", type=ROBOT)
 @board_option
 @click.option("--to", "number", type=int, help="Number of the version (default: the one before).")
 def revert(robot: str, board: str | None, number: int | None) -> None:
@@ -218,7 +218,7 @@ def revert(robot: str, board: str | None, number: int | None) -> None:
 
 
 @calibrate.command()
-@click.argument("robot")
+@click.argument("robot", type=ROBOT)
 @board_option
 def forget(robot: str, board: str | None) -> None:
     """Let the file of ROBOT hold as it is. The calibrations so far are kept; `revert` brings them back."""
@@ -228,7 +228,7 @@ def forget(robot: str, board: str | None) -> None:
 
 
 @calibrate.command()
-@click.argument("robot")
+@click.argument("robot", type=ROBOT)
 @click.argument("points", type=click.Path(path_type=Path))
 @click.option("--board", help="Serial number of the board whose calibration the angles were read with.")
 @json_option
@@ -261,7 +261,7 @@ def points(robot: str, points: Path, board: str | None, as_json: bool) -> None:
 
 
 @calibrate.command("export")
-@click.argument("robot")
+@click.argument("robot", type=ROBOT)
 @click.argument("file", type=click.Path(path_type=Path))
 @board_option
 def export(robot: str, file: Path, board: str | None) -> None:
@@ -281,7 +281,7 @@ def export(robot: str, file: Path, board: str | None) -> None:
 @calibrate.command("import")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--board", help="Serial number of the board to keep it for (default: the one in the file).")
-@click.option("--robot", help="The robot, where it is not a shipped one: its file.")
+@click.option("--robot", type=ROBOT, help="The robot, where it is not a shipped one: its file.")
 def import_command(file: Path, board: str | None, robot: str | None) -> None:
     """Bring the calibration in FILE in force."""
     read = read_calibration(file)

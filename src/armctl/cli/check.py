@@ -12,7 +12,7 @@ import numpy as np
 
 from armctl.boards import setup_of
 from armctl.cli.main import DONE, REFUSED
-from armctl.cli.options import json_option, print_json
+from armctl.cli.options import ROBOT, json_option, print_json
 from armctl.documents import DocumentKind
 from armctl.errors import ArmctlError, BoardError, InputError
 from armctl.hardware.boards import board_type
@@ -33,7 +33,7 @@ _LONG = 500
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--robot", help="The robot to check a program against (default: the one it names).")
+@click.option("--robot", type=ROBOT, help="The robot to check a program against (default: the one it names).")
 @json_option
 def check(file: Path, robot: str | None, as_json: bool) -> int:
     """Check FILE, a robot file or a program, and say everything that is wrong with it.

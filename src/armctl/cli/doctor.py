@@ -11,7 +11,7 @@ import click
 
 from armctl.boards import AUTOMATIC, SIMULATED, Boards, require_kind, split_kind
 from armctl.cli.main import DONE, REFUSED
-from armctl.cli.options import json_option, print_json
+from armctl.cli.options import ROBOT, json_option, print_json
 from armctl.documents import write_atomically
 from armctl.errors import ArmctlError, InputError
 from armctl.hardware.doctor import Patient, examine
@@ -27,7 +27,7 @@ _WIDTH = 16
 
 @click.command()
 @click.option("--port", required=True, help="sim, auto, a device or socket://host:port.")
-@click.option("--robot", help="Check the board for what this robot needs of it too.")
+@click.option("--robot", type=ROBOT, help="Check the board for what this robot needs of it too.")
 @click.option("--report", "file", type=click.Path(path_type=Path), metavar="FILE",
               help="Also write a zip file to send: versions, logs, the last faults, this check-up.",
               )  # fmt: skip

@@ -8,6 +8,11 @@ from contextlib import contextmanager
 from queue import Empty, SimpleQueue
 from types import FrameType
 
+from armctl.system import ending_signals
+
+_LOOK_S = 0.5
+"""Windows runs no handler while its program waits without end."""
+
 
 class EndEvent:
     """Set by signals. A ``threading.Event`` would lock up where one signal interrupts another's handler."""
@@ -21,11 +26,14 @@ class EndEvent:
 
     def wait(self, timeout: float | None = None) -> bool:
         """Wait for a signal; whether one came within ``timeout`` [s]."""
-        try:
-            self._signals.put(self._signals.get(timeout=timeout))  # it stays set
-        except Empty:
-            return False
-        return True
+        while True:
+            try:
+                self._signals.put(self._signals.get(timeout=_LOOK_S if timeout is None else timeout))
+            except Empty:
+                if timeout is not None:
+                    return False
+            else:  # put back: it stays set
+                return True
 
 
 def end_event() -> EndEvent:
@@ -61,6 +69,4 @@ def ends_like_ctrl_c() -> Generator[None]:
 
 def _quiet_ends() -> tuple[signal.Signals, ...]:
     """SIGTERM and SIGHUP, without one that is ignored, as ``nohup`` does with SIGHUP."""
-    # by name: Windows has no SIGHUP
-    ends = [number for number in signal.Signals if number.name in ("SIGTERM", "SIGHUP")]
-    return tuple(number for number in ends if signal.getsignal(number) is not signal.SIG_IGN)
+    return tuple(number for number in ending_signals() if signal.getsignal(number) is not signal.SIG_IGN)

@@ -9,9 +9,8 @@ import click
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.cli.main import DONE, REFUSED
-from armctl.cli.options import NUMBER, QUERY_SETTINGS, Number, json_option, print_json, rounded
-from armctl.errors import ArmctlError, InputError
+from armctl.cli.options import NUMBER, QUERY_SETTINGS, ROBOT, Number, json_option, print_json, rounded
+from armctl.errors import ArmctlError, InputError, UnreachableError
 from armctl.kinematics import (
     CRITERIA,
     Branch,
@@ -70,7 +69,7 @@ def _print_robots(arms: Sequence[Robot], as_json: bool) -> None:
 
 
 @click.command(context_settings=QUERY_SETTINGS)
-@click.argument("robot")
+@click.argument("robot", type=ROBOT)
 @click.argument("q", nargs=-1, type=NUMBER)
 @json_option
 def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
@@ -113,7 +112,7 @@ def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
 
 
 @click.command(context_settings=QUERY_SETTINGS)
-@click.argument("robot")
+@click.argument("robot", type=ROBOT)
 @click.argument("x", type=NUMBER)
 @click.argument("y", type=NUMBER)
 @click.argument("z", type=NUMBER)
@@ -139,7 +138,7 @@ def ik(
     robot: str, x: float, y: float, z: float, pitch: float | None, roll: float | None,
     rpy: tuple[float, float, float] | None, quaternion: tuple[float, float, float, float] | None,
     choose: str, start: str | None, step: float, every: bool, as_json: bool,
-) -> int:  # fmt: skip
+) -> None:  # fmt: skip
     """Solve inverse kinematics: joint angles that put ROBOT's tool on X Y Z (mm)."""
     if rpy is not None and quaternion is not None:
         raise click.UsageError("give either --rpy or --quaternion, not both")
@@ -165,8 +164,7 @@ def ik(
     elif refused:
         _print_table(arm, [branch.name for branch in refused], _refused_rows(refused))
     if q is None:
-        click.echo(f"armctl: {solutions.explanation}", err=True)
-    return REFUSED if q is None else DONE
+        raise UnreachableError(solutions.explanation)
 
 
 def _start(arm: Robot, text: str | None) -> FloatArray:

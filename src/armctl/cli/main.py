@@ -7,15 +7,18 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from io import TextIOWrapper
 
 import click
 
-from armctl.errors import ArmctlError
+from armctl.errors import ArmctlError, with_help
+from armctl.version import __version__
 
 COMMANDS = {
     "serve": "armctl.cli.serve:serve",
     "robots": "armctl.cli.kinematics:robots",
     "ports": "armctl.cli.ports:ports",
+    "firmware": "armctl.cli.ports:firmware",
     "fk": "armctl.cli.kinematics:fk",
     "ik": "armctl.cli.kinematics:ik",
     "run": "armctl.cli.run:run",
@@ -57,10 +60,17 @@ class LazyGroup(click.Group):
         return command if isinstance(command, click.Command) else None
 
 
+_COMPLETION = """\b
+Completion, for bash (or zsh_source, fish_source):
+  eval "$(_ARMCTL_COMPLETE=bash_source armctl)"
+"""
+
+
 @click.group(
-    cls=LazyGroup, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]}
-)
-@click.version_option(package_name="armctl", message="armctl %(version)s")
+    cls=LazyGroup, invoke_without_command=True, epilog=_COMPLETION,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)  # fmt: skip
+@click.version_option(__version__, message="armctl %(version)s")
 @click.pass_context
 def cli(ctx: click.Context) -> None:
     """An operator's console for small serial robot arms, served in the browser.
@@ -85,7 +95,7 @@ def run(arguments: Sequence[str]) -> int:
     except (click.Abort, KeyboardInterrupt):
         return _complain("interrupted", REFUSED)
     except ArmctlError as error:
-        return _complain(str(error), REFUSED)
+        return _complain(with_help(error), REFUSED)
     except OSError as error:  # not a pipe that nobody reads on: click ends that in silence, with status 1
         if error.errno not in _FULL:
             raise
@@ -102,4 +112,7 @@ def _complain(text: str, status: int) -> int:
 
 def main() -> None:
     """Console script."""
+    for stream in (sys.stdout, sys.stderr):  # a terminal or file without Greek letters and degree signs
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")
     sys.exit(run(sys.argv[1:]))

@@ -11,6 +11,7 @@ from typing import Any, cast
 
 import click
 import numpy as np
+from click.shell_completion import CompletionItem
 from numpy.typing import NDArray
 
 QUERY_SETTINGS = {"ignore_unknown_options": True, "help_option_names": ["-h", "--help"]}
@@ -50,7 +51,23 @@ class Number(click.ParamType[float]):
         return number
 
 
+class RobotName(click.ParamType[str]):
+    """A robot's name or file; a shell that asks how it may go on is told the names."""
+
+    name = "robot"
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """The names that begin so; the shell completes files where there are none."""
+        from armctl.robot import shipped_robots, user_robots
+
+        names = [name for name in (*shipped_robots(), *user_robots()) if name.startswith(incomplete)]
+        return [CompletionItem(name) for name in names] or [CompletionItem(incomplete, type="file")]
+
+
 NUMBER = Number()
+ROBOT = RobotName()
 SPEED_PERCENT = Number(between=(5, 100))
 
 

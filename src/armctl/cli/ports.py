@@ -1,13 +1,16 @@
-"""``armctl ports``: serial ports and the boards behind them."""
+"""``armctl ports`` and ``armctl firmware``: serial ports, the boards behind them, what runs on a board."""
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import asdict
+from pathlib import Path
 
 import click
 
 from armctl.cli.options import json_option, print_json
-from armctl.errors import ArmctlError
+from armctl.documents import shipped_folder
+from armctl.errors import ArmctlError, InputError
 from armctl.hardware.access import udev_rules
 from armctl.hardware.ports import list_ports
 from armctl.hardware.probe import approach, probe
@@ -46,6 +49,22 @@ def ports(probing: bool, udev: bool, as_json: bool) -> None:
         for line in (*lines, answers.get(port.device)):
             if line:
                 click.echo(f"{'':<{_WIDTH}}{line}")
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+def firmware(folder: Path) -> None:
+    """Write armctl's Arduino sketch to FOLDER.
+
+    It drives motors with encoders. FOLDER must be empty or new.
+    """
+    try:
+        if folder.exists() and any(folder.iterdir()):
+            raise InputError(f"{folder} is not empty; name a new folder")
+        shutil.copytree(shipped_folder("firmware"), folder, dirs_exist_ok=True)
+    except OSError as cause:
+        raise InputError(f"{folder}: the sketch cannot be written: {cause.strerror or cause}") from cause
+    click.echo(f"open {folder / 'encoder' / 'encoder.ino'} in the Arduino IDE; README.md has the wiring")
 
 
 def _answer(port: PortInfo) -> str | None:

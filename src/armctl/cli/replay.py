@@ -13,7 +13,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.cli.ending import end_event
-from armctl.cli.options import has_display
+from armctl.cli.options import ROBOT, has_display
 from armctl.errors import InputError, RobotFileError
 from armctl.robot import Robot, load_robot
 from armctl.runtime import Recording
@@ -27,7 +27,7 @@ _MOST_LATE_S = 0.005
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--text", is_flag=True, help="Print commands, log, warnings and the last ticks instead.")
-@click.option("--robot", help="The robot to draw (default: the one that FILE has or names).")
+@click.option("--robot", type=ROBOT, help="The robot to draw (default: the one that FILE has or names).")
 @click.option("--http-port", type=click.IntRange(0, 65535), default=0, help="Of the page (default: any).")
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
 def replay(file: Path, text: bool, robot: str | None, http_port: int, no_browser: bool) -> None:

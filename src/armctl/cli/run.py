@@ -10,7 +10,7 @@ from armctl import log_files
 from armctl.arm import Arm
 from armctl.cli.check import check_on_terminal
 from armctl.cli.ending import ends_like_ctrl_c
-from armctl.cli.options import SPEED_PERCENT, park_option, port_option
+from armctl.cli.options import ROBOT, SPEED_PERCENT, park_option, port_option
 from armctl.errors import ProgramError
 from armctl.hardware.boards import board_type
 from armctl.program import open_program
@@ -19,7 +19,7 @@ from armctl.robot import load_robot
 
 @click.command()
 @click.argument("program", type=click.Path(path_type=Path))
-@click.option("--robot", help="The robot (default: the one that the program names).")
+@click.option("--robot", type=ROBOT, help="The robot (default: the one that the program names).")
 @port_option
 @click.option("--loops", type=click.IntRange(min=1), help="How many times.  [default: 1]")
 @click.option("--forever", is_flag=True, help="Until interrupted, instead of --loops.")

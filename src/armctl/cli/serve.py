@@ -21,9 +21,9 @@ from armctl.arm import bring_to_rest
 from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
 from armctl.calibration import CalibrationStore
 from armctl.cli.ending import end_event
-from armctl.cli.options import has_display, park_option, port_option
+from armctl.cli.options import ROBOT, has_display, park_option, port_option
 from armctl.documents import sweep_litter
-from armctl.errors import ArmctlError, ServerError
+from armctl.errors import ArmctlError, ServerError, with_help
 from armctl.hardware.boards import board_type
 from armctl.hardware.ports import list_ports
 from armctl.process import start_arm
@@ -50,7 +50,7 @@ _TAKEN_OVER = (
 
 
 @click.command()
-@click.option("--robot", default="uzuner", show_default=True,
+@click.option("--robot", type=ROBOT, default="uzuner", show_default=True,
               help="The robot to begin with: a shipped name or a robot file.")  # fmt: skip
 @port_option
 @click.option("--host", default="127.0.0.1", show_default=True,
@@ -229,7 +229,7 @@ def _connect(console: Console, port: str) -> bool:
     try:
         console.controller.submit(Connect(port), Origin("start")).result()
     except ArmctlError as refusal:
-        click.echo(f"armctl: not connected: {refusal}", err=True)
+        click.echo(f"armctl: not connected: {with_help(refusal)}", err=True)
         return False
     return True
 

@@ -15,7 +15,7 @@ from armctl.errors import InputError
 from armctl.hardware import BoardType, Setup, SimulatorOption
 from armctl.hardware.boards import board_type, board_types, find_board_type
 from armctl.hardware.faults import FAULT_HELP, FaultyModel, Trouble, trouble
-from armctl.hardware.simulation import PtyServer
+from armctl.hardware.simulation import BoardServer
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock
 from armctl.runtime.board import output_map
@@ -75,7 +75,7 @@ def _command(board: BoardType) -> click.Command:
         setup = Setup() if robot is None else _setup(board, robot)
         ended = end_event()
         model = FaultyModel(board.simulated(setup, options), seed, faults)
-        with PtyServer(model, MonotonicClock().now, link=link) as server:
+        with BoardServer(model, MonotonicClock().now, link=link) as server:
             told = ""
             while not (told and ended.wait(_LOOK_S)):
                 port = server.address

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from armctl.errors import ArmctlError
-from armctl.hardware.access import is_pseudo_terminal, permission_hint
+from armctl.hardware.access import permission_hint
 from armctl.hardware.boards import board_type, board_types
 from armctl.hardware.driver import ChannelSettings, translated
 from armctl.hardware.findings import (
@@ -25,6 +25,7 @@ from armctl.hardware.findings import (
 from armctl.hardware.ports import PortChecks, boards_listed_as
 from armctl.hardware.probe import Probed, approach, reach
 from armctl.hardware.transport import PortInfo, Transport
+from armctl.system import is_pseudo_terminal
 
 _CHECKS_OF_A_BOARD = ("who answers", "channels", "error register", "watchdog", "round trips")
 _NO_USB = "not listed as a USB device (a pty, a socket or a plain serial port)"

@@ -12,11 +12,12 @@ from pathlib import Path
 from serial.tools.list_ports import comports
 from serial.tools.list_ports_common import ListPortInfo
 
-from armctl.errors import PortError
-from armctl.hardware.access import may_open, modem_manager_note, permission_hint, program_using
+from armctl.errors import NoBoardError
+from armctl.hardware.access import modem_manager_note, permission_hint, program_using
 from armctl.hardware.board_type import ANY_PRODUCT, BoardType
 from armctl.hardware.boards import board_type, board_types
 from armctl.hardware.transport import UNKNOWN, PortInfo, resolved
+from armctl.system import may_open
 
 _BY_ID = Path("/dev/serial/by-id")
 _LOCATION_INTERFACE = re.compile(r":\d+\.(\d+)$")  # "1-1.2:1.0": bus-port:configuration.interface
@@ -103,7 +104,7 @@ def find_board(ports: Sequence[PortInfo], kind: str | None) -> PortInfo:
     """The one usable port among ``ports`` that has, or may have, a board of this kind; None: of any kind.
 
     Whether an Arduino runs the right sketch shows only when it is opened; what calls itself a Mega goes
-    before what may be anything. ``PortError`` where there is none, or several.
+    before what may be anything. ``NoBoardError`` where there is none, or several.
     """
     wanted = board_types() if kind is None else (board_type(kind),)
     noun = "board" if kind is None else wanted[0].plugged_in
@@ -116,12 +117,12 @@ def find_board(ports: Sequence[PortInfo], kind: str | None) -> PortInfo:
             return usable[0]
         if usable:
             names = ", ".join(f"{port.device} ({port.kind}, {port.serial_number})" for port in usable)
-            raise PortError(f"several {noun}s may be meant: {names}; name one of them as the port")
+            raise NoBoardError(f"several {noun}s may be meant: {names}; name one of them as the port")
     if candidates:
         reasons = "; ".join(f"{port.device}: {port.why_not}" for port in candidates)
-        raise PortError(f"the {noun} that is plugged in cannot be used: {reasons}")
+        raise NoBoardError(f"the {noun} that is plugged in cannot be used: {reasons}")
     others = ", ".join(f"{port.device} ({port.kind})" for port in ports) or "none at all"
-    raise PortError(
+    raise NoBoardError(
         f"no {noun} found; serial ports: {others}; plug one in, or use the simulated board (port sim)"
     )
 

@@ -89,8 +89,7 @@ class StreamConnection:
 
     async def finish(self) -> None:
         """End it behind what was sent, once the other end has had the time to read it."""
-        if self._writer.can_write_eof() and not self._writer.is_closing():
-            self._writer.write_eof()
+        _write_eof(self._writer)
         await _read_out(self._reader)
 
     def close(self) -> None:
@@ -187,8 +186,15 @@ class WebSocketConnection:
         for data in self._protocol.data_to_send():
             if data:
                 self._writer.write(data)
-            elif self._writer.can_write_eof() and not self._writer.is_closing():
-                self._writer.write_eof()
+            else:
+                _write_eof(self._writer)
+
+
+def _write_eof(writer: asyncio.StreamWriter) -> None:
+    """Say that nothing more comes, where the other end is still there to hear it."""
+    if writer.can_write_eof() and not writer.is_closing():
+        with suppress(OSError):
+            writer.write_eof()
 
 
 async def _read_out(reader: asyncio.StreamReader) -> None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-import os
-import signal
 import socket
 import subprocess
 import threading
@@ -22,7 +20,7 @@ import numpy as np
 from websockets.exceptions import InvalidStatus, WebSocketException
 from websockets.sync.client import connect
 
-from armctl.errors import ArmctlError, BoardError, InputError, StateError
+from armctl.errors import ArmctlError, ArmProcessError, BoardError, InputError, StateError
 from armctl.hardware.boards import board_type
 from armctl.process.records import (
     BEAT_S,
@@ -54,6 +52,7 @@ from armctl.runtime import Command, Event, MonotonicClock, Origin, Recording, Sn
 from armctl.runtime.black_box import unpacked
 from armctl.runtime.commands import Answer as TicketAnswer
 from armctl.runtime.commands import MovingCommand, give
+from armctl.system import kill
 
 _BEAT = Codec().encode(Beat())
 _LOG_LINES = 200
@@ -96,7 +95,7 @@ class LocalLine:
         try:
             self.send(Codec().encode(Trust(secret, adopts=adopts)))
         except OSError as cause:
-            raise BoardError(f"no arm process answers at {address}: {cause.strerror}") from cause
+            raise ArmProcessError(f"no arm process answers at {address}: {cause.strerror}") from cause
 
     def send(self, data: bytes) -> None:
         """Send a record."""
@@ -209,7 +208,7 @@ class Link:
             line.send(self._codec.encode(Hello(name, watch, beats=True)))
             welcome = self._codec.from_arm(line.receive())
             if not isinstance(welcome, Welcome):
-                raise BoardError(f"the arm process refused: {getattr(welcome, 'error', welcome)}")
+                raise ArmProcessError(f"the arm process refused: {getattr(welcome, 'error', welcome)}")
             self.id = welcome.you
             self.robot = robot_of(welcome.robot) if robot is None else robot
             first: Snapshot | None = None
@@ -217,7 +216,7 @@ class Link:
                 first = self._take(self._codec.from_arm(line.receive()))
         except OSError as cause:
             line.close()
-            raise BoardError(f"the arm process does not answer: {cause}") from cause
+            raise ArmProcessError(f"the arm process does not answer: {cause}") from cause
         except ArmctlError:
             line.close()
             raise
@@ -267,7 +266,7 @@ class Link:
         """The last minute of the arm; ``BoardError``: the arm process does not give it."""
         with self._lock:
             if self._lost is not None or self._closing:
-                raise BoardError(self._lost or "the arm is being closed")
+                raise ArmProcessError(self._lost or "the arm is being closed")
             if not self._recalls:  # else what another thread has asked for
                 number = next(self._numbers)
                 self._recalls[number] = Future()
@@ -276,7 +275,7 @@ class Link:
         try:
             return unpacked(recalled.result(_RECALL_S))
         except TimeoutError:
-            raise BoardError(f"the arm process gives no black box within {_RECALL_S:g} s") from None
+            raise ArmProcessError(f"the arm process gives no black box within {_RECALL_S:g} s") from None
 
     def beat(self) -> None:
         """Give a sign of life; more often than ``SILENCE_S`` while the arm moves."""
@@ -321,7 +320,7 @@ class Link:
             case int(number):
                 self._reader.join(_CLOSE_S)  # its line ends when it does
                 if self._reader.is_alive():
-                    os.kill(number, signal.SIGKILL)
+                    kill(number)
             case process:
                 try:
                     process.wait(_CLOSE_S)
@@ -411,7 +410,7 @@ class Link:
                 if recalled is not None:
                     recalled.set_result(content)
             case Refused(error):
-                raise BoardError(f"the arm process refused: {error}")
+                raise ArmProcessError(f"the arm process refused: {error}")
             case _:
                 pass
         return None
@@ -423,7 +422,7 @@ class Link:
             if record.finished:
                 self._tickets.pop(number, None)
         if recalled is not None:
-            recalled.set_exception(BoardError(record.error))
+            recalled.set_exception(ArmProcessError(record.error))
         if waiting is None:
             return
         ticket, answers = waiting
@@ -445,7 +444,7 @@ class Link:
             self._out.clear()
             self._lock.notify_all()
         for recalled in recalls:
-            recalled.set_exception(BoardError(why))
+            recalled.set_exception(ArmProcessError(why))
         with self._answering:
             for ticket, answers in waiting:
                 ticket.end(StateError(why))
@@ -485,7 +484,7 @@ def _connected(address: Path | tuple[str, int]) -> socket.socket:
         line = socket.socket(socket.AF_UNIX)
         line.connect(str(address))
     except OSError as cause:
-        raise BoardError(f"no arm process answers at {address}: {cause.strerror or cause}") from cause
+        raise ArmProcessError(f"no arm process answers at {address}: {cause.strerror or cause}") from cause
     return line
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import fields, replace
-from importlib.metadata import version
 from typing import Any, cast, get_args, get_origin, get_type_hints
 
 import msgspec
@@ -26,6 +25,7 @@ from armctl.program.check import has_plain_values
 from armctl.program.program import MOST_STEPS
 from armctl.robot import Robot
 from armctl.runtime import Command, Event, Follow, ProgramProgress, Snapshot
+from armctl.version import __version__
 
 MOST_BYTES = 8 * 1024 * 1024
 """of one record: a program of the largest allowed number of steps is a quarter of it"""
@@ -521,7 +521,7 @@ def schema() -> bytes:
     }
     said = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": f"armctl {version('armctl')}: records of the WebSocket API",
+        "title": f"armctl {__version__}: records of the WebSocket API",
         "from_client": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in get_args(FromClient)]},
         "from_arm": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in get_args(FromArm)]},
         "command": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in commands()]},

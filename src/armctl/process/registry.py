@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
 import logging
 import os
@@ -13,9 +12,10 @@ from pathlib import Path
 import msgspec
 
 from armctl.boards import AUTOMATIC, split_kind
-from armctl.errors import BoardError
+from armctl.errors import ArmProcessError
 from armctl.process.records import robot_record
 from armctl.robot import Robot
+from armctl.system import user_number, whose
 
 _LOGGER = logging.getLogger("armctl.process")
 _FILES = (".sock", ".hand", ".json", ".new")
@@ -46,20 +46,21 @@ def likeness(robot: Robot, board: str, rate_hz: float, pin: str) -> str:
 
 def runtime_folder() -> Path | None:
     """The folder of the sockets, which only this user may enter; None where there are no Unix sockets."""
-    if not hasattr(asyncio, "start_unix_server"):
+    user = user_number()
+    if user is None:
         return None
     run = os.environ.get("XDG_RUNTIME_DIR", "")
-    ours = os.path.isdir(run) and os.stat(run).st_uid == os.getuid()  # `su` leaves that of somebody else
-    folder = Path(run) / "armctl" if ours else Path(tempfile.gettempdir()) / f"armctl-{os.getuid()}"
+    ours = os.path.isdir(run) and os.stat(run).st_uid == user  # `su` leaves that of somebody else
+    folder = Path(run) / "armctl" if ours else Path(tempfile.gettempdir()) / f"armctl-{user}"
     if len(os.fsencode(folder)) > _LONGEST:
-        raise BoardError(f"{folder} is too long for the name of a socket; set XDG_RUNTIME_DIR, or TMPDIR")
+        raise ArmProcessError(f"{folder} is too long for a socket's name; set XDG_RUNTIME_DIR, or TMPDIR")
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
         seen = folder.stat()
     except OSError as cause:
-        raise BoardError(f"no folder for the sockets: {folder}: {cause.strerror}") from cause
-    if seen.st_uid != os.getuid() or seen.st_mode & 0o077:
-        raise BoardError(f"{folder} can be entered by other users; remove it, or make it private: chmod 700")
+        raise ArmProcessError(f"no folder for the sockets: {folder}: {cause.strerror}") from cause
+    if seen.st_uid != user or seen.st_mode & 0o077:
+        raise ArmProcessError(f"{folder} is open to other users; remove it, or make it private: chmod 700")
     return folder
 
 
@@ -138,13 +139,7 @@ def _addresses(folder: Path) -> list[tuple[int, Path]]:
 
 
 def _runs(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:  # somebody else's process has the number by now
-        return False
-    return True
+    return whose(pid) == "ours"  # else it has ended, and somebody else's may have the number by now
 
 
 def _same(held: str, port: str) -> bool:

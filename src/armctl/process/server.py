@@ -8,12 +8,10 @@ import hmac
 import itertools
 import logging
 import os
-import signal
 from collections import deque
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
 from contextlib import suppress
-from importlib.metadata import version
 from pathlib import Path
 
 import msgspec
@@ -53,6 +51,8 @@ from armctl.runtime import ArmLink, Arrive, Command, Event, Leave, Origin, Snaps
 from armctl.runtime.black_box import packed
 from armctl.runtime.commands import MovingCommand
 from armctl.runtime.snapshot import printable
+from armctl.system import on_end
+from armctl.version import __version__
 
 _LOGGER = logging.getLogger("armctl.process")
 _WATCH_S = 0.1
@@ -165,7 +165,7 @@ class Server:
             client = Client(self, codec, line, hello, next(self._ids), owns=owns)
             robot = robot_record(self.arm.robot)
             self._clients.add(client)
-            await line.send(codec.encode(Welcome(version("armctl"), client.id, robot, self.silence_s)))
+            await line.send(codec.encode(Welcome(__version__, client.id, robot, self.silence_s)))
             client.begin()
             while True:
                 client.take(await line.receive())
@@ -516,9 +516,7 @@ async def serve_arm(
     """
     server = Server(secret, silence_s)
     loop = asyncio.get_running_loop()
-    for name in ("SIGTERM", "SIGINT", "SIGHUP"):
-        with suppress(NotImplementedError, RuntimeError, ValueError):  # Windows; not on the main thread
-            loop.add_signal_handler(signal.Signals[name], server.end, name)
+    on_end(loop, server.end)
     arm = server.arm = Host(robot, board, rate_hz, server.tell, pin)
     connections: set[asyncio.Task[None]] = set()
 

@@ -9,9 +9,7 @@ import os
 import pickle
 import platform
 import secrets
-import signal
 import struct
-import subprocess
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
@@ -20,12 +18,13 @@ from pathlib import Path
 from typing import IO, cast
 
 from armctl.boards import ANY_BOARD
-from armctl.errors import BoardError
+from armctl.errors import ArmProcessError, BoardError
 from armctl.log_files import begin as begin_log
 from armctl.process.link import Link, LocalLine
 from armctl.process.registry import likeness, orphans, runtime_folder, sweep
 from armctl.process.server import serve_arm
 from armctl.robot import Robot
+from armctl.system import outlive_readers, start_apart
 
 _LOGGER = logging.getLogger("armctl.process")
 
@@ -69,14 +68,10 @@ def start_arm(
         if port is not None and (link := _taken_over(folder, robot, board, rate_hz, pin, port, name, beats)):
             return link
     start = _Start(robot, board, rate_hz, folder, secrets.token_urlsafe(24), pin, logs)
-    process = subprocess.Popen(
+    places = os.pathsep.join(os.path.abspath(entry) for entry in sys.path)
+    process = start_apart(
         [sys.executable, "-P", "-m", "armctl.process", robot.name],  # the name is for who reads `ps`
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        # boards of other packages are found where we find them
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(os.path.abspath(entry) for entry in sys.path)},
-        # a session of its own: Ctrl-C is for us, who bring the arm to rest before we end it
-        start_new_session=True,
+        os.environ | {"PYTHONPATH": places},  # boards of other packages are found where we find them
     )
     told, says = cast("IO[bytes]", process.stdin), cast("IO[bytes]", process.stdout)
     try:
@@ -85,7 +80,7 @@ def start_arm(
         with says:
             kind, _, said = says.readline().decode().rstrip("\n").partition(" ")
         if kind != "ready":
-            raise BoardError(f"the arm process did not start: {said or f'exit status {process.wait()}'}")
+            raise ArmProcessError(f"the arm process did not start: {said or f'exit status {process.wait()}'}")
         address = ("127.0.0.1", int(said)) if folder is None else Path(said)
         return Link(LocalLine(address, start.secret), name, robot, process, beats=beats)
     except BaseException:
@@ -133,7 +128,7 @@ def _ask_for_short_slices() -> None:
 def main() -> None:
     """The arm process."""
     start: _Start = pickle.load(sys.stdin.buffer)
-    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # the terminal may be closed before it
+    outlive_readers()
     _ask_for_short_slices()
     if start.logs:
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")

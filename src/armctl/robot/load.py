@@ -6,7 +6,6 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from platformdirs import user_data_path
 
 from armctl.arrays import FloatArray
 from armctl.decoding import REFUSED, did_you_mean, known
-from armctl.documents import Document, as_path
+from armctl.documents import Document, as_path, shipped_folder
 from armctl.errors import Errors, RobotFileError
 from armctl.kinematics import Body, Chain, DHRow, GravityModel
 from armctl.kinematics.chain import TurnLimit
@@ -39,10 +38,8 @@ _URDF = re.compile(
 
 
 def robots_folder() -> Path:
-    """The folder of the shipped robot files: inside an installed package, or beside ``src`` in a checkout."""
-    package = Path(str(files("armctl")))
-    installed = package / "robots"
-    return installed if installed.is_dir() else package.parent.parent / "robots"
+    """The folder of the shipped robot files."""
+    return shipped_folder("robots")
 
 
 def shipped_robots() -> tuple[str, ...]:

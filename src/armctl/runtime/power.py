@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError
+from armctl.errors import ArmctlError, BoardError, EnableError, InputError, MotionRefusedError, StateError
 from armctl.hardware import Source
 from armctl.kinematics.target import checked_number
 from armctl.motion import FLOOR_TOLERANCE_M, Floor
@@ -53,11 +53,11 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
     board.configure()
     reading = _where_it_is(core, board, now)
     if reading.homing is not None and not reading.homing.done:
-        raise StateError(f"the arm does not know where it is yet; {HOME_FIRST}")
+        raise EnableError(f"the arm does not know where it is yet; {HOME_FIRST}")
     live = ~np.isnan(reading.q)
     if not (live.all() or wanted is not None or board.identity.simulated):
         known = "" if core.poses.last is None else f" ({core.poses.last})"
-        raise StateError(f"nobody knows where the arm is{known}: {board.power} are off. {_SAY_WHERE}")
+        raise EnableError(f"nobody knows where the arm is{known}: {board.power} are off. {_SAY_WHERE}")
     start = _taken_over(core, board, np.where(live, reading.q, goal))
     if not live.all() and (below := below_floor(core.floor, start)) is not None:
         raise MotionRefusedError(f"{below}; choose another pose to enable in")
@@ -320,12 +320,12 @@ def _where_it_is(core: Core, board: Board, now: float) -> Reading:
     """What two readings agree on: answers carry no checksum, and the arm is held where they say it is."""
     first, second = (core.monitor.read(board, now) for _ in range(2))
     if first is None or second is None:
-        raise StateError("the board did not answer where it is; try again")
+        raise EnableError("the board did not answer where it is; try again")
     differs = np.isnan(first.q) != np.isnan(second.q)
     differs |= np.nan_to_num(np.abs(first.q - second.q)) > _tolerance(board)
     if differs.any():
         names = ", ".join(core.robot.joints[i].title for i in np.flatnonzero(differs))
-        raise StateError(f"the board says two things of where it is ({names}); let it stand and try again")
+        raise EnableError(f"the board says two things of where it is ({names}); let it stand and try again")
     return second
 
 
@@ -351,7 +351,7 @@ def _taken_over(core: Core, board: Board, q: FloatArray) -> FloatArray:
     i = int(outside.argmax())
     if outside[i] > 0:
         joint = core.robot.joints[i]
-        raise StateError(
+        raise EnableError(
             f"{joint.title} stands at {np.degrees(q[i]):.1f}°, outside {np.degrees(joint.lower):.1f}° … "
             f"{np.degrees(joint.upper):.1f}°; {_BACK_INSIDE[core.monitor.reading.source]}"
         )

@@ -13,7 +13,7 @@ from typing import Any, Literal, Protocol
 
 import viser
 
-from armctl.errors import ArmctlError
+from armctl.errors import ArmctlError, with_help
 from armctl.runtime import Command, ControlCommand, Need, Origin, Snapshot, Ticket, unmet
 from armctl.ui.console import page_name
 from armctl.ui.robot_switch import RobotSwitch
@@ -176,7 +176,7 @@ class Session:
                 await result
         except ArmctlError as refusal:
             if not self.closed:
-                self.refuse(str(refusal))
+                self.refuse(with_help(refusal))
         except Exception:
             if self.closed:  # it has met widgets that went with the page or the arm
                 LOG.debug("an action outlived its page", exc_info=True)
@@ -277,7 +277,7 @@ class Session:
         try:
             await self.robots.reopen(self.origin, self.require_operator, port)
         except ArmctlError as refusal:
-            self.refuse(str(refusal))
+            self.refuse(with_help(refusal))
 
     def spawn(self, work: Coroutine[Any, Any, None]) -> None:
         """Run something beside the callbacks; it ends with the page, and what it raises is logged."""
@@ -296,7 +296,7 @@ class Session:
         try:
             await asyncio.wrap_future(ticket.finished)
         except ArmctlError as broken:
-            self.notify("Not finished", str(broken), "yellow")
+            self.notify("Not finished", with_help(broken), "yellow")
 
     async def find_line(self, link: Callable[[str, str], None], lost: Callable[[int], None]) -> None:
         """Ask the page which line for STOP is its own: ``link(line, who)``, which then watches for its beats.

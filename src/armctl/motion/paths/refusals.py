@@ -56,6 +56,8 @@ class PathPlace:
 
 
 class _PlacedError(ArmctlError):
+    section = "a-line-or-an-arc-is-refused"
+
     def __init__(self, message: str, place: PathPlace, before: PiecewisePolynomial | None) -> None:
         super().__init__(message)
         self.place = place

@@ -1,0 +1,144 @@
+"""What differs between operating systems: terminals, groups, processes, signals.
+
+armctl is developed and tested on Linux. Where a system lacks something, the function here says what happens
+instead. No other module imports ``fcntl``, ``grp``, ``pty``, ``pwd``, ``termios`` or ``tty``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import re
+import signal
+import subprocess
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Literal
+
+_PSEUDO_TERMINAL = re.compile(r"/dev/(pts/|ttys)\d+")
+"""names on Linux and on macOS"""
+
+
+# Terminals and serial lines
+
+
+def line_errors() -> tuple[type[Exception], ...]:
+    """What the system raises for a serial line that is gone; ``termios.error`` is no ``OSError``."""
+    try:
+        import termios
+    except ImportError:  # Windows
+        return (OSError,)
+    return OSError, termios.error
+
+
+def keep_others_out(descriptor: int) -> None:
+    """Let no other program open this serial device (TIOCEXCL). Windows does so by itself."""
+    with suppress(ImportError):
+        import fcntl
+        import termios
+
+        fcntl.ioctl(descriptor, termios.TIOCEXCL)
+
+
+def open_pseudo_terminal() -> tuple[int, int, str] | None:
+    """A raw pseudo-terminal: its server's end, which never blocks, its clients' end, and the name of that.
+
+    None where the system has none (Windows). ``OSError``: none is left.
+    """
+    try:
+        import tty
+    except ImportError:
+        return None
+    server, clients = os.openpty()
+    tty.setraw(clients)  # or the line discipline echoes the host's bytes and rewrites 0x0D and 0x03
+    os.set_blocking(server, False)
+    return server, clients, os.ttyname(clients)
+
+
+def is_pseudo_terminal(device: str) -> bool:
+    """Whether a program, not a device, is at the other end of ``device``."""
+    return _PSEUDO_TERMINAL.fullmatch(os.path.realpath(device)) is not None
+
+
+# Users, and who may open a device
+
+
+def user_number() -> int | None:
+    """The number of this user; None where users have none, and sockets no names (Windows)."""
+    return os.getuid() if hasattr(os, "getuid") and hasattr(asyncio, "start_unix_server") else None
+
+
+def may_open(device: str) -> bool:
+    """Whether this process may read and write ``device``; Windows tells only when it is opened."""
+    return os.name == "nt" or os.access(device, os.R_OK | os.W_OK)
+
+
+def group_of(device: str) -> str | None:
+    """The name of the group that owns a device file; None where groups or the file are unknown."""
+    try:
+        import grp
+
+        return grp.getgrgid(Path(device).stat().st_gid).gr_name
+    except (ImportError, OSError, KeyError):
+        return None
+
+
+def joined_since_login(group: str) -> bool:
+    """Whether this user is listed in the group, and this process does not know it yet."""
+    try:
+        import grp
+        import pwd
+
+        entry, user = grp.getgrnam(group), pwd.getpwuid(os.getuid()).pw_name
+    except (ImportError, KeyError):
+        return False
+    return user in entry.gr_mem and entry.gr_gid not in os.getgroups()
+
+
+# Processes and signals
+
+
+def whose(pid: int) -> Literal["ours", "another user's", "nobody's", "unknown"]:
+    """Who has a process of this number; unknown where to ask would end it (Windows)."""
+    if os.name != "posix":
+        return "unknown"
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return "nobody's"
+    except PermissionError:
+        return "another user's"
+    return "ours"
+
+
+def kill(pid: int) -> None:
+    """End a process at once, without asking it."""
+    os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+
+
+def start_apart(arguments: Sequence[str], environment: dict[str, str]) -> subprocess.Popen[bytes]:
+    """Start a program with pipes; Ctrl-C at our terminal is for us alone, who bring the arm to rest first."""
+    return subprocess.Popen(
+        arguments, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        start_new_session=True,
+        creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # the same for Windows
+    )  # fmt: skip
+
+
+def ending_signals() -> tuple[signal.Signals, ...]:
+    """SIGTERM and SIGHUP, by which others end a program; Windows has no SIGHUP."""
+    return tuple(one for one in signal.Signals if one.name in ("SIGTERM", "SIGHUP"))
+
+
+def on_end(loop: asyncio.AbstractEventLoop, act: Callable[[str], None]) -> None:
+    """Call ``act`` with the name of a signal that is to end this program."""
+    for one in (signal.SIGINT, *ending_signals()):
+        with suppress(NotImplementedError, RuntimeError, ValueError):  # Windows; not on the main thread
+            loop.add_signal_handler(one, act, one.name)
+
+
+def outlive_readers() -> None:
+    """Go on when the terminal that reads our output is closed."""
+    if hasattr(signal, "SIGPIPE"):
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
