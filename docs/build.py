@@ -37,6 +37,8 @@ FROM_ELSEWHERE = {
     "ARCHITECTURE.md": "architecture.md",
     "CHANGELOG.md": "changelog.md",
     "CONTRIBUTING.md": "contributing.md",
+    "CODE_OF_CONDUCT.md": "code-of-conduct.md",
+    "SECURITY.md": "security.md",
     "examples/README.md": "examples.md",
     "firmware/README.md": "boards/encoder-firmware.md",
 }

@@ -1,0 +1,81 @@
+"""What users install: the wheel that is built from the source archive, in an environment of its own."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+from urllib.request import HTTPCookieProcessor, build_opener
+
+import pytest
+from tests.browser.serving import serving
+
+import armctl
+
+ROOT = Path(__file__).parents[1]
+
+
+def interpreters() -> list[str]:
+    """This Python; in a long run also the others that can be found, with all that armctl needs downloaded."""
+    if not os.environ.get("ARMCTL_LONG"):
+        return [sys.executable]
+    names = [f"python3.{minor}" for minor in range(11, 20) if minor != sys.version_info.minor]
+    shelves = [*os.get_exec_path(), *map(str, Path.home().glob(".pyenv/versions/*/bin"))]
+    shelves += map(str, Path.home().glob(".local/share/uv/python/*/bin"))
+    found = [shutil.which(name, path=os.pathsep.join(shelves)) for name in names]
+    return [sys.executable, *(one for one in found if one is not None)]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built as it is released: the archive from the checkout, the wheel from the archive."""
+    folder = tmp_path_factory.mktemp("dist")
+    done("-m", "build", "--no-isolation", "--outdir", str(folder), str(ROOT))
+    (archive,), (wheel,) = folder.glob("*.tar.gz"), folder.glob("*.whl")
+    assert archive.name.endswith(f"-{armctl.__version__}.tar.gz")
+    return wheel
+
+
+def done(*words: str, python: str | Path = sys.executable) -> str:
+    """What a Python prints; it must end well. It finds nothing but what is installed where it is."""
+    clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    run = subprocess.run([python, *words], capture_output=True, text=True, env=clean, cwd="/", check=False)
+    assert run.returncode == 0, run.stdout + run.stderr
+    return run.stdout
+
+
+def installed(wheel: Path, python: str, folder: Path) -> Path:
+    """A new environment with the wheel and what it needs; this one's packages serve it, too."""
+    own = python == sys.executable
+    done("-m", "venv", *(["--without-pip"] if own else []), str(folder), python=python)
+    new = folder / "bin" / "python"
+    options = ["--no-deps", "--no-index"] if own else []
+    done("-m", "pip", "--python", str(new), "install", "--quiet", *options, str(wheel))
+    if own:
+        (site,) = folder.glob("lib/python3*/site-packages")
+        (site / "what-it-needs.pth").write_text(sysconfig.get_path("purelib"))
+    return new
+
+
+@pytest.mark.parametrize("python", interpreters())
+def test_it_starts_where_nothing_else_is(
+    wheel: Path, python: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    new = installed(wheel, python, tmp_path / "env")
+    for name in [name for name in os.environ if name.startswith("PYTHON")]:
+        monkeypatch.delenv(name)
+    found = done("-c", "import armctl; print(armctl.__file__, *armctl.shipped_robots())", python=new).split()
+    assert Path(found[0]).is_relative_to(tmp_path) and tuple(found[1:]) == armctl.shipped_robots()
+    command = new.with_name("armctl")
+    assert done(str(command), "--version", python=new) == f"armctl {armctl.__version__}\n"
+    assert '"count": ' in done(str(command), "ik", "uzuner", "220", "-196", "85", "--json", python=new)
+    done(str(command), "firmware", str(tmp_path / "sketch"), python=new)
+    assert (tmp_path / "sketch" / "encoder" / "encoder.ino").is_file()
+    with serving(tmp_path, python=new, end=signal.SIGTERM) as link:
+        browser = build_opener(HTTPCookieProcessor())  # the link gives a cookie and leads on to the page
+        with browser.open(link, timeout=20) as page:
+            assert page.status == 200 and b"armctl" in page.read()
