@@ -23,6 +23,7 @@ from tests.kinematics.wrist_kit import (
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics import Chain, InverseKinematics, Solutions, Target
+from armctl.kinematics.angles import TWO_PI, distinct
 from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.spherical_wrist.geometry import recognise_wrist
 
@@ -275,3 +276,20 @@ def test_axes_that_are_nearly_parallel_or_nearly_meet(off: float) -> None:
         check_list(near, limits, pose_of(near, q), found)
         assert len(found) == len(there)
         assert is_listed(near, found, q)
+
+
+@pytest.mark.parametrize("turned", [0.0, 1e-7, 0.6])
+def test_many_whole_turns_are_listed_or_told_beside_a_singular_pose(turned: float) -> None:
+    chain, _ = known_arm("PUMA 560")
+    q = np.array([0.3, -0.5, 0.7, 0.2, turned, 0.4])
+    once, twice, more = (
+        solved(solver_of(chain, np.tile(np.radians([-most, most]), (6, 1))), pose_of(chain, q), q)
+        for most in (180.0, 450.0, 720.0)
+    )
+    assert is_listed(chain, once, q) and is_listed(chain, twice, q) and is_listed(chain, more, q)
+    turns = TWO_PI * np.array([[-1.0], [0.0], [1.0]])
+    each = [np.abs(one - turns) <= math.radians(450) for one in once.q[distinct(once.q)]]
+    assert len(twice) == sum(int(inside.sum(axis=0).prod()) for inside in each)
+    off = np.abs(product(chain, twice.q)[-1] - pose_of(chain, q))
+    assert off.max() < 1e-9
+    assert len(more) <= 4096 and "more differ by whole turns" in str(more.incomplete_reason)

@@ -21,7 +21,7 @@ from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion.blend import Leg, blend
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
-from armctl.motion.paths.tool_path import PitchMode, TurnMode, follow
+from armctl.motion.paths.tool_path import PitchMode, TurnMode, follow, led_at_once
 from armctl.motion.polynomial import PiecewisePolynomial, points_apart, spline_through
 from armctl.motion.preflight import require_clear
 from armctl.motion.profiles import PointToPoint, ProfileName, checked_profile, lasting_s
@@ -256,9 +256,10 @@ def _freer(
         ways.insert(0, ("kept", "only the tool pitch kept"))
     for mode, words in ways:
         try:
-            path = follow(robot, q, curve, mode)
-            if path is not None:
-                require_clear(robot, PathTrajectory.fastest(robot, path, cap), tool_path=True)
+            path = led_at_once(robot, q, curve, mode)
+            if path is None:
+                continue
+            require_clear(robot, PathTrajectory.fastest(robot, path, cap), tool_path=True)
         except (InputError, MotionRefusedError, UnreachableError):  # InputError: an arm that has no pitch
             continue
         return f"; with {words} the arm can follow it"

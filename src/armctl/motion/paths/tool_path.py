@@ -6,7 +6,7 @@ A curve that cannot be followed is refused before the arm moves, with the place 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Literal, get_args
@@ -21,7 +21,7 @@ from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.target import checked_number
 from armctl.motion.paths.refusals import Attempt, end_refusal, limit_refusal, pitch_refusal, turn_refusal
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
-from armctl.motion.paths.tool_pitch import led_pitches, pitch_rows
+from armctl.motion.paths.tool_pitch import PitchRows, led_pitches, pitch_rows
 from armctl.motion.paths.tool_rotation import ToolRotation
 from armctl.motion.paths.tool_walk import ToolTask, Walk, walk
 from armctl.motion.polynomial import PiecewisePolynomial
@@ -105,16 +105,12 @@ def follow(
                 f"go to a point with that {turn.name}"
             )
         return None
-    task = _task(robot, q, pose, curve, turn)
-    wish = task.turn
-    if task.overdetermined and wish is not None and not isinstance(wish, ToolRotation):
-        # with so few joints the position decides the pitch, which may be the one asked for all the same
-        task = replace(task, turn=None)
+    task, pitch_asked = _task(robot, q, pose, curve, turn)
     walked = _best_walk(robot, task, q)
     path, crossing = walked.path, walked.crossing
 
     def lead(start: FloatArray) -> PiecewisePolynomial | None:
-        other = _best_walk(robot, _task(robot, start, robot.forward(start), curve, turn), start)
+        other = _best_walk(robot, _task(robot, start, robot.forward(start), curve, turn)[0], start)
         return other.path if other.complete and other.crossing is None else None
 
     tried = Attempt(robot, curve, q, walked, task.turn, chosen=task.redundant, lead=lead)
@@ -125,11 +121,25 @@ def follow(
             raise limit_refusal(tried, path, *crossing)
     if path is None or not walked.complete:
         raise (turn_refusal(tried, task) if task.overdetermined else None) or end_refusal(tried)
-    if wish is not None and not isinstance(wish, ToolRotation) and task.turn is None:
-        refusal = pitch_refusal(robot, wish, curve, path)
+    if pitch_asked is not None:
+        refusal = pitch_refusal(robot, pitch_asked, curve, path)
         if refusal is not None:
             raise refusal
     return path
+
+
+def led_at_once(robot: Robot, q: FloatArray, curve: ToolCurve, mode: PitchMode) -> PiecewisePolynomial | None:
+    """As ``follow`` with the pitch "kept" or "free", where a short search leads along the whole curve.
+
+    None where it does not: then a longer one may. ``InputError``: the arm has no pitch, or too few joints.
+    """
+    task, pitch_asked = _task(robot, q, robot.forward(q), curve, _Turn(False, mode))
+    for tried in _tasks(robot, task, q, drifts=()):
+        walked = walk(tried, q, only_inside=True)
+        if walked.complete and walked.crossing is None and walked.path is not None:
+            kept = pitch_asked is None or pitch_refusal(robot, pitch_asked, curve, walked.path) is None
+            return walked.path if kept else None
+    return None
 
 
 def _checked_turn(
@@ -175,8 +185,13 @@ def _turns_by(robot: Robot, q: FloatArray, pose: FloatArray, turn: _Turn) -> flo
     return 0.0
 
 
-def _task(robot: Robot, q: FloatArray, pose: FloatArray, curve: ToolCurve, turn: _Turn) -> ToolTask:
-    """The equations of a path, as they are asked for."""
+def _task(
+    robot: Robot, q: FloatArray, pose: FloatArray, curve: ToolCurve, turn: _Turn
+) -> tuple[ToolTask, PitchRows | None]:
+    """The equations of a path, as they are asked for.
+
+    And the pitch that is asked for besides, where with so few joints the position decides it.
+    """
     moves = robot.limits[:, 0] < robot.limits[:, 1]
     if turn.mode == "free":
         rows = None
@@ -191,7 +206,7 @@ def _task(robot: Robot, q: FloatArray, pose: FloatArray, curve: ToolCurve, turn:
         moves[roll_joint] = False
     if np.count_nonzero(moves) < 3:
         raise InputError(f"the tool of {robot.name} cannot be led: it has too few joints")
-    return ToolTask(
+    task = ToolTask(
         chain=robot.chain,
         curve=curve,
         moving=np.flatnonzero(moves),
@@ -199,6 +214,9 @@ def _task(robot: Robot, q: FloatArray, pose: FloatArray, curve: ToolCurve, turn:
         speeds=robot.speed_limits,
         limits=robot.limits,
     )
+    if rows is None or isinstance(rows, ToolRotation) or not task.overdetermined:
+        return task, None
+    return replace(task, turn=None), rows
 
 
 def _best_walk(robot: Robot, task: ToolTask, q: FloatArray) -> Walk:
@@ -214,7 +232,9 @@ def _best_walk(robot: Robot, task: ToolTask, q: FloatArray) -> Walk:
     return best if best.crossing is None else walk(tried, q, only_inside=False)
 
 
-def _tasks(robot: Robot, task: ToolTask, q: FloatArray) -> Iterator[ToolTask]:
+def _tasks(
+    robot: Robot, task: ToolTask, q: FloatArray, drifts: Sequence[float] = _DRIFTS
+) -> Iterator[ToolTask]:
     """The task, and what else may be done about it with a free joint."""
     yield task
     if not task.redundant:
@@ -226,7 +246,7 @@ def _tasks(robot: Robot, task: ToolTask, q: FloatArray) -> Iterator[ToolTask]:
     else:
         for strength in _PUSHES:
             yield replace(task, push=strength)
-        for turn, free in product(_DRIFTS, task.free_rates(q)):
+        for turn, free in product(drifts, task.free_rates(q)):
             drift = free * (turn / (task.curve.length * np.abs(free * task.speeds[task.moving]).max()))
             for sense in (1.0, -1.0):
                 yield replace(task, push=_PUSHES[0], drift=sense * drift)
