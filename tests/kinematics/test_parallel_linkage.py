@@ -55,7 +55,7 @@ class Palletiser:
         self.limits = np.column_stack([low, low + rng.uniform(0.5, 5.0, joints)])
         middle = self.turn(self.limits.mean(axis=1))
         self.between = (middle - 0.4, middle + 0.7) if bounded else (-math.inf, math.inf)
-        limits = [TurnLimit(2, *self.between, "the angle between Shoulder and Elbow")] if bounded else []
+        limits = [TurnLimit(2, *self.between, "the angle from Shoulder to Elbow")] if bounded else []
         self.chain = Chain.from_dh(rows, "standard", coupling, limits)
         energy = EnergyModel(np.ones(joints), np.ones(joints), GravityModel(self.chain, ()))
         self.solver = inverse_kinematics(self.chain, self.limits, energy, TITLES[:joints])
@@ -308,26 +308,26 @@ def test_upper_arm_and_forearm_do_not_fold_onto_each_other(name: str) -> None:
     folded[1:3] = robot.limits[1, 1], robot.limits[2, 0]  # each inside its own limits
     turn = folded[2] - folded[1]
     assert turn < low
-    words = f"the angle between Shoulder and Elbow: {math.degrees(turn):.2f}° is outside"
+    words = f"the angle from Shoulder to Elbow: {math.degrees(turn):.2f}° is outside"
     with pytest.raises(MotionRefusedError, match=re.escape(words)):
         robot.check_limits(folded)
     tip = robot.forward(folded)[:3, 3]
     found = robot.inverse(tip)
     assert all(low <= q[2] - q[1] <= high for q in found)
     assert any(
-        "the angle between Shoulder and Elbow needs" in one
+        "the angle from Shoulder to Elbow needs" in one
         for b in robot.branches(tip)
         for one in b.forbidden
     )
     if not found.success:
-        assert "the angle between Shoulder and Elbow needs" in found.explanation
+        assert "the angle from Shoulder to Elbow needs" in found.explanation
     # each joint for itself: the slower one leaves the fast one to fold the arm on the way
     slow = replace(robot.joints[1], speed=0.1 * robot.joints[1].speed)
     robot = replace(robot, joints=(robot.joints[0], slow, *robot.joints[2:]))
     start, end = robot.pose("home"), robot.pose("home")
     start[1:3] = robot.limits[1, 1], robot.limits[1, 1] + low + 0.05
     end[1:3] = robot.limits[1, 1] - 0.5, robot.limits[1, 1] + low - 0.4
-    with pytest.raises(MotionRefusedError, match="the angle between Shoulder and Elbow: at "):
+    with pytest.raises(MotionRefusedError, match="the angle from Shoulder to Elbow: at "):
         plan_joints(robot, start, end, profile="normal")
     plan_joints(robot, start, end)
 
@@ -344,7 +344,7 @@ def test_a_limit_between_links_belongs_to_a_row_that_follows(tmp_path: Path) -> 
         (
             "rest = [0, 110, -30]",
             "rest = [0, 135, -30]",
-            "poses.rest: the angle between Shoulder and Elbow: -165.00°",
+            "poses.rest: the angle from Shoulder to Elbow: -165.00°",
         ),
     ):
         assert old in text

@@ -273,7 +273,7 @@ def test_it_stops_where_two_links_would_fold_onto_each_other() -> None:
     hold(rig, Jog(np.array([0.0, 0.0, -1.0])), 2.0)
     turns = np.array([s.q_command[2] - s.q_command[1] for s in rig.history])
     assert limit.lower <= turns.min() < limit.lower + np.radians(1)
-    assert rig.now.warnings == ("jog: the angle between Shoulder and Elbow is at its limit",)
+    assert rig.now.warnings == ("jog: the angle from Shoulder to Elbow is at its limit",)
     assert rig.now.state is not State.FAULT
     hold(rig, Jog(np.array([0.0, 0.0, 1.0])), 0.3)
     assert rig.now.q_command[2] - rig.now.q_command[1] > limit.lower + np.radians(5)

@@ -300,7 +300,7 @@ def _coupling(links: Sequence[DHRowEntry], joints: Sequence[JointEntry]) -> Floa
 def _turn_limits(links: Sequence[DHRowEntry], joints: Mapping[str, JointEntry]) -> list[TurnLimit]:
     titles = ["the base", *(_link_title(row, joints) for row in links)]
     return [
-        TurnLimit(link, math.radians(low), math.radians(high), f"the angle between {ahead} and {title}")
+        TurnLimit(link, math.radians(low), math.radians(high), f"the angle from {ahead} to {title}")
         for link, (row, ahead, title) in enumerate(zip(links, titles[:-1], titles[1:], strict=True))
         for low, high in ([] if row.between_deg is None else [row.between_deg])
     ]
