@@ -282,7 +282,7 @@ def test_a_robot_file_says_which_joints_a_link_follows(tmp_path: Path) -> None:
     with armctl.Arm.open(robot) as arm:
         arm.enable()
         arm.go(x_mm=180, y_mm=20, z_mm=80)
-        assert robot.forward(arm.snapshot.q)[:3, 3] == pytest.approx([0.18, 0.02, 0.08], abs=1e-4)
+        assert robot.forward(arm.snapshot.q_command)[:3, 3] == pytest.approx([0.18, 0.02, 0.08], abs=1e-4)
 
 
 @pytest.mark.parametrize(
