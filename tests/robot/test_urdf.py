@@ -221,7 +221,7 @@ ENTITY = '<!DOCTYPE robot [<!ENTITY a "b"><!ENTITY c "&a;&a;">]>'
         (ARM.replace("<robot", f"{ENTITY}<robot", 1).encode("utf-16"), "holds a document type ('robot')"),
         (
             changed("<material", '<xacro:include xmlns:xacro="http://ros.org/xacro" filename="x"/><material'),
-            "needs <xacro:include>, which the package xacro expands: pip install 'armctl[urdf]'",
+            "needs <xacro:include>, which the package xacro expands: pip install xacro",
         ),
         (changed('<parent link="fore"/>', '<parent link="four"/>'), '<parent link="four">: there is no such'),
         (changed('<child link="hand"/>', '<child link="hund"/>'), '<child link="hund">: there is no such'),

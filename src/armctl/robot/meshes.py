@@ -113,7 +113,7 @@ def unreadable(path: Path) -> str | None:
     if suffix not in SUFFIXES:
         return f"is not one of {', '.join(SUFFIXES)}"
     if suffix == ".dae" and find_spec("collada") is None:
-        return "is a DAE file, which takes pycollada: pip install 'armctl[urdf]'"
+        return "is a DAE file, which takes pycollada: pip install pycollada"
     if path.stat().st_size > MESHES.most_bytes:
         return f"is larger than {MESHES.most_bytes >> 20} MiB"
     return None

@@ -240,7 +240,7 @@ def expanded_by_package(file: Path, why: str) -> bytes:
     """The URDF of a xacro file, by the package ``xacro``; refuses in one line."""
     if find_spec("xacro") is None:
         raise RobotFileError(
-            f"needs {why}, which the package xacro expands: pip install 'armctl[urdf]'; or expand it where "
+            f"needs {why}, which the package xacro expands: pip install xacro; or expand it where "
             f"ROS is: xacro {file.name} > {file.name.split('.')[0]}.urdf"
         )
     command = [sys.executable, "-P", "-m", "armctl.robot.urdf.xacro", str(file.absolute())]
