@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 BENCH := build/bench-venv
 SOURCES := src tests benchmarks examples docs
 
-.PHONY: run test check format docs docs-serve bench bench-live clean
+.PHONY: run test check format docs docs-serve pictures bench bench-live clean
 
 run: $(VENV)/.installed
 	@$(BIN)/armctl serve $(ARGS)
@@ -32,6 +32,11 @@ docs: $(VENV)/.documented
 
 docs-serve: $(VENV)/.documented
 	$(BIN)/python docs/build.py --serve
+
+# Every picture of README and docs, from the running product.
+pictures: $(VENV)/.tested browser
+	$(BIN)/python docs/figures.py
+	$(BIN)/python -m docs.pictures $(ARGS)
 
 # The peers live in an environment of their own; one that does not install is named in the table.
 bench: $(BENCH)/.installed

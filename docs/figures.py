@@ -1,7 +1,14 @@
-"""Draws the figures of docs/kinematics.md: ``python docs/figures.py``. armctl solves what they show."""
+"""Draws the figures of docs/kinematics.md and docs/speed.md: ``python docs/figures.py``.
+
+armctl solves what the first ones show; the others are drawn from the tables that the benchmarks wrote. Each
+file carries a fingerprint of what is drawn, which ``tests/kinematics/test_figures.py`` compares.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib as mpl
@@ -76,18 +83,80 @@ def eight(axes: Axes) -> None:
     axes.set(aspect="equal", xlabel="x [mm]", ylabel="z [mm]", title=f"One pose of a UR5: {len(shown)} ways")
 
 
-FIGURES = {"two-elbows": two_elbows, "free-joint": free_joint, "eight-ways": eight}
+# Tables of docs/speed.md as bars.
+
+
+def rows(maker: str) -> list[list[str]]:
+    """The cells of the table that ``maker`` wrote, without its head."""
+    _, _, after = (FOLDER.parent / "speed.md").read_text().partition(f"<!-- {maker}: begin -->")
+    table, _, _ = after.partition(f"<!-- {maker}: end -->")
+    lines = [line for line in table.splitlines() if line.startswith("| ")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+
+
+def bars(axes: Axes, names: Sequence[str], sides: Sequence[tuple[str, Sequence[float], str]]) -> None:
+    """Groups of horizontal bars, the first at the top, with their figures behind them."""
+    height = 0.8 / len(sides)
+    for j, (label, values, color) in enumerate(sides):
+        places = np.arange(len(names)) + (j - 0.5 * (len(sides) - 1)) * height
+        drawn = axes.barh(places, values, height, color=color, label=label)
+        axes.bar_label(drawn, [f"{value:,.3g}" if value < 1000 else f"{value:,.0f}" for value in values],
+                       padding=2, fontsize=6)  # fmt: skip
+    axes.set_yticks(range(len(names)), names, fontsize=7)
+    axes.invert_yaxis()
+    axes.grid(visible=False, axis="y")
+    axes.margins(x=0.12)
+    axes.legend(fontsize=7)
+
+
+def solvers(axes: Axes) -> None:
+    """How long one answer takes, beside the others."""
+    timed = [row for row in rows("make bench") if row[2] != "–" and not re.search("toppra|ms of", row[1])]
+    names = [f"{re.sub(' one p(oint|ose)$', '', work)}\n{other}" for work, other, *_ in timed]
+    theirs, ours = ([float(row[i].replace(",", "")) for row in timed] for i in (2, 3))
+    axes.set(xscale="log", xlabel="µs an answer (shorter is faster)")
+    bars(axes, names, [("armctl", ours, COLORS[0]), ("the other", theirs, "#adb5bd")])
+
+
+def waits(axes: Axes) -> None:
+    """How long a user waits until the arm obeys: the median, and the slowest of a hundred."""
+    timed = [row for row in rows("make bench-live") if "setpoint" in row[0] and " / " in row[1]]
+    median, slowest = ([float(re.split(" / |,", row[1])[i]) for row in timed] for i in (0, 1))
+    names = [row[0].replace(" → ", "\n→ ") for row in timed]
+    axes.set(xscale="log", xlabel="ms (shorter is faster)")
+    bars(axes, names, [("median", median, COLORS[0]), ("99 of 100 are faster", slowest, "#74c0fc")])
+
+
+FIGURES = {
+    "two-elbows": (two_elbows, 4.0),
+    "free-joint": (free_joint, 4.0),
+    "eight-ways": (eight, 4.0),
+    "solvers": (solvers, 5.5),
+    "waits": (waits, 5.0),
+}
+"""what draws them, and how high they are [inch]"""
+
+
+def fingerprint(axes: Axes) -> str:
+    """A hash of what is drawn: lines, bars and words."""
+    lines = [line.get_xydata() for line in axes.lines]
+    widths = [np.array([patch.get_width() for patch in axes.patches])]  # type: ignore[attr-defined]
+    numbers = np.concatenate([np.asarray(one, dtype=float).reshape(-1) for one in (*lines, *widths)])
+    words = [axes.get_title(), axes.get_xlabel(), *(text.get_text() for text in axes.get_yticklabels())]
+    told = "\n".join([*words, *(f"{number:z.3f}" for number in numbers)])
+    return hashlib.sha256(told.encode()).hexdigest()
 
 
 def main(folder: Path = FOLDER) -> None:
     """Write every figure into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     mpl.rcParams["svg.hashsalt"] = "armctl"  # the same figure gives the same file
-    for name, draw in FIGURES.items():
-        figure, axes = plt.subplots(figsize=(6.0, 4.0), layout="constrained")
+    for name, (draw, height) in FIGURES.items():
+        figure, axes = plt.subplots(figsize=(6.0, height), layout="constrained")
         axes.grid(alpha=0.3)
         draw(axes)
-        figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
+        metadata = {"Date": None, "Description": fingerprint(axes)}
+        figure.savefig(folder / f"{name}.svg", metadata=metadata)
         plt.close(figure)
 
 

@@ -1,4 +1,4 @@
-"""The figures of docs/kinematics.md are drawn by the product."""
+"""The figures of the docs are drawn by the product, and those in the folder are of today."""
 
 from __future__ import annotations
 
@@ -6,13 +6,31 @@ import re
 import runpy
 from pathlib import Path
 
+import pytest
+
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-def test_every_figure_of_the_page_is_drawn(tmp_path: Path) -> None:
-    script = runpy.run_path(str(DOCS / "figures.py"))
-    script["main"](tmp_path)
-    named = set(re.findall(r"\(pictures/([\w-]+\.svg)\)", (DOCS / "kinematics.md").read_text()))
-    assert (
-        named == {path.name for path in tmp_path.iterdir()} == {p.name for p in (DOCS / "pictures").iterdir()}
-    )
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The text of every figure, as armctl draws it now."""
+    folder = tmp_path_factory.mktemp("figures")
+    runpy.run_path(str(DOCS / "figures.py"))["main"](folder)
+    return {path.name: path.read_text() for path in folder.iterdir()}
+
+
+def fingerprint(svg: str) -> str:
+    (found,) = re.findall("<dc:description>(.*?)</dc:description>", svg)
+    return found
+
+
+def test_every_figure_is_of_today(drawn: dict[str, str]) -> None:
+    kept = {path.name: path.read_text() for path in (DOCS / "pictures").glob("*.svg")}
+    assert drawn.keys() == kept.keys()
+    stale = [name for name in drawn if fingerprint(drawn[name]) != fingerprint(kept[name])]
+    assert not stale, f"draw them anew: python docs/figures.py: {stale}"
+
+
+def test_every_figure_is_on_a_page(drawn: dict[str, str]) -> None:
+    pages = "".join(path.read_text() for path in DOCS.rglob("*.md"))
+    assert set(re.findall(r"pictures/([\w-]+\.svg)\)", pages)) == drawn.keys()

@@ -1,0 +1,343 @@
+"""Records the pictures of README and docs from the running product: ``make pictures``.
+
+``armctl serve`` runs on its simulated board, and a browser is driven as a person would. Each picture carries,
+inside its file, the outline of the tabs that it shows: their widgets and words. ``tests/ui/test_pictures.py``
+compares them with the tabs of today.
+
+``make pictures ARGS="inverse branches"`` records some of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+from playwright.sync_api import FloatRect, Locator, expect, sync_playwright
+from tests.browser.drawing import DRAW_ONCE
+from tests.browser.kit import PATIENCE_MS, Screen, Screens, launch
+from tests.browser.serving import serving
+from tests.ui.page_outline import outlines
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / "docs" / "pictures"
+WIDTH, HEIGHT = 1280, 800
+SCENE = 130, 770
+"""from where to where the arm and its workspace are [px]"""
+COLORS = 256
+OUTLINE = "outline"
+POINT, PITCH = ("300", "-50", "200"), "-15"
+"""two elbows reach it, and two are refused [mm, degrees]"""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One picture: the tabs that it shows, how the page comes to it, and what part of the page it is."""
+
+    tabs: tuple[str, ...]
+    arrange: Callable[[Screen], Locator | FloatRect | None]
+    """None: the whole page"""
+    enabled: bool = True
+
+    @property
+    def shows(self) -> tuple[str, ...]:
+        return ("Control", *self.tabs)
+
+
+# How each screen is brought to what it should show.
+
+
+def scene(screen: Screen) -> FloatRect:
+    """The page between its panels: the 3D view."""
+    left, right = box(screen.panel("Control")), box(screen.panel("Main"))
+    x = left["x"] + left["width"]
+    return {"x": x, "y": SCENE[0], "width": right["x"] - x, "height": SCENE[1] - SCENE[0]}
+
+
+def box(target: Locator) -> FloatRect:
+    """Where something lies in the page [px]."""
+    return target.evaluate("element => element.getBoundingClientRect().toJSON()")
+
+
+def control(screen: Screen) -> Locator:
+    return screen.panel("Control")
+
+
+def main_tab(screen: Screen) -> None:
+    screen.open_tab("Main")
+
+
+def manual(screen: Screen) -> None:
+    screen.open_tab("Manual")
+    screen.slide("Base °", 0.62)
+    screen.slide("Shoulder °", 0.45)
+
+
+def program(screen: Screen) -> None:
+    screen.open_tab("Manual", "Serial motion")
+    screen.unfold("Files", "Load")
+    screen.upload("Upload", ROOT / "examples" / "pick_and_place.toml")
+    screen.wait_for_text(re.compile("above the part"))
+    screen.press(screen.page.get_by_text("Files", exact=True))
+    screen.type_into("Selected row", "2")
+
+
+def trajectory(screen: Screen) -> None:
+    screen.open_tab("Trajectory")
+    screen.choose("To", "zero")
+    screen.click("Show")
+    screen.wait_for_text("Tool position (mm)")
+
+
+def graphs(screen: Screen) -> FloatRect:
+    trajectory(screen)
+    screen.click("Joints")
+    screen.click("Velocity")
+    screen.wait_for_text("Joint velocity (°/s)")
+    plot = screen.page.locator(".uplot").locator("visible=true").first
+    plot.evaluate("element => element.scrollIntoView({block: 'center'})")
+    at = box(plot)
+    return {"x": at["x"], "y": at["y"] - 110, "width": at["width"], "height": at["height"] + 190}
+
+
+def forward(screen: Screen) -> None:
+    screen.open_tab("Forward")
+
+
+def inverse(screen: Screen) -> None:
+    screen.open_tab("Inverse")
+    screen.type_xyz("220", "-60", "100")
+    screen.click("Solve")
+    screen.wait_for_text(re.compile("solutions inside the limits"))
+
+
+def branches(screen: Screen) -> FloatRect:
+    screen.open_tab("Inverse")
+    screen.tick("Use pitch")
+    screen.type_into("Pitch °", PITCH)
+    screen.type_xyz(*POINT)
+    screen.click("Solve")
+    screen.open_tab("Branches")
+    screen.tick("Show as ghosts")
+    return scene(screen)
+
+
+def workspace(screen: Screen) -> FloatRect:
+    simulation(screen)
+    return scene(screen)
+
+
+def simulation(screen: Screen) -> None:
+    screen.open_tab("Simulation")
+    screen.tick("Workspace cloud")
+    screen.wait_for_text(re.compile("from the base axis"))
+    screen.tick("Section")
+    screen.wait_for_text(re.compile("The red line"))
+
+
+def calibration(screen: Screen) -> None:
+    screen.open_tab("Calibration")
+
+
+PICTURES = {
+    "main": Picture(("Main",), main_tab, enabled=False),
+    "control": Picture((), control),
+    "manual": Picture(("Manual",), manual),
+    "program": Picture(("Manual",), program),
+    "trajectory": Picture(("Trajectory",), trajectory),
+    "graphs": Picture(("Trajectory",), graphs),
+    "forward": Picture(("Forward",), forward),
+    "inverse": Picture(("Inverse",), inverse),
+    "branches": Picture(("Inverse",), branches),
+    "simulation": Picture(("Simulation",), simulation),
+    "workspace": Picture(("Simulation",), workspace),
+    "calibration": Picture(("Calibration",), calibration),
+}
+FILM = "armctl"
+FILM_TABS = ("Control", "Inverse")
+
+
+# The moving picture.
+
+_FILM_SIZE = (1180, 720)
+_FILM_WIDTH = 960
+_TYPED_MS, _STEP_MS, _READ_MS = 110, 50, 1800
+_DURATION_S, _FASTER = 8, 3
+"""so long takes the motion that is recorded, and so many times faster it is shown"""
+_POINTER = """() => {
+  const pointer = document.createElement("div");
+  pointer.style.cssText = "position:fixed;left:0;top:0;z-index:99999;pointer-events:none;line-height:0";
+  pointer.innerHTML = '<svg width="22" height="26"><path d="M2 1v20l5-5 4 9 3.5-1.5-4-9h7z" stroke="white" \
+stroke-width="1.5"/></svg>';
+  document.body.append(pointer);
+  addEventListener("mousemove", (event) => {
+    pointer.style.transform = `translate(${event.clientX}px,${event.clientY}px)`;
+  }, true);
+}"""
+
+
+class Film:
+    """Frames of one page, each with how long it is shown [ms]."""
+
+    def __init__(self, screen: Screen) -> None:
+        self.screen = screen
+        self.frames: list[tuple[Image.Image, int]] = []
+        self._at = (0.62 * _FILM_SIZE[0], 0.8 * _FILM_SIZE[1])
+        screen.page.evaluate(_POINTER)
+        screen.page.mouse.move(*self._at)
+
+    def shoot(self, milliseconds: int) -> None:
+        """Take a frame; one that shows the same as the one before makes that longer."""
+        self.screen.page.evaluate(DRAW_ONCE)
+        frame = Image.open(io.BytesIO(self.screen.page.screenshot())).convert("RGB")
+        height = round(frame.height * _FILM_WIDTH / frame.width)
+        frame = frame.resize((_FILM_WIDTH, height), Image.Resampling.LANCZOS)
+        if self.frames and self.frames[-1][0].tobytes() == frame.tobytes():
+            milliseconds += self.frames.pop()[1]
+        self.frames.append((frame, milliseconds))
+
+    def point(self, target: Locator, steps: int = 6) -> None:
+        """Move the pointer to a widget."""
+        target.scroll_into_view_if_needed()
+        at, (x, y) = box(target), self._at
+        to = at["x"] + min(0.5 * at["width"], 120), at["y"] + 0.6 * at["height"]
+        for i in range(1, steps + 1):
+            part = i / steps * (2 - i / steps)  # it slows down
+            self._at = x + part * (to[0] - x), y + part * (to[1] - y)
+            self.screen.page.mouse.move(*self._at)
+            self.shoot(_STEP_MS)
+
+    def press(self, target: Locator, milliseconds: int = 300) -> None:
+        self.point(target)
+        self.screen.page.mouse.click(*self._at)
+        self.screen.pause(250)
+        self.shoot(milliseconds)
+
+    def type(self, label: str, text: str) -> None:
+        entry = self.screen.entry(label)
+        self.press(entry, 100)
+        entry.press("Control+A")
+        for key in text:
+            self.screen.pause()
+            entry.press_sequentially(key)
+            self.shoot(_TYPED_MS)
+        self.screen.leave(label)
+
+    def save(self, path: Path, outline: str) -> None:
+        (first, _), *_ = self.frames
+        rest = [frame for frame, _ in self.frames[1:]]
+        lengths = [length for _, length in self.frames]
+        first.save(
+            path, save_all=True, append_images=rest, duration=lengths, loop=0, quality=70, method=6,
+            xmp=outline.encode(),
+        )  # fmt: skip
+
+
+def film(screen: Screen) -> Film:
+    """Type a point, see all solutions, go by least energy: the arm follows."""
+    screen.open_tab("Inverse")
+    screen.tick("Use pitch")
+    screen.type_into("Pitch °", PITCH)
+    screen.type_into("Duration s", str(_DURATION_S))
+    film = Film(screen)
+    film.shoot(800)
+    for axis, value in zip("XYZ", POINT, strict=True):
+        film.type(f"{axis} mm", value)
+    film.press(screen.button("Solve"), _READ_MS)
+    film.press(screen.tab("Branches"))
+    film.press(screen.entry("Show as ghosts"), _READ_MS)
+    film.press(screen.button("Go by least energy"), 0)
+    begin = before = time.perf_counter()
+    while before < begin + _DURATION_S:
+        film.shoot(0)
+        now = time.perf_counter()
+        frame, _ = film.frames[-1]
+        film.frames[-1] = (frame, round(1000 * (now - before) / _FASTER))
+        before = now
+    screen.wait_for_text("HOLDING")
+    film.shoot(_READ_MS)
+    return film
+
+
+# The outlines.
+
+
+def outline_of(shows: tuple[str, ...], tabs: dict[str, str]) -> str:
+    """What a picture carries that shows these tabs."""
+    return "\n".join(f"{tab}:\n{tabs[tab]}" for tab in shows)
+
+
+def carried(path: Path) -> str:
+    """The outline that a picture carries."""
+    with Image.open(path) as image:
+        text = image.info.get(OUTLINE, image.info.get("xmp", ""))
+    return text.decode() if isinstance(text, bytes) else text
+
+
+# Recording.
+
+
+def save(screen: Screen, name: str, picture: Picture, outline: str) -> None:
+    part = picture.arrange(screen)
+    screen.page.mouse.move(WIDTH / 2, HEIGHT - 10)  # no hint is shown
+    expect(screen.page.locator(".mantine-Notification-root")).to_have_count(0, timeout=PATIENCE_MS)
+    screen.pause(1500)
+    screen.page.evaluate(DRAW_ONCE)
+    taken = part.screenshot() if isinstance(part, Locator) else screen.page.screenshot(clip=part)
+    info = PngInfo()
+    info.add_text(OUTLINE, outline, zip=True)
+    image = Image.open(io.BytesIO(taken)).convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
+    image.save(FOLDER / f"{name}.png", optimize=True, pnginfo=info)
+
+
+def opened(screen: Screen, url: str, enabled: bool) -> None:
+    """A page that has just been opened, with the arm on if that is asked for."""
+    screen.open(url, until="STOP")
+    screen.dismiss_graphics_warning()
+    if enabled and "HOLDING" not in screen.text():
+        screen.open_tab("Main")
+        screen.click("Enable")
+        screen.wait_for_text("HOLDING")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="make pictures", description="Record the pictures of README and docs."
+    )
+    parser.add_argument(
+        "names", nargs="*", choices=[[], *PICTURES, FILM], help="all of them, if none is named"
+    )
+    names = parser.parse_args().names or [*PICTURES, FILM]
+    FOLDER.mkdir(exist_ok=True)
+    tabs = outlines()
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        serving(Path(folder)) as url,
+        sync_playwright() as playwright,
+    ):
+        browser = launch(playwright)
+        screen = Screens(browser)(width=WIDTH, height=HEIGHT)
+        for name in [name for name in PICTURES if name in names]:
+            opened(screen, url, PICTURES[name].enabled)
+            save(screen, name, PICTURES[name], outline_of(PICTURES[name].shows, tabs))
+            print(name, file=sys.stderr)
+        if FILM in names:
+            width, height = _FILM_SIZE
+            screen.page.set_viewport_size({"width": width, "height": height})
+            opened(screen, url, enabled=True)
+            film(screen).save(FOLDER / f"{FILM}.webp", outline_of(FILM_TABS, tabs))
+            print(FILM, file=sys.stderr)
+        browser.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
