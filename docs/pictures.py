@@ -34,8 +34,8 @@ SCENE = 130, 770
 """from where to where the arm and its workspace are [px]"""
 COLORS = 256
 OUTLINE = "outline"
-POINT, PITCH = ("300", "-50", "200"), "-15"
-"""two elbows reach it, and two are refused [mm, degrees]"""
+FEW_WAYS, POINT = "mico", ("350", "-100", "250")
+"""an arm whose ways to a point [mm] are few, so that they can be told apart"""
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,7 @@ class Picture:
     arrange: Callable[[Screen], Locator | FloatRect | None]
     """None: the whole page"""
     enabled: bool = True
+    robot: str = "uzuner"
 
     @property
     def shows(self) -> tuple[str, ...]:
@@ -121,8 +122,6 @@ def inverse(screen: Screen) -> None:
 
 def branches(screen: Screen) -> FloatRect:
     screen.open_tab("Inverse")
-    screen.tick("Use pitch")
-    screen.type_into("Pitch °", PITCH)
     screen.type_xyz(*POINT)
     screen.click("Solve")
     screen.open_tab("Branches")
@@ -156,7 +155,7 @@ PICTURES = {
     "graphs": Picture(("Trajectory",), graphs),
     "forward": Picture(("Forward",), forward),
     "inverse": Picture(("Inverse",), inverse),
-    "branches": Picture(("Inverse",), branches),
+    "branches": Picture(("Inverse",), branches, robot=FEW_WAYS),
     "simulation": Picture(("Simulation",), simulation),
     "workspace": Picture(("Simulation",), workspace),
     "calibration": Picture(("Calibration",), calibration),
@@ -167,7 +166,7 @@ FILM_TABS = ("Control", "Inverse")
 
 # The moving picture.
 
-_FILM_SIZE = (1180, 720)
+_FILM_SIZE = (1180, 760)
 _FILM_WIDTH = 960
 _TYPED_MS, _STEP_MS, _READ_MS = 110, 50, 1800
 _DURATION_S, _FASTER = 8, 3
@@ -244,8 +243,6 @@ class Film:
 def film(screen: Screen) -> Film:
     """Type a point, see all solutions, go by least energy: the arm follows."""
     screen.open_tab("Inverse")
-    screen.tick("Use pitch")
-    screen.type_into("Pitch °", PITCH)
     screen.type_into("Duration s", str(_DURATION_S))
     film = Film(screen)
     film.shoot(800)
@@ -264,6 +261,7 @@ def film(screen: Screen) -> Film:
         before = now
     screen.wait_for_text("HOLDING")
     film.shoot(_READ_MS)
+    film.press(screen.entry("Show as ghosts"), _READ_MS)
     return film
 
 
@@ -318,23 +316,23 @@ def main() -> int:
     names = parser.parse_args().names or [*PICTURES, FILM]
     FOLDER.mkdir(exist_ok=True)
     tabs = outlines()
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        serving(Path(folder)) as url,
-        sync_playwright() as playwright,
-    ):
+    with sync_playwright() as playwright:
         browser = launch(playwright)
-        screen = Screens(browser)(width=WIDTH, height=HEIGHT)
-        for name in [name for name in PICTURES if name in names]:
-            opened(screen, url, PICTURES[name].enabled)
-            save(screen, name, PICTURES[name], outline_of(PICTURES[name].shows, tabs))
-            print(name, file=sys.stderr)
-        if FILM in names:
-            width, height = _FILM_SIZE
-            screen.page.set_viewport_size({"width": width, "height": height})
-            opened(screen, url, enabled=True)
-            film(screen).save(FOLDER / f"{FILM}.webp", outline_of(FILM_TABS, tabs))
-            print(FILM, file=sys.stderr)
+        for robot in ("uzuner", FEW_WAYS):
+            with tempfile.TemporaryDirectory() as folder, serving(Path(folder), "--robot", robot) as url:
+                screen = Screens(browser)(width=WIDTH, height=HEIGHT)
+                for name, picture in PICTURES.items():
+                    if name in names and picture.robot == robot:
+                        opened(screen, url, picture.enabled)
+                        save(screen, name, picture, outline_of(picture.shows, tabs))
+                        print(name, file=sys.stderr)
+                if FILM in names and robot == FEW_WAYS:
+                    width, height = _FILM_SIZE
+                    screen.page.set_viewport_size({"width": width, "height": height})
+                    opened(screen, url, enabled=True)
+                    film(screen).save(FOLDER / f"{FILM}.webp", outline_of(FILM_TABS, tabs))
+                    print(FILM, file=sys.stderr)
+                screen.page.context.close()
         browser.close()
     return 0
 
