@@ -146,6 +146,10 @@ def calibration(screen: Screen) -> None:
     screen.open_tab("Calibration")
 
 
+def log(screen: Screen) -> None:
+    screen.open_tab("Log")
+
+
 PICTURES = {
     "main": Picture(("Main",), main_tab, enabled=False),
     "control": Picture((), control),
@@ -159,6 +163,7 @@ PICTURES = {
     "simulation": Picture(("Simulation",), simulation),
     "workspace": Picture(("Simulation",), workspace),
     "calibration": Picture(("Calibration",), calibration),
+    "log": Picture(("Log",), log),
 }
 FILM = "armctl"
 FILM_TABS = ("Control", "Inverse")
@@ -301,7 +306,6 @@ def opened(screen: Screen, url: str, enabled: bool) -> None:
     screen.open(url, until="STOP")
     screen.dismiss_graphics_warning()
     if enabled and "HOLDING" not in screen.text():
-        screen.open_tab("Main")
         screen.click("Enable")
         screen.wait_for_text("HOLDING")
 
