@@ -51,19 +51,22 @@ class Decoder:
 
     def decoded(self, value: Any, model: type[T], place: Place = ()) -> T:
         """A value as a ``model``; what is refused in it is ``REFUSED`` there."""
+        refusal: Refusal | msgspec.ValidationError | None
         try:
             found = msgspec.convert(value, model)
             refusal = next(self._wrong_numbers(value, place), None)
             if refusal is None:
                 return found
         except msgspec.ValidationError as cause:
-            inner = refusal_of(cause, value, model)
-            refusal = inner._replace(place=(*place, *inner.place))
+            refusal = cause
         if len(self.refusals) >= MOST_REFUSALS:
             return REFUSED
         before = len(self.refusals)
         found = self._parts(value, _type_of(model, value), place)
         if len(self.refusals) == before:  # each part of it is right
+            if isinstance(refusal, msgspec.ValidationError):
+                inner = refusal_of(refusal, value, model)
+                refusal = inner._replace(place=(*place, *inner.place))
             self.refusals.append(refusal)
             return REFUSED
         return found

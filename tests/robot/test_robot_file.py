@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import copy
+import math
 import re
 import tomllib
+from contextlib import suppress
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import numpy as np
 import pytest
 
 from armctl import load_robot
+from armctl.documents import Document
 from armctl.errors import InputError, RobotFileError
 from armctl.robot import robots_folder
+from armctl.robot.file import ROBOT_FILES
+from armctl.robot.load import robot_of
 
 SHIPPED = (robots_folder() / "uzuner.toml").read_text(encoding="utf-8")
 SCORBOT = (robots_folder() / "scorbot.toml").read_text(encoding="utf-8")
@@ -202,6 +209,35 @@ def test_a_wrong_point_or_look_is_named(tmp_path: Path, more: str, says: str) ->
         load_robot(written(tmp_path, f"{SHIPPED}\n{more}\n"))
 
 
+def places_in(value: object, place: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
+    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    return [place, *(one for key, part in inner for one in places_in(part, (*place, key)))]
+
+
+@pytest.mark.parametrize("name", ["uzuner", "scorbot", "eezybotarm_mk2"])
+def test_whatever_is_wrong_is_told_in_words(name: str) -> None:
+    """Values of another kind in up to five places; a check that meets one of them must not fail."""
+    shipped = tomllib.loads((ROOT / "robots" / f"{name}.toml").read_text(encoding="utf-8"))
+    shipped["capsules"] = [{"from_mm": [0, 0, 0], "to_mm": [0, 0, 9], "radius_mm": 5}]
+    shipped["obstacles"] = [{"title": "wall", "from_mm": [900, 0, 0], "to_mm": [950, 10, 10]}]
+    places, random = places_in(shipped)[1:], Random(1)
+    told = 0
+    for _ in range(60):
+        record = copy.deepcopy(shipped)
+        for _ in range(random.randint(1, 5)):
+            *above, last = random.choice(places)
+            inside: Any = record
+            with suppress(KeyError, IndexError, TypeError):  # what was there is replaced already
+                for key in above:
+                    inside = inside[key]
+                inside[last] = random.choice([3, "x", [], {}, True, math.nan, -1e9, [1, "a"], {"a": 1}])
+        try:
+            robot_of(Document(ROBOT_FILES, record))
+        except RobotFileError as refused:
+            told += len(refused.each) or 1
+    assert told > 60
+
+
 # Encoder boards.
 
 
@@ -307,6 +343,6 @@ def test_the_wheel_takes_the_robots_along() -> None:
     """Building one needs the network for its backend, so the backend's settings are read instead."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
-    assert wheel["force-include"] == {"robots": "armctl/robots"}
+    assert wheel["force-include"]["robots"] == "armctl/robots"
     assert {path.suffix for path in (ROOT / "robots").iterdir()} == {".toml"}
     assert robots_folder() == ROOT / "robots"

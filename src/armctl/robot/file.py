@@ -232,13 +232,17 @@ def without_board(document: Document, model: type[T], errors: Errors) -> T:
     return replace(document, record=record).decoded(model, errors)
 
 
+_OWN_KEYS = frozenset(JointEntry.__struct_fields__) | frozenset(GripperEntry.__struct_fields__)
+
+
 def board_tables(entry: object) -> Table:
     """The board's tables in a joint or in the gripper: no other key there has a table as its value."""
     table = cast("Table", entry) if isinstance(entry, dict) else {}
-    return {key: value for key, value in table.items() if isinstance(value, dict)}
+    return {key: value for key, value in table.items() if isinstance(value, dict) and key not in _OWN_KEYS}
 
 
 def _without_tables(entry: object) -> object:
     if not isinstance(entry, dict):
         return entry
-    return {key: value for key, value in cast("Table", entry).items() if not isinstance(value, dict)}
+    tables = board_tables(cast("Table", entry))
+    return {key: value for key, value in cast("Table", entry).items() if key not in tables}

@@ -107,12 +107,10 @@ def read_entries(part: BoardPart) -> tuple[OutputMap | None, EncoderSettings]:
     board, gripper = EncoderBoardEntry(), None
     with errors:
         board = part.board(EncoderBoardEntry)
+    differential = None
     with errors:
         encoders = part.outputs(_KEY, EncoderEntry)
-    differential = None
-    if not errors.found:
-        with errors:
-            differential = _differential(part, board, encoders)
+        differential = _differential(part, board, encoders)
     with errors:
         if encoders:
             gripper = part.gripper(_KEY, GripperEncoderEntry, "closed_counts", "open_counts")
