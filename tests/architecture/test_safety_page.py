@@ -117,14 +117,3 @@ def test_every_number_is_the_one_in_the_code() -> None:
                     assert said == pytest.approx(is_so, rel=1e-9), cell
                 found.add(key)
     assert found == set(NUMBERS)
-
-
-def test_its_sentences_are_short() -> None:
-    text = re.sub(r"<!--.*?-->|`[^`]*`|\]\([^)]*\)", "", PAGE)
-    prose = "\n\n".join(block for block in text.split("\n\n") if not block.startswith("|"))
-    prose = re.sub(r"^(#.*|\|.*|- |\d\. )", "\n\n", prose, flags=re.MULTILINE)
-    sentences = [
-        one.split() for block in prose.split("\n\n") for one in re.split(r"[.:;?](?:\s|\*|$)", block)
-    ]
-    lengths = [len(words) for words in sentences if words]
-    assert sum(lengths) / len(lengths) <= 15

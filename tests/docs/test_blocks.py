@@ -1,0 +1,234 @@
+"""Every command and code block of README and docs is carried out, or checked where it cannot be.
+
+A block that cannot be carried out in a test says why in its title, which the site shows above it::
+
+    ```bash title="needs a board"
+    armctl doctor --port auto --robot abaas
+    ```
+
+Its commands are then only read: commands, options and files must be there. Any other title names the file
+that a block holds; later blocks of the page may use it.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import json
+import re
+import shlex
+import shutil
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import cast
+from xml.etree import ElementTree
+
+import click
+import matplotlib as mpl
+import numpy as np
+import pytest
+from tests.arms import BENCH_URDF, quick_arms
+from tests.docs.pages import ROOT, Block, blocks, reading_pages
+
+import armctl
+from armctl.cli.main import DONE, cli, run
+from armctl.program import check_program, decode_program
+from armctl.robot import robots_folder
+from armctl.robot.load import robot_of
+
+NOT_RUN = {
+    "needs a board",
+    "needs administrator rights",
+    "runs until Ctrl-C",
+    "needs a running console",
+    "on another computer",
+    "needs the network",
+    "takes minutes",
+}
+"""titles of blocks that are only checked"""
+AT_MOST = 0.55
+"""share of the blocks that may have one"""
+OTHERS = {
+    "cd", "curl", "git", "mkcert", "openssl", "pip", "pipx", "scp", "ssh", "sudo", "usbipd", "uv", "uvx", ".",
+    "source", "apt-get", "tee", "node", "npm", "avrdude", "arduino-cli", "pytest", "eval", "export",
+}  # fmt: skip
+"""programs of others, which blocks that are only checked may call"""
+SHOWN = {"text", "csv", "javascript", "html", "yaml", "ini", "powershell", "mermaid", "cpp", "svg"}
+"""languages that are only shown"""
+PATHS = re.compile(r"(?:examples|docs|robots|firmware|tests|benchmarks|src)/[\w./*-]+")
+SNIPPET = re.compile(r'--8<-- "([^":]+)(?::\w+)*"')
+"""what the site takes from a file, which has a test of its own"""
+MARKS = "output,angle_deg\n650,-79\n1050,-40\n1450,0\n1850,40\n2250,80\n"
+
+
+def touched() -> str:
+    """Six points that the tool of uzuner has touched, as `armctl calibrate points` reads them."""
+    robot = armctl.load_robot("uzuner")
+    low, high = robot.limits.T
+    q = np.random.default_rng(1).uniform(0.5 * low, 0.5 * high, (6, robot.n))
+    rows = np.hstack([np.degrees(q), 1000 * robot.forward(q)[:, :3, 3]])
+    heads = [*(f"{name}_deg" for name in robot.joint_names), "x_mm", "y_mm", "z_mm"]
+    return "\n".join([",".join(heads), *(",".join(f"{value:.3f}" for value in row) for row in rows), ""])
+
+
+def all_blocks() -> list[Block]:
+    return [block for page in reading_pages() for block in blocks(page)]
+
+
+@pytest.fixture
+def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of armctl as a user sees it, with files of the user's own beside it, and quick arms."""
+    (tmp_path / "kept").mkdir()
+    quick_arms(tmp_path / "kept", monkeypatch)
+    for variable in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME"):
+        monkeypatch.setenv(variable, str(tmp_path / "kept" / variable))
+    folder = tmp_path / "armctl"
+    shutil.copytree(ROOT / "examples", folder / "examples")
+    (folder / "robots").symlink_to(robots_folder())
+    (folder / "pick.toml").write_bytes((ROOT / "examples" / "pick_and_place.toml").read_bytes())
+    (folder / "points.csv").write_bytes((ROOT / "examples" / "square.csv").read_bytes())
+    (folder / "my_arm.toml").write_bytes((ROOT / "examples" / "my_arm.toml").read_bytes())
+    (folder / "marks.csv").write_text(MARKS)
+    (folder / "touched.csv").write_text(touched())
+    (folder / "arm.urdf").write_text(BENCH_URDF)
+    monkeypatch.chdir(folder)
+    mpl.use("agg")
+    return folder
+
+
+@pytest.mark.parametrize("page", reading_pages(), ids=lambda page: str(page.relative_to(ROOT)))
+def test_the_blocks_of_a_page(page: Path, stage: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    names: dict[str, object] = {"__name__": "__main__"}
+    for block in blocks(page):
+        assert block.language, f"{block.place}: a block of code names its language: ```bash, ```text …"
+        carried_out = block.title not in NOT_RUN
+        if included := SNIPPET.fullmatch(block.text.strip()):
+            assert (ROOT / included[1]).is_file(), f"{block.place}: there is no {included[1]}"
+            continue
+        match block.language:
+            case "bash":
+                for words in commands(block.text):
+                    try_command(block, words, carried_out=carried_out, capsys=capsys)
+            case "python" if carried_out:
+                exec(compile(block.text, block.place, "exec"), names)
+            case "python":
+                require_names(block)
+            case "toml":
+                try_toml(block)
+            case "json":
+                json.loads(block.text)
+            case "xml":
+                ElementTree.fromstring(block.text)
+            case language:
+                assert language in SHOWN, f"{block.place}: nobody knows how to check {language!r}"
+        if carried_out and block.title and "." in block.title:
+            (stage / block.title).write_text(block.text, encoding="utf-8")
+
+
+def test_most_blocks_are_carried_out() -> None:
+    code = [block for block in all_blocks() if block.language not in SHOWN]
+    titled = [block for block in code if block.title in NOT_RUN]
+    assert len(code) > 10
+    assert len(titled) <= AT_MOST * len(code), [block.place for block in titled]
+
+
+def commands(text: str) -> Iterator[list[str]]:
+    """The commands of a shell script, without comments, redirections and variables before them."""
+    for line in text.replace("\\\n", " ").splitlines():
+        lexer = shlex.shlex(re.sub(r"(^|\s)#.*", "", line), posix=True, punctuation_chars=";|&<>")
+        lexer.commenters = ""  # elsewhere a # is part of a word, as in arm.urdf#tool0
+        lexer.whitespace_split = True
+        words: list[str] = []
+        redirected = False
+        for word in lexer:
+            if set(word) <= set(";|&"):
+                if words:
+                    yield words
+                words, redirected = [], False
+            elif set(word) <= set("<>"):
+                redirected = True
+            elif not redirected and not (not words and re.fullmatch(r"[A-Z_]+=.*", word)):
+                words.append(word)
+        if words:
+            yield words
+
+
+def try_command(
+    block: Block, words: Sequence[str], *, carried_out: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Carry a command out, or look at whether it could be."""
+    line = f"{block.place}: {shlex.join(words)}"
+    for word in words[1:]:
+        if path := PATHS.fullmatch(word):
+            assert list(ROOT.glob(path[0])), f"{line}: there is no {path[0]}"
+    match words[0], words[1:]:
+        case "armctl", rest if carried_out:
+            capsys.readouterr()
+            status = run(rest)
+            assert status == DONE, f"{line}\n{capsys.readouterr().err}"
+        case "armctl", rest:
+            require_usage(rest, line)
+        case "make", ["-C", folder, *_] if not carried_out:
+            assert (ROOT / folder / "Makefile").is_file(), line
+        case "make", [target, *rest]:
+            assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.MULTILINE), line
+            for option in rest:
+                if option.startswith("ARGS=") and target == "run":
+                    require_usage(["serve", *shlex.split(option.removeprefix("ARGS="))], line)
+        case "python", [script, *_] if script.startswith("examples/"):
+            pass  # there, and tried by tests/examples
+        case "python", ["-m", module, *_] if not carried_out:
+            assert (ROOT / module.replace(".", "/")).exists() or module in ("venv", "pip", "build"), line
+        case program, _:
+            assert not carried_out, f"{line}: give the block a title, one of {', '.join(sorted(NOT_RUN))}"
+            assert program in OTHERS or program.endswith("/armctl"), f"{line}: nobody knows {program}"
+
+
+def require_usage(words: Sequence[str], line: str) -> None:
+    """Refuse a command line of armctl that its parser refuses; nothing is carried out."""
+    command, rest, context = cast("click.Command", cli), list(words), None
+    try:
+        while isinstance(command, click.Group):
+            context = command.make_context(command.name, rest, parent=context)
+            rest = [*context._protected_args, *context.args]
+            if not rest:
+                return
+            _, found, rest = command.resolve_command(context, rest)
+            assert found is not None, line
+            command = found
+        command.make_context(command.name, rest, parent=context)
+    except click.exceptions.Exit as ended:  # --help, --version
+        assert ended.exit_code == 0, line
+    except click.ClickException as refusal:
+        pytest.fail(f"{line}: {refusal.format_message()}")
+
+
+def require_names(block: Block) -> None:
+    """Refuse a script that is not Python, and calls of ``arm`` and ``armctl`` that are not there."""
+    known: dict[str, object] = {"arm": armctl.Arm, "armctl": armctl, "robot": armctl.Robot, "Arm": armctl.Arm}
+    for node in ast.walk(ast.parse(block.text, block.place)):
+        if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)):
+            continue
+        owner = ast.unparse(node.func.value)
+        thing: object = armctl.Arm if owner == "armctl.Arm" else known.get(owner)
+        if thing is None:
+            continue
+        function: Callable[..., object] = getattr(thing, node.func.attr)
+        allowed = inspect.signature(function).parameters
+        for keyword in node.keywords:
+            assert keyword.arg in allowed, f"{block.place}: {ast.unparse(node.func)} has no {keyword.arg}"
+
+
+def try_toml(block: Block) -> None:
+    """Read a whole robot file or program as armctl does; a part of one must be TOML with known tables."""
+    record = tomllib.loads(block.text)
+    if "steps" in record and "robot" in record:
+        program = decode_program(block.text)
+        findings = check_program(program, armctl.load_robot(program.robot))
+        assert [one for one in findings if one.severity == "error"] == [], block.place
+    elif "dh" in record and "format" in record:
+        robot_of(block.text.encode())
+    elif record.keys() <= {"obstacles", "capsules"}:  # what the robot file of uzuner leaves out
+        uzuner = (robots_folder() / "uzuner.toml").read_text(encoding="utf-8")
+        robot_of(f"{uzuner}\n{block.text}".encode())
