@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import sysconfig
+import zipfile
 from pathlib import Path
 from urllib.request import HTTPCookieProcessor, build_opener
 
@@ -15,6 +17,7 @@ import pytest
 from tests.browser.serving import serving
 
 import armctl
+from armctl.errors import DOCS
 
 ROOT = Path(__file__).parents[1]
 
@@ -59,6 +62,14 @@ def installed(wheel: Path, python: str, folder: Path) -> Path:
         (site,) = folder.glob("lib/python3*/site-packages")
         (site / "what-it-needs.pth").write_text(sysconfig.get_path("purelib"))
     return new
+
+
+def test_pypi_is_shown_pictures_and_links_of_the_site(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        (metadata,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        page = archive.read(metadata).decode()
+    assert f"]({DOCS}pictures/armctl.webp)" in page and f"]({DOCS}first-hour/)" in page
+    assert [link for link in re.findall(r"\]\(([^)]*)\)", page) if not link.startswith("https://")] == []
 
 
 @pytest.mark.parametrize("python", interpreters())
