@@ -16,6 +16,7 @@ import pytest
 
 from armctl.arm import Arm
 from armctl.cli.main import COMMANDS
+from armctl.errors import DOCS
 from armctl.program.steps import KINDS, all_keys
 from armctl.robot import robots_folder
 
@@ -61,6 +62,7 @@ def test_the_site_is_built_and_its_references_are_complete() -> None:
     texts = {page: text_of(page) for page in needed}
     missing = [f"{page}: {one}" for page, words in needed.items() for one in words if one not in texts[page]]
     assert missing == []
+    assert f'<link rel="canonical" href="{DOCS}">' in (SITE / "index.html").read_text(encoding="utf-8")
     assert "<!-- generated" not in "".join(path.read_text() for path in SITE.rglob("*.html"))
 
 
