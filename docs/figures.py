@@ -1,4 +1,4 @@
-"""Draws the figures of docs/kinematics.md and docs/speed.md: ``python docs/figures.py``.
+"""Draws the figures of the docs: ``python docs/figures.py``.
 
 armctl solves what the first ones show; the others are drawn from the tables that the benchmarks wrote. Each
 file carries a fingerprint of what is drawn, which ``tests/kinematics/test_figures.py`` compares.
@@ -20,6 +20,10 @@ from matplotlib.axes import Axes
 
 import armctl
 from armctl.arrays import FloatArray
+from armctl.calibration import Mark, fit_joint
+from armctl.motion import PROFILES, plan_joints
+from armctl.program import LineStep, Program
+from armctl.program.rehearsal import rehearse
 from armctl.robot import Robot
 
 FOLDER = Path(__file__).parent / "pictures"
@@ -127,10 +131,61 @@ def waits(axes: Axes) -> None:
     bars(axes, names, [("median", median, COLORS[0]), ("99 of 100 are faster", slowest, "#74c0fc")])
 
 
+# Of a motion, and of a calibration.
+
+
+def profiles(axes: Axes) -> None:
+    """Speed over time of one joint turned by 60°, with each law."""
+    robot = armctl.load_robot("uzuner")
+    start = robot.pose("home")
+    end = start + np.radians([60, 0, 0, 0, 0])
+    for profile, color in zip(PROFILES, COLORS, strict=False):
+        motion = plan_joints(robot, start, end, profile=profile)
+        t = np.linspace(0.0, motion.duration, 400)
+        speed = np.degrees(motion.sample(t).velocity[:, 0])
+        axes.plot(t, speed, color=color, label=f"{profile}: {motion.duration:.2f} s")
+    axes.axhline(np.degrees(robot.joints[0].speed), color="k", linestyle="--", linewidth=0.8)
+    axes.set(xlabel="time [s]", ylabel="speed [°/s]", title="60° of the base, as fast as its limits allow")
+    axes.legend(fontsize=7)
+
+
+def blending(axes: Axes) -> None:
+    """A corner of two lines, with blend radii, seen from above."""
+    robot = armctl.load_robot("uzuner")
+    start = robot.least_rotation([0.22, -0.06, 0.1])
+    for radius, color in zip((0.0, 10.0, 30.0), COLORS, strict=False):
+        way = ((220.0, 40.0, 100.0, radius), (160.0, 40.0, 100.0, 0.0))
+        steps = tuple(
+            LineStep(x_mm=x, y_mm=y, z_mm=z, pitch="free", blend_mm=blend) for x, y, z, blend in way
+        )
+        done = rehearse(robot, Program(robot="uzuner", steps=steps), start)
+        path = 1000 * done.tool_path(robot, 1000)
+        axes.plot(path[:, 1], path[:, 0], color=color, label=f"blend {radius:g} mm: {done.duration:.2f} s")
+    axes.set(aspect="equal", xlabel="y [mm]", ylabel="x [mm]", title="A corner with and without blending")
+    axes.legend(fontsize=7)
+
+
+def marks(axes: Axes) -> None:
+    """The line through the marks of a joint, and the mark that does not fit it."""
+    read = [(900, -60), (1200, -29), (1500, 0.5), (1800, 38), (2100, 60)]
+    fit = fit_joint([Mark(output, np.radians(angle)) for output, angle in read])
+    outputs = np.array([output for output, _ in read])
+    axes.plot(outputs, np.degrees([fit.angle(output) for output in outputs]), color=COLORS[0])
+    for i, (output, angle) in enumerate(read):
+        wrong = i == fit.suspect
+        axes.plot(output, angle, "x" if wrong else "o", color=COLORS[1] if wrong else COLORS[0])
+        if wrong:
+            axes.annotate("does not fit", (output, angle), (output - 330, angle), fontsize=8)
+    axes.set(xlabel="pulse [µs]", ylabel="angle [°]", title=f"{fit.per_rad * np.pi / 180:.2f} µs a degree")
+
+
 FIGURES = {
     "two-elbows": (two_elbows, 4.0),
     "free-joint": (free_joint, 4.0),
     "eight-ways": (eight, 4.0),
+    "profiles": (profiles, 3.2),
+    "blending": (blending, 3.2),
+    "marks": (marks, 3.2),
     "solvers": (solvers, 5.5),
     "waits": (waits, 5.0),
 }
