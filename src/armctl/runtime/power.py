@@ -26,7 +26,7 @@ _BACK_INSIDE = {
     Source.MEASURED: "release it and turn it back by hand, or press Homing",
 }
 _SAY_WHERE = (
-    "Say where it stands: in Main, with armctl run --pose last (or a named pose, or joint angles in "
+    "Say where it stands: in Control, with armctl run --pose last (or a named pose, or joint angles in "
     'degrees), or with arm.enable(pose="last")'
 )
 _INTERVAL_S = 0.3
