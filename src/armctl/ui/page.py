@@ -7,17 +7,17 @@ from collections.abc import Callable
 import viser
 
 from armctl.runtime import Snapshot
-from armctl.ui.panel import NARROW_PX, PANEL_WIDTH, ControlPanel
+from armctl.ui.panel import PANEL_WIDTH, ControlPanel, above_tabs
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.session import Session
 from armctl.ui.tabs import TABS, Screen
 
-_WIDE_PX, _PHONE_PX = 1600, 576
+_WIDE_PX, _USUAL_PX, _PHONE_PX = 1600, 1200, 576
 
 
 def tabs_width(window: int) -> int:
     """How wide the tabs are in a window [px]."""
-    return 580 if window >= _WIDE_PX else 480 if window >= NARROW_PX else 380
+    return 580 if window >= _WIDE_PX else 480 if window >= _USUAL_PX else 380
 
 
 def covered(client: viser.ClientHandle) -> int:
@@ -25,7 +25,7 @@ def covered(client: viser.ClientHandle) -> int:
     window = client.camera.image_width
     if window < _PHONE_PX:
         return 0  # they lie over the lower part of the scene
-    return tabs_width(window) + (PANEL_WIDTH if window >= NARROW_PX else 0)
+    return tabs_width(window) + (0 if above_tabs(client) else PANEL_WIDTH)
 
 
 class Page:

@@ -21,8 +21,7 @@ from armctl.ui.widgets.joint_angles import held_at
 
 PANEL_WIDTH = 250
 """[px]"""
-NARROW_PX = 900
-"""in a window less wide the panel stands above the tabs: the arm is seen beside them"""
+_NARROW_PX = 900
 _MOST_LINES, _MOST_FAULT_LINES = 4, 12
 """of a cause or a warning: what the arm does must stay in view; the log has all of it"""
 _RELEASE_SECONDS = _ASKED_S = 5.0
@@ -51,6 +50,12 @@ _BLUE = (24, 100, 171)
 _PAUSE, _RESUME = ("Pause", viser.Icon.PLAYER_PAUSE), ("Resume", viser.Icon.PLAYER_PLAY)
 
 
+def above_tabs(client: viser.ClientHandle) -> bool:
+    """Whether the panel stands above the tabs, in a narrow upright window: the arm is seen beside them."""
+    width, height = client.camera.image_width, client.camera.image_height
+    return width < _NARROW_PX and width < height
+
+
 class ControlPanel:
     """A panel of its own: viser throttles clicks a panel, and STOP must never wait for a number field."""
 
@@ -73,7 +78,7 @@ class ControlPanel:
             self._speed = gui.add_slider("Speed %", 5, 100, 1, initial_value=speed, hint=_SPEED_HINT)
             self._where = LiveHtml(gui)
             self._theme = gui.add_dropdown("Theme", (LIGHT, DARK), initial_value=LIGHT)
-        if session.client.camera.image_width < NARROW_PX:
+        if above_tabs(session.client):
             self.window.dock_above(gui.main_panel)
             self.window.expand()  # on a phone it begins folded, and Enable is in it
         else:  # docked: notifications cover what floats at the left, but give way to what is docked there
