@@ -97,7 +97,7 @@
   const bar = document.createElement("div");
   bar.id = "armctl-bar";
   bar.innerHTML =
-    '<p role="status" id="armctl-watching" hidden></p><p role="alert" hidden></p>' +
+    '<div role="status" id="armctl-watching" hidden></div><p role="alert" hidden></p>' +
     '<button type="button" data-armctl-stop>STOP</button>';
   const [banner, words, ownStop] = bar.children;
   document.addEventListener("DOMContentLoaded", () => document.documentElement.append(bar));
