@@ -94,7 +94,7 @@ def test_findings_and_names_are_shown_as_text() -> None:
     assert "<h1>&lt;img src=x&gt; &amp; co</h1>" in page and "<img" not in page.split("</aside>")[0][-90000:]
     begins = plan.steps[1].begins
     assert re.search(
-        rf"<li class='warning'>⚠ <button type='button' data-time='{begins}'>step 2: .*singularity", page
+        rf"<li class='warning'><button type='button' data-time='{begins}'>⚠ step 2: .*singularity", page
     )
     assert len(data["steps"]) == 2
 

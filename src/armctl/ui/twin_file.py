@@ -251,11 +251,10 @@ def _found(robot: Robot, plan: Rehearsal, findings: Sequence[Finding], *, linked
     begins = {step.index: step.begins for step in reversed(plan.steps if linked else ())}
     rows: list[str] = []
     for finding in findings:
-        text = escape(str(finding))
+        text = f"{'✖' if finding.severity == 'error' else '⚠'} {escape(str(finding))}"
         if finding.step in begins:
             text = f"<button type='button' data-time='{begins[finding.step]}'>{text}</button>"
-        mark = "✖" if finding.severity == "error" else "⚠"
-        rows.append(f"<li class='{finding.severity}'>{mark} {text}</li>")
+        rows.append(f"<li class='{finding.severity}'>{text}</li>")
     notes = [f"Not checked: {text}" for text in not_checked(robot)]
     if plan.cut:
         notes.append(f"Only the first {plan.duration:.0f} s are shown; there is more of the program.")
