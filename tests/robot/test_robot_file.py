@@ -334,15 +334,3 @@ def test_an_encoder_that_is_missing_is_named(tmp_path: Path, axis: int, joint: s
     line = next(line for line in SCORBOT.splitlines() if line.startswith(f"encoder = {{ axis = {axis}"))
     with pytest.raises(RobotFileError, match=rf"{joint}\.encoder is missing; the (other )?joints have one"):
         scorbot(tmp_path, line, "")
-
-
-# An installed package brings its robot files with it.
-
-
-def test_the_wheel_takes_the_robots_along() -> None:
-    """Building one needs the network for its backend, so the backend's settings are read instead."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
-    assert wheel["force-include"]["robots"] == "armctl/robots"
-    assert {path.suffix for path in (ROOT / "robots").iterdir()} == {".toml"}
-    assert robots_folder() == ROOT / "robots"
