@@ -315,9 +315,7 @@ def test_upper_arm_and_forearm_do_not_fold_onto_each_other(name: str) -> None:
     found = robot.inverse(tip)
     assert all(low <= q[2] - q[1] <= high for q in found)
     assert any(
-        "the angle from Shoulder to Elbow needs" in one
-        for b in robot.branches(tip)
-        for one in b.forbidden
+        "the angle from Shoulder to Elbow needs" in one for b in robot.branches(tip) for one in b.forbidden
     )
     if not found.success:
         assert "the angle from Shoulder to Elbow needs" in found.explanation

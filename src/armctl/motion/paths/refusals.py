@@ -101,6 +101,8 @@ class Attempt:
     """what is asked of the tool besides its position"""
     chosen: bool
     """the joints leave a choice of ways, and other ways may lead farther than the best that was found"""
+    pitch: PitchRows | None
+    """what is asked of the pitch, where the position decides it"""
     lead: Callable[[FloatArray], PiecewisePolynomial | None]
     """q(s) along the whole curve from another start (n,) [rad] inside the limits; None: there is none"""
 
@@ -298,9 +300,14 @@ def _other_ways(tried: Attempt) -> str:
 
 
 def _other_branches(tried: Attempt) -> list[str]:
-    """Names of branches from which the arm follows the whole curve; none where that is not known."""
+    """Names of branches from which the arm follows the whole curve; none where that is not known.
+
+    From the nearest image of each: those that differ by whole turns may come to a limit.
+    """
     robot, q = tried.robot, tried.start
     target = tried.target(0.0)
+    if tried.pitch is not None:
+        target = target._replace(pitch=tried.pitch.elevation(0.0))
     roll_joint = robot.inverse_kinematics.roll_joint
     if roll_joint is not None and target.rotation is None:
         target = target._replace(roll=float(q[roll_joint]))

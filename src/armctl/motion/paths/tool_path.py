@@ -110,10 +110,10 @@ def follow(
     path, crossing = walked.path, walked.crossing
 
     def lead(start: FloatArray) -> PiecewisePolynomial | None:
-        other = _best_walk(robot, _task(robot, start, robot.forward(start), curve, turn)[0], start)
-        return other.path if other.complete and other.crossing is None else None
+        task, pitch = _task(robot, start, robot.forward(start), curve, turn)
+        return _whole(robot, _best_walk(robot, task, start), pitch, curve)
 
-    tried = Attempt(robot, curve, q, walked, task.turn, chosen=task.redundant, lead=lead)
+    tried = Attempt(robot, curve, q, walked, task.turn, chosen=task.redundant, pitch=pitch_asked, lead=lead)
     if path is not None and crossing is not None:
         # a limit that is left at once, only because a singularity is at hand, is not the reason
         at_once = crossing[0] < _AT_ONCE * curve.length and walked.knots[-1].s < 1e3 * _AT_ONCE * curve.length
@@ -135,11 +135,21 @@ def led_at_once(robot: Robot, q: FloatArray, curve: ToolCurve, mode: PitchMode) 
     """
     task, pitch_asked = _task(robot, q, robot.forward(q), curve, _Turn(False, mode))
     for tried in _tasks(robot, task, q, drifts=()):
-        walked = walk(tried, q, only_inside=True)
-        if walked.complete and walked.crossing is None and walked.path is not None:
-            kept = pitch_asked is None or pitch_refusal(robot, pitch_asked, curve, walked.path) is None
-            return walked.path if kept else None
+        path = _whole(robot, walk(tried, q, only_inside=True), pitch_asked, curve)
+        if path is not None:
+            return path
     return None
+
+
+def _whole(
+    robot: Robot, walked: Walk, pitch_asked: PitchRows | None, curve: ToolCurve
+) -> PiecewisePolynomial | None:
+    """The path where it leads along the whole curve inside the limits, with the pitch asked for."""
+    if walked.path is None or not walked.complete or walked.crossing is not None:
+        return None
+    if pitch_asked is not None and pitch_refusal(robot, pitch_asked, curve, walked.path) is not None:
+        return None
+    return walked.path
 
 
 def _checked_turn(
