@@ -20,6 +20,7 @@ import armctl
 from armctl.errors import DOCS
 
 ROOT = Path(__file__).parents[1]
+SHELVES = (".pyenv/versions/*/bin", ".local/share/uv/python/*/bin")
 
 
 def interpreters() -> list[str]:
@@ -27,8 +28,8 @@ def interpreters() -> list[str]:
     if not os.environ.get("ARMCTL_LONG"):
         return [sys.executable]
     names = [f"python3.{minor}" for minor in range(11, 20) if minor != sys.version_info.minor]
-    shelves = [*os.get_exec_path(), *map(str, Path.home().glob(".pyenv/versions/*/bin"))]
-    shelves += map(str, Path.home().glob(".local/share/uv/python/*/bin"))
+    shelves = [str(one) for place in SHELVES for one in Path.home().glob(place)]
+    shelves += os.get_exec_path()  # last: pyenv's shims in it start nothing by themselves
     found = [shutil.which(name, path=os.pathsep.join(shelves)) for name in names]
     return [sys.executable, *(one for one in found if one is not None)]
 
