@@ -235,8 +235,10 @@ def follow_tool(
         seconds, cap = 0.0, _cap(speed)
         if cause.before is not None:  # when the tool comes there, without slowing down for it
             seconds = PathTrajectory.fastest(robot, cause.before, cap, last=math.inf).duration
-        freer = _freer(robot, q, curve, cap, pitch, orientation)
-        raise type(cause)(f"at {seconds:.2f} s, {cause}{freer}", cause.place, cause.before) from cause
+        freer, words = _freer(robot, q, curve, cap, pitch, orientation)
+        refusal = type(cause)(f"at {seconds:.2f} s, {cause}{words}", cause.place, cause.before)
+        refusal.freer = freer
+        raise refusal from cause
 
 
 def _freer(
@@ -246,12 +248,14 @@ def _freer(
     cap: float,
     pitch: PitchMode | None,
     orientation: TurnMode | None,
-) -> str:
-    """What else a refusal says: that the curve can be followed with less asked of the tool's turn."""
+) -> tuple[Literal["kept", "free"] | None, str]:
+    """The tool pitch with which the curve can be followed all the same, and how a refusal says it."""
     whole = orientation is not None or (pitch is None and robot.orients_tool)
     if (orientation if whole else pitch) == "free":
-        return ""
-    ways: list[tuple[PitchMode, str]] = [("free", f"the tool {'orientation' if whole else 'pitch'} free")]
+        return None, ""
+    ways: list[tuple[Literal["kept", "free"], str]] = [
+        ("free", f"the tool {'orientation' if whole else 'pitch'} free")
+    ]
     if whole and robot.inverse_kinematics.pitch_and_roll(q)[0] is not None:
         ways.insert(0, ("kept", "only the tool pitch kept"))
     for mode, words in ways:
@@ -262,8 +266,8 @@ def _freer(
             require_clear(robot, PathTrajectory.fastest(robot, path, cap), tool_path=True)
         except (InputError, MotionRefusedError, UnreachableError):  # InputError: an arm that has no pitch
             continue
-        return f"; with {words} the arm can follow it"
-    return ""
+        return mode, f"; with {words} the arm can follow it"
+    return None, ""
 
 
 # Motions through a list of points: at rest in each, smoothly through all, or turning off before each.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -63,6 +63,8 @@ class _PlacedError(ArmctlError):
         self.place = place
         self.before = before
         """q(s) as far as the place; None where it cannot be left"""
+        self.freer: Literal["kept", "free"] | None = None
+        """the tool pitch with which the whole curve can be followed all the same; None: with neither"""
 
 
 class ToolPathRefusedError(_PlacedError, MotionRefusedError):

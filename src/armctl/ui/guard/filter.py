@@ -33,6 +33,8 @@ ALLOWED = (
     wire.ViewerCameraMessage,
     wire.GuiUpdateMessage,
     wire.GuiButtonHoldMessage,
+    wire.GuiFormDirtyMessage,
+    wire.GuiFormSubmitMessage,
     wire.CommandTriggerMessage,
     wire.TransformControlsUpdateMessage,
     wire.TransformControlsDragStartMessage,
@@ -162,6 +164,8 @@ class FrameFilter:
         self._tally, self._client = tally, client
         self._gauge = FloodGauge(now_s)
         self._uploads = UploadLedger()
+        self._told: viser.NotificationHandle | None = None
+        """the newest refusal of a value"""
         self.flooded = False
         """Whether the page has sent more than it may; nothing more is admitted then."""
 
@@ -203,6 +207,8 @@ class FrameFilter:
         if control is not None and (control.disabled or not control.visible):
             return "a control that is disabled or hidden"  # the page greys it out, but sends all the same
         if isinstance(message, wire.GuiUpdateMessage) and not _fits(control, message.updates["value"]):
+            if client is not None and isinstance(control, viser.GuiSliderHandle):
+                self._refuse_value(client, control, message.updates["value"])
             return "a value that the control cannot take"
         if not isinstance(message, wire.FileTransferStartUpload):
             return None
@@ -212,6 +218,22 @@ class FrameFilter:
         if message.size_bytes > most:
             _refuse_upload(client, message, most)
         return self._uploads.reason_against(message, most)
+
+    def _refuse_value(self, client: viser.ClientHandle, slider: Any, value: object) -> None:
+        """Say what was typed beside a slider in vain, and put back what is in force: the page takes the limit."""
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return
+        if self._told is not None:
+            self._told.remove()
+        kept = slider.value
+        self._told = client.add_notification(
+            "Refused",
+            f"{slider.label}: {value:g} is outside {slider.min:g} … {slider.max:g}; it stays {kept:g}.",
+            color="red",
+            auto_close_seconds=8.0,
+        )
+        slider.value = slider.min if kept != slider.min else slider.max  # what is the same is not sent
+        slider.value = kept
 
 
 def _refuse_upload(client: viser.ClientHandle, start: wire.FileTransferStartUpload, most: int) -> None:

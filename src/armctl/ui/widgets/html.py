@@ -180,8 +180,12 @@ class Pager:
         """Page through another list of ``rows`` rows, with ``row`` (from 1) selected and in view."""
         self._rows, self.row, self._page = rows, row, 0
         if row is not None:
-            self._page = (row - 1) // PAGE_ROWS
-            self._field.value = row
+            self.select(row)
+
+    def select(self, row: int) -> None:
+        """Select a row (from 1) and turn to its page."""
+        self._field.value = self.row = row
+        self._page = (row - 1) // PAGE_ROWS
 
     def html(self, about: str, head: Sequence[str], row: Callable[[int], list[str]]) -> str:
         """The page as a table, above it what the list is ``about``; ``row``: the cells of a row, from 1."""

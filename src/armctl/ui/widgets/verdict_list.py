@@ -20,7 +20,8 @@ def verdict_html(findings: Sequence[Finding], unknown: Sequence[str] = ()) -> st
         # What is told as not checked must not be told as checked in the line above it.
         left_out = [text.partition(":")[0] for text in unknown]
         checked = ", ".join(word for word in _CHECKED if not any(word in text for text in left_out))
-        verdict = f"<div style='opacity:.75'>Pre-flight: clear ({checked} checked)</div>"
+        summary = "<summary style='cursor:pointer'>Pre-flight: clear</summary>"
+        verdict = f"<details style='opacity:.75'>{summary}Checked: {checked}.</details>"
     else:
         shown = sorted(findings, key=lambda finding: finding.severity != "error")
         verdict = _headline(findings) + "".join(_block(finding) for finding in shown[:_MOST])

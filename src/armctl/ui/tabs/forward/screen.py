@@ -16,7 +16,7 @@ from armctl.errors import ArmctlError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Target
 from armctl.kinematics.velocity import position_leaves_pitch
 from armctl.robot import Robot
-from armctl.runtime import MoveJoints, Snapshot, State
+from armctl.runtime import MoveJoints, Need, Snapshot, State
 from armctl.ui.newest import Newest, OneAtATime
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
@@ -46,7 +46,8 @@ LAST = "Go with respect to last position"
 PRESENT = "present pose (live)"
 SHOWN = ("angles as reference", "angles added to last position", PRESENT)
 _GO_NOTE = "Reference: each joint goes to its angle. Last position: the angles are added to where it stands."
-_SHOWN_NOTE = "What the ghost and the figures below stand for."
+_SHOWN_NOTE = "What the ghost and these figures stand for."
+_UNEDITED = "The fields hold the pose of the arm. Type another angle or pose to see where the buttons lead."
 
 
 def resulting_pose(how: str, asked: FloatArray, present: FloatArray) -> FloatArray:
@@ -66,21 +67,21 @@ class ForwardScreen:
         self._edited = False
         gui = session.gui
         LiveHtml(gui, "Type joint angles, or a tool pose. Nothing moves until a Go button is pressed.")
-        self._angles = angle_fields(gui, self._robot, session.snapshot.q_command)
-        self._coupling = PoseCoupling(session, self._angles, self._on_coupled)
-        self._fill = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
-        self._results = LiveHtml(gui)
-        self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
-        LiveHtml(gui, muted(_GO_NOTE))
-        absolute = gui.add_button(REFERENCE, icon=viser.Icon.PLAYER_PLAY)
-        relative = gui.add_button(LAST, icon=viser.Icon.PLAYER_PLAY)
-        self._shown = gui.add_dropdown("Show for", SHOWN, initial_value=SHOWN[0])
-        LiveHtml(gui, muted(_SHOWN_NOTE))  # no hint: it would lie over the Go buttons above
-        with gui.add_folder("Tool pose"):
-            self._pose = LiveHtml(gui)
-        with gui.add_folder("Jacobian and manipulability"):
-            self._jacobian = LiveHtml(gui)
-        with gui.add_folder("Velocities"):
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Angles and pose"):
+            self._angles = angle_fields(gui, self._robot, session.snapshot.q_command)
+            self._coupling = PoseCoupling(session, self._angles, self._on_coupled)
+            self._fill = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
+            self._results = LiveHtml(gui)
+            self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
+            LiveHtml(gui, muted(_GO_NOTE))
+            absolute = gui.add_button(REFERENCE, icon=viser.Icon.PLAYER_PLAY)
+            relative = gui.add_button(LAST, icon=viser.Icon.PLAYER_PLAY)
+            session.needs(Need.HOLDING, absolute, relative)
+        with tabs.add_tab("Matrix and Jacobian"):
+            self._shown = gui.add_dropdown("Show for", SHOWN, initial_value=SHOWN[0], hint=_SHOWN_NOTE)
+            self._pose, self._jacobian = LiveHtml(gui), LiveHtml(gui)
+        with tabs.add_tab("Velocities"):
             self._velocities = VelocityForm(session)
         pose_fields = self._coupling.pose.fields
         self._watch = EditWatch([*self._angles.fields, *pose_fields, self._movement.duration])
@@ -129,11 +130,11 @@ class ForwardScreen:
 
     def _draw(self, snapshot: Snapshot) -> None:
         present, shown = self._standing(snapshot), self._shown.value
-        key = (self._angles.texts, shown, present.tobytes())
+        key = (self._angles.texts, shown, present.tobytes(), self._edited)
         if key == self._drawn:
             return
         self._drawn = key
-        self._results.show(results_html(self._robot, self._angles, present))
+        self._results.show(results_html(self._robot, self._angles, present, edited=self._edited))
         try:
             q = present if shown == PRESENT else resulting_pose(shown, self._angles.array, present)
         except ArmctlError as refusal:
@@ -156,16 +157,16 @@ class ForwardScreen:
         self._velocities.show(q)
 
 
-def results_html(robot: Robot, angles: FieldArray, present: FloatArray) -> str:
-    """A row for where the arm is, and one for where each button would send it."""
+def results_html(robot: Robot, angles: FieldArray, present: FloatArray, *, edited: bool = True) -> str:
+    """A row for where the arm is, and one for where each button would send it, once the fields are edited."""
     poses = {"now": present}
-    problems = ""
+    problems = "" if edited else muted(_UNEDITED)
     try:
         asked = angles.array
     except ArmctlError as refusal:
         problems = refused(f"Nothing can be sent: {refusal}.")
     else:
-        for name, how in (("reference", REFERENCE), ("last position", LAST)):
+        for name, how in (("reference", REFERENCE), ("last position", LAST)) if edited else ():
             poses[f"→ {name}"] = q = resulting_pose(how, asked, present)
             try:
                 robot.check_limits(q)

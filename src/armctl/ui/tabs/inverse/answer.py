@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import MotionRefusedError, UnreachableError
-from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
+from armctl.kinematics import CRITERIA, DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
 from armctl.kinematics.energy import energies
 from armctl.motion import plan_joints
 from armctl.motion.figure import COLORS
@@ -25,9 +25,21 @@ _UNITS: dict[Criterion, tuple[float, str]] = {
     "shortest-time": (1.0, "s"),
     "least-torque": (1000.0, "×10⁻³"),
 }
+_PLAIN: dict[Criterion, str] = {
+    "least-rotation": "rotation",
+    "published": "as published",
+    "least-travel": "travel",
+    "shortest-time": "time",
+    "least-torque": "torque",
+}
+"""what is least, in a word"""
 _SAME_RAD = 1e-9
 """a row that is no farther off than this is the same configuration"""
 _SAME_BRANCH, _SAME_PLACE_M = 1e-6, 1e-3
+_SWEPT_MEND = (
+    "With a position alone a joint is free, so the solutions form a continuum. To see the branches, "
+    "ask for the tool's pitch or orientation above, then press Solve."
+)
 _MOST_POINTS = 1000
 """of an energy curve"""
 
@@ -70,10 +82,18 @@ class Answer:
     """every branch, also those that are refused; empty where a joint is free"""
     curve: Picture | str = ""
     """energy over the free joint; or why there is nothing to plot"""
+    representatives: tuple[Representative, ...] = ()
+    """a few rows that stand for all; empty where there is no solution"""
 
     def q(self, row: int) -> FloatArray:
         """Configuration (n,) [rad] of a row of the list, counted from 1, as the criterion takes it."""
         return self.solutions.taken(self.solutions.q[self.order[row - 1]], self.criterion, self.start)
+
+    def row_at(self, angle: float) -> int:
+        """The row of least energy whose free joint is nearest to an angle [rad]; from 1."""
+        free = self.solutions.free_joint
+        away = np.abs(self.solutions.q[self.order, 0 if free is None else free] - angle)
+        return int(np.flatnonzero(away <= away.min() + _SAME_RAD)[0]) + 1
 
     def energy_of(self, q: FloatArray) -> float:
         """Energy of any configuration ``q`` (n,) [rad], as ``energy``; infinite if not admitted."""
@@ -104,7 +124,8 @@ def answer(robot: Robot, solutions: Solutions, criterion: str, start: FloatArray
     order = solutions.order(name, start)
     judged = _verdicts(robot, solutions, name, start, best)
     found = Answer(solutions, name, start, energy, order, best, why_not, judged)
-    return replace(found, curve=_energy_curve(robot, found))
+    few = representatives(found) if solutions.success else ()
+    return replace(found, curve=_energy_curve(robot, found), representatives=few)
 
 
 def _verdicts(
@@ -167,6 +188,86 @@ def result_html(robot: Robot, found: Answer) -> str:
     return text
 
 
+@dataclass(frozen=True, slots=True)
+class Representative:
+    """One row of the list that stands for many, and what it costs."""
+
+    names: tuple[str, ...]
+    """criteria by which it is the least, or the branch of which it is"""
+    row: int
+    """in the list, from 1"""
+    rotation_deg: float
+    """sum of |joint angles|"""
+    time_s: float
+    """from the present pose, all joints together by a cubic"""
+    torque_nm: float
+    """sum of what the joints hold against gravity"""
+
+    @property
+    def label(self) -> str:
+        """As it is chosen from a list."""
+        return f"row {self.row}: least {' and '.join(self.names)}"
+
+
+def representatives(found: Answer) -> tuple[Representative, ...]:
+    """The least by each criterion and of each branch, those chosen by the criterion in force first."""
+    solutions, start = found.solutions, found.start
+    place = np.empty(len(found.order), dtype=np.int64)
+    place[found.order] = np.arange(1, len(found.order) + 1)
+    named: dict[int, list[str]] = {}
+    others: list[Criterion] = [criterion for criterion in CRITERIA if criterion != found.criterion]
+    for criterion in (found.criterion, *others):
+        try:
+            best = solutions.best(criterion, start)
+        except UnreachableError:  # it admits none
+            continue
+        named.setdefault(int(place[solutions.index_of(best)]), []).append(_PLAIN[criterion])
+    admitted = found.order[np.isfinite(found.energy[found.order])]
+    for i, name in enumerate(solutions.branch_names):
+        of_branch = admitted[solutions.branch_index[admitted] == i]
+        if len(of_branch):
+            named.setdefault(int(place[of_branch[0]]), []).append(f"of {short_branch(name)}")
+    arm = solutions.arm
+    rows: list[Representative] = []
+    for row, names in named.items():
+        q = found.q(row)[None]
+        rotation, time = (
+            float(energies(one, q, arm.energy, arm.pitch_joints, start)[0])
+            for one in ("least-rotation", "shortest-time")
+        )
+        torque = float(np.abs(arm.energy.gravity.torque(q)).sum())
+        rows.append(Representative(tuple(names), row, float(np.degrees(rotation)), time, torque))
+    return tuple(rows)
+
+
+def comparison_html(rows: Sequence[Representative]) -> str:
+    """The representatives side by side, and what others save against the first."""
+    if len(rows) < 2:
+        return ""
+    figures = [
+        ["least " + ", ".join(one.names), str(one.row), fixed(one.rotation_deg, 1), fixed(one.time_s, 2),
+         fixed(one.torque_nm, 3)]
+        for one in rows
+    ]  # fmt: skip
+    html = table(["", "row", "Σ|θ| °", "time s", "holds N·m"], figures, marked=0, small=True)
+    return html + "".join(muted(saving) for saving in _savings(rows))
+
+
+def _savings(rows: Sequence[Representative]) -> list[str]:
+    chosen, texts = rows[0], list[str]()
+    columns: tuple[tuple[str, Callable[[Representative], float]], ...] = (
+        ("rotation", lambda one: one.rotation_deg),
+        ("time", lambda one: one.time_s),
+        ("holding torque", lambda one: one.torque_nm),
+    )
+    for what, of in columns:
+        least = min(rows, key=of)
+        saved = round(100 * (1 - of(least) / of(chosen))) if of(chosen) > 0 else 0
+        if saved >= 1:
+            texts.append(f"Row {least.row} saves {saved} % {what} against row {chosen.row}.")
+    return texts
+
+
 def list_head(found: Answer) -> list[str]:
     """The heads of the list of solutions."""
     return ["#", *_theta(len(found.start)), "branch", f"energy {_UNITS[found.criterion][1]}"]
@@ -186,10 +287,13 @@ def list_row(found: Answer, row: int) -> list[str]:
 def branches_html(found: Answer) -> str:
     """Every branch with its energy, and why some are refused."""
     if not found.verdicts:
-        if found.solutions.free_joint is None:
-            return muted("No branches here: the point is out of reach.")
-        then = " Give a pitch to have branches." if found.solutions.target.rotation is None else ""
-        return muted(f"No isolated branches here: a joint is free, so there is a continuum.{then}")
+        if not found.solutions.success:
+            return muted("The point is out of reach, so it has no branches. Press Take nearest point above.")
+        if found.solutions.target.rotation is not None:
+            return muted(
+                "One joint is free here, so the solutions form a continuum. See List for a few of them."
+            )
+        return muted(_SWEPT_MEND)
     unit = _UNITS[found.criterion][1]
     head = ["#", "branch", *_theta(len(found.start)), f"energy {unit}", "verdict"]
     rows = [

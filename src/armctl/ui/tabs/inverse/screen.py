@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,7 +14,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, UnreachableError
 from armctl.kinematics import CRITERIA, CRITERION_TEXT, FROM_START, Target, checked_criterion
-from armctl.runtime import MoveJoints, Snapshot
+from armctl.runtime import MoveJoints, Need, Snapshot
 from armctl.ui.newest import Newest, OneAtATime
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.ghost import THICKER, Preview, thicker
@@ -22,6 +23,7 @@ from armctl.ui.tabs.inverse.answer import (
     Answer,
     answer,
     branches_html,
+    comparison_html,
     counted,
     list_head,
     list_row,
@@ -33,14 +35,17 @@ from armctl.ui.widgets.events import Action
 from armctl.ui.widgets.html import LiveHtml, Pager, muted, numbers, warned
 from armctl.ui.widgets.number_field import DraggedPoint, EditWatch, NumberField
 from armctl.ui.widgets.orientation import OrientationFields
-from armctl.ui.widgets.plots import LinePlot
+from armctl.ui.widgets.plots import Line, LinePlot
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
 _NOTE = "Type where the tool shall be and press <b>Solve</b>. Nothing moves until a Go button is pressed."
 _SOLVES_FIRST = "This button solves the changed fields first, then goes at once."
-_OLD_LIST = "The list is of the fields as they were: press Solve first."
+_BY_ROW: str = "by its row number"
+_FEW_HINT = "The least by each criterion and of each branch. All solutions follow below."
+_ALONG_HINT = "The free joint: move along the curve, and the nearest solution is selected."
+_SELECTED_INK = "#1c7ed6"
 _NOTHING = "Nothing is solved yet."
-_ZOOM_NOTE = "Every solution as the free joint turns; drag across the plot to zoom."
+_ZOOM_NOTE = "Every solution as the free joint turns. Red: the least. Blue: the selected one. Drag to zoom."
 _MARK_COLOR = (214, 51, 108)
 _MOVED = 1e-4
 _DRAG_PAUSE_S = 0.1
@@ -59,8 +64,9 @@ class InverseScreen:
         self._answered: tuple[str | None, ...] = ()
         self._newest = Newest()
         gui = session.gui
-        LiveHtml(gui, _NOTE)
-        self._form = TargetForm(session, OneAtATime(self._solve_dragged).run)
+        self._note = LiveHtml(gui, _NOTE)
+        with gui.add_form(None) as entered:  # Enter in a field is Solve
+            self._form = TargetForm(session, OneAtATime(self._solve_dragged).run)
         fill = gui.add_button_group("Fill with", ("present position",))
         solve_fields = gui.add_button("Solve", icon=viser.Icon.TARGET)
         self._result = LiveHtml(gui)
@@ -71,21 +77,32 @@ class InverseScreen:
         self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
         self._solves_first = LiveHtml(gui, warned(_SOLVES_FIRST), visible=False)
         go_least = gui.add_button("Go by least energy", icon=viser.Icon.PLAYER_PLAY)
+        self._selected = LiveHtml(gui, visible=False)
+        go_selected = gui.add_button("Go by the selected one", icon=viser.Icon.PLAYER_PLAY, color="gray")
+        session.needs(Need.HOLDING, go_least, told=False)  # the same is told below the next one
+        session.needs(Need.HOLDING, go_selected, also=self._not_selected)
         tabs = gui.add_tab_group()
         with tabs.add_tab("List"):
+            self._compared = LiveHtml(gui, visible=False)
+            self._few = gui.add_dropdown("Select", (_BY_ROW,), visible=False, hint=_FEW_HINT)
             self._list = LiveHtml(gui, muted(_NOTHING))
             self._pager = Pager(gui, session.on, self._on_row)
             self._form.watch.watch(self._pager.attach_row_edit)
-            self._selected = LiveHtml(gui)
-            self._old_list = LiveHtml(gui, warned(_OLD_LIST), visible=False)
-            go_selected = gui.add_button("Go by the selected one", icon=viser.Icon.PLAYER_PLAY)
         with tabs.add_tab("Energy curve"):
             self._curve_note = LiveHtml(gui, muted(_NOTHING))
             self._curve = LinePlot(gui)
+            self._along = gui.add_slider(
+                "On the curve °", 0.0, 1.0, 0.01, initial_value=0.0, visible=False, hint=_ALONG_HINT
+            )
+            self._optimum = gui.add_button("Back to the least", color="gray", visible=False)
         with tabs.add_tab("Branches"):
             self._branches = BranchView(session, self._show_ghost)
         session.on(fill.on_click, lambda: self._form.fill_tool(session.snapshot.q_command))
         session.on(solve_fields.on_click, self._on_solve)
+        session.on(entered.on_submit, self._on_solve)
+        session.on(self._few.on_update, self._on_few)
+        session.on(self._along.on_update, self._on_along)
+        session.on(self._optimum.on_click, lambda: self._select(1))
         session.on(self._nearest.on_click, self._on_nearest)
         session.on(self._criterion.on_update, self._on_criterion)
         session.on(go_least.on_click, self._on_go_least)
@@ -96,7 +113,7 @@ class InverseScreen:
         stale = self._out_of_date(snapshot)
         self._stale.visible = bool(stale)
         self._stale.show(warned(stale))
-        self._solves_first.visible = self._old_list.visible = self._fields_changed
+        self._solves_first.visible = self._fields_changed
         self._preview.refresh(snapshot.q_command)
         if not self._preview.shown and not self._branches.as_ghosts:
             self._mark.visible = False
@@ -167,23 +184,49 @@ class InverseScreen:
 
     async def _on_go_selected(self) -> None:
         self._form.watch.require_settled()
+        why = self._not_selected(self._session.snapshot)
+        if why is not None:
+            raise UnreachableError(why)
         found, row = self._answer, self._pager.row
-        if found is None:
-            raise InputError("there is nothing to go to: press Solve first")
-        if not found.solutions.success:
-            raise UnreachableError(found.why_not)
-        if self._fields_changed:
-            raise InputError("the fields have changed since the list was made: press Solve first")
-        if row is None:
-            raise InputError(f"no row is selected: type a row from 1 to {len(found.solutions)}")
+        if found is None or row is None:  # then there was a reason
+            return
         profile, duration = self._movement.checked()
         self._on_row()
         await self._session.submit(MoveJoints(found.q(row), duration, profile))
 
+    def _not_selected(self, snapshot: Snapshot) -> str | None:
+        """Why the selected row cannot be gone to, apart from the state of the arm; None: it can."""
+        del snapshot
+        found = self._answer
+        if found is None:
+            return "nothing is solved yet; press Solve first"
+        if not found.solutions.success:
+            return found.why_not
+        if self._fields_changed:
+            return "the fields have changed since the list was made; press Solve first"
+        if self._pager.row is None:
+            return f"no row is selected; type a row from 1 to {len(found.solutions)}"
+        return None
+
+    def _select(self, row: int) -> None:
+        """Select a row for the operator, wherever it was chosen."""
+        self._pager.select(row)
+        self._on_row()
+
+    def _on_few(self) -> None:
+        found = self._answer
+        for one in () if found is None else found.representatives:
+            if one.label == self._few.value:
+                self._select(one.row)
+
+    def _on_along(self) -> None:
+        if self._answer is not None and self._answer.solutions.success:
+            self._select(self._answer.row_at(math.radians(self._along.value)))
+
     def _show(self, found: Answer) -> None:
         solutions = found.solutions
         self._answer = found
-        self._stale.visible = False
+        self._note.visible = self._stale.visible = False
         self._result.show(result_html(self._robot, found))
         self._nearest.visible = not solutions.success and solutions.nearest_m is not None
         self._pager.reset(len(solutions), 1 if solutions.success else None)
@@ -192,12 +235,32 @@ class InverseScreen:
         self._mark.position = solutions.target.position
         self._mark.visible = True
         self._show_ghost()
+        has_curve = not isinstance(found.curve, str)
+        self._along.visible = self._optimum.visible = has_curve
         if isinstance(found.curve, str):
             self._curve.clear()
             self._curve_note.show(muted(found.curve))
         else:
-            self._curve.show(found.curve)
+            low, high = float(found.curve.x[0]), float(found.curve.x[-1])
+            self._along.min, self._along.max = min(low, self._along.min), max(high, self._along.max)
+            self._along.value = low
+            self._along.min, self._along.max = low, high
             self._curve_note.show(muted(_ZOOM_NOTE))
+            self._draw_curve(found)
+
+    def _draw_curve(self, found: Answer) -> None:
+        """The curve with the selected row on it; the slider follows."""
+        row, free = self._pager.row, found.solutions.free_joint
+        if isinstance(found.curve, str) or free is None:
+            return
+        dot = np.full(len(found.curve.x), np.nan)
+        if row is not None:
+            q = found.q(row)
+            angle = math.degrees(float(q[free]))
+            dot[int(np.abs(found.curve.x - angle).argmin())] = found.energy_of(q)
+            self._along.value = min(max(round(angle, 2), self._along.min), self._along.max)
+        selected = Line("selected", dot, _SELECTED_INK, mark=True)
+        self._curve.show(replace(found.curve, lines=(*found.curve.lines, selected)))
 
     def _show_ghost(self) -> None:
         """The one of least energy, else the nearest; none beside the ghosts of all branches."""
@@ -212,10 +275,15 @@ class InverseScreen:
 
     def _draw_list(self, found: Answer) -> None:
         count, row = len(found.solutions), self._pager.row
+        self._compared.visible = self._few.visible = len(found.representatives) > 1
+        self._selected.visible = count > 0
         if count == 0:
             self._list.show(muted("There is no solution."))
-            self._selected.show("")
             return
+        self._compared.show(comparison_html(found.representatives))
+        labels = {one.row: one.label for one in found.representatives}
+        self._few.options = (_BY_ROW, *labels.values())
+        self._few.value = labels.get(row or 0, _BY_ROW)
         about = f"{counted(count)}, least energy first"
         self._list.show(self._pager.html(about, list_head(found), partial(list_row, found)))
         if row is None:
@@ -229,6 +297,7 @@ class InverseScreen:
         if found is None:
             return
         self._draw_list(found)
+        self._draw_curve(found)
         if row is not None and found.solutions.success and not self._branches.as_ghosts:
             self._preview.show(found.q(row), self._session.snapshot.q_command)
 

@@ -12,7 +12,7 @@ import viser
 
 from armctl.errors import ArmctlError
 from armctl.robot import Robot
-from armctl.runtime import Jog, JogTool, MoveGripper, Snapshot
+from armctl.runtime import Jog, JogTool, MoveGripper, Need, Snapshot
 from armctl.runtime.jog import tool_turns
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.joints import checked_percent
@@ -125,6 +125,7 @@ class JogControl:
             with gui.add_folder(gripper.title):
                 self._percent = gui.add_slider("Gripper %", min=0, max=100, step=1, initial_value=50)
                 move = gui.add_button("Set gripper")
+                session.needs(Need.ENABLED, move)
                 self._opening = LiveHtml(gui)
             session.on(move.on_click, self._on_gripper)
 
@@ -156,6 +157,7 @@ class JointJog:
         for sign, text in ((-1.0, "−"), (1.0, "+")):
             button = gui.add_button(f"Jog {text}")
             jog.attach(button, lambda sign=sign: self.command(self._joint.value, sign))
+            session.needs(Need.ENABLED, button, told=sign > 0)
         for title, text in held.items():
             gui.add_text(title, text, disabled=True)
 
@@ -183,6 +185,8 @@ class ToolJog:
             for sign, text in ((-1.0, "−"), (1.0, "+")):
                 button = gui.add_button(f"{axis} {text}")
                 jog.attach(button, partial(self.command, axis, sign))
+                session.needs(Need.ENABLED, button, told=False)
+        session.needs(Need.ENABLED)
         LiveHtml(gui, muted(_ORIENTATION if session.console.robot.orients_tool else _PITCH_AND_ROLL))
 
     @property
@@ -215,12 +219,12 @@ class KeyboardJog:
         self._on = False
         gui = session.gui
         self._switch = gui.add_button(_OFF, color="gray", icon=viser.Icon.KEYBOARD)
-        self._choice = gui.add_button_group("Keys move", tuple(self._moves))
+        self._choice = gui.add_dropdown("Keys move", tuple(self._moves))
         self._what = next(iter(self._moves))
         self._legend = LiveHtml(gui)
         LiveHtml(gui, muted(_KEYS_NOTE))
         session.on(self._switch.on_click, self._on_switch)
-        session.on(self._choice.on_click, self._on_choice)
+        session.on(self._choice.on_update, self._on_choice)
 
     def refresh(self) -> None:
         """Show the keys and their speed; a page that no longer operates has none."""

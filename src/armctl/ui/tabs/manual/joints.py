@@ -13,7 +13,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, MotionRefusedError
 from armctl.robot import Robot
-from armctl.runtime import MoveJoints, Snapshot
+from armctl.runtime import MoveJoints, Need, Snapshot
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml
 from armctl.ui.widgets.joint_angles import held_at, slider_degrees, slider_limits
@@ -47,11 +47,13 @@ class JointControl:
             self._sliders[i] = gui.add_slider(title, low, high, 0.01, initial_value=self._shown[i])
             session.on(self._sliders[i].on_update, self._on_slider)
         go = gui.add_button("Go", icon=viser.Icon.PLAYER_PLAY)
+        session.needs(Need.HOLDING, go)
         reset = gui.add_button("Sliders to present pose", color="gray")
         session.on(go.on_click, lambda: session.submit(MoveJoints(self._robot.check_limits(self._asked()))))
         session.on(reset.on_click, self._on_reset)
         with gui.add_folder("Step one joint (moves at once)"):
             self._step = gui.add_dropdown("Step °", _STEPS, initial_value="1")
+            session.needs(Need.ENABLED)  # a click while it moves adds up
             for i, joint in enumerate(self._robot.joints):
                 if (text := held[i]) is not None:
                     gui.add_text(joint.title, text, disabled=True)

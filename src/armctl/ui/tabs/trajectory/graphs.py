@@ -54,11 +54,11 @@ class GraphView:
         self._newest = Newest()
         self._playing = False
         gui = session.gui
-        self._of = gui.add_button_group("Graph of", OF)
-        self._quantity = gui.add_button_group("Quantity", tuple(QUANTITIES))
-        self._limits = gui.add_button_group("Limits", LIMITS, hint=_LIMITS_HINT)
-        self._note = LiveHtml(gui, muted("Nothing is shown yet: press Show."))
         self._plot = LinePlot(gui)
+        self._note = LiveHtml(gui, muted("Nothing is shown yet: press Show."))
+        self._of = gui.add_dropdown("Graph of", OF)
+        self._quantity = gui.add_dropdown("Quantity", tuple(QUANTITIES))
+        self._limits = gui.add_dropdown("Limits", LIMITS, hint=_LIMITS_HINT)
         self._cursor_box = gui.add_folder(None, visible=False)
         with self._cursor_box:
             self._time = gui.add_slider("Time s", 0.0, 1.0, 0.01, initial_value=0.0)
@@ -73,7 +73,7 @@ class GraphView:
         csv = gui.add_button("Export motion (CSV)", icon=viser.Icon.DOWNLOAD, color="gray")
         self._figure = gui.add_button_group("Export", tuple(_FIGURE_FORMS))
         for group in (self._of, self._quantity, self._limits):
-            session.on(group.on_click, self._draw)
+            session.on(group.on_update, self._draw)
         session.on(self._time.on_update, self._on_time)
         session.on(self._play.on_click, self._on_play)
         session.on(keep.on_click, lambda: self._keep(self._require_shown("keep")))
@@ -260,7 +260,6 @@ def peaks_html(planned: PlannedMotion) -> str:
     asked = "" if planned.speed is None else f" (asked for: {fixed(1000 * planned.speed, 0)} mm/s)"
     return (
         strong(f"{planned.title}: {fixed(planned.trajectory.duration, 3)} s")
-        + (muted(planned.note) if planned.note else "")
         + heading("Peaks against the limits")
         + table(["largest", "speed °/s", "limit", "acc. °/s²", "limit"], rows)
         + muted(f"tool: at most {fixed(tool_speed, 1)} mm/s{asked} and {fixed(tool_acceleration, 0)} mm/s²")

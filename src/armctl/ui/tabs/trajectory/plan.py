@@ -6,6 +6,7 @@ import math
 import re
 from bisect import bisect_right
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from armctl.motion import (
 from armctl.motion.analysis import MotionAnalysis, analyse
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.plan import Passing, follow_tool, plan_blended, plan_path, plan_through, solve_points
+from armctl.motion.profiles import PointToPoint
 from armctl.motion.timing import PathTrajectory
 from armctl.motion.trajectory import Peaks, peaks_of
 from armctl.program import Program
@@ -69,6 +71,7 @@ _SWINGS = (
 _CUT_SHORT = (
     "Drawn as far as the arm can follow, as fast as its limits allow: profile and duration are left out."
 )
+_JOINTS_DO = "A joint motion reaches this end: choose Joint motion, and To: X Y Z."
 _TIME = re.compile(r"^at [\d.]+ s, ")
 
 
@@ -91,6 +94,8 @@ class MotionRequest:
     """of the tool along its line or arc"""
     orientation: TurnMode | None = None
     """instead of the pitch"""
+    yields: bool = False
+    """where pitch or orientation cannot be kept on the whole way, less is asked of it"""
     speed: float | None = None
     """largest speed of the tool along its line or arc [m/s]; None: as fast as the joints can"""
     passing: Passing | None = "stop"
@@ -124,6 +129,8 @@ class PlannedMotion:
     speed: float | None = None
     """largest speed of the tool that was asked for [m/s]"""
     note: str = ""
+    freer: Literal["kept", "free"] | None = None
+    """the tool pitch with which the whole line or arc can be followed, where this is only its beginning"""
     motion: MotionAnalysis = field(init=False)
     peaks: Peaks = field(init=False)
 
@@ -178,12 +185,32 @@ def _joint_motion(robot: Robot, asked: MotionRequest, start: FloatArray) -> Plan
 def _tool_motion(robot: Robot, asked: MotionRequest, start: FloatArray, end: Target) -> PlannedMotion:
     ideal = _curve(robot.forward(start)[:3, 3], asked.via, end.position)
     trajectory, cut = _led(robot, start, asked, end)
+    note = ""
+    if cut is not None and cut.freer is not None and asked.yields:
+        note = yielded(robot, cut)
+        freer = replace(asked, pitch=cut.freer, orientation=None)
+        trajectory, cut = _led(robot, start, freer, end._replace(pitch=None, rotation=None))
     findings = _judged(robot, trajectory, cut)
     if cut is not None:
-        title = asked.title.removesuffix(f", {asked.profile}")
-        return PlannedMotion(robot, title, trajectory, findings, ideal, speed=asked.speed, note=_CUT_SHORT)
+        title, note = asked.title.removesuffix(f", {asked.profile}"), _CUT_SHORT
+        if cut.freer is None and robot.inverse(end.position, step=_COARSE_STEP).success:
+            note += f" {_JOINTS_DO}"
+        return PlannedMotion(
+            robot, title, trajectory, findings, ideal, speed=asked.speed, note=note, freer=cut.freer
+        )
     points = ideal.positions(np.linspace(0.0, ideal.length, _POINTS)) if ideal.length > 0 else None
-    return PlannedMotion(robot, asked.title, trajectory, findings, ideal, points, speed=asked.speed)
+    return PlannedMotion(
+        robot, asked.title, trajectory, findings, ideal, points, speed=asked.speed, note=note
+    )
+
+
+def yielded(robot: Robot, cut: Cut) -> str:
+    """What is told of a line or an arc on which the tool's turn cannot be kept."""
+    whole = robot.orients_tool
+    given_up = "orientation" if whole else "pitch"
+    now = "Only its pitch is kept." if whole and cut.freer == "kept" else "It is free on this way."
+    percent = f"{math.floor(100 * cut.fraction)} %"
+    return f"The tool {given_up} cannot be kept: the arm would come {percent} of the way. {now}"
 
 
 def _test_path(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMotion:
@@ -192,7 +219,7 @@ def _test_path(robot: Robot, asked: MotionRequest, start: FloatArray) -> Planned
     first, middle, last = points[0], points[len(points) // 2], points[-1]
     straight = bool(np.linalg.norm(np.cross(middle - first, last - first)) < _FLAT_M2)
     via = None if straight else middle
-    cut: Finding | None = None
+    cut: Cut | None = None
     match asked.passing:
         case "stop":
             trajectory = plan_through(robot, list(solved), asked.duration_s, asked.profile)
@@ -215,20 +242,33 @@ def _curve(start: FloatArray, via: FloatArray | None, end: FloatArray) -> ToolCu
     return ToolLine(start, end) if via is None else ToolArc(start, via, end)
 
 
-def _led(
-    robot: Robot, start: FloatArray, asked: MotionRequest, end: Target
-) -> tuple[Trajectory, Finding | None]:
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """Why a line or an arc is followed in part only."""
+
+    finding: Finding
+    fraction: float
+    """share of the way that is followed, 0 … 1"""
+    freer: Literal["kept", "free"] | None
+    """the tool pitch with which the whole way can be followed; None: with neither"""
+
+
+def _led(robot: Robot, start: FloatArray, asked: MotionRequest, end: Target) -> tuple[Trajectory, Cut | None]:
     """The motion of the tool, None; or its beginning, and why it cannot go on."""
     law, speed = _path_profile(asked.profile), asked.speed
     try:
         turn = (asked.pitch, end.pitch, asked.orientation, end.rotation)
         path = follow_tool(robot, start, asked.via, end.position, *turn, speed=speed)
     except (ToolPathRefusedError, ToolPathUnreachableError) as refusal:
-        if refusal.before is None:
-            raise
         cap = math.inf if speed is None else speed
-        trajectory = PathTrajectory.fastest(robot, refusal.before, cap)
-        return trajectory, _ends_here(robot, refusal, trajectory.duration)
+        if refusal.before is None:
+            if refusal.freer is None:
+                raise
+            trajectory: Trajectory = PointToPoint.lasting(start, start, 0.0)
+        else:
+            trajectory = PathTrajectory.fastest(robot, refusal.before, cap)
+        finding = _ends_here(robot, refusal, trajectory.duration)
+        return trajectory, Cut(finding, refusal.place.fraction, refusal.freer)
     duration = asked.duration_s
     return plan_path(robot, start, path, speed=speed, duration_s=duration, profile=law, checked=False), None
 
@@ -252,14 +292,15 @@ def _ends_here(
 
 
 def _judged(
-    robot: Robot, trajectory: Trajectory, cut: Finding | None, *, tool_path: bool = True
+    robot: Robot, trajectory: Trajectory, cut: Cut | None, *, tool_path: bool = True
 ) -> tuple[Finding, ...]:
     """The pre-flight, after what has cut the motion short; a limit that has done so is named once."""
     found = preflight(robot, trajectory, tool_path=tool_path)
     if cut is None:
         return tuple(found)
-    named = ("limits", cut.part) if cut.kind == "limits" else None
-    return cut, *(finding for finding in found if (finding.kind, finding.part) != named)
+    first = cut.finding
+    named = ("limits", first.part) if first.kind == "limits" else None
+    return first, *(finding for finding in found if (finding.kind, finding.part) != named)
 
 
 def _program(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMotion:

@@ -6,6 +6,7 @@ import asyncio
 import math
 from collections.abc import Callable
 from functools import partial
+from typing import Literal
 
 import numpy as np
 import viser
@@ -17,7 +18,7 @@ from armctl.motion import PitchMode, TurnMode, not_checked, usual_pitch
 from armctl.motion.analysis import Turning
 from armctl.motion.plan import Passing
 from armctl.robot import Robot
-from armctl.runtime import Follow, MoveJoints, RunProgram, Snapshot
+from armctl.runtime import Follow, MoveJoints, Need, RunProgram, Snapshot
 from armctl.ui.newest import Newest
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
@@ -64,12 +65,15 @@ class TrajectoryScreen:
         self._planning = 0
         self._judged = False
         gui = session.gui
-        LiveHtml(gui, _NOTE)
-        self._form = MotionForm(session)
+        self._note = LiveHtml(gui, _NOTE)
+        with gui.add_form(None) as entered:  # Enter in a field is Show
+            self._form = MotionForm(session)
         show = gui.add_button("Show", icon=viser.Icon.CHART_LINE)
         self._stale = LiveHtml(gui, visible=False)
         self._run = gui.add_button("Run", icon=viser.Icon.PLAYER_PLAY)
+        session.needs(Need.HOLDING, self._run, also=self._not_run)
         self._verdict = LiveHtml(gui, visible=False)
+        self._freer = gui.add_button("Plan it freer", icon=viser.Icon.ROUTE, color="orange", visible=False)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Graphs"):
             self._study = StudyView(session)
@@ -79,6 +83,8 @@ class TrajectoryScreen:
         with tabs.add_tab("Error report"):
             self._report = ReportView(session, self._preview)
         session.on(show.on_click, self._on_show)
+        session.on(entered.on_submit, self._on_show)
+        session.on(self._freer.on_click, self._on_freer)
         session.on(self._run.on_click, self._on_run)
 
     def refresh(self, snapshot: Snapshot) -> None:
@@ -91,6 +97,10 @@ class TrajectoryScreen:
         stale = self._out_of_date(snapshot)
         self._stale.visible = bool(stale) or self._planning > 0
         self._stale.show("<b>Planning …</b>" if self._planning else warned(f"{stale}: press Show."))
+        freer = None if stale or self._planned is None else self._planned.freer
+        self._freer.visible = freer is not None and not study
+        if freer is not None:
+            self._freer.label = f"Plan it with {self._form.freer_words(freer)}"
         self._preview.refresh(snapshot.q_command)
         self._graphs.refresh()
 
@@ -103,6 +113,23 @@ class TrajectoryScreen:
             return ""
         away = float(np.abs(planned.trajectory.start - snapshot.q_command).max())
         return "The arm has moved since" if away > _MOVED else ""
+
+    def _not_run(self, snapshot: Snapshot) -> str | None:
+        """Why what is shown cannot be run, apart from the state of the arm; None: it can."""
+        if self._form.is_study:
+            return None  # there is no button then
+        if self._planned is None:
+            return "nothing is shown yet; press Show first"
+        stale = self._out_of_date(snapshot)
+        if stale:
+            return f"{stale[:1].lower()}{stale[1:]}; press Show and look at it before it runs"
+        refusal = self._planned.refusal
+        return None if refusal is None else "the pre-flight refuses it; see why below"
+
+    async def _on_freer(self) -> None:
+        if self._planned is not None and self._planned.freer is not None:
+            self._form.ask_freer(self._planned.freer)
+            await self._on_show()
 
     async def _on_show(self) -> None:
         """Plan off the event loop; of several presses the last one counts."""
@@ -129,7 +156,10 @@ class TrajectoryScreen:
         if is_newest():
             self._settings[False], self._from_present = settings, from_present
             self._planned, self._judged = planned, True
-            self._verdict.show(verdict_html(planned.findings, not_checked(self._robot)))
+            self._note.visible = False
+            self._form.be_brief()
+            note = muted(planned.note) if planned.note else ""
+            self._verdict.show(note + verdict_html(planned.findings, not_checked(self._robot)))
             self._graphs.take(planned)
             self._report.take(planned)
 
@@ -137,14 +167,9 @@ class TrajectoryScreen:
         self._form.watch.require_settled()
         if self._form.is_study:
             raise InputError("Joint by joint is a study: there is nothing to run")
-        planned = self._planned
-        if planned is None:
-            raise InputError("there is nothing to run: press Show first")
-        stale = self._out_of_date(self._session.snapshot)
-        if stale:
-            raise InputError(f"{stale[:1].lower()}{stale[1:]}: press Show and look at it before it runs")
-        if planned.refusal is not None:
-            raise MotionRefusedError(f"the pre-flight refuses it: {planned.refusal}")
+        planned, why = self._planned, self._not_run(self._session.snapshot)
+        if planned is None or why is not None:
+            raise MotionRefusedError(why or "nothing is shown yet")
         if planned.program is not None:
             await self._session.submit(RunProgram(planned.program))
             return
@@ -189,21 +214,26 @@ _XYZ_HINT = "Tool point in the base frame [mm], by inverse kinematics; e.g. 220,
 _VIA_MM, _END_MM = (0.0, 40.0, 20.0), (0.0, 80.0, 0.0)
 """from the tool of the first named pose: an arc and a line that most arms can follow"""
 _EVENLY = "evenly to another"
+_PITCH_ONLY = "only its pitch kept"
+_YIELDS = "kept if possible"
+"""the usual choice: arms of four and five joints can keep their pitch on short lines only"""
 _PITCH: dict[str, TurnAsked] = {
+    _YIELDS: ("kept", None),
     "kept": ("kept", None),
     _EVENLY: ("interpolated", None),
     "free": ("free", None),
     "whole orientation kept": (None, "kept"),
 }
 _ORIENTATION: dict[str, TurnAsked] = {
+    _YIELDS: (None, "kept"),
     "kept": (None, "kept"),
     _EVENLY: (None, "interpolated"),
-    "only its pitch kept": ("kept", None),
+    _PITCH_ONLY: ("kept", None),
     "free": (None, "free"),
 }
 _TURN_HINT = (
-    "On the way. Kept: as at the start. Evenly to another: it turns to what is asked for below. "
-    "Free: whatever takes the least motion."
+    "On the way. Kept: as at the start. If possible: where it cannot be kept, it is free. "
+    "Evenly to another: it turns to what is asked for below. Free: whatever takes the least motion."
 )
 _RPY_HINT = "Roll, pitch and yaw of the tool at the end [°]: Rz(yaw)·Ry(pitch)·Rx(roll)."
 _TOOL_SPEED_HINT = "Largest speed of the tool. 0 or empty: as fast as the joints can."
@@ -233,7 +263,7 @@ class MotionForm:
         self._turns = _ORIENTATION if robot.orients_tool else _PITCH
         what = "orientation" if robot.orients_tool else "pitch"
         offered = [label for label, (pitch, _) in self._turns.items() if pitch or _can_keep(robot)]
-        usual = "kept" if robot.orients_tool else usual_pitch(robot)
+        usual = _YIELDS if robot.orients_tool or usual_pitch(robot) == "kept" else "free"
         self._turn = gui.add_dropdown(f"Tool {what}", offered, initial_value=usual, hint=_TURN_HINT)
         self._end_pitch = NumberField(gui, "End pitch °", 0.0)
         rpy = roll_pitch_yaw(robot.forward(robot.pose(first_pose))[:3, :3])
@@ -258,6 +288,8 @@ class MotionForm:
             self._profile.choice, self._turning, self._start, *(field.handle for field in typed),
         )  # fmt: skip
         self.watch = EditWatch(typed)
+        self._is_brief = False
+        """what was read before is left out, so that a laptop shows the plot"""
         session.on(self._motion.on_update, self._on_motion)
         session.on(self._passing.on_update, self._show_fields)
         session.on(self._turn.on_update, self._show_fields)
@@ -301,6 +333,7 @@ class MotionForm:
             via=self._via.array if self._via.visible else None,
             pitch=self._asked_turn[0],
             orientation=self._asked_turn[1],
+            yields=self._turn.value == _YIELDS,
             speed=None if speed is None else speed / 1000,
             passing=_PASSING[self._passing.value],
             blend_m=self._blend.value / 1000 if self._blend.visible else 0.0,
@@ -325,7 +358,8 @@ class MotionForm:
     def refresh(self) -> None:
         """Say what a duration of 0 means for as long as it is 0."""
         duration = self._for if self.is_study else self._profile.duration
-        self._zero.visible = duration.visible and duration.text.strip() in ("", "0")
+        is_zero = duration.visible and duration.text.strip() in ("", "0")
+        self._zero.visible = is_zero and not self._is_brief
         self._zero.show(muted(_TO_THE_LIMITS if self.is_study else _SHORTEST))
 
     def _end_asked(self, present: FloatArray) -> FloatArray | Target | None:
@@ -341,6 +375,21 @@ class MotionForm:
     def _asked_turn(self) -> TurnAsked:
         return self._turns[self._turn.value]
 
+    def be_brief(self) -> None:
+        """A motion is drawn: leave out the notes until another kind of motion is chosen."""
+        self._is_brief, self._about.visible = True, False
+
+    def freer_words(self, pitch: Literal["kept", "free"]) -> str:
+        """What is asked of the tool by ``ask_freer``."""
+        if pitch == "kept":
+            return "only the tool pitch kept"
+        return f"the tool {'orientation' if self._turns is _ORIENTATION else 'pitch'} free"
+
+    def ask_freer(self, pitch: Literal["kept", "free"]) -> None:
+        """Ask less of the tool on its way."""
+        self._turn.value = "free" if pitch == "free" else _PITCH_ONLY
+        self._show_fields()
+
     def _title(self) -> str:
         motion, profile = self._motion.value, self._profile.profile
         if motion == JOINTS:
@@ -354,6 +403,7 @@ class MotionForm:
 
     async def _on_motion(self) -> None:
         motion, robot = self._motion.value, self._session.console.robot
+        self._is_brief, self._about.visible = False, True
         if motion in TEST_PATHS and robot.name == _PAPER_ARM:
             self._choose.value = _PAPER_CRITERION
         if motion in TOOL_PATHS:
