@@ -201,6 +201,7 @@ def test_the_other_arms_are_coupled_too(screen: Screen, tmp_path: Path) -> None:
             return float(np.abs(tip - asked).max()) < 0.05
 
         screen.wait_until(reached, "the angles reach the point")
+        screen.open_tab("Matrix and Jacobian")
         for text in ("150.00", "−100.00", "−590.00"):
             screen.wait_for_text(text)
         screen.screenshot("forward-humanoid")
@@ -208,6 +209,7 @@ def test_the_other_arms_are_coupled_too(screen: Screen, tmp_path: Path) -> None:
 
 
 def test_velocities_follow_the_fields(page: Screen, served: ServedArm) -> None:
+    page.open_tab("Velocities")
     J = served.robot.jacobian(served.robot.pose("home"))
     page.type_into("vy mm/s", "80")
     page.type_into("vx mm/s", "0")
@@ -255,11 +257,13 @@ def test_fields_are_filled_and_figures_follow(page: Screen, served: ServedArm) -
     page.click("zero")
     page.wait_until(lambda: page.value("Shoulder °") == "0", "the fields hold the zero pose")
     wait_for_ghost(page, served.robot, np.zeros(5))
+    page.open_tab("Matrix and Jacobian")
     page.wait_for_text("330.00")
     page.wait_for_text(re.compile("Singular: the tool cannot move out or in"))
     page.choose("Show for", "present pose (live)")
     wait_for_no_ghost(page, served.robot)
     page.wait_for_text(re.compile("Well away from singularities"))
     page.screenshot("forward-figures")
+    page.open_tab("Angles and pose")
     page.click("present pose")
     page.wait_until(lambda: page.value("Shoulder °") == "90", "the fields hold the present pose")

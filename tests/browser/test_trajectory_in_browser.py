@@ -33,18 +33,18 @@ def test_a_motion_is_plotted_with_its_peaks_and_run(page: Screen, served: Served
     page.wait_for_text("Peaks against the limits")
     page.wait_for_text("Tool position (mm)")
     page.screenshot("trajectory-tool")
-    page.click("Joints")
+    page.choose("Graph of", "Joints")
     for quantity, title in (
         ("Velocity", "Joint velocity (°/s)"),
         ("Acceleration", "Joint acceleration (°/s²)"),
         ("Position", "Joint position (°)"),
     ):
-        page.click(quantity)
+        page.choose("Quantity", quantity)
         page.wait_for_text(title)
     joints = [joint.title for joint in served.robot.joints]
     labels = page.page.locator(".uplot .u-legend .u-label").locator("visible=true")
     expect(labels).to_have_text(["time (s)", *joints, "Shoulder ≥ −3.2", "Elbow ≥ −84.4", "cursor"])
-    page.click("none")
+    page.choose("Limits", "none")
     expect(labels).to_have_text(["time (s)", *joints, "cursor"])
     page.wait_for_text(re.compile("Pre-flight: "))
     page.type_into("Time s", "0.5")
@@ -55,8 +55,8 @@ def test_a_motion_is_plotted_with_its_peaks_and_run(page: Screen, served: Served
     page.click("Run")
     served.wait_for_deg(page, [0.0] * 5)
     page.wait_for_text("The arm has moved since: press Show.")
-    page.click("Run")
-    page.wait_for_notification(re.compile("the arm has moved since"))
+    page.wait_for_text("The arm has moved since; press Show and look at it before it runs.")
+    expect(page.button("Run")).to_be_disabled()
     assert page.errors == []
 
 
@@ -102,15 +102,14 @@ def test_a_stopped_path_gives_no_report(page: Screen, served: ServedArm) -> None
 
 
 def test_settings_that_were_not_shown_are_not_run(page: Screen, served: ServedArm) -> None:
-    page.click("Run")
-    page.wait_for_notification(re.compile("press Show first"))
+    page.wait_for_text("Nothing is shown yet; press Show first.")
+    expect(page.button("Run")).to_be_disabled()
     page.choose("To", "zero")
     page.click("Show")
     page.wait_for_text("Peaks against the limits")
     page.type_into("Duration s", "9")
     page.wait_for_text("The settings have changed since: press Show.")
-    page.click("Run")
-    page.wait_for_notification(re.compile("settings have changed"))
+    expect(page.button("Run")).to_be_disabled()
     page.type_into("Duration s", "0.2")
     page.click("Show")
     page.wait_for_notification(re.compile("shortest possible duration"))
@@ -159,8 +158,8 @@ def test_two_motions_are_compared_played_exported_and_the_second_is_run(
     page.click("Show")
     page.wait_for_text("B: present pose to zero, s-curve")
     page.wait_for_text("% of limit")
-    page.click("Joints")
-    page.click("Velocity")
+    page.choose("Graph of", "Joints")
+    page.choose("Quantity", "Velocity")
     page.wait_for_text("Joint velocity (°/s)")
     labels = page.page.locator(".uplot .u-legend .u-label").locator("visible=true")
     expect(labels.nth(1)).to_have_text("B Base")
@@ -202,6 +201,26 @@ def test_the_tool_is_led_along_a_line_and_the_arm_goes_there(page: Screen, serve
     assert page.errors == []
 
 
+def test_a_line_whose_pitch_cannot_be_kept_is_planned_freer_by_one_button(
+    page: Screen, served: ServedArm
+) -> None:
+    page.page.set_viewport_size({"width": 1280, "height": 800})
+    page.choose(MOTION, "Tool line")
+    page.type_into("End X Y Z mm", "220, -60, 100")
+    page.entry("End X Y Z mm").press("Enter")
+    page.wait_for_text(re.compile("The tool pitch cannot be kept: the arm would come 5 % of the way"))
+    expect(page.button("Run")).to_be_enabled()
+    box = page.page.locator(".uplot canvas").locator("visible=true").first.bounding_box()
+    assert box is not None and box["y"] + box["height"] <= 800
+    page.choose("Tool pitch", "kept")
+    page.click("Show")
+    page.wait_for_text(re.compile("Pre-flight: refused"))
+    page.click("Plan it with the tool pitch free")
+    page.wait_for_text(re.compile("Pre-flight: clear"))
+    page.click("Run")
+    page.wait_until(lambda: bool(np.abs(served.tool_mm - [220, -60, 100]).max() < 0.05), "the tool is there")
+
+
 def test_what_the_pre_flight_refuses_is_drawn_but_not_run(page: Screen, served: ServedArm) -> None:
     page.choose(MOTION, "Tool line")
     page.type_into("End X Y Z mm", "500 0 300")
@@ -209,8 +228,8 @@ def test_what_the_pre_flight_refuses_is_drawn_but_not_run(page: Screen, served: 
     page.wait_for_text(re.compile("Pre-flight: refused"))
     page.wait_for_text(re.compile("Drawn as far as the arm can follow"))
     page.screenshot("trajectory-refused")
-    page.click("Run")
-    page.wait_for_notification(re.compile("the pre-flight refuses it: .*% of the line"))
+    page.wait_for_text("The pre-flight refuses it; see why below.")
+    expect(page.button("Run")).to_be_disabled()
     page.type_into("End X Y Z mm", "500 0")
     page.click("Show")
     page.wait_for_notification(re.compile("3 numbers are needed"))

@@ -72,6 +72,10 @@ class FakePage:
 
         asyncio.run(act())
 
+    def options(self, label: str) -> tuple[str, ...]:
+        """What a list offers."""
+        return tuple(self._handles[label].options)
+
     def put(self, label: str, value: object) -> None:
         """Type into a field, or choose from a list."""
         self.press(label, value)

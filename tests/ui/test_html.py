@@ -43,9 +43,9 @@ HOT = Finding("60 % of its stall torque", 0.5, "Shoulder", "do not stay there", 
 
 def test_what_was_not_checked_is_not_said_to_be_checked() -> None:
     html = verdict_html([])
-    assert "Pre-flight: clear" in html and "self-collision, singularity, torque checked)" in html
+    assert "Pre-flight: clear" in html and "self-collision, singularity, torque." in html
     html = verdict_html([], ["gravity torque: the file of mico gives no stall torque of any joint"])
-    assert "self-collision, singularity checked)" in html
+    assert "self-collision, singularity." in html
     assert "Not checked: gravity torque" in html
 
 

@@ -15,12 +15,14 @@ from armctl.ui.tabs.inverse.answer import (
     Answer,
     answer,
     branches_html,
+    comparison_html,
     list_row,
     result_html,
     same_place,
     short_branch,
     solve,
 )
+from armctl.ui.tabs.inverse.screen import InverseScreen
 from armctl.ui.widgets.html import Pager
 from armctl.ui.widgets.plots import Picture
 
@@ -74,6 +76,52 @@ def test_energies_rise_and_row_1_is_the_least_or_it_is_said_why_not(criterion: s
     assert "between two rows" not in result_html(ROBOT, alone)
     assert short_branch("front elbow-up tool-in") == "front up in"
     assert alone.curve == "No joint is free here: 1 isolated solution, no curve."
+
+
+@pytest.mark.parametrize("criterion", ["least-rotation", "least-torque"])
+def test_a_few_rows_stand_for_all_and_what_they_save_is_true(criterion: str) -> None:
+    found = solved(220, -196, 85, criterion)
+    first, *others = found.representatives
+    assert first.row == 1 and len({one.row for one in found.representatives}) == len(others) + 1
+    names = [name for one in found.representatives for name in one.names]
+    criteria = {"rotation", "as published", "travel", "time", "torque"}
+    assert criteria | {"of front up", "of front down"} == set(names)
+    gravity = found.solutions.arm.energy.gravity
+    for one in found.representatives:
+        q = found.q(one.row)
+        assert one.rotation_deg == pytest.approx(np.degrees(np.abs(q).sum()))
+        assert one.torque_nm == pytest.approx(np.abs(gravity.torque(q)).sum())
+    said = re.findall(
+        r"Row (\d+) saves (\d+) % ([\w ]+) against row 1\.", comparison_html(found.representatives)
+    )
+    of = {"rotation": "rotation_deg", "time": "time_s", "holding torque": "torque_nm"}
+    assert said
+    for row, percent, what in said:
+        best = min(getattr(one, of[what]) for one in found.representatives)
+        assert best == next(getattr(one, of[what]) for one in found.representatives if one.row == int(row))
+        assert int(percent) == round(100 * (1 - best / getattr(first, of[what])))
+    curve = found.curve
+    assert isinstance(curve, Picture)
+    angle = float(curve.x[len(curve.x) // 3])
+    row = found.row_at(np.radians(angle))
+    assert np.degrees(found.q(row)[1]) == pytest.approx(angle, abs=0.006)
+
+
+def test_a_chosen_representative_and_a_place_on_the_curve_are_what_is_sent(server: GuardedServer) -> None:
+    page = FakePage(server, ROBOT, HOME)
+    InverseScreen(page.session)
+    for label, value in (("X mm", "220"), ("Y mm", "-196"), ("Z mm", "85")):
+        page.put(label, value)
+    page.press("Solve")
+    few = next(label for label in page.options("Select") if "time" in label)
+    page.put("Select", few)
+    shown = page.ghost.q
+    page.press("Go by the selected one")
+    assert shown is not None and np.array_equal(page.shown_at_sending[-1], shown)
+    page.put("On the curve °", 5.0)
+    assert page.ghost.q is not None and np.degrees(page.ghost.q[1]) == pytest.approx(5.0, abs=0.006)
+    page.press("Back to the least")
+    assert page.ghost.q == pytest.approx(solved(220, -196, 85).q(1))
 
 
 def test_an_unreachable_point_says_why_and_which_is_nearest() -> None:

@@ -135,6 +135,23 @@ def test_a_line_that_ends_on_the_way_is_drawn_so_far_and_its_limit_told_once() -
     assert "Elbow would need" in limits[0].what
 
 
+def test_a_line_that_cannot_keep_the_pitch_yields_it_or_knows_what_would_help() -> None:
+    end, keep = Target.of([0.22, -0.06, 0.1]), {"profile": "trapezoid", "pitch": "kept"}
+    kept = planned(TOOL_LINE, HOME, end=end, **keep)
+    assert kept.refusal is not None and kept.freer == "free"
+    free = planned(TOOL_LINE, HOME, end=end, yields=True, **keep)
+    assert free.refusal is None and free.freer is None
+    assert free.motion.position[-1] == pytest.approx(end.point, abs=1e-5)
+    assert "The tool pitch cannot be kept: the arm would come 5 % of the way." in free.note
+    near = planned(TOOL_LINE, HOME, end=Target.of(TIP + np.array([0, 0.08, 0])), yields=True, **keep)
+    assert near.note == "" and np.degrees(near.motion.pitch) == pytest.approx(-30.0, abs=0.02)
+    behind = Target.of(-TIP * [1, 1, -1])  # the line leads through the base; a joint motion does not
+    beyond = planned(TOOL_LINE, HOME, end=behind, yields=True, **keep)
+    reached = ROBOT.inverse(behind.position).success
+    assert beyond.refusal is not None and beyond.freer is None
+    assert reached == ("choose Joint motion" in beyond.note)
+
+
 @pytest.mark.parametrize(("motion", "count"), [(ARC, 58), (LINE, 29)])
 @pytest.mark.parametrize("passing", [*get_args(Passing), None])
 def test_a_published_path_in_every_way_of_passing_its_points(

@@ -220,7 +220,7 @@ class FrameFilter:
         return self._uploads.reason_against(message, most)
 
     def _refuse_value(self, client: viser.ClientHandle, slider: Any, value: object) -> None:
-        """Say what was typed beside a slider in vain, and put back what is in force: the page takes the limit."""
+        """Say that a number typed beside a slider is not taken, and show the one in force again."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             return
         if self._told is not None:
