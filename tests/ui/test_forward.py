@@ -47,6 +47,8 @@ def test_results_tell_where_both_buttons_lead_and_what_is_outside(server: Guarde
     assert "With respect to reference" not in html
     angles.fill(np.radians([1, 1, 1, 1, 1]))
     assert "Both are inside the joint limits" in results_html(ROBOT, angles, HOME)
+    opened = results_html(ROBOT, angles, HOME, edited=False)
+    assert "now" in opened and "→" not in opened and "outside" not in opened
     angles.fields[2].handle.value = "<b>4x"
     html = results_html(ROBOT, angles, HOME)
     assert "Nothing can be sent: Elbow °: &#x27;&lt;b&gt;4x&#x27; is not a number" in html

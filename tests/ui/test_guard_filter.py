@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from tests.ui.guard_kit import CAMERA
 from viser._messages import FileTransferPart, FileTransferStartUpload
 
+from armctl.ui.guard import GuardedServer
 from armctl.ui.guard.filter import (
     MAX_ARM_BYTES,
     MAX_UPLOAD_BYTES,
@@ -369,3 +370,26 @@ def test_the_log_is_not_flooded(caplog: pytest.LogCaptureFixture, page: Page) ->
     assert [record.getMessage() for record in caplog.records] == [
         f"refused: a foreign origin ({count} so far)" for count in (1, 10, 100)
     ]
+
+
+def test_a_number_beside_a_slider_that_is_outside_is_refused_in_words_and_the_one_before_stays(
+    server: GuardedServer,
+) -> None:
+    slider = server.gui.add_slider("Shoulder °", -3.2, 146.8, 0.1, initial_value=40.0)
+    told: list[str] = []
+
+    def notify(_title: str, text: str, **_: object) -> SimpleNamespace:
+        told.append(text)
+        return SimpleNamespace(remove=lambda: None)
+
+    client: Any = SimpleNamespace(gui=server.gui, add_notification=notify)
+    judge = FrameFilter(Tally(), Clock(), lambda: client)
+
+    def typed(value: float) -> bool:
+        message = {"type": "GuiUpdateMessage", "uuid": slider._impl.uuid, "updates": {"value": value}}
+        return judge.admits(msgspec.msgpack.encode(message))
+
+    assert typed(146.8) and told == []
+    assert not typed(400)
+    assert told == ["Shoulder °: 400 is outside -3.2 … 146.8; it stays 40."]
+    assert slider.value == 40.0

@@ -15,7 +15,8 @@ from armctl.kinematics import Chain
 from armctl.robot import Robot, load_robot
 from armctl.robot.shape import Point, reach
 from armctl.robot.solids import Solid, beam, block, drum, spike, tube
-from armctl.ui.scene.stage import floor_size, framed, front, in_view, stand_parts
+from armctl.ui.guard import GuardedServer
+from armctl.ui.scene.stage import Marks, first_view, floor_size, framed, front, in_view, stand_parts
 from armctl.ui.widgets.joint_angles import held_at
 
 ROBOTS = {name: load_robot(name) for name in FIVE}
@@ -122,6 +123,28 @@ def test_an_arm_of_any_size_fills_the_picture_and_does_not_leave_it_or_the_floor
         assert np.abs(at).max() == pytest.approx(0.8)
     assert 0.5 * floor_size(robot) >= reach(robot.chain)
     assert floor_size(robot) <= 1.6 or 0.5 * floor_size(robot) < reach(robot.chain) + 0.25
+
+
+def test_each_view_looks_from_its_side_and_the_named_frames_follow_the_arm(server: GuardedServer) -> None:
+    robot = ROBOTS["uzuner"]
+    ahead = np.append(front(robot), 0.0)
+    for view, along in (("Front", ahead), ("Side", np.cross(ahead, [0, 0, 1])), ("Top", np.array([0, 0, 1]))):
+        position, centre = first_view(robot, in_view(robot), FOV, 1.2, view)
+        away = (position - centre) / np.linalg.norm(position - centre)
+        assert away @ along > 0.98
+    marks, q = Marks(server.scene, robot), robot.pose("home")
+    nodes = server.scene._handle_from_node_name
+    marks.show(q, names=False, frames=False)
+    assert not [name for name in nodes if name.startswith("/marks")]
+    for q in (robot.pose("home"), robot.pose("rest")):
+        marks.show(q, names=True, frames=True)
+        assert [nodes[f"/marks/joint{i}"].text for i in range(5)] == [joint.title for joint in robot.joints]
+        assert nodes["/marks/tool"].position == pytest.approx(robot.forward(q)[:3, 3])
+        axes = robot.frames(q)[:, :3, 3]
+        places = np.array([nodes[f"/marks/joint{i}"].position for i in range(5)])
+        assert np.linalg.norm(places[:, None] - axes[None], axis=2).min(axis=1).max() < 1e-9
+    marks.show(q, names=False, frames=True)
+    assert "/marks/joint0" not in nodes and "/marks/tool" in nodes
 
 
 def test_a_single_point_is_looked_at_from_where_it_is() -> None:

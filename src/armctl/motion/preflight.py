@@ -437,14 +437,16 @@ def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator
 
     when, digits = motion.told(float(time[at]), lambda time: isotropy_at(time) < (_LOST if is_lost else NEAR))
     percent = 100 * isotropy_at(when)
+    what = "singularity: the tool cannot move in one direction"
+    if percent >= 0.1:
+        what = f"near a singularity: in one direction the tool has {percent:.1f} % of its freedom in the best"
     yield Finding(
-        f"{'at' if percent < 0.1 else 'near'} a singularity: in one direction it moves only "
-        f"{percent:.1f} % as freely as in the best",
+        what,
         when,
         "the tool",
-        "lead the path past there, or go joint by joint"
+        "joint moves are fine; lead the line past there"
         if is_lost
-        else "begin no lines and no jogs of the tool there: they would be slow, or refused",
+        else "joint moves are fine; a line or a tool jog from there would be slow, or refused",
         "singularity",
         "error" if is_lost else "warning",
         digits=digits,

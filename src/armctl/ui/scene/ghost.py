@@ -46,14 +46,15 @@ class Ghost:
         if before is not None:
             before()
 
-    def show(self, q: FloatArray, owner: object = None) -> None:
-        """Show the arm at ``q`` (n,) [rad]; the ghost is ``owner``'s from now on."""
+    def show(self, q: FloatArray, owner: object = None, words: str | None = None) -> None:
+        """Show the arm at ``q`` (n,) [rad], ``words`` beside it; the ghost is ``owner``'s from now on."""
         if self._figure is None:
             robot = thicker(self._robot)
             self._figure = ArmFigure(self._scene, robot, "/ghost", color=_COLOR, opacity=_OPACITY)
         self.claim(owner)
         self.q = q.copy()
         self._figure.pose(q)
+        self._figure.say(words)
         self._figure.root.visible = True
 
     def hide(self, owner: object = None) -> None:
@@ -67,8 +68,9 @@ class Ghost:
 class Preview:
     """The page's ghost for one screen: shown until the arm stands there or another screen takes it."""
 
-    def __init__(self, ghost: Ghost) -> None:
-        self._ghost = ghost
+    def __init__(self, ghost: Ghost, words: str) -> None:
+        """``words``: what is written beside it."""
+        self._ghost, self._words = ghost, words
         self._q: FloatArray | None = None
         """(n,) what this screen has shown last [rad]; None: nothing"""
 
@@ -88,7 +90,7 @@ class Preview:
             self.hide()
         else:
             self._q = q.copy()
-            self._ghost.show(q, self)
+            self._ghost.show(q, self, self._words)
 
     def hide(self) -> None:
         """Show nothing, if it is this screen's ghost that is shown."""

@@ -8,6 +8,7 @@ import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
+from armctl.kinematics import quaternion_wxyz
 from armctl.robot import Robot
 from armctl.robot.shape import Point, reach
 from armctl.robot.solids import Solid, beam, block, drum, tube
@@ -15,6 +16,8 @@ from armctl.ui.scene.arm_figure import add_solid, send_pose
 
 # Proportions, as fractions of the arm's reach.
 _PLATE_WIDTH, _PLATE_HEIGHT = 0.28, 0.02
+_BASE_AXES = 0.26
+"""they reach beyond the plate and out of the column"""
 _COLUMN_WIDTH, _COLUMN_BEHIND = 0.11, 0.24
 _HIGH = 0.3
 """a base frame this far above the floor lets the arm hang below it: the column goes behind"""
@@ -24,6 +27,8 @@ _FLOOR_M, _FLOOR_STEP_M = 1.6, 0.5
 """the floor is so large at least; a longer arm stands on one that is larger by whole sections"""
 _IN_FRONT, _BESIDE, _ABOVE = 0.62, 0.72, 0.32
 """the direction from the arm to the camera"""
+_STRETCHED = 0.6
+"""of the reach, to each side: the arm fills the picture, and mostly stays in it"""
 _FILLED = 0.95
 """of the picture, by the arm and how far it reaches"""
 _LEAST_ASPECT = 0.5
@@ -101,7 +106,8 @@ class Stage:
                 position=(0.0, 0.0, robot.floor_z),
             ),
             scene.add_frame(
-                "/base_axes", axes_length=0.16 * size, axes_radius=0.005 * size, origin_radius=0.008 * size
+                "/base_axes", axes_length=_BASE_AXES * size, axes_radius=0.005 * size,
+                origin_radius=0.008 * size,
             ),
             stand,
         )  # fmt: skip
@@ -121,20 +127,31 @@ def floor_size(robot: Robot) -> float:
     return max(_FLOOR_M, _FLOOR_STEP_M * math.ceil(2 * reach(robot.chain) / _FLOOR_STEP_M))
 
 
-def look_at_arm(client: viser.ClientHandle, robot: Robot, covered: int = 0) -> None:
-    """See the whole arm from the front right of its home pose; ``covered``: width that is panels [px]."""
+VIEWS: dict[str, tuple[float, float, float]] = {
+    "Reset": (_IN_FRONT, _BESIDE, _ABOVE),
+    "Front": (1.0, 0.0, 0.12),
+    "Side": (0.0, 1.0, 0.12),
+    "Top": (0.02, 0.0, 1.0),
+}
+"""the directions to the camera: ahead of the home pose, to its right, up"""
+
+
+def look_at_arm(client: viser.ClientHandle, robot: Robot, covered: int = 0, view: str = "Reset") -> None:
+    """See the arm by one of ``VIEWS``; ``covered``: width of the picture that is panels [px]."""
     camera = client.camera
     aspect = max((camera.image_width - covered) / camera.image_height, _LEAST_ASPECT)
     camera.up_direction = np.array([0.0, 0.0, 1.0])
-    camera.position, camera.look_at = first_view(robot, in_view(robot), camera.fov, aspect)
+    camera.position, camera.look_at = first_view(robot, in_view(robot), camera.fov, aspect, view)
 
 
-def first_view(robot: Robot, points: FloatArray, fov: float, aspect: float) -> tuple[FloatArray, FloatArray]:
-    """Where the camera stands at first, and what it looks at (3,) [m]; the rest as in ``framed``."""
+def first_view(
+    robot: Robot, points: FloatArray, fov: float, aspect: float, view: str = "Reset"
+) -> tuple[FloatArray, FloatArray]:
+    """Where the camera stands by one of ``VIEWS``, and what it looks at (3,) [m]; as ``framed``."""
     ahead = front(robot)
     side = np.array([ahead[1], -ahead[0]])
-    away = np.array([*(_IN_FRONT * ahead + _BESIDE * side), _ABOVE])
-    return framed(points, away, fov, aspect, _FILLED)
+    forward, beside, above = VIEWS[view]
+    return framed(points, np.array([*(forward * ahead + beside * side), above]), fov, aspect, _FILLED)
 
 
 def in_view(robot: Robot) -> FloatArray:
@@ -144,5 +161,48 @@ def in_view(robot: Robot) -> FloatArray:
     level = size - abs(shoulder)  # the column below the shoulder reaches nowhere
     side = np.array([-ahead[1], ahead[0]])
     poses = robot.frames(np.stack([robot.pose("home"), robot.pose("rest")]))[..., :3, 3].reshape(-1, 3)
+    level *= _STRETCHED
     stretched = [[*(level * way), shoulder] for way in (ahead, side, -side)]
     return np.vstack([poses, stretched, [[0.0, 0.0, robot.floor_z], [0.0, 0.0, shoulder + level]]])
+
+
+class Marks:
+    """The joints' names, and the base and tool frames with theirs, in one page's view."""
+
+    def __init__(self, scene: viser.SceneApi, robot: Robot) -> None:
+        self._scene, self._robot = scene, robot
+        self._names: list[viser.LabelHandle] = []
+        self._frames: list[viser.FrameHandle | viser.LabelHandle] = []
+        self._shown: FloatArray | None = None
+        # the frame whose z a joint turns about
+        after = 0 if robot.chain.convention == "standard" else 1
+        self._places = [row + after for row in robot.chain.joint_rows]
+
+    def show(self, q: FloatArray, *, names: bool, frames: bool) -> None:
+        """Show them for the arm at ``q`` (n,) [rad], or not."""
+        if names != bool(self._names) or frames != bool(self._frames):
+            for node in (*self._names, *self._frames):
+                node.remove()
+            self._names, self._frames, self._shown = [], [], None
+            if names:
+                titles = enumerate(joint.title for joint in self._robot.joints)
+                self._names = [self._scene.add_label(f"/marks/joint{i}", title) for i, title in titles]
+            if frames:
+                self._frames = self._add_frames()
+        if not (names or frames) or (self._shown is not None and np.array_equal(q, self._shown)):
+            return
+        self._shown = q.copy()
+        poses = self._robot.frames(q)
+        for label, place in zip(self._names, self._places, strict=False):
+            label.position = poses[place, :3, 3]
+        for node in self._frames[:2]:
+            node.position, node.wxyz = poses[-1, :3, 3], quaternion_wxyz(poses[-1, :3, :3])
+
+    def _add_frames(self) -> list[viser.FrameHandle | viser.LabelHandle]:
+        """The tool's axes and name, then the base's name: its axes are always there."""
+        size = reach(self._robot.chain)
+        axes = self._scene.add_frame("/marks/tool", axes_length=0.15 * size, axes_radius=0.005 * size)
+        tool = self._scene.add_label("/marks/tool_name", "tool frame")
+        away = 1.1 * _BASE_AXES * size
+        base = self._scene.add_label("/marks/base_name", "base frame: x", position=(away, 0.0, 0.0))
+        return [axes, tool, base]

@@ -13,7 +13,7 @@ from armctl.arrays import FloatArray
 from armctl.calibration import LEAST_MARKS, JointFit, Mark, differences, own_calibration, own_map
 from armctl.errors import ArmctlError
 from armctl.robot import Robot
-from armctl.runtime import Jog, MoveGripper, Snapshot
+from armctl.runtime import Jog, MoveGripper, Need, Snapshot
 from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.points import numbered, show_numbers
 from armctl.ui.tabs.calibration.shared_calibration import (
@@ -76,7 +76,9 @@ class CalibrationJoint:
         self._steps = gui.add_button_group("Step °", tuple(STEPS), hint=_STEP_HINT)
         jog = HeldJog(session)
         for label, sign in (("Jog −", -1.0), ("Jog +", 1.0)):
-            jog.attach(gui.add_button(label), partial(self._jog, sign))
+            button = gui.add_button(label)
+            jog.attach(button, partial(self._jog, sign))
+            session.needs(Need.ENABLED, button, told=sign > 0)
         LiveHtml(gui, muted("Jog turns the joint slowly for as long as the button is held."))
         self._now = LiveHtml(gui)
         self._angle = NumberField(gui, "Angle read °", None, hint=_ANGLE_HINT)

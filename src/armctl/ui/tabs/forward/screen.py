@@ -62,7 +62,7 @@ class ForwardScreen:
         self._session = session
         self._robot = session.console.robot
         self._standing = session.console.last_known.standing
-        self._preview = Preview(session.ghost)
+        self._preview = Preview(session.ghost, "Forward")
         self._drawn: tuple[object, ...] = ()
         self._edited = False
         gui = session.gui

@@ -57,7 +57,7 @@ class InverseScreen:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._robot = session.console.robot
-        self._preview = Preview(session.ghost)
+        self._preview = Preview(session.ghost, "Inverse")
         scene = session.client.scene
         self._mark = scene.add_icosphere("/inverse_mark", 0.006, color=_MARK_COLOR, visible=False)
         self._answer: Answer | None = None

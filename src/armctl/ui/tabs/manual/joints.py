@@ -90,7 +90,7 @@ class JointControl:
 
     def _on_slider(self) -> None:
         self._set_edited(True)
-        self._session.ghost.show(self._asked())
+        self._session.ghost.show(self._asked(), words="Manual")
 
     def _on_reset(self) -> None:
         self._set_edited(False)

@@ -15,6 +15,7 @@ from armctl.robot import Robot
 from armctl.runtime import Snapshot
 from armctl.ui.console import Console, known
 from armctl.ui.scene.ghost import Lines, segments
+from armctl.ui.scene.stage import VIEWS, Marks, look_at_arm
 from armctl.ui.session import Session
 from armctl.ui.tabs.simulation.twin import LiveTarget, TwinControl
 from armctl.ui.tabs.simulation.workspace import WorkspaceView
@@ -37,6 +38,13 @@ class SimulationScreen:
             self._joint = gui.add_dropdown("Show", (ALL, *self._titles), initial_value=ALL)
             self._graph = JointGraph(gui, session.console.robot)
         with gui.add_folder("In the 3D view"):
+            camera = gui.add_button_group("Camera", tuple(VIEWS))
+            session.on(
+                camera.on_click, lambda: look_at_arm(session.client, session.console.robot, view=camera.value)
+            )
+            self._names = gui.add_checkbox("Joint names", initial_value=False)
+            self._frames = gui.add_checkbox("Frames", initial_value=False, hint=_FRAMES_HINT)
+            self._marks = Marks(session.client.scene, session.console.robot)
             self._with_trail = gui.add_checkbox("Tool trail", initial_value=True)
             clear = gui.add_button_group("Trail so far", ("Clear trail",))
             self._trail = session.console.shared(Trail)
@@ -55,6 +63,8 @@ class SimulationScreen:
         if self._with_trail.value and self._drawn != self._trail.count:
             self._draw_trail()
         self._workspace.refresh(snapshot)
+        drawn = self._session.console.last_known.drawn(snapshot)
+        self._marks.show(drawn, names=self._names.value, frames=self._frames.value)
 
     def _draw_trail(self) -> None:
         self._drawn = self._trail.count
@@ -69,6 +79,8 @@ class SimulationScreen:
         self._cleared = self._trail.count
         self._draw_trail()
 
+
+_FRAMES_HINT = "Axes of the tool, and names of both frames. Red is x, green y, blue z."
 
 # The path of the tool point: kept once for all pages.
 

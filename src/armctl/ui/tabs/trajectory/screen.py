@@ -56,7 +56,7 @@ class TrajectoryScreen:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._robot = session.console.robot
-        self._preview = Preview(session.ghost)
+        self._preview = Preview(session.ghost, "Trajectory")
         self._planned: PlannedMotion | None = None
         self._from_present = True
         self._settings: dict[bool, tuple[object, ...]] = {}
