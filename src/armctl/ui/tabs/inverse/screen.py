@@ -260,7 +260,8 @@ class InverseScreen:
             dot[int(np.abs(found.curve.x - angle).argmin())] = found.energy_of(q)
             self._along.value = min(max(round(angle, 2), self._along.min), self._along.max)
         selected = Line("selected", dot, _SELECTED_INK, mark=True)
-        self._curve.show(replace(found.curve, lines=(*found.curve.lines, selected)))
+        *branches, least = found.curve.lines  # which stays in view where it is the one selected
+        self._curve.show(replace(found.curve, lines=(*branches, selected, least)))
 
     def _show_ghost(self) -> None:
         """The one of least energy, else the nearest; none beside the ghosts of all branches."""
