@@ -27,7 +27,7 @@ _FLOOR_M, _FLOOR_STEP_M = 1.6, 0.5
 """the floor is so large at least; a longer arm stands on one that is larger by whole sections"""
 _IN_FRONT, _BESIDE, _ABOVE = 0.62, 0.72, 0.32
 """the direction from the arm to the camera"""
-_STRETCHED = 0.6
+_STRETCHED = 0.75
 """of the reach, to each side: the arm fills the picture, and mostly stays in it"""
 _FILLED = 0.95
 """of the picture, by the arm and how far it reaches"""
