@@ -93,7 +93,7 @@ def program(screen: Screen) -> None:
 
 def trajectory(screen: Screen) -> None:
     screen.open_tab("Trajectory")
-    screen.choose("To", "zero")
+    screen.choose("To", "home")
     screen.click("Show")
     screen.wait_for_text("Tool position (mm)")
 
@@ -153,6 +153,7 @@ def log(screen: Screen) -> None:
 PICTURES = {
     "main": Picture(("Main",), main_tab, enabled=False),
     "control": Picture((), control),
+    "log": Picture(("Log",), log),
     "manual": Picture(("Manual",), manual),
     "program": Picture(("Manual",), program),
     "trajectory": Picture(("Trajectory",), trajectory),
@@ -163,7 +164,6 @@ PICTURES = {
     "simulation": Picture(("Simulation",), simulation),
     "workspace": Picture(("Simulation",), workspace),
     "calibration": Picture(("Calibration",), calibration),
-    "log": Picture(("Log",), log),
 }
 FILM = "armctl"
 FILM_TABS = ("Control", "Inverse")
