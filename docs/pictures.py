@@ -171,7 +171,7 @@ FILM_TABS = ("Control", "Inverse")
 
 # The moving picture.
 
-_FILM_SIZE = (1180, 760)
+_FILM_SIZE = (1280, 800)
 _FILM_WIDTH = 960
 _TYPED_MS, _STEP_MS, _READ_MS = 110, 50, 1800
 _DURATION_S, _FASTER = 8, 3
