@@ -100,8 +100,8 @@ def trajectory(screen: Screen) -> None:
 
 def graphs(screen: Screen) -> FloatRect:
     trajectory(screen)
-    screen.click("Joints")
-    screen.click("Velocity")
+    screen.choose("Graph of", "Joints")
+    screen.choose("Quantity", "Velocity")
     screen.wait_for_text("Joint velocity (°/s)")
     plot = screen.page.locator(".uplot").locator("visible=true").first
     plot.evaluate("element => element.scrollIntoView({block: 'center'})")
