@@ -57,13 +57,14 @@ def test_the_arm_jogs_while_a_button_is_held(page: Screen, served: ServedArm) ->
     assert page.errors == []
 
 
-def test_a_held_jog_that_is_refused_says_so_once(page: Screen, served: ServedArm) -> None:
+def test_a_jog_that_would_be_refused_cannot_be_held_and_says_why(page: Screen, served: ServedArm) -> None:
     served.arm.release()
     page.open_tab("Jog & gripper")
-    page.hold("Jog −", 700)
-    page.wait_for_notification("a jog needs the arm holding, it is off")
-    assert len(page.notifications()) == 1
-    assert sum("refused" in event.text for event in served.now.events) == 1
+    page.wait_for_text("The arm is off; enable first.")
+    assert not page.is_enabled("Jog −")
+    page.hold("Jog −", 300)
+    assert page.notifications() == []
+    assert not any("refused" in event.text for event in served.now.events)
 
 
 def test_keys_move_the_arm_while_they_are_switched_on(page: Screen, served: ServedArm) -> None:
@@ -91,7 +92,7 @@ def test_keys_move_the_arm_while_they_are_switched_on(page: Screen, served: Serv
     assert served.commanded_deg[1:] == HOME[1:]
     page.screenshot("jog-keys")
 
-    page.click("Tool, base axes")
+    page.choose("Keys move", "Tool, base axes")
     page.wait_for_text("30 mm/s")
     before = served.tool_mm
     hold_key(page, "y", 20)

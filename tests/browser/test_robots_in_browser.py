@@ -232,7 +232,7 @@ def test_a_robot_file_of_ones_own_is_in_the_list(tmp_path: Path, screen: Screen)
         screen.wait_until(lambda: screen.button("P0").is_visible(), "MICO's points are there")
         screen.choose("Robot", "The lab's arm")
         screen.wait_for_notification(
-            re.compile(r"lab_arm\.toml: joints\.base\.limit_deg = \[107\.26, -102\.8\]")
+            re.compile(r"lab_arm\.toml: line \d+: joints\.base\.limit_deg = \[107\.26, -102\.8\]")
         )
         screen.wait_until(lambda: screen.value("Robot") == TITLES["mico"], "the present robot stays")
         screen.click("Enable")

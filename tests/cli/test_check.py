@@ -34,7 +34,7 @@ def test_a_warning_is_told_and_does_not_refuse(capsys: pytest.CaptureFixture[str
     status, out, err = call(capsys, program(tmp_path, HOME, STRETCHED))
     assert status == DONE
     assert "a sound program, with 1 warning" in out
-    assert "warning: " in err and "at a singularity" in err
+    assert "warning: " in err and "singularity: the tool cannot move in one direction" in err
 
 
 def test_json_holds_every_part_of_a_finding(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

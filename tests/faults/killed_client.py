@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import signal
 import sys
 import threading
 import time
@@ -34,6 +35,7 @@ def say(*words: object) -> None:
 
 
 def main(port: str, folder: Path) -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it would be ignored
     robot = load_robot("uzuner")
     link = start_arm(robot, name="killed")
     say("arm", link._process.pid)

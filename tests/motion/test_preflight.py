@@ -267,7 +267,7 @@ def test_where_an_arm_touches_it_may_come_free_but_not_go_deeper(
 def test_a_joint_motion_that_ends_stretched_is_warned_of() -> None:
     (finding,) = preflight(ROBOT, PointToPoint.plan(ROBOT, HOME, np.zeros(5)))
     assert (finding.kind, finding.severity) == ("singularity", "warning")
-    assert "at a singularity" in finding.what
+    assert finding.what.startswith("singularity: ")
     require_clear(ROBOT, PointToPoint.plan(ROBOT, HOME, np.zeros(5)))
 
 
@@ -276,7 +276,7 @@ def test_a_path_of_the_tool_through_the_lost_direction_is_refused() -> None:
     through = [(0, 120, -40, -20, 0), (0, 90, 0, 0, 0), (0, 60, 40, 20, 0)]
     (finding,) = of_kind("singularity", ROBOT, *through, tool_path=True)
     assert finding.severity == "error"
-    assert "lead the path past there" in finding.mend
+    assert "lead the line past there" in finding.mend
     # a joint motion may pass it
     assert of_kind("singularity", ROBOT, (0, 20, 40, 30, 0), (0, 20, -40, -30, 0)) == []
     # stretched all the way, only the base turns: sideways is free

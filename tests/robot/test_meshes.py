@@ -123,7 +123,7 @@ def test_sizes_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_dae_file_needs_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(meshes, "find_spec", lambda name: None)
     (tmp_path / "a.dae").write_text("<COLLADA/>")
-    with pytest.raises(RobotFileError, match=r"takes pycollada: pip install 'armctl\[urdf\]'"):
+    with pytest.raises(RobotFileError, match=r"takes pycollada: pip install pycollada"):
         read_mesh(tmp_path / "a.dae")
 
 

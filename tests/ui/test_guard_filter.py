@@ -39,6 +39,7 @@ GOOD: dict[str, dict[str, Any]] = {
     "GuiUpdateMessage": {"uuid": UUID, "updates": {"value": 12.5}},
     "GuiButtonHoldMessage": {"uuid": UUID, "frequency": 10},
     "CommandTriggerMessage": {"uuid": UUID},
+    "GuiFormSubmitMessage": {"uuid": UUID},
     "TransformControlsUpdateMessage": {"name": "/target", "wxyz": (1, 0, 0, 0), "position": (0, 0, 1.5)},
     "TransformControlsDragStartMessage": {"name": "/target"},
     "TransformControlsDragEndMessage": {"name": "/target"},
@@ -111,6 +112,11 @@ def test_what_the_page_of_armctl_sends_is_admitted_with_all_its_fields_and_no_mo
     for name in GOOD[kind]:
         assert not page.admits(kind, **{k: v for k, v in GOOD[kind].items() if k != name})
     assert not page.admits(kind, **GOOD[kind], surplus=1)
+
+
+def test_viser_keeps_no_marks_of_forms_for_all_pages(page: Page) -> None:
+    assert not page.admits("GuiFormDirtyMessage", uuid="x" * 10_000)
+    assert page.tally.counts == {}
 
 
 @pytest.mark.parametrize(
@@ -393,3 +399,19 @@ def test_a_number_beside_a_slider_that_is_outside_is_refused_in_words_and_the_on
     assert not typed(400)
     assert told == ["Shoulder °: 400 is outside -3.2 … 146.8; it stays 40."]
     assert slider.value == 40.0
+
+
+def test_a_number_that_is_half_typed_is_left_alone(server: GuardedServer) -> None:
+    """What is typed as "20" beside a slider from 5 to 100 comes as "2" first; that must not be taken away."""
+    speed = server.gui.add_slider("Speed %", 5, 100, 1, initial_value=100)
+    cold = server.gui.add_slider("Cold", -100, -5, 1, initial_value=-50)
+    tally = Tally()
+    tally.open()
+    client: Any = SimpleNamespace(gui=server.gui)  # it could be told nothing
+    judge = FrameFilter(tally, Clock(), lambda: client)
+    for slider, typed in ((speed, 2), (speed, 0), (cold, -2)):
+        before = slider.value
+        message = {"type": "GuiUpdateMessage", "uuid": slider._impl.uuid, "updates": {"value": typed}}
+        assert not judge.admits(msgspec.msgpack.encode(message))
+        assert slider.value == before
+    assert tally.counts == {"a value that the control cannot take": 3}

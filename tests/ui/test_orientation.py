@@ -137,7 +137,7 @@ def test_the_answer_says_how_the_tool_is_turned_and_what_is_free() -> None:
     pose = robot.forward(home)
     found = solve(robot, Target.of(pose[:3, 3], rotation=pose[:3, :3]), "least-rotation", home)
     assert "in steps of 0.01° of Joint 7" in result_html(robot, found)
-    assert "a joint is free" in branches_html(found) and "pitch" not in branches_html(found)
+    assert "One joint is free" in branches_html(found) and "pitch" not in branches_html(found)
     assert not isinstance(found.curve, str) and found.curve.title.startswith("Energy")
 
 

@@ -173,19 +173,22 @@ class FrameFilter:
         """Tell whether viser may see this frame; refusals are counted."""
         if self.flooded:
             return False
-        leftover, size = False, len(raw)
+        dropped, size, cost = False, len(raw), len(raw)
         try:
             message = _read(raw)
-            leftover = isinstance(message, wire.FileTransferPart) and self._uploads.is_leftover(message)
-            reason = None if leftover else self._reason_against(message, size)
+            if isinstance(message, wire.FileTransferPart) and self._uploads.is_leftover(message):
+                dropped, cost = True, 0
+            elif isinstance(message, wire.GuiFormDirtyMessage):
+                dropped = True  # viser would keep it for ever, for all pages; nobody here asks for it
+            reason = None if dropped else self._reason_against(message, size)
         except Exception:  # the fields of a message may be of any type
             reason = "no message of a page"
         if reason is not None:
             self._tally.refuse(reason)
-        if not self._gauge.charge(0 if leftover else size, refused=reason is not None):
+        if not self._gauge.charge(cost, refused=reason is not None):
             self.flooded = True
             self._tally.refuse("too many messages")
-        return reason is None and not leftover and not self.flooded
+        return reason is None and not dropped and not self.flooded
 
     def _reason_against(self, message: wire.Message | None, size: int) -> str | None:
         if message is None:
@@ -223,6 +226,8 @@ class FrameFilter:
         """Say that a number typed beside a slider is not taken, and show the one in force again."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             return
+        if min(0.0, slider.min) <= value <= max(0.0, slider.max):
+            return  # "2" on the way to "20": another digit may make it fit
         if self._told is not None:
             self._told.remove()
         kept = slider.value

@@ -168,6 +168,11 @@
       for (const button of document.querySelectorAll(`${selector}:not([aria-label])`)) button.setAttribute("aria-label", name);
   }
 
+  // A dropdown keeps the focus after a choice by mouse; the keys that jog would go on to be typed into it.
+  addEventListener("click", (event) => {
+    if (event.detail && event.target.closest?.("[role=option]")) setTimeout(() => document.activeElement.blur());
+  }, true);
+
   addEventListener("keydown", (event) => {
     const head = event.target instanceof Element && event.target.matches(".mantine-Paper-root[aria-expanded]");
     if (!head || (event.key !== "Enter" && event.key !== " ")) return;
