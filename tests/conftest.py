@@ -63,7 +63,8 @@ def nobodys_settings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
 def a_busy_machine_may_stand_still() -> Iterator[None]:
     """Three workers on two cores stand still for half a second now and then; no arm stops for that here.
 
-    Where the limit itself is meant, the tests run on a manual clock with the real one (``real_gap``).
+    This holds for controllers in the tests' own process. Arm processes that tests start keep the real limit,
+    and so do the tests of the runtime and of faults, whose clock is a manual one (``real_gap``).
     """
     with pytest.MonkeyPatch.context() as patch:
         for module in (clock, controller):

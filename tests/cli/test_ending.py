@@ -53,6 +53,19 @@ def test_the_event_is_set(number: signal.Signals) -> None:
     assert ended.wait(10)
 
 
+def test_a_second_signal_interrupts_what_does_not_end() -> None:
+    ended = end_event()
+    ended.patient = False
+    os.kill(os.getpid(), signal.SIGTERM)
+    assert ended.wait(10) and ended.came
+    with pytest.raises(KeyboardInterrupt):
+        os.kill(os.getpid(), signal.SIGTERM)
+        threading.Event().wait(10)
+    ended.patient = True
+    os.kill(os.getpid(), signal.SIGTERM)
+    assert ended.wait(10)
+
+
 @pytest.mark.parametrize("number", ENDS)
 def test_they_count_as_ctrl_c_and_no_longer_than_asked(number: signal.Signals) -> None:
     before = signal.getsignal(number)

@@ -19,9 +19,15 @@ class EndEvent:
 
     def __init__(self) -> None:
         self._signals: SimpleQueue[int] = SimpleQueue()
+        self.came = False
+        self.patient = True
+        """False: a second signal interrupts what is under way, which may never end"""
 
     def set(self, signum: int) -> None:
         """From a signal's handler, also in the middle of ``wait`` or of itself."""
+        if self.came and not self.patient:
+            raise KeyboardInterrupt
+        self.came = True
         self._signals.put(signum)
 
     def wait(self, timeout: float | None = None) -> bool:

@@ -93,7 +93,8 @@ def serve(
         raise click.UsageError("--tls-cert and --tls-key belong together: give both, or neither")
     tls = None if tls_cert is None or tls_key is None else encryption(tls_cert, tls_key)
     token = None if no_token else secrets.token_urlsafe(24)
-    ended = end_event()  # also while it starts: what has been started by then, is ended in order
+    ended = end_event()  # also while it starts: what has been started by then is ended in order
+    ended.patient = False
     for folder in (user_data_path("armctl"), CalibrationStore().folder, user_state_path("armctl")):
         for path in sweep_litter(folder, wall_time()):
             LOG.info("removed %s, which a killed save had left", path)
@@ -126,7 +127,8 @@ def serve(
             with _kept_link(server):
                 click.echo(f"armctl: {present.title} {where}: {server.links[0]}  (Ctrl-C ends)")
                 _say_more(server)
-                if not no_browser and has_display():
+                ended.patient = True
+                if not no_browser and has_display() and not ended.came:
                     webbrowser.open(server.link_for_one_browser())
                 settle_interpreter()
                 ended.wait()
