@@ -295,7 +295,7 @@ def test_a_client_that_reads_nothing_holds_up_nobody_and_can_stop(operator: Clie
 
 
 def test_stop_overtakes_a_big_program_and_drops_it(operator: Client) -> None:
-    big = Program(robot="uzuner", name="big", steps=(WaitStep(seconds=0.01),) * 4_000)
+    big = Program(robot="uzuner", name="big", steps=(WaitStep(seconds=0.01),) * 19_000)
     asked, moving = operator.ask(RunProgram(big, None)), operator.ask(SLOWLY)
     stopped = operator.stop()
     answers: dict[int, str] = {}
