@@ -55,6 +55,8 @@ _PSS = re.compile(r"^Pss: +([0-9]+)", re.MULTILINE)
 _TROUBLE = re.compile(r"Traceback|ERROR|WARNING (?!STOP)")
 _GAP_S = 0.06
 _POLL_S = 0.01
+_SETTLED_S = 1.0
+"""a page that has just come knows by then that it operates: until then its buttons are disabled"""
 _STILL_S = 0.15
 """no setpoint for so long: the arm stands"""
 _PATIENCE_S, _CHECK_S = 30.0, 300.0
@@ -270,6 +272,7 @@ async def served(wire: Wire, *, split: bool, started: Times, opened: Times) -> A
             console = Console(wire, server, port, page)
             while "connected to" not in log.read_text():
                 await asyncio.sleep(0.05)
+            await asyncio.sleep(_SETTLED_S)
             await page.press("Enable")
             await console.until(bool, "Enable")
             yield console

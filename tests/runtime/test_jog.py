@@ -326,3 +326,24 @@ def test_what_its_sender_writes_afterwards_changes_nothing(rig: Rig) -> None:
     rig.run(0.08)
     assert np.degrees(rig.now.velocity_command[0]) == pytest.approx(6)
     assert not rig.now.velocity_command[1:].any()
+
+
+@pytest.mark.parametrize("factor", [6.0, 2.0, 0.4])
+def test_joints_that_brake_unequally_keep_the_angle_between_links(factor: float) -> None:
+    """The sum of their angles is largest while they brake, not at the end."""
+    arm = load_robot("mearm")
+    joints = tuple(
+        replace(joint, acceleration=joint.acceleration * (factor if k == 2 else 1.0))
+        for k, joint in enumerate(arm.joints)
+    )
+    rig = enabled(replace(arm, joints=joints))
+    chance = np.random.default_rng(int(10 * factor))
+    at_limit = 0
+    for _ in range(25):
+        rates = np.concatenate([[0.0], chance.choice([-1.0, -0.5, 0.5, 1.0], 2), np.zeros(arm.n - 3)])
+        for _ in range(int(chance.integers(5, 40))):
+            rig.controller.submit(Jog(rates), TEST)
+            rig.tick(0.02)
+            assert rig.now.state is not State.FAULT, rig.now.cause
+            at_limit += any("is at its limit" in text for text in rig.now.warnings)
+    assert at_limit > 0

@@ -8,7 +8,9 @@ from tests.runtime.kit import ROBOT, Rig, fails, make_rig
 
 from armctl.errors import BoardError, BoardTimeoutError, InputError, MotionRefusedError, PortError
 from armctl.hardware import BoardIdentity, Readback, Source
+from armctl.robot import load_robot
 from armctl.runtime import Connect, Disconnect, Enable, MoveGripper, MoveJoints, Release, State
+from armctl.runtime.power import _links_turned_back
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 
@@ -239,3 +241,16 @@ def test_what_is_known_of_a_board_is_no_warning_what_it_had_reported_is(rig: Rig
     rig.do(Connect("sim")).result(0)
     levels = {event.text: event.level for event in rig.now.events}
     assert (levels["it has no watchdog"], levels["it had sagged"]) == ("info", "warning")
+
+
+def test_readings_hardly_beyond_an_angle_between_links_are_taken_for_the_limit() -> None:
+    chain = load_robot("mearm").chain
+    (limit,) = chain.turn_limits
+    row = chain.turns(np.eye(chain.n)).T[limit.link]
+    tolerance = np.full(chain.n, np.radians(0.25))
+    for beyond_deg, taken in ((0.1, True), (0.4, True), (2.0, False)):
+        for turn in (limit.lower - np.radians(beyond_deg), limit.upper + np.radians(beyond_deg)):
+            q = turn * row / (row @ row)
+            back = _links_turned_back(chain, q, tolerance)
+            assert bool(chain.keeps_turns(back)) is taken
+            assert np.abs(back - q).max() <= np.radians(beyond_deg)

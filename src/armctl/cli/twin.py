@@ -32,6 +32,9 @@ def twin(program: Path, output: Path, robot: str | None) -> int:
     """
     from armctl.ui.twin_file import planned_for_file, program_file
 
+    if not output.is_dir() and output.suffix.lower() not in (".html", ".htm"):
+        raise click.UsageError(f"--output {output}: the file is a web page; let its name end in .html")
+
     given = None if robot is None else load_robot(robot)
     loaded = open_program(program, given)
     arm = given or load_robot(loaded.robot)

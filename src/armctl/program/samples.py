@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from itertools import combinations
+from itertools import combinations, islice
 
 import numpy as np
 
@@ -19,6 +19,8 @@ _SIZES_MM = (80.0, 60.0, 40.0, 25.0, 15.0)
 _AROUND = (0.5, 0.35, 0.2, 0.0)
 """between the home pose (0) and the rest pose (1): where the middle of a sample lies"""
 _TURN_RAD = 0.3
+_MOST_WAYS = 20
+"""of so many poses: each is checked, and an arm may have many poses"""
 
 
 def sample_program(name: str, robot: Robot) -> Program:
@@ -38,7 +40,7 @@ def _poses(robot: Robot) -> Iterator[list[Step]]:
     """Home, as many of the other named poses as can be reached one after the other, and home again."""
     others = [name for name in robot.poses if name != "home"]
     for count in range(len(others), 0, -1):
-        for names in combinations(others, count):
+        for names in islice(combinations(others, count), _MOST_WAYS):
             yield [_move(robot.pose(name), note=name) for name in ("home", *names, "home")]
     home, turned = robot.pose("home"), robot.pose("home")
     low, high = robot.limits[0]

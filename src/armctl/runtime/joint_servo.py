@@ -23,6 +23,9 @@ _THERE = 1e-10
 _SLOWEST_SHARE = 1e-6
 """of its speed limit: no joint is slowed down further for the sake of arriving together"""
 _BRAKING_PROBES = np.linspace(0.0, 1.0, 6)
+_TURN_PROBES = np.linspace(0.0, 1.0, 33)
+_TURN_ROOM = math.radians(0.1)
+"""Joints that brake unequally turn links most in between. Of that the probes miss less than this [rad]."""
 _ROUNDING = 1e-9
 _STEP_M = 5e-3
 """How much any gap may change between two looks along a way."""
@@ -77,11 +80,14 @@ class JointServo:
         arrived = (v == 0.0) & (np.abs(goal - q) < _THERE)
         return np.where(arrived, goal, q), v
 
-    def braking_path(self, q: FloatArray, v: FloatArray) -> FloatArray:
-        """(k, n) angles on the way to rest from ``q``, ``v`` (n,), each joint as hard as it can."""
+    def braking_path(self, q: FloatArray, v: FloatArray, probes: FloatArray = _BRAKING_PROBES) -> FloatArray:
+        """(k, n) angles on the way to rest from ``q``, ``v`` (n,), each joint as hard as it can.
+
+        ``probes``: (k,) the shares of the time that it takes.
+        """
         a = self.acceleration_limits
         takes = np.abs(v) / a
-        t = np.minimum(_BRAKING_PROBES[:, None] * takes.max(), takes)
+        t = np.minimum(probes[:, None] * takes.max(), takes)
         return q + v * t - 0.5 * np.sign(v) * a * t * t
 
     def _limited(self, desired: FloatArray, halts: BoolArray, dt: float) -> Step:
@@ -173,6 +179,15 @@ class KeepClear:
                 first = row, words[int(np.argmin(np.where(closing[:, row], gaps[:, row], np.inf)))]
         return first
 
+    def turned_too_far(self, path: FloatArray) -> str | None:
+        """Which angle between links comes to its limit on a braking path (k, n) [rad]; row 0 always may."""
+        chain = self._robot.chain
+        excess = chain.turn_excess(path)
+        for k, limit in enumerate(chain.turn_limits):
+            if (excess[:, k] > max(excess[0, k], -_TURN_ROOM)).any():
+                return f"{limit.name} is at its limit"
+        return None
+
     def line(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """(k, n) rows from ``start`` to ``end`` (n,), evenly spaced, near enough for ``blocked``."""
         moves = float((self._levers @ np.abs(end - start)).max(initial=0.0))
@@ -257,5 +272,9 @@ class Led(ABC):
         servo = self._servo
         if not v.any() and np.array_equal(q, servo.q):
             return None
+        if self._robot.chain.turn_limits:
+            way = np.vstack([servo.q, servo.braking_path(q, v, _TURN_PROBES)])
+            if words := self._clear.turned_too_far(way):
+                return words
         found = self._clear.blocked(np.vstack([servo.q, servo.braking_path(q, v)]))
         return None if found is None else found[1]

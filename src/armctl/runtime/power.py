@@ -7,6 +7,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, BoardError, EnableError, InputError, MotionRefusedError, StateError
 from armctl.hardware import Source
+from armctl.kinematics import Chain
 from armctl.kinematics.target import checked_number
 from armctl.motion import FLOOR_TOLERANCE_M, Floor
 from armctl.runtime.activity import Setpoint
@@ -355,9 +356,21 @@ def _taken_over(core: Core, board: Board, q: FloatArray) -> FloatArray:
             f"{joint.title} stands at {np.degrees(q[i]):.1f}°, outside {np.degrees(joint.lower):.1f}° … "
             f"{np.degrees(joint.upper):.1f}°; {_BACK_INSIDE[core.monitor.reading.source]}"
         )
-    q = np.clip(q, low, high)
+    q = np.clip(_links_turned_back(core.robot.chain, np.clip(q, low, high), _tolerance(board)), low, high)
     if words := core.robot.turn_words(q):
-        raise StateError(f"{'; '.join(words)}; {_BACK_INSIDE[core.monitor.reading.source]}")
+        raise EnableError(f"{'; '.join(words)}; {_BACK_INSIDE[core.monitor.reading.source]}")
+    return q
+
+
+def _links_turned_back(chain: Chain, q: FloatArray, tolerance: FloatArray) -> FloatArray:
+    """``q`` (n,) [rad] with the angles between links inside their limits, where they are hardly outside."""
+    rows = chain.turns(np.eye(chain.n)).T
+    for limit in chain.turn_limits:
+        row = rows[limit.link]
+        turn = float(row @ q)
+        off = turn - min(max(turn, limit.lower), limit.upper)
+        if 0.0 < abs(off) <= float(np.abs(row) @ tolerance):
+            q = q - off * (1 + 1e-9) * row / float(row @ row)
     return q
 
 

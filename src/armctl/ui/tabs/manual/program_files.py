@@ -59,7 +59,8 @@ class ProgramFiles:
             self._saved.options = choices
 
     def _choices(self) -> tuple[str, ...]:
-        return (*self._shared.saved(), *SAMPLES)
+        saved = self._shared.saved()
+        return (*saved, *(name for name in SAMPLES if name not in saved))
 
     async def _on_keep(self) -> None:
         if self._keep.value != "Save":
@@ -86,8 +87,10 @@ class ProgramFiles:
     async def _on_load(self) -> None:
         self._session.require_operator()
         name, robot = self._saved.value, self._session.console.robot
-        if name in SAMPLES:
-            self._shared.put(await asyncio.to_thread(sample_program, name, robot))
+        if name in SAMPLES and name not in self._shared.saved():
+            sample = await asyncio.to_thread(sample_program, name, robot)
+            self._session.require_operator()
+            self._shared.put(sample)
         else:
             await self._shared.load(name)
         await self._tell_findings(name)

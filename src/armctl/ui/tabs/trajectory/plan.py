@@ -71,7 +71,7 @@ _SWINGS = (
 _CUT_SHORT = (
     "Drawn as far as the arm can follow, as fast as its limits allow: profile and duration are left out."
 )
-_JOINTS_DO = "A joint motion reaches this end: choose Joint motion, and To: X Y Z."
+_JOINTS_DO = "A joint motion may reach this end: choose Joint motion, and To: X Y Z."
 _TIME = re.compile(r"^at [\d.]+ s, ")
 
 

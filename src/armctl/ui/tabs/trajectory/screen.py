@@ -387,7 +387,8 @@ class MotionForm:
 
     def ask_freer(self, pitch: Literal["kept", "free"]) -> None:
         """Ask less of the tool on its way."""
-        self._turn.value = "free" if pitch == "free" else _PITCH_ONLY
+        kept = _PITCH_ONLY if self._turns is _ORIENTATION else "kept"
+        self._turn.value = "free" if pitch == "free" else kept
         self._show_fields()
 
     def _title(self) -> str:
