@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from armctl.cli.main import DONE, REFUSED, run
+from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
 from armctl.program import LineStep, MoveStep, Program, Step, save_program
 
 HOME = MoveStep(joints_deg=(0, 90, -80, -40, 0))
@@ -74,3 +74,13 @@ def test_what_cannot_be_is_one_line(
     assert status == REFUSED and out == ""
     assert re.search(says, err) and err.count("\n") == 1
     assert not (tmp_path / "twin.html").exists()
+
+
+@pytest.mark.parametrize("name", ["mine.toml", "mine", "mine.html.toml"])
+def test_only_a_web_page_is_written(capsys: pytest.CaptureFixture[str], saved: Path, name: str) -> None:
+    before, output = saved.read_bytes(), saved.with_name(name)
+    status, out, err = call(capsys, saved, output)
+    assert status == WRONG_USAGE and out == ""
+    assert "--output" in err and "end in .html" in err and err.count("\n") == 1
+    assert saved.read_bytes() == before
+    assert list(saved.parent.iterdir()) == [saved]

@@ -8,6 +8,7 @@ import click
 
 from armctl.cli.check import check_on_terminal
 from armctl.cli.main import DONE, REFUSED
+from armctl.cli.options import ROBOT
 from armctl.documents import write_atomically
 from armctl.errors import InputError
 from armctl.program import open_program
@@ -23,7 +24,7 @@ from armctl.robot import load_robot
     type=click.Path(path_type=Path),
     help="The file to write, e.g. pick.html.",
 )
-@click.option("--robot", help="The robot (default: the one that the program names).")
+@click.option("--robot", type=ROBOT, help="The robot (default: the one that the program names).")
 def twin(program: Path, output: Path, robot: str | None) -> int:
     """Write PROGRAM as one HTML file that plays it: arm, graphs, and what the pre-flight found.
 
