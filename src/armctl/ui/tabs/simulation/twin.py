@@ -109,11 +109,14 @@ class TwinControl:
         """Send the page a file that plays what is chosen; it is made beside the event loop."""
         if self._share is not None:
             raise StateError("a file is being made; wait until it is there")
-        self._share = 0.0
+        chosen, self._share = self._chosen(), 0.0
+        loop = asyncio.get_running_loop()
+        executor = ThreadPoolExecutor(1, thread_name_prefix="armctl-export")  # it may take minutes
         try:
-            name, page = await asyncio.to_thread(self._exported, *self._chosen())
+            name, page = await loop.run_in_executor(executor, self._exported, *chosen)
         finally:
             self._share = None
+            executor.shutdown(wait=False, cancel_futures=True)
         self._session.download(f"{name}.html", page)
 
     def _exported(self, chosen: Program | str, q: FloatArray, opening: float | None) -> tuple[str, str]:
