@@ -82,7 +82,7 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
 
 def home(core: Core, order: Order, now: float) -> None:
     """Have the board look for the zero of every axis: the arm moves. It holds where that ends."""
-    core.require(Need.STANDING, "homing")
+    core.require(Need.OFF_OR_HOLDING, "homing")
     if core.board is None or core.monitor.reading.homing is None:
         raise StateError("the servos of this arm know their angles: there is nothing to home")
     who = order.origin.who

@@ -40,7 +40,7 @@ class Need(Enum):
     HOLDING = "holding"
     ENABLED = "enabled"
     OFF = "off"
-    STANDING = "off or holding"
+    OFF_OR_HOLDING = "off or holding"
 
 
 POWERED = (State.HOLDING, State.MOVING, State.PAUSED)
@@ -48,7 +48,7 @@ _MET_IN = {
     Need.HOLDING: (State.HOLDING,),
     Need.ENABLED: POWERED,
     Need.OFF: (State.OFF,),
-    Need.STANDING: (State.OFF, State.HOLDING),
+    Need.OFF_OR_HOLDING: (State.OFF, State.HOLDING),
 }
 
 
@@ -66,12 +66,12 @@ def unmet(need: Need, state: State, *, connected: bool, homed: bool, cause: str 
             return f"disconnected; connect {'first' if State.OFF in _MET_IN[need] else 'and enable first'}"
         case State.OFF:
             return f"off; {'enable first' if homed else HOME_FIRST}"
-        case State.MOVING | State.PAUSED:
+        case State.MOVING | State.PAUSED if need is not Need.OFF:
             return f"{state.value}{told}; stop first"
         case State.FAULT:
             return f"in fault{told}; {'clear the fault first' if connected else 'connect again'}"
-        case State.HOLDING:
-            return "holding; the arm is enabled already"
+        case State.MOVING | State.PAUSED | State.HOLDING:
+            return f"{state.value}{told}; the arm is enabled already"
 
 
 HOME_FIRST = "press Homing (every axis moves to its switch)"

@@ -81,7 +81,7 @@ class MainScreen:
         OwnArm(session)
         self._urdf = UrdfArm(session)
         self._which_joint = of_own_arm(session)
-        session.needs(Need.STANDING, self._homing, told=False)
+        session.needs(Need.OFF_OR_HOLDING, self._homing, told=False)
         session.needs(None, self._line, told=False)
         session.on(self._line.on_click, self._on_line)
         session.on(self._homing.on_click, lambda: session.submit(HomeAxes()))
