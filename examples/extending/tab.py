@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from armctl.runtime import MoveJoints, Snapshot
+from armctl.runtime import MoveJoints, Need, Snapshot
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml
 
@@ -18,6 +18,7 @@ class TurnScreen:
         self._session = session
         self.button = session.gui.add_button("Turn the base")
         self.text = LiveHtml(session.gui)
+        session.needs(Need.HOLDING, self.button)
         session.on(self.button.on_click, self._on_click)
 
     def refresh(self, snapshot: Snapshot) -> None:
