@@ -99,7 +99,7 @@ class Boards:
         was = "no board was there" if self._board == NO_BOARD else f"board {self._board} was there"
         raise OtherBoardError(
             f"{line}: {was} when the calibration of {self._robot.title} was looked up, now board {found} is; "
-            "it was told nothing. Connect again, to go by its own calibration"
+            "it was told nothing. Connect again, to use its own calibration"
         )
 
 

@@ -181,7 +181,7 @@ def test_two_counts_between_two_readings_are_no_noise(monkeypatch: pytest.Monkey
         return read()
 
     monkeypatch.setattr(rig.driver, "read", wavering)
-    rig.refuses(Enable(), "the board says two things of where it is")
+    rig.refuses(Enable(), "two readings of the board differ")
 
 
 def test_a_doubtful_zero_from_before_does_not_end_homing(homed: Rig) -> None:

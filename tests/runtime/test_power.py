@@ -115,7 +115,7 @@ def test_two_readings_that_differ_are_not_taken_over(rig: Rig) -> None:
     rig.driver.read = lambda: Readback(next(readings), Source.TRANSMITTED)  # type: ignore[method-assign]
     ticket = rig.controller.submit(Enable())
     rig.controller.tick()
-    fails(ticket.finished, r"two things of where it is \(Shoulder, Wrist pitch\)")
+    fails(ticket.finished, r"two readings of the board differ \(Shoulder, Wrist pitch\)")
     assert rig.driver.writes == []
     assert rig.now.state is State.OFF
 

@@ -326,7 +326,7 @@ def _where_it_is(core: Core, board: Board, now: float) -> Reading:
     differs |= np.nan_to_num(np.abs(first.q - second.q)) > _tolerance(board)
     if differs.any():
         names = ", ".join(core.robot.joints[i].title for i in np.flatnonzero(differs))
-        raise EnableError(f"the board says two things of where it is ({names}); let it stand and try again")
+        raise EnableError(f"two readings of the board differ ({names}); let it stand and try again")
     return second
 
 

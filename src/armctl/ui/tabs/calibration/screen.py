@@ -141,7 +141,7 @@ class CalibrationSave:
     async def _take_effect(self, title: str, text: str) -> None:
         """Open the arm anew by what is in force now; the page's next session shows it."""
         session = self._session
-        session.notify(title, f"{text}. The arm is opened anew with it: enable it again on the tab Main.")
+        session.notify(title, f"{text}. The arm is opened anew with it: press Enable in Control.")
         await session.reopen_arm()
 
 
