@@ -35,7 +35,7 @@ class State(Enum):
 
 
 class Need(Enum):
-    """What a command needs of the arm; the controller and the buttons of the pages ask the same rule."""
+    """What a command needs of the arm; the controller and most buttons of the pages ask the same rule."""
 
     HOLDING = "holding"
     ENABLED = "enabled"
