@@ -23,10 +23,9 @@ _THERE = 1e-10
 _SLOWEST_SHARE = 1e-6
 """of its speed limit: no joint is slowed down further for the sake of arriving together"""
 _BRAKING_PROBES = np.linspace(0.0, 1.0, 6)
-_TURN_PROBES = np.linspace(0.0, 1.0, 33)
-_TURN_ROOM = math.radians(0.1)
-"""Joints that brake unequally turn links most in between. Of that the probes miss less than this [rad]."""
 _ROUNDING = 1e-9
+_TURN_ROUNDING = 1e-12
+"""of an angle between links on a braking path, far below what the gate allows [rad]"""
 _STEP_M = 5e-3
 """How much any gap may change between two looks along a way."""
 _MOST_LOOKS = 400
@@ -44,6 +43,9 @@ class JointServo:
         """Stand at ``q`` (n,) [rad], inside the limits."""
         self.low, self.high = robot.limits[:, 0], robot.limits[:, 1]
         self.speed_limits, self.acceleration_limits = robot.speed_limits, robot.acceleration_limits
+        self._chain = robot.chain
+        links = [limit.link for limit in robot.chain.turn_limits]
+        self._turn_rows = robot.chain.turns(np.eye(robot.n)).T[links]
         self.q = q.copy()
         self.v = np.zeros(robot.n)
 
@@ -80,15 +82,47 @@ class JointServo:
         arrived = (v == 0.0) & (np.abs(goal - q) < _THERE)
         return np.where(arrived, goal, q), v
 
-    def braking_path(self, q: FloatArray, v: FloatArray, probes: FloatArray = _BRAKING_PROBES) -> FloatArray:
+    def braking_path(self, q: FloatArray, v: FloatArray) -> FloatArray:
         """(k, n) angles on the way to rest from ``q``, ``v`` (n,), each joint as hard as it can.
 
-        ``probes``: (k,) the shares of the time that it takes.
+        Every extremum of a limited angle between links is among the rows.
         """
+        takes = np.abs(v) / self.acceleration_limits
+        times = np.concatenate([_BRAKING_PROBES * takes.max(), self._turning_points(v)])
+        return self._braked(q, v, np.sort(times)[:, None])
+
+    def brake(self, dt: float) -> Step:
+        """Angles and speeds (n,) after ``dt`` [s] on the braking path, whatever the length of the ticks."""
+        slower = np.maximum(np.abs(self.v) - self.acceleration_limits * dt, 0.0)
+        return np.clip(self._braked(self.q, self.v, dt), self.low, self.high), np.sign(self.v) * slower
+
+    def leaves_turns(self, q: FloatArray, v: FloatArray) -> bool:
+        """Braking after a step to ``q``, ``v`` (n,) would take an angle between links beyond its limit."""
+        if not self._chain.turn_limits:
+            return False
+        allowed = np.maximum(self._chain.turn_excess(self.q), 0.0)
+        return bool((self._chain.turn_excess(self.braking_path(q, v)) > allowed + _TURN_ROUNDING).any())
+
+    def _braked(self, q: FloatArray, v: FloatArray, t: FloatArray | float) -> FloatArray:
         a = self.acceleration_limits
-        takes = np.abs(v) / a
-        t = np.minimum(probes[:, None] * takes.max(), takes)
+        t = np.minimum(t, np.abs(v) / a)
         return q + v * t - 0.5 * np.sign(v) * a * t * t
+
+    def _turning_points(self, v: FloatArray) -> FloatArray:
+        """(k,) times [s] at which the rate of a limited angle between links crosses zero while braking.
+
+        The rate is linear in time between the moments at which joints come to rest.
+        """
+        if not len(self._turn_rows):
+            return np.empty(0)
+        a = self.acceleration_limits
+        knots = np.sort(np.append(np.abs(v) / a, 0.0))
+        speeds = np.sign(v) * np.maximum(np.abs(v) - a * knots[:, None], 0.0)
+        rates = speeds @ self._turn_rows.T
+        before, after = rates[:-1], rates[1:]
+        i, k = np.nonzero(before * after < 0.0)
+        share = before[i, k] / (before[i, k] - after[i, k])
+        return np.concatenate([knots, knots[i] + share * (knots[i + 1] - knots[i])])
 
     def _limited(self, desired: FloatArray, halts: BoolArray, dt: float) -> Step:
         a, v = self.acceleration_limits, self.v
@@ -179,15 +213,6 @@ class KeepClear:
                 first = row, words[int(np.argmin(np.where(closing[:, row], gaps[:, row], np.inf)))]
         return first
 
-    def turned_too_far(self, path: FloatArray) -> str | None:
-        """Which angle between links comes to its limit on a braking path (k, n) [rad]; row 0 always may."""
-        chain = self._robot.chain
-        excess = chain.turn_excess(path)
-        for k, limit in enumerate(chain.turn_limits):
-            if (excess[:, k] > max(excess[0, k], -_TURN_ROOM)).any():
-                return f"{limit.name} is at its limit"
-        return None
-
     def line(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """(k, n) rows from ``start`` to ``end`` (n,), evenly spaced, near enough for ``blocked``."""
         moves = float((self._levers @ np.abs(end - start)).max(initial=0.0))
@@ -247,6 +272,8 @@ class Led(ABC):
         if step is not None and not expired and (blocked := self._blocked_ahead(q, v)) is not None:
             notice = f"{self.label}: {blocked}"
             q, v = self._rest(dt)
+        if servo.leaves_turns(q, v):
+            q, v = servo.brake(dt)
         self.notice = None if expired else notice
         if not v.any() and servo.standing and np.array_equal(q, servo.q):
             self.done = expired
@@ -272,9 +299,5 @@ class Led(ABC):
         servo = self._servo
         if not v.any() and np.array_equal(q, servo.q):
             return None
-        if self._robot.chain.turn_limits:
-            way = np.vstack([servo.q, servo.braking_path(q, v, _TURN_PROBES)])
-            if words := self._clear.turned_too_far(way):
-                return words
         found = self._clear.blocked(np.vstack([servo.q, servo.braking_path(q, v)]))
         return None if found is None else found[1]
