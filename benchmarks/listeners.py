@@ -1,8 +1,9 @@
 """How late the arm's ticks come while many listen: ``python -m benchmarks.listeners [--listeners 30]``.
 
-The arm process sends every snapshot, 50 a second, to each listener; here they are connections of one other
-process, which reads them and throws them away, but for one that reads the times of the ticks. Late is what
-lies between two ticks in a row beyond the period. Beside it, in the same run: with that one listener alone.
+While the arm moves, its process sends 50 snapshots a second to each listener; here they are connections of
+one other process, which reads them and throws them away, but for one that reads the times of the ticks. Late
+is what lies between two ticks in a row beyond the period. Beside it, in the same run: with that one listener
+alone.
 """
 
 from __future__ import annotations
@@ -21,9 +22,14 @@ import armctl
 from armctl.process import Link, start_arm
 from armctl.process.link import LocalLine
 from armctl.process.records import Codec, Hello, Seen
-from armctl.runtime import Connect
+from armctl.program import MoveStep, Program
+from armctl.runtime import Connect, Enable, RunProgram
 
 PERIOD_S = 0.02
+SIDES = itertools.chain.from_iterable(itertools.repeat((45.0, -45.0), 50))
+SWING = Program(
+    robot="uzuner", steps=[MoveStep(joints_deg=(side, 90.0, 0.0, 0.0, 0.0)) for side in SIDES_DEG]
+)
 
 
 def listening(address: object, secret: str, count: int, ready: object) -> None:
@@ -62,6 +68,8 @@ def main() -> None:
     link = start_arm(armctl.load_robot("uzuner"))
     try:
         link.submit(Connect("sim")).result()
+        link.submit(Enable()).result()
+        link.submit(RunProgram(SWING)).accepted.result()  # an arm that stands is shown less often
         local = cast(LocalLine, vars(link)["_line"])
         own = LocalLine(local.address, local.secret)
         own.send(Codec().encode(Hello("measure", watch=True)))

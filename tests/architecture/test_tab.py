@@ -42,5 +42,7 @@ def test_a_tab_is_shown_drawn_and_acts(tmp_path: Path, monkeypatch: pytest.Monke
         page.read_until(b"Toy")
         screen = BUILT.get(timeout=PATIENCE_S)
         assert np.allclose(screen.drawn.get(timeout=PATIENCE_S).q_command, served.robot.pose("home"))
+        while screen.button.disabled:  # until the arm holds
+            screen.drawn.get(timeout=PATIENCE_S)
         page.set(uuid_of(screen.button), True)
         screen.arrived.get(timeout=PATIENCE_S)

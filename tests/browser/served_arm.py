@@ -104,8 +104,8 @@ class TestHost(Host):
         self.steps_run: list[tuple[int, int]] = []
         super().__init__(robot, published=self._note_step, pin=pin)
 
-    def _note_step(self) -> None:
-        progress = self.snapshot.program
+    def _note_step(self, snapshot: Snapshot) -> None:
+        progress = snapshot.program
         if progress is not None and (at := (progress.loop, progress.step)) not in self.steps_run[-1:]:
             self.steps_run.append(at)
 

@@ -32,7 +32,7 @@ class Host:
         robot: Robot,
         board: str = ANY_BOARD,
         rate_hz: float = 50.0,
-        published: Callable[[], None] | None = None,
+        published: Callable[[Snapshot], None] | None = None,
         pin: str = "",
     ) -> None:
         """Wire up an arm as it is calibrated with ``board`` (see ``board_name``), without opening a line.

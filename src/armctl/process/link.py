@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import math
 import socket
 import subprocess
 import threading
@@ -199,6 +200,7 @@ class Link:
         """held while tickets are answered: the reader does, and whoever ends the link"""
         self._stops = 0
         """how often STOP was asked for"""
+        self._beat_at = -math.inf
         self._numbers = itertools.count(1)
         self._events: tuple[Event, ...] = ()
         self._running: Running | None = None
@@ -278,9 +280,11 @@ class Link:
             raise ArmProcessError(f"the arm process gives no black box within {_RECALL_S:g} s") from None
 
     def beat(self) -> None:
-        """Give a sign of life; more often than ``SILENCE_S`` while the arm moves."""
+        """Give a sign of life; more often than ``SILENCE_S`` while the arm moves. One too many is no harm."""
         with self._lock:
-            if not self._out and self._lost is None:
+            now = self._now()
+            if now - self._beat_at >= BEAT_S and not self._out and self._lost is None:
+                self._beat_at = now
                 self._put(_BEAT)
 
     def hand_over(self, line: socket.socket, request: bytes) -> bool:

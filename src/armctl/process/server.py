@@ -50,7 +50,7 @@ from armctl.robot import Robot
 from armctl.runtime import ArmLink, Arrive, Command, Event, Leave, Origin, Snapshot, State, Ticket
 from armctl.runtime.black_box import packed
 from armctl.runtime.commands import MovingCommand
-from armctl.runtime.snapshot import printable
+from armctl.runtime.snapshot import printable, stands_as_before
 from armctl.system import on_end
 from armctl.version import __version__
 
@@ -75,6 +75,8 @@ _HELLO_S = 10.0
 """how long a connection may take to say hello"""
 _GONE_S = 30.0
 """A client that gives no sign of life for so long is shut out: there is room for a number of them only."""
+_AT_REST_S = 0.2
+"""how often clients are told of an arm that stands as before; else every tick"""
 _MOVES = (State.MOVING, State.PAUSED)
 
 
@@ -93,6 +95,7 @@ class Server:
         self._clients: set[Client] = set()
         self._ids = itertools.count(1)
         self._loop = asyncio.get_running_loop()
+        self._told: Snapshot | None = None
         self._encoded: dict[bool, tuple[Snapshot, bytes]] = {}
         self._note: tuple[Path, Note] | None = None
         self._held_until: float | None = None
@@ -100,8 +103,12 @@ class Server:
         self._wanted_until: float | None = self._loop.time() + _OWNER_S
         """nobody has owned it yet, and will not after that"""
 
-    def tell(self) -> None:
-        """There is a new snapshot; called by the controller's thread."""
+    def tell(self, snapshot: Snapshot) -> None:
+        """There is a new snapshot, at rest told less often; called by the controller's thread."""
+        told = self._told
+        if told is not None and snapshot.stamp - told.stamp < _AT_REST_S and stands_as_before(snapshot, told):
+            return
+        self._told = snapshot
         with suppress(RuntimeError):  # the loop has ended
             self._loop.call_soon_threadsafe(self._wake_clients)
 

@@ -49,7 +49,7 @@ class Controller:
         clock: Clock,
         rate_hz: float = 50.0,
         executor: Executor | None = None,
-        published: Callable[[], None] | None = None,
+        published: Callable[[Snapshot], None] | None = None,
         pin: str = "",
         black_boxes: Path | None = None,
         poses: PoseFolder | None = None,
@@ -58,7 +58,7 @@ class Controller:
 
         ``open_driver`` gives a driver, not opened yet, for a port as the user names it. ``rate_hz``: ticks a
         second, 10 … 200, else ``InputError``. ``executor`` plans motions; None: a thread of its own.
-        ``published`` is called behind each tick, once its snapshot and answers are given.
+        ``published`` is called behind each tick with its snapshot, once that and its answers are given.
         ``pin``: the teacher's, see ``ControlDesk``.
         ``black_boxes``: the folder where the last minute is saved at every fault; None: it is not.
         ``poses`` keeps where the arm was seen last; None: nothing is kept.
@@ -167,7 +167,7 @@ class Controller:
         give(self._answers)
         self._note(self._black_box.tick, self._snapshot)
         if self._published is not None:
-            self._published()
+            self._published(self._snapshot)
 
     def close(self) -> None:
         """Bring the arm to rest, close the line, end; the outputs stay. May be called more than once.

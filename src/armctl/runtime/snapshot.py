@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import Enum
+from operator import attrgetter
 
 import numpy as np
 
@@ -232,6 +233,25 @@ class Snapshot:
     """who says this is not the arm itself: its process is gone, or does not answer"""
     measured: Mapping[str, str] = field(default_factory=dict[str, str])
     """by joint: the load, temperature and voltage that the board measures, if it does"""
+
+
+_TOLD = attrgetter(
+    "state", "cause", "commanded", "source", "powered", "gripper", "speed", "progress", "board", "homing",
+    "warnings", "control", "unreachable",
+)  # fmt: skip
+_STILL_RAD = 1e-3
+"""readings that differ by less are those of an arm that stands"""
+
+
+def stands_as_before(snapshot: Snapshot, before: Snapshot) -> bool:
+    """Whether the arm is at rest in both, and nothing is new but the time and what sensors waver."""
+    if snapshot.state in (State.MOVING, State.PAUSED) or _TOLD(snapshot) != _TOLD(before):
+        return False
+    if snapshot.events is not before.events or snapshot.last_pose is not before.last_pose:
+        return False
+    if not np.array_equal(snapshot.q_command, before.q_command):
+        return False
+    return np.allclose(snapshot.q, before.q, rtol=0.0, atol=_STILL_RAD, equal_nan=True)
 
 
 def printable(text: str) -> str:

@@ -12,7 +12,7 @@ from contextlib import suppress
 import viser
 
 from armctl.errors import ArmctlError
-from armctl.runtime import Arrive, Leave, Origin, State
+from armctl.runtime import Arrive, Leave, Origin, Snapshot, State
 from armctl.ui.console import Console, page_name
 from armctl.ui.guard import GuardedServer
 from armctl.ui.page import Page, covered
@@ -22,7 +22,8 @@ from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
 
 LOG = logging.getLogger("armctl.ui")
-FRAME_S = 1 / 30
+FRAME_S = 1 / 25
+"""every other tick of the arm"""
 SILENCE_S = 0.9
 """Five beats a second come from a page. STOP reaches the arm within 1 s of the moment when they end."""
 _CLOSE_S = 5.0
@@ -114,6 +115,7 @@ class App:
     def _draw_arm(self) -> None:
         self._stage = Stage(self.server.scene, self._console.robot)
         self._figure = ArmFigure(self.server.scene, self._console.robot, "/arm")
+        self._drawn: Snapshot | None = None
 
     def _changed(self, change: RobotChange) -> None:
         with self.server.atomic():
@@ -181,6 +183,9 @@ class App:
     def _draw_frame(self) -> None:
         console = self._console
         snapshot = console.controller.snapshot
+        if snapshot is self._drawn:
+            return
+        self._drawn = snapshot
         console.last_known.note(snapshot)
         q = console.last_known.drawn(snapshot)
         with self.server.atomic():

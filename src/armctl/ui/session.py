@@ -142,7 +142,8 @@ class Session:
         if why is None and offer.also is not None:
             why = offer.also(snapshot)
         for control in offer.controls:
-            control.disabled = why is not None
+            if control.disabled is not (why is not None):
+                control.disabled = why is not None
         if offer.reason is not None:  # a page that has just come is about to be told who operates
             offer.reason.visible = why is not None and snapshot.control.party(self.me) is not None
             offer.reason.show(muted(sentence(why)) if why else "")

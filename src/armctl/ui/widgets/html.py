@@ -113,7 +113,7 @@ class LiveHtml:
     """A block of HTML. The caller escapes what is not its own."""
 
     def __init__(self, gui: viser.GuiApi, content: str = "", *, visible: bool = True) -> None:
-        self._handle = gui.add_html(_block(content), visible=visible)
+        self._content, self._handle = content, gui.add_html(_block(content), visible=visible)
 
     @property
     def visible(self) -> bool:
@@ -122,11 +122,13 @@ class LiveHtml:
 
     @visible.setter
     def visible(self, visible: bool) -> None:
-        self._handle.visible = visible
+        if visible is not self._handle.visible:  # viser takes its time to find that out
+            self._handle.visible = visible
 
     def show(self, content: str) -> None:
-        """Replace the content; viser sends it only if it is another."""
-        self._handle.content = _block(content)
+        """Replace the content, if it is another."""
+        if content != self._content:
+            self._content, self._handle.content = content, _block(content)
 
 
 def _block(content: str) -> str:
