@@ -27,9 +27,7 @@ from armctl.runtime import Connect, Enable, RunProgram
 
 PERIOD_S = 0.02
 SIDES = itertools.chain.from_iterable(itertools.repeat((45.0, -45.0), 50))
-SWING = Program(
-    robot="uzuner", steps=[MoveStep(joints_deg=(side, 90.0, 0.0, 0.0, 0.0)) for side in SIDES_DEG]
-)
+SWING = Program(robot="uzuner", steps=[MoveStep(joints_deg=(side, 90.0, 0.0, 0.0, 0.0)) for side in SIDES])
 
 
 def listening(address: object, secret: str, count: int, ready: object) -> None:
