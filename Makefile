@@ -14,7 +14,7 @@ run: $(VENV)/.installed
 # simulated CPUs, C code in the same process, come first and alone: what they may do to memory harms no other test.
 test: $(VENV)/.tested browser node avr check
 	$(BIN)/pytest -n 2 tests/avr
-	$(BIN)/pytest -n 3 --ignore=tests/avr $(ARGS)
+	$(BIN)/pytest -n 3 --ignore=tests/avr --durations=40 $(ARGS)
 
 check: $(VENV)/.tested
 	$(BIN)/ruff check $(SOURCES)

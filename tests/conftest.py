@@ -23,12 +23,17 @@ settings.load_profile("suite")
 REAL_GAP_S = clock.GAP_S
 
 
-ON_REAL_TIME = ("browser", "process", "cli", "avr", "test_kill.py", "test_page.py")
+ON_REAL_TIME = ("browser", "process", "cli", "avr", "test_kill.py", "test_page.py", "test_tab.py")
 """tests that other processes and a real clock take part in: on a machine that is busy, one may come late"""
+
+
+LONG_WAITS = ("test_wheel.py", "test_notebooks.py")
+"""tests that wait for long while the processor is free: they do not come last, when nothing else is left"""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What fails on real time is tried once more, and told at the end; what fails twice, fails."""
+    items.sort(key=lambda item: item.path.name not in LONG_WAITS)
     for item in items:
         if set(ON_REAL_TIME) & set(item.path.relative_to(Path(__file__).parent).parts):
             item.add_marker(pytest.mark.flaky(reruns=1))
