@@ -113,7 +113,7 @@ _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
 
 
 def _ask_for_precedence() -> None:
-    """Run before all other programs, where the user may ask for that: root, or who has a limit for it (rtprio).
+    """Run before all other programs, where the user may ask for that: root, or who has an ``rtprio`` limit.
 
     A tick then waits for no other program. Not with one core only: a long plan would keep the pages waiting.
     """
