@@ -7,6 +7,7 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import expect
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import HOME, ServedArm
 
@@ -225,8 +226,8 @@ def test_a_page_that_watches_can_neither_edit_nor_run(
     watcher = screens(served.url)
     watcher.open_tab("Manual", "Serial motion")
     for button in ("Delete", "Run once"):
-        watcher.click(button)
-        watcher.wait_for_notification("this page is watching")
+        expect(watcher.button(button)).to_be_disabled()
+    watcher.wait_for_text("This page is watching")
     assert len(served.steps) == 1
     assert served.commanded_deg == HOME
 

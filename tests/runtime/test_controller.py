@@ -234,7 +234,11 @@ def test_what_is_refused_without_a_board(rig: Rig, command: Command, words: str)
         (Connect("sim"), "connected already, and holding; disconnect first", StateError),
         (ClearFault(), "no fault to clear: holding", StateError),
         (Enable(HOME), "the arm is enabled already", StateError),
-        (Pause(), "nothing to pause: holding", StateError),
+        (
+            Pause(),
+            r"a pause needs the arm moving, it is holding \(.*\); there is nothing",
+            StateError,
+        ),
         (Resume(), "nothing to resume: holding", StateError),
         (UpdateProgram(Program(robot="uzuner", steps=())), "no program runs", StateError),
         (MoveGripper(-0.1), "outside 0 … 100 %", InputError),

@@ -184,7 +184,7 @@ def test_the_gripper_belongs_to_the_program_during_its_step(holding: Rig) -> Non
     holding.do(MoveGripper(0.0))
     holding.do(RunProgram(program(GripperStep(open_percent=100), WaitStep(seconds=5))))
     holding.tick()
-    holding.refuses(MoveGripper(0.2), "the program moves the gripper now")
+    holding.refuses(MoveGripper(0.2), "the gripper is not free: wait, or stop first")
     holding.run(1)
     holding.do(MoveGripper(0.2)).accepted.result(0)
 

@@ -7,14 +7,31 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.runtime.kit import ROBOT, make_rig
+from tests.runtime.kit import ROBOT, TEST, Rig, make_rig
 
 from armctl.hardware import Source
-from armctl.runtime import AxisHoming, Control, LastPose, Snapshot, State
+from armctl.program import GripperStep, Program, WaitStep
+from armctl.runtime import (
+    AxisHoming,
+    Command,
+    Connect,
+    Control,
+    Enable,
+    Jog,
+    LastPose,
+    MoveGripper,
+    MoveJoints,
+    Need,
+    Pause,
+    RunProgram,
+    Snapshot,
+    State,
+    unmet,
+)
 from armctl.runtime.snapshot import Event, stands_as_before
 
 _TIME = {"stamp", "tick"}
-_BESIDE_STATE = {"velocity_command", "acceleration_command", "program", "measured", "unreachable"}
+_BESIDE_STATE = {"velocity_command", "acceleration_command", "program", "measured", "unreachable", "doing"}
 """They change with the state, or are for the eye."""
 CHANGES: dict[str, Any] = {
     "state": State.FAULT, "cause": "overload", "q_command": ROBOT.pose("home") + 1e-6, "commanded": False,
@@ -57,3 +74,58 @@ def test_an_arm_that_moves_is_news_at_each_tick(state: State, holding: Snapshot)
 
 def test_each_field_is_thought_of() -> None:
     assert {field.name for field in fields(Snapshot)} == _TIME | _BESIDE_STATE | CHANGES.keys()
+
+
+HOME, REST = ROBOT.pose("home"), ROBOT.pose("rest")
+TURN = Jog(np.array([0.2, 0.0, 0.0, 0.0, 0.0]))
+GRIP = Program(robot="uzuner", steps=(GripperStep(open_percent=100), WaitStep(seconds=5)))
+
+
+def begin(rig: Rig, situation: str) -> None:
+    """Bring a rig there: commands by name, one after the other."""
+    if situation in ("off", "enabling"):
+        rig.do(Connect("sim"))
+    else:
+        rig.enable()
+    for words in situation.split(" "):
+        match words:
+            case "enabling":
+                rig.do(Enable(REST))
+            case "moving":
+                rig.do(MoveJoints(HOME))
+                assert rig.run(0.2).state is State.MOVING
+            case "paused":
+                rig.do(Pause())
+                rig.until(lambda snapshot: snapshot.state is State.PAUSED)
+            case "stopping":
+                rig.controller.stop(TEST)
+                rig.tick()
+            case "jogged":
+                rig.do(TURN)
+            case "gripping":
+                rig.do(RunProgram(GRIP))
+                rig.tick()
+            case _:
+                assert words in ("off", "holding")
+
+
+@pytest.mark.parametrize(
+    "situation",
+    ["off", "enabling", "holding", "moving", "moving paused", "moving stopping", "jogged", "gripping"],
+)
+@pytest.mark.parametrize(
+    ("need", "command"),
+    [
+        (Need.HOLDING, MoveJoints(REST)), (Need.JOG, TURN), (Need.PAUSE, Pause()),
+        (Need.GRIPPER, MoveGripper(0.4)),
+    ],
+)  # fmt: skip
+def test_what_the_snapshot_says_is_refused_is_what_the_controller_refuses(
+    situation: str, need: Need, command: Command
+) -> None:
+    rig = make_rig()
+    begin(rig, situation)
+    now = rig.now
+    told = unmet(need, now.state, connected=True, homed=True, doing=now.doing)
+    refusal = rig.do(command).accepted.exception(0)
+    assert (told is None) is (refusal is None), (told, refusal)

@@ -13,7 +13,7 @@ from viser import GuiEvent
 
 from armctl.hardware import BoardIdentity
 from armctl.robot import load_robot
-from armctl.runtime import AxisHoming, Control, MoveJoints, Need, Party, Snapshot, State, Ticket
+from armctl.runtime import AxisHoming, Control, Doing, MoveJoints, Need, Party, Snapshot, State, Ticket
 from armctl.ui import RobotChoice
 from armctl.ui import session as sessions
 from armctl.ui.guard import GuardedServer
@@ -22,6 +22,16 @@ from armctl.ui.session import Session
 ROBOT = load_robot("uzuner")
 ME, OTHER = Party("browser page 7", "Ada", True), Party("browser page 8", "Bob", True)
 BOARD = BoardIdentity("Pololu Micro Maestro 6-channel", "/dev/pts/3", simulated=True)
+
+
+NOT_FREE, NO_PAUSE = "the gripper is not free: wait, or stop first", "cannot be paused; press STOP"
+
+
+def moving(
+    label: str = "motion", *, pausable: bool = True, gripping: bool = False, stopping: bool = False
+) -> dict[str, Any]:
+    """What a snapshot of an arm that moves says of it."""
+    return {"state": State.MOVING, "doing": Doing(label, pausable, gripping, stopping)}
 
 
 class Bench:
@@ -62,7 +72,26 @@ class Bench:
     ("need", "changes", "why"),
     [
         (Need.HOLDING, {}, None),
-        (Need.ENABLED, {"state": State.MOVING}, None),
+        (Need.GRIPPER, {"state": State.MOVING}, None),
+        (
+            Need.GRIPPER,
+            moving(gripping=True),
+            f"the arm is moving; {NOT_FREE}",
+        ),
+        (Need.PAUSE, moving(), None),
+        (Need.PAUSE, moving(stopping=True), "the arm is stopping; wait until it stands"),
+        (
+            Need.PAUSE,
+            moving("homing", pausable=False),
+            f"the arm is moving; homing {NO_PAUSE}",
+        ),
+        (Need.PAUSE, {}, "the arm is holding; there is nothing to pause"),
+        (Need.PAUSE, {"state": State.OFF}, "the arm is off; enable first"),
+        (Need.JOG, {}, None),
+        (Need.JOG, moving("jog"), None),
+        (Need.JOG, moving("jog", stopping=True), "the arm is stopping; wait until it stands"),
+        (Need.JOG, moving(), "the arm is moving; stop first"),
+        (Need.HOLDING, moving("jog"), "the arm is moving; stop first"),
         (Need.OFF_OR_HOLDING, {"state": State.OFF}, None),
         (None, {"state": State.DISCONNECTED, "board": None}, None),
         (Need.HOLDING, {"state": State.OFF}, "the arm is off; enable first"),

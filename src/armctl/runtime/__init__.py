@@ -40,6 +40,7 @@ from armctl.runtime.planner import InlineExecutor
 from armctl.runtime.snapshot import (
     AxisHoming,
     Control,
+    Doing,
     Event,
     LastPose,
     Need,
@@ -63,6 +64,7 @@ __all__ = [
     "ControlCommand",
     "Controller",
     "Disconnect",
+    "Doing",
     "Enable",
     "Event",
     "Follow",

@@ -27,6 +27,8 @@ class Activity(Protocol):
     begun: bool
     """it has begun; a program begins when its first step could be planned"""
     pausable: bool
+    gripping: bool
+    """the gripper is not free meanwhile"""
     error: ArmctlError | None
     """why it ended before its end"""
 

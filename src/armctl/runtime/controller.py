@@ -256,6 +256,7 @@ class Controller:
             speed=core.speed,
             program=None if core.activity is None else core.activity.program,
             progress=None if core.activity is None else core.activity.progress,
+            doing=core.doing,
             board=None if board is None else board.identity,
             homing=homing,
             warnings=core.notices.current(now),

@@ -25,7 +25,7 @@ from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.last_pose import PoseFolder, PoseWatch
 from armctl.runtime.mover import GripperMover, PathMover
 from armctl.runtime.planner import Pending, Submit, result_of
-from armctl.runtime.snapshot import POWERED, EventLog, Need, Notices, State, unmet
+from armctl.runtime.snapshot import POWERED, Doing, EventLog, Need, Notices, State, unmet
 
 SLOWEST = 0.05
 """the smallest speed override"""
@@ -92,6 +92,12 @@ class Core:
         return self.activity is None or self.activity.standing
 
     @property
+    def doing(self) -> Doing | None:
+        """What moves the arm."""
+        it = self.activity
+        return None if it is None else Doing(it.label, it.pausable, it.gripping, bool(self.stopped_by))
+
+    @property
     def busy(self) -> bool:
         """Something moves, or a motion is being planned."""
         return self.activity is not None or self._motion is not None or self.gripper.goal is not None
@@ -105,7 +111,7 @@ class Core:
         """Refuse (``StateError``) ``what`` ("a motion") needs the arm in another state."""
         homing = self.monitor.reading.homing
         homed, connected = homing is None or homing.done, self.board is not None
-        why = unmet(need, self.state, connected=connected, homed=homed, cause=self.cause)
+        why = unmet(need, self.state, connected=connected, homed=homed, cause=self.cause, doing=self.doing)
         if why is not None:
             raise StateError(f"{what} needs the arm {need.value}, it is {why}")
 
@@ -245,18 +251,14 @@ class Core:
 
     def pause(self, who: str) -> None:
         """Bring the motion to rest on its path."""
-        activity = self.activity
-        if activity is None or self.state not in (State.MOVING, State.PAUSED):
-            raise StateError(f"there is nothing to pause: {self.state.value}")
-        if self.stopped_by:
-            raise StateError("the arm is stopping; let it come to rest")
-        if not activity.pausable:
-            raise StateError(f"{activity.label} cannot be paused; press STOP")
-        activity.pause(True)
+        self.require(Need.PAUSE, "a pause")
+        if self.activity is None:  # refused above
+            return
+        self.activity.pause(True)
         self._pausing = True
         self.log.add(f"pause ({who})")
         if self.state is State.MOVING:
-            self.cause = f"{activity.label} pausing ({who})"
+            self.cause = f"{self.activity.label} pausing ({who})"
 
     def resume(self, who: str) -> None:
         """Go on with a motion that was paused."""

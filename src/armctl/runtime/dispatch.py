@@ -132,6 +132,7 @@ def _jog(core: Core, command: c.Jog | c.JogTool, order: c.Order, now: float) -> 
         wanted = _checked_rate(core, command.rate)
     else:
         wanted = _checked_tool_jog(core, command)
+    core.require(Need.JOG, "a jog")
     activity = core.activity
     if not isinstance(activity, Jogger):
         q = _held_at(core, "a jog")
@@ -139,8 +140,6 @@ def _jog(core: Core, command: c.Jog | c.JogTool, order: c.Order, now: float) -> 
             return
         activity = Jogger(core.robot, core.clear, q, core.speed)
         core.begin(activity, order.origin.who, now)
-    elif core.stopped_by:
-        raise StateError("the arm is stopping; let go first")
     activity.command(wanted, order.given_at + JOG_EXPIRY_S)
 
 
@@ -232,11 +231,7 @@ def _move_gripper(core: Core, opening: float, order: c.Order) -> None:
     opening = checked_number(opening, f"the opening of {gripper.title}")
     if not 0 <= opening <= 1:
         raise InputError(f"{gripper.title}: {100 * opening:g} % is outside 0 … 100 %")
-    core.require(Need.ENABLED, "the gripper")
-    if core.gate.q is None:
-        raise StateError(f"the gripper needs the arm enabled, it is {core.state.value} ({core.cause})")
-    if isinstance(core.activity, ProgramRunner) and core.activity.gripping:
-        raise StateError("the program moves the gripper now; stop or wait")
+    core.require(Need.GRIPPER, "the gripper")
     core.gripper.move_to(opening, order.ticket, order.motion)
     order.ticket.accept()
 

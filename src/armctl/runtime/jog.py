@@ -15,6 +15,7 @@ from armctl.motion.paths.tool_pitch import PitchRows, PlanePitch, pitch_rows
 from armctl.robot import Robot
 from armctl.runtime.commands import JogTool
 from armctl.runtime.joint_servo import JointServo, KeepClear, Led, Step, fastest_inside
+from armctl.runtime.snapshot import JOG
 
 JOG_EXPIRY_S = 0.1
 """How long one jog command counts."""
@@ -39,7 +40,7 @@ _UPRIGHT = 0.05
 class Jogger(Led):
     """Joint speeds that follow the jog commands inside every limit."""
 
-    label = "jog"
+    label = JOG
 
     def __init__(self, robot: Robot, clear: KeepClear, q: FloatArray, speed: float) -> None:
         """Stand at ``q`` (n,) [rad]; ``speed`` is the override."""

@@ -226,6 +226,7 @@ class Led(ABC):
     label = ""
     begun = True
     pausable = False  # letting go ends it
+    gripping = False
     error: ArmctlError | None = None  # what cannot be done is no error: the notice says why
     program = None
     progress: float | None = None  # nobody knows how long it is led

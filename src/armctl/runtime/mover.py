@@ -53,6 +53,7 @@ class PathMover:
 
     begun = True
     pausable = True
+    gripping = False
     error: ArmctlError | None = None
     program = None
 

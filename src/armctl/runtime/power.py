@@ -116,6 +116,7 @@ class Enabling:
     label = "enabling"
     begun = True
     pausable = False
+    gripping = True  # it comes on with the arm
     program = None
 
     def __init__(
@@ -223,6 +224,7 @@ class Homing:
     label = "homing"
     begun = True
     pausable = False
+    gripping = True  # nothing is sent to the board
     program = None
 
     def __init__(self, core: Core, board: Board, now: float) -> None:

@@ -36,30 +36,60 @@ class State(Enum):
 
 
 class Need(Enum):
-    """What a command needs of the arm; the controller and most buttons of the pages ask the same rule."""
+    """What a command needs of the arm; the controller and the buttons of the pages ask the same rule."""
 
     HOLDING = "holding"
-    ENABLED = "enabled"
+    JOG = "holding, or jogged"
+    PAUSE = "moving"
+    GRIPPER = "enabled"
     OFF = "off"
     OFF_OR_HOLDING = "off or holding"
 
 
 POWERED = (State.HOLDING, State.MOVING, State.PAUSED)
+JOG = "jog"
 _MET_IN = {
     Need.HOLDING: (State.HOLDING,),
-    Need.ENABLED: POWERED,
+    Need.JOG: (State.HOLDING,),
+    Need.PAUSE: (),
+    Need.GRIPPER: POWERED,
     Need.OFF: (State.OFF,),
     Need.OFF_OR_HOLDING: (State.OFF, State.HOLDING),
 }
 
 
-def unmet(need: Need, state: State, *, connected: bool, homed: bool, cause: str = "") -> str | None:
+@dataclass(frozen=True, slots=True)
+class Doing:
+    """What moves the arm now, as far as it decides which commands are taken."""
+
+    label: str
+    """its name"""
+    pausable: bool
+    gripping: bool
+    """the gripper is not free"""
+    stopping: bool
+    """it comes to rest, and does not go on"""
+
+    def takes(self, need: Need) -> bool:
+        """Whether what needs this is taken meanwhile."""
+        match need:
+            case Need.GRIPPER:
+                return not self.gripping
+            case Need.PAUSE:
+                return self.pausable and not self.stopping
+            case _:
+                return need is Need.JOG and self.label == JOG and not self.stopping
+
+
+def unmet(
+    need: Need, state: State, *, connected: bool, homed: bool, cause: str = "", doing: Doing | None = None
+) -> str | None:
     """Why a command is refused, and what to do: "off; enable first". None: its need is met.
 
     ``connected``: there is a board; ``homed``: every axis that has to knows where it is; ``cause``: of the
-    state, to be named in the answer.
+    state, to be named in the answer; ``doing``: what moves the arm.
     """
-    if state in _MET_IN[need]:
+    if state in _MET_IN[need] if doing is None else doing.takes(need):
         return None
     told = f" ({cause})" if cause else ""
     match state:
@@ -67,11 +97,19 @@ def unmet(need: Need, state: State, *, connected: bool, homed: bool, cause: str 
             return f"disconnected; connect {'first' if State.OFF in _MET_IN[need] else 'and enable first'}"
         case State.OFF:
             return f"off; {'enable first' if homed else HOME_FIRST}"
+        case State.MOVING | State.PAUSED if doing is not None and doing.stopping:
+            return "stopping; wait until it stands"
+        case State.MOVING | State.PAUSED if need is Need.PAUSE and doing is not None:
+            return f"{state.value}{told}; {doing.label} cannot be paused; press STOP"
+        case State.MOVING | State.PAUSED if need is Need.GRIPPER:
+            return f"{state.value}{told}; the gripper is not free: wait, or stop first"
         case State.MOVING | State.PAUSED if need is not Need.OFF:
             return f"{state.value}{told}; stop first"
         case State.FAULT:
             return f"in fault{told}; {'clear the fault first' if connected else 'connect again'}"
-        case State.MOVING | State.PAUSED | State.HOLDING:
+        case _ if need is Need.PAUSE:
+            return f"{state.value}{told}; there is nothing to pause"
+        case _:
             return f"{state.value}{told}; the arm is enabled already"
 
 
@@ -227,6 +265,8 @@ class Snapshot:
     """who is there, and who operates"""
     progress: float | None = None
     """share of the motion or program that runs that is over, 0 ... 1; None: none runs, or not known"""
+    doing: Doing | None = None
+    """what moves the arm; None: nothing"""
     last_pose: LastPose | None = None
     """where the arm was seen last on this board; None: not known, or a simulated board"""
     unreachable: bool = False

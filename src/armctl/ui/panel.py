@@ -12,7 +12,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.hardware.boards import board_type
 from armctl.robot import OutputMap, Robot
-from armctl.runtime import ClearFault, Pause, Release, Resume, SetSpeed, Snapshot, State, TakeControl
+from armctl.runtime import ClearFault, Need, Pause, Release, Resume, SetSpeed, Snapshot, State, TakeControl
 from armctl.ui.enabling import EnableButton
 from armctl.ui.scene.stage import look_at_arm
 from armctl.ui.session import Session
@@ -101,7 +101,7 @@ class ControlPanel:
         session.on(self._theme.on_update, self._on_theme)
         hold = session.command("Pause or resume", self._on_hold, "Come to rest on the path, or go on")
         session.command("Reset view", self._reset_view, "See the whole arm again")
-        session.needs(None, self._hold, hold, also=_nothing_moves, told=False)
+        session.needs(Need.PAUSE, self._hold, hold, told=False)
         session.needs(None, self._release, also=_no_board, told=False)
         session.needs(None, self._speed, told=False)
         session.spawn(self._recall_theme())
@@ -232,10 +232,6 @@ class ControlPanel:
             session.notify(
                 "Control", f"This page watches now: {session.operator} operates the arm.", "yellow"
             )
-
-
-def _nothing_moves(snapshot: Snapshot) -> str | None:
-    return None if snapshot.state in (State.MOVING, State.PAUSED) else "nothing moves"
 
 
 def _no_board(snapshot: Snapshot) -> str | None:

@@ -102,16 +102,16 @@ class Session:
 
     def needs(
         self,
-        arm: Need | None,
+        arm: Need | Callable[[], Need | None] | None,
         *controls: Disableable,
         also: Callable[[Snapshot], str | None] | None = None,
         told: bool = True,
     ) -> None:
         """Disable controls while they would be refused, and say why below them, in the present container.
 
-        ``arm``: what they need of the arm; None: only that this page operates. ``also``: why they would be
-        refused all the same, in words ("the list is empty; record a pose first"), or None. ``told``: whether
-        the reason is shown; not where the same one stands beside it already.
+        ``arm``: what they need of the arm, or need now; None: only that this page operates. ``also``: why
+        they would be refused all the same, in words ("the list is empty; record a pose first"), or None.
+        ``told``: whether the reason is shown; not where the same one stands beside it already.
         """
         reason = LiveHtml(self.gui, visible=False) if told else None
         offer = _Offer(controls, arm, also, reason)
@@ -129,7 +129,7 @@ class Session:
         if snapshot.unreachable:
             return "the arm does not answer; see Control"
         homed, connected = all(axis.homed for axis in snapshot.homing), snapshot.board is not None
-        why = unmet(arm, snapshot.state, connected=connected, homed=homed)
+        why = unmet(arm, snapshot.state, connected=connected, homed=homed, doing=snapshot.doing)
         return None if why is None else f"the arm is {why}"
 
     def refresh(self, snapshot: Snapshot) -> None:
@@ -138,7 +138,7 @@ class Session:
             self._draw_offer(offer, snapshot)
 
     def _draw_offer(self, offer: _Offer, snapshot: Snapshot) -> None:
-        why = self.why_not(offer.arm, snapshot)
+        why = self.why_not(offer.arm() if callable(offer.arm) else offer.arm, snapshot)
         if why is None and offer.also is not None:
             why = offer.also(snapshot)
         for control in offer.controls:
@@ -363,7 +363,7 @@ class _Offer:
     """Controls that can be used under the same conditions."""
 
     controls: tuple[Disableable, ...]
-    arm: Need | None
+    arm: Need | Callable[[], Need | None] | None
     also: Callable[[Snapshot], str | None] | None
     reason: LiveHtml | None
 

@@ -45,14 +45,17 @@ def slow_duration(robot: Robot, way: FloatArray) -> float:
     return max(_SHORTEST_S, float((np.abs(way) / slow_speeds(robot)).max()))
 
 
-def on_edit(session: Session, attach: Callable[..., object], edit: Callable[[], None]) -> None:
-    """As ``session.on``, for what only the operator may change."""
+def on_edit(
+    session: Session, button: viser.GuiButtonHandle | viser.GuiButtonGroupHandle, edit: Callable[[], None]
+) -> None:
+    """Run ``edit`` on a click of the operator's."""
 
     async def run() -> None:
         session.require_operator()
         edit()
 
-    session.on(attach, run)
+    session.needs(None, button, told=False)
+    session.on(button.on_click, run)
 
 
 _ENDS: dict[str, End] = {"Set lower limit here": "low", "Set upper limit here": "high"}
@@ -74,11 +77,12 @@ class CalibrationJoint:
         gui, work = session.gui, self._work
         self._joint = gui.add_dropdown("Joint", tuple(self._titles))
         self._steps = gui.add_button_group("Step °", tuple(STEPS), hint=_STEP_HINT)
+        session.needs(self._stepper.need, self._steps, told=False)  # Jog below tells the same
         jog = HeldJog(session)
         for label, sign in (("Jog −", -1.0), ("Jog +", 1.0)):
             button = gui.add_button(label)
             jog.attach(button, partial(self._jog, sign))
-            session.needs(Need.ENABLED, button, told=sign > 0)
+            session.needs(Need.JOG, button, told=sign > 0)
         LiveHtml(gui, muted("Jog turns the joint slowly for as long as the button is held."))
         self._now = LiveHtml(gui)
         self._angle = NumberField(gui, "Angle read °", None, hint=_ANGLE_HINT)
@@ -93,18 +97,18 @@ class CalibrationJoint:
         self._watch = EditWatch([self._angle])
         session.on(self._joint.on_update, self._on_joint)
         session.on(self._steps.on_click, self._on_step)
-        on_edit(session, add.on_click, self._add)
+        on_edit(session, add, self._add)
         on_edit(
             session,
-            self._delete.on_click,
+            self._delete,
             lambda: work.delete_mark(work.chosen, int(self._which.value) - 1),
         )
         on_edit(
             session,
-            self._ends.on_click,
+            self._ends,
             lambda: work.set_limit(work.chosen, _ENDS[self._ends.value], self._output()),
         )
-        on_edit(session, default.on_click, lambda: work.limits_by_default(work.chosen))
+        on_edit(session, default, lambda: work.limits_by_default(work.chosen))
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show where the joint stands, and the marks if they have changed."""
@@ -246,8 +250,9 @@ class CalibrationGripper:
         jaws: tuple[Jaw, ...] = ("closed", "open")
         for jaw in jaws:
             button = gui.add_button(f"{jaw.capitalize()} here", color="gray")
-            on_edit(session, button.on_click, partial(self._set_jaw, jaw))
+            on_edit(session, button, partial(self._set_jaw, jaw))
         self._jaws = LiveHtml(gui)
+        session.needs(Need.GRIPPER, move)
         session.on(move.on_click, self._on_move)
 
     def refresh(self, snapshot: Snapshot) -> None:

@@ -47,6 +47,7 @@ class CalibrationPoints:
         self._watch = EditWatch(self._xyz)
         session.spawn(self._points.compute())  # touches that were made before the arm was opened anew
         session.on(self._known.on_update, self._on_known)
+        session.needs(None, add, self._delete, told=False)
         session.on(add.on_click, self._on_add)
         session.on(self._delete.on_click, self._on_delete)
         session.on(self._download.on_click, self._on_download)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from html import escape
 
 import viser
@@ -11,7 +12,7 @@ import viser
 from armctl.boards import SIMULATED_SERIAL, UNNUMBERED
 from armctl.calibration import LEAST_MARKS, Calibration, CheckPose, Version, check_pose, narrowed
 from armctl.errors import ArmctlError, InputError, StateError
-from armctl.runtime import MoveJoints, Snapshot, State
+from armctl.runtime import MoveJoints, Need, Snapshot
 from armctl.ui.robot_switch import release_first
 from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.joint import CalibrationGripper, CalibrationJoint, on_edit, slow_duration
@@ -86,33 +87,32 @@ class CalibrationSave:
         gui = session.gui
         self._overview = LiveHtml(gui)
         self._note = gui.add_text("Note", "", hint="What a later reader should know of this calibration.")
-        self._held = LiveHtml(gui)
-        self._save = gui.add_button("Save calibration", icon=viser.Icon.DEVICE_FLOPPY)
+        save = gui.add_button("Save calibration", icon=viser.Icon.DEVICE_FLOPPY)
+        free = partial(release_first, reopen=True)
+        session.needs(None, save, also=free)
         LiveHtml(gui, muted(_SAVE_NOTE))
         clear = gui.add_button("Forget what is not saved", color="gray")
         with gui.add_folder("Test pose"):
             self._pose = check_pose(session.console.robot)
             LiveHtml(gui, check_pose_html(self._pose))
-            self._go = gui.add_button("Go to test pose")
+            go = gui.add_button("Go to test pose")
+            session.needs(Need.HOLDING, go)
             LiveHtml(gui, muted(_TEST_NOTE))
         with gui.add_folder("Earlier calibrations"):
             versions = self._desk.versions()
             self._versions = earlier_versions(versions)
             self._version = gui.add_dropdown("Version", tuple(self._versions))
-            self._revert = gui.add_button("Revert", color="orange")
+            revert = gui.add_button("Revert", color="orange")
+            session.needs(None, revert, also=free)
             LiveHtml(gui, muted(_REVERT_NOTE))
             LiveHtml(gui, kept_html(versions))
-        session.on(self._save.on_click, self._on_save)
-        on_edit(session, clear.on_click, self._desk.work.clear)
-        session.on(self._go.on_click, self._on_go)
-        session.on(self._revert.on_click, self._on_revert)
+        session.on(save.on_click, self._on_save)
+        on_edit(session, clear, self._desk.work.clear)
+        session.on(go.on_click, self._on_go)
+        session.on(revert.on_click, self._on_revert)
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Show what was measured, if that has changed, and what saving must wait for."""
-        self._go.disabled = snapshot.state is not State.HOLDING
-        held = release_first(snapshot, reopen=True)
-        self._held.show("" if held is None else muted(sentence(held)))
-        self._save.disabled = self._revert.disabled = held is not None
+        """Show what was measured, if that has changed."""
         if self._drawn != self._desk.work.version:
             self._drawn = self._desk.work.version
             self._overview.show(overview_html(self._desk.work) + draft_html(self._desk))

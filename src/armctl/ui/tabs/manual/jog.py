@@ -125,7 +125,7 @@ class JogControl:
             with gui.add_folder(gripper.title):
                 self._percent = gui.add_slider("Gripper %", min=0, max=100, step=1, initial_value=50)
                 move = gui.add_button("Set gripper")
-                session.needs(Need.ENABLED, move)
+                session.needs(Need.GRIPPER, move)
                 self._opening = LiveHtml(gui)
             session.on(move.on_click, self._on_gripper)
 
@@ -157,7 +157,7 @@ class JointJog:
         for sign, text in ((-1.0, "−"), (1.0, "+")):
             button = gui.add_button(f"Jog {text}")
             jog.attach(button, lambda sign=sign: self.command(self._joint.value, sign))
-            session.needs(Need.ENABLED, button, told=sign > 0)
+            session.needs(Need.JOG, button, told=sign > 0)
         for title, text in held.items():
             gui.add_text(title, text, disabled=True)
 
@@ -185,8 +185,8 @@ class ToolJog:
             for sign, text in ((-1.0, "−"), (1.0, "+")):
                 button = gui.add_button(f"{axis} {text}")
                 jog.attach(button, partial(self.command, axis, sign))
-                session.needs(Need.ENABLED, button, told=False)
-        session.needs(Need.ENABLED)
+                session.needs(Need.JOG, button, told=False)
+        session.needs(Need.JOG)
         LiveHtml(gui, muted(_ORIENTATION if session.console.robot.orients_tool else _PITCH_AND_ROLL))
 
     @property
@@ -223,6 +223,7 @@ class KeyboardJog:
         self._what = next(iter(self._moves))
         self._legend = LiveHtml(gui)
         LiveHtml(gui, muted(_KEYS_NOTE))
+        session.needs(None, self._switch)
         session.on(self._switch.on_click, self._on_switch)
         session.on(self._choice.on_update, self._on_choice)
 
@@ -237,8 +238,7 @@ class KeyboardJog:
         self._legend.show(f"<div>{head}</div>{table(('Moves', 'key +', 'key −'), rows)}{state}")
 
     def _on_switch(self) -> None:
-        if not self._on:
-            self._session.require_operator()
+        self._session.require_operator()
         self._set(on=not self._on)
 
     def _on_choice(self) -> None:

@@ -53,13 +53,15 @@ class JointControl:
         session.on(reset.on_click, self._on_reset)
         with gui.add_folder("Step one joint (moves at once)"):
             self._step = gui.add_dropdown("Step °", _STEPS, initial_value="1")
-            session.needs(Need.ENABLED)  # a click while it moves adds up
+            groups: list[viser.GuiButtonGroupHandle] = []
             for i, joint in enumerate(self._robot.joints):
                 if (text := held[i]) is not None:
                     gui.add_text(joint.title, text, disabled=True)
                     continue
                 group = gui.add_button_group(joint.title, ("−", "+"))
+                groups.append(group)
                 session.on(group.on_click, partial(self._on_step, i, group))
+            session.needs(self._stepper.need, *groups)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show the arm; the sliders follow it while they are not edited."""
@@ -109,6 +111,10 @@ class JointStepper:
         self._session = session
         self._duration_s = duration_s
         self._goal: FloatArray | None = None
+
+    def need(self) -> Need | None:
+        """What the next click needs of the arm: nothing while it moves by an earlier one."""
+        return Need.HOLDING if self._goal is None else None
 
     async def step(self, joint: int, step_deg: float) -> None:
         """Turn one joint by ``step_deg``; refused past its limit, and where the arm cannot move now."""

@@ -28,6 +28,7 @@ from armctl.ui.widgets.joint_angles import slider_degrees
 
 PAGE_ROWS = 15
 """of the list"""
+EMPTY = "the list is empty; record a pose first"
 EDIT_WAITS = "the edit takes effect at the next pass"
 
 
@@ -198,6 +199,8 @@ class ProgramRecord:
                 labels.insert(labels.index(_ARC), SET_VIA)
             group = gui.add_button_group(row, labels, hint=_TOOL_HINT if _ARC in labels else None)
             session.on(group.on_click, partial(self._on_group, group))
+            # a wait needs no pose
+            session.needs(None, group, also=None if ADD_WAIT in labels else self._unknown)
             if row == _RECORD:
                 self._seconds = gui.add_number("Wait s", 1.0, min=0.0, max=LONGEST_WAIT_S, step=0.1)
         pose = partial(self._record, next(iter(self._kinds)))
@@ -207,6 +210,9 @@ class ProgramRecord:
         self._via.visible = False
         edits = gui.add_button_group("Edit", tuple(_EDITS))
         undo = gui.add_button_group("Take back", ("Undo", "Redo"))
+        shared = session.console.shared(SharedProgram)
+        session.needs(None, edits, also=lambda _: None if shared.program.steps else EMPTY, told=False)
+        session.needs(None, undo, told=False)
         session.on(edits.on_click, lambda: self._edit(_EDITS[edits.value]))
         session.on(undo.on_click, lambda: editor.undo(redo=undo.value == "Redo"))
 
@@ -233,6 +239,14 @@ class ProgramRecord:
                     await self._edit(lambda program, row: repeat(program, rows.value, row, often))
 
         self._session.on(group.on_click, on_add)
+
+    def _unknown(self, snapshot: Snapshot) -> str | None:
+        """Why no pose can be recorded."""
+        try:
+            present_pose_deg(self._session.console.robot, snapshot)
+        except StateError as unknown:
+            return str(unknown)
+        return None
 
     async def _add(self, step: Step) -> None:
         where = self._where.value

@@ -44,6 +44,7 @@ class ProgramFiles:
         LiveHtml(gui, muted(_UPLOAD_NOTE))
         session.on(self._keep.on_click, self._on_keep)
         session.on(export.on_click, lambda: self._download(export.value))
+        session.needs(None, load, self._upload)
         session.on(load.on_click, self._on_load)
         session.on(self._upload.on_upload, self._on_upload)
 

@@ -10,16 +10,17 @@ from armctl.errors import InputError, ProgramError, StateError
 from armctl.motion.preflight import Finding, not_checked
 from armctl.program import Cursor, Program
 from armctl.program.check import check_program
-from armctl.runtime import Pause, Resume, RunProgram
+from armctl.runtime import Need, Pause, Resume, RunProgram, Snapshot, State
 from armctl.ui.session import Session
-from armctl.ui.tabs.manual.program_editor import ProgramEditor
+from armctl.ui.tabs.manual.program_editor import EMPTY, ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.verdict_list import first_error, verdict_html
 
 _MOST_LOOPS = 100_000
 _FROM_HINT = "The first pass begins with the selected row."
-_STEP_HINT = "Step: run the selected step alone, then select the next. Check: look for what would be refused."
+_STEP_HINT = "Run the selected step alone, then select the next."
+_CHECK_HINT = "Look for what would be refused, without moving the arm."
 
 
 class ProgramRun:
@@ -41,16 +42,24 @@ class ProgramRun:
         self._times = gui.add_number("Times N", initial_value=3, min=1, max=_MOST_LOOPS, step=1)
         self._from_row = gui.add_checkbox("From selected step", initial_value=False, hint=_FROM_HINT)
         self._run = gui.add_button_group("Run", ("Run once", "Run N times", "Loop"))
-        tries = gui.add_button_group("Try", ("Step", "Check"), hint=_STEP_HINT)
-        hold = gui.add_button_group("While it runs", ("Pause", "Resume"))
+        step = gui.add_button_group("One step", ("Step",), hint=_STEP_HINT)
+        session.needs(Need.HOLDING, self._run, step, also=self._empty)
+        self._hold = gui.add_button_group("While it runs", ("Pause",))
+        session.needs(Need.PAUSE, self._hold, told=False)
+        check = gui.add_button_group("Before it runs", ("Check",), hint=_CHECK_HINT)
         self._cancel = gui.add_button("Cancel check", color="gray", visible=False)
         session.on(self._cancel.on_click, self._on_cancel)
         session.on(self._run.on_click, self._on_run)
-        session.on(tries.on_click, lambda: self.check() if tries.value == "Check" else self._step())
-        session.on(hold.on_click, lambda: session.submit(Pause() if hold.value == "Pause" else Resume()))
+        session.on(step.on_click, self._step)
+        session.on(check.on_click, self.check)
+        session.on(
+            self._hold.on_click,
+            lambda: session.submit(Pause() if self._hold.value == "Pause" else Resume()),
+        )
 
-    def refresh(self) -> None:
+    def refresh(self, snapshot: Snapshot) -> None:
         """Show how far a check is; a verdict goes with the program that it is about."""
+        self._hold.options = ("Resume",) if snapshot.state is State.PAUSED else ("Pause",)
         self._cancel.visible = self._progress is not None
         if self._progress is not None:
             done, steps = self._progress
@@ -81,10 +90,13 @@ class ProgramRun:
         self._cancelled.set()
         self._cancelled = threading.Event()
 
+    def _empty(self, _: Snapshot) -> str | None:
+        return None if self._shared.program.steps else EMPTY
+
     def _program(self) -> Program:
         program = self._shared.program
         if not program.steps:
-            raise StateError("the list is empty; record a pose first")
+            raise StateError(EMPTY)
         return program
 
     async def _check(self, program: Program, start: FloatArray | None) -> list[Finding]:

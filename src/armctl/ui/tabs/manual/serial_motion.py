@@ -62,7 +62,7 @@ class SerialMotion:
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw the list where it, the selection or the running step has changed."""
         self._files.refresh()
-        self._run.refresh()
+        self._run.refresh(snapshot)
         self._show_kept()
         progress, editor = snapshot.program, self._editor
         runs_this = progress is not None and self._shared.relation(progress) == "running"

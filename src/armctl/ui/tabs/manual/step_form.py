@@ -16,7 +16,7 @@ from armctl.program.program import Change, replace
 from armctl.program.steps import all_keys
 from armctl.robot import Robot
 from armctl.ui.session import Session
-from armctl.ui.tabs.manual.program_editor import EDIT_WAITS, ProgramEditor
+from armctl.ui.tabs.manual.program_editor import EDIT_WAITS, EMPTY, ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.number_field import EditWatch, format_number, parse_number
@@ -116,6 +116,7 @@ class StepForm:
         self._watch = EditWatch([])
         for handle in self._handles.values():
             self._watch.watch(handle.on_update)
+        session.needs(None, self._apply, told=False)
         session.on(self._apply.on_click, self._on_apply)
 
     def refresh(self) -> None:
@@ -143,7 +144,7 @@ class StepForm:
         self._session.require_operator()
         self._watch.require_settled()
         if self._filled is None:
-            raise StateError("the list is empty; record a pose first")
+            raise StateError(EMPTY)
         row, before = self._filled
         labels = texts_of(before, self._session.console.robot)
         step = edited(before, {label: self._handles[label].value for label in labels})
