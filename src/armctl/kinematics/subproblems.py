@@ -338,18 +338,14 @@ def angle_between(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.arctan2(np.linalg.norm(a @ across(b), axis=-1), a @ b)
 
 
-_ROOT = 1e-3
-"""how far off the real line a root may lie: rounding splits double ones, and the others are dropped"""
-_LOOKS = 2.0 * math.pi * np.arange(12) / 12.0
-
-
 def two_turns_of_many(
     A: FloatArray, B: FloatArray, c: FloatArray, tolerance: float
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """``two_turns`` of arrays: A, B (m, 2, 2) and c (m, 2) of ``A (cos x, sin x) + B (cos y, sin y) = c``.
 
     Returns up to four pairs x, y (m, 4, 2) [rad], NaN where there are fewer, and where one may be at any
-    angle (m,): there it is at 0. A second row of zeros in all of A or B splits the conditions.
+    angle (m,): there it is at 0. A second row of zeros in all of A or B splits the conditions. Others are
+    solved one by one.
     """
     if not A[:, 1].any():
         y = roots((np.zeros(len(c)), B[:, 1, 0], B[:, 1, 1]), c[:, 1], tolerance, 0.0)
@@ -361,111 +357,10 @@ def two_turns_of_many(
     if not B[:, 1].any():
         pairs, free = two_turns_of_many(B, A, c, tolerance)
         return pairs[..., ::-1], free
-    flip = (_determinant(A) * _squared(B) > _determinant(B) * _squared(A))[:, None, None]
-    pairs, free = _general_pairs(np.where(flip, B, A), np.where(flip, A, B), c, tolerance)
-    return np.where(flip, pairs[..., ::-1], pairs), free
-
-
-def _general_pairs(
-    A: FloatArray, B: FloatArray, c: FloatArray, tolerance: float
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """As ``two_turns_of_many``; y is eliminated."""
-    x, free = _first_turns(A, B, c)
-    row = np.linalg.norm(B, axis=2).argmax(axis=1)
-    every = np.arange(len(c))
-    (b1, b2), (a1, a2), rest = B[every, row].T, A[every, row].T, c[every, row]
-    rest = rest[:, None] - a1[:, None] * np.cos(x) - a2[:, None] * np.sin(x)
-    y = np.moveaxis(
-        roots((np.zeros(x.shape), b1[:, None] + 0 * x, b2[:, None] + 0 * x), rest, math.inf), 0, 2
-    )
-    pairs = np.stack([np.repeat(x, 2, axis=1), y.reshape(len(c), 8)], axis=-1)
-    pairs = _descended_many(A, B, c, pairs)
-    u, w = _turn_vectors(pairs[..., 0]), _turn_vectors(pairs[..., 1])
-    missed = np.abs(np.einsum("mij,mpj->mpi", A, u) + np.einsum("mij,mpj->mpi", B, w) - c[:, None]).max(
-        axis=2
-    )
-    good = missed <= tolerance
-    for j in range(1, 8):
-        apart = pairs[:, :j] - pairs[:, j : j + 1]
-        near = np.abs(apart - TWO_PI * np.rint(apart / TWO_PI)).max(axis=2) <= _SAME
-        good[:, j] &= ~(near & good[:, :j]).any(axis=1)
-    best = np.argsort(~good, axis=1, kind="stable")[:, :4]
-    pairs = np.take_along_axis(np.where(good[..., None], pairs, math.nan), best[..., None], axis=1)
-    return pairs, free & good.any(axis=1)
-
-
-def _first_turns(A: FloatArray, B: FloatArray, c: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """(m, 4) angles x that may have a y, NaN where there are fewer, and where (m,) every x has one."""
-    adjugate = np.empty_like(B)
-    adjugate[:, 0, 0], adjugate[:, 1, 1] = B[:, 1, 1], B[:, 0, 0]
-    adjugate[:, 0, 1], adjugate[:, 1, 0] = -B[:, 0, 1], -B[:, 1, 0]
-    w = np.einsum("mij,mj->mi", adjugate, c)
-    F = adjugate @ A
-    G = np.swapaxes(F, 1, 2) @ F
-    det = _determinant(B)
-    squares = (w * w).sum(axis=1)
-    # |w - F u|² - det² = a0 + a1 cos x + b1 sin x + a2 cos 2x + b2 sin 2x
-    a1, b1 = -2.0 * np.einsum("mi,mij->jm", w, F)
-    a0 = squares - det * det + 0.5 * (G[:, 0, 0] + G[:, 1, 1])
-    a2, b2 = 0.5 * (G[:, 0, 0] - G[:, 1, 1]), G[:, 0, 1]
-    scale = np.maximum(squares + det * det, G[:, 0, 0] + G[:, 1, 1])
-    free = np.abs([a0, a1, b1, a2, b2]).sum(axis=0) <= 1e-13 * scale
-    # u = x - turn, with the polynomial large where tan(u/2) is infinite
-    looks = a0[:, None] + a1[:, None] * np.cos(_LOOKS) + b1[:, None] * np.sin(_LOOKS)
-    looks += a2[:, None] * np.cos(2.0 * _LOOKS) + b2[:, None] * np.sin(2.0 * _LOOKS)
-    turn = _LOOKS[np.abs(looks).argmax(axis=1)] + math.pi
-    cosine, sine, cosine2, sine2 = np.cos(turn), np.sin(turn), np.cos(2.0 * turn), np.sin(2.0 * turn)
-    a1, b1 = a1 * cosine + b1 * sine, b1 * cosine - a1 * sine
-    a2, b2 = a2 * cosine2 + b2 * sine2, b2 * cosine2 - a2 * sine2
-    lead = a0 - a1 + a2
-    lead = np.where(free | (lead == 0.0), 1.0, lead)
-    companion = np.zeros((len(c), 4, 4))
-    companion[:, [1, 2, 3], [0, 1, 2]] = 1.0
-    low_first = (a0 + a1 + a2, 2.0 * b1 + 4.0 * b2, 2.0 * a0 - 6.0 * a2, 2.0 * b1 - 4.0 * b2)
-    companion[:, :, 3] = -np.stack(low_first, axis=1) / lead[:, None]
-    t = np.linalg.eigvals(companion)
-    x = np.where(np.abs(t.imag) <= _ROOT * (1.0 + np.abs(t) ** 2), 2.0 * np.arctan(t.real), math.nan)
-    x = np.where(free[:, None], np.array([0.0, math.nan, math.nan, math.nan]), x + turn[:, None])
-    return x, free
-
-
-def _descended_many(A: FloatArray, B: FloatArray, c: FloatArray, pairs: FloatArray) -> FloatArray:
-    """Pairs (m, p, 2) after damped Newton steps, each kept only where it misses the conditions by less."""
-    least = np.full(pairs.shape[:2], math.inf)
-    tried = pairs
-    for _ in range(_NEWTON):
-        u, w = _turn_vectors(tried[..., 0]), _turn_vectors(tried[..., 1])
-        r = np.einsum("mij,mpj->mpi", A, u) + np.einsum("mij,mpj->mpi", B, w) - c[:, None]
-        missed = (r * r).sum(axis=-1)
-        better = missed < least
-        if not better.any():
-            break
-        pairs, least = np.where(better[..., None], tried, pairs), np.where(better, missed, least)
-        J = np.stack(
-            [
-                u[..., ::-1] * (-1.0, 1.0) @ np.swapaxes(A, 1, 2),
-                w[..., ::-1] * (-1.0, 1.0) @ np.swapaxes(B, 1, 2),
-            ],
-            axis=-1,
-        )
-        g = np.einsum("mpij,mpi->mpj", J, r)
-        H = np.swapaxes(J, -1, -2) @ J
-        h0, h1, h2 = H[..., 0, 0], H[..., 0, 1], H[..., 1, 1]
-        damping = 1e-15 * (h0 + h2) + 1e-300
-        h0, h2 = h0 + damping, h2 + damping
-        det = np.maximum(h0 * h2 - h1 * h1, 1e-300)
-        step = np.stack([h2 * g[..., 0] - h1 * g[..., 1], h0 * g[..., 1] - h1 * g[..., 0]], axis=-1)
-        tried = pairs - step / det[..., None]
-    return pairs
-
-
-def _turn_vectors(angle: FloatArray) -> FloatArray:
-    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-
-
-def _determinant(M: FloatArray) -> FloatArray:
-    return np.abs(M[:, 0, 0] * M[:, 1, 1] - M[:, 0, 1] * M[:, 1, 0])
-
-
-def _squared(M: FloatArray) -> FloatArray:
-    return (M * M).sum(axis=(1, 2))
+    pairs, free = np.full((len(c), 4, 2), math.nan), np.zeros(len(c), dtype=np.bool_)
+    for i, problem in enumerate(zip(A.tolist(), B.tolist(), c.tolist(), strict=True)):
+        answer = two_turns(*problem, tolerance)
+        if answer.exact:
+            pairs[i, : len(answer.angles)] = answer.angles[:4]
+            free[i] = bool(answer.free)
+    return pairs, free

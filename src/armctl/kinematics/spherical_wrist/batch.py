@@ -13,18 +13,14 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.spherical_wrist.closed_form import (
     ALMOST_HALF_TURN,
-    APART,
     BEYOND,
     DOUBLE,
     NEAR,
     ClosedForm,
 )
-from armctl.kinematics.subproblems import two_turns_of_many
 
 _CHUNK = 4096
 """poses worked on at a time, so that what they need stays in the processor's cache"""
-_NEWTON = 2
-_FLAT = 1e-12
 
 
 def solve_poses(closed: ClosedForm, poses: FloatArray) -> FloatArray:
@@ -120,7 +116,12 @@ def _pairs(
     whole = flat + Z * Z
     care = flat < closed.near**2
     if closed.geometry.regional == "skew":
-        return _skew_pairs(closed, X, Y, Z, whole, care)
+        pairs = np.full((len(X), 4, 2), math.nan)
+        for i, centre in enumerate(zip(X.tolist(), Y.tolist(), Z.tolist(), strict=True)):
+            found, care[i] = closed.pairs(centre)
+            for first, third, way in found:
+                pairs[i, way] = first, third
+        return pairs[..., 0].T, pairs[..., 1].T, care
     b, c = closed.m1 * X + closed.m2 * Y, closed.m1 * Y - closed.m2 * X
     size, middle = np.sqrt(b * b + c * c), np.arctan2(c, b)
     signs = np.array([[1.0], [-1.0]])
@@ -151,41 +152,6 @@ def _pairs(
     away, close = _away(size, value, closed.first_beyond)
     first = np.concatenate([middle + away, middle - away])
     return first, np.concatenate([third, third]), care | bent | close.any(axis=0)
-
-
-def _skew_pairs(
-    closed: ClosedForm,
-    X: FloatArray,
-    Y: FloatArray,
-    Z: FloatArray,
-    whole: FloatArray,
-    care: NDArray[np.bool_],
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """As ``_pairs``, where no neighbouring axes are parallel or meet; by rising θ1."""
-    if closed.geometry.nearly:
-        return np.zeros((4, len(X))), np.zeros((4, len(X))), np.ones_like(care)
-    by_first, by_third, rest = closed.skew_conditions(X, Y, Z, whole)
-    A, B, c = np.moveaxis(np.array(by_first), -1, 0), np.array(by_third), np.array(rest).T
-    pairs, free = two_turns_of_many(A, np.broadcast_to(B, A.shape), c, BEYOND)
-    for _ in range(_NEWTON):
-        u, v = (np.stack([np.cos(x), np.sin(x)], axis=-1) for x in np.moveaxis(pairs, 2, 0))
-        off = u @ A.swapaxes(1, 2) + v @ B.T - c[:, None]
-        j, k = (np.stack([-w[..., 1], w[..., 0]], axis=-1) for w in (u, v))
-        j, k = j @ A.swapaxes(1, 2), k @ B.T
-        det = j[..., 0] * k[..., 1] - j[..., 1] * k[..., 0]
-        det = np.where(np.abs(det) < _FLAT, math.inf, det)  # nearly a double root: left to who takes care
-        pairs = pairs - np.stack(
-            [
-                (k[..., 1] * off[..., 0] - k[..., 0] * off[..., 1]) / det,
-                (j[..., 0] * off[..., 1] - j[..., 1] * off[..., 0]) / det,
-            ],
-            axis=-1,
-        )
-    first, third = np.moveaxis(pairs, 2, 0)
-    order = np.argsort(first, axis=1)  # those that there are not are NaN, and the last
-    first, third = np.take_along_axis(first, order, 1), np.take_along_axis(third, order, 1)
-    apart = np.abs(np.diff(first, axis=1)) + np.abs(np.diff(third, axis=1))
-    return first.T, third.T, care | free | (apart < APART).any(axis=1)
 
 
 def _away(size: FloatArray, value: FloatArray, beyond: float) -> tuple[FloatArray, NDArray[np.bool_]]:

@@ -20,7 +20,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -338,15 +338,7 @@ class ClosedForm:
         )  # fmt: skip
 
     def _skew_pairs(self, X: float, Y: float, Z: float, whole: float) -> tuple[list[Pair], bool]:
-        """As ``pairs``, for axes of which no neighbours are parallel or meet; numbered by rising θ1."""
-        answer = two_turns(*self.skew_conditions(X, Y, Z, whole), BEYOND)
-        pairs = sorted(answer.angles)[:4] if answer.exact else []
-        apart = [math.dist(*two) for two in itertools.combinations(pairs, 2)]
-        care = self.geometry.nearly or bool(answer.free) or min(apart, default=1.0) < APART
-        return [(first, third, k) for k, (first, third) in enumerate(pairs)], care
-
-    def skew_conditions(self, X: Any, Y: Any, Z: Any, whole: Any) -> tuple[Any, Any, Any]:
-        """A, B and c of ``two_turns`` for W at X, Y, Z [m], numbers or arrays; ``whole``: their squares.
+        """As ``pairs``, for axes of which no neighbours are parallel or meet; numbered by rising θ1.
 
         The second condition is divided by a length.
         """
@@ -354,11 +346,16 @@ class ClosedForm:
         (px, py, pz), qy = self.geometry.p.tolist(), float(self.geometry.q[1])
         near, far = -2.0 / length, -2.0 * r / length
         reach = self._skew_reach - whole + 2.0 * pz * Z
-        return (
+        answer = two_turns(
             ((-s * Y, s * X), (near * (px * X + py * Y), near * (px * Y - py * X))),
             ((0.0, -self.sa2 * r), (far * self.a2, far * (self.ca2 * qy + self.sa2 * self.d2))),
             (self.w0 - s * py + self.ca1 * (pz - Z), reach / length),
+            BEYOND,
         )
+        pairs = sorted(answer.angles)[:4] if answer.exact else []
+        apart = [math.dist(*two) for two in itertools.combinations(pairs, 2)]
+        care = self.geometry.nearly or bool(answer.free) or min(apart, default=1.0) < APART
+        return [(first, third, k) for k, (first, third) in enumerate(pairs)], care
 
     def second(self, centre: Three, first: float, third: float) -> tuple[float, float]:
         """φ2 [rad] that belongs to θ1 and φ3, and how far W is from the second axis [m]."""
