@@ -13,7 +13,6 @@ would take ten times as long.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
@@ -38,9 +37,7 @@ class Answer(NamedTuple):
     """Angles that meet two conditions."""
 
     angles: tuple[tuple[float, ...], ...]
-    """pairs of angles [rad], in (-pi, pi]"""
-    exact: bool
-    """False: nothing meets the condition, and these angles miss it by the least (least squares)"""
+    """pairs of angles [rad], in (-pi, pi]; empty where nothing meets the conditions"""
     free: tuple[int, ...] = ()
     """indices of the rotations that may be at any angle, so that there is a continuum; the angles given
     are one of it. With two indices, the one angle hangs on the other."""
@@ -153,13 +150,13 @@ def two_turns(A: _Matrix, B: _Matrix, c: _Pair, tolerance: float = TOLERANCE) ->
 
     One angle is eliminated by its unit length, the one whose matrix has the larger determinant. What is left,
     ``|adj(B) (c - A u)|² = det(B)²``, is of degree 2 in exp(i θ1): four roots, which Newton steps in both
-    angles make exact. Where nothing meets the conditions, the pair that misses them by the least.
+    angles make exact.
     """
     still_a, still_b = _size(A) <= _STILL * _size(B), _size(B) <= _STILL * _size(A)
     if still_a or still_b:
-        angles, exact = _one_turn(B if still_a else A, c, tolerance)
+        angles = _one_turn(B if still_a else A, c, tolerance)
         pairs = tuple((0.0, x) if still_a else (x, 0.0) for x in angles)
-        return Answer(pairs, exact, (0,) if still_a else (1,))
+        return Answer(pairs, (0,) if still_a else (1,))
     if abs(_determinant_of(A)) > abs(_determinant_of(B)):
         answer = _two_turns(B, A, c, tolerance)
         return answer._replace(angles=tuple((x, y) for y, x in answer.angles))
@@ -169,17 +166,13 @@ def two_turns(A: _Matrix, B: _Matrix, c: _Pair, tolerance: float = TOLERANCE) ->
 def _two_turns(A: _Matrix, B: _Matrix, c: _Pair, tolerance: float) -> Answer:
     firsts, anywhere = _eliminated(A, B, c)
     met: list[_Pair] = []
-    best, least = (0.0, 0.0), math.inf
-    for first, second in itertools.chain(_starts(A, B, c, firsts), _grid(A, B, c, met)):
+    for first, second in _starts(A, B, c, firsts):
         pair, missed = _descended(A, B, c, first, second)
-        if missed <= tolerance:
-            if all(_apart(pair, other) > _SAME for other in met):
-                met.append(pair)
-        elif missed < least:
-            best, least = pair, missed
+        if missed <= tolerance and all(_apart(pair, other) > _SAME for other in met):
+            met.append(pair)
     if anywhere and met:  # the angles hang on each other
-        met = met[:1]
-    return Answer(tuple(met or [best]), bool(met), (0, 1) if anywhere and met else ())
+        return Answer((met[0],), (0, 1))
+    return Answer(tuple(met))
 
 
 def _eliminated(A: _Matrix, B: _Matrix, c: _Pair) -> tuple[list[float], bool]:
@@ -214,12 +207,6 @@ def _starts(A: _Matrix, B: _Matrix, c: _Pair, firsts: Sequence[float]) -> Iterat
             yield first, second
 
 
-def _grid(A: _Matrix, B: _Matrix, c: _Pair, met: list[_Pair]) -> Iterator[_Pair]:
-    """More starts where nothing has met the conditions: for the least squares."""
-    if not met:
-        yield from _starts(A, B, c, [math.pi * k / _SPREAD for k in range(-_SPREAD, _SPREAD)])
-
-
 def _descended(A: _Matrix, B: _Matrix, c: _Pair, x: float, y: float) -> tuple[_Pair, float]:
     """Where Newton steps lead from a pair of angles, and by how much it misses the conditions."""
     r0, r1, missed = _missed(A, B, c, x, y)
@@ -252,13 +239,12 @@ def _missed(A: _Matrix, B: _Matrix, c: _Pair, x: float, y: float) -> tuple[float
     return r0, r1, math.hypot(r0, r1)
 
 
-def _one_turn(B: _Matrix, c: _Pair, tolerance: float) -> tuple[list[float], bool]:
-    """Angles with ``B (cos θ, sin θ) = c``, and whether there are any."""
+def _one_turn(B: _Matrix, c: _Pair, tolerance: float) -> list[float]:
+    """Angles with ``B (cos θ, sin θ) = c``."""
     i = 0 if math.hypot(*B[0]) >= math.hypot(*B[1]) else 1
+    none = (0.0, 0.0), (0.0, 0.0)
     angles = circle_angles(0.0, *B[i], c[i])[0]
-    misses = [_missed(((0.0, 0.0), (0.0, 0.0)), B, c, 0.0, angle)[2] for angle in angles]
-    met = [angle for angle, missed in zip(angles, misses, strict=True) if missed <= tolerance]
-    return met or [angles[misses.index(min(misses))]], bool(met)
+    return [angle for angle in angles if _missed(none, B, c, 0.0, angle)[2] <= tolerance]
 
 
 def _determinant_of(M: _Matrix) -> float:
@@ -360,7 +346,7 @@ def two_turns_of_many(
     pairs, free = np.full((len(c), 4, 2), math.nan), np.zeros(len(c), dtype=np.bool_)
     for i, problem in enumerate(zip(A.tolist(), B.tolist(), c.tolist(), strict=True)):
         answer = two_turns(*problem, tolerance)
-        if answer.exact:
+        if answer.angles:
             pairs[i, : len(answer.angles)] = answer.angles[:4]
             free[i] = bool(answer.free)
     return pairs, free

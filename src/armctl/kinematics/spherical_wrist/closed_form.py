@@ -352,7 +352,7 @@ class ClosedForm:
             (self.w0 - s * py + self.ca1 * (pz - Z), reach / length),
             BEYOND,
         )
-        pairs = sorted(answer.angles)[:4] if answer.exact else []
+        pairs = sorted(answer.angles)[:4]
         apart = [math.dist(*two) for two in itertools.combinations(pairs, 2)]
         care = self.geometry.nearly or bool(answer.free) or min(apart, default=1.0) < APART
         return [(first, third, k) for k, (first, third) in enumerate(pairs)], care
