@@ -15,7 +15,7 @@ import pytest
 from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
 from armctl.errors import PortError
 from armctl.hardware.firmata.simulated import SimulatedFirmata
-from armctl.hardware.maestro.simulated import MaestroSettings, SerialMode, SimulatedMaestro, simulated_maestro
+from armctl.hardware.maestro.simulated import MaestroSettings, SimulatedMaestro, simulated_maestro
 from armctl.hardware.simulation import BoardServer
 from armctl.hardware.transport import PortInfo, SerialTransport
 from armctl.runtime.clock import ManualClock, MonotonicClock
@@ -142,7 +142,7 @@ def test_auto_without_a_robot_finds_an_arduino_too(capsys: pytest.CaptureFixture
 
 
 def test_a_board_in_the_factorys_serial_mode_fails_with_advice(capsys: pytest.CaptureFixture[str], tmp_path):
-    settings = MaestroSettings(serial_mode=SerialMode.UART_DETECT_BAUD)
+    settings = MaestroSettings(takes_usb=False)
     with BoardServer(simulated_maestro(settings=settings), ManualClock().now, link=tmp_path / "arm"):
         assert run(["doctor", "--port", str(tmp_path / "arm"), "--robot", "uzuner"]) == REFUSED
     out = capsys.readouterr().out

@@ -20,7 +20,6 @@ from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.hardware.maestro import MaestroModel
 from armctl.hardware.maestro.simulated import (
     MaestroSettings,
-    SerialMode,
     SimulatedMaestro,
 )
 from armctl.hardware.ports import PortChecks
@@ -262,7 +261,7 @@ def test_without_a_robot_the_channels_are_not_checked(clock: ManualClock, device
     ],
 )
 def test_nobody_answers(clock: ManualClock, device: str, expected, advice):
-    silent = SimulatedMaestro(settings=MaestroSettings(serial_mode=SerialMode.UART_DETECT_BAUD))
+    silent = SimulatedMaestro(settings=MaestroSettings(takes_usb=False))
     findings = report(patient(device, info=None, expected=expected), silent, clock)
     assert failures(findings) == ["who answers"]
     assert advice in findings["who answers"].advice

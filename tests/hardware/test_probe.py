@@ -18,7 +18,6 @@ from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.hardware.maestro import MaestroModel
 from armctl.hardware.maestro.simulated import (
     MaestroSettings,
-    SerialMode,
     SimulatedMaestro,
 )
 from armctl.hardware.probe import Approach, Probed, approach, probe
@@ -93,10 +92,9 @@ def test_a_maestro_is_found_and_not_moved(clock: ManualClock, label, crc):
     assert board.errors == 0
 
 
-@pytest.mark.parametrize("mode", [SerialMode.UART_DETECT_BAUD, SerialMode.UART_FIXED])
 @pytest.mark.parametrize("label", [MICRO, PTY])
-def test_a_maestro_in_a_uart_mode_is_neither_found_nor_moved(clock: ManualClock, label, mode):
-    board = holding_maestro(serial_mode=mode)
+def test_a_maestro_in_a_uart_mode_is_neither_found_nor_moved(clock: ManualClock, label):
+    board = holding_maestro(takes_usb=False)
     found = asked(board, clock, approach(label))
     assert found == Probed("port")
     assert board.target_us(0) == 1200.0

@@ -162,23 +162,11 @@ _MINI_SSC_NEUTRAL = 6000  # factory settings: 1500 µs, and 476.25 µs to either
 _MINI_SSC_STEP = 15  # quarter µs, 1905 / 127
 
 
-class SerialMode(Enum):
-    """How the board uses its ports (guide, section 5.a)."""
-
-    USB_DUAL_PORT = "USB Dual Port"
-    USB_CHAINED = "USB Chained"
-    UART_FIXED = "UART, fixed baud rate"
-    UART_DETECT_BAUD = "UART, detect baud rate"  # as it leaves the factory
-
-
-_TAKE_USB_COMMANDS = (SerialMode.USB_DUAL_PORT, SerialMode.USB_CHAINED)
-
-
 @dataclass(frozen=True, slots=True)
 class MaestroSettings:
     """The settings in the board's own memory; the defaults are the factory's, but for the serial mode."""
 
-    serial_mode: SerialMode = SerialMode.USB_DUAL_PORT  # with the factory's, no USB client can do anything
+    takes_usb: bool = True  # not in a UART mode, as it leaves the factory (guide, section 5.a)
     device: int = DEFAULT_DEVICE_NUMBER  # of the Pololu form
     crc: bool = False  # whether commands must carry a CRC-7
     timeout_units: int = 0  # serial timeout [10 ms]; 0: none
@@ -244,7 +232,7 @@ class SimulatedMaestro:
 
     def feed(self, data: bytes) -> bytes:
         """Take bytes from the USB command port and return the answers."""
-        if self.settings.serial_mode not in _TAKE_USB_COMMANDS:
+        if not self.settings.takes_usb:
             return b""
         reply = bytearray()
         for byte in data:
