@@ -169,7 +169,7 @@ def board_name(port: str, robot: Robot, ports: Callable[[], Sequence[PortInfo]] 
     return (info.serial_number if info is not None else None) or UNNUMBERED
 
 
-def calibrated_for(robot: Robot, board: str, store: CalibrationStore | None = None) -> Robot:
+def calibrated_for(robot: Robot, board: str) -> Robot:
     """The robot as calibrated with a ``board_name``. CalibrationError: unreadable, or it no longer fits."""
-    calibration = (store or CalibrationStore()).load(robot.name, board)
+    calibration = CalibrationStore().load(robot.name, board)
     return robot if calibration is None else calibrated(robot, calibration)

@@ -214,9 +214,9 @@ class Chain:
         high = np.array([limit.upper for limit in self.turn_limits])
         return np.maximum(low - turns, turns - high)
 
-    def keeps_turns(self, q: FloatArray, tolerance: float = LIMIT_TOLERANCE) -> NDArray[np.bool_]:
+    def keeps_turns(self, q: FloatArray) -> NDArray[np.bool_]:
         """Where ``q`` (..., n) keeps all ``turn_limits``: (...)."""
-        return np.asarray((self.turn_excess(q) <= tolerance).all(axis=-1))
+        return np.asarray((self.turn_excess(q) <= LIMIT_TOLERANCE).all(axis=-1))
 
     def without_turn_limits(self) -> Chain:
         """The same, whatever its links turn by."""

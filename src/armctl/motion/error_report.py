@@ -49,9 +49,9 @@ class ErrorReport:
         return np.linalg.norm(self.error, axis=1)
 
 
-def as_printed(q: FloatArray, digits: int = 3) -> FloatArray:
+def as_printed(q: FloatArray) -> FloatArray:
     """Joint angles (..., n) [rad] rounded as the paper's tables print them: to 0.001°."""
-    return np.radians(np.degrees(q).round(digits))
+    return np.radians(np.degrees(q).round(3))
 
 
 def closest_on_path(points: FloatArray, path: FloatArray) -> FloatArray:

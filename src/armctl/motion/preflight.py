@@ -120,10 +120,9 @@ def require_clear(
     payload_kg: float | None = None,
     *,
     tool_path: bool = False,
-    at_rest: bool = True,
 ) -> None:
     """Raise ``MotionRefusedError`` with the first error of ``preflight``, and how many more there are."""
-    findings = preflight(robot, trajectory, payload_kg, tool_path=tool_path, at_rest=at_rest)
+    findings = preflight(robot, trajectory, payload_kg, tool_path=tool_path)
     count = sum(finding.severity == "error" for finding in findings)
     if count:
         more = f" (and {count - 1} more)" if count > 1 else ""

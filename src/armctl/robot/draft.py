@@ -82,16 +82,18 @@ def _two_links(mm: Mapping[str, float]) -> list[Table]:
     return [*_base(mm), _row(mm["fore"], 0, 0, "elbow"), _row(0, 90, 0, theta_deg=90)]
 
 
-def _palletiser(mm: Mapping[str, float]) -> list[Table]:
+def _rods(mm: Mapping[str, float]) -> list[Table]:
+    """All links of a palletiser but what its level hand carries."""
     fore = _row(mm["fore"], 0, 0, "elbow", follows={"shoulder": -1})
-    hand = _row(mm["hand"], 90, 0, link="hand", follows={"elbow": -1})
-    return [*_base(mm), fore, hand, _row(0, 0, 0, theta_deg=90), _row(0, 90, 0), _row(0, 0, 0, theta_deg=90)]
+    return [*_base(mm), fore, _row(mm["hand"], 90, 0, link="hand", follows={"elbow": -1})]
+
+
+def _palletiser(mm: Mapping[str, float]) -> list[Table]:
+    return [*_rods(mm), _row(0, 0, 0, theta_deg=90), _row(0, 90, 0), _row(0, 0, 0, theta_deg=90)]
 
 
 def _palletiser_rolling(mm: Mapping[str, float]) -> list[Table]:
-    fore = _row(mm["fore"], 0, 0, "elbow", follows={"shoulder": -1})
-    hand = _row(mm["hand"], 90, 0, link="hand", follows={"elbow": -1})
-    return [*_base(mm), fore, hand, _row(0, 0, mm["drop"], "roll")]
+    return [*_rods(mm), _row(0, 0, mm["drop"], "roll")]
 
 
 def _spherical_wrist(mm: Mapping[str, float]) -> list[Table]:

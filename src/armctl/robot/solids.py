@@ -110,9 +110,9 @@ def decimated(solid: Solid, most: int) -> Solid:
         size *= 1.15
 
 
-def welded(solid: Solid, decimals: int = 7) -> Solid:
+def welded(solid: Solid) -> Solid:
     """The solid with vertices in one place made one; STL files write three for each triangle."""
-    vertices, index = np.unique(solid.vertices.round(decimals), axis=0, return_inverse=True)
+    vertices, index = np.unique(solid.vertices.round(7), axis=0, return_inverse=True)
     return Solid(vertices, index.reshape(-1)[solid.faces])
 
 

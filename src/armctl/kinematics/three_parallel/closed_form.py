@@ -101,7 +101,7 @@ def all_ways(arm: ThreeParallel, poses: FloatArray) -> Ways:
     parts: list[Ways] = []
     for at in range(0, max(len(poses), 1), _CHUNK):
         loop = Loop.of(arm, poses[at : at + _CHUNK])
-        pairs, free = _pairs(arm, loop)
+        pairs, free = two_turns_of_many(*_conditions(arm, loop), _MET)
         parts.append(_rest(arm, loop, pairs)._replace(pairs_free=free))
     return parts[0] if len(parts) == 1 else Ways(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
@@ -166,11 +166,6 @@ def _conditions(arm: ThreeParallel, loop: Loop) -> tuple[FloatArray, FloatArray,
     if arm.meet[1]:
         B[:, 1] = 0.0
     return A, B, right
-
-
-def _pairs(arm: ThreeParallel, loop: Loop) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """(m, 4, 2) the angles of a and c [rad], NaN where there are fewer, and where one of them is free."""
-    return two_turns_of_many(*_conditions(arm, loop), _MET)
 
 
 def _rest(arm: ThreeParallel, loop: Loop, pairs: FloatArray, wrist: FloatArray | None = None) -> Ways:

@@ -125,7 +125,6 @@ class ArmFigure:
         *,
         color: Color | None = None,
         opacity: float | None = None,
-        visible: bool = True,
     ) -> None:
         """Draw the arm as it looks; ``color`` and ``opacity`` replace its own."""
         self._robot, self._scene, self._name = robot, scene, name
@@ -133,7 +132,7 @@ class ArmFigure:
         self._tool = f"f{len(robot.chain.places) - 1}"
         self._reach = reach(robot.chain)
         self._width = width(robot.chain, robot.look)
-        self.root = scene.add_frame(name, show_axes=False, visible=visible)
+        self.root = scene.add_frame(name, show_axes=False)
         self._frames = [
             scene.add_frame(f"{name}/f{i}", show_axes=False) for i in range(len(robot.chain.places))
         ]

@@ -31,9 +31,9 @@ def fixed(value: float, digits: int) -> str:
     return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
 
 
-def numbers(values: Iterable[float], digits: int, between: str = ", ") -> str:
+def numbers(values: Iterable[float], digits: int) -> str:
     """Several numbers in a row."""
-    return between.join(fixed(value, digits) for value in values)
+    return ", ".join(fixed(value, digits) for value in values)
 
 
 def heading(text: str) -> str:
