@@ -9,7 +9,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Self
@@ -18,7 +18,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
-from armctl.kinematics.angles import LIMIT_TOLERANCE, central_image, images, rotation_angle, wrap
+from armctl.kinematics.angles import LIMIT_TOLERANCE, central_image, images, rotation_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.samples import checked_step
@@ -26,6 +26,7 @@ from armctl.kinematics.solutions import Solutions, SolvedArm, needs, too_far, to
 from armctl.kinematics.solver import InverseKinematics, held_roll, roll_angles
 from armctl.kinematics.target import Target
 from armctl.kinematics.tool_plane import ToolPlane
+from armctl.kinematics.yaw_pitch_roll.closed_form import two_link
 from armctl.kinematics.yaw_pitch_roll.geometry import (
     BRANCHES,
     BaseBranch,
@@ -33,6 +34,7 @@ from armctl.kinematics.yaw_pitch_roll.geometry import (
     bend_sense,
     branch_index,
     is_on_axis,
+    recognise,
 )
 
 _ALIGNED = 1e-9
@@ -67,8 +69,7 @@ class Linkage:
         points, axes = chain.axes()
         tool = chain.forward(np.zeros(chain.n))
         tip = tool[:3, 3]
-        parallel = max(float(np.linalg.norm(np.cross(axes[1], axes[k]))) for k in (2, 3))
-        if abs(axes[0] @ axes[1]) > _ALIGNED or parallel > _ALIGNED:
+        if np.linalg.norm(np.cross(axes[1], axes[3])) > _ALIGNED:
             return None
         senses = np.sign(axes[1:4] @ axes[1])
         own = np.zeros_like(C)  # what only the base and the roll joint may turn
@@ -85,29 +86,15 @@ class Linkage:
         level = np.abs(senses @ C[1:4]).max() < _ALIGNED
         if not (np.array_equal(C[~inner], own[~inner]) and whole and level):
             return None
-        up = axes[0] if axes[0][2] >= -_ALIGNED else -axes[0]
-        left = axes[1] / np.linalg.norm(axes[1])
-        forward = np.cross(left, up)
-        if (tip - points[1]) @ forward < 0:
-            left, forward = -left, -forward
-        frame = np.column_stack([forward, left, up])
-        local = (np.array([*points[1:4], tip]) - points[0]) @ frame
-        shoulder, elbow, wrist, hand = (complex(x, z) for x, _, z in local.tolist())
-        first, second = elbow - shoulder, wrist - elbow
-        if min(abs(first), abs(second)) < _ALIGNED:
+        plane = recognise(Chain(chain.segments[:3], chain.segments[3]))  # as far as the wrist
+        if plane is None:
             return None
-        start = cmath.phase(first)
-        plane = ToolPlane(
-            origin=points[0],
-            frame=frame,
-            yaw_sign=1 if axes[0] @ up > 0 else -1,
-            lateral=float(left @ (tip - points[0])),
-            shoulder=shoulder + (hand - wrist),
-            lengths=(abs(first), abs(second)),
-            signs=tuple(-1 if axis @ left > 0 else 1 for axis in axes[1:3]),  # pyright: ignore[reportArgumentType]
-            offsets=(start, wrap(cmath.phase(second) - start)),
+        ahead, left, up = ((tip - points[3]) @ plane.frame).tolist()
+        plane = replace(
+            plane,
+            lateral=plane.lateral + left,
+            shoulder=plane.shoulder + complex(ahead, up),
             tool_angle=None,
-            roll_joint=None,
         )
         inverse = np.linalg.inv(turns).astype(np.float64)
         return cls(plane, turns, inverse, axes[4] if links == 5 else None)
@@ -123,15 +110,9 @@ class Linkage:
         None where it is out of reach; with ``clamp`` those of the nearest point that is not.
         """
         first, second = self.plane.lengths
-        distance = abs(w)
-        least, most = abs(first - second), first + second
-        if not clamp and not least - _ROUNDING <= distance <= most + _ROUNDING:
-            return []
-        distance = min(max(distance, least), most)
-        cosine = (distance**2 - first**2 - second**2) / (2.0 * first * second)
-        bend = math.acos(min(max(cosine, -1.0), 1.0))
-        bends = [bend] if bend in (0.0, math.pi) else [bend, -bend]
-        return [(cmath.phase(w) - cmath.phase(first + second * cmath.exp(1j * b)), b) for b in bends]
+        if clamp:
+            w = cmath.rect(min(max(abs(w), abs(first - second)), first + second), cmath.phase(w))
+        return two_link(w.real, w.imag, first, second)
 
 
 class ParallelLinkageSolver(InverseKinematics):
