@@ -246,9 +246,18 @@ def quaternion_wxyz(rotation: FloatArray) -> FloatArray:
 
 
 def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Hamilton product (4,) ``a b`` of two quaternions ``w, x, y, z``: b turns first."""
-    (w, u), (v, t) = (a[0], a[1:]), (b[0], b[1:])
-    return np.array([w * v - u @ t, *(w * t + v * u + np.cross(u, t))])
+    """Hamilton products (..., 4) ``a b`` of quaternions ``w, x, y, z``: b turns first."""
+    w, x, y, z = np.moveaxis(a, -1, 0)
+    W, X, Y, Z = np.moveaxis(b, -1, 0)
+    return np.stack(
+        [
+            w * W - x * X - y * Y - z * Z,
+            w * X + x * W + y * Z - z * Y,
+            w * Y - x * Z + y * W + z * X,
+            w * Z + x * Y - y * X + z * W,
+        ],
+        axis=-1,
+    )
 
 
 def rotation_angle(rotation: FloatArray) -> FloatArray:

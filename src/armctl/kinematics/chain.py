@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.arrays import FloatArray, content
 from armctl.errors import InputError
 from armctl.kinematics.angles import LIMIT_TOLERANCE, half_angle_cos_sin
+from armctl.kinematics.subproblems import cross
 from armctl.kinematics.target import as_numbers, require_finite
 
 Convention = Literal["standard", "modified"]
@@ -390,7 +391,7 @@ class Chain:
     def _jacobian_into(self, q: FloatArray, out: FloatArray, largest: float) -> None:
         *links, (_, _, _, tool) = self.walk(q)
         for i, (_, _, axis, origin) in enumerate(links):
-            linear = _cross(axis, tool - origin)
+            linear = np.stack(cross(axis, tool - origin))
             if self.coupling is None:
                 out[:3, i], out[3:, i] = linear, axis
                 continue
@@ -498,11 +499,6 @@ def _step(T: FloatArray) -> tuple[float, float, float, int | None, tuple[float, 
     quarter = next((k for k, R in rotations.items() if np.array_equal(R, T[:3, :3])), None)
     x, y, z = T[:3, 3].tolist()
     return x, y, z, quarter, tuple(T[:3, :3].T.ravel().tolist())
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross products of columns (3, m); ``numpy.cross`` takes three times as long."""
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def _mixed(weights: _Vector, vectors: Sequence[_Vector]) -> _Vector:

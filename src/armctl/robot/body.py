@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.kinematics.samples import joint_samples
+from armctl.kinematics.subproblems import dot
 from armctl.robot.parts import Look, Obstacle
 from armctl.robot.shape import FINGER, PALM, TIP_LENGTH, TIP_RADIUS, bars, reach, tool_length, width
 
@@ -119,15 +120,15 @@ def segment_distance(p: FloatArray, u: FloatArray, q: FloatArray, v: FloatArray)
     points of the two lines, then t clipped and s fitted to it. A segment of no length is a point.
     """
     r = p - q
-    a, e, b = _dot(u, u), _dot(v, v), _dot(u, v)
-    c, f = _dot(u, r), _dot(v, r)
+    a, e, b = dot(u, u), dot(v, v), dot(u, v)
+    c, f = dot(u, r), dot(v, r)
     crossing = a * e - b * b
     skew = crossing > _PARALLEL * a * e
     s = np.where(skew, np.clip((b * f - c * e) / np.where(skew, crossing, 1.0), 0.0, 1.0), 0.0)
     t = np.clip(np.where(e > 0.0, (b * s + f) / np.where(e > 0.0, e, 1.0), 0.0), 0.0, 1.0)
     s = np.clip(np.where(a > 0.0, (b * t - c) / np.where(a > 0.0, a, 1.0), 0.0), 0.0, 1.0)
     gap = r + s * u - t * v
-    return np.sqrt(_dot(gap, gap))
+    return np.sqrt(dot(gap, gap))
 
 
 def segment_box_distance(p: FloatArray, u: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
@@ -158,11 +159,7 @@ def box_distance(points: FloatArray, low: FloatArray, high: FloatArray) -> Float
     middle, half = 0.5 * (low + high).reshape(shape), 0.5 * (high - low).reshape(shape)
     beyond = np.abs(points - middle) - half
     outside = np.maximum(beyond, 0.0)
-    return np.sqrt(_dot(outside, outside)) + np.minimum(beyond.max(axis=0), 0.0)
-
-
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return np.sqrt(dot(outside, outside)) + np.minimum(beyond.max(axis=0), 0.0)
 
 
 def _levers(chain: Chain, link: int, points: FloatArray) -> FloatArray:

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
+from armctl.kinematics.angles import quaternion_product
 from armctl.kinematics.chain import Chain
 
 ComplexArray = NDArray[np.complex128]
@@ -174,21 +175,8 @@ def _ends(products: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
 def product(a: FloatArray, b: FloatArray) -> FloatArray:
     """The product (..., 8) of dual quaternions."""
     p, q = a[..., :4], b[..., :4]
-    return np.concatenate([_hamilton(p, q), _hamilton(p, b[..., 4:]) + _hamilton(a[..., 4:], q)], axis=-1)
-
-
-def _hamilton(a: FloatArray, b: FloatArray) -> FloatArray:
-    w, x, y, z = (a[..., i] for i in range(4))
-    W, X, Y, Z = (b[..., i] for i in range(4))
-    return np.stack(
-        [
-            w * W - x * X - y * Y - z * Z,
-            w * X + x * W + y * Z - z * Y,
-            w * Y - x * Z + y * W + z * X,
-            w * Z + x * Y - y * X + z * W,
-        ],
-        axis=-1,
-    )
+    dual = quaternion_product(p, b[..., 4:]) + quaternion_product(a[..., 4:], q)
+    return np.concatenate([quaternion_product(p, q), dual], axis=-1)
 
 
 def dual_quaternions(poses: FloatArray, unit: float) -> FloatArray:
@@ -206,4 +194,4 @@ def dual_quaternions(poses: FloatArray, unit: float) -> FloatArray:
     r = outer[np.arange(len(R)), largest]
     r /= np.linalg.norm(r, axis=1)[:, None]
     t = np.concatenate([np.zeros((len(R), 1)), poses[:, :3, 3] / unit], axis=1)
-    return np.concatenate([r, 0.5 * _hamilton(t, r)], axis=1)
+    return np.concatenate([r, 0.5 * quaternion_product(t, r)], axis=1)
