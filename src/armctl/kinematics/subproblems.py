@@ -45,7 +45,7 @@ class Answer(NamedTuple):
 
 # Vectors as three entries: floats, or arrays of as many vectors as there are. Arrays (m, 3) take far longer.
 
-Columns = Sequence[Any]
+Columns = Sequence[Any] | NDArray[Any]
 """x, y and z of vectors: an array each, or a float that all have in common"""
 
 
