@@ -48,6 +48,7 @@ class Page:
 
     def _build(self) -> None:
         gui = self.client.gui
+        self._drawn: Snapshot | None = None
         self._contents: list[viser.GuiFolderHandle] = []
         self._screens: list[Screen] = []
         with self.client.atomic():
@@ -72,7 +73,10 @@ class Page:
             self._build()
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Draw a snapshot."""
+        """Draw a snapshot; it is drawn once."""
+        if snapshot is self._drawn:
+            return
+        self._drawn = snapshot
         with self.client.atomic():
             self.session.refresh(snapshot)
             self._panel.refresh(snapshot)

@@ -65,7 +65,7 @@ class Ways(NamedTuple):
     pairs_free: NDArray[np.bool_]
     """(m,) where a or c may be at any angle"""
     wrist_free: NDArray[np.bool_]
-    """(m, 8) where b may be at any angle, and the parallel joints follow"""
+    """(m, 8) where b may be at any angle, and the parallel joints follow; they need not reach with b at 0"""
     shoulder_free: NDArray[np.bool_]
     """(m, 8) where the first parallel joint may be at any angle, and the third follows"""
     doubtful: NDArray[np.bool_]
@@ -124,12 +124,11 @@ def with_pair(arm: ThreeParallel, pose: FloatArray, values: FloatArray) -> Float
     return _rest(arm, loop, pairs).q
 
 
-def with_wrist(arm: ThreeParallel, pose: FloatArray, q: FloatArray, values: FloatArray) -> FloatArray:
-    """(m, 2, 6) ways of one pose (4, 4) with a and c as in ``q`` (6,) and b at ``values`` (m,) [rad]."""
-    a, _, c = arm.others
+def with_wrist(arm: ThreeParallel, pose: FloatArray, way: int, values: FloatArray) -> FloatArray:
+    """(m, 2, 6) ways of one pose (4, 4) with a and c as in column ``way`` and b at ``values`` (m,) [rad]."""
     loop = Loop.of(arm, np.broadcast_to(pose, (len(values), 4, 4)))
     pairs = np.full((len(values), 4, 2), np.nan)
-    pairs[:, 0] = q[[a, c]]
+    pairs[:, 0] = _pairs(arm, Loop.of(arm, pose[None]))[0][0, way]
     return _rest(arm, loop, pairs, values).q[:, [0, 4]]
 
 
@@ -216,12 +215,13 @@ def _rest(arm: ThreeParallel, loop: Loop, pairs: FloatArray, wrist: FloatArray |
     there = np.isfinite(q[arm.first + 2] + qb)
     q[:, ~there] = np.nan
 
-    def by_pose(what: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        return (np.broadcast_to(what, there.shape) & there).reshape(BRANCHES, m).T
+    def by_pose(what: NDArray[np.bool_], where: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        return np.broadcast_to(what & where, there.shape).reshape(BRANCHES, m).T
 
     none = np.zeros(m, dtype=np.bool_)
     q = q.reshape(6, BRANCHES, m).transpose(2, 1, 0)
-    return Ways(q, none, by_pose(still), by_pose(shoulder_free), by_pose(doubtful))
+    free = by_pose(still, np.isfinite(qa))
+    return Ways(q, none, free, by_pose(shoulder_free, there), by_pose(doubtful, there))
 
 
 def _close_to_singular(

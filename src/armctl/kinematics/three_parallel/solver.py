@@ -68,8 +68,15 @@ class ThreeParallelSolver(InverseKinematics):
         return self._answers.solve(target, step, start, self._every_way)
 
     def solve_poses(self, poses: FloatArray) -> BatchSolutions:
-        """See ``InverseKinematics``; a joint that may be anywhere is at 0."""
+        """See ``InverseKinematics``; a joint that may be anywhere is at 0, or else where the links reach."""
         ways = all_ways(self.geometry, poses)
+        arm, elbow = self.geometry, BRANCHES // 2
+        missing = ways.wrist_free & np.isnan(ways.q[..., 0])
+        for row, way in np.argwhere(missing[:, :elbow]):
+            more = with_wrist(arm, poses[row], way, self._answers.spread(arm.others[1], None))
+            reaching = more[~np.isnan(more[:, 0, 0])]
+            if len(reaching):
+                ways.q[row, [way, way + elbow]] = reaching[0]
         doubtful = ways.doubtful if self.geometry.exact else ~np.isnan(ways.q[..., 0])
         row, column = np.nonzero(doubtful)
         q = ways.q
@@ -95,7 +102,7 @@ class ThreeParallelSolver(InverseKinematics):
             q, branch = ways.q[0], index
             for i in np.flatnonzero(ways.wrist_free[0]).tolist():
                 if i < BRANCHES // 2:
-                    more = with_wrist(arm, pose, q[i], self._answers.spread(arm.others[1], start))
+                    more = with_wrist(arm, pose, i, self._answers.spread(arm.others[1], start))
                     q = np.concatenate([q, *more])
                     branch = np.append(branch, np.tile(index[[i, i + BRANCHES // 2]], len(more)))
                 reason = self._continuum(arm.others[1], arm.first)
