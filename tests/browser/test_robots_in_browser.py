@@ -121,8 +121,11 @@ def test_a_robot_brings_its_fields_limits_and_figure_and_moves(
 
 
 def test_there_and_back_again_leaves_nothing_of_the_arm_between(page: Screen, served: ServedArm) -> None:
+    control = page.panel("Control")
+    place = control.bounding_box()
     choose(page, served, "humanoid")
     enable_and_go_home(page, served)
+    page.wait_until(lambda: control.bounding_box() == place, "the panel stands where it stood")
     expect(page.page).to_have_title(f"armctl – {TITLES['humanoid']}", timeout=PATIENCE_MS)
     choose(page, served, "uzuner")
     enable_and_go_home(page, served)

@@ -40,6 +40,7 @@ class Page:
     ) -> None:
         """Build everything for the present arm; ``link`` and ``lost`` as in ``Session.find_line``."""
         self.client, self._robots, self._link, self._lost = client, robots, link, lost
+        self._above = above_tabs(client)  # later the image is what the panels leave
         client.gui.main_panel.dock_right()
         client.gui.main_panel.set_width(tabs_width(client.camera.image_width))
         group = client.gui.add_tab_group()
@@ -54,7 +55,7 @@ class Page:
         with self.client.atomic():
             self.session = Session(self.client, self._robots)
             self.session.spawn(self.session.find_line(self._link, self._lost))
-            self._panel = ControlPanel(self.session)
+            self._panel = ControlPanel(self.session, self._above)
             for tab, container in self._tabs:
                 with container:
                     self._contents.append(gui.add_folder(None))

@@ -59,7 +59,8 @@ def above_tabs(client: viser.ClientHandle) -> bool:
 class ControlPanel:
     """A panel of its own: viser throttles clicks a panel, and STOP must never wait for a number field."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Session, above: bool) -> None:
+        """``above``: above the tabs, else at the left."""
         self._session = session
         gui = session.gui
         self.window = gui.add_panel()
@@ -78,7 +79,7 @@ class ControlPanel:
             self._speed = gui.add_slider("Speed %", 5, 100, 1, initial_value=speed, hint=_SPEED_HINT)
             self._where = LiveHtml(gui)
             self._theme = gui.add_dropdown("Theme", (LIGHT, DARK), initial_value=LIGHT)
-        if above_tabs(session.client):
+        if above:
             self.window.dock_above(gui.main_panel)
             self.window.expand()  # on a phone it begins folded, and Enable is in it
         else:  # docked: notifications cover what floats at the left, but give way to what is docked there
