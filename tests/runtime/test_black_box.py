@@ -86,7 +86,7 @@ def test_a_fault_of_the_simulated_board_saves_what_led_there(tmp_path: Path) -> 
     assert not np.isnan(recording.setpoint[-2]).any() and np.isnan(recording.setpoint[-1]).all()
     assert [line.text for line in recording.lines] == [event.text for event in at.events]
     assert recording.lines[-1].level == "error"
-    assert recording.board.startswith("Pololu")
+    assert recording.board.startswith("simulated Pololu")
 
 
 def test_the_log_says_where_it_is_saved_and_when_it_cannot_be(tmp_path: Path) -> None:

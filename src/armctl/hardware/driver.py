@@ -33,6 +33,11 @@ class BoardIdentity:
     notes: tuple[str, ...] = ()  # what to know of this kind of board, e.g. what its watchdog does
     earlier: tuple[str, ...] = ()  # what was wrong with this one before it was connected
 
+    @property
+    def title(self) -> str:
+        """What people read: a simulated board has the kind of a real one."""
+        return f"simulated {self.kind}" if self.simulated else self.kind
+
 
 @dataclass(frozen=True, slots=True)
 class ChannelSettings:

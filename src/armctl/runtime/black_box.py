@@ -229,7 +229,7 @@ class BlackBox:
             if snapshot.warnings != (() if before is None else before.warnings):
                 self._warnings.append(WarningsLine(now, snapshot.warnings))
         if snapshot.board is not None:
-            self._board = f"{snapshot.board.kind} at {snapshot.board.port}"
+            self._board = f"{snapshot.board.title} at {snapshot.board.port}"
         self._last = snapshot
         if snapshot.state is State.FAULT and before is not None and before.state is not State.FAULT:
             self._save(f"fault: {snapshot.cause}")

@@ -144,7 +144,7 @@ class Core:
             cause = f"its {power} are on already: Enable takes the arm over where it is"
         else:
             cause = f"{power} are off" if answered else f"it has not said yet whether its {power} are on"
-        self._enter(State.OFF, f"connected to {identity.kind} at {identity.port} ({who}); {cause}")
+        self._enter(State.OFF, f"connected to {identity.title} at {identity.port} ({who}); {cause}")
 
     def leave(self, ticket: Ticket, who: str) -> bool:
         """Disconnect, after the arm was brought to rest; whether that is done at once."""

@@ -104,7 +104,7 @@ def board_html(snapshot: Snapshot) -> str:
     board = snapshot.board
     if board is None:
         return "<div>Not connected.</div>"
-    kind = f"<b>{escape(board.kind)}</b> on {escape(board.port)}"
+    kind = f"<b>{escape(board.title)}</b> on {escape(board.port)}"
     lines = [f"<div>{kind}{_serial(board.serial_number)}</div>"]
     lines += [f"<div>{escape(title)}: {escape(words)}</div>" for title, words in snapshot.measured.items()]
     return "".join([*lines, *map(_note, (*board.notes, *board.earlier))])
