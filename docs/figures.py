@@ -25,6 +25,7 @@ from armctl.motion import PROFILES, plan_joints
 from armctl.program import LineStep, Program
 from armctl.program.rehearsal import rehearse
 from armctl.robot import Robot
+from armctl.robot.draft import BUILDS, Build, Draft
 
 FOLDER = Path(__file__).parent / "pictures"
 COLORS = ("#1864ab", "#e8590c", "#2b8a3e", "#862e9c", "#c92a2a", "#0b7285", "#5f3dc4", "#846358")
@@ -179,7 +180,67 @@ def marks(axes: Axes) -> None:
     axes.set(xlabel="pulse [µs]", ylabel="angle [°]", title=f"{fit.per_rad * np.pi / 180:.2f} µs a degree")
 
 
+# The builds of ``armctl new``.
+
+LENGTHS_MM = {
+    "height": 80.0, "ahead": 58.0, "upper": 110.0, "fore": 100.0, "hand": 60.0, "drop": 45.0, "offset": 25.0,
+    "aside": 65.0, "wrist": 50.0, "tool": 55.0,
+}  # fmt: skip
+"""no two are the same, so that each straight part of a DH row tells which length it is [mm]"""
+ANGLES_DEG = {"shoulder": 70.0, "elbow": -50.0, "wrist": -35.0, "wrist_1": -20.0}
+LEVEL_ELBOW_DEG = 20.0
+"""of a palletiser, whose forearm its shoulder does not turn"""
+CELL_MM, COLUMNS = (295.0, 290.0), 3
+TO_VIEWER = np.array([[1.0, 0.0], [-0.5, 0.35], [0.0, 1.0]])
+"""an oblique drawing from the side: where x, y and z point on the paper"""
+
+
+def builds(axes: Axes) -> None:
+    """Which length is which, on each build from the side."""
+    shown = [build for build in BUILDS if build.name != "pitch3"]  # it has the lengths of pitch3-roll
+    for i, build in enumerate(shown):
+        row, column = divmod(i, COLUMNS)
+        title = build.name.replace("pitch3-roll", "pitch3, pitch3-roll")
+        side_view(axes, build, title, np.array([column, -row]) * CELL_MM)
+    axes.set(aspect="equal", title="Lengths of the builds")
+    axes.set_axis_off()
+
+
+def side_view(axes: Axes, build: Build, title: str, at: FloatArray) -> None:
+    """One build, its base at ``at`` (2,) [mm]: named lengths, joints as dots, the tool as a star."""
+    lengths = {one.key: LENGTHS_MM[one.key] for one in build.lengths}
+    names = {mm: key for key, mm in lengths.items()}
+    robot = Draft.of_build("shown", title, build, lengths).robot()
+    angles = ANGLES_DEG | ({"elbow": LEVEL_ELBOW_DEG} if build.name.startswith("palletiser") else {})
+    frames = robot.frames(np.radians([angles.get(name, 0.0) for name in robot.joint_names]))
+
+    def paper(point_m: FloatArray) -> FloatArray:
+        return at + 1000 * point_m @ TO_VIEWER
+
+    x, y = at
+    axes.plot([x, x], [y, y + 150], "--", color="#adb5bd", linewidth=1)
+    axes.plot([x - 35, x + 120], [y, y], color="#868e96", linewidth=1)
+    for row, before, after in zip(build.rows(lengths), frames[:-1], frames[1:], strict=True):
+        begin, end = before[:3, 3], after[:3, 3]
+        corner = begin + 0.001 * row["d_mm"] * before[:3, 2]
+        for mm, ends in ((row["d_mm"], (begin, corner)), (row["a_mm"], (corner, end))):
+            if mm:
+                line = np.array([paper(one) for one in ends])
+                color = COLORS[list(LENGTHS_MM).index(names[mm]) % len(COLORS)]
+                axes.plot(*line.T, color=color, linewidth=3, solid_capstyle="round")
+                along = (line[1] - line[0]) / np.linalg.norm(line[1] - line[0])
+                across = np.array([along[1], -along[0]])
+                across *= np.sign(across[np.abs(across).argmax()])  # names stand on the right, or above
+                axes.text(*(line.mean(axis=0) + 11 * across), names[mm], color=color, fontsize=8,
+                          ha="left" if across[0] > 0.5 else "center", va="center")  # fmt: skip
+        if "joint" in row:
+            axes.plot(*paper(begin), "o", color="#343a40", markersize=4, zorder=3)
+    axes.plot(*paper(frames[-1][:3, 3]), "k*", markersize=9, zorder=3)
+    axes.text(x + 40, y - 22, title, fontsize=8, ha="center", weight="bold")
+
+
 FIGURES = {
+    "builds": (builds, 5.0),
     "two-elbows": (two_elbows, 4.0),
     "free-joint": (free_joint, 4.0),
     "eight-ways": (eight, 4.0),
@@ -197,7 +258,8 @@ def fingerprint(axes: Axes) -> str:
     lines = [line.get_xydata() for line in axes.lines]
     widths = [np.array([patch.get_width() for patch in axes.patches])]  # type: ignore[attr-defined]
     numbers = np.concatenate([np.asarray(one, dtype=float).reshape(-1) for one in (*lines, *widths)])
-    words = [axes.get_title(), axes.get_xlabel(), *(text.get_text() for text in axes.get_yticklabels())]
+    words = [axes.get_title(), axes.get_xlabel()]
+    words += [text.get_text() for text in (*axes.get_yticklabels(), *axes.texts)]
     told = "\n".join([*words, *(f"{number:z.3f}" for number in numbers)])
     return hashlib.sha256(told.encode()).hexdigest()
 

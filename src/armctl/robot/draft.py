@@ -37,7 +37,7 @@ class Length:
 
 @dataclass(frozen=True, slots=True)
 class Build:
-    """A usual build. With all joints at 0 the arm lies stretched forward, its tool points forward."""
+    """A usual build. With all joints at 0 the arm lies stretched forward."""
 
     name: str
     title: str
