@@ -26,7 +26,6 @@ from xml.etree import ElementTree
 
 import click
 import matplotlib as mpl
-import numpy as np
 import pytest
 from tests.arms import BENCH_URDF, quick_arms
 from tests.docs.pages import ROOT, Block, blocks, reading_pages
@@ -59,17 +58,6 @@ SHOWN = {"text", "csv", "javascript", "html", "yaml", "ini", "powershell", "merm
 PATHS = re.compile(r"(?:examples|docs|robots|firmware|tests|benchmarks|src)/[\w./*-]+")
 SNIPPET = re.compile(r'--8<-- "([^":]+)(?::\w+)*"')
 """what the site takes from a file, which has a test of its own"""
-MARKS = "output,angle_deg\n650,-79\n1050,-40\n1450,0\n1850,40\n2250,80\n"
-
-
-def touched() -> str:
-    """Six points that the tool of uzuner has touched, as `armctl calibrate points` reads them."""
-    robot = armctl.load_robot("uzuner")
-    low, high = robot.limits.T
-    q = np.random.default_rng(1).uniform(0.5 * low, 0.5 * high, (6, robot.n))
-    rows = np.hstack([np.degrees(q), 1000 * robot.forward(q)[:, :3, 3]])
-    heads = [*(f"{name}_deg" for name in robot.joint_names), "x_mm", "y_mm", "z_mm"]
-    return "\n".join([",".join(heads), *(",".join(f"{value:.3f}" for value in row) for row in rows), ""])
 
 
 def all_blocks() -> list[Block]:
@@ -89,8 +77,6 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (folder / "pick.toml").write_bytes((ROOT / "examples" / "pick_and_place.toml").read_bytes())
     (folder / "points.csv").write_bytes((ROOT / "examples" / "square.csv").read_bytes())
     (folder / "my_arm.toml").write_bytes((ROOT / "examples" / "my_arm.toml").read_bytes())
-    (folder / "marks.csv").write_text(MARKS)
-    (folder / "touched.csv").write_text(touched())
     (folder / "arm.urdf").write_text(BENCH_URDF)
     monkeypatch.chdir(folder)
     mpl.use("agg")
