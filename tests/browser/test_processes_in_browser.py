@@ -35,9 +35,7 @@ def test_a_killed_arm_process_is_told_and_started_anew(
         screen.wait_for_text("FAULT")
         screen.screenshot("arm-process-killed")
         screen.click("Connect")
-        screen.wait_for_text(
-            "A new arm process was started, which has done nothing yet: enable the arm anew."
-        )
+        screen.wait_for_text("A new arm process was started. Press Enable again.")
         expect(screen.page.locator("#armctl-bar p")).to_be_hidden()
         screen.screenshot("arm-process-anew")
         screen.click("Enable")

@@ -204,12 +204,12 @@ def test_the_words_give_the_figures() -> None:
     assert first == (
         f"tool error of 10 points: RMS {1000 * error.rms_m:.2f} mm, largest {1000 * error.largest_m:.2f} mm"
     )
-    assert blame == "most to blame: zero of Elbow: +3.00 °"
+    assert blame == "most likely cause: zero of Elbow: +3.00 °"
     assert after == "with that corrected: RMS 0.00 mm, largest 0.00 mm"
     robot = load_robot("scorbot")
     q = random_poses(robot, np.random.default_rng(1))
     good = tool_error(robot, q, robot.forward(q)[:, :3, 3])
-    assert good.words[1] == "no parameter is to blame: none explains more of it than chance would"
+    assert good.words[1] == "no single number explains the error better than chance"
     assert good.toml() == ""
 
 

@@ -199,7 +199,7 @@ _LOST = "lost the board: .*check the cable and the power, then connect again"
 _SILENT = "check (the cable and the board's|cable, USB hub)|set the serial mode|load the sketch"
 _RESTARTED = (
     "(switched the (pulses|motors) off by itself|no longer drives pin|has restarted|has started anew).*"
-    "(see to its power|check the supply|home again)"
+    "(check its power|check the supply|home again)"
 )
 _GAP = "nothing ran for (0.[5-9]|600.0) s .*(ask for it again|looked at first)|watchdog"
 _FOUND = "are on already: Enable takes the arm over where it is|motors are off"
@@ -227,7 +227,7 @@ garble         holding     FH       F        FH       by itself|{_LOST}|{_SILENT
 garble         moving      FH       F        FH       by itself|{_LOST}|check the supply|{_SILENT}
 garble         stopping    FH       F        FH       by itself|{_LOST}|check the supply|{_SILENT}
 half           connecting  DO       DO       DO       {_SILENT}|connected to
-half           enabling    F        F        F        by itself .*see to its power|{_LOST}|{_SILENT}
+half           enabling    F        F        F        by itself .*check its power|{_LOST}|{_SILENT}
 half           homing      -        -        OF       watchdog
 half           holding     FH       F        FH       by itself|{_LOST}|{_SILENT}
 half           moving      FH       F        FH       by itself|{_LOST}|{_SILENT}

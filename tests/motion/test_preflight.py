@@ -276,7 +276,7 @@ def test_a_path_of_the_tool_through_the_lost_direction_is_refused() -> None:
     through = [(0, 120, -40, -20, 0), (0, 90, 0, 0, 0), (0, 60, 40, 20, 0)]
     (finding,) = of_kind("singularity", ROBOT, *through, tool_path=True)
     assert finding.severity == "error"
-    assert "lead the line past there" in finding.mend
+    assert "choose a line that does not pass there" in finding.mend
     # a joint motion may pass it
     assert of_kind("singularity", ROBOT, (0, 20, 40, 30, 0), (0, 20, -40, -30, 0)) == []
     # stretched all the way, only the base turns: sideways is free
@@ -319,7 +319,9 @@ def test_a_payload_that_is_too_heavy_is_refused_and_one_that_warms_is_told() -> 
     q = np.radians(ways[1])
     torque = abs(float(replace(ROBOT.gravity, payload_kg=1.0).torque(q)[1]))
     (shoulder,) = [f for f in heavy if f.part == "Shoulder"]
-    assert shoulder.what.startswith(f"gravity asks for {torque:.2f} N·m, {100 * torque / 2.941995:.0f} %")
+    assert shoulder.what.startswith(
+        f"gravity loads it with {torque:.2f} N·m, {100 * torque / 2.941995:.0f} %"
+    )
     with pytest.raises(MotionRefusedError, match="stall torque"):
         require_clear(ROBOT, PointToPoint.plan(ROBOT, HOME, q), 1.0)
 

@@ -477,7 +477,7 @@ def test_what_is_in_force_is_named_with_its_board_and_its_note_as_text() -> None
     assert re.search(r"calibration of 2026-0\d-\d\d \d\d:\d\d “&lt;b&gt;horn", html)
     assert "1 joint of this arm on board 77" in plain(html)
     assert "one calibration for all such boards" in in_force_html(None, "unnumbered")
-    assert "none is there yet" in in_force_html(None, None)
+    assert "not connected yet" in in_force_html(None, None)
 
 
 @pytest.mark.parametrize(
@@ -536,7 +536,7 @@ def test_what_saving_takes_from_the_joints_is_told_before(tmp_path: Path) -> Non
     assert "There is nothing to save yet" in plain(draft_html(desk))
     desk.work.set_limit("base", "low", 1000)
     assert "Base: −53.33° … 107.26° instead of −102.80°" in plain(draft_html(desk))
-    assert "Nothing was saved" in kept_html(())
+    assert "Nothing is saved" in kept_html(())
 
 
 def test_the_version_before_the_one_in_force_is_offered_first(tmp_path: Path) -> None:

@@ -177,9 +177,9 @@ def test_a_velocity_is_met_or_limited_and_not_turning_is_more_than_five_joints_c
     assert limited in rates(0.0, 1.0, 0.0)
     stretched = np.radians([0.0, 0.0, 0.0, -90.0, 0.0])  # at its reach of 604 mm
     html = rates(0.05, 0.0, 0.0, q=stretched)
-    assert "Out of the joints&#x27; power here: 50.00 mm/s" in html
+    assert "The joints cannot give 50.00 mm/s" in html
     assert "<b>0.0 mm/s</b> of 50.0 mm/s" in html
-    assert "It cannot go without turning" in rates(0.0, 0.05, 0.0, keep=True)
+    assert "The tool cannot move like this without turning" in rates(0.0, 0.05, 0.0, keep=True)
     straight = rates(0.03, 0.0, 0.0, keep=True)
     assert "cannot" not in straight and "Out of" not in straight
     q = HUMANOID.pose("home")

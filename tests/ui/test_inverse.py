@@ -182,7 +182,7 @@ def test_branches_that_look_alike_and_no_branches() -> None:
     assert groups == [[1, 3], [2, 4]] or groups == [[1, 4], [2, 3]]
     chosen = next(one for one in found.verdicts if one.chosen)
     assert np.degrees(chosen.branch.q[:3]).round(3).tolist() == [0.0, -131.626, -5.532]
-    assert "a joint is free" in branches_html(solved(200, 0, 100))
+    assert "leaves a joint free" in branches_html(solved(200, 0, 100))
     assert answered(500, 0, 700).verdicts == ()
 
 

@@ -144,9 +144,9 @@ class ToolError:
 
         error = f"tool error of {self.count} points: {figures(self.rms_m, self.largest_m)}"
         if self.blame is None:
-            return error, "no parameter is to blame: none explains more of it than chance would"
+            return error, "no single number explains the error better than chance"
         after = f"with that corrected: {figures(self.rms_after_m, self.largest_after_m)}"
-        return error, f"most to blame: {self.blame}", after
+        return error, f"most likely cause: {self.blame}", after
 
     def toml(self) -> str:
         """The changed values, each with the old one and where it stands."""

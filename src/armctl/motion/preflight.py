@@ -438,12 +438,12 @@ def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator
     percent = 100 * isotropy_at(when)
     what = "singularity: the tool cannot move in one direction"
     if percent >= 0.1:
-        what = f"near a singularity: in one direction the tool has {percent:.1f} % of its freedom in the best"
+        what = f"near a singularity: in one direction the tool moves {percent:.1f} % as freely as in the best"
     yield Finding(
         what,
         when,
         "the tool",
-        "joint moves are fine; lead the line past there"
+        "joint moves are fine; choose a line that does not pass there"
         if is_lost
         else "joint moves are fine; a line or a tool jog from there would be slow, or refused",
         "singularity",
@@ -485,7 +485,7 @@ def _torque_findings(motion: SampledMotion, links: LinkFrames, payload_kg: float
         when, digits = motion.told(float(motion.time[at]), partial(_holds_more, motion, gravity, j, least))
         most = _torque_at(motion, gravity, j, when)
         yield Finding(
-            f"gravity asks for {most:.2f} N·m, "
+            f"gravity loads it with {most:.2f} N·m, "
             f"{100 * most / stall:.0f} % of its stall torque of {stall:.2f} N·m",
             when,
             joint.title,

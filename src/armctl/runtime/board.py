@@ -50,7 +50,7 @@ _RATE_SHOWN, _RATE_TOO_HIGH = 0.02, 0.1
 """shares of them from which on it is said, and the arm is brought to rest: it would only crawl"""
 _REST_READINGS = 5
 """that are alike before the pulses count as at rest"""
-_SEE_TO = "see to its power and its errors"
+_SEE_TO = "check its power and its errors"
 
 
 def output_map(robot: Robot) -> OutputMap:

@@ -262,7 +262,7 @@ def _swing_checked(
     if away > _DETOUR_M + _DETOUR_SHARE * float(distance[0]) or length > _ROUND_M + _ROUND_SHARE * straight:
         return LiveGoal(
             None,
-            f"the way there would swing the tool round, {1000 * length:.0f} mm for {1000 * straight:.0f} mm; "
-            "the arm waits: lead the target round, or go there with Inverse",
+            f"on the way there the tool would swing {1000 * length:.0f} mm, for a distance of "
+            f"{1000 * straight:.0f} mm; the arm waits: drag the target around, or go there with Inverse",
         )
     return LiveGoal(goal, note)

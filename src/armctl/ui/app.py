@@ -127,7 +127,7 @@ class App:
                 look_at_arm(page.client, self._console.robot)
                 page.rebuild()
                 if change.did == RESTARTED:
-                    text = "A new arm process was started, which has done nothing yet: enable the arm anew."
+                    text = "A new arm process was started. Press Enable again."
                     page.session.notify("Robot", text, "yellow")
                 elif not page.session.operates:
                     text = f"{change.who} {change.did} {change.title}: this page shows it now."

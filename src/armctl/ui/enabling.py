@@ -17,7 +17,7 @@ from armctl.ui.widgets.number_field import EditWatch, FieldArray
 
 _LOOK = (
     "The servos are off and cannot tell where the arm stands. <b>Look at the arm:</b> does it stand like the "
-    "blue ghost? If not, type its angles below, or put it there by hand. Enabled in a wrong pose, it jumps."
+    "blue ghost? If not, type its angles below, or put it there by hand. If the pose is wrong, the arm jumps."
 )
 _ENABLE_NOTE = "Enable asks where the arm stands. Then it switches the servos on, one by one: keep clear."
 _SIMULATED_NOTE = "Enable switches the servos of the simulated board on, in the rest pose."

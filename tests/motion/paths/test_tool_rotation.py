@@ -215,7 +215,7 @@ def test_too_few_joints_refuse_with_where_and_how_fast_the_tool_would_turn(robot
         placed(curve, info.value)
         assert info.value.place.fraction == 0.0 and info.value.before is None
         rate = math.degrees(slowest_turn(robot, q, curve.direction)) / 1000
-        assert f"here, it would turn by {rate:.3g}° a mm besides" in str(info.value)
+        assert f"here, it would also turn by {rate:.3g}° a mm" in str(info.value)
 
 
 def test_a_way_that_leaves_the_plane_is_refused_where_it_leaves_it() -> None:

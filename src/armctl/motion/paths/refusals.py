@@ -85,8 +85,8 @@ def pitch_refusal(
         return None
     seen = np.degrees(elevations(robot, poses))
     return MotionRefusedError(
-        f"the position alone decides this arm's tool pitch: along the {curve.kind} it goes through "
-        f"{seen.min():z.2f}° … {seen.max():z.2f}°, so that it can be neither kept nor led; choose free"
+        f"the position alone decides this arm's tool pitch: along the {curve.kind} it is "
+        f"{seen.min():z.2f}° … {seen.max():z.2f}°, so it cannot be kept or interpolated; choose free"
     )
 
 
@@ -168,11 +168,11 @@ def turn_refusal(tried: Attempt, task: ToolTask) -> ToolPathRefusedError | None:
     where_else = f"move the {curve.kind}"
     if robot.inverse_kinematics.plane is not None and robot.inverse_kinematics.roll_joint is not None:
         where_else = "they can in the arm's own vertical plane, and with the tool straight up or down"
-    wish = "lead the tool's orientation so" if turn.any() else "keep the tool's orientation"
+    wish = "turn the tool like this" if turn.any() else "keep the tool's orientation"
     place = PathPlace(s, s / curve.length, curve.positions(s))
     return ToolPathRefusedError(
-        f"{_where(curve, place)}: {len(task.moving)} joints cannot {wish} here, it would turn by "
-        f"{math.degrees(besides) / 1000:.3g}° a mm besides; {where_else}",
+        f"{_where(curve, place)}: {len(task.moving)} joints cannot {wish} here, it would also turn "
+        f"by {math.degrees(besides) / 1000:.3g}° a mm; {where_else}",
         place,
         _before(walked.path, s),
     )

@@ -62,7 +62,7 @@ _ENDS: dict[str, End] = {"Set lower limit here": "low", "Set upper limit here": 
 _ANGLE_HINT = (
     "What the protractor shows, in the joint's own sense: 0° and + as in the robot file and the 3D view."
 )
-_LIMIT_HINT = "Farther than this the board is never told to go. Outputs, not angles: a sign may be reversed."
+_LIMIT_HINT = "The joint is never sent beyond these. They are outputs: the lower one may be the larger angle."
 
 
 class CalibrationJoint:

@@ -20,7 +20,7 @@ _TYPED = "as typed below"
 _SLOW_MM_S = 5.0
 _HOW = (
     "Bring the tip to a point whose place you know, type the place and press Add point. Six points or more, "
-    "in different poses, tell how far the tool is off and which number of the robot file is to blame."
+    "in different poses, tell how far the tool is off and which number of the robot file is probably wrong."
 )
 
 

@@ -68,14 +68,14 @@ _LONGEST_NOTE = 120
 _BREAK = "\u200b"
 """where a long path may go on in the next line; a notification would cut it off"""
 _TEST_NOTE = (
-    "Save first: the test pose goes by the calibration in force, slowly. If it does not look like this, "
-    "Revert takes the arm back in one click."
+    "Save first: the test pose uses the calibration in force. The arm moves slowly. If it does not look like "
+    "this, press Revert."
 )
 _SAVE_NOTE = (
-    "Saving opens the arm anew. A Maestro whose own Timeout ends in that moment lets its servos go: "
-    "keep clear."
+    "Saving closes the board and opens it again. If the Timeout of a Maestro ends meanwhile, its servos go "
+    "off: keep clear."
 )
-_REVERT_NOTE = "Revert brings this version in force again; the present one stays in the list."
+_REVERT_NOTE = "Revert uses this version again. The present one stays in the list."
 
 
 class CalibrationSave:
@@ -154,7 +154,7 @@ def earlier_versions(versions: Sequence[Version]) -> dict[str, int | None]:
 # The texts.
 
 _BOARDS = {
-    None: "its board: none is there yet",
+    None: "its board (not connected yet)",
     SIMULATED_SERIAL: "the simulated board",
     UNNUMBERED: "a board without a serial number (one calibration for all such boards)",
 }
@@ -209,7 +209,7 @@ def check_pose_html(pose: CheckPose) -> str:
 def kept_html(versions: Sequence[Version]) -> str:
     """Where they are kept."""
     if not versions:
-        return muted("Nothing was saved of this arm on this board yet.")
+        return muted("Nothing is saved for this arm on this board yet.")
     return f"<div style='overflow-wrap:anywhere'>{muted(f'Kept in {versions[0].path.parent}.')}</div>"
 
 

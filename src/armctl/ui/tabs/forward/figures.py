@@ -170,12 +170,12 @@ def joint_rates_html(robot: Robot, jacobian: FloatArray, linear: FloatArray, *, 
     text += "</div>"
     missed = 1000 * float(np.linalg.norm(found.residual[:3]))
     if missed > _MISSED * max(asked, 1.0):
-        text += refused(
-            f"Out of the joints' power here: {fixed(missed, 2)} mm/s of the tool point's velocity."
-        )
+        text += refused(f"The joints cannot give {fixed(missed, 2)} mm/s of the tool point's velocity here.")
     turned = float(np.degrees(np.linalg.norm(velocity.angular)))
     if keep and turned > _MISSED:
-        return text + refused(f"It cannot go without turning: the tool turns at {fixed(turned, 2)} °/s.")
+        return text + refused(
+            f"The tool cannot move like this without turning: it turns at {fixed(turned, 2)} °/s."
+        )
     return text + muted(f"The tool turns at {fixed(turned, 2)} °/s meanwhile.")
 
 

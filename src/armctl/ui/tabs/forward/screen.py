@@ -46,7 +46,7 @@ LAST = "Go with respect to last position"
 PRESENT = "present pose (live)"
 SHOWN = ("angles as reference", "angles added to last position", PRESENT)
 _GO_NOTE = "Reference: each joint goes to its angle. Last position: the angles are added to where it stands."
-_SHOWN_NOTE = "What the ghost and these figures stand for."
+_SHOWN_NOTE = "Which pose the ghost and these numbers show."
 _UNEDITED = "The fields hold the pose of the arm. Type another angle or pose to see where the buttons lead."
 
 
@@ -183,7 +183,7 @@ def results_html(robot: Robot, angles: FieldArray, present: FloatArray, *, edite
 
 # Joint rates in, tool velocity out, and the other way round, in the configuration that is shown.
 
-_KEEP_HINT = "The tool shall not turn. With fewer than six joints that is not always possible."
+_KEEP_HINT = "The tool keeps its orientation. With fewer than six joints that is not always possible."
 
 
 class VelocityForm:

@@ -37,7 +37,7 @@ _SAME_RAD = 1e-9
 """a row that is no farther off than this is the same configuration"""
 _SAME_BRANCH, _SAME_PLACE_M = 1e-6, 1e-3
 _SWEPT_MEND = (
-    "With a position alone a joint is free, so the solutions form a continuum. To see the branches, "
+    "A position alone leaves a joint free, so there are infinitely many solutions. To see the branches, "
     "ask for the tool's pitch or orientation above, then press Solve."
 )
 _MOST_POINTS = 1000
@@ -291,7 +291,7 @@ def branches_html(found: Answer) -> str:
             return muted("The point is out of reach, so it has no branches. Press Take nearest point above.")
         if found.solutions.target.rotation is not None:
             return muted(
-                "One joint is free here, so the solutions form a continuum. See List for a few of them."
+                "One joint is free here, so there are infinitely many solutions. See List for a few of them."
             )
         return muted(_SWEPT_MEND)
     unit = _UNITS[found.criterion][1]

@@ -38,7 +38,7 @@ from armctl.ui.widgets.orientation import OrientationFields
 from armctl.ui.widgets.plots import Line, LinePlot
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
-_NOTE = "Type where the tool shall be and press <b>Solve</b>. Nothing moves until a Go button is pressed."
+_NOTE = "Type where the tool should be and press <b>Solve</b>. Nothing moves until a Go button is pressed."
 _SOLVES_FIRST = "This button solves the changed fields first, then goes at once."
 _BY_ROW: str = "by its row number"
 _FEW_HINT = "The least by each criterion and of each branch. All solutions follow below."

@@ -28,7 +28,7 @@ _BEGINNINGS = {build.title: build for build in BUILDS}
 _ROWS_HINT = "One row a line: a mm, alpha °, d mm, theta °, then the joint's name (none: a fixed row)."
 _EXAMPLE = "0 90 80 0 base\n120 0 0 0 shoulder\n110 0 0 0 elbow\n0 90 0 90 wrist\n0 0 90 0 roll"
 _INTRO = (
-    "Describe an arm and see it drawn beside the present one. Saved, it stands in the list Robot on this "
+    "Describe an arm. It is drawn beside the present one. When it is saved, it is in the list Robot on this "
     "computer."
 )
 _NO_JOINTS: tuple[str, ...] = ("base",)

@@ -32,8 +32,8 @@ from armctl.ui.widgets.html import GOOD, LiveHtml, numbers
 
 _ASKED_S = 5.0
 _DISCONNECT_DROPS = (
-    "The board switches its motors off when nobody speaks to it: THE ARM MAY DROP half a second later. Click "
-    "Disconnect again to go on."
+    "Without armctl the board switches its motors off after 0.5 s: THE ARM MAY DROP. Click Disconnect again "
+    "to go on."
 )
 
 

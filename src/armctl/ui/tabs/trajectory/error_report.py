@@ -33,7 +33,7 @@ _AFTER = 6
 _PATH_SAMPLES = 2001
 _MOST_READINGS = 20_000
 _NONE = "Choose a line or an arc and press Show; Run records the applied path."
-_THEORY = "What the solutions of inverse kinematics give, put through forward kinematics."
+_THEORY = "The tool points that forward kinematics gives for the solutions of inverse kinematics."
 _PRINTED = (
     "The same with the angles rounded to 0.001°, as the paper prints them: its RMSE is at most 0.005 mm."
 )

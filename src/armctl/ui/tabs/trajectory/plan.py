@@ -59,17 +59,16 @@ _FLAT_M2 = 1e-9
 _MOST_STEPS, _LONGEST_S = 400, 600.0
 """of a program that is drawn"""
 _PASSED: dict[Passing | None, str] = {
-    "stop": "At rest for an instant in each point.",
-    "spline": "Through every point without a stop.",
-    "blend": "Turns off before each point, so that it passes near it without a stop.",
-    None: "The tool is led along the curve itself.",
+    "stop": "The arm stops in each point.",
+    "spline": "Passes through every point without a stop.",
+    "blend": "Passes near each point without a stop.",
+    None: "The tool follows the curve itself.",
 }
 _SWINGS = (
-    "Between the points the spline swings beyond a joint limit that the points come close to: "
-    "choose by another criterion, or stop at each point."
+    "Between the points the spline passes a joint limit: choose by another criterion, or stop at each point."
 )
 _CUT_SHORT = (
-    "Drawn as far as the arm can follow, as fast as its limits allow: profile and duration are left out."
+    "Drawn as far as the arm can follow, as fast as its limits allow: profile and duration are ignored."
 )
 _JOINTS_DO = "A joint motion may reach this end: choose Joint motion, and To: X Y Z."
 _TIME = re.compile(r"^at [\d.]+ s, ")

@@ -188,17 +188,17 @@ class TrajectoryScreen:
 
 _ABOUT = {
     JOINTS: "All joints from one pose to another. The tool path is not controlled.",
-    TOOL_LINE: "The tool in a straight line, on the branch the arm is on.",
-    TOOL_ARC: "The tool along the circle through its start, via and end.",
+    TOOL_LINE: "The tool moves along a straight line. The arm stays on its branch.",
+    TOOL_ARC: "The tool moves along the circle through its start, via and end points.",
     ARC: "The paper's test arc: radius 200 mm about the base axis, −87° to 87°, 85 mm high.",
-    LINE: "The paper's test line: x = 220 mm, y from −196 to 196 mm by 14 mm, 85 mm high.",
+    LINE: "The paper's test line: x = 220 mm, y from −196 to 196 mm in steps of 14 mm, 85 mm high.",
     PROGRAM: "The program that is edited in Manual → Serial motion.",
     JOINT_BY_JOINT: "How fast each joint moves the tip at one constant joint speed. A study: nothing moves.",
 }
 """the motions, in the order in which they are offered"""
-_SHORTEST = "Duration 0 is the shortest with this profile inside the limits of the joints."
-_TO_THE_LIMITS = "For 0 s is until every joint has come to its limit."
-_CHOOSE_HINT = "What is least energy among the solutions of a point."
+_SHORTEST = "Duration 0: as short as this profile and the limits of the joints allow."
+_TO_THE_LIMITS = "0 s: until every joint has reached its limit."
+_CHOOSE_HINT = "The criterion that chooses among the solutions of a point."
 _PAPER_ARM, _PAPER_CRITERION = "uzuner", "published"
 """the criterion that the paper's tables were made with"""
 TurnAsked = tuple[PitchMode | None, TurnMode | None]
@@ -232,8 +232,8 @@ _ORIENTATION: dict[str, TurnAsked] = {
     "free": (None, "free"),
 }
 _TURN_HINT = (
-    "On the way. Kept: as at the start. If possible: where it cannot be kept, it is free. "
-    "Evenly to another: it turns to what is asked for below. Free: whatever takes the least motion."
+    "On the way. Kept: as at the start. If possible: kept, or free if that is impossible. "
+    "Evenly to another: it turns to the one typed below. Free: what needs the least motion."
 )
 _RPY_HINT = "Roll, pitch and yaw of the tool at the end [°]: Rz(yaw)·Ry(pitch)·Rx(roll)."
 _TOOL_SPEED_HINT = "Largest speed of the tool. 0 or empty: as fast as the joints can."
