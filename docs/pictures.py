@@ -32,6 +32,8 @@ FOLDER = ROOT / "docs" / "pictures"
 WIDTH, HEIGHT = 1280, 800
 SCENE = 130, 770
 """from where to where the arm and its workspace are [px]"""
+FARTHER = 1000
+"""how far the wheel is turned, until the whole workspace is seen"""
 COLORS = 256
 OUTLINE = "outline"
 FEW_WAYS, POINT = "mico", ("350", "-100", "250")
@@ -91,22 +93,21 @@ def program(screen: Screen) -> None:
     screen.type_into("Selected row", "2")
 
 
-def trajectory(screen: Screen) -> None:
+def trajectory(screen: Screen, to: str = "home") -> None:
     screen.open_tab("Trajectory")
-    screen.choose("To", "home")
+    screen.choose("To", to)
     screen.click("Show")
     screen.wait_for_text("Tool position (mm)")
 
 
 def graphs(screen: Screen) -> FloatRect:
-    trajectory(screen)
+    trajectory(screen, "zero")
     screen.choose("Graph of", "Joints")
     screen.choose("Quantity", "Velocity")
     screen.wait_for_text("Joint velocity (°/s)")
     plot = screen.page.locator(".uplot").locator("visible=true").first
     plot.evaluate("element => element.scrollIntoView({block: 'center'})")
-    at = box(plot)
-    return {"x": at["x"], "y": at["y"] - 110, "width": at["width"], "height": at["height"] + 190}
+    return box(plot.locator("xpath=ancestor::*[contains(@class, 'mantine-Paper-root')][1]"))
 
 
 def forward(screen: Screen) -> None:
@@ -131,6 +132,9 @@ def branches(screen: Screen) -> FloatRect:
 
 def workspace(screen: Screen) -> FloatRect:
     simulation(screen)
+    screen.click("Side")
+    screen.page.mouse.move(WIDTH / 2, HEIGHT / 2)
+    screen.page.mouse.wheel(0, FARTHER)
     return scene(screen)
 
 
