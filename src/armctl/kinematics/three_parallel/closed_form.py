@@ -127,8 +127,9 @@ def with_pair(arm: ThreeParallel, pose: FloatArray, values: FloatArray) -> Float
 def with_wrist(arm: ThreeParallel, pose: FloatArray, way: int, values: FloatArray) -> FloatArray:
     """(m, 2, 6) ways of one pose (4, 4) with a and c as in column ``way`` and b at ``values`` (m,) [rad]."""
     loop = Loop.of(arm, np.broadcast_to(pose, (len(values), 4, 4)))
+    found, _ = two_turns_of_many(*_conditions(arm, Loop.of(arm, pose[None])), _MET)
     pairs = np.full((len(values), 4, 2), np.nan)
-    pairs[:, 0] = _pairs(arm, Loop.of(arm, pose[None]))[0][0, way]
+    pairs[:, 0] = found[0, way]
     return _rest(arm, loop, pairs, values).q[:, [0, 4]]
 
 
