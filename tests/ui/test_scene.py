@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -16,7 +18,17 @@ from armctl.robot import Robot, load_robot
 from armctl.robot.shape import Point, reach
 from armctl.robot.solids import Solid, beam, block, drum, spike, tube
 from armctl.ui.guard import GuardedServer
-from armctl.ui.scene.stage import Marks, first_view, floor_size, framed, front, in_view, stand_parts
+from armctl.ui.scene.ghost import Ghost
+from armctl.ui.scene.stage import (
+    Marks,
+    first_view,
+    floor_size,
+    framed,
+    front,
+    in_view,
+    look_at_arm,
+    stand_parts,
+)
 from armctl.ui.widgets.joint_angles import held_at
 
 ROBOTS = {name: load_robot(name) for name in FIVE}
@@ -150,3 +162,38 @@ def test_each_view_looks_from_its_side_and_the_named_frames_follow_the_arm(serve
 def test_a_single_point_is_looked_at_from_where_it_is() -> None:
     for place in framed(np.ones((1, 3)), AWAY, FOV, 1.0, 0.8):
         assert place == pytest.approx(np.ones(3))
+
+
+def test_a_ghost_is_seen_while_its_tab_is_open(server: GuardedServer) -> None:
+    robot = load_robot("uzuner")
+    ghost = Ghost(server.scene, robot)
+    ghost.see("Forward")
+    ghost.show(robot.pose("home"), words="Inverse")  # an answer that came after its tab was left
+    assert ghost._figure is not None
+    root = ghost._figure.root
+    seen = []
+    for tab in ("Forward", "Inverse", "Main", None):
+        ghost.see(tab)
+        seen.append(root.visible)
+    assert seen == [False, True, False, True]
+    ghost.hide()
+    ghost.see("Inverse")
+    assert not root.visible
+    ghost.see("Main")
+    ghost.show(robot.pose("home"), owner=ghost)  # it belongs to no tab
+    assert root.visible
+
+
+def test_on_a_phone_the_arm_is_above_the_sheet(server: GuardedServer) -> None:
+    robot, fov = load_robot("uzuner"), np.radians(75)
+    camera = SimpleNamespace(image_width=390, image_height=844, fov=fov)
+    look_at_arm(cast(Any, SimpleNamespace(camera=camera)), robot)
+    away = camera.position - camera.look_at
+    distance = np.linalg.norm(away)
+    right = np.cross([0, 0, 1], away) / np.linalg.norm(np.cross([0, 0, 1], away))
+    axes = np.stack([right, np.cross(away, right) / distance, away / distance])
+    x, y, near = axes @ (robot.frames(robot.pose("home"))[:, :3, 3] - camera.look_at).T
+    height = y / ((distance - near) * np.tan(fov / 2))  # -1 … 1, from the lower edge to the upper one
+    assert (height > 2 * 0.6 - 1).all()
+    assert (height < 1).all()
+    assert (np.abs(x) / ((distance - near) * np.tan(fov / 2)) < 390 / 844).all()

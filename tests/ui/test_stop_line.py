@@ -100,7 +100,10 @@ def test_a_press_is_called_out_under_the_pages_name_and_confirmed(
         assert say(page, stop=1) == {"stopped": 1}  # before anybody knows whose line it is
         server.stop_lines.link(PAGE, "browser page 7")
         assert say(page, page=PAGE, stop=2) == {"stopped": 2}
-        assert say(page, beat=3) == {"beat": 3}
+        assert say(page, beat=3, tabs=["Control", "Inverse"]) == {"beat": 3}
+        assert server.stop_lines.tabs("browser page 7") == ("Control", "Inverse")
+        server.stop_lines.unlink("browser page 7")
+        assert server.stop_lines.tabs("browser page 7") == ()
     assert [stops.get_nowait(), stops.get_nowait()] == ["a browser page", "browser page 7"]
     assert stops.empty()
 

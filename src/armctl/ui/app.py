@@ -174,6 +174,7 @@ class App:
                 LOG.exception("a frame could not be drawn")
             for client_id, page in tuple(self._pages.items()) if frame % _FRAMES_A_REFRESH == 0 else ():
                 try:
+                    page.see(self._lines.tabs(page_name(client_id)))
                     page.refresh(self._console.controller.snapshot)
                 except RuntimeError:  # the page has just gone
                     LOG.debug("a page could not be refreshed", exc_info=True)

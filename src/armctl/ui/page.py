@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import viser
 
 from armctl.runtime import Snapshot
 from armctl.ui.panel import PANEL_WIDTH, ControlPanel, above_tabs
 from armctl.ui.robot_switch import RobotSwitch
+from armctl.ui.scene.stage import PHONE_PX
 from armctl.ui.session import Session
 from armctl.ui.tabs import TABS, Screen
 
-_WIDE_PX, _USUAL_PX, _PHONE_PX = 1600, 1200, 576
+_WIDE_PX, _USUAL_PX = 1600, 1200
 
 
 def tabs_width(window: int) -> int:
@@ -23,7 +24,7 @@ def tabs_width(window: int) -> int:
 def covered(client: viser.ClientHandle) -> int:
     """How much of a page's window is panels [px]; to be asked before they are there."""
     window = client.camera.image_width
-    if window < _PHONE_PX:
+    if window < PHONE_PX:
         return 0  # they lie over the lower part of the scene
     return tabs_width(window) + (0 if above_tabs(client) else PANEL_WIDTH)
 
@@ -72,6 +73,10 @@ class Page:
                 content.remove()
             self.client.scene.reset()
             self._build()
+
+    def see(self, tabs: Sequence[str]) -> None:
+        """These tabs are open: the ghosts of the others are hidden."""
+        self.session.ghost.see(next((tab.label for tab in TABS if tab.label in tabs), None))
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw a snapshot; it is drawn once."""

@@ -14,7 +14,7 @@ from armctl.hardware.boards import board_type
 from armctl.robot import OutputMap, Robot
 from armctl.runtime import ClearFault, Need, Pause, Release, Resume, SetSpeed, Snapshot, State, TakeControl
 from armctl.ui.enabling import EnableButton
-from armctl.ui.scene.stage import look_at_arm
+from armctl.ui.scene.stage import add_floor, look_at_arm
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import ERROR, LiveHtml, fixed, limited, muted, table
 from armctl.ui.widgets.joint_angles import held_at
@@ -105,7 +105,8 @@ class ControlPanel:
         session.needs(Need.PAUSE, self._hold, hold, told=False)
         session.needs(None, self._release, also=_no_board, told=False)
         session.needs(None, self._speed, told=False)
-        session.spawn(self._recall_theme())
+        self._floor: viser.GridHandle | None = None
+        session.spawn(self._recall_looks())
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show state, operator and speed."""
@@ -175,14 +176,20 @@ class ControlPanel:
         self._session.remember("theme", self._theme.value)
         self._use_theme()
 
-    async def _recall_theme(self) -> None:
+    async def _recall_looks(self) -> None:
+        if await self._session.recall("drawn-by") == "card":
+            self._session.client.scene.configure_default_lights(cast_shadow=True)
         theme = await self._session.recall("theme")
         if theme in (LIGHT, DARK) and theme != self._theme.value:
             self._theme.value = theme
             self._use_theme()
 
     def _use_theme(self) -> None:
-        set_theme(self._session.gui, dark=self._theme.value == DARK)
+        session, dark = self._session, self._theme.value == DARK
+        set_theme(session.gui, dark=dark)
+        if self._floor is not None:
+            self._floor.remove()
+        self._floor = add_floor(session.client.scene, session.console.robot, dark=True) if dark else None
 
     async def _on_release(self) -> None:
         """The first click asks, a second one within a few seconds releases."""

@@ -1,7 +1,8 @@
 """STOP beside viser: what is laid over its page, and a websocket that waits for no page to be built.
 
 Every page opens one at ``/stop`` (``overlay.js``). It sends ``{"page": name}`` once, ``{"stop": n}`` for each
-press and ``{"beat": n}`` five times a second from the thread that runs the page. The answers are
+press and ``{"beat": n, "tabs": [label, ...]}`` with the tabs that are open, five times a second from the
+thread that runs the page. The answers are
 ``{"stopped": n}`` and ``{"beat": n}``. A page that falls silent while it operates has frozen, was closed or
 has lost its network.
 """
@@ -55,6 +56,7 @@ class _Said(msgspec.Struct, forbid_unknown_fields=True):
     page: str | None = None
     stop: int | None = None
     beat: int | None = None
+    tabs: tuple[str, ...] = ()
 
 
 _DECODER = msgspec.json.Decoder(_Said)
@@ -91,8 +93,10 @@ class Heartbeats:
         return self._page
 
 
-async def stop_door(connection: Connection, stop: Callable[[str], None], beat: Callable[[str], None]) -> None:
-    """Serve one page's line until it ends: ``stop(page)`` and ``beat(page)`` are called from this loop."""
+async def stop_door(
+    connection: Connection, stop: Callable[[str], None], beat: Callable[[str, tuple[str, ...]], None]
+) -> None:
+    """Serve one page's line until it ends; both are called from this loop, with the page's name."""
     gauge = FloodGauge(asyncio.get_running_loop().time)
     page = ""
     try:
@@ -107,7 +111,7 @@ async def stop_door(connection: Connection, stop: Callable[[str], None], beat: C
                 stop(page)
                 await connection.send(msgspec.json.encode({"stopped": said.stop}).decode())
             if said.beat is not None:
-                beat(page)
+                beat(page, said.tabs)
                 await connection.send(msgspec.json.encode({"beat": said.beat}).decode())
             if not gauge.charge(len(raw), refused=False):
                 await connection.close(CloseCode.POLICY_VIOLATION, "too many messages")
@@ -126,6 +130,7 @@ class StopLines:
         self._heartbeats = Heartbeats(math.inf)
         self._names: dict[str, str] = {}
         """what people call a page, by the name that it gave itself"""
+        self._tabs: dict[str, tuple[str, ...]] = {}
         self._wires: set[socket.socket] = set()
         self._closed = False
         self._lock = threading.Lock()
@@ -152,6 +157,11 @@ class StopLines:
     def unlink(self, who: str) -> None:
         """That page is gone."""
         self._names = {page: name for page, name in self._names.items() if name != who}
+        self._tabs.pop(who, None)
+
+    def tabs(self, who: str) -> tuple[str, ...]:
+        """The labels of the tabs that are open on a page; empty: it has not said so."""
+        return self._tabs.get(who, ())
 
     def watch(self, who: str | None) -> None:
         """This page operates: it has to give signs of life once it is linked. None: no page does."""
@@ -191,8 +201,10 @@ class StopLines:
         if self._stop is not None:
             self._stop(self._names.get(page, _NO_NAME))
 
-    def _beats(self, page: str) -> None:
+    def _beats(self, page: str, tabs: tuple[str, ...]) -> None:
         self._heartbeats.beat(page, self._loop.time())
+        if page in self._names:
+            self._tabs[self._names[page]] = tabs
 
     async def _serve(self, wire: socket.socket) -> None:
         protocol = ServerProtocol(state=State.OPEN, max_size=_MAX_BYTES)

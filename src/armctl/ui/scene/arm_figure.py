@@ -52,7 +52,7 @@ def add_solid(
     *,
     flat: bool = False,
 ) -> None:
-    """Draw a solid without shadows; ``flat``: with edges, as machines have."""
+    """Draw a solid; ``flat``: with edges, as machines have. One that is seen through casts no shadow."""
     scene.add_mesh_simple(
         name,
         solid.vertices,
@@ -60,8 +60,8 @@ def add_solid(
         color=color,
         opacity=opacity,
         flat_shading=flat,
-        cast_shadow=False,
-        receive_shadow=False,
+        cast_shadow=opacity is None,
+        receive_shadow=opacity is None,
     )
 
 

@@ -27,7 +27,10 @@ def thicker(robot: Robot, factor: float = THICKER) -> Robot:
 
 
 class Ghost:
-    """A page's one translucent arm, built when it is first needed; its owner is who showed something last."""
+    """A page's one translucent arm, built when it is first needed; its owner is who showed something last.
+
+    It is in view while the tab of its owner is open.
+    """
 
     def __init__(self, scene: viser.SceneApi, robot: Robot) -> None:
         self._scene, self._robot = scene, robot
@@ -35,6 +38,8 @@ class Ghost:
         self.q: FloatArray | None = None
         """(n,) the configuration that is shown [rad]; None: nothing"""
         self.owner: object = None
+        self._tab: str | None = None
+        self._words: str | None = None
         self._lost: Callable[[], None] | None = None
 
     def claim(self, owner: object, lost: Callable[[], None] | None = None) -> None:
@@ -46,8 +51,21 @@ class Ghost:
         if before is not None:
             before()
 
+    def see(self, tab: str | None) -> None:
+        """This tab is open; None: not known."""
+        self._tab = tab
+        if self._figure is not None:
+            self._figure.root.visible = self.q is not None and self.in_view(self._words)
+
+    def in_view(self, tab: str | None) -> bool:
+        """Whether what belongs to a tab can be seen; None: it belongs to none."""
+        return tab is None or self._tab is None or tab == self._tab
+
     def show(self, q: FloatArray, owner: object = None, words: str | None = None) -> None:
-        """Show the arm at ``q`` (n,) [rad], ``words`` beside it; the ghost is ``owner``'s from now on."""
+        """Show the arm at ``q`` (n,) [rad]; the ghost is ``owner``'s from now on.
+
+        ``words``: the label of the owner's tab, written beside it; None: it belongs to no tab.
+        """
         if self._figure is None:
             robot = thicker(self._robot)
             self._figure = ArmFigure(self._scene, robot, "/ghost", color=_COLOR, opacity=_OPACITY)
@@ -55,7 +73,8 @@ class Ghost:
         self.q = q.copy()
         self._figure.pose(q)
         self._figure.say(words)
-        self._figure.root.visible = True
+        self._words = words
+        self.see(self._tab)
 
     def hide(self, owner: object = None) -> None:
         """Show nothing, if the ghost is ``owner``'s."""
@@ -69,7 +88,7 @@ class Preview:
     """The page's ghost for one screen: shown until the arm stands there or another screen takes it."""
 
     def __init__(self, ghost: Ghost, words: str) -> None:
-        """``words``: what is written beside it."""
+        """``words``: the label of the screen's tab, written beside it."""
         self._ghost, self._words = ghost, words
         self._q: FloatArray | None = None
         """(n,) what this screen has shown last [rad]; None: nothing"""

@@ -23,6 +23,10 @@ _HIGH = 0.3
 """a base frame this far above the floor lets the arm hang below it: the column goes behind"""
 _ABOVE_BASE = 0.02
 """a tool nearer to the base axis than this is to no side of it"""
+_LIGHT_GRID = (205, 210, 216), (150, 158, 166)
+_DARK_GRID = (48, 52, 58), (72, 78, 86)
+_SHADOW = 0.25
+"""how dark the arm's shadow on the floor is, where it has one"""
 _FLOOR_M, _FLOOR_STEP_M = 1.6, 0.5
 """the floor is so large at least; a longer arm stands on one that is larger by whole sections"""
 _IN_FRONT, _BESIDE, _ABOVE = 0.62, 0.72, 0.32
@@ -31,6 +35,8 @@ _STRETCHED = 0.75
 """of the reach, to each side: the arm fills the picture, and mostly stays in it"""
 _FILLED = 0.95
 """of the picture, by the arm and how far it reaches"""
+PHONE_PX, _SHEET = 576, 0.6
+"""in a narrower window the panels are a sheet over this part of the picture"""
 _LEAST_ASPECT = 0.5
 """where the panels leave the scene a narrower strip, the arm may go beyond it"""
 
@@ -85,7 +91,7 @@ def stand_parts(robot: Robot) -> dict[str, Solid]:
 
 def set_lights(scene: viser.SceneApi) -> None:
     """Directions and lights that software rendering can afford; the same for every arm."""
-    # Shadows cost two thirds of the frame rate on software WebGL, the environment map a freeze of seconds.
+    # Shadows are for a page with a graphics card; the environment map is a freeze of seconds without one.
     scene.configure_default_lights(cast_shadow=False)
     scene.configure_environment_map(hdri=None)
     scene.set_up_direction("+z")
@@ -93,18 +99,26 @@ def set_lights(scene: viser.SceneApi) -> None:
     scene.world_axes.visible = False
 
 
+def add_floor(scene: viser.SceneApi, robot: Robot, *, dark: bool = False) -> viser.GridHandle:
+    """A floor with 50 mm cells, in the colours of a theme; a page's own one hides that of all pages."""
+    cell, section = _DARK_GRID if dark else _LIGHT_GRID
+    size = floor_size(robot)
+    floor = scene.add_grid(
+        "/floor", size, size, plane="xy", cell_size=0.05, section_size=0.25, cell_color=cell,
+        section_color=section, shadow_opacity=_SHADOW, position=(0.0, 0.0, robot.floor_z),
+    )  # fmt: skip
+    send_pose(floor)
+    return floor
+
+
 class Stage:
     """Floor with 50 mm cells, stand and base axes of one arm."""
 
     def __init__(self, scene: viser.SceneApi, robot: Robot) -> None:
-        size, floor = reach(robot.chain), floor_size(robot)
+        size = reach(robot.chain)
         stand = scene.add_frame("/stand", show_axes=False)
         self._parts = (
-            scene.add_grid(
-                "/floor", floor, floor, plane="xy", cell_size=0.05, section_size=0.25,
-                cell_color=(205, 210, 216), section_color=(150, 158, 166), shadow_opacity=0.0,
-                position=(0.0, 0.0, robot.floor_z),
-            ),
+            add_floor(scene, robot),
             scene.add_frame(
                 "/base_axes", axes_length=_BASE_AXES * size, axes_radius=0.005 * size,
                 origin_radius=0.008 * size,
@@ -137,11 +151,21 @@ VIEWS: dict[str, tuple[float, float, float]] = {
 
 
 def look_at_arm(client: viser.ClientHandle, robot: Robot, covered: int = 0, view: str = "Reset") -> None:
-    """See the arm by one of ``VIEWS``; ``covered``: width of the picture that is panels [px]."""
+    """See the arm by one of ``VIEWS``; ``covered``: width of the picture that is panels [px].
+
+    On a phone the panels lie over the lower part of the picture: the arm is seen in the upper one.
+    """
     camera = client.camera
-    aspect = max((camera.image_width - covered) / camera.image_height, _LEAST_ASPECT)
+    free = 1.0 - _SHEET if camera.image_width < PHONE_PX else 1.0
+    aspect = max((camera.image_width - covered) / (free * camera.image_height), _LEAST_ASPECT)
+    high = math.tan(0.5 * camera.fov)
+    fov = 2 * math.atan(free * high)
+    position, middle = first_view(robot, in_view(robot), fov, aspect, view)
+    away = position - middle
+    right = np.cross([0.0, 0.0, 1.0], away)
+    down = (1.0 - free) * high * np.cross(right, away) / np.linalg.norm(right)
     camera.up_direction = np.array([0.0, 0.0, 1.0])
-    camera.position, camera.look_at = first_view(robot, in_view(robot), camera.fov, aspect, view)
+    camera.position, camera.look_at = position + down, middle + down
 
 
 def first_view(

@@ -57,7 +57,7 @@ class InverseScreen:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._robot = session.console.robot
-        self._preview = Preview(session.ghost, "Inverse")
+        self._preview = Preview(session.ghost, _TAB)
         scene = session.client.scene
         self._mark = scene.add_icosphere("/inverse_mark", 0.006, color=_MARK_COLOR, visible=False)
         self._answer: Answer | None = None
@@ -110,6 +110,7 @@ class InverseScreen:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Tell when the result is out of date; hide the ghost once the arm has come to it."""
+        self._branches.refresh()
         stale = self._out_of_date(snapshot)
         self._stale.visible = bool(stale)
         self._stale.show(warned(stale))
@@ -397,6 +398,7 @@ class TargetForm:
 
 # The Branches tab: a table, and every branch as a coloured ghost.
 
+_TAB = "Inverse"
 _MOST_GHOSTS = 8
 _OPACITY, _THICKER_EACH = 0.4, 0.03
 _LEGEND = "In the 3D view green is the branch of least energy, blue is possible, red is refused."
@@ -430,6 +432,11 @@ class BranchView:
         self._legend.visible = bool(found.verdicts)
         self._table.show(branches_html(found))
         self._draw()
+
+    def refresh(self) -> None:
+        """Show the ghosts while the tab is open."""
+        for node in self._ghosts:
+            node.visible = self._ghost.in_view(_TAB)
 
     def _on_ticked(self) -> None:
         self._draw()
