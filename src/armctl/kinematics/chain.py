@@ -219,6 +219,12 @@ class Chain:
         """Where ``q`` (..., n) keeps all ``turn_limits``: (...)."""
         return np.asarray((self.turn_excess(q) <= LIMIT_TOLERANCE).all(axis=-1))
 
+    def turns_beyond(self, q: FloatArray) -> list[tuple[TurnLimit, float]]:
+        """The ``turn_limits`` that ``q`` (n,) does not keep, and what each link turns by there [rad]."""
+        turns, excess = self.turns(q), self.turn_excess(q)
+        limits = zip(self.turn_limits, excess.tolist(), strict=True)
+        return [(limit, float(turns[limit.link])) for limit, over in limits if over > LIMIT_TOLERANCE]
+
     def without_turn_limits(self) -> Chain:
         """The same, whatever its links turn by."""
         if not self.turn_limits:

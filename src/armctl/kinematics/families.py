@@ -118,9 +118,7 @@ class BranchFinder:
                 needs(self._titles[k], self._limits[k], float(q[k])) for k in np.flatnonzero(outside).tolist()
             ]
             q = np.where(outside, q, inside)
-            turns = self._chain.turns(q)
-            for limit, excess in zip(self._chain.turn_limits, self._chain.turn_excess(q), strict=True):
-                if excess > LIMIT_TOLERANCE:
-                    why.append(needs(limit.name, (limit.lower, limit.upper), float(turns[limit.link])))
+            for limit, turn in self._chain.turns_beyond(q):
+                why.append(needs(limit.name, (limit.lower, limit.upper), turn))
             found.append(Branch(str(solutions.branch[i]), q, tuple(why)))
         return tuple(found)

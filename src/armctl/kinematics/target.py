@@ -116,10 +116,11 @@ class Target(NamedTuple):
         return np.array(self.point)
 
 
-def _finite(value: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
+def checked_array(value: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
+    """Finite numbers of one shape. Raises ``InputError`` for anything else."""
     array = as_numbers(value, what)
     if array.shape != shape:
-        raise InputError(f"{what} needs the shape {shape}, got {array.shape}")
+        raise InputError(f"{what} must have the shape {shape}, got {array.shape}")
     require_finite(array, what)
     return array
 
@@ -134,11 +135,11 @@ def checked_point(value: ArrayLike) -> tuple[float, float, float]:
     if type(value) is _ARRAY and value.dtype is _FLOAT and value.shape == _POINT:  # most calls
         point: list[float] = value.tolist()
     else:
-        point = _finite(value, _POINT, "the target position").tolist()
+        point = checked_array(value, _POINT, "the target position").tolist()
     x, y, z = point
     if x * x + y * y + z * z <= _FARTHEST_SQUARED:  # false with NaN too
         return x, y, z
-    _finite(value, _POINT, "the target position")
+    checked_array(value, _POINT, "the target position")
     raise InputError(
         f"the target position is {math.hypot(x, y, z):.0f} m from the base, farther than {FARTHEST:.0f} m: "
         "is that the unit?"
@@ -172,13 +173,13 @@ def rotation_of(rpy: ArrayLike | None = None, quaternion: ArrayLike | None = Non
     if rpy is not None and quaternion is not None:
         raise InputError("give the orientation as roll, pitch and yaw, or as a quaternion, not as both")
     if rpy is not None:
-        return rotation_from_rpy(*_finite(rpy, (3,), "roll, pitch and yaw").tolist())
+        return rotation_from_rpy(*checked_array(rpy, (3,), "roll, pitch and yaw").tolist())
     return None if quaternion is None else rotation_from_quaternion(quaternion)
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> FloatArray:
     """As ``rotation_of``, of a quaternion (4,)."""
-    q = _finite(quaternion, (4,), "the quaternion w, x, y, z")
+    q = checked_array(quaternion, (4,), "the quaternion w, x, y, z")
     if not np.abs(q).max() > 0.0:
         raise InputError("the quaternion w, x, y, z has the length 0, which is no orientation")
     q = q / np.abs(q).max()
@@ -213,7 +214,7 @@ def checked_rotations(value: ArrayLike, shape: tuple[int, ...], what: str) -> Fl
 
     Raises ``InputError`` for a wrong shape, an entry that is not finite, or a matrix that is no rotation.
     """
-    matrices = _finite(value, shape, what)
+    matrices = checked_array(value, shape, what)
     off = np.abs(matrices @ matrices.swapaxes(-1, -2) - _EYE).max(axis=(-1, -2), initial=0.0)
     wrong = (off > _ROUNDED) | (np.linalg.det(matrices) < 0.0)
     if wrong.any():

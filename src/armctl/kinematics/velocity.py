@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
-from armctl.errors import InputError
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.samples import joint_samples
-from armctl.kinematics.target import as_numbers, require_finite
+from armctl.kinematics.target import checked_array
 
 Verdict = Literal["singular", "near a singularity", "well away from singularities"]
 NEAR = 0.05
@@ -87,7 +86,7 @@ def tool_velocity(jacobian: FloatArray, rates: ArrayLike) -> ToolVelocity:
 
     Raises ``InputError``: a wrong shape, or not finite.
     """
-    moved = jacobian @ _vector(rates, jacobian.shape[1], "joint rates")
+    moved = jacobian @ checked_array(rates, (jacobian.shape[1],), "joint rates")
     return ToolVelocity(moved[:3], moved[3:])
 
 
@@ -101,11 +100,11 @@ def joint_rates(
     longest lever. Where a rate would pass its limit, all are scaled by one factor.
     Raises ``InputError``: a wrong shape, or not finite.
     """
-    wanted = _vector(linear, 3, "the linear velocity")
+    wanted = checked_array(linear, (3,), "the linear velocity")
     rows = jacobian[:3]
     weights = np.ones(3)
     if angular is not None:
-        wanted = np.concatenate([wanted, _vector(angular, 3, "the angular velocity")])
+        wanted = np.concatenate([wanted, checked_array(angular, (3,), "the angular velocity")])
         rows, weights = jacobian, _weights(jacobian)
     turning = speed_limits > 0.0
     rates = np.zeros(jacobian.shape[1])
@@ -176,14 +175,6 @@ def position_leaves_orientation(chain: Chain, limits: FloatArray) -> bool:
     J = chain.jacobian(joint_samples(limits, _SAMPLES))[:, :, moving]
     J[:, :3] /= max(np.linalg.norm(J[:, :3], axis=1).max(), _SINGULAR)
     return bool(np.linalg.svd(J, compute_uv=False)[:, -1].max() > _SINGULAR)
-
-
-def _vector(value: ArrayLike, length: int, what: str) -> FloatArray:
-    vector = as_numbers(value, what)
-    if vector.shape != (length,):
-        raise InputError(f"{what} must have the shape ({length},), got {vector.shape}")
-    require_finite(vector, what)
-    return vector
 
 
 def _weights(jacobian: FloatArray) -> FloatArray:

@@ -304,12 +304,7 @@ class Robot(ArrayRecord):
 
     def turn_words(self, q: FloatArray) -> list[str]:
         """A sentence for each angle between links that is beyond its limits at ``q`` (n,) [rad]."""
-        chain = self.chain
-        if not chain.turn_limits or chain.keeps_turns(q):
-            return []
-        turns = chain.turns(q)
         return [
-            f"{limit.name}: {outside_words(limit.lower, limit.upper, float(turns[limit.link]))}"
-            for limit, excess in zip(chain.turn_limits, chain.turn_excess(q), strict=True)
-            if excess > LIMIT_TOLERANCE
+            f"{limit.name}: {outside_words(limit.lower, limit.upper, turn)}"
+            for limit, turn in self.chain.turns_beyond(q)
         ]

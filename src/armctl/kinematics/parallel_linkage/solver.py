@@ -266,11 +266,10 @@ class ParallelLinkageSolver(InverseKinematics):
             needs(self.titles[k], self.limits[k], float(q[k])) for k in np.flatnonzero(over > LIMIT_TOLERANCE)
         ]
         whole = self._whole(q)
-        turns, beyond = chain.turns(whole), chain.turn_excess(whole)
-        for limit, excess in zip(chain.turn_limits, beyond, strict=True):
-            if excess > LIMIT_TOLERANCE:
-                said.append(needs(limit.name, (limit.lower, limit.upper), float(turns[limit.link])))
-        return " and ".join(said), float(np.maximum(over, 0.0).sum() + np.maximum(beyond, 0.0).sum())
+        for limit, turn in chain.turns_beyond(whole):
+            said.append(needs(limit.name, (limit.lower, limit.upper), turn))
+        beyond = np.maximum(chain.turn_excess(whole), 0.0)
+        return " and ".join(said), float(np.maximum(over, 0.0).sum() + beyond.sum())
 
     def _nearest(self, target: Target) -> FloatArray:
         """(3,) where the tool point comes nearest to the target, exactly."""
