@@ -268,6 +268,8 @@ def film(screen: Screen) -> Film:
         frame, _ = film.frames[-1]
         film.frames[-1] = (frame, round(1000 * (now - before) / _FASTER))
         before = now
+        if "motion halted" in screen.text().replace("\n", " "):
+            raise SystemExit(f"{FILM}: the arm halted, because this computer is too busy: record it again")
     screen.wait_for_text("HOLDING")
     film.shoot(_READ_MS)
     film.press(screen.entry("Show as ghosts"), _READ_MS)
