@@ -169,14 +169,15 @@ class Console:
 
     async def checked(self) -> None:
         """Check the program from where the arm stands."""
-        await self.page.press("Try", "Check")
+        await self.page.press("Before it runs", "Check")
         await asyncio.sleep(0.5)  # the page is written ten times a second
         async with asyncio.timeout(_CHECK_S):
             while self.page.shows("Checking"):
                 await asyncio.sleep(0.05)
 
     async def go(self) -> float:
-        """Press Loop; seconds until the first setpoint."""
+        """Press Loop once it can be pressed; seconds until the first setpoint."""
+        await self.page.enabled("Run", "Loop")
         self.forget()
         pressed = time.monotonic()
         await self.page.press("Run", "Loop")

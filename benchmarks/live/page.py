@@ -15,7 +15,7 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 from websockets.typing import Origin, Subprotocol
 
-_BEAT_S, _RETRY_S = 0.2, 0.3
+_BEAT_S, _RETRY_S, _LOOK_S = 0.2, 0.3, 0.005
 _PART_BYTES = 512 << 10
 _PATIENCE_S = 60.0
 _CAMERA = {
@@ -41,6 +41,7 @@ class Page:
         self._name = secrets.token_hex(16)
         self._widgets: dict[tuple[str, str], list[str]] = {}
         self._texts: dict[str, str] = {}
+        self._disabled: set[str] = set()
         self._built = asyncio.Event()
         self._notices: asyncio.Queue[tuple[str, str]] = asyncio.Queue()
         self._presses = 0
@@ -67,10 +68,18 @@ class Page:
         await self._viser.close()
         await self._line.close()
 
+    async def enabled(self, label: str, value: object = True) -> None:
+        """Wait until a button can be pressed."""
+        async with asyncio.timeout(_PATIENCE_S):
+            while self._button(label, value) in self._disabled:
+                await asyncio.sleep(_LOOK_S)
+
+    def _button(self, label: str, value: object) -> str:
+        return self._widgets["GuiButtonMessage" if value is True else "GuiButtonGroupMessage", label][0]
+
     async def press(self, label: str, value: object = True) -> None:
         """Press a button; of a group: the one with the label ``value``."""
-        kind = "GuiButtonMessage" if value is True else "GuiButtonGroupMessage"
-        uuid = self._widgets[kind, label][0]
+        uuid = self._button(label, value)
         await self._say("GuiUpdateMessage", uuid=uuid, updates={"value": value})
 
     async def type_target(self, label: str, text: str) -> None:
@@ -137,10 +146,19 @@ class Page:
             label = message["props"].get("label") or ""
             self._widgets.setdefault((kind, label), []).append(message["uuid"])
             self._texts[message["uuid"]] = message["props"].get("content") or ""
+            self._enable(message["uuid"], message["props"])
             if label == _LAST:
                 self._built.set()
-        elif kind == "GuiUpdateMessage" and "content" in message["updates"]:
-            self._texts[message["uuid"]] = message["updates"]["content"]
+        elif kind == "GuiUpdateMessage":
+            if "content" in message["updates"]:
+                self._texts[message["uuid"]] = message["updates"]["content"]
+            self._enable(message["uuid"], message["updates"])
+
+    def _enable(self, uuid: str, told: dict[str, Any]) -> None:
+        if told.get("disabled"):
+            self._disabled.add(uuid)
+        elif "disabled" in told:
+            self._disabled.discard(uuid)
 
     async def _beat(self) -> None:
         beats = 0
