@@ -187,7 +187,7 @@ def test_a_ghost_is_seen_while_its_tab_is_open(server: GuardedServer) -> None:
 def test_on_a_phone_the_arm_is_above_the_sheet(server: GuardedServer) -> None:
     robot, fov = load_robot("uzuner"), np.radians(75)
     camera = SimpleNamespace(image_width=390, image_height=844, fov=fov)
-    look_at_arm(cast(Any, SimpleNamespace(camera=camera)), robot)
+    look_at_arm(cast(Any, SimpleNamespace(camera=camera)), robot, sheet=True)
     away = camera.position - camera.look_at
     distance = np.linalg.norm(away)
     right = np.cross([0, 0, 1], away) / np.linalg.norm(np.cross([0, 0, 1], away))

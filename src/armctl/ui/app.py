@@ -15,11 +15,11 @@ from armctl.errors import ArmctlError
 from armctl.runtime import Arrive, Leave, Origin, Snapshot, State
 from armctl.ui.console import Console, page_name
 from armctl.ui.guard import GuardedServer
-from armctl.ui.page import Page, covered
+from armctl.ui.page import Page
 from armctl.ui.panel import set_theme
 from armctl.ui.robot_switch import RESTARTED, RobotChange, RobotSwitch
 from armctl.ui.scene.arm_figure import ArmFigure
-from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
+from armctl.ui.scene.stage import Stage, set_lights
 
 LOG = logging.getLogger("armctl.ui")
 FRAME_S = 1 / 25
@@ -90,8 +90,6 @@ class App:
     async def _connect(self, client: viser.ClientHandle) -> None:
         who = page_name(client.client_id)
         try:
-            # the page has told its width before there were panels
-            look_at_arm(client, self._console.robot, covered=covered(client))
             lost = self._operator_lost
             self._pages[client.client_id] = Page(client, self.robots, self._lines.link, lost)
         except Exception:
@@ -124,7 +122,6 @@ class App:
             self._draw_arm()
         for client_id, page in tuple(self._pages.items()):
             try:
-                look_at_arm(page.client, self._console.robot)
                 page.rebuild()
                 if change.did == RESTARTED:
                     text = "A new arm process was started. Press Enable again."

@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 import viser
 
 from armctl.runtime import Snapshot
-from armctl.ui.panel import PANEL_WIDTH, ControlPanel, above_tabs
+from armctl.ui.panel import PANEL_WIDTH, ControlPanel
 from armctl.ui.robot_switch import RobotSwitch
-from armctl.ui.scene.stage import PHONE_PX
+from armctl.ui.scene.stage import look_at_arm
 from armctl.ui.session import Session
 from armctl.ui.tabs import TABS, Screen
 
-_WIDE_PX, _USUAL_PX = 1600, 1200
+_WIDE_PX, _USUAL_PX, _NARROW_PX, _PHONE_PX = 1600, 1200, 900, 576
 
 
 def tabs_width(window: int) -> int:
@@ -21,12 +21,16 @@ def tabs_width(window: int) -> int:
     return 580 if window >= _WIDE_PX else 480 if window >= _USUAL_PX else 380
 
 
-def covered(client: viser.ClientHandle) -> int:
-    """How much of a page's window is panels [px]; to be asked before they are there."""
-    window = client.camera.image_width
-    if window < PHONE_PX:
+def above_tabs(width: int, height: int) -> bool:
+    """Whether the panel stands above the tabs, in a narrow upright window: the arm is seen beside them."""
+    return width < _NARROW_PX and width < height
+
+
+def covered(width: int, height: int) -> int:
+    """How much of the width of a window is panels [px]."""
+    if width < _PHONE_PX:
         return 0  # they lie over the lower part of the scene
-    return tabs_width(window) + (0 if above_tabs(client) else PANEL_WIDTH)
+    return tabs_width(width) + (0 if above_tabs(width, height) else PANEL_WIDTH)
 
 
 class Page:
@@ -41,9 +45,11 @@ class Page:
     ) -> None:
         """Build everything for the present arm; ``link`` and ``lost`` as in ``Session.find_line``."""
         self.client, self._robots, self._link, self._lost = client, robots, link, lost
-        self._above = above_tabs(client)  # later the image is what the panels leave
+        self._window = client.camera.image_width, client.camera.image_height
+        """[px]; those of the screen, until the page has said how many of them it takes for one of its own"""
+        self._look()
         client.gui.main_panel.dock_right()
-        client.gui.main_panel.set_width(tabs_width(client.camera.image_width))
+        client.gui.main_panel.set_width(tabs_width(self._window[0]))
         group = client.gui.add_tab_group()
         self._tabs = [(tab, group.add_tab(tab.label, tab.icon)) for tab in TABS]
         self._build()
@@ -56,15 +62,36 @@ class Page:
         with self.client.atomic():
             self.session = Session(self.client, self._robots)
             self.session.spawn(self.session.find_line(self._link, self._lost))
-            self._panel = ControlPanel(self.session, self._above)
+            self.session.spawn(self._fit())
+            self.session.on_phone = self._window[0] < _PHONE_PX
+            self._panel = ControlPanel(self.session)
+            self._panel.place(above=above_tabs(*self._window))
             for tab, container in self._tabs:
                 with container:
                     self._contents.append(gui.add_folder(None))
                 with self._contents[-1]:
                     self._screens.append(tab.build(self.session))
 
+    def _look(self) -> None:
+        """See the arm in what the panels leave of the window."""
+        width, height = self._window
+        picture = width - covered(width, height), height
+        look_at_arm(self.client, self._robots.console.robot, picture=picture, sheet=width < _PHONE_PX)
+
+    async def _fit(self) -> None:
+        """Lay the page out anew where its pixels are larger than those of the screen: phones, and zoom."""
+        width, _, height = (await self.session.recall("window") or "").partition(" ")
+        if not (width.isdecimal() and height.isdecimal()) or (int(width), int(height)) == self._window:
+            return
+        self._window = int(width), max(int(height), 1)
+        self.session.on_phone = self._window[0] < _PHONE_PX
+        self.client.gui.main_panel.set_width(tabs_width(self._window[0]))
+        self._panel.place(above=above_tabs(*self._window))
+        self._look()
+
     def rebuild(self) -> None:
         """The arm was changed: build everything anew for the present one."""
+        look_at_arm(self.client, self._robots.console.robot, sheet=self.session.on_phone)
         self.session.close()
         with self.client.atomic():
             self.session.take_keys()

@@ -14,14 +14,13 @@ from armctl.hardware.boards import board_type
 from armctl.robot import OutputMap, Robot
 from armctl.runtime import ClearFault, Need, Pause, Release, Resume, SetSpeed, Snapshot, State, TakeControl
 from armctl.ui.enabling import EnableButton
-from armctl.ui.scene.stage import add_floor, look_at_arm
+from armctl.ui.scene.stage import add_floor
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import ERROR, LiveHtml, fixed, limited, muted, table
 from armctl.ui.widgets.joint_angles import held_at
 
 PANEL_WIDTH = 250
 """[px]"""
-_NARROW_PX = 900
 _MOST_LINES, _MOST_FAULT_LINES = 4, 12
 """of a cause or a warning: what the arm does must stay in view; the log has all of it"""
 _RELEASE_SECONDS = _ASKED_S = 5.0
@@ -50,17 +49,10 @@ _BLUE = (24, 100, 171)
 _PAUSE, _RESUME = ("Pause", viser.Icon.PLAYER_PAUSE), ("Resume", viser.Icon.PLAYER_PLAY)
 
 
-def above_tabs(client: viser.ClientHandle) -> bool:
-    """Whether the panel stands above the tabs, in a narrow upright window: the arm is seen beside them."""
-    width, height = client.camera.image_width, client.camera.image_height
-    return width < _NARROW_PX and width < height
-
-
 class ControlPanel:
     """A panel of its own: viser throttles clicks a panel, and STOP must never wait for a number field."""
 
-    def __init__(self, session: Session, above: bool) -> None:
-        """``above``: above the tabs, else at the left."""
+    def __init__(self, session: Session) -> None:
         self._session = session
         gui = session.gui
         self.window = gui.add_panel()
@@ -79,12 +71,6 @@ class ControlPanel:
             self._speed = gui.add_slider("Speed %", 5, 100, 1, initial_value=speed, hint=_SPEED_HINT)
             self._where = LiveHtml(gui)
             self._theme = gui.add_dropdown("Theme", (LIGHT, DARK), initial_value=LIGHT)
-        if above:
-            self.window.dock_above(gui.main_panel)
-            self.window.expand()  # on a phone it begins folded, and Enable is in it
-        else:  # docked: notifications cover what floats at the left, but give way to what is docked there
-            self.window.dock_left()
-            self.window.set_width(PANEL_WIDTH)
         self._asked_release = False
         self._released_at = 0.0
         self._expanded_at = self._asked_take = -math.inf
@@ -101,12 +87,21 @@ class ControlPanel:
         session.on(self._clear.on_click, lambda: session.submit(ClearFault()))
         session.on(self._theme.on_update, self._on_theme)
         hold = session.command("Pause or resume", self._on_hold, "Come to rest on the path, or go on")
-        session.command("Reset view", self._reset_view, "See the whole arm again")
+        session.command("Reset view", session.look, "See the whole arm again")
         session.needs(Need.PAUSE, self._hold, hold, told=False)
         session.needs(None, self._release, also=_no_board, told=False)
         session.needs(None, self._speed, told=False)
         self._floor: viser.GridHandle | None = None
         session.spawn(self._recall_looks())
+
+    def place(self, *, above: bool) -> None:
+        """Put it above the tabs, or to the left of the arm."""
+        if above:
+            self.window.dock_above(self._session.gui.main_panel)
+            self.window.expand()  # on a phone it begins folded, and Enable is in it
+        else:  # docked: notifications cover what floats at the left, but give way to what is docked there
+            self.window.dock_left()
+            self.window.set_width(PANEL_WIDTH)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show state, operator and speed."""
@@ -168,9 +163,6 @@ class ControlPanel:
     async def _on_hold(self) -> None:
         paused = self._session.snapshot.state is State.PAUSED
         await self._session.submit(Resume() if paused else Pause())
-
-    def _reset_view(self) -> None:
-        look_at_arm(self._session.client, self._session.console.robot)
 
     def _on_theme(self) -> None:
         self._session.remember("theme", self._theme.value)

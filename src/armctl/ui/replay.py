@@ -47,7 +47,8 @@ class ReplayApp:
 
     async def _connect(self, client: viser.ClientHandle) -> None:
         try:
-            look_at_arm(client, self._robot, covered=_WIDTH)
+            camera = client.camera
+            look_at_arm(client, self._robot, picture=(camera.image_width - _WIDTH, camera.image_height))
             self._pages[client.client_id] = ReplayPage(client, self._recording, self._robot)
         except Exception:
             LOG.exception("a page could not be built")

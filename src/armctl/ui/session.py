@@ -14,10 +14,12 @@ from typing import Any, Literal, Protocol
 import viser
 
 from armctl.errors import ArmctlError, with_help
+from armctl.robot import Robot
 from armctl.runtime import Command, ControlCommand, Need, Origin, Snapshot, Ticket, unmet
 from armctl.ui.console import page_name
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.ghost import Ghost
+from armctl.ui.scene.stage import look_at_arm
 from armctl.ui.widgets.events import Action
 from armctl.ui.widgets.html import LiveHtml, muted, sentence
 
@@ -51,6 +53,8 @@ class Session:
         self.closed = False
         """page or arm is gone; whoever has waited for something must not write to the page any more"""
         self.ghost = Ghost(client.scene, self.console.robot)
+        self.on_phone = False
+        """the panels are a sheet over the lower part of the scene"""
 
     @property
     def gui(self) -> viser.GuiApi:
@@ -88,6 +92,10 @@ class Session:
         """Who operates, as seen from this page."""
         party = self.snapshot.control.operator
         return "nobody" if party is None else "you" if party.id == self.me else party.name
+
+    def look(self, view: str = "Reset", robot: Robot | None = None) -> None:
+        """See the arm from one side; ``robot``: another one that is drawn in its place."""
+        look_at_arm(self.client, robot or self.console.robot, view, sheet=self.on_phone)
 
     def on(self, attach: Callable[..., object], action: Action) -> None:
         """Run ``action`` on a page's event (``attach``: ``on_click``, …); what goes wrong is notified."""

@@ -24,6 +24,7 @@
   Storage.prototype.getItem = function (key) {
     if (key === "viser-user:armctl-page") return page;
     if (key === "viser-user:armctl-drawn-by") return drawnBy();
+    if (key === "viser-user:armctl-window") return `${innerWidth} ${innerHeight}`;
     const kept = getItem.call(this, key);
     if (kept === null && key === "viser-user:armctl-theme" && matchMedia("(prefers-color-scheme: dark)").matches)
       return "Dark";

@@ -35,8 +35,8 @@ _STRETCHED = 0.75
 """of the reach, to each side: the arm fills the picture, and mostly stays in it"""
 _FILLED = 0.95
 """of the picture, by the arm and how far it reaches"""
-PHONE_PX, _SHEET = 576, 0.6
-"""in a narrower window the panels are a sheet over this part of the picture"""
+_SHEET = 0.6
+"""of the picture of a phone, covered by the panels"""
 _LEAST_ASPECT = 0.5
 """where the panels leave the scene a narrower strip, the arm may go beyond it"""
 
@@ -150,14 +150,22 @@ VIEWS: dict[str, tuple[float, float, float]] = {
 """the directions to the camera: ahead of the home pose, to its right, up"""
 
 
-def look_at_arm(client: viser.ClientHandle, robot: Robot, covered: int = 0, view: str = "Reset") -> None:
-    """See the arm by one of ``VIEWS``; ``covered``: width of the picture that is panels [px].
+def look_at_arm(
+    client: viser.ClientHandle,
+    robot: Robot,
+    view: str = "Reset",
+    *,
+    picture: tuple[int, int] | None = None,
+    sheet: bool = False,
+) -> None:
+    """See the arm by one of ``VIEWS``; ``picture``: width and height that will be free; None: as they are.
 
-    On a phone the panels lie over the lower part of the picture: the arm is seen in the upper one.
+    ``sheet``: the panels lie over the lower part of the picture, so the arm is seen in the upper one.
     """
     camera = client.camera
-    free = 1.0 - _SHEET if camera.image_width < PHONE_PX else 1.0
-    aspect = max((camera.image_width - covered) / (free * camera.image_height), _LEAST_ASPECT)
+    width, height = (camera.image_width, camera.image_height) if picture is None else picture
+    free = 1.0 - _SHEET if sheet else 1.0
+    aspect = max(width / (free * height), _LEAST_ASPECT)
     high = math.tan(0.5 * camera.fov)
     fov = 2 * math.atan(free * high)
     position, middle = first_view(robot, in_view(robot), fov, aspect, view)

@@ -105,7 +105,7 @@ _STYLE = "padding:2px 12px;font-size:12.5px;line-height:1.5;overflow-x:auto;over
 _CELL = "padding:0 4px;text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap"
 _HEAD = ";white-space:normal;overflow-wrap:normal;vertical-align:bottom"
 """Long heads, such as a joint's name, go over several lines, never broken within a word."""
-_NAME = ";white-space:normal;overflow-wrap:anywhere;min-width:5.6em"
+_NAME = ";white-space:normal;overflow-wrap:anywhere;min-width:6.2em"
 """A long name leaves the figures beside it in view."""
 
 

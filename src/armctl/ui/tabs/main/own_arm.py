@@ -18,7 +18,6 @@ from armctl.robot.draft import BUILDS, Draft
 from armctl.robot.shape import across_the_link, reach
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.scene.arm_figure import ArmFigure
-from armctl.ui.scene.stage import look_at_arm
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence, warned
 from armctl.ui.widgets.number_field import NumberField, parse_number
@@ -188,7 +187,7 @@ class OwnArm:
 
     def _draw(self, robot: Robot) -> None:
         if self._figure is None:
-            look_at_arm(self._session.client, robot)
+            self._session.look(robot=robot)
         self._erase()
         self._figure = ArmFigure(self._session.client.scene, robot, "/new-arm")
         longest = max(reach(robot.chain), reach(self._session.console.robot.chain))
@@ -219,7 +218,7 @@ class OwnArm:
     def _end(self) -> None:
         if self._figure is not None:
             self._aside = 0.0
-            look_at_arm(self._session.client, self._session.console.robot)
+            self._session.look()
         self._erase()
         self._robot, self._edits, self._q = None, _Edits(), {}
         self._box.visible, self._begin.visible = False, True

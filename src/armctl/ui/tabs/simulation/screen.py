@@ -15,7 +15,7 @@ from armctl.robot import Robot
 from armctl.runtime import Snapshot
 from armctl.ui.console import Console, known
 from armctl.ui.scene.ghost import Lines, segments
-from armctl.ui.scene.stage import VIEWS, Marks, look_at_arm
+from armctl.ui.scene.stage import VIEWS, Marks
 from armctl.ui.session import Session
 from armctl.ui.tabs.simulation.twin import LiveTarget, TwinControl
 from armctl.ui.tabs.simulation.workspace import WorkspaceView
@@ -39,9 +39,7 @@ class SimulationScreen:
             self._graph = JointGraph(gui, session.console.robot)
         with gui.add_folder("In the 3D view"):
             camera = gui.add_button_group("Camera", tuple(VIEWS))
-            session.on(
-                camera.on_click, lambda: look_at_arm(session.client, session.console.robot, view=camera.value)
-            )
+            session.on(camera.on_click, lambda: session.look(camera.value))
             self._names = gui.add_checkbox("Joint names", initial_value=False)
             self._frames = gui.add_checkbox("Frames", initial_value=False, hint=_FRAMES_HINT)
             self._marks = Marks(session.client.scene, session.console.robot)
