@@ -115,6 +115,12 @@ class StateError(ArmctlError):
     section = "the-arm-does-not-take-a-command"
 
 
+class StoppedError(StateError):
+    """A motion that somebody stopped: nothing went wrong."""
+
+    section = ""
+
+
 class EnableError(StateError):
     """The arm cannot be enabled where it stands, or as it is."""
 

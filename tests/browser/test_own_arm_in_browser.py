@@ -44,8 +44,10 @@ def test_a_palletiser_from_its_lengths(page: Screen, served: ServedArm) -> None:
     page.choose("Begin with", "3 joints, rods keep the hand level (MeArm, EEZYbotARM, uArm)")
     for label, mm in (("Height mm", "60"), ("Upper arm mm", "80"), ("Forearm mm", "80"), ("Hand mm", "68")):
         page.type_into(label, mm)
-    page.type_into("Title", "Crane")
+    page.type_into("Title", "Crane 2")
+    page.wait_until(lambda: page.value("File name") == "crane_2", "the file is named after the title")
     page.type_into("File name", "crane")
+    page.type_into("Title", "Crane")
     page.wait_for_text("3 joints: yaw, two pitch joints, level hand")
     page.click("Save and open")
     opened(page, served, "crane")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.runtime.kit import ROBOT, TEST, TICK, Rig, assert_keeps_limits, fails
 
-from armctl.errors import ArmctlError, BoardTimeoutError
+from armctl.errors import ArmctlError, BoardTimeoutError, StoppedError
 from armctl.runtime import Jog, MoveGripper, MoveJoints, Origin, Pause, Resume, State, Ticket
 from armctl.runtime.mover import PathMover
 
@@ -59,6 +59,8 @@ def test_the_motion_ends_in_words_and_nothing_else_begins_before_it_stands(holdi
         holding.refuses(command, "stop|resume")
     holding.rests(1)
     fails(motion.finished, "move was stopped by test")
+    broken = motion.finished.exception()
+    assert isinstance(broken, StoppedError) and not broken.help  # what somebody wanted needs no advice
     holding.refuses(Resume(), "nothing to resume")
     assert "STOP (test)" in holding.texts
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError
+from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError, StoppedError
 from armctl.hardware import Driver
 from armctl.motion import Floor
 from armctl.robot import Robot
@@ -495,7 +495,7 @@ class Core:
         stopped, self.stopped_by = self.stopped_by, ""
         error = activity.error
         if stopped:
-            error = StateError(f"{activity.label} was stopped by {stopped}")
+            error = StoppedError(f"{activity.label} was stopped by {stopped}")
             cause = f"stopped by {stopped}"
         elif error is not None:
             cause = str(error)

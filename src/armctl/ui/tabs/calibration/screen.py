@@ -20,6 +20,7 @@ from armctl.ui.tabs.calibration.points import CalibrationPoints
 from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork, SharedCalibration
 from armctl.ui.widgets.html import (
     LiveHtml,
+    breakable,
     date_and_time,
     fixed,
     heading,
@@ -65,8 +66,6 @@ class CalibrationScreen:
 # Overview, saving, the test pose, and going back to an earlier calibration.
 
 _LONGEST_NOTE = 120
-_BREAK = "\u200b"
-"""where a long path may go on in the next line; a notification would cut it off"""
 _TEST_NOTE = (
     "Save first: the test pose uses the calibration in force. The arm moves slowly. If it does not look like "
     "this, press Revert."
@@ -124,7 +123,7 @@ class CalibrationSave:
         self._session.require_operator()
         self._session.robots.require_reopenable()
         saved = await self._desk.save(note)
-        await self._take_effect("Calibration saved", str(saved.path).replace("/", f"/{_BREAK}"))
+        await self._take_effect("Calibration saved", breakable(saved.path))
 
     async def _on_go(self) -> None:
         session = self._session

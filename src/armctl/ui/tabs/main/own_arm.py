@@ -19,7 +19,7 @@ from armctl.robot.shape import across_the_link, reach
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.session import Session
-from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence, warned
+from armctl.ui.widgets.html import LiveHtml, breakable, muted, refused, sentence, warned
 from armctl.ui.widgets.number_field import NumberField, parse_number
 
 _ROWS, _COPY = "DH rows", "A copy of the present robot"
@@ -73,6 +73,8 @@ class OwnArm:
         """where each joint is drawn [degrees]"""
         self._servo_shown = ("", "", "")
         """the texts of the servo fields as they were filled in"""
+        self._named = "my_arm"
+        """the file name that follows from the title"""
         gui = session.gui
         self._gui = gui
         with gui.add_folder("Your own arm", expand_by_default=False):
@@ -82,7 +84,7 @@ class OwnArm:
         with self._box:
             self._kind = gui.add_dropdown("Begin with", (*_BEGINNINGS, _ROWS, _COPY))
             self._title = gui.add_text("Title", "My arm")
-            self._name = gui.add_text("File name", "my_arm")
+            self._name = gui.add_text("File name", self._named)
             self._status = LiveHtml(gui)
             self._lengths_box = gui.add_folder("Lengths")
             with self._lengths_box:
@@ -98,14 +100,15 @@ class OwnArm:
             self._floor = NumberField(gui, "Floor mm", 0.0, hint="Height of the floor in the base frame.")
             self._poses = gui.add_button_group("Take the pose drawn as", ("home", "rest"))
             self._save = gui.add_button("Save and open", icon=viser.Icon.DEVICE_FLOPPY, color="green")
+            session.needs(None, self._save, also=lambda _: self._wrong)
             download = gui.add_button("Download robot file", icon=viser.Icon.DOWNLOAD, color="gray")
             cancel = gui.add_button("Discard", color="gray")
-        session.needs(None, self._save, also=lambda _: self._wrong, told=False)
         self._lengths: dict[str, NumberField] = {}
         self._fill_lengths()
         session.on(self._begin.on_click, self._on_begin)
         session.on(self._kind.on_update, self._on_kind)
-        for handle in (self._title, self._name, self._convention, self._rows):
+        session.on(self._title.on_update, self._on_title)
+        for handle in (self._name, self._convention, self._rows):
             session.on(handle.on_update, self._show)
         session.on(self._floor.handle.on_update, self._on_floor)
         session.on(self._poses.on_click, self._on_pose)
@@ -233,6 +236,13 @@ class OwnArm:
         self._show()
         self._fill_joint()
 
+    def _on_title(self) -> None:
+        """The file name follows the title, until somebody types another one."""
+        name = re.sub(r"[^a-z0-9]+", "_", self._title.value.lower()).lstrip("_0123456789").rstrip("_")
+        if name and self._name.value == self._named:
+            self._named = self._name.value = name
+        self._show()
+
     def _fill_floor(self) -> None:
         """Show the floor of what is begun with."""
         try:
@@ -350,7 +360,7 @@ class OwnArm:
         path = await asyncio.to_thread(draft.save)
         choice = RobotChoice(draft.name, str(draft.table["title"]))
         session.robots.offer(choice)
-        session.notify("New arm", f"{choice.title} is saved: {path}")
+        session.notify("New arm", f"{choice.title} is saved: {breakable(path)}")
         await session.change_robot(choice.name)
         self._end()
 

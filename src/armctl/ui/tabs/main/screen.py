@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import math
 
+import numpy as np
 import viser
 
+from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.hardware.boards import board_type
 from armctl.kinematics import Target
@@ -152,8 +154,8 @@ _HIDDEN = "hidden"
 _FIRST_STEPS = {"enable", "slider", "point"}
 _POINT_BUTTONS = {"Go by least energy", "Go by the selected one"}
 _SAMPLES = (
-    "Then load a sample program: <b>Manual → Serial motion → Files</b>, list <b>Saved programs</b>, "
-    "and press <b>Run once</b>."
+    "Then load a sample program: <b>Manual → Serial motion → Files</b>. Choose one of <b>Saved programs</b>, "
+    "press <b>Load</b>, then <b>Run once</b>."
 )
 
 
@@ -201,7 +203,7 @@ class FirstSteps:
         self._box.visible = False
 
     def _html(self) -> str:
-        point = _example(self._session.console.robot)
+        point = numbers((1000 * example_point(self._session.console.robot)).round().tolist(), 0)
         steps = {
             "enable": "Press <b>Enable</b> in Control.",
             "slider": "Open <b>Manual</b>, move a slider, and press <b>Go</b>.",
@@ -216,7 +218,10 @@ class FirstSteps:
         return "".join([*lines, f"<div>{_SAMPLES}</div>"])
 
 
-def _example(robot: Robot) -> str:
-    """A point [mm] that the tool can reach."""
-    q = 0.5 * (robot.pose("home") + robot.pose("rest"))
-    return numbers((1000 * robot.forward(q)[:3, 3]).round().tolist(), 0)
+def example_point(robot: Robot) -> FloatArray:
+    """A point (3,) [m] that the tool can reach, and where it is not at rest."""
+    home, rest = robot.pose("home"), robot.pose("rest")
+    if np.allclose(home, rest):
+        low, high = robot.limits[:, 0], robot.limits[:, 1]
+        home = 0.5 * (rest + np.where(high - rest > rest - low, high, low))
+    return robot.forward(0.5 * (home + rest))[:3, 3]

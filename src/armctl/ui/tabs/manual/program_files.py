@@ -13,7 +13,7 @@ from armctl.program import PROGRAM_SUFFIXES, encode_program, read_program, write
 from armctl.program.samples import SAMPLES, sample_program
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.shared_program import SharedProgram
-from armctl.ui.widgets.html import LiveHtml, muted
+from armctl.ui.widgets.html import LiveHtml, breakable, muted
 from armctl.ui.widgets.verdict_list import first_error
 
 _UPLOAD_NOTE = (
@@ -71,7 +71,7 @@ class ProgramFiles:
         path = await self._shared.save(self._name.value.strip())
         self.refresh()
         self._saved.value = path.stem  # so that Load brings back this one, not another
-        self._session.notify("Saved", str(path))
+        self._session.notify("Saved", breakable(path))
 
     async def _download(self, button: str) -> None:
         program, robot = self._shared.program, self._session.console.robot
