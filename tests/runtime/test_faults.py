@@ -275,7 +275,7 @@ def test_a_board_that_went_home_by_itself_is_not_written_to(moving: Rig) -> None
     count = len(moving.driver.writes)
     moving.tick(0.7)
     assert moving.now.state is State.FAULT
-    assert moving.now.cause.startswith("the board moved the arm by itself (Base; serial timeout); see ")
+    assert moving.now.cause.startswith("the board moved the arm by itself (Base; serial timeout); check ")
     moving.do(ClearFault())
     assert len(moving.driver.writes) == count
     moving.do(Enable()).result(0)

@@ -196,18 +196,18 @@ def test_late_ticks_in_a_row_are_one_notice_and_two_lines_of_the_log(holding: Ri
     for late in (0.1, 0.3, 0.2):
         holding.run(0.2)
         holding.tick(TICK + late)
-        assert sum("late" in text for text in holding.now.warnings) == 1
+        assert sum(" late" in text for text in holding.now.warnings) == 1
     (told,) = holding.now.warnings
     assert told.startswith("the controller was late 3 times, by up to 300 ms; each time the motion halted")
     holding.rests()
     holding.run(6)
     assert holding.now.warnings == ()
-    lines = [text for text in holding.texts if "late" in text]
+    lines = [text for text in holding.texts if " late" in text]
     assert lines == ["the controller was 100 ms late; the motion halted and goes on from rest", told]
     holding.do(MoveJoints(REST))
     holding.run(0.2)
     holding.tick(0.5)  # after some time in time it is news again
-    assert [text for text in holding.texts if "late" in text][2:] == [holding.now.warnings[0]]
+    assert [text for text in holding.texts if " late" in text][2:] == [holding.now.warnings[0]]
     assert "480 ms late" in holding.now.warnings[0]
 
 
