@@ -91,7 +91,7 @@ def test_replay_tells_the_story(user: Path, capsys: pytest.CaptureFixture[str]) 
     (path,) = saved_recordings()
     assert run(["replay", "--text", str(path)]) == DONE
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "uzuner on recording board at sim"
+    assert lines[0] == "uzuner on simulated recording board at sim"
     assert lines[1].startswith("fault: ") and "is gone" in lines[1]
     order = [
         next(i for i, line in enumerate(lines) if part in line)

@@ -163,7 +163,7 @@ def test_touched_points_name_the_joint_that_is_off(page: Screen, served: ServedA
         page.type_xyz(*(f"{1000 * value:.2f}" for value in served.robot.forward(really)[:3, 3]))
         page.click("Add point")
     page.wait_for_text("Suggested values")
-    page.wait_for_text(re.compile(r"Most to blame: .*Elbow.*"))
+    page.wait_for_text(re.compile(r"[Mm]ost likely cause: .*Elbow.*"))
     page.screenshot("calibration_points")
     told = served.console.shared(SharedCalibration).points.result
     assert isinstance(told, ToolError)

@@ -237,9 +237,8 @@ def test_the_ghost_belongs_to_the_screen_that_showed_it_last(page: Screen, serve
     best = robot.inverse([0.22, -0.196, 0.085]).best("least-rotation")
     wait_for_ghost(page, robot, best)
     page.open_tab("Forward")
-    page.click("present pose")  # hides the ghost of this screen, not that of the other
-    page.pause(300)
-    wait_for_ghost(page, robot, best)
+    page.click("present pose")  # hides the ghost of this screen; that of the other is out of sight
+    wait_for_no_ghost(page, robot)
     page.type_into("Base °", "30")
     wait_for_ghost(page, robot, np.radians([30.0, *HOME[1:]]))
     page.open_tab("Inverse")

@@ -202,7 +202,7 @@ def test_points_blame_the_parameter_that_is_wrong(
     assert record["rms_after_mm"] < 0.6 < record["rms_mm"] < record["largest_mm"]
     assert record["changes"][0]["key"] == "zero_us"
     out = call(capsys, "points", "uzuner", str(tmp_path / "points.csv"))[1]
-    assert "to blame: zero of Elbow: +" in out and "zero_us = " in out and "# was 1446.45" in out
+    assert "most likely cause: zero of Elbow: +" in out and "zero_us = " in out and "# was 1446.45" in out
     asked = ("points", "uzuner", str(tmp_path / "points.csv"), "--board")
     assert call(capsys, *asked, "77")[0] == REFUSED, "a board that nobody knows"
     store.save(elbow(1446.45))

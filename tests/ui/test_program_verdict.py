@@ -47,6 +47,7 @@ def bench(server: GuardedServer, tmp_path: Path) -> Bench:
         console=SimpleNamespace(robot=ROBOT, shared=lambda kind: desk),
         snapshot=make_rig().now,
         on=lambda attach, action: None,
+        needs=lambda *controls, **conditions: None,
         closed=False,
     )
     return Bench(desk, verdict, ProgramRun(session, cast(Any, None), verdict))
@@ -57,10 +58,10 @@ def test_a_check_tells_step_and_reason_until_the_program_is_another(bench: Bench
     (finding,) = asyncio.run(bench.run.check())
     assert str(finding).startswith("step 2: too far by 671.0 mm")
     assert "Pre-flight: refused, 1 error" in bench.shown
-    bench.run.refresh()
+    bench.run.refresh(make_rig().now)
     assert bench.verdict.visible
     bench.put(HOME)
-    bench.run.refresh()
+    bench.run.refresh(make_rig().now)
     assert not bench.verdict.visible
 
 
@@ -101,7 +102,7 @@ def test_a_check_of_a_long_program_says_how_far_it_is_and_can_be_cancelled(
     async def cancel() -> None:
         checking = asyncio.create_task(bench.run.check())
         await asyncio.to_thread(reached.wait, 10)
-        bench.run.refresh()
+        bench.run.refresh(make_rig().now)
         assert "12 of 100 steps" in bench.shown
         await bench.run._on_cancel()
         go_on.set()

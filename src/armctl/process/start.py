@@ -112,18 +112,6 @@ _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
 """numbers of the system call, of 64-bit programs"""
 
 
-def _ask_for_precedence() -> None:
-    """Run before all other programs, where the user may ask for that: root, or who has an ``rtprio`` limit.
-
-    A tick then waits for no other program. Not with one core only: a long plan would keep the pages waiting.
-    """
-    if sys.platform == "linux" and (os.cpu_count() or 1) > 1:
-        with suppress(PermissionError):
-            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(os.sched_get_priority_min(os.SCHED_RR)))
-            return
-    _ask_for_short_slices()
-
-
 def _ask_for_short_slices() -> None:
     """Run soon after waking up on a busy computer, for short times; every user may ask Linux for that.
 
@@ -141,7 +129,7 @@ def main() -> None:
     """The arm process."""
     start: _Start = pickle.load(sys.stdin.buffer)
     outlive_readers()
-    _ask_for_precedence()
+    _ask_for_short_slices()
     if start.logs:
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     # What takes a while: here, before a motion waits for it, or a tick.
