@@ -23,23 +23,26 @@ def test_garbage_for_every_control_gives_at_most_a_refusal(
 ) -> None:
     """Only a page that is not armctl's own sends values of a wrong type, or far out of range."""
     monkeypatch.setattr(FloodGauge, "CAPACITY", 1e6)
-    arrived = threading.Event()
+    enabled, arrived = threading.Event(), threading.Event()
 
     def look(snapshot: Snapshot) -> None:
+        if not speed.disabled:
+            enabled.set()
         if snapshot.speed == 0.55:
             arrived.set()
 
     with served_arm(tmp_path) as served, RawPage(served.app.server.get_port()) as page:
-        served.console.frame_listeners.append(look)
         page.introduce()
         page.read_until(b"Calibration")
         (client,) = served.app.server.get_clients().values()
         handles = tuple(client.gui._gui_input_handle_from_uuid.values())
+        (speed,) = (handle for handle in handles if getattr(handle, "label", "") == "Speed %")
+        served.console.frame_listeners.append(look)
+        assert enabled.wait(PATIENCE_S)  # the page operates
         for handle in handles:
             if not handle._impl.is_button:
                 for value in GARBAGE:
                     page.set(uuid_of(handle), value)
-        (speed,) = (handle for handle in handles if getattr(handle, "label", "") == "Speed %")
         page.set(uuid_of(speed), 55)
         assert arrived.wait(6 * PATIENCE_S)  # behind some thousand messages
         assert served.now.q_command.tolist() == served.robot.pose("home").tolist()
