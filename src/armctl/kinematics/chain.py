@@ -206,6 +206,10 @@ class Chain:
         """How far each link turns (..., m) [rad] at joint angles ``q`` (..., n)."""
         return q if self.coupling is None else q @ self.coupling.T
 
+    def turn_rows(self) -> FloatArray:
+        """(k, n) what each of k ``turn_limits`` makes of the joint angles: its link turns by ``row @ q``."""
+        return self.turns(np.eye(self.n)).T[[limit.link for limit in self.turn_limits]]
+
     def turn_excess(self, q: FloatArray) -> FloatArray:
         """By how much ``q`` (..., n) passes each of k ``turn_limits``: (..., k) [rad], negative inside."""
         if not self.turn_limits:

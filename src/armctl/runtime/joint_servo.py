@@ -44,8 +44,7 @@ class JointServo:
         self.low, self.high = robot.limits[:, 0], robot.limits[:, 1]
         self.speed_limits, self.acceleration_limits = robot.speed_limits, robot.acceleration_limits
         self._chain = robot.chain
-        links = [limit.link for limit in robot.chain.turn_limits]
-        self._turn_rows = robot.chain.turns(np.eye(robot.n)).T[links]
+        self._turn_rows = robot.chain.turn_rows()
         self.q = q.copy()
         self.v = np.zeros(robot.n)
 

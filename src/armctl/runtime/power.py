@@ -366,9 +366,7 @@ def _taken_over(core: Core, board: Board, q: FloatArray) -> FloatArray:
 
 def _links_turned_back(chain: Chain, q: FloatArray, tolerance: FloatArray) -> FloatArray:
     """``q`` (n,) [rad] with the angles between links inside their limits, where they are hardly outside."""
-    rows = chain.turns(np.eye(chain.n)).T
-    for limit in chain.turn_limits:
-        row = rows[limit.link]
+    for limit, row in zip(chain.turn_limits, chain.turn_rows(), strict=True):
         turn = float(row @ q)
         off = turn - min(max(turn, limit.lower), limit.upper)
         if 0.0 < abs(off) <= float(np.abs(row) @ tolerance):

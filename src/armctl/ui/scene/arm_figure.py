@@ -136,7 +136,6 @@ class ArmFigure:
         self._frames = [
             scene.add_frame(f"{name}/f{i}", show_axes=False) for i in range(len(robot.chain.places))
         ]
-        self._asked: tuple[bytes, float | None] | None = None
         self._shown: FloatArray | None = None
         for frame in self._frames:
             send_pose(frame)
@@ -157,10 +156,6 @@ class ArmFigure:
 
     def pose(self, q: FloatArray, opening: float | None = None) -> None:
         """Move the figure to joint angles ``q`` (n,) [rad] and a gripper opening 0..1 (None: as it is)."""
-        asked = (q.tobytes(), opening)
-        if asked == self._asked:  # it stands, thirty times a second
-            return
-        self._asked = asked
         frames = self._robot.frames(q)
         for i, handle in enumerate(self._frames):
             if self._shown is None or not np.array_equal(self._shown[i], frames[i]):
