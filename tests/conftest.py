@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import HealthCheck, settings
 
-from armctl.runtime import clock, controller
+from armctl.runtime import clock
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -23,7 +23,7 @@ settings.load_profile("suite")
 REAL_GAP_S = clock.GAP_S
 
 
-ON_REAL_TIME = ("browser", "process", "cli", "avr", "test_kill.py", "test_page.py", "test_tab.py")
+ON_REAL_TIME = ("browser", "process", "cli", "avr", "examples", "test_kill.py", "test_page.py", "test_tab.py")
 """tests that other processes and a real clock take part in: on a machine that is busy, one may come late"""
 
 
@@ -72,13 +72,11 @@ def a_busy_machine_may_stand_still() -> Iterator[None]:
     and so do the tests of the runtime and of faults, whose clock is a manual one (``real_gap``).
     """
     with pytest.MonkeyPatch.context() as patch:
-        for module in (clock, controller):
-            patch.setattr(module, "GAP_S", 30.0)
+        patch.setattr(clock, "GAP_S", 30.0)
         yield
 
 
 @pytest.fixture
 def real_gap(monkeypatch: pytest.MonkeyPatch) -> None:
     """The time without a tick after which nothing goes on by itself, as it is in the product."""
-    for module in (clock, controller):
-        monkeypatch.setattr(module, "GAP_S", REAL_GAP_S)
+    monkeypatch.setattr(clock, "GAP_S", REAL_GAP_S)

@@ -264,13 +264,13 @@ reset          moving      HF       F        F        {_RESTARTED}|move finished
 reset          stopping    HF       F        F        {_RESTARTED}|stopped by test
 busy           connecting  D        D        D        in use by another program .*close that and try again
 frozen         connecting  O        O        O        connected to
-frozen         enabling    O        O        H        {_GAP}|enabled
+frozen         enabling    O        O        O        {_GAP}
 frozen         homing      -        -        O        {_GAP}
 frozen         holding     H        H        F        {_GAP}
 frozen         moving      H        H        F        {_GAP}
 frozen         stopping    H        H        F        {_GAP}
 frozen         jogging     H        H        F        {_GAP}
-suspended      enabling    O        O        H        {_GAP}|enabled
+suspended      enabling    O        O        O        {_GAP}
 suspended      homing      -        -        O        {_GAP}
 suspended      holding     H        H        F        {_GAP}
 suspended      moving      H        H        F        {_GAP}

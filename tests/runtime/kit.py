@@ -175,7 +175,10 @@ class Rig:
 
     def enable(self, q: NDArray[np.float64] | None = None) -> Rig:
         """Connected and holding; the history begins here, and the writes with the pose."""
-        self.do(Connect("sim")).finished.result(0)
+        connecting = self.do(Connect("sim"))
+        self.executor.work()
+        self.tick()
+        connecting.finished.result(0)
         self.finishes(Enable(q))
         self.history.clear()
         joints = self.robot.output_map.channels if self.robot.output_map else ()

@@ -277,6 +277,7 @@ def test_a_board_that_went_home_by_itself_is_not_written_to(moving: Rig) -> None
     assert moving.now.state is State.FAULT
     assert moving.now.cause.startswith("the board moved the arm by itself (Base; serial timeout); check ")
     moving.do(ClearFault())
+    moving.run(0.3)
     assert len(moving.driver.writes) == count
     moving.do(Enable()).result(0)
     assert np.degrees(moving.now.q_command[0] - REST[0]) > 9

@@ -110,7 +110,7 @@ def moved(rig: Rig) -> None:
     [
         (lambda rig: rig.do(Release()), "released", StateError),
         (moved, "no longer stands where the motion was planned from", StateError),
-        (lambda rig: rig.executor.waiting[0][0].cancel(), "the planner dropped it", StateError),
+        (lambda rig: rig.executor.waiting[0][0].cancel(), "planning was dropped", StateError),
         (
             lambda rig: rig.executor.waiting[0][0].set_exception(ZeroDivisionError("oops")),
             "planning failed: ZeroDivisionError: oops",

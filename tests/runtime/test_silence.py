@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import numpy as np
 import pytest
-from tests.runtime.kit import ROBOT, TEST, TICK, Rig, fails
+from tests.runtime.kit import ROBOT, TEST, LateExecutor, Rig, fails, make_rig
 from tests.runtime.test_homing import make_homing_rig
 
+from armctl.errors import BoardError
 from armctl.kinematics import Target
 from armctl.program import Program, WaitStep
 from armctl.runtime import (
     Command,
     Connect,
+    Disconnect,
     Enable,
     FollowTarget,
     HomeAxes,
@@ -95,9 +98,13 @@ def test_what_was_asked_for_before_a_gap_does_not_begin_after_it(holding: Rig, c
     holding.clock.advance(GAP_S)
     late = holding.controller.submit(MoveJoints(HOME), TEST)
     holding.tick(0.0)
-    fails(early.finished, r"it waited for 10\.0 s, in which nothing ran; ask for it again")
-    holding.rests()
-    late.result(0)
+    words = r"nothing ran for 10\.0 s before it could begin; ask for it again"
+    fails(early.finished, "let go" if command is JOG else words)
+    fails(late.finished, words)  # a socket may have kept it until now
+    holding.run(0.2)
+    holding.refuses(MoveJoints(HOME), words)
+    holding.run(0.1)
+    holding.finishes(MoveJoints(HOME))
 
 
 def test_a_motion_that_is_being_planned_does_not_begin_after_a_gap(late: Rig) -> None:
@@ -115,6 +122,7 @@ def test_a_gap_while_holding_is_told_and_the_board_is_looked_at(holding: Rig) ->
     assert holding.now.state is State.HOLDING
     assert "nothing ran for 10.0 s" in holding.texts[-1] and "the arm stood still" in holding.texts[-1]
     assert holding.now.events[-1].level == "warning"
+    holding.run(0.3)
     holding.finishes(MoveJoints(HOME))
 
 
@@ -161,13 +169,51 @@ def test_the_clock_goes_on_while_the_computer_is_suspended() -> None:
     assert before <= now <= time.clock_gettime(clock)
 
 
-def test_time_that_connecting_took_is_no_gap(rig: Rig) -> None:
-    """A Mega takes seconds to start; what is asked for meanwhile is done."""
-    opened = rig.driver.open
-    rig.driver.open = lambda: (rig.clock.advance(5.0), opened())[1]  # type: ignore[method-assign]
-    rig.controller.submit(Connect("sim"), TEST)
+def test_connecting_holds_nothing_up() -> None:
+    """A Mega takes seconds to start; the arm is shown meanwhile, and answers."""
+    rig = make_rig(LateExecutor())
+    connecting = rig.do(Connect("sim"))
+    rig.run(5.0)
+    assert (rig.now.state, rig.now.cause) == (State.DISCONNECTED, "opening sim (test)")
+    rig.refuses(Enable(), "it is disconnected")
+    rig.refuses(Connect("sim"), "sim is being opened already")
+    rig.controller.stop(TEST)
+    rig.executor.work()
     rig.tick()
-    enabling = rig.controller.submit(Enable(), TEST)
-    rig.tick(TICK)
-    rig.rests()
-    enabling.result(0)
+    connecting.finished.result(0)
+    rig.do(Enable()).accepted.result(0)
+
+
+@pytest.mark.parametrize("leave", [lambda rig: rig.do(Disconnect()), lambda rig: rig.controller.close()])
+def test_a_line_that_nobody_waits_for_any_more_is_closed(leave: Callable[[Rig], object]) -> None:
+    rig = make_rig(LateExecutor())
+    connecting = rig.do(Connect("sim"))
+    waiting = rig.executor.waiting  # it is being opened: too late to be cancelled
+    leave(rig)
+    fails(connecting.finished, "disconnected while sim was being opened")
+    rig.executor.waiting = waiting
+    rig.executor.work()
+    assert rig.driver.calls[-1] == "close"
+    assert rig.now.state is State.DISCONNECTED
+
+
+def test_a_line_that_cannot_be_opened_is_told_when_that_is_known() -> None:
+    rig = make_rig(LateExecutor())
+    rig.driver.fail["open"] = BoardError("nobody answers")
+    connecting = rig.do(Connect("sim"))
+    rig.run(2.0)
+    rig.executor.work()
+    rig.tick()
+    fails(connecting.finished, "nobody answers", BoardError)
+    assert (rig.now.state, rig.now.cause) == (State.DISCONNECTED, "nobody answers")
+    rig.driver.fail.clear()
+    rig.enable()
+
+
+def test_what_was_asked_for_in_a_gap_does_not_switch_the_servos_on(rig: Rig) -> None:
+    rig.do(Connect("sim"))
+    rig.controller.submit(Enable(), TEST)
+    rig.tick(GAP_S)
+    rig.refuses(Enable(), "nothing ran for 10.0 s before it could begin")
+    rig.run(0.3)
+    rig.finishes(Enable())

@@ -47,7 +47,7 @@ from armctl.process.records import (
 )
 from armctl.process.registry import Note, likeness, remove, write_note
 from armctl.robot import Robot
-from armctl.runtime import ArmLink, Arrive, Command, Event, Leave, Origin, Snapshot, State, Ticket
+from armctl.runtime import ArmLink, Arrive, Command, Event, Leave, Origin, Snapshot, Ticket
 from armctl.runtime.black_box import packed
 from armctl.runtime.commands import MovingCommand
 from armctl.runtime.snapshot import printable, stands_as_before
@@ -77,7 +77,6 @@ _GONE_S = 30.0
 """A client that gives no sign of life for so long is shut out: there is room for a number of them only."""
 _AT_REST_S = 0.2
 """how often clients are told of an arm that stands as before; else every tick"""
-_MOVES = (State.MOVING, State.PAUSED)
 
 
 class Server:
@@ -295,7 +294,7 @@ class Client:
     def stop(self, why: str) -> None:
         """Stop what moves at its command."""
         self._server.mover = None
-        if self._server.arm.snapshot.state in _MOVES:
+        if self._server.arm.snapshot.busy:
             self._server.arm.stop(Origin(self.name, why))
 
     def _alive(self, frames: int) -> None:
@@ -499,7 +498,7 @@ async def collect_at_rest(arm: ArmLink) -> None:
             if gc.get_count()[0] > _MOST_YOUNG:
                 gc.collect(0)
             if now() - looked_at > _OLD_EVERY_S:
-                gc.collect(1 if arm.snapshot.state in _MOVES else 2)
+                gc.collect(1 if arm.snapshot.busy else 2)
                 looked_at = now()
     finally:
         gc.enable()

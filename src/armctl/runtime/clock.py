@@ -13,6 +13,8 @@ _LATE_S = 0.06
 """a tick that comes so long after the one before it is late"""
 GAP_S = 0.5
 """after so long without a tick nothing goes on by itself: suspended, frozen or too busy"""
+AFTER_GAP_S = 0.25
+"""for so long after a gap nothing begins: what was asked for meanwhile comes now, as if it were new"""
 LATE_SHOWN_S = 5.0
 """how long a late tick is shown, and how long no tick may be late before the next one is logged"""
 # The clock that goes on while the computer is suspended: on Linux CLOCK_BOOTTIME, on macOS CLOCK_MONOTONIC,
@@ -101,7 +103,7 @@ class TickTime:
         self._at = now
         late = elapsed > max((LONGEST_TICKS + 1) * self._period, _LATE_S)
         self.late_s = elapsed - self._period if late else None
-        self.gap_s = elapsed if elapsed > GAP_S + _ROUNDING_S else None
+        self.gap_s = elapsed if GAP_S + _ROUNDING_S < elapsed < math.inf else None
         self.late_before = None
         if self._count and now > self._late_at + LATE_SHOWN_S:
             self.late_before = self._text() if self._count > 1 else None

@@ -15,7 +15,7 @@ from armctl.errors import ArmctlError, InputError, StateError
 from armctl.hardware import Driver
 from armctl.robot import Robot
 from armctl.runtime.black_box import BlackBox, Recording
-from armctl.runtime.clock import GAP_S, Clock
+from armctl.runtime.clock import Clock
 from armctl.runtime.commands import (
     Answer,
     Command,
@@ -149,12 +149,6 @@ class Controller:
             self._note_order(order, now)
             if stops and isinstance(order.command, MovingCommand) and order.number < stops[-1].number:
                 self._drop(order, stops)
-            elif core.gap_ended == now and self._waited(order, now):
-                order.ticket.end(
-                    StateError(
-                        f"it waited for {now - order.given_at:.1f} s, in which nothing ran; ask for it again"
-                    )
-                )
             elif (broken := self._guarded(dispatch, core, order, now)) is not None:
                 order.ticket.end(broken)
         self._guarded(core.take_planned, now)
@@ -167,7 +161,7 @@ class Controller:
         give(self._answers)
         self._note(self._black_box.tick, self._snapshot)
         if self._published is not None:
-            self._published(self._snapshot)
+            self._guarded(self._published, self._snapshot)
 
     def close(self) -> None:
         """Bring the arm to rest, close the line, end; the outputs stay. May be called more than once.
@@ -223,10 +217,6 @@ class Controller:
         if isinstance(order.command, HeldCommand):
             self._core.still_held(order.given_at)  # its key is held: it must be let go first
 
-    def _waited(self, order: Order, now: float) -> bool:
-        """Whether it would move the arm though it was given before a gap."""
-        return isinstance(order.command, MovingCommand) and now - order.given_at > GAP_S
-
     def _publish(self, now: float) -> None:
         """Make the snapshot: everything that the outside may know, as it is now."""
         core = self._core
@@ -257,6 +247,7 @@ class Controller:
             program=None if core.activity is None else core.activity.program,
             progress=None if core.activity is None else core.activity.progress,
             doing=core.doing,
+            busy=core.busy,
             board=None if board is None else board.identity,
             homing=homing,
             warnings=core.notices.current(now),

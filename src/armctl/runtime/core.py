@@ -17,7 +17,7 @@ from armctl.motion import Floor
 from armctl.robot import Robot
 from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board, Monitor
-from armctl.runtime.clock import LATE_SHOWN_S, LONGEST_TICKS, TickTime
+from armctl.runtime.clock import AFTER_GAP_S, LATE_SHOWN_S, LONGEST_TICKS, TickTime
 from armctl.runtime.commands import Order, Origin, Ticket
 from armctl.runtime.control import ControlDesk
 from armctl.runtime.gate import Gate
@@ -73,10 +73,9 @@ class Core:
         self.setpoint: Setpoint | None = None
         self.presumed = robot.first_pose
         """(n,) [rad] where the arm is enabled, or would be, while nobody knows where it stands"""
-        self.gap_ended = -math.inf
-        """when the last gap ended, in which no tick came (``GAP_S``)"""
         self._open_driver = open_driver
         self._port: str | None = None
+        self._opening: Pending | None = None
         self._motion: Pending | None = None
         self._edit: Pending | None = None
         self._ticket: Ticket | None = None
@@ -85,6 +84,8 @@ class Core:
         self._held_at = -math.inf
         self._held_locked = False
         self._ticks = TickTime(period)
+        self._gap_ended = -math.inf
+        self._gap_s = 0.0
 
     @property
     def standing(self) -> bool:
@@ -117,25 +118,42 @@ class Core:
 
     # Connecting, and switching the outputs on and off.
 
-    def connect(self, port: str | None, who: str, now: float) -> None:
-        """Open the line. Moves nothing; leaves the outputs as they are."""
+    def connect(self, order: Order, port: str | None, now: float) -> None:
+        """Open the line, off this thread: it takes seconds. Moves nothing; leaves the outputs as they are."""
         if self.state not in (State.DISCONNECTED, State.FAULT):
             raise StateError(f"connected already, and {self.state.value}; disconnect first")
+        if self._opening is not None:
+            raise StateError(f"{self._port} is being opened already")
         port = self._port if port is None else port
         if port is None:
             raise StateError("no board was connected yet: on which port is it?")
         if self.board is not None:
             self.disconnect("to connect again")
         self._port = port
+        future = self.submit(Board, self.robot, self._open_driver, port)
+        self._opening = Pending(order, order.label, future)
+        self._enter(State.DISCONNECTED, f"opening {port} ({order.origin.who})")
+        self._take_board(now)
+
+    def _take_board(self, now: float) -> None:
+        opening = self._opening
+        if opening is None or not opening.future.done():
+            return
+        self._opening = None
         try:
-            self.board = Board(self.robot, self._open_driver, port)
-            answered = self.monitor.read(self.board, now) is not None
+            self.board = result_of(opening.future, "opening the line")
+            self._connected(self.board, opening.order.origin.who, now)
         except ArmctlError as error:
             if self.board is not None:
                 self.disconnect(str(error))
             self._enter(State.DISCONNECTED, str(error))
-            raise
-        identity, power = self.board.identity, self.board.power
+            self.refuse(opening.order, opening.label, error)
+        else:
+            opening.order.ticket.end()
+
+    def _connected(self, board: Board, who: str, now: float) -> None:
+        answered = self.monitor.read(board, now) is not None
+        identity, power = board.identity, board.power
         for note in identity.notes:
             self.log.add(note)
         for words in identity.earlier:
@@ -151,13 +169,17 @@ class Core:
         if self.activity is not None:
             self.stop(Origin(f"disconnect, {who}"))
             self.leaving = ticket
-        elif self.state is not State.DISCONNECTED:
+        elif self.state is not State.DISCONNECTED or self._opening is not None:
             self.disconnect(f"disconnected ({who})")
         return self.leaving is None
 
     def disconnect(self, cause: str) -> None:
         """Close the line; the outputs stay as they are."""
         self._drop_all(StateError("disconnected"))
+        if self._opening is not None:
+            self._opening.order.ticket.end(StateError(f"disconnected while {self._port} was being opened"))
+            self._opening.future.add_done_callback(_close_opened)
+            self._opening = None
         self._close_board()
         self._enter(State.DISCONNECTED, cause)
         if self.leaving is not None:
@@ -212,10 +234,11 @@ class Core:
         """Take an edit over once it is checked; an earlier one that is still being checked is refused."""
         if self._edit is not None:
             self._edit.order.ticket.end(StateError("another edit came after it"))
-        self._edit = Pending(order, label, future, np.empty(0), take)
+        self._edit = Pending(order, label, future, take=take)
 
     def take_planned(self, now: float) -> None:
-        """Begin the motion whose plan is there, and take over the edit that is checked."""
+        """Take over the open board, begin the motion that is planned, take over the edit that is checked."""
+        self._take_board(now)
         motion, edit = self._motion, self._edit
         if motion is not None and motion.future.done():
             self._motion = None
@@ -223,7 +246,8 @@ class Core:
             try:
                 plan = result_of(motion.future)
                 q = self.gate.q
-                if self.state is not State.HOLDING or q is None or not np.array_equal(q, motion.start):
+                stands = q is not None and motion.start is not None and np.array_equal(q, motion.start)
+                if self.state is not State.HOLDING or not stands:
                     raise StateError(
                         "the arm no longer stands where the motion was planned from; ask for it again"
                     )
@@ -381,6 +405,8 @@ class Core:
             return
         if ticks.late_before is not None:
             self.log.warn(ticks.late_before)
+        if ticks.gap_s is not None:
+            self._gap_ended, self._gap_s = now, ticks.gap_s
         if self.board is None or self.state not in POWERED:
             return
         activity = self.activity
@@ -409,7 +435,6 @@ class Core:
     def _after_gap(self, gap_s: float, now: float) -> None:
         """Nothing ran for ``gap_s``: what moved, stands and does not go on; the board is read first."""
         self.monitor.doubt()
-        self.gap_ended = now
         words = f"nothing ran for {gap_s:.1f} s (computer suspended, program frozen, or too busy)"
         activity = self.activity
         if not self.busy:
@@ -420,6 +445,12 @@ class Core:
                 activity.halt()  # no setpoint went out meanwhile: it stands, and needs no way to brake
             self.stop(Origin("armctl", f"{words}; it does not go on by itself, ask for it again"))
         self._held_at = now  # a jog or a live target that is asked for all the time must be let go of first
+
+    def require_no_gap(self, now: float) -> None:
+        """Refuse (``StateError``) what may have been asked for before a gap, and would move the arm now."""
+        if now - self._gap_ended < AFTER_GAP_S:
+            words = f"nothing ran for {self._gap_s:.1f} s before it could begin; ask for it again"
+            raise StateError(words)
 
     def observe(self, now: float) -> None:
         """Read back where it is due, and compare."""
@@ -548,3 +579,9 @@ class Core:
         self.gate.forget()
         self.monitor.reset()
         self.notices.clear_all()
+
+
+def _close_opened(opening: Future[Board]) -> None:
+    """Close a board that nobody waits for any more."""
+    if not opening.cancelled() and opening.exception() is None:
+        opening.result().close()

@@ -38,6 +38,8 @@ def dispatch(core: Core, order: c.Order, now: float) -> None:
             raise StateError("disconnecting as soon as the arm stands")
         if not isinstance(order.command, c.ControlCommand):
             core.desk.require(order.origin.who)
+        if isinstance(order.command, c.MovingCommand) and not isinstance(order.command, c.HeldCommand):
+            core.require_no_gap(now)
         if _carry_out(core, order, now):
             order.ticket.end()
     except ArmctlError as error:
@@ -86,7 +88,8 @@ def _carry_out(core: Core, order: c.Order, now: float) -> bool:
         case c.Disconnect():
             return core.leave(order.ticket, who)
         case c.Connect(port):
-            core.connect(port, who, now)
+            core.connect(order, port, now)
+            return False
         case c.Release():
             release(core, who)
         case c.ClearFault():

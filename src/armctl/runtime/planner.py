@@ -1,4 +1,4 @@
-"""Planning off the controller thread."""
+"""What takes long is done off the controller thread: planning, and opening a line."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ _LOGGER = logging.getLogger("armctl.runtime")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pending:
-    """A motion that is being planned, or another version of the running program that is being checked."""
+    """A motion that is being planned, a version of the running program being checked, a line being opened."""
 
     order: Order
     label: str
     future: Future[Any]
-    start: FloatArray
-    """(n,) where a motion is planned from [rad]; of an edit (0,)"""
+    start: FloatArray | None = None
+    """(n,) where a motion is planned from [rad]"""
     take: Callable[[Any], Any] | None = None
     """makes an activity of the plan, or hands the version over; None: a trajectory is just followed"""
 
@@ -70,17 +70,17 @@ def planner(executor: Executor, wake: Callable[[], None]) -> Submit:
     return submit
 
 
-def result_of(future: Future[T]) -> T:
-    """The result of a planning future that is done; a defect of the planner is raised as ``ArmctlError``."""
+def result_of(future: Future[T], what: str = "planning") -> T:
+    """The result of a future that is done; a defect of ``what`` it did is raised as ``ArmctlError``."""
     if future.cancelled():  # an executor that was shut down with work in its queue
-        raise StateError("the planner dropped it; ask for it again")
+        raise StateError(f"{what} was dropped; ask for it again")
     error = future.exception()
     if error is None:
         return future.result()
     if isinstance(error, ArmctlError):
         raise error
-    _LOGGER.error("planning failed", exc_info=error)
-    raise ArmctlError(f"planning failed: {type(error).__name__}: {error}") from error
+    _LOGGER.error("%s failed", what, exc_info=error)
+    raise ArmctlError(f"{what} failed: {type(error).__name__}: {error}") from error
 
 
 def checked_trajectory(robot: Robot, start: FloatArray, trajectory: Trajectory) -> Trajectory:

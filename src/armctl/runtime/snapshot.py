@@ -267,6 +267,8 @@ class Snapshot:
     """share of the motion or program that runs that is over, 0 ... 1; None: none runs, or not known"""
     doing: Doing | None = None
     """what moves the arm; None: nothing"""
+    busy: bool = False
+    """the arm moves, or only its gripper, or it will as soon as that is planned"""
     last_pose: LastPose | None = None
     """where the arm was seen last on this board; None: not known, or a simulated board"""
     unreachable: bool = False
@@ -277,7 +279,7 @@ class Snapshot:
 
 _TOLD = attrgetter(
     "state", "cause", "commanded", "source", "powered", "gripper", "speed", "progress", "board", "homing",
-    "warnings", "control", "unreachable",
+    "warnings", "control", "busy", "unreachable",
 )  # fmt: skip
 _STILL_RAD = 1e-3
 """readings that differ by less are those of an arm that stands"""
@@ -285,7 +287,7 @@ _STILL_RAD = 1e-3
 
 def stands_as_before(snapshot: Snapshot, before: Snapshot) -> bool:
     """Whether the arm is at rest in both, and nothing is new but the time and what sensors waver."""
-    if snapshot.state in (State.MOVING, State.PAUSED) or _TOLD(snapshot) != _TOLD(before):
+    if snapshot.busy or _TOLD(snapshot) != _TOLD(before):
         return False
     if snapshot.events is not before.events or snapshot.last_pose is not before.last_pose:
         return False

@@ -12,7 +12,7 @@ from contextlib import suppress
 import viser
 
 from armctl.errors import ArmctlError
-from armctl.runtime import Arrive, Leave, Origin, Snapshot, State
+from armctl.runtime import Arrive, Leave, Origin, Snapshot
 from armctl.ui.console import Console, page_name
 from armctl.ui.guard import GuardedServer
 from armctl.ui.page import Page
@@ -152,7 +152,7 @@ class App:
 
     def _silent(self, who: str) -> None:
         controller = self._console.controller
-        if controller.snapshot.state in (State.MOVING, State.PAUSED):
+        if controller.snapshot.busy:
             LOG.warning("%s does not answer", who)
             controller.submit(Leave("the operator's page does not answer"), Origin(who))
             controller.submit(Arrive(who, watch=True), Origin(who))  # it may come back, and take control
