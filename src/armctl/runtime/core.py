@@ -141,8 +141,9 @@ class Core:
             return
         self._opening = None
         try:
-            self.board = result_of(opening.future, "opening the line")
-            self._connected(self.board, opening.order.origin.who, now)
+            board: Board = result_of(opening.future, "opening the line")
+            self.board = board
+            self._connected(board, opening.order.origin.who, now)
         except ArmctlError as error:
             if self.board is not None:
                 self.disconnect(str(error))
