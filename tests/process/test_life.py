@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.process.kit import ROBOT
+from tests.process.kit import HOME, ROBOT
 
 from armctl.arm import Arm
 from armctl.boards import UNNUMBERED
@@ -180,10 +180,13 @@ def test_a_frozen_arm_process_is_told_and_goes_on_by_holding(folder: Path, movin
     try:
         until(lambda: moving.snapshot.unreachable, "the link knows", within_s=2.0)
         assert "STOP does not reach the arm" in moving.snapshot.cause
+        asked = moving.submit(MoveJoints(HOME))  # waits in the socket
     finally:
         os.kill(pid, signal.SIGCONT)
     until(lambda: not moving.snapshot.unreachable, "it answers again")
     until(lambda: moving.snapshot.state is State.HOLDING, "it holds")
+    with pytest.raises(StateError, match=r"nothing ran for .* s before it could begin; ask for it again"):
+        asked.result(5)
     assert np.abs(moving.snapshot.q_command - AWAY).max() > 0.5  # and did not go on
 
 

@@ -117,6 +117,29 @@ def test_an_arm_process_that_says_nothing_is_a_fault_until_it_is_heard_again(
     link.close()
 
 
+def test_what_waited_while_the_console_stood_still_does_not_move_the_arm(
+    monkeypatch: pytest.MonkeyPatch, holding_snapshot: Snapshot
+) -> None:
+    clock = ManualClock()
+    monkeypatch.setattr(link_module, "MonotonicClock", SimpleNamespace(now=clock.now))
+    line = SlowLine(holding_snapshot)
+    link = Link(line, robot=ROBOT, beats=False)
+    clock.advance(10.0)  # it is still being built
+    link.beat()
+    clock.advance(SILENCE_S + 0.5)
+    words = r"this console stood still for 1\.\d s before it could send that; ask for it again"
+    fails(link.submit(MOVE).finished, words)
+    link.beat()
+    fails(link.submit(MOVE).finished, words)
+    stop = link.stop()
+    assert not stop.finished.done()
+    clock.advance(0.25)
+    link.beat()
+    moves = link.submit(MOVE)
+    assert not moves.finished.done()
+    link.close()
+
+
 class Laborious:
     """A trajectory of a caller's own that is being sampled until ``go_on``."""
 

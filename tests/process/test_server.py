@@ -40,6 +40,7 @@ from armctl.program import MoveStep, Program, WaitStep
 from armctl.runtime import (
     Arrive,
     LockControl,
+    MoveGripper,
     MoveJoints,
     MoveTo,
     RunProgram,
@@ -274,6 +275,11 @@ def test_what_a_silent_client_moves_is_stopped(tmp_path: Path) -> None:
         silent.enables()
         silent.ask(SLOWLY)
         watcher.until(lambda now: now.cause == "stopped by silent: no sign of life for 0.3 s")
+        silent.does(SetSpeed(0.05))
+        silent.ask(MoveGripper(0.0))
+        watcher.until(lambda now: now.state is State.HOLDING and now.busy)
+        watcher.until(lambda now: not now.busy)
+        assert watcher.snapshot.gripper is not None and watcher.snapshot.gripper > 0.1
     with served(tmp_path, silence_s=0.3) as address, Client.remote(address, "answers pings") as lively:
         lively.enables()
         lively.does(MoveJoints(lively.turned(5), 1.0))  # says nothing by itself

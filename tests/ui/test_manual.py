@@ -16,6 +16,7 @@ from tests.runtime.kit import make_rig
 from armctl.errors import InputError, MotionRefusedError, StateError
 from armctl.motion import PointToPoint
 from armctl.robot import load_robot
+from armctl.runtime import ManualClock
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.jog import KEYS, HeldJog, tool_axes, tool_jog
 from armctl.ui.tabs.manual.joints import checked_percent, stepped
@@ -67,18 +68,18 @@ def test_one_hold_is_refused_once_and_the_next_one_counts_again() -> None:
     asked: list[float] = []
 
     async def submit(command: object) -> None:
-        asked.append(page.snapshot.stamp)
+        asked.append(clock.now())
         if len(asked) == 1:
             raise StateError("enable it first")
 
-    page = SimpleNamespace(snapshot=SimpleNamespace(stamp=1.0), submit=submit)
-    jog = HeldJog(cast(Session, page))
+    clock = ManualClock(1.0)
+    jog = HeldJog(cast(Session, SimpleNamespace(submit=submit)), now=clock.now)
     with pytest.raises(StateError):
         asyncio.run(jog.send(lambda: tool_jog("X", 1.0, 30, "base")))
     for stamp in (1.05, 1.3, 1.55, 2.5, 2.55):
-        page.snapshot.stamp = stamp
+        clock.advance(stamp - clock.now())
         asyncio.run(jog.send(lambda: tool_jog("X", 1.0, 30, "base")))
-    assert asked == [1.0, 2.5, 2.55]
+    assert asked == pytest.approx([1.0, 2.5, 2.55])
 
 
 @pytest.mark.parametrize(

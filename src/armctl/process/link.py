@@ -51,6 +51,7 @@ from armctl.process.records import (
 from armctl.robot import Robot
 from armctl.runtime import Command, Event, MonotonicClock, Origin, Recording, Snapshot, State, Ticket
 from armctl.runtime.black_box import unpacked
+from armctl.runtime.clock import AFTER_GAP_S
 from armctl.runtime.commands import Answer as TicketAnswer
 from armctl.runtime.commands import MovingCommand, give
 from armctl.system import kill
@@ -200,7 +201,9 @@ class Link:
         """held while tickets are answered: the reader does, and whoever ends the link"""
         self._stops = 0
         """how often STOP was asked for"""
-        self._beat_at = -math.inf
+        self._beat_at = self._woke_at = -math.inf
+        self._alive_at, self._still_s = math.inf, 0.0
+        """when who calls ``beat`` was seen last, and how long it stood still before ``_woke_at``"""
         self._numbers = itertools.count(1)
         self._events: tuple[Event, ...] = ()
         self._running: Running | None = None
@@ -283,6 +286,7 @@ class Link:
         """Give a sign of life; more often than ``SILENCE_S`` while the arm moves. One too many is no harm."""
         with self._lock:
             now = self._now()
+            self._caller_lives(now)
             if now - self._beat_at >= BEAT_S and not self._out and self._lost is None:
                 self._beat_at = now
                 self._put(_BEAT)
@@ -350,6 +354,9 @@ class Link:
             moves = isinstance(asked, Ask) and isinstance(asked.command, MovingCommand)
             if moves and stops != self._stops:
                 return Ticket.ended(StateError(_STOPPED))
+            if moves and self._just_woke():
+                words = f"this console stood still for {self._still_s:.1f} s before it could send that"
+                return Ticket.ended(StateError(f"{words}; ask for it again"))
             answers: list[TicketAnswer] = []
             ticket = Ticket(answers)
             self._tickets[number] = ticket, answers
@@ -358,6 +365,18 @@ class Link:
         for one in dropped:
             self._answer(one, answer(one, StateError(_STOPPED)))
         return ticket
+
+    def _caller_lives(self, now: float) -> None:
+        if now - self._alive_at > SILENCE_S:
+            self._woke_at, self._still_s = now, now - self._alive_at
+        self._alive_at = now
+
+    def _just_woke(self) -> bool:
+        """Whether what is asked for now may have waited while the caller of ``beat`` stood still."""
+        now = self._now()
+        if not self._beats and self._alive_at < math.inf:
+            self._caller_lives(now)
+        return now - self._woke_at < AFTER_GAP_S
 
     def _stop_waiting(self) -> list[int]:
         """Take back the motions that are not sent yet: STOP waits for none; the lock is held."""

@@ -12,7 +12,7 @@ import viser
 
 from armctl.errors import ArmctlError
 from armctl.robot import Robot
-from armctl.runtime import Jog, JogTool, MoveGripper, Need, Snapshot
+from armctl.runtime import Jog, JogTool, MonotonicClock, MoveGripper, Need, Snapshot
 from armctl.runtime.jog import tool_turns
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.joints import checked_percent
@@ -80,9 +80,11 @@ def joint_jog(robot: Robot, joint: int, rate: float) -> Jog:
 class HeldJog:
     """Sends a short command, which expires by itself, for each tick of what is held. Refused once a hold."""
 
-    def __init__(self, session: Session, silence_s: float = _SILENCE_S) -> None:
+    def __init__(
+        self, session: Session, silence_s: float = _SILENCE_S, now: Callable[[], float] = MonotonicClock.now
+    ) -> None:
         """What was silent for ``silence_s`` was let go."""
-        self._session, self._silence_s = session, silence_s
+        self._session, self._silence_s, self._now = session, silence_s, now
         self._last_s = -math.inf
         self._refused = False
 
@@ -93,7 +95,7 @@ class HeldJog:
 
     async def send(self, command: Callable[[], Jog | JogTool]) -> None:
         """One tick; raises what the controller refuses, once a hold."""
-        now_s = self._session.snapshot.stamp
+        now_s = self._now()
         if now_s - self._last_s > self._silence_s:
             self._refused = False
         self._last_s = now_s
