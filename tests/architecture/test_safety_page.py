@@ -44,6 +44,7 @@ NUMBERS = {
     "orphan": server._HOLD_S,
     "link silent": records.SILENCE_S,
     "gap": clock.GAP_S,
+    "after gap": clock.AFTER_GAP_S,
     "late": clock._LATE_S,
     "doubtful": board._DOUBTFUL_FAILURES,
     "trusted": board._OFF_READINGS,

@@ -17,12 +17,14 @@ from armctl.program import Program, WaitStep
 from armctl.runtime import (
     ClearFault,
     Connect,
+    Controller,
     Enable,
     MoveGripper,
     MoveJoints,
     Release,
     RunProgram,
     SetSpeed,
+    Snapshot,
     State,
 )
 from armctl.runtime.activity import Setpoint
@@ -295,3 +297,20 @@ def test_the_log_is_bounded_and_a_clock_that_was_set_back_does_not_silence_it(
     for _ in range(3):
         log.warn("STOP (test)")
     assert [event.stamp for event in log.events] == [5000.0, 1000.0]
+
+
+def test_a_defect_of_who_is_told_is_a_fault_and_the_controller_goes_on(rig: Rig) -> None:
+    told: list[Snapshot] = []
+
+    def tell(snapshot: Snapshot) -> None:
+        told.append(snapshot)
+        if len(told) == 1:
+            raise ValueError("oops")
+
+    controller = Controller(ROBOT, lambda _: rig.driver, rig.clock, published=tell)
+    for _ in range(2):
+        controller.tick()
+    assert told[-1].cause == "internal error: ValueError: oops"
+    controller.tick()
+    assert told[-1].tick == 3
+    controller.close()

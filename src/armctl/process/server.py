@@ -75,8 +75,8 @@ _HELLO_S = 10.0
 """how long a connection may take to say hello"""
 _GONE_S = 30.0
 """A client that gives no sign of life for so long is shut out: there is room for a number of them only."""
-_AT_REST_S = 0.2
-"""how often clients are told of an arm that stands as before; else every tick"""
+_AT_REST_S, _SETTLED_S = 0.2, 1.0
+"""how often clients are told of an arm that stands as before, so long after it moved; else every tick"""
 
 
 class Server:
@@ -95,6 +95,7 @@ class Server:
         self._ids = itertools.count(1)
         self._loop = asyncio.get_running_loop()
         self._told: Snapshot | None = None
+        self._moved_at = 0.0
         self._encoded: dict[bool, tuple[Snapshot, bytes]] = {}
         self._note: tuple[Path, Note] | None = None
         self._held_until: float | None = None
@@ -104,8 +105,15 @@ class Server:
 
     def tell(self, snapshot: Snapshot) -> None:
         """There is a new snapshot, at rest told less often; called by the controller's thread."""
-        told = self._told
-        if told is not None and snapshot.stamp - told.stamp < _AT_REST_S and stands_as_before(snapshot, told):
+        told, now = self._told, snapshot.stamp
+        if snapshot.busy:
+            self._moved_at = now
+        if (
+            told is not None
+            and now - self._moved_at > _SETTLED_S
+            and now - told.stamp < _AT_REST_S
+            and stands_as_before(snapshot, told)
+        ):
             return
         self._told = snapshot
         with suppress(RuntimeError):  # the loop has ended
