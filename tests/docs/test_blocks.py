@@ -6,8 +6,10 @@ A block that cannot be carried out in a test says why in its title, which the si
     armctl doctor --port auto --robot abaas
     ```
 
-Its commands are then only read: commands, options and files must be there. Any other title names the file
-that a block holds; later blocks of the page may use it.
+Its commands are then only read: commands, options and files must be there. Three kinds are carried out all
+the same: what needs a board gets a simulated one on a port, what runs until Ctrl-C is started and
+interrupted, and what needs a running console gets one. Any other title names the file that a block holds;
+later blocks of the page may use it.
 """
 
 from __future__ import annotations
@@ -20,36 +22,45 @@ import shlex
 import shutil
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import cast
 from xml.etree import ElementTree
+from zipfile import ZipFile
 
 import click
 import matplotlib as mpl
 import pytest
 from tests.arms import BENCH_URDF, quick_arms
+from tests.browser.serving import serving
+from tests.cli.simulating import simulated
 from tests.docs.pages import ROOT, Block, blocks, reading_pages
 
 import armctl
+from armctl.boards import setup_of
 from armctl.cli.main import DONE, cli, run
+from armctl.hardware.boards import board_type
+from armctl.hardware.simulation import BoardServer
 from armctl.program import check_program, decode_program
 from armctl.robot import robots_folder
 from armctl.robot.load import robot_of
+from armctl.runtime import MonotonicClock
 
+BOARD, ENDLESS, CONSOLE = "needs a board", "runs until Ctrl-C", "needs a running console"
 NOT_RUN = {
-    "needs a board",
     "needs administrator rights",
-    "runs until Ctrl-C",
-    "needs a running console",
+    "asks questions",
     "on another computer",
     "needs the network",
     "takes minutes",
 }
 """titles of blocks that are only checked"""
-AT_MOST = 0.55
+AT_MOST = 0.3
 """share of the blocks that may have one"""
+PORTS = re.compile(r"auto|/dev/ttyACM0")
 OTHERS = {
-    "cd", "curl", "git", "mkcert", "openssl", "pip", "pipx", "scp", "ssh", "sudo", "usbipd", "uv", "uvx", ".",
+    "curl", "git", "mkcert", "openssl", "pip", "pipx", "scp", "ssh", "sudo", "usbipd", "uv", "uvx", ".",
     "source", "apt-get", "tee", "node", "npm", "avrdude", "arduino-cli", "pytest", "eval", "export",
 }  # fmt: skip
 """programs of others, which blocks that are only checked may call"""
@@ -78,14 +89,32 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (folder / "points.csv").write_bytes((ROOT / "examples" / "square.csv").read_bytes())
     (folder / "my_arm.toml").write_bytes((ROOT / "examples" / "my_arm.toml").read_bytes())
     (folder / "arm.urdf").write_text(BENCH_URDF)
+    with ZipFile(folder / "my_arm_description.zip", "w") as archive:
+        archive.writestr("my_arm_description/urdf/my_arm.urdf", BENCH_URDF)
     monkeypatch.chdir(folder)
     mpl.use("agg")
     return folder
 
 
+@pytest.fixture
+def runs(stage: Path) -> Iterator[ExitStack]:
+    """What goes on beside a page's blocks until its end."""
+    with ExitStack() as stack:
+        yield stack
+
+
 @pytest.mark.parametrize("page", reading_pages(), ids=lambda page: str(page.relative_to(ROOT)))
-def test_the_blocks_of_a_page(page: Path, stage: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_blocks_of_a_page(
+    page: Path, stage: Path, runs: ExitStack, capsys: pytest.CaptureFixture[str]
+) -> None:
     names: dict[str, object] = {"__name__": "__main__"}
+    on_board = [
+        block for block in blocks(page) if block.title in (BOARD, ENDLESS) and PORTS.search(block.text)
+    ]
+    if on_board:
+        runs.enter_context(
+            board_on(stage / "board", known=any("--pose last" in one.text for one in on_board))
+        )
     for block in blocks(page):
         assert block.language, f"{block.place}: a block of code names its language: ```bash, ```text …"
         carried_out = block.title not in NOT_RUN
@@ -95,7 +124,13 @@ def test_the_blocks_of_a_page(page: Path, stage: Path, capsys: pytest.CaptureFix
         match block.language:
             case "bash":
                 for words in commands(block.text):
-                    try_command(block, words, carried_out=carried_out, capsys=capsys)
+                    here = [on_stage(word, block, stage) for word in words]
+                    try_command(block, here, runs, carried_out=carried_out, capsys=capsys)
+            case "python" if block.title == CONSOLE:
+                with serving(stage, "--port", "sim") as link:
+                    text = re.sub(r'"http://[^"]*", token="…"', repr(link), block.text)
+                    assert text != block.text, block.place
+                    exec(compile(text, block.place, "exec"), names)
             case "python" if carried_out:
                 exec(compile(block.text, block.place, "exec"), names)
             case "python":
@@ -140,8 +175,32 @@ def commands(text: str) -> Iterator[list[str]]:
             yield words
 
 
+@contextmanager
+def board_on(link: Path, *, known: bool) -> Iterator[None]:
+    """A simulated Maestro at a path; where its pose is ``known``, the arm was left in its rest pose."""
+    robot = armctl.load_robot("uzuner")
+    board = board_type(robot.board).simulated(setup_of(robot), {})
+    with BoardServer(board, MonotonicClock.now, link=link):
+        if known:
+            with armctl.Arm.open("uzuner", str(link)) as arm:
+                arm.enable(pose="rest")
+        yield
+
+
+def on_stage(word: str, block: Block, stage: Path) -> str:
+    """A word of a command, with the names of boards and links of this stage."""
+    if block.title not in (BOARD, ENDLESS):
+        return word
+    return PORTS.sub(str(stage / "board"), re.sub(r"^/tmp/", f"{stage}/", word))
+
+
 def try_command(
-    block: Block, words: Sequence[str], *, carried_out: bool, capsys: pytest.CaptureFixture[str]
+    block: Block,
+    words: Sequence[str],
+    runs: ExitStack,
+    *,
+    carried_out: bool,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Carry a command out, or look at whether it could be."""
     line = f"{block.place}: {shlex.join(words)}"
@@ -149,13 +208,24 @@ def try_command(
         if path := PATHS.fullmatch(word):
             assert list(ROOT.glob(path[0])), f"{line}: there is no {path[0]}"
     match words[0], words[1:]:
-        case "armctl", rest if carried_out:
+        case "make", ["run", *rest] if block.title in (BOARD, ENDLESS):
+            asked = [shlex.split(one.removeprefix("ARGS=")) for one in rest]
+            with serving(Path.cwd(), *chain.from_iterable(asked)):
+                pass
+        case "armctl", ["serve", *rest] if block.title == ENDLESS:
+            with serving(Path.cwd(), *rest):
+                pass
+        case "armctl", ["simulate", *rest] if block.title == ENDLESS:
+            runs.enter_context(simulated(*rest))
+        case "node", _ if block.title == CONSOLE:
+            pass  # there, and tried by tests/test_api_example.py
+        case (("armctl" | ".venv/bin/armctl"), rest) if carried_out:
             capsys.readouterr()
             status = run(rest)
             assert status == DONE, f"{line}\n{capsys.readouterr().err}"
         case "armctl", rest:
             require_usage(rest, line)
-        case "make", ["-C", folder, *_] if not carried_out:
+        case "make", ["-C", folder, *_]:
             assert (ROOT / folder / "Makefile").is_file(), line
         case "make", [target, *rest]:
             assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.MULTILINE), line
@@ -166,6 +236,8 @@ def try_command(
             pass  # there, and tried by tests/examples
         case "python", ["-m", module, *_] if not carried_out:
             assert (ROOT / module.replace(".", "/")).exists() or module in ("venv", "pip", "build"), line
+        case "cd", _:
+            pass
         case program, _:
             assert not carried_out, f"{line}: give the block a title, one of {', '.join(sorted(NOT_RUN))}"
             assert program in OTHERS or program.endswith("/armctl"), f"{line}: nobody knows {program}"
