@@ -108,13 +108,9 @@ def test_the_blocks_of_a_page(
     page: Path, stage: Path, runs: ExitStack, capsys: pytest.CaptureFixture[str]
 ) -> None:
     names: dict[str, object] = {"__name__": "__main__"}
-    on_board = [
-        block for block in blocks(page) if block.title in (BOARD, ENDLESS) and PORTS.search(block.text)
-    ]
-    if on_board:
-        runs.enter_context(
-            board_on(stage / "board", known=any("--pose last" in one.text for one in on_board))
-        )
+    live = "".join(block.text for block in blocks(page) if block.title in (BOARD, ENDLESS))
+    if PORTS.search(live):
+        runs.enter_context(board_on(stage / "board", known="--pose last" in live))
     for block in blocks(page):
         assert block.language, f"{block.place}: a block of code names its language: ```bash, ```text …"
         carried_out = block.title not in NOT_RUN
