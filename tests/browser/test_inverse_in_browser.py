@@ -159,6 +159,17 @@ def test_the_energy_curve_is_drawn(solved: Screen) -> None:
     page.screenshot("inverse-curve")
     inks = plot.evaluate(_INKS)
     assert {"25,113,194", "47,158,68", "224,49,49"} <= set(inks)  # two branches and the mark
+    least = page.number("On the curve °")
+    over = page.page.locator(".u-over").locator("visible=true").first
+    width = (over.bounding_box() or {"width": 0})["width"]
+    over.click(position={"x": width / 4, "y": 100})
+    page.wait_for_text(re.compile("selected row [1-9]"))
+    page.wait_until(
+        lambda: abs(page.number("On the curve °") - least) > 1, "the click has selected another solution"
+    )
+    page.wait_for_text(re.compile(r"selected row (?!1:)"))
+    page.click("Back to the least")
+    page.wait_until(lambda: page.number("On the curve °") == least, "the least is selected again")
     assert page.errors == []
 
 

@@ -185,6 +185,23 @@
       for (const button of document.querySelectorAll(`${selector}:not([aria-label])`)) button.setAttribute("aria-label", name);
   }
 
+  // viser's plots give no clicks. A click on one fills the field that the words above the plot name, as typing
+  // there would; a drag zooms.
+  let pointerDown = null;
+  addEventListener("pointerdown", (event) => (pointerDown = event), true);
+  addEventListener("click", (event) => {
+    const over = event.target.closest?.(".u-over");
+    if (!over || Math.hypot(event.clientX - pointerDown.clientX, event.clientY - pointerDown.clientY) > 4) return;
+    const place = over.closest(".mantine-ScrollArea-content");
+    const field = place?.querySelector("[data-armctl-click-fills]")?.dataset.armctlClickFills;
+    const input = field && place.querySelector(`input[aria-label="${CSS.escape(field)}"]`);
+    const plot = Object.values(window.__viserTestpoints?.uplots ?? {}).find(({ chart }) => chart.over === over);
+    if (!input || !plot) return;
+    const value = plot.chart.posToVal(event.clientX - over.getBoundingClientRect().left, "x");
+    Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(input, value.toFixed(2));
+    input.dispatchEvent(new Event("input", { bubbles: true })); // React hears no other
+  }, true);
+
   // A dropdown keeps the focus after a choice by mouse; the keys that jog would go on to be typed into it.
   addEventListener("click", (event) => {
     if (event.detail && event.target.closest?.("[role=option]")) setTimeout(() => document.activeElement.blur());

@@ -42,10 +42,14 @@ _NOTE = "Type where the tool should be and press <b>Solve</b>. Nothing moves unt
 _SOLVES_FIRST = "This button solves the changed fields first, then goes at once."
 _BY_ROW: str = "by its row number"
 _FEW_HINT = "The least by each criterion and of each branch. All solutions follow below."
+_ALONG = "On the curve °"
 _ALONG_HINT = "The free joint: move along the curve, and the nearest solution is selected."
 _SELECTED_INK = "#1c7ed6"
 _NOTHING = "Nothing is solved yet."
-_ZOOM_NOTE = "Every solution as the free joint turns. Red: the least. Blue: the selected one. Drag to zoom."
+_CURVE_NOTE = (
+    "Every solution as the free joint turns. Red: the least. Blue: the selected one. "
+    "Click on the curve to select. Drag to zoom."
+)
 _MARK_COLOR = (214, 51, 108)
 _MOVED = 1e-4
 _DRAG_PAUSE_S = 0.1
@@ -92,7 +96,7 @@ class InverseScreen:
             self._curve_note = LiveHtml(gui, muted(_NOTHING))
             self._curve = LinePlot(gui)
             self._along = gui.add_slider(
-                "On the curve °", 0.0, 1.0, 0.01, initial_value=0.0, visible=False, hint=_ALONG_HINT
+                _ALONG, 0.0, 1.0, 0.01, initial_value=0.0, visible=False, hint=_ALONG_HINT
             )
             self._optimum = gui.add_button("Back to the least", color="gray", visible=False)
         with tabs.add_tab("Branches"):
@@ -246,7 +250,7 @@ class InverseScreen:
             self._along.min, self._along.max = min(low, self._along.min), max(high, self._along.max)
             self._along.value = low
             self._along.min, self._along.max = low, high
-            self._curve_note.show(muted(_ZOOM_NOTE))
+            self._curve_note.show(f"{muted(_CURVE_NOTE)}<i hidden data-armctl-click-fills='{_ALONG}'></i>")
             self._draw_curve(found)
 
     def _draw_curve(self, found: Answer) -> None:
