@@ -150,10 +150,18 @@ def test_home_move_lose_the_cable_and_go_on(page: Screen, cable: Cable) -> None:
     page.wait_until(lambda: len(cable.setpoints) > 20, "the program runs again")
     page.click("STOP")
     page.wait_for_text("HOLDING")
+
+    # disconnecting asks before the arm drops
+    page.open_tab("Main")
+    page.click("Disconnect")
+    page.wait_for_notification("THE ARM MAY DROP")
+    assert cable.mode is Mode.ON
+    page.click("Disconnect")
+    page.wait_for_text("DISCONNECTED")
     assert page.errors == []
 
 
-def test_stop_ends_homing(page: Screen, cable: Cable) -> None:
+def test_stop_ends_homing_and_a_stalled_axis_is_told_in_words(page: Screen, cable: Cable) -> None:
     page.click("Homing")
     page.wait_for_text("looks for its zero")
     page.click("STOP")
@@ -162,19 +170,6 @@ def test_stop_ends_homing(page: Screen, cable: Cable) -> None:
     assert cable.mode is not Mode.HOMING
     assert not page.is_enabled("Enable")
 
-
-def test_disconnecting_asks_before_the_arm_drops(page: Screen, cable: Cable) -> None:
-    home(page)
-    page.click("Disconnect")
-    page.wait_for_notification("THE ARM MAY DROP")
-    page.wait_for_text("HOLDING")
-    assert cable.mode is Mode.ON
-    page.click("Disconnect")
-    page.wait_for_text("DISCONNECTED")
-    assert page.errors == []
-
-
-def test_a_stalled_axis_is_told_in_words(page: Screen, cable: Cable) -> None:
     home(page)
     with cable.server.inspect() as board:
         board.axes[1].jammed = True

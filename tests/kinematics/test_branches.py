@@ -64,7 +64,7 @@ def test_the_humanoid_elbow_branches_with_a_held_roll() -> None:
 @pytest.mark.parametrize("name", ["ur5", "so101", "al5d"])
 def test_a_rotation_that_is_only_come_near_to_has_no_branch(name: str) -> None:
     robot, rng = load_robot(name), np.random.default_rng(2)
-    for q in rng.uniform(*np.clip(robot.limits, -3.0, 3.0).T, (4, len(robot.limits))):
+    for q in rng.uniform(*np.clip(robot.limits, -3.0, 3.0).T, (2, len(robot.limits))):
         T = robot.forward(q)
         assert any(not branch.forbidden for branch in robot.branches(T[:3, 3], rotation=T[:3, :3]))
         for turned in (T[:3, [2, 0, 1]], T[:3, [1, 2, 0]]):

@@ -84,7 +84,7 @@ def cases(rng: np.random.Generator, count: int) -> list[tuple[PlanarArm, Inverse
 def test_the_nearest_point_is_the_nearest() -> None:
     rng = np.random.default_rng(41)
     refused = 0
-    for arm, ik, chain in cases(rng, 70):
+    for arm, ik, chain in cases(rng, 45):
         for _ in range(5):
             size = sum(arm.lengths) + 0.1
             position = rng.uniform(-size, size, 3) * rng.choice([0.1, 0.4, 1.0, 2.0])
@@ -101,7 +101,7 @@ def test_the_nearest_point_is_the_nearest() -> None:
             nearest = float(np.linalg.norm(solutions.nearest_m - position))
             assert nearest <= least_distance(arm.tip, arm.limits, position, rng, 3000) + 1e-6
             assert ik.solve(Target.of(solutions.nearest_m), STEP).success
-    assert refused >= 200
+    assert refused >= 120
 
 
 def at_pitch(arm: PlanarArm, heading: float) -> tuple[Tip, FloatArray]:

@@ -61,7 +61,7 @@ def least_time(way: np.ndarray) -> float:
 
 
 @given(POSES, POSES, TICKS)
-@settings(max_examples=100)
+@settings(max_examples=30)
 def test_a_goal_that_rests_is_met_exactly_soon_and_never_overshot(
     start: np.ndarray, goal: np.ndarray, ticks: list[float]
 ) -> None:

@@ -109,7 +109,7 @@ def play(script: Script) -> Rig:
 
 
 @given(scripts(UNEVEN))
-@settings(max_examples=110, suppress_health_check=list(HealthCheck))
+@settings(max_examples=70, suppress_health_check=list(HealthCheck))
 def test_late_and_early_ticks_never_break_a_limit(script: Script) -> None:
     for snapshot in play(script).history:
         assert (np.abs(snapshot.acceleration_command) <= ROBOT.acceleration_limits * (1 + 1e-6) + 1e-9).all()
@@ -117,7 +117,7 @@ def test_late_and_early_ticks_never_break_a_limit(script: Script) -> None:
 
 
 @given(scripts(EVEN))
-@settings(max_examples=110, suppress_health_check=list(HealthCheck))
+@settings(max_examples=70, suppress_health_check=list(HealthCheck))
 def test_accelerations_stay_inside_their_limits_whatever_is_asked(script: Script) -> None:
     assert_accelerations_keep_limits(play(script))
 
