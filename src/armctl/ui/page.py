@@ -34,7 +34,7 @@ def covered(width: int, height: int) -> int:
 
 
 class Page:
-    """What one client sees. Its tabs outlive the arm: the open tab stays open when the arm changes."""
+    """What one client sees. Its panels and tabs outlive the arm: they stay where they are when it changes."""
 
     def __init__(
         self,
@@ -49,7 +49,9 @@ class Page:
         """[px]; those of the screen, until the page has said how many of them it takes for one of its own"""
         self._look()
         client.gui.main_panel.dock_right()
-        client.gui.main_panel.set_width(tabs_width(self._window[0]))
+        self._panel = client.gui.add_panel()
+        self._control = self._panel.add_tab("Control", viser.Icon.HAND_STOP)
+        self._lay_out()
         group = client.gui.add_tab_group()
         self._tabs = [(tab, group.add_tab(tab.label, tab.icon)) for tab in TABS]
         self._build()
@@ -64,12 +66,14 @@ class Page:
             self.session.spawn(self.session.find_line(self._link, self._lost))
             self.session.spawn(self._fit())
             self.session.on_phone = self._window[0] < _PHONE_PX
-            self._panel = ControlPanel(self.session)
-            self._panel.place(above=above_tabs(*self._window))
-            for tab, container in self._tabs:
+            for container in (self._control, *(container for _, container in self._tabs)):
                 with container:
                     self._contents.append(gui.add_folder(None))
-                with self._contents[-1]:
+            control, *contents = self._contents
+            with control:
+                self._always = ControlPanel(self.session, self._panel)
+            for (tab, _), content in zip(self._tabs, contents, strict=True):
+                with content:
                     self._screens.append(tab.build(self.session))
 
     def _look(self) -> None:
@@ -85,9 +89,19 @@ class Page:
             return
         self._window = int(width), max(int(height), 1)
         self.session.on_phone = self._window[0] < _PHONE_PX
-        self.client.gui.main_panel.set_width(tabs_width(self._window[0]))
-        self._panel.place(above=above_tabs(*self._window))
+        self._lay_out()
         self._look()
+
+    def _lay_out(self) -> None:
+        """As wide as the window allows; *Control* to the left of the arm, or above the tabs."""
+        tabs, panel = self.client.gui.main_panel, self._panel
+        tabs.set_width(tabs_width(self._window[0]))
+        if above_tabs(*self._window):
+            panel.dock_above(tabs)
+            panel.expand()  # on a phone it begins folded, and Enable is in it
+        else:  # docked: notifications cover what floats at the left, but give way to what is docked there
+            panel.dock_left()
+            panel.set_width(PANEL_WIDTH)
 
     def rebuild(self) -> None:
         """The arm was changed: build everything anew for the present one."""
@@ -95,7 +109,6 @@ class Page:
         self.session.close()
         with self.client.atomic():
             self.session.take_keys()
-            self._panel.window.remove()
             for content in self._contents:
                 content.remove()
             self.client.scene.reset()
@@ -112,6 +125,6 @@ class Page:
         self._drawn = snapshot
         with self.client.atomic():
             self.session.refresh(snapshot)
-            self._panel.refresh(snapshot)
+            self._always.refresh(snapshot)
             for screen in self._screens:
                 screen.refresh(snapshot)

@@ -52,25 +52,24 @@ _PAUSE, _RESUME = ("Pause", viser.Icon.PLAYER_PAUSE), ("Resume", viser.Icon.PLAY
 class ControlPanel:
     """A panel of its own: viser throttles clicks a panel, and STOP must never wait for a number field."""
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
+    def __init__(self, session: Session, window: viser.GuiPanelHandle) -> None:
+        """Fill the tab that is entered, of ``window``."""
+        self._session, self._window = session, window
         gui = session.gui
-        self.window = gui.add_panel()
         speed = round(100 * session.snapshot.speed)
-        with self.window.add_tab("Control", viser.Icon.HAND_STOP):
-            self._stop = gui.add_button("STOP", color="red", icon=viser.Icon.HAND_STOP)
-            self._state = LiveHtml(gui)
-            self._take = gui.add_button("Take control", icon=viser.Icon.HAND_GRAB, visible=False)
-            self._clear = gui.add_button("Clear fault", color="orange", visible=False)
-            session.needs(None, self._clear, told=False)
-            self._enable = EnableButton(session)
-            self._hold = gui.add_button(_PAUSE[0], icon=_PAUSE[1])
-            self._release = gui.add_button("Release", color="gray", icon=viser.Icon.POWER)
-            title = escape(f"armctl – {session.console.robot.title}")
-            LiveHtml(gui, f"{muted(_STOP_NOTE)}<i hidden data-armctl-title='{title}'></i>")
-            self._speed = gui.add_slider("Speed %", 5, 100, 1, initial_value=speed, hint=_SPEED_HINT)
-            self._where = LiveHtml(gui)
-            self._theme = gui.add_dropdown("Theme", (LIGHT, DARK), initial_value=LIGHT)
+        self._stop = gui.add_button("STOP", color="red", icon=viser.Icon.HAND_STOP)
+        self._state = LiveHtml(gui)
+        self._take = gui.add_button("Take control", icon=viser.Icon.HAND_GRAB, visible=False)
+        self._clear = gui.add_button("Clear fault", color="orange", visible=False)
+        session.needs(None, self._clear, told=False)
+        self._enable = EnableButton(session)
+        self._hold = gui.add_button(_PAUSE[0], icon=_PAUSE[1])
+        self._release = gui.add_button("Release", color="gray", icon=viser.Icon.POWER)
+        title = escape(f"armctl – {session.console.robot.title}")
+        LiveHtml(gui, f"{muted(_STOP_NOTE)}<i hidden data-armctl-title='{title}'></i>")
+        self._speed = gui.add_slider("Speed %", 5, 100, 1, initial_value=speed, hint=_SPEED_HINT)
+        self._where = LiveHtml(gui)
+        self._theme = gui.add_dropdown("Theme", (LIGHT, DARK), initial_value=LIGHT)
         self._asked_release = False
         self._released_at = 0.0
         self._expanded_at = self._asked_take = -math.inf
@@ -94,15 +93,6 @@ class ControlPanel:
         self._floor: viser.GridHandle | None = None
         session.spawn(self._recall_looks())
 
-    def place(self, *, above: bool) -> None:
-        """Put it above the tabs, or to the left of the arm."""
-        if above:
-            self.window.dock_above(self._session.gui.main_panel)
-            self.window.expand()  # on a phone it begins folded, and Enable is in it
-        else:  # docked: notifications cover what floats at the left, but give way to what is docked there
-            self.window.dock_left()
-            self.window.set_width(PANEL_WIDTH)
-
     def refresh(self, snapshot: Snapshot) -> None:
         """Show state, operator and speed."""
         session = self._session
@@ -113,7 +103,7 @@ class ControlPanel:
         if self._hold.label != label:
             self._hold.label, self._hold.icon = label, icon
         if snapshot.state is State.MOVING and snapshot.stamp - self._expanded_at > _EXPAND_S:
-            self.window.expand()  # a panel that was minimised must not hide STOP
+            self._window.expand()  # a panel that was minimised must not hide STOP
             self._expanded_at = snapshot.stamp
         self._tell_control()
         self._take.visible = not session.operates
