@@ -112,6 +112,8 @@ def _drawn_solids(
 _TOOL_COLOR: Color = (90, 90, 95)
 # Proportions of the joints, as multiples of the links' width.
 _DRUM_RADIUS, _DRUM_HEIGHT = {"round": 0.65, "square": 0.74}, 1.27
+_TAPER = 0.02
+"""each link is a little thinner than the one before: surfaces that two share would flicker"""
 
 
 class ArmFigure:
@@ -219,7 +221,8 @@ class ArmFigure:
         for bar in bars(chain, shorten):
             if bar.length > 0.125 * self._width and bar.link not in meshed:
                 color = look.links[max(bar.link, 0) % len(look.links)]
-                self._add(f"f{bar.frame}/{bar.name}", solid(bar.start, bar.end, self._width), color)
+                width = self._width * (1.0 - _TAPER * (bar.link + 1))
+                self._add(f"f{bar.frame}/{bar.name}", solid(bar.start, bar.end, width), color)
         axis = 0 if chain.convention == "standard" else 1  # the frame whose z a joint turns about
         for k, i in enumerate(chain.joint_rows):
             if k in meshed or k - 1 in meshed:
