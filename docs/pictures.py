@@ -32,7 +32,7 @@ FOLDER = ROOT / "docs" / "pictures"
 WIDTH, HEIGHT = 1280, 800
 SCENE = 130, 770
 """from where to where the arm and its workspace are [px]"""
-FARTHER = 1000
+FARTHER = 1500
 """how far the wheel is turned, until the whole workspace is seen"""
 COLORS = 256
 OUTLINE = "outline"

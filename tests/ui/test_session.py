@@ -144,6 +144,13 @@ def test_controls_follow_the_arm_and_say_why_they_cannot_be_used(server: Guarded
     steps.append("one")
     assert told(holding) is None
     assert not button.disabled
+    export = server.gui.add_button("Export")
+    session.needs(None, export, also=lambda _: None if steps else "nothing is shown", anyone=True)
+    session.refresh(replace(holding, control=Control((replace(ME, operates=False), OTHER))))
+    assert (button.disabled, export.disabled) == (True, False)
+    steps.clear()
+    session.refresh(holding)
+    assert export.disabled
 
 
 def press(session: Session, button: Any) -> None:

@@ -114,15 +114,17 @@ class Session:
         *controls: Disableable,
         also: Callable[[Snapshot], str | None] | None = None,
         told: bool = True,
+        anyone: bool = False,
     ) -> None:
         """Disable controls while they would be refused, and say why below them, in the present container.
 
         ``arm``: what they need of the arm, or need now; None: only that this page operates. ``also``: why
         they would be refused all the same, in words ("the list is empty; record a pose first"), or None.
-        ``told``: whether the reason is shown; not where the same one stands beside it already.
+        ``told``: whether the reason is shown; not where the same one stands beside it already. ``anyone``: a
+        page that watches may use them, too, whatever the arm does.
         """
         reason = LiveHtml(self.gui, visible=False) if told else None
-        offer = _Offer(controls, arm, also, reason)
+        offer = _Offer(controls, arm, also, reason, anyone)
         self._offers.append(offer)
         self._draw_offer(offer, self.snapshot)
 
@@ -146,7 +148,8 @@ class Session:
             self._draw_offer(offer, snapshot)
 
     def _draw_offer(self, offer: _Offer, snapshot: Snapshot) -> None:
-        why = self.why_not(offer.arm() if callable(offer.arm) else offer.arm, snapshot)
+        arm = offer.arm() if callable(offer.arm) else offer.arm
+        why = None if offer.anyone else self.why_not(arm, snapshot)
         if why is None and offer.also is not None:
             why = offer.also(snapshot)
         for control in offer.controls:
@@ -374,6 +377,7 @@ class _Offer:
     arm: Need | Callable[[], Need | None] | None
     also: Callable[[Snapshot], str | None] | None
     reason: LiveHtml | None
+    anyone: bool
 
 
 class Notices:

@@ -7,7 +7,6 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from datetime import datetime
 from html import escape
-from pathlib import Path
 
 import viser
 
@@ -40,11 +39,6 @@ def numbers(values: Iterable[float], digits: int) -> str:
 def heading(text: str) -> str:
     """A heading inside a block."""
     return f"<div style='font-weight:600;margin-top:6px'>{escape(text)}</div>"
-
-
-def breakable(path: Path) -> str:
-    """A path that may go on in the next line after each ``/``: a notification would cut it off."""
-    return str(path).replace("/", "/\u200b")
 
 
 def muted(text: str) -> str:

@@ -20,7 +20,6 @@ from armctl.ui.tabs.calibration.points import CalibrationPoints
 from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork, SharedCalibration
 from armctl.ui.widgets.html import (
     LiveHtml,
-    breakable,
     date_and_time,
     fixed,
     heading,
@@ -123,7 +122,7 @@ class CalibrationSave:
         self._session.require_operator()
         self._session.robots.require_reopenable()
         saved = await self._desk.save(note)
-        await self._take_effect("Calibration saved", breakable(saved.path))
+        await self._take_effect("Calibration saved", str(saved.path))
 
     async def _on_go(self) -> None:
         session = self._session

@@ -19,7 +19,7 @@ from armctl.robot.shape import across_the_link, reach
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.session import Session
-from armctl.ui.widgets.html import LiveHtml, breakable, muted, refused, sentence, warned
+from armctl.ui.widgets.html import LiveHtml, folded, muted, refused, sentence, warned
 from armctl.ui.widgets.number_field import NumberField, parse_number
 
 _ROWS, _COPY = "DH rows", "A copy of the present robot"
@@ -256,10 +256,8 @@ class OwnArm:
             one.handle.remove()
         self._lengths = {}
         build = _BEGINNINGS.get(self._kind.value)
-        words = (
-            [] if build is None else [f"<b>{one.title}</b>: {escape(one.meaning)}" for one in build.lengths]
-        )
-        self._meanings.show(f"<div style='opacity:.75'>{'<br>'.join(words)}</div>")
+        words = [] if build is None else [f"{one.title}: {one.meaning}" for one in build.lengths]
+        self._meanings.show(folded("What the lengths mean", words))
         with self._lengths_box:
             for length in () if build is None else build.lengths:
                 number = NumberField(
@@ -360,7 +358,7 @@ class OwnArm:
         path = await asyncio.to_thread(draft.save)
         choice = RobotChoice(draft.name, str(draft.table["title"]))
         session.robots.offer(choice)
-        session.notify("New arm", f"{choice.title} is saved: {breakable(path)}")
+        session.notify("New arm", f"{choice.title} is saved: {path}")
         await session.change_robot(choice.name)
         self._end()
 

@@ -31,7 +31,7 @@ from armctl.runtime import Snapshot
 from armctl.ui.enabling import show_typed
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.session import Session
-from armctl.ui.widgets.html import LiveHtml, breakable, muted
+from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.joint_angles import angle_fields
 from armctl.ui.widgets.number_field import NumberField
 
@@ -150,7 +150,7 @@ class UrdfArm:
         changes = {"tool": tool, "poses": poses, "floor": {"z_mm": self._floor.value}}
         folder = session.console.files / "robots"
         path = await asyncio.to_thread(_saved, present, changes, folder)
-        session.notify("Saved", breakable(path))
+        session.notify("Saved", str(path))
         self._end()
         name = present.name if path.parent != folder or present.source.side_path == path else str(path)
         if name == session.robots.present.name:

@@ -29,6 +29,7 @@ from armctl.ui.widgets.joint_angles import slider_degrees
 PAGE_ROWS = 15
 """of the list"""
 EMPTY = "the list is empty; record a pose first"
+_NO_CHANGE = "there is nothing to undo or redo"
 EDIT_WAITS = "the edit takes effect at the next pass"
 
 
@@ -212,7 +213,9 @@ class ProgramRecord:
         undo = gui.add_button_group("Take back", ("Undo", "Redo"))
         shared = session.console.shared(SharedProgram)
         session.needs(None, edits, also=lambda _: None if shared.program.steps else EMPTY, told=False)
-        session.needs(None, undo, told=False)
+        session.needs(
+            None, undo, also=lambda _: None if shared.undoable else "there is nothing to undo or redo"
+        )
         session.on(edits.on_click, lambda: self._edit(_EDITS[edits.value]))
         session.on(undo.on_click, lambda: editor.undo(redo=undo.value == "Redo"))
 

@@ -9,17 +9,24 @@ import viser
 
 from armctl.errors import ProgramError
 from armctl.motion.preflight import Finding
-from armctl.program import PROGRAM_SUFFIXES, encode_program, read_program, write_csv, write_script
+from armctl.program import PROGRAM_SUFFIXES, Program, encode_program, read_program, write_csv, write_script
 from armctl.program.samples import SAMPLES, sample_program
+from armctl.robot import Robot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.shared_program import SharedProgram
-from armctl.ui.widgets.html import LiveHtml, breakable, muted
+from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.verdict_list import first_error
 
 _UPLOAD_NOTE = (
     "Upload takes a program of this robot: .toml, or .csv with units in its head "
     "(base_deg, … or x_mm, y_mm, z_mm)."
 )
+_WRITERS: dict[str, tuple[str, Callable[[Program, Robot], str]]] = {
+    "Download": (".toml", lambda program, _: encode_program(program)),
+    "CSV": (".csv", write_csv),
+    "CSV X-Y-Z": ("-xyz.csv", lambda program, robot: write_csv(program, robot, "points")),
+    "Python": (".py", lambda program, _: write_script(program)),
+}
 _EXPORT_HINT = "CSV X-Y-Z: poses become points of the tool. Python: a script for the armctl library."
 
 
@@ -35,14 +42,15 @@ class ProgramFiles:
         self._named = self._shared.program.name
         gui = session.gui
         self._name = gui.add_text("Name", initial_value=self._named)
-        self._keep = gui.add_button_group("This program", ("Save", "Download", "CSV"))
-        export = gui.add_button_group("Download as", ("CSV X-Y-Z", "Python"), hint=_EXPORT_HINT)
+        save = gui.add_button_group("This program", ("Save",))
+        session.needs(None, save)
+        export = gui.add_button_group("Download as", tuple(_WRITERS), hint=_EXPORT_HINT)
         self._saved = gui.add_dropdown("Saved programs", self._choices())
         load = gui.add_button_group("Chosen one", ("Load",))
         suffixes = ",".join(PROGRAM_SUFFIXES)
         self._upload = gui.add_upload_button("Upload", icon=viser.Icon.UPLOAD, mime_type=suffixes)
         LiveHtml(gui, muted(_UPLOAD_NOTE))
-        session.on(self._keep.on_click, self._on_keep)
+        session.on(save.on_click, self._on_save)
         session.on(export.on_click, lambda: self._download(export.value))
         session.needs(None, load, self._upload)
         session.on(load.on_click, self._on_load)
@@ -63,25 +71,17 @@ class ProgramFiles:
         saved = self._shared.saved()
         return (*saved, *(name for name in SAMPLES if name not in saved))
 
-    async def _on_keep(self) -> None:
-        if self._keep.value != "Save":
-            await self._download(self._keep.value)
-            return
+    async def _on_save(self) -> None:
         self._session.require_operator()
         path = await self._shared.save(self._name.value.strip())
         self.refresh()
         self._saved.value = path.stem  # so that Load brings back this one, not another
-        self._session.notify("Saved", breakable(path))
+        self._session.notify("Saved", str(path))
 
     async def _download(self, button: str) -> None:
         program, robot = self._shared.program, self._session.console.robot
-        suffix, write = {
-            "Download": (".toml", lambda: encode_program(program)),
-            "CSV": (".csv", lambda: write_csv(program, robot)),
-            "CSV X-Y-Z": ("-xyz.csv", lambda: write_csv(program, robot, "points")),
-            "Python": (".py", lambda: write_script(program)),
-        }[button]
-        text = await asyncio.to_thread(write)
+        suffix, write = _WRITERS[button]
+        text = await asyncio.to_thread(write, program, robot)
         name = f"{self._shared.program.name}{suffix}"
         self._session.client.send_file_download(name, text.encode(), save_immediately=True)
 

@@ -83,6 +83,11 @@ class SharedProgram:
             self._redo.clear()
             self._show(changed, blocks)
 
+    @property
+    def undoable(self) -> bool:
+        """Whether there is a change to take back, or to make again."""
+        return bool(self._undo or self._redo)
+
     def undo(self, *, redo: bool = False) -> None:
         """Take the last change back; ``redo``: make it again. Refused if there is none."""
         source, other = (self._redo, self._undo) if redo else (self._undo, self._redo)

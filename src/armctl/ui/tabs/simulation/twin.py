@@ -63,17 +63,18 @@ class TwinControl:
         stop = gui.add_button("Stop twin", color="gray", icon=viser.Icon.PLAYER_STOP)
         self._text = LiveHtml(gui, _IDLE)
         self._bar = gui.add_progress_bar(0.0, visible=False)
+        session.needs(None, start, also=lambda _: self._no_steps(), anyone=True)
         self._export = gui.add_button("Export", icon=viser.Icon.DOWNLOAD, color="gray")
         self._export_text = LiveHtml(gui, _EXPORT)
         self._share: float | None = None
         """how much of an export is done; None: none is made"""
+        session.needs(None, self._export, also=lambda _: self._no_file(), told=False, anyone=True)
         session.on(self._export.on_click, self._on_export)
         session.on(start.on_click, self._on_start)
         session.on(stop.on_click, self._on_stop)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show how far the twin is, and an export."""
-        self._export.disabled = self._share is not None
         self._export_text.show(
             _EXPORT if self._share is None else muted(f"Making the file: {100 * self._share:.0f} %")
         )
@@ -107,8 +108,8 @@ class TwinControl:
 
     async def _on_export(self) -> None:
         """Send the page a file that plays what is chosen; it is made beside the event loop."""
-        if self._share is not None:
-            raise StateError("a file is being made; wait until it is there")
+        if (why := self._no_file()) is not None:
+            raise StateError(why)
         chosen, self._share = self._chosen(), 0.0
         loop = asyncio.get_running_loop()
         executor = ThreadPoolExecutor(1, thread_name_prefix="armctl-export")  # it may take minutes
@@ -139,12 +140,22 @@ class TwinControl:
         page = program_file(robot, chosen, plan, findings, lambda share: progress(0.5 + 0.5 * share))
         return chosen.name, page
 
+    def _no_steps(self) -> str | None:
+        """Why what is chosen cannot be rehearsed."""
+        if self._what.value != _PROGRAM or self._session.console.shared(SharedProgram).program.steps:
+            return None
+        return "the program of Serial motion has no steps yet; record some, or choose a pose"
+
+    def _no_file(self) -> str | None:
+        """Why there can be no export now."""
+        return self._no_steps() if self._share is None else "a file is being made; wait until it is there"
+
     def _chosen(self) -> tuple[Program | str, FloatArray, float | None]:
         """What is to be rehearsed, from where, and how far the gripper is open."""
         snapshot, program = self._session.snapshot, self._session.console.shared(SharedProgram).program
         chosen = program if self._what.value == _PROGRAM else self._what.value.removeprefix("go to ")
-        if chosen is program and not program.steps:
-            raise StateError("the program of Serial motion has no steps yet; record some, or choose a pose")
+        if (why := self._no_steps()) is not None:
+            raise StateError(why)
         return chosen, snapshot.q_command, snapshot.gripper
 
     async def _planned(self) -> tuple[Rehearsal, tuple[str, ...]]:

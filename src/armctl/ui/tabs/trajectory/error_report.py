@@ -60,6 +60,8 @@ class ReportView:
         self._points = LiveHtml(gui)
         self._pager = Pager(gui, session.on, self._on_row)
         export = gui.add_button("Export error report (CSV)", icon=viser.Icon.DOWNLOAD, color="gray")
+        # the reason stands above already
+        session.needs(None, export, also=lambda _: None if self._theory else _NONE, told=False, anyone=True)
         session.on(export.on_click, self._on_export)
 
     def take(self, planned: PlannedMotion) -> None:

@@ -12,6 +12,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.motion.analysis import Derivative, Limit, analysis_csv, near_limits
 from armctl.motion.figure import COLORS, FigureForm, TitledMotion, figure_file
+from armctl.runtime import Snapshot
 from armctl.ui.newest import Newest
 from armctl.ui.scene.ghost import Lines, Preview, played, segments
 from armctl.ui.session import Session
@@ -72,11 +73,12 @@ class GraphView:
             self._drop = gui.add_button("Drop A", icon=viser.Icon.PINNED_OFF, color="gray", visible=False)
         csv = gui.add_button("Export motion (CSV)", icon=viser.Icon.DOWNLOAD, color="gray")
         self._figure = gui.add_button_group("Export", tuple(_FIGURE_FORMS))
+        session.needs(None, keep, csv, self._figure, also=self._not_shown, anyone=True)
         for group in (self._of, self._quantity, self._limits):
             session.on(group.on_update, self._draw)
         session.on(self._time.on_update, self._on_time)
         session.on(self._play.on_click, self._on_play)
-        session.on(keep.on_click, lambda: self._keep(self._require_shown("keep")))
+        session.on(keep.on_click, lambda: self._keep(self._require_shown()))
         session.on(self._drop.on_click, lambda: self._keep(None))
         session.on(csv.on_click, self._on_csv)
         session.on(self._figure.on_click, self._on_figure)
@@ -127,7 +129,7 @@ class GraphView:
         if self._playing:
             self._halt()
         else:
-            shown = self._require_shown("play")
+            shown = self._require_shown()
             self._playing = True
             self._play.label, self._play.icon = _PAUSE
             self._session.spawn(self._run(shown, self._newest.begin()))
@@ -169,20 +171,24 @@ class GraphView:
             self._compared.show(compare_html(self._a, self._shown))
 
     async def _on_csv(self) -> None:
-        shown = self._require_shown("export")
+        shown = self._require_shown()
         self._session.download("motion.csv", await asyncio.to_thread(analysis_csv, shown.robot, shown.motion))
 
     async def _on_figure(self) -> None:
-        shown = self._require_shown("export")
+        shown = self._require_shown()
         drawn = [TitledMotion(one.title, one.motion) for one in (shown, self._beside) if one is not None]
         form = _FIGURE_FORMS[self._figure.value]
         content = await asyncio.to_thread(figure_file, shown.robot, form, *drawn)
         if not self._session.closed:
             self._session.download(f"motion.{form}", content)
 
-    def _require_shown(self, what: str) -> PlannedMotion:
+    def _not_shown(self, snapshot: Snapshot) -> str | None:
+        del snapshot
+        return "no motion is shown yet; press Show first" if self._shown is None else None
+
+    def _require_shown(self) -> PlannedMotion:
         if self._shown is None:
-            raise InputError(f"there is no motion to {what}: press Show first")
+            raise InputError("no motion is shown yet; press Show first")
         return self._shown
 
 

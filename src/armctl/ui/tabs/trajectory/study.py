@@ -20,6 +20,7 @@ from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, strong, tabl
 from armctl.ui.widgets.plots import Line, LinePlot, Picture
 
 PAPER_DEG_S = 20.0
+_NONE = "Nothing is shown yet: press Show. A study moves nothing."
 _PRINTED_M_S = {"abaas": 8.32}
 """tip speeds that a paper prints at 20 °/s and that cannot be [m/s]"""
 
@@ -43,10 +44,12 @@ class StudyView:
         gui = session.gui
         self.box = gui.add_folder(None, visible=False)
         with self.box:
-            self._note = LiveHtml(gui, muted("Nothing is shown yet: press Show. A study moves nothing."))
+            self._note = LiveHtml(gui, muted(_NONE))
             self._plot = LinePlot(gui)
             self._figures = LiveHtml(gui)
             export = gui.add_button("Export study (CSV)", icon=viser.Icon.DOWNLOAD, color="gray")
+        # the reason stands above already
+        session.needs(None, export, also=lambda _: None if self.shown else _NONE, told=False, anyone=True)
         session.on(export.on_click, self._on_export)
 
     def take(self, shown: ShownStudy) -> None:
