@@ -9,16 +9,16 @@ from tests.browser.kit import Screen, Screens, launch
 from tests.browser.served_arm import ServedArm, served_arm
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
-    """One browser a module: while playwright runs, its event loop occupies the thread of the tests."""
+    """One browser for this folder: while playwright runs, its event loop occupies the thread of the tests."""
     with sync_playwright() as playwright:
         browser = launch(playwright)
         yield browser
         browser.close()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def windows(browser: Browser) -> Screens:
     return Screens(browser)
 
