@@ -35,9 +35,11 @@ def board(tmp_path: Path) -> Iterator[BoardServer[SimulatedMaestro]]:
 
 
 @pytest.fixture
-def page(board: BoardServer[SimulatedMaestro], tmp_path: Path, screens: Screens) -> Iterator[Screen]:
-    """A page that draws every frame, as an operator's does."""
-    screen = screens(drawn=True)
+def page(
+    board: BoardServer[SimulatedMaestro], tmp_path: Path, screens: Screens, request: pytest.FixtureRequest
+) -> Iterator[Screen]:
+    """A page; one that draws every frame, as an operator's does, where the test asks for that."""
+    screen = screens(drawn=getattr(request, "param", False))
     with serving(tmp_path, "--port", board.port) as url:
         screen.open(url, until="STOP")
         yield screen
@@ -77,6 +79,7 @@ def targets(board: BoardServer[SimulatedMaestro]) -> list[tuple[float, int, floa
     return [(entry.time, entry.data[0], (entry.data[1] | entry.data[2] << 7) / 4) for entry in log]
 
 
+@pytest.mark.parametrize("page", [True], indirect=True, ids=["drawn"])
 def test_a_point_by_least_energy(page: Screen, board: BoardServer[SimulatedMaestro]) -> None:
     assert pulses(board) == [None] * 5  # nothing is on before Enable
     page.click("Enable")
@@ -105,7 +108,9 @@ def test_a_point_by_least_energy(page: Screen, board: BoardServer[SimulatedMaest
     assert page.errors == []
 
 
-def test_a_recorded_loop_and_stop(page: Screen, board: BoardServer[SimulatedMaestro]) -> None:
+def test_a_recorded_loop_stop_and_every_target_on_the_wire_keeps_the_limits_and_speeds(
+    page: Screen, board: BoardServer[SimulatedMaestro]
+) -> None:
     enable(page, board)
     page.open_tab("Manual", "Serial motion")
     page.click("Record pose")
@@ -129,11 +134,7 @@ def test_a_recorded_loop_and_stop(page: Screen, board: BoardServer[SimulatedMaes
     assert (q >= ROBOT.limits[:, 0] - 1e-3).all() and (q <= ROBOT.limits[:, 1] + 1e-3).all()
     page.screenshot("main_job_stopped")
 
-
-def test_every_target_on_the_wire_keeps_the_limits_and_speeds(
-    page: Screen, board: BoardServer[SimulatedMaestro]
-) -> None:
-    enable(page, board)
+    page.open_tab("Main")
     page.click("zero")
     page.wait_until(lambda: holds(board, [0, 0, 0, 0, 0]), "the arm is stretched out")
     sent = targets(board)

@@ -93,42 +93,40 @@ def enable_and_go_home(page: Screen, served: ServedArm) -> None:
     )
 
 
-@pytest.mark.parametrize("name", ["abaas", "scorbot", "mico", "humanoid"])
-def test_a_robot_brings_its_fields_limits_and_figure_and_moves(
-    page: Screen, served: ServedArm, name: str
-) -> None:
-    choose(page, served, name)
-    served.wait_for(page, State.OFF)
-    page.open_tab("Log")
-    page.wait_for_text(re.compile(f"robot: Uzuner 5-DOF arm → {re.escape(TITLES[name])}"))
-    page.open_tab("Main")
-    enable_and_go_home(page, served)
-    page.screenshot(f"robot-{name}-main")
-    page.open_tab("Manual")
-    for joint, (low, high) in zip(served.robot.joints, np.degrees(served.robot.limits), strict=True):
-        if low == high:
-            assert page.value(f"{joint.title} °") == "held at 0°"
-            assert page.entry(f"{joint.title} °").is_disabled()
-        else:
-            assert slider_range(page, f"{joint.title} °") == pytest.approx((low, high), abs=1e-6)
-    page.screenshot(f"robot-{name}-manual")
-    page.open_tab("Jog" if served.robot.gripper is None else "Jog & gripper")
-    page.screenshot(f"robot-{name}-jog")
-    for tab in ("Trajectory", "Forward", "Inverse", "Simulation"):
-        page.open_tab(tab)
-        page.screenshot(f"robot-{name}-{tab.lower()}")
-    assert page.errors == []
-
-
-def test_there_and_back_again_leaves_nothing_of_the_arm_between(page: Screen, served: ServedArm) -> None:
+def test_each_robot_brings_its_fields_limits_and_figure_and_moves(page: Screen, served: ServedArm) -> None:
+    """One after the other on one page, and back to the first: nothing is left of the arms between."""
     control = page.panel("Control")
     place = control.bounding_box()
-    choose(page, served, "humanoid")
-    enable_and_go_home(page, served)
-    page.wait_until(lambda: control.bounding_box() == place, "the panel stands where it stood")
-    expect(page.page).to_have_title(f"armctl – {TITLES['humanoid']}", timeout=PATIENCE_MS)
-    choose(page, served, "uzuner")
-    enable_and_go_home(page, served)
+    before = "uzuner"
+    for name in ("abaas", "scorbot", "mico", "humanoid", "uzuner"):
+        page.open_tab("Main")
+        choose(page, served, name)
+        served.wait_for(page, State.OFF)
+        page.open_tab("Log")
+        page.wait_for_text(re.compile(f"robot: {re.escape(TITLES[before])} → {re.escape(TITLES[name])}"))
+        page.open_tab("Main")
+        enable_and_go_home(page, served)
+        page.wait_until(lambda: control.bounding_box() == place, "the panel stands where it stood")
+        expect(page.page).to_have_title(f"armctl – {TITLES[name]}", timeout=PATIENCE_MS)
+        page.screenshot(f"robot-{name}-main")
+        page.open_tab("Manual")
+        for joint, (low, high) in zip(served.robot.joints, np.degrees(served.robot.limits), strict=True):
+            if low == high:
+                assert page.value(f"{joint.title} °") == "held at 0°", name
+                assert page.entry(f"{joint.title} °").is_disabled(), name
+            else:
+                # a slider shows hundredths of a degree, inside the limits
+                shown = np.ceil(100 * low - 1e-4) / 100, np.floor(100 * high + 1e-4) / 100
+                limits = slider_range(page, f"{joint.title} °")
+                assert limits == pytest.approx(shown, abs=1e-6), (name, joint.title)
+        page.screenshot(f"robot-{name}-manual")
+        page.open_tab("Jog" if served.robot.gripper is None else "Jog & gripper")
+        page.screenshot(f"robot-{name}-jog")
+        for tab in ("Trajectory", "Forward", "Inverse", "Simulation"):
+            page.open_tab(tab)
+            page.screenshot(f"robot-{name}-{tab.lower()}")
+        assert page.errors == [], name
+        before = name
     page.open_tab("Log")
     page.page.keyboard.press("Escape")  # the hot key went with the page that was built anew
     page.wait_for_text("STOP (browser page 1)")
