@@ -15,13 +15,18 @@ run: $(VENV)/.installed
 # to memory harms no other test. What is installed for them needs the network here and there: side by side, too.
 test: | $(BIN)/python
 	@$(MAKE) --no-print-directory -j2 $(VENV)/.tested packages
-	@$(MAKE) --no-print-directory -j2 check avr
+	@$(MAKE) --no-print-directory -j2 check avr collected
 	$(BIN)/pytest -n 3 --ignore=tests/avr --durations=40 $(ARGS)
 
 .PHONY: avr
 avr: $(VENV)/.tested packages
 	@$(BIN)/python -m tests.avr.building
 	$(BIN)/pytest tests/avr
+
+# Once, on the core that is free first: pytest keeps the tests compiled, and no worker does that again.
+.PHONY: collected
+collected: $(VENV)/.tested
+	@-$(BIN)/pytest --collect-only -qq --ignore=tests/avr >/dev/null
 
 check: $(VENV)/.tested
 	$(BIN)/ruff check $(SOURCES)
