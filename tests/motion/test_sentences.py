@@ -139,6 +139,8 @@ def check_reason(asked: Asked, text: str) -> None:
         wide[held] = robot.limits[held]
         if rolled:
             wide[-1] = math.radians(float(rolled[1])) + np.array([-1e-4, 1e-4])
+        elif asked.roll is not None and asked.rolls_aside:  # said of the arm at the roll asked for
+            wide[-1] = asked.roll
         free = asked.away(wide, pitched=False, between={})
         if "the target would be" in text and not rolled:
             assert abs(1000 * free - miss) <= 0.06, text

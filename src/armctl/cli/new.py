@@ -139,8 +139,10 @@ def _numbers(text: str, option: str, least: int, most: int | None = None) -> lis
     try:
         numbers = [float(one) for one in text.split(",")]
     except ValueError:
-        raise InputError(f"{option} = {text!r}: numbers are needed, with commas between them") from None
+        wanted = "a number is needed" if most == 1 else "numbers are needed, with commas between them"
+        raise InputError(f"{option} = {text!r}: {wanted}") from None
     if not (least <= len(numbers) <= most and all(map(math.isfinite, numbers))):
         count = f"{least}" if least == most else f"{least} to {most}"
-        raise InputError(f"{option} = {text!r}: {count} finite numbers are needed, with commas between them")
+        many = "one finite number is" if most == 1 else f"{count} finite numbers are"
+        raise InputError(f"{option} = {text!r}: {many} needed{', with commas between them' * (most > 1)}")
     return numbers

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -33,6 +34,7 @@ class Length:
     title: str
     meaning: str
     usual_mm: float
+    least_mm: float = -math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,11 +57,11 @@ def _row(a_mm: float, alpha_deg: float, d_mm: float, joint: str | None = None, *
 
 _HEIGHT = Length("height", "Height", "from the floor to the shoulder axis", 80.0)
 _AHEAD = Length("ahead", "Shoulder ahead", "from the base axis forward to the shoulder axis", 0.0)
-_UPPER = Length("upper", "Upper arm", "from the shoulder axis to the elbow axis", 120.0)
-_FORE = Length("fore", "Forearm", "from the elbow axis to the wrist axis", 110.0)
-_HAND = Length("hand", "Hand", "from the wrist axis to the tool point", 90.0)
+_UPPER = Length("upper", "Upper arm", "from the shoulder axis to the elbow axis", 120.0, 1.0)
+_FORE = Length("fore", "Forearm", "from the elbow axis to the wrist axis", 110.0, 1.0)
+_HAND = Length("hand", "Hand", "from the wrist axis to the tool point", 90.0, 0.0)
 _DROP = Length("drop", "Tool below", "from the wrist axis down to the tool point", 40.0)
-_TOOL = Length("tool", "Hand", "from where the wrist axes meet to the tool point", 70.0)
+_TOOL = Length("tool", "Hand", "from where the wrist axes meet to the tool point", 70.0, 0.0)
 _WIDE, _PITCH, _ROLL = (-90.0, 90.0), (-120.0, 120.0), (-180.0, 180.0)
 
 
@@ -226,6 +228,10 @@ class Draft:
             known = ", ".join(one.key for one in build.lengths)
             raise InputError(f"{build.name} has no length {unknown[0]!r}; it has {known}")
         lengths = {one.key: lengths_mm.get(one.key, one.usual_mm) for one in build.lengths}
+        for one in build.lengths:
+            if not lengths[one.key] >= one.least_mm:
+                said = f"{one.title}: {lengths[one.key]:g} mm is too short"
+                raise InputError(f"{said}; {one.least_mm:g} mm or more is allowed ({one.meaning})")
         return cls.of_rows(name, title, "standard", build.rows(lengths), build.limits_deg)
 
     @classmethod

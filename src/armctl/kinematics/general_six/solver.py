@@ -100,17 +100,24 @@ class GeneralSixSolver(InverseKinematics):
     def _isolated(self, pose: FloatArray) -> tuple[FloatArray, bool]:
         """(k, 6) configurations of a pose (4, 4) [rad], and whether it is sure that there are no more."""
         found, sure = self._real(pose, self._loop.candidates(pose[None], self._hidden[0], _TURN), _REAL)
-        if sure:
+        if sure and self._paired(found):
             return found, True
         agreed = False
         for loop, hidden, turn in self._beside():
             more, sure = self._real(pose, loop.candidates(pose[None], hidden, turn), _NEARLY_REAL)
             both = np.concatenate([found, more])
             both = both[distinct(both)]
-            if sure and agreed and len(both) == len(found):
+            if sure and agreed and len(both) == len(found) and self._paired(both):
                 return both, True
             found, agreed = both, agreed or sure
         return found, False
+
+    def _paired(self, q: FloatArray) -> bool:
+        """Whether these can be all: of 16 roots the complex ones come in pairs, so the real ones are even.
+
+        A double root is one singular configuration.
+        """
+        return len(q) % 2 == 0 or float(self._singular_values(q).min()) < _SINGULAR
 
     def _beside(self) -> Iterator[tuple[Loop, int, float]]:
         for i, loop in enumerate(self._loops_beside):
