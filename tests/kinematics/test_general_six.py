@@ -89,6 +89,20 @@ def test_the_last_axis_parallel_to_the_first(name: str) -> None:
                 assert_sound(arm, solutions, pose, one)
 
 
+def test_an_odd_number_of_ways_is_not_all() -> None:
+    """The IRB 140 of a published file, the last axis parallel to the first: the tenth way was lost."""
+    points = [(0, 0, 0), (0.28, 0, 1.38), (0.28, 0, 2.8), (0.28, 0, 2.8), (1.77, 0, 2.8), (1.77, 0, 2.82)]
+    axes = np.eye(3)[[2, 1, 1, 0, 1, 0]]
+    origins = np.tile(np.eye(4), (6, 1, 1))
+    origins[:, :3, 3] = np.diff(points, axis=0, prepend=0.0)
+    tool = np.array([[0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1.0]])
+    limits = np.radians([[-181, 181], [-100, 110], [-60, 65], [-200, 200], [-120, 120], [-400, 400]])
+    arm = SixJoints(Chain.from_joints(list(origins), list(axes), tool), limits)
+    q = np.radians([180.000420918, -84.821260257, 31.460331353, -180.0, 2.290391601, 98.806149287])
+    pose = plain_pose(arm.chain, q)
+    assert_sound(arm, solver_of(arm, FAMILY).solve(target_of(pose), STEP), pose, q)
+
+
 def test_an_arm_half_a_millimetre_beside_a_wrist_in_one_point_has_the_eight_ways_and_no_more() -> None:
     rng = np.random.default_rng(44)
     arm = beside_a_wrist(5e-4)
