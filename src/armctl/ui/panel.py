@@ -52,7 +52,7 @@ _PAUSE, _RESUME = ("Pause", viser.Icon.PLAYER_PAUSE), ("Resume", viser.Icon.PLAY
 class ControlPanel:
     """A panel of its own: viser throttles clicks a panel, and STOP must never wait for a number field."""
 
-    def __init__(self, session: Session, window: viser.GuiPanelHandle) -> None:
+    def __init__(self, session: Session, window: viser.PanelHandle) -> None:
         """Fill the tab that is entered, of ``window``."""
         self._session, self._window = session, window
         gui = session.gui
