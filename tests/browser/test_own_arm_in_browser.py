@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import ServedArm, served_arm
 
@@ -73,6 +74,9 @@ def test_servos_whose_channels_are_found(page: Screen, served: ServedArm) -> Non
     page.type_into("File name", "three")
     for channel, joint in enumerate(("base", "shoulder", "elbow")):
         page.choose("Joint", joint)
+        page.type_into("Lowest °", "-")  # half typed: told below, not by a notice
+        page.wait_for_text("Lowest °: '-' is not a number")
+        expect(page.page.get_by_text("Refused:")).to_have_count(0)
         page.type_into("Lowest °", "-60")
         page.type_into("Highest °", "70")
         page.type_into("Servo channel", str(channel))

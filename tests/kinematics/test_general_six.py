@@ -89,6 +89,14 @@ def test_the_last_axis_parallel_to_the_first(name: str) -> None:
                 assert_sound(arm, solutions, pose, one)
 
 
+def test_a_nearly_singular_pose_is_not_called_complete() -> None:
+    """Where the 4th and 6th axis are nearly in line, the fourth joint turns far for half a millimetre."""
+    arm = GENERAL["mechArm 270"]
+    q = np.radians([-27.818, 90.0, -90.0, 55.815, 0.0, -77.499])
+    solutions = solver_of(arm, "six joints in general").solve(target_of(plain_pose(arm.chain, q)), STEP)
+    assert not solutions.complete
+
+
 def test_an_odd_number_of_ways_is_not_all() -> None:
     """The IRB 140 of a published file, the last axis parallel to the first: the tenth way was lost."""
     points = [(0, 0, 0), (0.28, 0, 1.38), (0.28, 0, 2.8), (0.28, 0, 2.8), (1.77, 0, 2.8), (1.77, 0, 2.82)]

@@ -107,6 +107,19 @@ def test_the_name_of_an_urdf_arm_is_taken(folder: Path, taken: str) -> None:
     assert not (folder / "mine.toml").exists()
 
 
+def test_poses_that_nobody_chose_follow_new_limits() -> None:
+    draft = Draft.of_build("mine", "Mine", build_named("pitch3-roll"), {})
+    shoulder = draft.joints.index("shoulder")
+    moved = draft.with_joint("shoulder", limit_deg=[10.0, 140.0])
+    assert [pose[shoulder] for pose in moved.table["poses"].values()] == [10.0, 10.0]
+    moved.robot()
+    chosen = draft.with_pose("rest", [30.0] * len(draft.joints)).with_joint("shoulder", limit_deg=[40, 140])
+    assert chosen.table["poses"]["rest"][shoulder] == 30.0  # somebody did: refused, and said
+    with pytest.raises(RobotFileError, match="rest"):
+        chosen.robot()
+    draft.with_joint("shoulder", limit_deg=["x", 3])  # refused by ``robot``, as everything
+
+
 def test_a_servo_channel_is_a_whole_number() -> None:
     draft = Draft.of_build("mine", "Mine", build_named("pitch3"), {})
     with pytest.raises(InputError, match=r"shoulder: 1\.9 is no whole number"):

@@ -246,7 +246,7 @@ class Draft:
         """DH rows as in a robot file; a joint without limits has ±90°."""
         joints = [str(row["joint"]) for row in rows if "joint" in row]
         limits = {joint: limits_deg.get(joint, _WIDE) for joint in joints}
-        rest = [min(max(0.0, low), high) for low, high in limits.values()]
+        rest = [_nearest_to_zero(one) for one in limits.values()]
         return cls(
             {
                 "format": 1,
@@ -301,12 +301,22 @@ class Draft:
         return replace(self, table={key: value for key, value in table.items() if value is not None})
 
     def with_joint(self, name: str, **entries: object) -> Self:
-        """With other entries of one joint; None takes one out. Raises ``InputError``: no such joint."""
-        joint = {**self._joint(name), **entries}
+        """With other entries of one joint; None takes one out. Raises ``InputError``: no such joint.
+
+        Named poses that have this joint where nobody put it, as near to 0° as its limits let it, follow them.
+        """
+        before = self._joint(name)
+        joint = {**before, **entries}
         joints = [joint if one["name"] == name else one for one in self._joints]
         for key in [key for key, value in joint.items() if value is None]:
             del joint[key]
-        return self.changed(joints=joints)
+        draft = self.changed(joints=joints)
+        was, now = (_nearest_to_zero(one.get("limit_deg")) for one in (before, joint))
+        index = self.joints.index(name)
+        for pose, q_deg in cast("Mapping[str, Sequence[float]]", self.table.get("poses", {})).items():
+            if now not in (None, was) and index < len(q_deg) and q_deg[index] == was:
+                draft = draft.with_pose(pose, [*q_deg[:index], now, *q_deg[index + 1 :]])
+        return draft
 
     def with_servo(
         self,
@@ -388,3 +398,12 @@ class Draft:
         except OSError as error:
             raise RobotFileError(f"{path} cannot be written: {error.strerror}") from error
         return path
+
+
+def _nearest_to_zero(limit_deg: Any) -> float | None:
+    """The angle inside limits that is nearest to 0°; None where these are no limits."""
+    match limit_deg:
+        case [int() | float() as low, int() | float() as high] if low <= high:
+            return min(max(0.0, low), high)
+        case _:
+            return None

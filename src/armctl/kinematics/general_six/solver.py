@@ -39,6 +39,8 @@ _EXACT, _NEAR = 1e-12, 1e-3
 """[m] or [rad]: what Newton steps leave of a pose where they are fast, and where slow ones are worth it"""
 _SINGULAR = 1e-5
 """[1] a Jacobian with a smaller singular value may belong to a continuum"""
+_NEARLY_SINGULAR = 1e-4
+"""[1] with a smaller one, joints turn far while the tool hardly moves: a way along there may be missed"""
 _TRACED, _TRACE_STEP = 40, 0.1
 """how many steps, each way, of how much a continuum is followed [rad]"""
 
@@ -83,10 +85,12 @@ class GeneralSixSolver(InverseKinematics):
 
     def _every_way(self, pose: FloatArray, _: FloatArray | None) -> Ways:
         q, sure = self._isolated(pose)
+        least = self._singular_values(q)
+        sure = sure and float(least.min(initial=1.0)) > _NEARLY_SINGULAR
         reason = (
             None if sure else "close to a singular pose: others may lie so near that they are not told apart"
         )
-        lines = [self._traced(pose, one) for one in q[self._singular_values(q) < _SINGULAR]]
+        lines = [self._traced(pose, one) for one in q[least < _SINGULAR]]
         curves = [line for line in lines if len(line) > 1]
         if curves:
             q = np.concatenate([q, *curves])

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import re
+from collections.abc import Generator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from html import escape
 from typing import Any, cast
@@ -46,9 +48,13 @@ class _Edits:
     )
     """by name: the joints they are of, and the angles [degrees]"""
     floor_mm: float | None = None
+    unread: dict[str, InputError] = field(default_factory=dict[str, InputError])
+    """what cannot be read of the fields; it may be half typed"""
 
     def applied(self, draft: Draft) -> Draft:
-        """The draft with these edits, as far as it has such joints."""
+        """The draft with these edits, as far as it has such joints. Raises what cannot be read."""
+        for error in self.unread.values():
+            raise error
         for joint, entries in self.joints.items():
             if joint in draft.joints:
                 draft = draft.with_joint(joint, **entries)
@@ -268,6 +274,7 @@ class OwnArm:
 
     def _fill_joint(self) -> None:
         """Show the numbers of the joint that is chosen."""
+        self._edits.unread.pop("joint", None)
         robot = self._robot
         if robot is None or self._joint.value not in robot.joint_names:
             return
@@ -303,6 +310,21 @@ class OwnArm:
         self._on_joint_field()
 
     def _on_joint_field(self) -> None:
+        with self._reading("joint"):
+            self._edits.joints[self._joint.value] = self._joint_entries()
+        self._show()
+
+    @contextmanager
+    def _reading(self, what: str) -> Generator[None]:
+        """A field that cannot be read may be half typed: it is told below, and the rest stays as it was."""
+        self._edits.unread.pop(what, None)
+        try:
+            yield
+        except InputError as unread:
+            self._edits.unread[what] = unread
+
+    def _joint_entries(self) -> dict[str, Any]:
+        """What the fields of the joint that is chosen say. Raises ``InputError``."""
         joint, robot = self._joint.value, self._robot
         entries = dict(self._edits.joints.get(joint, {}))
         entries["limit_deg"] = [self._low.value, self._high.value]
@@ -328,11 +350,11 @@ class OwnArm:
             }
         else:
             entries["servo"] = None
-        self._edits.joints[joint] = entries
-        self._show()
+        return entries
 
     def _on_floor(self) -> None:
-        self._edits.floor_mm = self._floor.value
+        with self._reading("floor"):
+            self._edits.floor_mm = self._floor.value
         self._show()
 
     def _on_pose(self) -> None:
