@@ -213,9 +213,7 @@ class ProgramRecord:
         undo = gui.add_button_group("Take back", ("Undo", "Redo"))
         shared = session.console.shared(SharedProgram)
         session.needs(None, edits, also=lambda _: None if shared.program.steps else EMPTY, told=False)
-        session.needs(
-            None, undo, also=lambda _: None if shared.undoable else "there is nothing to undo or redo"
-        )
+        session.needs(None, undo, also=lambda _: None if shared.undoable else _NO_CHANGE)
         session.on(edits.on_click, lambda: self._edit(_EDITS[edits.value]))
         session.on(undo.on_click, lambda: editor.undo(redo=undo.value == "Redo"))
 
