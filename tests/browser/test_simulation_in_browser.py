@@ -49,8 +49,8 @@ def test_the_twin_goes_to_a_pose_and_can_be_stopped_also_without_an_enabled_arm(
 
 
 def test_an_empty_program_and_an_impossible_one_are_refused_in_words(page: Screen, served: ServedArm) -> None:
-    page.click("Run on the twin only")
-    page.wait_for_notification("has no steps yet")
+    page.wait_for_text("has no steps yet")
+    assert not page.is_enabled("Run on the twin only")
     served.put((30.0, *HOME[1:]), (300.0, *HOME[1:]))
     page.click("Run on the twin only")
     page.wait_for_notification(re.compile(r"step 2: Base: 300\.00° is outside"))
