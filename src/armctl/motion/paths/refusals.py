@@ -234,8 +234,9 @@ def _need_words(tried: Attempt, path: PiecewisePolynomial, need: _Need) -> str:
     title, share = tried.robot.joints[need.joint].title, round(100.0 * need.s / tried.curve.length, 1)
     low, high = map(_degrees, tried.robot.limits[need.joint].tolist())
     # near the end of a branch a joint turns so fast that the place, as it is said, does not tell the angle
-    slope = abs(float(path.derivatives(need.s, 1)[1, need.joint]))
-    if share < 100.0 and slope * _SHOWN * tried.curve.length > _TOLD:
+    off = _SHOWN * tried.curve.length
+    around = path(np.clip([need.s - off, need.s + off], path.breaks[0], path.breaks[-1]))[:, need.joint]
+    if share < 100.0 and np.abs(around - need.angle).max() > _TOLD:
         return f"before this branch ends, {title} would have to leave its limits of {low}° … {high}°"
     words = needs(title, tried.robot.limits[need.joint], need.angle).replace(" needs ", " would need ")
     return f"at {share:.4g} % {words}"
