@@ -207,6 +207,22 @@ def test_a_batch_lists_what_single_poses_do(regional: str, backward: bool) -> No
     assert whatever is not None and (whatever.count >= batch.count[:-1]).all()
 
 
+def test_a_batch_takes_rounded_rotations_as_the_true_ones_and_names_what_is_none() -> None:
+    chain, limits = known_arm("AR4")
+    solver = solver_of(chain, limits)
+    poses = product(chain, np.random.default_rng(8).uniform(*(0.9 * limits).T, (6, 6)))[-1]
+    printed = poses[:, :3, :3].copy()
+    printed[1::2] = printed[1::2].round(6)
+    batch = solver.solve_batch(poses[:, :3, 3], None, None, printed)
+    for k, pose in enumerate(poses):
+        R = chain.forward(batch.q[k][batch.found[k]])[:, :3, :3]
+        assert len(R) and np.abs(R - pose[:3, :3]).max() < (2e-6 if k % 2 else 1e-9)
+    for wrong in (-printed[4], 0.999 * printed[4], np.ones((3, 3))):
+        printed[4] = wrong
+        with pytest.raises(InputError, match="row 4"):
+            solver.solve_batch(poses[:, :3, 3], None, None, printed)
+
+
 def test_batches_of_anything_else_are_refused() -> None:
     solver = solver_of(*known_arm("AR4"))
     with pytest.raises(InputError, match="spherical wrist"):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from math import inf, pi
-from typing import NamedTuple, TypeGuard
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -52,7 +53,7 @@ def checked_number(value: float, what: str) -> float:
 
 FARTHEST = 1000.0
 """a target farther off than this is a mistake in the unit [m]"""
-_ROUNDED, _TRUE = 1e-3, 1e-14
+_ROUNDED, _TRUE = 1e-3, 2e-14
 """how far from orthonormal a matrix may be that is taken as a rotation, and one that is taken as it is"""
 _EYE = np.eye(3)
 _MATRIX = (3, 3)
@@ -197,16 +198,15 @@ def is_true_rotation(value: ArrayLike) -> TypeGuard[FloatArray]:
     """True for an array (3, 3) that is a rotation to the last digits; in a fifth of numpy's time."""
     if not (type(value) is _ARRAY and value.dtype is _FLOAT and value.shape == _MATRIX):
         return False
-    (a, b, c), (d, e, f), (g, h, i) = value.tolist()
-    t = _TRUE
-    return (  # false with NaN too
-        -t < a * a + b * b + c * c - 1.0 < t
-        and -t < d * d + e * e + f * f - 1.0 < t
-        and -t < a * d + b * e + c * f < t
-        and -t < b * f - c * e - g < t
-        and -t < c * d - a * f - h < t
-        and -t < a * e - b * d - i < t
-    )
+    return _defect(value.tolist()) < _TRUE  # false with NaN too
+
+
+def _defect(matrix: Iterable[Iterable[Any]]) -> Any:
+    """How far 3 x 3 entries, numbers or arrays of numbers, are from those of a rotation, in all."""
+    (a, b, c), (d, e, f), (g, h, i) = matrix
+    lengths = abs(a * a + b * b + c * c - 1.0) + abs(d * d + e * e + f * f - 1.0)
+    third = abs(b * f - c * e - g) + abs(c * d - a * f - h) + abs(a * e - b * d - i)
+    return lengths + abs(a * d + b * e + c * f) + third
 
 
 def checked_rotations(value: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
@@ -215,14 +215,18 @@ def checked_rotations(value: ArrayLike, shape: tuple[int, ...], what: str) -> Fl
     Raises ``InputError`` for a wrong shape, an entry that is not finite, or a matrix that is no rotation.
     """
     matrices = checked_array(value, shape, what)
-    off = np.abs(matrices @ matrices.swapaxes(-1, -2) - _EYE).max(axis=(-1, -2), initial=0.0)
-    wrong = (off > _ROUNDED) | (np.linalg.det(matrices) < 0.0)
+    off = _defect(np.moveaxis(matrices, (-2, -1), (0, 1))) >= _TRUE
+    if not off.any():
+        return matrices
+    rounded = matrices[off]
+    away = np.abs(rounded @ rounded.swapaxes(-1, -2) - _EYE).max(axis=(-1, -2))
+    wrong = (away > _ROUNDED) | (np.linalg.det(rounded) < 0.0)
     if wrong.any():
-        row = "" if matrices.ndim == 2 else f", the one in row {np.argmax(wrong)} is not"
+        first = np.flatnonzero(off)[np.argmax(wrong)]
+        row = "" if matrices.ndim == 2 else f", the one in row {first} is not"
         raise InputError(f"{what} must be a right-handed orthonormal 3 x 3 matrix{row}")
-    if (off > _TRUE).any():
-        u, _, vt = np.linalg.svd(matrices)
-        matrices = u @ vt
+    u, _, vt = np.linalg.svd(rounded)
+    matrices[off] = u @ vt
     return matrices
 
 
