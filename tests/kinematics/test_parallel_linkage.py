@@ -94,6 +94,7 @@ def test_the_tool_is_where_plain_trigonometry_puts_it() -> None:
         poses = arm.chain.forward(q)
         assert poses[:, :3, 3] == pytest.approx(arm.point(q), abs=1e-12)
         assert arm.chain.forward(q[0]) == pytest.approx(poses[0], abs=1e-12)
+        assert arm.chain.frames(q[0]) == pytest.approx(arm.chain.frames(q)[0], abs=1e-12)
         assert poses[:, 2, 2] == pytest.approx(-1.0 if arm.rolls else 1.0)
         step = 1e-6
         for j in range(arm.chain.n):

@@ -28,6 +28,7 @@ from armctl.kinematics.target import as_numbers, require_finite
 
 Convention = Literal["standard", "modified"]
 _FLOAT = np.dtype(np.float64)
+_EYE = np.eye(4)
 _CHUNK = 8192
 """configurations worked on at a time, so that what they need stays in the processor's cache"""
 _put_pose = struct.Struct("16d").pack_into  # half of the time that an array takes to be made of numbers
@@ -127,6 +128,8 @@ class Chain:
         self._skips_y = [w[:2] == _SAME_AXES and w[3][1] == 0.0 for w in self._weights[1:-1]] + [False]
         """of each joint, whether the next one turns about the same direction, no step along y from it"""
         self._one_shape = (self.n,)
+        self._place_links = [place.link for place in self.places]
+        self._T_link_places = np.stack([place.T_link_frame for place in self.places])
 
     def __eq__(self, other: object) -> bool:
         return content(self._says) == content(other._says) if isinstance(other, Chain) else NotImplemented
@@ -287,10 +290,10 @@ class Chain:
         """
         angles = self._one(q)
         if angles is not None:
-            axes: list[tuple[float, ...]] = []
-            tx, ty, tz = self._walk(self._link_turns(angles), axes)[9:]
+            links: list[tuple[float, ...]] = []
+            tx, ty, tz = self._walk(self._link_turns(angles), links)[9:]
             columns: list[tuple[float, ...]] = []
-            for x, y, z, px, py, pz in axes:
+            for *_, x, y, z, px, py, pz in links:
                 px, py, pz = tx - px, ty - py, tz - pz
                 columns.append((y * pz - z * py, z * px - x * pz, x * py - y * px, x, y, z))
             J = np.array(columns).T
@@ -303,6 +306,13 @@ class Chain:
         The base first, the tool frame last. A chain of DH rows has a frame behind each row, another one a
         frame for each link and the tool.
         """
+        angles = self._one(q)
+        if angles is not None:
+            walked: list[tuple[float, ...]] = []
+            self._walk(self._link_turns(angles), walked)
+            T_base_link = np.tile(_EYE, (len(walked) + 1, 1, 1))  # the last one is the base, link -1
+            T_base_link[:-1, :3] = np.array(walked).reshape(-1, 4, 3).swapaxes(1, 2)
+            return np.matmul(T_base_link[self._place_links], self._T_link_places)
         q = self.checked(q)
         links = LinkFrames.at(self, q.reshape(-1, self.n))
         out = np.zeros((q.size // self.n, len(self.places), 4, 4))
@@ -318,10 +328,10 @@ class Chain:
 
     def axes(self, q: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
         """Links' axes at ``q`` (default: all zero): points (m, 3) [m], unit directions (m, 3), base frame."""
-        axes: list[tuple[float, ...]] = []
-        self._walk(self._link_turns([0.0] * self.n if q is None else self.checked_one(q).tolist()), axes)
-        stacked = np.array(axes)
-        return stacked[:, 3:].copy(), stacked[:, :3].copy()
+        links: list[tuple[float, ...]] = []
+        self._walk(self._link_turns([0.0] * self.n if q is None else self.checked_one(q).tolist()), links)
+        stacked = np.array(links)
+        return stacked[:, 9:].copy(), stacked[:, 6:9].copy()
 
     def _one(self, q: ArrayLike) -> list[float] | None:
         """``q`` as the angles of one configuration; None where it holds many."""
@@ -337,11 +347,11 @@ class Chain:
         return angles if self.coupling is None else (self.coupling @ angles).tolist()
 
     def _walk(
-        self, angles: Sequence[float], axes: list[tuple[float, ...]] | None = None
+        self, angles: Sequence[float], links: list[tuple[float, ...]] | None = None
     ) -> tuple[float, ...]:
         """The tool frame where the links turn by ``angles`` (m,) [rad]: x, y, z axis, origin, 3 numbers each.
 
-        ``axes`` receives direction and point of each link's axis, three numbers each.
+        ``links`` receives the same of each link.
 
         Lengths of zero and axes that are parallel or at a right angle, as DH rows mostly have them, are not
         multiplied out: that halves the time of one pose.
@@ -370,10 +380,10 @@ class Chain:
                 xx, yx = c * xx + s * yx, c * yx - s * xx
                 xy, yy = c * xy + s * yy, c * yy - s * xy
                 xz, yz = c * xz + s * yz, c * yz - s * xz
-            if axes is not None:
-                axes.append((zx, zy, zz, px, py, pz))
-        if axes is not None:
-            axes.pop()  # the tail does not turn
+            if links is not None:
+                links.append((xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz))
+        if links is not None:
+            links.pop()  # the tail is no link
         return xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz
 
     def _many(
