@@ -15,6 +15,7 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 from websockets.typing import Origin, Subprotocol
 
+_OPEN_TABS = "Manual", "Serial motion"
 _BEAT_S, _RETRY_S, _LOOK_S = 0.2, 0.3, 0.005
 _PART_BYTES = 512 << 10
 _PATIENCE_S = 60.0
@@ -167,7 +168,7 @@ class Page:
             self._tasks.append(asyncio.create_task(self._listen()))
             while True:
                 beats += 1
-                await self._line.send(json.dumps({"beat": beats}))
+                await self._line.send(json.dumps({"beat": beats, "tabs": _OPEN_TABS}))
                 await asyncio.sleep(_BEAT_S)
 
     async def _listen(self) -> None:

@@ -115,8 +115,9 @@ class Page:
             self._build()
 
     def see(self, tabs: Sequence[str]) -> None:
-        """These tabs are open: the ghosts of the others are hidden."""
-        self.session.ghost.see(next((tab.label for tab in TABS if tab.label in tabs), None))
+        """These tabs are open: the ghosts of the others are hidden, and the one that is new is drawn."""
+        if self.session.ghost.see(next((tab.label for tab in TABS if tab.label in tabs), None)):
+            self._drawn = None
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw a snapshot; it is drawn once."""

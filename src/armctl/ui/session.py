@@ -93,6 +93,10 @@ class Session:
         party = self.snapshot.control.operator
         return "nobody" if party is None else "you" if party.id == self.me else party.name
 
+    def sees(self, tab: str) -> bool:
+        """Whether the tab with this label is open, or nobody knows: what only tells need not be told else."""
+        return self.ghost.in_view(tab)
+
     def look(self, view: str = "Reset", robot: Robot | None = None) -> None:
         """See the arm from one side; ``robot``: another one that is drawn in its place."""
         look_at_arm(self.client, robot or self.console.robot, view, sheet=self.on_phone)

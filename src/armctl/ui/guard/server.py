@@ -75,7 +75,7 @@ def _guarded_serve(
     module = websockets.asyncio.server
     opened: list[Exception | None] = []
     overlaid = OverlaidPage(overlay=overlay)
-    wire = logging.Logger("armctl.ui.guard.wire")
+    wire = logging.Logger("armctl.ui.guard.wire", logging.INFO)  # else every frame is put into words
     wire.addHandler(_WireLog())
 
     def guarded(handler: Callable[..., Any], host: Any = None, port: Any = None, **options: Any) -> Any:

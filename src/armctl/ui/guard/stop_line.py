@@ -33,7 +33,7 @@ from armctl.errors import ServerError
 from armctl.ui.guard.filter import LOG, FloodGauge
 
 STOP_PATH = "/stop"
-_CHECK_S = 0.025
+_CHECK_S = 0.05
 _LATE_S = 0.1
 _AGAIN_S = 0.5
 """how soon a page that goes on being silent is reported again"""

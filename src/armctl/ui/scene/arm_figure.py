@@ -138,6 +138,7 @@ class ArmFigure:
         self._frames = [
             scene.add_frame(f"{name}/f{i}", show_axes=False) for i in range(len(robot.chain.places))
         ]
+        self._q: FloatArray | None = None
         self._shown: FloatArray | None = None
         for frame in self._frames:
             send_pose(frame)
@@ -158,15 +159,19 @@ class ArmFigure:
 
     def pose(self, q: FloatArray, opening: float | None = None) -> None:
         """Move the figure to joint angles ``q`` (n,) [rad] and a gripper opening 0..1 (None: as it is)."""
-        frames = self._robot.frames(q)
+        if self._q is None or not np.array_equal(q, self._q):
+            self._q = q.copy()
+            self._place(self._robot.frames(q))
+        if self._fingers and opening is not None:
+            for finger, y in zip(self._fingers, self._fingers_y(opening), strict=True):
+                finger.position = (0.0, y, 0.0)
+
+    def _place(self, frames: FloatArray) -> None:
         for i, handle in enumerate(self._frames):
             if self._shown is None or not np.array_equal(self._shown[i], frames[i]):
                 handle.position = frames[i, :3, 3]
                 handle.wxyz = quaternion_wxyz(frames[i, :3, :3])
         self._shown = frames
-        if self._fingers and opening is not None:
-            for finger, y in zip(self._fingers, self._fingers_y(opening), strict=True):
-                finger.position = (0.0, y, 0.0)
 
     def _fingers_y(self, opening: Any) -> tuple[Any, Any]:
         """How far the fingers are to either side at an opening 0..1, or at many [m]."""

@@ -51,9 +51,13 @@ class Ghost:
         if before is not None:
             before()
 
-    def see(self, tab: str | None) -> None:
-        """This tab is open; None: not known."""
-        self._tab = tab
+    def see(self, tab: str | None) -> bool:
+        """This tab is open; None: not known. Whether it is another one than before."""
+        another, self._tab = tab != self._tab, tab
+        self._show_in_view()
+        return another
+
+    def _show_in_view(self) -> None:
         if self._figure is not None:
             self._figure.root.visible = self.q is not None and self.in_view(self._words)
 
@@ -74,7 +78,7 @@ class Ghost:
         self._figure.pose(q)
         self._figure.say(words)
         self._words = words
-        self.see(self._tab)
+        self._show_in_view()
 
     def hide(self, owner: object = None) -> None:
         """Show nothing, if the ghost is ``owner``'s."""

@@ -38,6 +38,7 @@ class CalibrationScreen:
     """The joint to move on top; below it marks, gripper, saving and known points as inner tabs."""
 
     def __init__(self, session: Session) -> None:
+        self._session = session
         gui, desk = session.gui, session.console.shared(SharedCalibration)
         gap = "<div style='height:6px'></div>"
         LiveHtml(gui, in_force_html(desk.in_force, desk.board) + gap)
@@ -58,7 +59,7 @@ class CalibrationScreen:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw a snapshot."""
-        for part in self._parts:
+        for part in self._parts if self._session.sees("Calibration") else ():
             part.refresh(snapshot)
 
 

@@ -94,7 +94,8 @@ class ForwardScreen:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Keep what depends on where the arm is up to date."""
-        self._draw(snapshot)
+        if self._session.sees("Forward"):
+            self._draw(snapshot)
         self._preview.refresh(snapshot.q_command)
 
     def _on_angle(self) -> None:

@@ -98,9 +98,10 @@ class MainScreen:
         self._urdf.refresh(snapshot)
         self._line.options = tuple(one for one in _LINES if snapshot.state in _LINES[one])
         self._homing.visible = bool(snapshot.homing)
-        self._homed.show(homing_html(snapshot))
-        self._ports.show(ports_html(self._choices.values()))
-        self._board.show(board_html(snapshot))
+        if self._session.sees("Main"):
+            self._homed.show(homing_html(snapshot))
+            self._ports.show(ports_html(self._choices.values()))
+            self._board.show(board_html(snapshot))
 
     async def _on_line(self) -> None:
         match self._line.value:

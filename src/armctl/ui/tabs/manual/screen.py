@@ -14,6 +14,7 @@ class ManualScreen:
     """Three inner tabs, so that each fits a laptop's screen."""
 
     def __init__(self, session: Session) -> None:
+        self._session = session
         self._readout = LiveReadout(session.console.robot)
         tabs = session.gui.add_tab_group()
         with tabs.add_tab("Joints"):
@@ -27,7 +28,8 @@ class ManualScreen:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw a snapshot."""
-        self._readout.refresh(snapshot)
+        if self._session.sees("Manual"):
+            self._readout.refresh(snapshot)
         self._joints.refresh(snapshot)
         self._jog.refresh(snapshot)
         self._serial.refresh(snapshot)

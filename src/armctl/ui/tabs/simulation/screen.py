@@ -56,7 +56,8 @@ class SimulationScreen:
         """Draw a snapshot."""
         self._live.refresh(snapshot)
         self._twin.refresh(snapshot)
-        self._graph.add(snapshot, self._session.console.last_known.standing(snapshot))
+        standing = self._session.console.last_known.standing(snapshot)
+        self._graph.add(snapshot, standing, seen=self._session.sees("Simulation"))
         self._line.set_visible(self._with_trail.value)
         if self._with_trail.value and self._drawn != self._trail.count:
             self._draw_trail()
@@ -180,9 +181,15 @@ class JointGraph:
         self._legend.show(legend_html(self._robot, joints))
         self._plot.show(self._picture())
 
-    def add(self, snapshot: Snapshot, standing: FloatArray) -> None:
-        """Send the graph about five times a second; ``standing`` (n,): commanded, else last known [rad]."""
+    def add(self, snapshot: Snapshot, standing: FloatArray, *, seen: bool) -> None:
+        """Send the graph about five times a second while it is ``seen``.
+
+        ``standing`` (n,): where the arm was commanded to be, else last known [rad].
+        """
         self._history.add(snapshot.stamp, standing, snapshot.q)
+        if not seen:
+            self._still = False
+            return
         if snapshot.stamp - self._sent_at < _PERIOD_S:
             return
         picture = self._picture()
