@@ -147,6 +147,7 @@ class Bench:
         count = len(self._pages())
         self.orders.send("open")
         self.wait(lambda: len(self._pages()) == count + 1)
+        self.wait(lambda: all(page.built for page in self._pages().values()))
 
     def _pages(self) -> dict[int, Page]:
         return dict(self.app._pages)  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
@@ -226,8 +227,8 @@ class Bench:
         self.press("This program", "Save")
         self.wait(lambda: self.program.version > version)
         for group, button in (
-            ("This program", "Download"),
-            ("This program", "CSV"),
+            ("Download as", "Download"),
+            ("Download as", "CSV"),
             ("Download as", "Python"),
         ):
             self.press(group, button)

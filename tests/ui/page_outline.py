@@ -23,7 +23,7 @@ def outlines() -> dict[str, str]:
         RawPage(served.app.server.get_port()) as raw,
     ):
         raw.introduce()
-        raw.read_until(b"Calibration")
+        raw.read_until(b"Download report")
         (page,) = served.app._pages.values()
 
         async def built() -> dict[str, str]:

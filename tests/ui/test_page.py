@@ -33,7 +33,7 @@ def test_garbage_for_every_control_gives_at_most_a_refusal(
 
     with served_arm(tmp_path) as served, RawPage(served.app.server.get_port()) as page:
         page.introduce()
-        page.read_until(b"Calibration")
+        page.read_until(b"Download report")
         (client,) = served.app.server.get_clients().values()
         handles = tuple(client.gui._gui_input_handle_from_uuid.values())
         (speed,) = (handle for handle in handles if getattr(handle, "label", "") == "Speed %")
@@ -55,7 +55,7 @@ def test_a_page_that_cannot_be_built_does_not_operate(tmp_path: Path) -> None:
         with RawPage(port) as broken, RawPage(port) as page:
             broken.say("ViewerCameraMessage", **{**CAMERA, "image_height": 0})
             page.introduce()
-            page.read_until(b"Calibration")
+            page.read_until(b"Download report")
             (built,) = served.app._pages
             operator = served.now.control.operator
             assert operator is not None and operator.id == page_name(built)
@@ -64,7 +64,7 @@ def test_a_page_that_cannot_be_built_does_not_operate(tmp_path: Path) -> None:
 def test_a_target_out_of_this_world_ends_the_live_target(tmp_path: Path) -> None:
     with served_arm(tmp_path) as served, RawPage(served.app.server.get_port()) as page:
         page.introduce()
-        page.read_until(b"Calibration")
+        page.read_until(b"Download report")
         (client,) = served.app.server.get_clients().values()
         handles = client.gui._gui_input_handle_from_uuid.values()
         (switch,) = (handle for handle in handles if getattr(handle, "label", "") == "Live target")
@@ -90,7 +90,7 @@ def test_what_a_page_does_beside_its_callbacks_is_logged_when_it_fails(
 
     with served_arm(tmp_path) as served, RawPage(served.app.server.get_port()) as page:
         page.introduce()
-        page.read_until(b"Calibration")
+        page.read_until(b"Download report")
         (session,) = (page.session for page in served.app._pages.values())
         asyncio.run_coroutine_threadsafe(spawn(), served.app.server.get_event_loop()).result(PATIENCE_S)
     ours = [record for record in caplog.records if record.name.startswith("armctl")]

@@ -91,9 +91,11 @@ class App:
         who = page_name(client.client_id)
         try:
             lost = self._operator_lost
-            self._pages[client.client_id] = Page(client, self.robots, self._lines.link, lost)
+            page = self._pages[client.client_id] = Page(client, self.robots, self._lines.link, lost)
+            await page.build()
         except Exception:
             LOG.exception("%s could not be built", who)
+            self._pages.pop(client.client_id, None)
             raise
         await self._arrive(who)
 
@@ -177,6 +179,7 @@ class App:
                     LOG.debug("a page could not be refreshed", exc_info=True)
                 except Exception:  # the other pages go on
                     LOG.exception("%s could not be refreshed", page_name(client_id))
+                await asyncio.sleep(0)  # a click is not to wait for all pages
 
     def _draw_frame(self) -> None:
         console = self._console

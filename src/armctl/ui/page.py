@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Sequence
 
 import viser
@@ -43,7 +44,7 @@ class Page:
         link: Callable[[str, str], None],
         lost: Callable[[int], None],
     ) -> None:
-        """Build everything for the present arm; ``link`` and ``lost`` as in ``Session.find_line``."""
+        """Build *Control* and empty tabs; ``link`` and ``lost`` as in ``Session.find_line``."""
         self.client, self._robots, self._link, self._lost = client, robots, link, lost
         self._window = client.camera.image_width, client.camera.image_height
         """[px]; those of the screen, until the page has said how many of them it takes for one of its own"""
@@ -53,28 +54,43 @@ class Page:
         self._control = self._panel.add_tab("Control", viser.Icon.HAND_STOP)
         self._lay_out()
         group = client.gui.add_tab_group()
-        self._tabs = [(tab, group.add_tab(tab.label, tab.icon)) for tab in TABS]
-        self._build()
+        self._containers = [group.add_tab(tab.label, tab.icon) for tab in TABS]
+        self._begin()
 
-    def _build(self) -> None:
-        gui = self.client.gui
+    async def build(self) -> None:
+        """Fill the tabs one by one: what others ask for, STOP above all, waits for one tab at most."""
+        while not (self.built or self.session.closed):
+            await asyncio.sleep(0)
+            self._build_next()
+
+    @property
+    def built(self) -> bool:
+        """Whether every tab is there."""
+        return not self._unbuilt
+
+    def _begin(self) -> None:
         self._drawn: Snapshot | None = None
         self._contents: list[viser.GuiFolderHandle] = []
         self._screens: list[Screen] = []
+        self._unbuilt = list(zip(TABS, self._containers, strict=True))
         with self.client.atomic():
             self.session = Session(self.client, self._robots)
             self.session.spawn(self.session.find_line(self._link, self._lost))
             self.session.spawn(self._fit())
             self.session.on_phone = self._window[0] < _PHONE_PX
-            for container in (self._control, *(container for _, container in self._tabs)):
-                with container:
-                    self._contents.append(gui.add_folder(None))
-            control, *contents = self._contents
-            with control:
+            with self._control, self._content():
                 self._always = ControlPanel(self.session, self._panel)
-            for (tab, _), content in zip(self._tabs, contents, strict=True):
-                with content:
-                    self._screens.append(tab.build(self.session))
+
+    def _build_next(self) -> None:
+        if self._unbuilt:
+            tab, container = self._unbuilt.pop(0)
+            with self.client.atomic(), container, self._content():
+                self._screens.append(tab.build(self.session))
+
+    def _content(self) -> viser.GuiFolderHandle:
+        """A folder in the present container for what goes when the arm does."""
+        self._contents.append(self.client.gui.add_folder(None))
+        return self._contents[-1]
 
     def _look(self) -> None:
         """See the arm in what the panels leave of the window."""
@@ -112,7 +128,9 @@ class Page:
             for content in self._contents:
                 content.remove()
             self.client.scene.reset()
-            self._build()
+            self._begin()
+            while not self.built:
+                self._build_next()
 
     def see(self, tabs: Sequence[str]) -> None:
         """These tabs are open: the ghosts of the others are hidden, and the one that is new is drawn."""
@@ -120,8 +138,8 @@ class Page:
             self._drawn = None
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Draw a snapshot; it is drawn once."""
-        if snapshot is self._drawn:
+        """Draw a snapshot; it is drawn once, and not before all tabs are there."""
+        if snapshot is self._drawn or not self.built:
             return
         self._drawn = snapshot
         with self.client.atomic():

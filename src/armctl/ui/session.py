@@ -9,6 +9,7 @@ from collections.abc import Callable, Coroutine, Generator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import Any, Literal, Protocol
 
 import viser
@@ -130,7 +131,7 @@ class Session:
         reason = LiveHtml(self.gui, visible=False) if told else None
         offer = _Offer(controls, arm, also, reason, anyone)
         self._offers.append(offer)
-        self._draw_offer(offer, self.snapshot)
+        self._draw_offer(offer, self.snapshot, partial(self.why_not, snapshot=self.snapshot))
 
     def why_not(self, arm: Need | None, snapshot: Snapshot) -> str | None:
         """Why what needs this of the arm is refused on this page now, and what to do; None: it is not."""
@@ -148,12 +149,15 @@ class Session:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Enable and disable the controls for a snapshot."""
+        why_not = cache(partial(self.why_not, snapshot=snapshot))  # many controls share a need
         for offer in self._offers:
-            self._draw_offer(offer, snapshot)
+            self._draw_offer(offer, snapshot, why_not)
 
-    def _draw_offer(self, offer: _Offer, snapshot: Snapshot) -> None:
+    def _draw_offer(
+        self, offer: _Offer, snapshot: Snapshot, why_not: Callable[[Need | None], str | None]
+    ) -> None:
         arm = offer.arm() if callable(offer.arm) else offer.arm
-        why = None if offer.anyone else self.why_not(arm, snapshot)
+        why = None if offer.anyone else why_not(arm)
         if why is None and offer.also is not None:
             why = offer.also(snapshot)
         for control in offer.controls:
