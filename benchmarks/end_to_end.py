@@ -157,7 +157,8 @@ class Console:
             if condition(frames := await self.frames()):
                 return frames
             await asyncio.sleep(_POLL_S)
-        raise TimeoutError(f"{what} did not come within {_PATIENCE_S:g} s")
+        told = self.page.notices()
+        raise TimeoutError(f"{what} did not come within {_PATIENCE_S:g} s; the page says {told}")
 
     async def put(self, program: Program, text: bytes | None = None) -> None:
         """Upload a program."""

@@ -117,6 +117,10 @@ class Page:
         except TimeoutError:
             raise RuntimeError(f"the page says {said}, where {title!r} was to come") from None
 
+    def notices(self) -> list[tuple[str, str]]:
+        """Titles and texts that have come since somebody last looked."""
+        return [self._notices.get_nowait() for _ in range(self._notices.qsize())]
+
     def shows(self, words: str) -> bool:
         """Whether a text of the page has these words in it."""
         return any(words in text for text in self._texts.values())
