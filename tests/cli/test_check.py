@@ -266,3 +266,10 @@ def test_a_tool_axis_across_the_link_is_told_with_the_rows_that_mend_it(
     assert along > 0.99
     assert robot.forward(q)[:3, 3] == pytest.approx(mended.forward(q)[:3, 3])
     assert "the tool axis" not in call(capsys, str(path))[2]
+
+
+def test_a_robot_is_checked_by_its_name(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = call(capsys, "uzuner")
+    assert status == DONE and "a sound robot" in out
+    status, _, err = call(capsys, "uzunre")
+    assert status == REFUSED and "did you mean 'uzuner'?" in err

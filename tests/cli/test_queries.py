@@ -293,3 +293,9 @@ def test_a_pipe_that_nobody_reads_on_ends_in_silence() -> None:
     finally:
         os.close(writing)
     assert (status, said) == (REFUSED, "")
+
+
+def test_an_orientation_that_the_arm_cannot_take_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, err = call(capsys, *"ik uzuner 220 -60 100 --rpy 0 0 0".split())
+    assert status == DONE and "orientation error  161.404°" in out
+    assert "not in that orientation: the nearest that was found there is 161° off" in err

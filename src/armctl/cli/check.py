@@ -36,7 +36,9 @@ _LONG = 500
 @click.option("--robot", type=ROBOT, help="The robot to check a program against (default: the one it names).")
 @json_option
 def check(file: Path, robot: str | None, as_json: bool) -> int:
-    """Check FILE, a robot file or a program, and say everything that is wrong with it.
+    """Check FILE, and say everything that is wrong with it.
+
+    It is a robot file, a program, or the name of a robot.
 
     A program is checked as 'armctl run' begins it: from where the servos start.
     """
@@ -103,7 +105,7 @@ def _record(finding: Finding) -> dict[str, object]:
 
 def _kind(file: Path) -> str:
     """``robot`` or ``program``: what the file's name or its top level says it is."""
-    if is_urdf(file):
+    if is_urdf(file) or (not file.suffix and len(file.parts) == 1 and not file.exists()):
         return "robot"
     if file.suffix.lower() in (".csv", ".py"):
         return "program"
