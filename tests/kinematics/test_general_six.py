@@ -27,6 +27,7 @@ from tests.kinematics.six_joints import (
 )
 
 from armctl.kinematics import Chain, Target
+from armctl.kinematics.general_six.paths import Beside, followed
 from armctl.kinematics.general_six.pencil import Loop, dual_quaternions, product
 from armctl.kinematics.numeric.solver import NumericSolver
 
@@ -89,12 +90,44 @@ def test_the_last_axis_parallel_to_the_first(name: str) -> None:
                 assert_sound(arm, solutions, pose, one)
 
 
-def test_a_nearly_singular_pose_is_not_called_complete() -> None:
+def test_a_nearly_singular_pose_has_every_way() -> None:
     """Where the 4th and 6th axis are nearly in line, the fourth joint turns far for half a millimetre."""
     arm = GENERAL["mechArm 270"]
     q = np.radians([-27.818, 90.0, -90.0, 55.815, 0.0, -77.499])
-    solutions = solver_of(arm, "six joints in general").solve(target_of(plain_pose(arm.chain, q)), STEP)
-    assert not solutions.complete
+    pose = plain_pose(arm.chain, q)
+    solutions = solver_of(arm, FAMILY).solve(target_of(pose), STEP)
+    assert_sound(arm, solutions, pose, q)
+    assert_all_listed(arm, solutions, multi_start(arm, pose, np.random.default_rng(54), 600))
+
+
+def random_beside_a_wrist(rng: np.random.Generator) -> SixJoints:
+    """Right angles as people build arms, the last axis 0.1 to 2 mm beside the wrist, as in a mechArm."""
+    shoulder, upper, d1, fore, hand = rng.uniform((0.0, 0.08, 0.05, 0.08, 0.02), (0.06, 0.3, 0.3, 0.3, 0.1))
+    rows = [
+        (rng.choice([0.0, shoulder]), -QUARTER, d1), (upper, 0, 0), (rng.choice([0.0, 0.01]), -QUARTER, 0),
+        (0, QUARTER, fore), (rng.uniform(1e-4, 2e-3), -QUARTER, 0), (0, 0, hand),
+    ]  # fmt: skip
+    return dh(rows, rng.uniform(100, 180))
+
+
+def test_every_way_of_singular_poses_beside_a_wrist() -> None:
+    rng = np.random.default_rng(52)
+    count, told = (3000 if LONG else 60), 0
+    for i in range(count):
+        if i % 10 == 0:
+            arm = random_beside_a_wrist(rng)
+            solver = solver_of(arm, FAMILY)
+        q = random_q(rng, arm.limits)
+        quarters = np.clip(np.rint(q / QUARTER) * QUARTER, *arm.limits.T)
+        q = np.where(rng.random(6) < 0.6, quarters, q)
+        q[4] = 0.0
+        pose = plain_pose(arm.chain, q)
+        solutions = solver.solve(target_of(pose), STEP)
+        assert_sound(arm, solutions, pose)
+        if np.abs(solutions.q - q).max(axis=1).min() > 1e-6:
+            assert not solutions.complete, (i, q)
+            told += 1
+    assert told <= 0.05 * count  # three axes in line, or a continuum
 
 
 def test_an_odd_number_of_ways_is_not_all() -> None:
@@ -236,6 +269,26 @@ def test_dual_quaternions_multiply_as_poses_do() -> None:
     found = product(dual_quaternions(one, 2.0), dual_quaternions(other, 2.0))
     expected = dual_quaternions(one @ other, 2.0)
     assert found * np.sign((found * expected).sum(axis=1))[:, None] == pytest.approx(expected, abs=1e-13)
+
+
+@pytest.mark.parametrize("name", GENERAL)
+def test_paths_from_a_complex_pose_end_at_all_ways(name: str) -> None:
+    """Those that the eigenvalues of the pose itself say, complex ones too."""
+    arm = GENERAL[name]
+    loop = Loop(arm.chain)
+    rng = np.random.default_rng(53)
+    q = random_q(rng, np.clip(arm.limits, -3.0, 3.0), 3)
+    for pose in plain_pose(arm.chain, q):
+        beside = Beside.of(rng, 0.05, loop.unit)
+        there, here = (loop.candidates(p, 0, 2.0) for p in (beside.poses(pose, np.ones(1)), pose[None]))
+        ends = followed(arm.chain, pose, beside, there.q[there.isotropy > 1e-6], loop.unit)
+        assert ends.all and len(ends.q) == 16 and not ends.singular.any()
+        direct = here.q[here.isotropy > 1e-6]
+        direct = direct[np.abs(direct.imag).max(axis=1) < 5.0]  # rounding grows with the imaginary part
+        away = np.abs(np.exp(1j * ends.q) - np.exp(1j * direct[:, None])) / np.abs(
+            np.exp(1j * direct[:, None])
+        )
+        assert away.max(axis=2).min(axis=1).max() < 1e-4
 
 
 def test_sixteen_complex_ways_and_eight_that_are_no_turns() -> None:

@@ -18,7 +18,7 @@ eight others with c² + s² = 0 for some joint, which are no turns.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ from armctl.kinematics.angles import quaternion_product
 from armctl.kinematics.chain import Chain
 
 ComplexArray = NDArray[np.complex128]
+Numbers = NDArray[Any]
+"""real or complex"""
 
 SIZE = 24
 _ONE = np.eye(8)[0]
@@ -47,18 +49,13 @@ class Candidates(NamedTuple):
 class Loop:
     """The constants of one arm. Immutable."""
 
-    def __init__(self, chain: Chain, beside: float = 0.0, seed: int = 0) -> None:
-        """Of the arm itself, or of one ``beside`` it: every axis turned and shifted by about so much."""
+    def __init__(self, chain: Chain) -> None:
         points, axes = chain.axes()
         tool = chain.forward(np.zeros(chain.n))
         lengths = np.linalg.norm(np.diff(np.vstack([points, tool[:3, 3]]), axis=0), axis=1)
         self.unit = float(lengths.sum()) or 1.0
         """[m] lengths are taken over it; angles, over a radian, count as much"""
         points = points / self.unit
-        rng = np.random.default_rng(seed)
-        axes = axes + beside * rng.normal(size=axes.shape)
-        axes /= np.linalg.norm(axes, axis=1)[:, None]
-        points = points + beside * rng.normal(size=points.shape)
         zeros = np.zeros((6, 1))
         lines = np.concatenate([zeros, axes, zeros, np.cross(points, axes)], axis=1)
         self._first, self._last = lines[0], lines[5]
@@ -69,8 +66,8 @@ class Loop:
         self._left: FloatArray = products
         """(2, 2, 2, 2, 8) the left side's monomials, c before s, joints 2 to 5"""
 
-    def candidates(self, poses: FloatArray, hidden: int, turn: float) -> Candidates:
-        """Of tool poses ``T_base_tool`` (m, 4, 4) [m].
+    def candidates(self, poses: Numbers, hidden: int, turn: float) -> Candidates:
+        """Of tool poses ``T_base_tool`` (m, 4, 4) [m], real or complex.
 
         ``hidden``: which of the joints 2 to 5 (0 to 3) is in the coefficients; ``turn``: its angle that the
         eigenvalues see as infinite, plus half a turn [rad]. They change nothing but the rounding.
@@ -79,10 +76,10 @@ class Loop:
         g = dual_quaternions(poses @ self._T_tool_base, self.unit)
         ahead = product(self._first, g)
         span = np.stack([g, product(g, self._last), ahead, product(ahead, self._last)], axis=1)
-        across = np.linalg.svd(span)[2][:, 4:]
+        across = np.linalg.svd(span)[2][:, 4:].conj()
         C = np.moveaxis(np.einsum("mhd,ijkld->mhijkl", across, self._left), 2 + hidden, 2)
         c, s = math.cos(0.5 * turn), math.sin(0.5 * turn)
-        A, B = np.zeros((m, SIZE, SIZE)), np.zeros((m, SIZE, SIZE))
+        A, B = np.zeros((2, m, SIZE, SIZE), dtype=C.dtype)
         row, column, equation, i, j, k = _PLACES
         A[:, row, column] = (c * C[:, :, 0] + s * C[:, :, 1])[:, equation, i, j, k]
         B[:, row, column] = (c * C[:, :, 1] - s * C[:, :, 0])[:, equation, i, j, k]
@@ -117,16 +114,16 @@ _PLACES = _places()
 _PATH = ["einsum_path", (0, 4), (0, 3), (0, 2), (0, 1)]
 
 
-def _solved(B: FloatArray, A: FloatArray) -> FloatArray:
+def _solved(B: Numbers, A: Numbers) -> Numbers:
     """``B⁻¹ A`` of matrices (m, 24, 24); of a singular B with what rounding makes of it."""
     try:
         solved = np.linalg.solve(B, A)
     except np.linalg.LinAlgError:
         solved = np.linalg.solve(B + 1e-13 * np.random.default_rng(0).normal(size=B.shape[1:]), A)
-    return solved.astype(np.float64)
+    return solved
 
 
-def _rounding(M: FloatArray, values: ComplexArray, vectors: ComplexArray) -> FloatArray:
+def _rounding(M: Numbers, values: ComplexArray, vectors: ComplexArray) -> FloatArray:
     """(m, 24) the error of each eigenvalue as an angle, and over its distance from the next of its vector.
 
     To first order: the eigenvalue's condition times the rounding of the matrix.
@@ -179,19 +176,19 @@ def product(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.concatenate([quaternion_product(p, q), dual], axis=-1)
 
 
-def dual_quaternions(poses: FloatArray, unit: float) -> FloatArray:
+def dual_quaternions(poses: Numbers, unit: float) -> Numbers:
     """Of poses (m, 4, 4) [m], lengths over ``unit``: (m, 8), of either sign."""
     R = poses[:, :3, :3]
     # the largest column of 4 r rᵀ, so that nothing is lost by cancelling
-    outer = np.empty((len(R), 4, 4))
+    outer = np.empty((len(R), 4, 4), dtype=R.dtype)
     diagonal = R[:, [0, 1, 2], [0, 1, 2]]
     outer[:, 0, 0] = 1.0 + diagonal.sum(axis=1)
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         outer[:, i + 1, i + 1] = 1.0 + diagonal[:, i] - diagonal[:, j] - diagonal[:, k]
         outer[:, 0, i + 1] = outer[:, i + 1, 0] = R[:, k, j] - R[:, j, k]
         outer[:, i + 1, j + 1] = outer[:, j + 1, i + 1] = R[:, i, j] + R[:, j, i]
-    largest = np.diagonal(outer, axis1=1, axis2=2).argmax(axis=1)
+    largest = np.abs(np.diagonal(outer, axis1=1, axis2=2)).argmax(axis=1)
     r = outer[np.arange(len(R)), largest]
-    r /= np.linalg.norm(r, axis=1)[:, None]
+    r /= np.sqrt((r * r).sum(axis=1))[:, None]
     t = np.concatenate([np.zeros((len(R), 1)), poses[:, :3, 3] / unit], axis=1)
     return np.concatenate([r, 0.5 * quaternion_product(t, r)], axis=1)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Self
 
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import distinct
+from armctl.kinematics.angles import TWO_PI, distinct
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.general_six.pencil import Candidates, Loop
+from armctl.kinematics.general_six.paths import Beside, followed, meeting, unreal
+from armctl.kinematics.general_six.pencil import Candidates, ComplexArray, Loop
+from armctl.kinematics.numeric.goals import rotation_vectors
 from armctl.kinematics.numeric.solver import roll_joint
 from armctl.kinematics.samples import even_spread
 from armctl.kinematics.solutions import BatchSolutions, Solutions
@@ -29,10 +31,10 @@ _NO_TURN = 1e-6
 _SURE = 1e-3
 """what rounding may carry a candidate by, so that the Newton steps still find what it stands for [rad]"""
 _REAL, _NEARLY_REAL = 1e-2, 0.3
-"""imaginary parts up to which a candidate of the arm itself, or of one beside it, is taken as real [rad]"""
-_BESIDE = (3e-4, 1e-3, 1e-3, 1e-4, 3e-3, 3e-4)
-"""sizes of the changes that make arms beside this one"""
+"""[rad] imaginary parts up to which an eigenvalue, or the end of a path, is tried as a real configuration"""
 _UNREAL = 3.0
+_BESIDE, _TRIES = 0.05, 4
+"""[rad] how far off the complex pose is, and how many are tried"""
 _STEPS, _MANY_STEPS = 8, 40
 _MET = 1e-10
 _EXACT, _NEAR = 1e-12, 1e-3
@@ -41,6 +43,11 @@ _SINGULAR = 1e-5
 """[1] a Jacobian with a smaller singular value may belong to a continuum"""
 _NEARLY_SINGULAR = 1e-4
 """[1] with a smaller one, joints turn far while the tool hardly moves: a way along there may be missed"""
+_FOLD, _SAME_FOLD = 1e-4, 1e-2
+"""[1] a configuration with a smaller singular value may stand for a singular one; [rad] that is so near"""
+_FLAT, _ROUNDING = 1e-9, 3e-15
+"""[1] a slope of a singular value that counts as none; [m] or [rad] what rounding leaves of a pose"""
+_JOINTS = np.arange(6)
 _TRACED, _TRACE_STEP = 40, 0.1
 """how many steps, each way, of how much a continuum is followed [rad]"""
 
@@ -50,8 +57,8 @@ class GeneralSixSolver(InverseKinematics):
 
     All configurations that a pose has come as eigenvectors (``pencil``), and Newton steps on the arm itself
     make them exact. How far rounding can carry an eigenvalue is known. Where that is too far, as where the
-    last axis is parallel to the first, the same is done for arms beside this one, from which the Newton steps
-    lead back.
+    last axis is parallel to the first, and in singular poses they are followed from those of a complex pose
+    beside this one (``paths``).
     """
 
     family = "six joints in general"
@@ -86,12 +93,14 @@ class GeneralSixSolver(InverseKinematics):
     def _every_way(self, pose: FloatArray, _: FloatArray | None) -> Ways:
         q, sure = self._isolated(pose)
         least = self._singular_values(q)
-        sure = sure and float(least.min(initial=1.0)) > _NEARLY_SINGULAR
         reason = (
             None if sure else "close to a singular pose: others may lie so near that they are not told apart"
         )
-        lines = [self._traced(pose, one) for one in q[least < _SINGULAR]]
-        curves = [line for line in lines if len(line) > 1]
+        curves: list[FloatArray] = []
+        for one in q[least < _SINGULAR]:
+            if all(apart(curve, one).min() > _TRACE_STEP for curve in curves):
+                line = self._traced(pose, one)
+                curves += [line] if len(line) > 1 else []
         if curves:
             q = np.concatenate([q, *curves])
             q = q[distinct(q)]
@@ -103,41 +112,62 @@ class GeneralSixSolver(InverseKinematics):
 
     def _isolated(self, pose: FloatArray) -> tuple[FloatArray, bool]:
         """(k, 6) configurations of a pose (4, 4) [rad], and whether it is sure that there are no more."""
-        found, sure = self._real(pose, self._loop.candidates(pose[None], self._hidden[0], _TURN), _REAL)
-        if sure and self._paired(found):
-            return found, True
-        agreed = False
-        for loop, hidden, turn in self._beside():
-            more, sure = self._real(pose, loop.candidates(pose[None], hidden, turn), _NEARLY_REAL)
-            both = np.concatenate([found, more])
-            both = both[distinct(both)]
-            if sure and agreed and len(both) == len(found) and self._paired(both):
-                return both, True
-            found, agreed = both, agreed or sure
-        return found, False
+        found, sure = self._real(pose, self._loop.candidates(pose[None], self._hidden[0], _TURN))
+        least = float(self._singular_values(found).min(initial=1.0))
+        if sure and len(found) % 2 == 0 and least > _NEARLY_SINGULAR:
+            return found, True  # of 16 roots the complex ones come in pairs, so the real ones are even
+        rng = np.random.default_rng(0)
+        known: bool | None = None
+        for _ in range(_TRIES):
+            more, known = self._followed(pose, Beside.of(rng, _BESIDE, self._loop.unit))
+            found = np.concatenate([found, more])
+            if known is not None:
+                break
+        folds = self._folds(pose, found[self._singular_values(found) < _FOLD])
+        least = self._singular_values(found)
+        alone = [
+            least[i] > _FOLD or apart(folds, one).min(initial=math.inf) > _SAME_FOLD
+            for i, one in enumerate(found)
+        ]
+        found = np.concatenate([folds, found[alone]])
+        return found[distinct(found)], bool(known)
 
-    def _paired(self, q: FloatArray) -> bool:
-        """Whether these can be all: of 16 roots the complex ones come in pairs, so the real ones are even.
+    def _followed(self, pose: FloatArray, beside: Beside) -> tuple[FloatArray, bool | None]:
+        """As ``_isolated``, from the configurations of a complex pose; None: it is not known, try another."""
+        candidates = self._loop.candidates(beside.poses(pose, np.ones(1)), self._hidden[0], _TURN)
+        starts, known = self._known(candidates)
+        ends = followed(self.chain, pose, beside, starts, self._loop.unit)
+        away = unreal(ends.q)
+        near = ends.q[away < _NEARLY_REAL].real
+        q = np.concatenate(
+            [
+                self._polished(pose, near),
+                self._folds(pose, np.concatenate([meeting(ends), ends.q[ends.singular].real])),
+            ]
+        )
+        if not (known and ends.all):
+            return q, None
+        # a path may end at a complex point of a continuum, which has real ones, too
+        hidden = [
+            away[i] > _NEARLY_REAL or apart(q, ends.q[i].real).min(initial=math.inf) > _NEARLY_REAL
+            for i in np.flatnonzero(ends.singular)
+        ]
+        return q, not any(hidden)
 
-        A double root is one singular configuration.
-        """
-        return len(q) % 2 == 0 or float(self._singular_values(q).min()) < _SINGULAR
-
-    def _beside(self) -> Iterator[tuple[Loop, int, float]]:
-        for i, loop in enumerate(self._loops_beside):
-            yield loop, self._hidden[i % 4], _TURN + 1.3 * (i + 1)
-
-    def _real(self, pose: FloatArray, candidates: Candidates, limit: float) -> tuple[FloatArray, bool]:
+    def _real(self, pose: FloatArray, candidates: Candidates) -> tuple[FloatArray, bool]:
         """(k, 6) configurations that real candidates of a pose lead to, and whether rounding hid none."""
+        q, sure = self._known(candidates)
+        return self._polished(pose, q[unreal(q) < _REAL].real), sure
+
+    def _known(self, candidates: Candidates) -> tuple[ComplexArray, bool]:
+        """(k, 6) those candidates of a pose that are turns, and whether rounding leaves each recognisable."""
         q, isotropy, error = candidates.q[0], candidates.isotropy[0], candidates.error[0]
         turns = (isotropy > _NO_TURN) & np.isfinite(q).all(axis=1)
-        near = q[turns]
-        unreal = np.minimum(np.abs(near.imag).max(axis=1, initial=0.0), _UNREAL)
-        sure = bool((error[turns] < np.maximum(_SURE, 0.1 * unreal)).all())
-        near = near[np.abs(near.imag).max(axis=1, initial=0.0) < limit]
-        starts = near.real
-        if limit > _REAL:  # a pair that the arm has as a real one may be complex beside it
-            starts = np.concatenate([starts, starts + near.imag, starts - near.imag])
+        away = np.minimum(unreal(q[turns]), _UNREAL)
+        return q[turns], bool((error[turns] < np.maximum(_SURE, 0.1 * away)).all())
+
+    def _polished(self, pose: FloatArray, starts: FloatArray) -> FloatArray:
+        """(k, 6) configurations that Newton steps lead to, each once."""
         q = polished(self.chain, pose, starts, self._loop.unit, _STEPS)
         off = misses(self.chain, pose, q)
         slow = (off > _EXACT) & (off < _NEAR)  # where the arm is singular, steps only halve what is left
@@ -145,7 +175,7 @@ class GeneralSixSolver(InverseKinematics):
             q[slow] = polished(self.chain, pose, q[slow], self._loop.unit, _MANY_STEPS)
             off[slow] = misses(self.chain, pose, q[slow])
         q = q[off < _MET]
-        return q[distinct(q)], sure
+        return q[distinct(q)]
 
     def _traced(self, pose: FloatArray, q: FloatArray) -> FloatArray:
         """(k, 6) configurations along the curve through ``q`` (6,) on which the tool stands still, if any."""
@@ -163,9 +193,36 @@ class GeneralSixSolver(InverseKinematics):
                 line.append(at)
         return np.array(line)
 
+    def _folds(self, pose: FloatArray, starts: FloatArray) -> FloatArray:
+        """(k, 6) singular configurations of a pose near ``starts`` (m, 6), to all digits.
+
+        Newton steps find a double root to half of the digits, if at all. It is an ordinary root of
+        off(q) = λ u and σ(q) = 0, with σ, u and v the least singular value of the Jacobian and its vectors.
+        """
+        found = [np.empty((0, 6))]
+        for q in starts:
+            for _ in range(_STEPS):
+                J = self._scaled_jacobians(q)
+                u, sigma, vt = np.linalg.svd(J)
+                M = np.zeros((7, 7))
+                M[:6, :6], M[:6, 6], M[6, :6] = J, -u[:, -1], _slopes(J, u[:, -1], vt[-1])
+                move = np.linalg.lstsq(M, np.append(self._off(pose, q), sigma[-1]), rcond=_FLAT)[0][:6]
+                longest = float(np.abs(move).max())
+                q = q - move * min(1.0, _NEARLY_REAL / max(longest, 1e-300))
+                if longest < _EXACT:
+                    break
+            if misses(self.chain, pose, q[None])[0] < _ROUNDING:
+                found.append(q[None])
+        return np.concatenate(found)
+
+    def _off(self, pose: FloatArray, q: FloatArray) -> FloatArray:
+        T = self.chain.forward(q)
+        turned = rotation_vectors((T[:3, :3] @ pose[:3, :3].T)[None])[0]
+        return np.append((T[:3, 3] - pose[:3, 3]) / self._loop.unit, turned)
+
     def _null(self, q: FloatArray) -> FloatArray:
         """(6,) the unit velocity that moves the tool least."""
-        return np.linalg.svd(self._scaled_jacobians(q[None])[0])[2][-1].astype(np.float64)
+        return np.linalg.svd(self._scaled_jacobians(q))[2][-1].astype(np.float64)
 
     def _singular_values(self, q: FloatArray) -> FloatArray:
         """(k,) the least singular value of the Jacobian, lengths over the reach."""
@@ -175,12 +232,8 @@ class GeneralSixSolver(InverseKinematics):
 
     def _scaled_jacobians(self, q: FloatArray) -> FloatArray:
         J = self.chain.jacobian(q)
-        J[:, :3] /= self._loop.unit
+        J[..., :3, :] /= self._loop.unit
         return J
-
-    @cached_property
-    def _loops_beside(self) -> tuple[Loop, ...]:
-        return tuple(Loop(self.chain, size, seed) for seed, size in enumerate(_BESIDE))
 
     @cached_property
     def _hidden(self) -> tuple[int, ...]:
@@ -191,6 +244,24 @@ class GeneralSixSolver(InverseKinematics):
             found = self._loop.candidates(poses, hidden, _TURN)
             worst.append(float(np.median(np.where(found.isotropy > _NO_TURN, found.error, 0.0).max(axis=1))))
         return tuple(np.argsort(worst).tolist())
+
+
+def _slopes(J: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
+    """(6,) how u J v grows with each joint angle, of a Jacobian (6, 6) and vectors (6,).
+
+    Joint k turns the columns behind it, and moves the point that those ahead of it move.
+    """
+    linear, axes = J[:3].T, J[3:].T
+    first, last = np.minimum.outer(_JOINTS, _JOINTS), np.maximum.outer(_JOINTS, _JOINTS)
+    moved = np.cross(axes[first], linear[last]) @ u[:3]
+    turned = np.triu(np.cross(axes[:, None], axes[None]) @ u[3:])
+    return np.asarray((moved + turned) @ v)
+
+
+def apart(q: FloatArray, one: FloatArray) -> FloatArray:
+    """(k,) how far configurations (k, 6) are from one (6,), whole turns not counted [rad]."""
+    off = q - one
+    return np.asarray(np.abs(off - TWO_PI * np.rint(off / TWO_PI)).max(axis=1))
 
 
 def _samples(limits: FloatArray) -> FloatArray:
