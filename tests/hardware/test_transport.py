@@ -110,6 +110,7 @@ def test_a_port_in_use_says_who_may_hold_it(pty: BarePty, line: SerialTransport)
         ("{folder}", "a directory, not a port"),
         ("{folder}/file", "cannot be opened as a serial port"),
         ("warp://host", "warp://host: not a port that can be opened"),
+        ("loop://", "loop://: not a port that can be opened"),
         ("socket://127.0.0.1:{closed}", r"cannot connect .* is the program at the other end running"),
         *(
             (f"socket://{address}", r"socket://.*: a network address is socket://HOST:PORT, with a port")
@@ -123,6 +124,14 @@ def test_what_is_no_port(tmp_path: Path, name: str, says: str):
         closed = server.getsockname()[1]
     with pytest.raises(PortError, match=says):
         SerialTransport(name.format(folder=tmp_path, closed=closed))
+
+
+def test_no_address_of_pyserials_overwrites_a_file(pty: BarePty, tmp_path: Path):
+    file = tmp_path / "precious"
+    file.write_text("kept")
+    with pytest.raises(PortError, match="not a port that can be opened"):
+        SerialTransport(f"spy://{pty.port}?file={file}")
+    assert file.read_text() == "kept"
 
 
 @pytest.mark.parametrize(

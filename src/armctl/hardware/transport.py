@@ -60,6 +60,7 @@ def pieces(line: Transport, wait_s: float, now: Callable[[], float]) -> Iterator
 # A serial port, a pty or a ``socket://host:port`` through pyserial, with errors in words for the user.
 
 _NETWORK = "socket://"
+_PORT_NAMES = f"name a device such as /dev/ttyACM0, or {_NETWORK}HOST:PORT"
 _LOGGER = logging.getLogger("armctl.hardware")
 _BAUD = 115_200
 _FIRST_TIMEOUT_S = 0.05
@@ -91,10 +92,7 @@ class SerialTransport:
                 port, baudrate=baud, timeout=self._timeout_s, write_timeout=write_timeout_s, exclusive=True
             )
         except ValueError as error:
-            raise PortError(
-                f"{port}: not a port that can be opened ({error}); "
-                "name a device such as /dev/ttyACM0 or socket://host:port"
-            ) from error
+            raise PortError(f"{port}: not a port that can be opened ({error}); {_PORT_NAMES}") from error
         except _LINE_ERRORS as error:
             raise PortError(f"{port}: {_why_not_opened(port, error)}") from error
         with suppress(*_LINE_ERRORS):  # a driver without it: the lock remains
@@ -144,9 +142,15 @@ class SerialTransport:
 
 
 def _check_address(port: str) -> None:
-    """Refuse a network address without host or port; pyserial's words for it help no user."""
-    if not port.startswith(_NETWORK):
+    """Refuse a network address without host or port, and every other address.
+
+    pyserial knows addresses that overwrite any file of the user (``spy://…?file=``), and who operates the
+    arm from another computer may name the port.
+    """
+    if "://" not in port:
         return
+    if not port.startswith(_NETWORK):
+        raise PortError(f"{port}: not a port that can be opened; {_PORT_NAMES}")
     try:
         parts = urlsplit(port)
         complete = bool(parts.hostname and parts.port)
