@@ -216,8 +216,12 @@ def test_the_shortest_duration_that_is_told_is_taken(degrees: float) -> None:
             90.0,
             1.0,
             "s-curve",
-            r"Base: 90.00° in 1.000 s is too fast for its limits of 60.0 °/s and",
+            r"Base: 90.00° in 1.000 s is too fast for its limits of 60.0 °/s, 360.0 °/s² and 7200.0 °/s³;",
         ),
+        (0.01, 0.01, "s-curve", r"is too fast for its limit of 7200.0 °/s³; with the profile s-curve"),
+        (1.0, 0.1, "trapezoid", r"is too fast for its limit of 360.0 °/s²; the shortest"),
+        (90.0, 1.6666, "trapezoid", r"in 1.6666 s .* duration is 1.667 s"),
+        (90.0, 2.2499999, "cubic", r"in 2.2499999 s needs 60.000003 °/s, its limit is 60.000000 °/s"),
         (90.0, 0.0, "cubic", "Base: cannot move in 0 s"),
     ],
 )

@@ -367,7 +367,7 @@ def all_needs(titles: Sequence[str], limits: NDArray[np.float64], needed: Sequen
 def needs(title: str, limits: NDArray[np.float64] | Sequence[float], *angles: float) -> str:
     """Text for a joint that would leave its limits: ``limits`` (2,) and alternative ``angles`` [rad]."""
     low, high, *needed = (math.degrees(float(value)) + 0.0 for value in (*limits, *angles))
-    digits = max(_digits(angle, low, high) for angle in needed)
+    digits = max(decimals_apart(angle, low, high) for angle in needed)
     said = " or ".join(dict.fromkeys(f"{angle:z.{digits}f}°" for angle in needed))
     return f"{title} needs {said}, its limits are {low:z.{digits}f}° … {high:z.{digits}f}°"
 
@@ -375,11 +375,13 @@ def needs(title: str, limits: NDArray[np.float64] | Sequence[float], *angles: fl
 def outside(lower: float, upper: float, angle: float) -> str:
     """Text for a joint angle beyond limits, all [rad]."""
     low, high, got = (math.degrees(value) + 0.0 for value in (lower, upper, angle))
-    digits = _digits(got, low, high)
+    digits = decimals_apart(got, low, high)
     return f"{got:z.{digits}f}° is outside {low:z.{digits}f}° … {high:z.{digits}f}°"
 
 
-def _digits(angle: float, low: float, high: float) -> int:
-    """How many decimals tell an angle from both limits."""
-    shown = ((k, f"{angle:.{k}f}", (f"{low:.{k}f}", f"{high:.{k}f}")) for k in range(2, 10))
-    return next((k for k, text, limits in shown if text not in limits), 2)
+def decimals_apart(value: float, *others: float, least: int = 2) -> int:
+    """With how many decimals a number and each of some others read differently."""
+    for k in range(least, 10):
+        if f"{value:.{k}f}" not in {f"{other:.{k}f}" for other in others}:
+            return k
+    return least

@@ -347,5 +347,6 @@ def plan_blended(
 
 
 def _whole_s(duration_s: float, shortest: float, profile: ProfileName, *, exact: bool = True) -> float:
-    words = "the whole motion cannot take {:g} s".format
-    return lasting_s(duration_s, shortest, words, profile, exact=exact)
+    return lasting_s(
+        duration_s, shortest, lambda _, told: f"the whole motion cannot take {told}", profile, exact=exact
+    )

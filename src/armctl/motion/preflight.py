@@ -15,7 +15,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics import GravityModel
 from armctl.kinematics.chain import LinkFrames
-from armctl.kinematics.solutions import outside
+from armctl.kinematics.solutions import decimals_apart, outside
 from armctl.kinematics.target import checked_number
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Gaps, sources
@@ -276,10 +276,9 @@ def _rate_findings(motion: SampledMotion, kind: Kind) -> Iterator[Finding]:
     for j in over:
         value, limit = np.degrees([most[j], limits[j]])
         when, digits = _when_most(motion, order, j, int(rates[:, j].argmax()))
-        what, mend = (
-            f"{value:.1f} {unit} is over its limit of {limit:.1f} {unit}",
-            "stop there, or round the path",
-        )
+        shown = decimals_apart(value, limit, least=1)
+        what = f"{value:.{shown}f} {unit} is over its limit of {limit:.{shown}f} {unit}"
+        mend = "stop there, or round the path"
         if math.isfinite(value):
             longer = math.ceil(100.0 * (most[j] / limits[j]) ** (1 / (order + 1))) / 100.0
             mend = f"take {longer:.2f} times as long"

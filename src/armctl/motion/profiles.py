@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics.energy import CUBIC_PEAKS, rest_to_rest_times
+from armctl.kinematics.solutions import decimals_apart
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.trajectory import KnowsPeaks, Peaks, Sample, as_times
@@ -37,6 +38,8 @@ NOWHERE = 1e-12
 _ROUNDING = 1e-9
 _SPARE_MS = 1e-9
 """so little below a whole millisecond is one [ms]"""
+_MET = 1e-6
+"""so little below a limit it is met (share)"""
 _INSTANT = 1e-9
 """a duration that is none [s]"""
 
@@ -175,7 +178,8 @@ class PointToPoint(KnowsPeaks):
         """
         first, last = checked_ends(start, end, robot.n)
         travel = last - first
-        shape, laws = _SHAPES.get(checked_profile(profile)), list[PiecewisePolynomial | None]()
+        shape = _SHAPES.get(checked_profile(profile))
+        laws: list[PiecewisePolynomial | None] = []
         if shape is not None:
             way = np.where(np.abs(travel) > NOWHERE, np.abs(travel), 0.0)
             times = shape.times(way, robot.speed_limits, robot.acceleration_limits, robot.jerk_limits)
@@ -185,14 +189,17 @@ class PointToPoint(KnowsPeaks):
         duration = float(times.max())
         if duration_s is not None:
             duration = lasting_s(
-                duration_s, duration, lambda asked: _too_short(robot, travel, asked, times, profile), profile
+                duration_s,
+                duration,
+                lambda asked, text: _too_short(robot, travel, asked, text, times, laws, profile),
+                profile,
             )
         if duration == 0:
             return cls(first, last, 0.0, None)
         if shape is not None:
             return cls(first, last, duration, shape.over(travel, duration))
-        laws = [None if law is None else law.scaled(duration / law.high) for law in laws]
-        return cls(first, last, duration, _joined(np.sign(travel), laws, duration))
+        slowed = [None if law is None else law.scaled(duration / law.high) for law in laws]
+        return cls(first, last, duration, _joined(np.sign(travel), slowed, duration))
 
     @classmethod
     def each_for_itself(cls, robot: Robot, start: ArrayLike, end: ArrayLike) -> PointToPoint:
@@ -245,16 +252,20 @@ def checked_duration(duration: float) -> float:
 def lasting_s(
     duration: float,
     shortest: float,
-    too_short: Callable[[float], str],
+    too_short: Callable[[float, str], str],
     profile: ProfileName = "trapezoid",
     *,
     exact: bool = True,
 ) -> float:
-    """A duration [s] that is asked for; ``MotionRefusedError`` where it is under the profile's shortest."""
+    """A duration [s] that is asked for; ``MotionRefusedError`` where it is under the profile's shortest.
+
+    ``too_short``: says why, from the duration and its text, which does not read as the shortest one.
+    """
     checked = checked_duration(duration)
     if checked < shortest * (1 - _ROUNDING):
         words = shortest_words(shortest, profile, exact=exact)
-        raise MotionRefusedError(f"{too_short(checked)}; {words}")
+        digits = decimals_apart(checked, _told_s(shortest), least=3)
+        raise MotionRefusedError(f"{too_short(checked, f'{checked:.{digits}f} s')}; {words}")
     return max(checked, shortest)
 
 
@@ -265,7 +276,11 @@ def shortest_words(shortest: float, profile: ProfileName = "trapezoid", *, exact
     """
     by = "" if profile == "trapezoid" else f"with the profile {profile} "
     which = "shortest possible duration" if exact else "shortest duration (near the shortest possible)"
-    return f"{by}the {which} is {math.ceil(1000 * shortest - _SPARE_MS) / 1000:.3f} s"
+    return f"{by}the {which} is {_told_s(shortest):.3f} s"
+
+
+def _told_s(shortest: float) -> float:
+    return math.ceil(1000 * shortest - _SPARE_MS) / 1000
 
 
 def stopping_s(robot: Robot) -> float:
@@ -316,19 +331,33 @@ def _joined(
 
 
 def _too_short(
-    robot: Robot, travel: FloatArray, duration: float, times: FloatArray, profile: ProfileName
+    robot: Robot,
+    travel: FloatArray,
+    duration: float,
+    told: str,
+    times: FloatArray,
+    laws: Sequence[PiecewisePolynomial | None],
+    profile: ProfileName,
 ) -> str:
-    """Which joint cannot, and which of its limits it would pass."""
+    """Which joint cannot, and which of its limits it would pass; the duration [s] is ``told`` so."""
     i = int(times.argmax())
     joint, way = robot.joints[i], float(np.degrees(abs(travel[i])))
     if duration == 0:
         return f"{joint.title}: cannot move in 0 s"
     limits = np.degrees([joint.speed, joint.acceleration, joint.jerk]).tolist()
-    motion = f"{joint.title}: {way:.2f}° in {duration:.3f} s"
-    if profile not in _SHAPES:
-        return f"{motion} is too fast for its limits of {limits[0]:.1f} °/s and {limits[1]:.1f} °/s²"
+    units = ("°/s", "°/s²", "°/s³")
+    motion = f"{joint.title}: {way:.2f}° in {told}"
+    law = laws[i] if laws else None
+    if law is not None:
+        # the shortest law meets some limits; the others do not make it longer
+        rates = [law := law.derivative() for _ in range(2 if profile == "trapezoid" else 3)]
+        peaks = [math.degrees(float(rate.bound_by_piece().max())) for rate in rates]
+        met = [k for k, peak in enumerate(peaks) if peak > limits[k] * (1 - _MET)]
+        *first, last = [f"{limits[k]:.1f} {units[k]}" for k in met]
+        said = f"limits of {', '.join(first)} and {last}" if first else f"limit of {last}"
+        return f"{motion} is too fast for its {said}"
     needs = [peak * way / duration ** (k + 1) for k, peak in enumerate(_SHAPES[profile].peaks)]
     # the limit that asks for the longest time: speed by the first power, acceleration by the second ...
     k = max(range(len(needs)), key=lambda k: (needs[k] / limits[k]) ** (1 / (k + 1)))
-    unit = ("°/s", "°/s²", "°/s³")[k]
-    return f"{motion} needs {needs[k]:.1f} {unit}, its limit is {limits[k]:.1f} {unit}"
+    digits = decimals_apart(needs[k], limits[k], least=1)
+    return f"{motion} needs {needs[k]:.{digits}f} {units[k]}, its limit is {limits[k]:.{digits}f} {units[k]}"

@@ -217,7 +217,7 @@ def timed(
     lasts = lasting_s(
         duration_s,
         shortest.duration,
-        lambda asked: f"the motion cannot take {asked:g} s: {_bound(robot, shortest, profile, rate_cap)}",
+        lambda _, told: f"the motion cannot take {told}: {_bound(robot, shortest, profile, rate_cap)}",
         profile,
         exact=path.is_straight and profile != "quintic",
     )

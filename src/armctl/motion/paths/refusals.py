@@ -119,6 +119,11 @@ class Attempt:
         """What is asked for besides the position, in a word; empty: nothing."""
         return "" if self.turn is None else "rotation" if isinstance(self.turn, ToolRotation) else "pitch"
 
+    @property
+    def found(self) -> str:
+        """What a sentence about the way begins with."""
+        return "on the best way that was found, " if self.chosen else ""
+
     def target(self, s: float) -> Target:
         """What the tool is asked for at ``s`` [m]."""
         point = self.curve.positions(s)
@@ -184,13 +189,12 @@ def limit_refusal(tried: Attempt, path: PiecewisePolynomial, s: float, k: int) -
     beyond = _beyond_limits(robot, path)
     worst = max((one for one in beyond if one.joint == k), key=lambda one: one.excess)
     place = PathPlace(s, s / curve.length, curve.positions(s), k, worst.angle, worst.s)
-    found = "on the best way that was found, " if tried.chosen else ""
     at = float(path(s)[k])
     limit = min(robot.limits[k].tolist(), key=lambda bound: abs(bound - at))
     said = " and ".join(_need_words(tried, path, one) for one in beyond)
     message = (
-        f"{_where(curve, place)}: {found}{robot.joints[k].title} is at its limit of {_degrees(limit)}°; "
-        f"{said}; {_other_ways(tried)}"
+        f"{_where(curve, place)}: {tried.found}{robot.joints[k].title} is at its limit of "
+        f"{_degrees(limit)}°; {said}; {_other_ways(tried)}"
     )
     return ToolPathRefusedError(message, place, _before(path, s))
 
@@ -261,8 +265,8 @@ def end_refusal(tried: Attempt) -> ToolPathRefusedError | ToolPathUnreachableErr
         return ToolPathUnreachableError(f"{_where(curve, place)}: {why}", place, before)
     k = int((np.abs(last.slope) / robot.speed_limits).argmax())
     return ToolPathRefusedError(
-        f"{_where(curve, place)}: {robot.joints[k].title} would have to turn without bound: a singularity, "
-        f"where this branch ends; {_other_ways(tried)}",
+        f"{_where(curve, place)}: {tried.found}{robot.joints[k].title} would have to turn without bound: "
+        f"a singularity, where this branch ends; {_other_ways(tried)}",
         replace(place, joint=k),
         before,
     )
