@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
-from typing import Any, cast, get_args, get_origin, get_type_hints
+from typing import Any, Union, cast, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
@@ -82,6 +82,12 @@ class Ask(Request, frozen=True):
     who: str = ""
     """whom a trusted client speaks for; empty: itself"""
     note: str = ""
+
+
+class _Asked(Ask, frozen=True, tag="ask"):
+    """An ``Ask`` as it arrives: its command waits in its bytes until ``Codec.command`` decodes them."""
+
+    command: msgspec.Raw
 
 
 class Stop(Request, frozen=True):
@@ -360,12 +366,12 @@ class Codec:
         self.json = json
         wire: Any = msgspec.json if json else msgspec.msgpack
         self._encode = wire.Encoder(enc_hook=_plain).encode
-        self._from_client = wire.Decoder(FromClient).decode
+        arriving = _union([_Asked if kind is Ask else kind for kind in get_args(FromClient)])
+        self._from_client = wire.Decoder(arriving).decode
         self._from_arm = wire.Decoder(FromArm, dec_hook=_arrived).decode
-        union: Any = commands()[0]
-        for kind in commands()[1:]:
-            union = union | kind
-        self._union = union
+        self._commands = _union(commands())
+        self._command = wire.Decoder(self._commands, dec_hook=_arrived).decode
+        self._anything = wire.Decoder().decode
 
     @classmethod
     def of(cls, data: bytes) -> Codec:
@@ -390,7 +396,11 @@ class Codec:
     def command(self, record: Ask) -> Command:
         """The command of an ``Ask``, every value checked; ``ArmctlError`` says what is wrong with it."""
         try:
-            command = msgspec.convert(_positional(record.command), self._union, dec_hook=_arrived)
+            try:
+                command = self._command(record.command)
+            except msgspec.ValidationError:  # unless its target is an object
+                positional = _positional(self._anything(record.command))
+                command = msgspec.convert(positional, self._commands, dec_hook=_arrived)
         except (msgspec.MsgspecError, ValueError, TypeError, OverflowError, RecursionError) as cause:
             raise InputError(f"a command that cannot be read: {cause}") from cause
         return _checked(command)
@@ -401,6 +411,10 @@ class Codec:
             return self._from_arm(data)
         except msgspec.MsgspecError as cause:
             raise InputError(f"the arm process speaks another version of this program: {cause}") from cause
+
+
+def _union(kinds: Sequence[type]) -> Any:
+    return Union[tuple(kinds)]  # noqa: UP007
 
 
 def _positional(command: object) -> object:
