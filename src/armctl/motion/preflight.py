@@ -177,17 +177,12 @@ class SampledMotion:
         """when each part but the first begins [s], and how far the joint speeds jump there (n,) [rad/s]"""
 
     def told(self, time: float, holds: Callable[[float], bool]) -> tuple[float, int]:
-        """A time as a text says it [s], and with how many decimals: hundredths, if it holds there, or finer.
-
-        The end, where the arm rests, is said in hundredths and stays as it is.
-        """
+        """A time as a text says it [s], and with how many decimals: hundredths, if it holds there, or finer."""
         for digits in (2, 3, 4):
-            if time == self.time[-1]:
-                break
             rounded = min(round(time, digits), float(self.time[-1]))
             if holds(rounded):
                 return rounded, digits
-        return time, 2
+        return time, 4
 
     def beside(self, at: int) -> tuple[float, float]:
         """The times of the samples before and behind one [s]."""
