@@ -48,8 +48,8 @@ _FOLD, _SAME_FOLD = 1e-4, 1e-2
 _FLAT, _ROUNDING = 1e-9, 3e-15
 """[1] a slope of a singular value that counts as none; [m] or [rad] what rounding leaves of a pose"""
 _JOINTS = np.arange(6)
-_TRACED, _TRACE_STEP = 40, 0.1
-"""how many steps, each way, of how much a continuum is followed [rad]"""
+_CURVES, _TRACED, _TRACE_STEP = 8, 40, 0.1
+"""how many continua are followed, by how many steps each way, of how much [rad]"""
 
 
 class GeneralSixSolver(InverseKinematics):
@@ -98,7 +98,7 @@ class GeneralSixSolver(InverseKinematics):
         )
         curves: list[FloatArray] = []
         for one in q[least < _SINGULAR]:
-            if all(apart(curve, one).min() > _TRACE_STEP for curve in curves):
+            if len(curves) < _CURVES and all(apart(curve, one).min() > _TRACE_STEP for curve in curves):
                 line = self._traced(pose, one)
                 curves += [line] if len(line) > 1 else []
         if curves:
