@@ -177,7 +177,7 @@ class SampledMotion:
         """when each part but the first begins [s], and how far the joint speeds jump there (n,) [rad/s]"""
 
     def told(self, time: float, holds: Callable[[float], bool]) -> tuple[float, int]:
-        """A time as a text says it [s], and with how many decimals: hundredths, if it holds there, or finer."""
+        """A time as a text says it [s], and its decimals: hundredths, if it holds there, or finer."""
         for digits in (2, 3, 4):
             rounded = min(round(time, digits), float(self.time[-1]))
             if holds(rounded):
