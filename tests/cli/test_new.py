@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import click
+import numpy as np
 import pytest
 
 from armctl import load_robot
@@ -31,6 +32,18 @@ def test_a_palletiser_from_its_lengths(folder: Path, capsys: pytest.CaptureFixtu
     assert run(["robots"]) == 0
     assert "Crane: 3 joints" in capsys.readouterr().out
     assert run(["ik", "crane", "200", "0", "80"]) == 0
+
+
+def test_an_arm_with_servos_and_a_gripper(folder: Path) -> None:
+    servos = [
+        word for k, joint in enumerate(("base", "shoulder", "elbow")) for word in ("--servo", f"{joint}={k}")
+    ]
+    assert run(["new", "grabs", "--build", "pitch2", *servos, "--gripper", "4,900,1800"]) == 0
+    robot = load_robot("grabs")
+    assert robot.gripper is not None and robot.output_map is not None
+    assert robot.output_map.gripper_channel == 4
+    assert np.degrees(robot.limits[2]).tolist() == pytest.approx([-120, 120])
+    assert np.radians(robot.output_map.per_rad[2]) == pytest.approx(8.3)  # 10 µs a degree would not reach
 
 
 def test_a_copy_is_printed_and_not_saved(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -139,10 +139,11 @@ def test_servos_gripper_and_an_entry_that_is_taken_out() -> None:
     draft = draft.with_joint("elbow", limit_deg=[-90, 90])
     for channel, joint in enumerate(draft.joints):
         draft = draft.with_servo(joint, channel, us_per_deg=9.0)
-    servo = {"channel": 5, "closed_us": 1000.0, "open_us": 2000.0}
-    robot = draft.with_gripper(servo=servo).robot()
+    robot = draft.with_gripper(5).robot()
     assert robot.output_map is not None and robot.gripper is not None
-    assert robot.output_map.channels == (0, 1, 2)
+    assert robot.output_map.channels == (0, 1, 2) and robot.output_map.gripper_channel == 5
+    with pytest.raises(InputError, match=r"the gripper: 5\.5 is no whole number"):
+        draft.with_gripper(5.5)
     assert robot.output_map.outputs(np.radians([10, 0, -10])) == pytest.approx({0: 1590, 1: 825, 2: 1410})
     bare = draft
     for joint in draft.joints:

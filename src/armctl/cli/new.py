@@ -33,6 +33,11 @@ from armctl.robot.shape import across_the_link
     help="The servo that turns a joint.",
 )
 @click.option(
+    "--gripper",
+    metavar="CHANNEL[,CLOSED_US,OPEN_US]",
+    help="The servo of a gripper (its pulses are calibrated later).",
+)
+@click.option(
     "--pose", "poses", multiple=True, metavar="NAME=Q,Q,…", help="A named pose [degrees]: home, rest, …"
 )
 @click.option("--floor", "floor_mm", type=NUMBER, help="Height of the floor in the base frame [mm].")
@@ -46,6 +51,7 @@ def new(
     source: str | None,
     limits: Sequence[str],
     servos: Sequence[str],
+    gripper: str | None,
     poses: Sequence[str],
     floor_mm: float | None,
     replace: bool,
@@ -64,6 +70,8 @@ def new(
         numbers = _numbers(text, f"--servo {joint}", 1, 3)
         settings = dict(zip(("zero_us", "us_per_deg"), numbers[1:], strict=False))
         draft = draft.with_servo(joint, numbers[0], **settings)
+    if gripper is not None:
+        draft = draft.with_gripper(*_numbers(gripper, "--gripper", 1, 3))
     for pose, text in _pairs(poses, "--pose"):
         draft = draft.with_pose(pose, _numbers(text, f"--pose {pose}", len(draft.joints)))
     if floor_mm is not None:

@@ -21,6 +21,8 @@ from armctl.robot.robot import Robot
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _SPEED_DEG_S, _ACCELERATION_DEG_S2 = 60.0, 360.0
 _SERVO_US, _SERVO_MIDDLE_US, _SERVO_US_PER_DEG = (500.0, 2500.0), 1500.0, 10.0
+_GRIPPER_US = 1000.0, 2000.0
+"""closed and open"""
 
 
 # Usual builds: lengths in, DH rows out.
@@ -323,20 +325,24 @@ class Draft:
         name: str,
         channel: float,
         zero_us: float | None = None,
-        us_per_deg: float = _SERVO_US_PER_DEG,
+        us_per_deg: float | None = None,
         pulse_us: tuple[float, float] = _SERVO_US,
     ) -> Self:
         """With a servo for one joint: output = zero + scale · angle; by default mid-travel is 1500 µs.
 
+        The scale is 10 µs a degree by default, or less, so that the pulses reach from limit to limit.
         Raises ``InputError``: no such joint, or a channel that is no whole number.
         """
-        if not float(channel).is_integer():
-            raise InputError(f"the servo channel of {name}: {channel:g} is no whole number")
+        number = _channel(name, channel)
+        low, high = self._joint(name)["limit_deg"]
+        if us_per_deg is None:
+            travel_us = pulse_us[1] - pulse_us[0]
+            fitting = math.floor(10 * travel_us / max(high - low, 1.0)) / 10
+            us_per_deg = min(_SERVO_US_PER_DEG, fitting)
         if zero_us is None:
-            low, high = self._joint(name)["limit_deg"]
             zero_us = _SERVO_MIDDLE_US - us_per_deg * 0.5 * (low + high)
         servo = {
-            "channel": int(channel),
+            "channel": number,
             "zero_us": zero_us,
             "us_per_deg": us_per_deg,
             "pulse_us": list(pulse_us),
@@ -355,9 +361,17 @@ class Draft:
                 draft = draft.with_joint(name, **{key: {**cast("Table", table), number: channel}})
         return draft
 
-    def with_gripper(self, title: str = "Gripper", speed_percent_s: float = 100.0, **tables: Any) -> Self:
-        """With a gripper; ``tables`` are those of its board, as ``servo``."""
-        return self.changed(gripper={"title": title, "speed_percent_s": speed_percent_s, **tables})
+    def with_gripper(
+        self,
+        channel: float,
+        closed_us: float = _GRIPPER_US[0],
+        open_us: float = _GRIPPER_US[1],
+        speed_percent_s: float = 100.0,
+    ) -> Self:
+        """With a gripper on a servo. Raises ``InputError``: a channel that is no whole number."""
+        servo = {"channel": _channel("the gripper", channel), "closed_us": closed_us, "open_us": open_us}
+        gripper = {"title": "Gripper", "speed_percent_s": speed_percent_s, "servo": servo}
+        return self.changed(gripper=gripper)
 
     def with_pose(self, name: str, q_deg: Sequence[float] | FloatArray) -> Self:
         """With a named pose [degrees]."""
@@ -398,6 +412,12 @@ class Draft:
         except OSError as error:
             raise RobotFileError(f"{path} cannot be written: {error.strerror}") from error
         return path
+
+
+def _channel(whose: str, number: float) -> int:
+    if not float(number).is_integer():
+        raise InputError(f"the servo channel of {whose}: {number:g} is no whole number")
+    return int(number)
 
 
 def _nearest_to_zero(limit_deg: Any) -> float | None:
