@@ -28,8 +28,7 @@ def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ServedArm:
 def page(served: ServedArm, screens: Screens) -> Screen:
     screen = screens()
     screen.open(served.url, until="STOP")
-    screen.open_tab("Main")
-    screen.unfold("Your own arm", "New arm")
+    screen.open_tab("Main", "Your own arm")
     screen.click("New arm")
     screen.wait_for_text("every solution in closed form")
     return screen
@@ -45,6 +44,7 @@ def test_a_palletiser_from_its_lengths(page: Screen, served: ServedArm) -> None:
     page.choose("Begin with", "3 joints, rods keep the hand level (MeArm, EEZYbotARM, uArm)")
     for label, mm in (("Height mm", "60"), ("Upper arm mm", "80"), ("Forearm mm", "80"), ("Hand mm", "68")):
         page.type_into(label, mm)
+    page.open_tab("3 Save")
     page.type_into("Title", "Crane 2")
     page.wait_until(lambda: page.value("File name") == "crane_2", "the file is named after the title")
     page.type_into("File name", "crane")
@@ -70,8 +70,7 @@ def test_a_palletiser_from_its_lengths(page: Screen, served: ServedArm) -> None:
 
 def test_servos_whose_channels_are_found(page: Screen, served: ServedArm) -> None:
     page.choose("Begin with", "3 joints: base, shoulder, elbow")
-    page.type_into("Title", "Three")
-    page.type_into("File name", "three")
+    page.open_tab("2 Joints")
     for channel, joint in enumerate(("base", "shoulder", "elbow")):
         page.choose("Joint", joint)
         page.type_into("Lowest °", "-")  # half typed: told below, not by a notice
@@ -80,6 +79,9 @@ def test_servos_whose_channels_are_found(page: Screen, served: ServedArm) -> Non
         page.type_into("Lowest °", "-60")
         page.type_into("Highest °", "70")
         page.type_into("Servo channel", str(channel))
+    page.open_tab("3 Save")
+    page.type_into("Title", "Three")
+    page.type_into("File name", "three")
     page.click("Save and open")
     opened(page, served, "three")
     assert served.robot.output_map is not None
@@ -87,6 +89,7 @@ def test_servos_whose_channels_are_found(page: Screen, served: ServedArm) -> Non
     assert np.degrees(served.robot.limits) == pytest.approx(np.tile([-60, 70], (3, 1)))
     page.click("Enable")
     page.wait_for_text("HOLDING")
+    page.open_tab("Your own arm")
     page.unfold("Which joint moved?", "Nudge")
     before = served.now.q_command.copy()
     page.click("Nudge")
@@ -112,9 +115,12 @@ def test_rows_are_checked_line_by_line_and_a_wrong_one_is_not_saved(page: Screen
     rows = page.page.get_by_role("textbox", name="Rows").or_(page.entry("Rows")).first
     rows.fill("0 90 80 0 base\n120 0 0 zero shoulder")
     page.wait_for_text("row 2, theta_deg: 'zero' is not a number")
+    page.open_tab("3 Save")
     page.wait_until(lambda: not page.is_enabled("Save and open"), "a wrong one is not saved")
+    page.open_tab("1 Lengths")
     rows.fill("0 90 80 0 base\n120 0 0 0 shoulder\n100 0 0 0 elbow\n0 90 0 90")
     page.wait_for_text("3 joints: yaw")
+    page.open_tab("3 Save")
     page.type_into("File name", "uzuner")
     page.click("Save and open")
     page.wait_for_notification("a robot of armctl; choose another name")
@@ -126,12 +132,15 @@ def test_rows_are_checked_line_by_line_and_a_wrong_one_is_not_saved(page: Screen
 def test_a_copy_keeps_what_is_not_edited(page: Screen, served: ServedArm) -> None:
     old = served.robot
     page.choose("Begin with", "A copy of the present robot")
+    page.open_tab("3 Save")
     page.wait_until(lambda: page.value("Floor mm") == f"{1000 * old.floor_z:g}", "the floor is its own")
     page.type_into("Title", "Twin")
     page.type_into("File name", "twin")
+    page.open_tab("2 Joints")
     page.type_into("Highest °", "30")
     page.choose("Joint", old.joint_names[1])
     page.type_into("Speed °/s", "20")
+    page.open_tab("3 Save")
     page.click("Save and open")
     opened(page, served, "twin")
     new = load_robot("twin")

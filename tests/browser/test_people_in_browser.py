@@ -37,7 +37,7 @@ def opened(screens: Screens, served: ServedArm) -> tuple[Screen, Screen]:
     """Two pages; the first operates, and both show who is there."""
     pages = screens(served.url), screens(served.url)
     for page in pages:
-        page.unfold("Who operates", "Lock control")
+        page.open_tab("Who operates")
     assert operator(served) == "browser page 1"
     return pages
 
@@ -49,6 +49,8 @@ def test_control_is_asked_for_told_and_logged(screens: Screens, served: ServedAr
     second.wait_for_text("Operator: Ada")
     first.wait_for_text("1 watching")
     second.wait_for_text("WATCHING: Ada operates the arm")
+    for page in (first, second):
+        page.open_tab("Arm")
     second.wait_for_text("This page is watching, Ada operates; press 'Take control' first.")
     expect(second.button("Home")).to_be_disabled()
     second.click("Take control")

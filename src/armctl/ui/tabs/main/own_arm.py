@@ -32,6 +32,10 @@ _INTRO = (
     "Describe an arm. It is drawn beside the present one. When it is saved, it is in the list Robot on this "
     "computer."
 )
+_JOINTS_HINT = (
+    "Turn each joint to both ends of its range, and press lowest or highest there. Without servo channels "
+    "the arm runs on the simulated board."
+)
 _NO_JOINTS: tuple[str, ...] = ("base",)
 """until an arm is drawn"""
 _ASIDE = 1.1
@@ -65,7 +69,7 @@ class _Edits:
 
 
 class OwnArm:
-    """A folder in *Main*; nothing is drawn before it is begun, nothing is kept before it is saved."""
+    """A tab in *Main*; nothing is drawn before it is begun, nothing is kept before it is saved."""
 
     def __init__(self, session: Session) -> None:
         self._session, self._edits = session, _Edits()
@@ -83,31 +87,32 @@ class OwnArm:
         """the file name that follows from the title"""
         gui = session.gui
         self._gui = gui
-        with gui.add_folder("Your own arm", expand_by_default=False):
-            LiveHtml(gui, muted(_INTRO))
-            self._begin = gui.add_button("New arm", icon=viser.Icon.PLUS)
-            self._box = gui.add_folder("New arm", visible=False)
+        self._intro = LiveHtml(gui, muted(_INTRO))
+        self._begin = gui.add_button("New arm", icon=viser.Icon.PLUS)
+        self._box = gui.add_folder("New arm", visible=False)
         with self._box:
-            self._kind = gui.add_dropdown("Begin with", (*_BEGINNINGS, _ROWS, _COPY))
-            self._title = gui.add_text("Title", "My arm")
-            self._name = gui.add_text("File name", self._named)
             self._status = LiveHtml(gui)
-            self._lengths_box = gui.add_folder("Lengths")
-            with self._lengths_box:
+            steps = gui.add_tab_group()
+            with steps.add_tab("1 Lengths"):
+                self._kind = gui.add_dropdown("Begin with", (*_BEGINNINGS, _ROWS, _COPY))
+                self._lengths_box = gui.add_folder(None)
                 self._meanings = LiveHtml(gui)
-            self._rows_box = gui.add_folder("DH rows", visible=False)
-            with self._rows_box:
-                self._convention = gui.add_dropdown("Convention", ("standard", "modified"))
-                self._rows = gui.add_text("Rows", _EXAMPLE, multiline=True, hint=_ROWS_HINT)
-                LiveHtml(gui, muted(_ROWS_HINT))
-            self._joint_box = gui.add_folder("Joint")
-            with self._joint_box:
+                self._rows_box = gui.add_folder(None, visible=False)
+                with self._rows_box:
+                    self._convention = gui.add_dropdown("Convention", ("standard", "modified"))
+                    self._rows = gui.add_text("Rows", _EXAMPLE, multiline=True, hint=_ROWS_HINT)
+                    LiveHtml(gui, muted(_ROWS_HINT))
+            with steps.add_tab("2 Joints"):
+                LiveHtml(gui, muted(_JOINTS_HINT))
                 self._add_joint_fields(gui)
-            self._floor = NumberField(gui, "Floor mm", 0.0, hint="Height of the floor in the base frame.")
-            self._poses = gui.add_button_group("Take the pose drawn as", ("home", "rest"))
-            self._save = gui.add_button("Save and open", icon=viser.Icon.DEVICE_FLOPPY, color="green")
-            session.needs(None, self._save, also=lambda _: self._wrong)
-            download = gui.add_button("Download robot file", icon=viser.Icon.DOWNLOAD, color="gray")
+                self._poses = gui.add_button_group("Take the pose drawn as", ("home", "rest"))
+            with steps.add_tab("3 Save"):
+                self._title = gui.add_text("Title", "My arm")
+                self._name = gui.add_text("File name", self._named)
+                self._floor = NumberField(gui, "Floor mm", 0.0, hint="Height of the floor in the base frame.")
+                self._save = gui.add_button("Save and open", icon=viser.Icon.DEVICE_FLOPPY, color="green")
+                session.needs(None, self._save, also=lambda _: self._wrong)
+                download = gui.add_button("Download robot file", icon=viser.Icon.DOWNLOAD, color="gray")
             cancel = gui.add_button("Discard", color="gray")
         self._lengths: dict[str, NumberField] = {}
         self._fill_lengths()
@@ -219,7 +224,7 @@ class OwnArm:
     # Clicks.
 
     def _on_begin(self) -> None:
-        self._box.visible, self._begin.visible = True, False
+        self._form_shown(True)
         self._fill_floor()
         self._show()
         self._fill_joint()
@@ -230,7 +235,11 @@ class OwnArm:
             self._session.look()
         self._erase()
         self._robot, self._edits, self._q = None, _Edits(), {}
-        self._box.visible, self._begin.visible = False, True
+        self._form_shown(False)
+
+    def _form_shown(self, shown: bool) -> None:
+        self._box.visible = shown
+        self._intro.visible = self._begin.visible = not shown
 
     def _on_kind(self) -> None:
         self._edits, self._q = _Edits(), {}

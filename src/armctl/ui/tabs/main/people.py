@@ -19,18 +19,17 @@ _TYPED_S = 0.7
 
 
 class People:
-    """A folder of the Main tab."""
+    """A tab in *Main*."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
         gui = session.gui
-        with gui.add_folder("Who operates", expand_by_default=False):
-            self._list = LiveHtml(gui)
-            name = gui.add_text("Your name", initial_value=session.name)
-            self._pin = gui.add_text("Teacher's PIN", initial_value="", visible=session.snapshot.control.pin)
-            self._take = gui.add_button("Take control of the arm", icon=viser.Icon.HAND_GRAB)
-            self._lock = gui.add_button("Lock control", icon=viser.Icon.LOCK)
-            LiveHtml(gui, muted(_NOTE))
+        self._list = LiveHtml(gui)
+        name = gui.add_text("Your name", initial_value=session.name)
+        self._pin = gui.add_text("Teacher's PIN", initial_value="", visible=session.snapshot.control.pin)
+        self._take = gui.add_button("Take control of the arm", icon=viser.Icon.HAND_GRAB)
+        self._lock = gui.add_button("Lock control", icon=viser.Icon.LOCK)
+        LiveHtml(gui, muted(_NOTE))
         self._name = name
         self._typed = 0
         session.on(name.on_update, self._on_name)

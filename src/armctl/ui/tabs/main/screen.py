@@ -57,32 +57,37 @@ class MainScreen:
         labels = tuple(self._choices)
         chosen = next((c.label for c in self._choices.values() if c.port == console.default_port), labels[0])
         self._asked_to_disconnect = -math.inf
-        self._first = FirstSteps(session)
-        self._robot = RobotChooser(session)
-        self._port = gui.add_dropdown("Port", labels, initial_value=chosen)
-        self._line = gui.add_button_group("Board", tuple(_LINES))
-        self._ports = LiveHtml(gui)
-        self._board = LiveHtml(gui)
-        self._homing = gui.add_button("Homing", icon=viser.Icon.TARGET, visible=False)
-        self._homed = LiveHtml(gui)
-        home = gui.add_button("Home", icon=viser.Icon.HOME)
-        poses = gui.add_button_group(
-            "Go to pose", tuple(name for name in console.robot.poses if name != "home")
-        )
-        goals: list[Disableable] = [
-            home,
-            poses,
-            session.command("Home", self._go_home, "Go to the home pose"),
-        ]
-        if console.robot.points:
-            points = gui.add_button_group("Go to point", tuple(console.robot.points))
-            goals.append(points)
-            session.on(points.on_click, lambda: self._go_to_point(points.value))
-        session.needs(Need.HOLDING, *goals)
-        self._people = People(session)
-        OwnArm(session)
-        self._urdf = UrdfArm(session)
-        self._which_joint = of_own_arm(session)
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Arm"):
+            self._first = FirstSteps(session)
+            self._robot = RobotChooser(session)
+            self._port = gui.add_dropdown("Port", labels, initial_value=chosen)
+            self._line = gui.add_button_group("Board", tuple(_LINES))
+            self._ports = LiveHtml(gui)
+            self._board = LiveHtml(gui)
+            self._homing = gui.add_button("Homing", icon=viser.Icon.TARGET, visible=False)
+            self._homed = LiveHtml(gui)
+            home = gui.add_button("Home", icon=viser.Icon.HOME)
+            poses = gui.add_button_group(
+                "Go to pose", tuple(name for name in console.robot.poses if name != "home")
+            )
+            goals: list[Disableable] = [
+                home,
+                poses,
+                session.command("Home", self._go_home, "Go to the home pose"),
+            ]
+            if console.robot.points:
+                points = gui.add_button_group("Go to point", tuple(console.robot.points))
+                goals.append(points)
+                session.on(points.on_click, lambda: self._go_to_point(points.value))
+            session.needs(Need.HOLDING, *goals)
+        with tabs.add_tab("Your own arm"):
+            OwnArm(session)
+            self._which_joint = of_own_arm(session)
+        with tabs.add_tab("Arms from URDF files"):
+            self._urdf = UrdfArm(session)
+        with tabs.add_tab("Who operates"):
+            self._people = People(session)
         session.needs(Need.OFF_OR_HOLDING, self._homing, told=False)
         session.needs(None, self._line, told=False)
         session.on(self._line.on_click, self._on_line)
@@ -205,8 +210,9 @@ class FirstSteps:
 
     def _html(self) -> str:
         point = numbers((1000 * example_point(self._session.console.robot)).round().tolist(), 0)
+        below = ", at the end of this page" if self._session.on_phone else ""
         steps = {
-            "enable": "Press <b>Enable</b> in Control.",
+            "enable": f"Press <b>Enable</b> in <b>Control</b>{below}.",
             "slider": "Open <b>Manual</b>, move a slider, and press <b>Go</b>.",
             "point": f"Open <b>Inverse</b>, type a point, for example {point} mm, "
             "and press <b>Go by least energy</b>.",

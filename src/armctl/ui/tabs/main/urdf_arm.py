@@ -66,18 +66,17 @@ class _Present:
 
 
 class UrdfArm:
-    """A folder in *Main*: upload an arm; choose tool, rest pose and floor of the present one."""
+    """A tab in *Main*: upload an arm; choose tool, rest pose and floor of the present one."""
 
     def __init__(self, session: Session) -> None:
         self._session, self._robot = session, session.console.robot
         self._present: _Present | None = None
         gui, is_urdf = session.gui, urdf_path(session.robots.present.name) is not None
-        with gui.add_folder("Arms from URDF files", expand_by_default=False):
-            self._upload = gui.add_upload_button("Upload an arm", icon=viser.Icon.UPLOAD, mime_type=_TAKEN)
-            session.needs(None, self._upload)
-            LiveHtml(gui, muted(_NOTE))
-            self._begin = gui.add_button("Tool, rest pose and floor", icon=viser.Icon.TOOL, visible=is_urdf)
-            self._box = gui.add_folder("Tool, rest pose and floor", visible=False)
+        self._upload = gui.add_upload_button("Upload an arm", icon=viser.Icon.UPLOAD, mime_type=_TAKEN)
+        session.needs(None, self._upload)
+        LiveHtml(gui, muted(_NOTE))
+        self._begin = gui.add_button("Tool, rest pose and floor", icon=viser.Icon.TOOL, visible=is_urdf)
+        self._box = gui.add_folder("Tool, rest pose and floor", visible=False)
         with self._box:
             self._link: viser.GuiDropdownHandle[str] = gui.add_dropdown("Tool link", _NO_LINKS)
             self._axis = gui.add_dropdown("It points along", tuple(AXES), initial_value="z")
