@@ -105,8 +105,8 @@ _STYLE = "padding:2px 12px;font-size:12.5px;line-height:1.5;overflow-x:auto;over
 _CELL = "padding:0 4px;text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap"
 _HEAD = ";white-space:normal;overflow-wrap:normal;vertical-align:bottom"
 """Long heads, such as a joint's name, go over several lines, never broken within a word."""
-_NAME = ";white-space:normal;overflow-wrap:anywhere;min-width:6.2em"
-"""A long name leaves the figures beside it in view."""
+_NAME = ";white-space:normal;overflow-wrap:break-word"
+"""A long name goes over several lines, which leaves the figures beside it in view."""
 
 
 class LiveHtml:
@@ -164,6 +164,9 @@ def table(
 PAGE_ROWS = 15
 
 
+_ROW_HINT = "Type a row's number to select it."
+
+
 class Pager:
     """``changed`` is called when the user has turned a page or chosen a row."""
 
@@ -172,8 +175,8 @@ class Pager:
         self._rows = self._page = 0
         self.row: int | None = None
         """selected, from 1; None: none"""
-        self._buttons = gui.add_button_group("Page", ("First", "Prev", "Next", "Last"))
-        self._field = gui.add_number("Row", initial_value=1, step=1, hint="Type a row's number to select it.")
+        self._buttons = gui.add_button_group("Page", ("First", "Prev", "Next", "Last"), visible=False)
+        self._field = gui.add_number("Row", 1, step=1, hint=_ROW_HINT, visible=False)
         self.attach_row_edit = self._field.on_update
         on(self._buttons.on_click, self._on_button)
         on(self._field.on_update, self._on_row)
@@ -181,6 +184,7 @@ class Pager:
     def reset(self, rows: int, row: int | None) -> None:
         """Page through another list of ``rows`` rows, with ``row`` (from 1) selected and in view."""
         self._rows, self.row, self._page = rows, row, 0
+        self._field.visible, self._buttons.visible = rows > 0, rows > PAGE_ROWS
         if row is not None:
             self.select(row)
 
