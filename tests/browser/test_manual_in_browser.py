@@ -274,10 +274,12 @@ def test_every_kind_of_step_is_recorded_edited_taken_back_exported_and_read_agai
     edited = served.steps
     assert isinstance(edited[3], LineStep)
     assert (edited[3].speed_mm_s, edited[3].blend_mm) == (25, 5)
+    expect(page.button("Redo")).to_be_disabled()
     page.click("Undo")
     page.wait_until(lambda: served.steps[3] == line, "the line is as it was")
     page.click("Redo")
     page.wait_until(lambda: served.steps == edited, "the line is edited again")
+    expect(page.button("Redo")).to_be_disabled()
 
     page.unfold("Files", "Upload")
     for button in ("Download", "CSV"):

@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 from tests.browser.kit import Screen
 from tests.browser.served_arm import HOME, ServedArm
 
@@ -42,6 +43,7 @@ def test_the_twin_goes_to_a_pose_and_can_be_stopped_also_without_an_enabled_arm(
     page.click("Run on the twin only")
     page.wait_for_text(re.compile(r"\d\.\d / \d\.\d s"))
     page.click("Stop twin")
+    expect(page.button("Stop twin")).to_be_disabled()
     page.wait_for_text("The orange twin rehearses")
     shown(page, "/twin_path", False)
     assert served.commanded_deg == before

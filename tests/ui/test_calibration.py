@@ -533,7 +533,8 @@ def test_marks_without_a_line_an_encoders_home_and_the_limits_are_told() -> None
 
 def test_what_saving_takes_from_the_joints_is_told_before(tmp_path: Path) -> None:
     desk = SharedCalibration(CalibrationInForce(ROBOT, "simulated", CalibrationStore(tmp_path)), lambda: 0.0)
-    assert "There is nothing to save yet" in plain(draft_html(desk))
+    with pytest.raises(StateError, match="nothing to save yet"):
+        draft_html(desk)
     desk.work.set_limit("base", "low", 1000)
     assert "Base: −53.33° … 107.26° instead of −102.80°" in plain(draft_html(desk))
     assert "Nothing is saved" in kept_html(())

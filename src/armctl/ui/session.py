@@ -377,6 +377,19 @@ class Disableable(Protocol):
     def disabled(self, disabled: bool) -> None: ...
 
 
+def refused_by(check: Callable[[Snapshot], object]) -> Callable[[Snapshot], str | None]:
+    """For ``Session.needs``: why ``check`` refuses now, or None."""
+
+    def why(snapshot: Snapshot) -> str | None:
+        try:
+            check(snapshot)
+        except ArmctlError as refusal:
+            return str(refusal)
+        return None
+
+    return why
+
+
 @dataclass(frozen=True)
 class _Offer:
     """Controls that can be used under the same conditions."""

@@ -14,7 +14,7 @@ from armctl.calibration import LEAST_MARKS, JointFit, Mark, differences, own_cal
 from armctl.errors import ArmctlError
 from armctl.robot import Robot
 from armctl.runtime import Jog, MoveGripper, Need, Snapshot
-from armctl.ui.session import Session
+from armctl.ui.session import Session, refused_by
 from armctl.ui.tabs.calibration.points import numbered, show_numbers
 from armctl.ui.tabs.calibration.shared_calibration import (
     CalibrationWork,
@@ -46,15 +46,20 @@ def slow_duration(robot: Robot, way: FloatArray) -> float:
 
 
 def on_edit(
-    session: Session, button: viser.GuiButtonHandle | viser.GuiButtonGroupHandle, edit: Callable[[], None]
+    session: Session,
+    button: viser.GuiButtonHandle | viser.GuiButtonGroupHandle,
+    edit: Callable[[], None],
+    also: Callable[[Snapshot], str | None] | None = None,
+    *,
+    told: bool = False,
 ) -> None:
-    """Run ``edit`` on a click of the operator's."""
+    """Run ``edit`` on a click of the operator's; ``also`` and ``told`` as in ``Session.needs``."""
 
     async def run() -> None:
         session.require_operator()
         edit()
 
-    session.needs(None, button, told=False)
+    session.needs(None, button, also=also, told=told)
     session.on(button.on_click, run)
 
 
@@ -62,6 +67,7 @@ _ENDS: dict[str, End] = {"Set lower limit here": "low", "Set upper limit here": 
 _ANGLE_HINT = (
     "What the protractor shows, in the joint's own sense: 0° and + as in the robot file and the 3D view."
 )
+_LIMITS_ARE = "these are the limits of the robot file"
 _LIMIT_HINT = "The joint is never sent beyond these. They are outputs: the lower one may be the larger angle."
 
 
@@ -87,6 +93,7 @@ class CalibrationJoint:
         self._now = LiveHtml(gui)
         self._angle = NumberField(gui, "Angle read °", None, hint=_ANGLE_HINT)
         add = gui.add_button("Add mark", icon=viser.Icon.PLUS)
+        on_edit(session, add, self._add, refused_by(self._mark), told=True)
         self._marks = LiveHtml(gui)
         self._fit = LiveHtml(gui)
         self._which = gui.add_dropdown("Mark", numbered(0))
@@ -97,7 +104,6 @@ class CalibrationJoint:
         self._watch = EditWatch([self._angle])
         session.on(self._joint.on_update, self._on_joint)
         session.on(self._steps.on_click, self._on_step)
-        on_edit(session, add, self._add)
         on_edit(
             session,
             self._delete,
@@ -106,9 +112,15 @@ class CalibrationJoint:
         on_edit(
             session,
             self._ends,
-            lambda: work.set_limit(work.chosen, _ENDS[self._ends.value], self._output()),
+            lambda: work.set_limit(work.chosen, _ENDS[self._ends.value], self._output(session.snapshot)),
+            refused_by(self._output),
         )
-        on_edit(session, default, lambda: work.limits_by_default(work.chosen))
+        on_edit(
+            session,
+            default,
+            lambda: work.limits_by_default(work.chosen),
+            lambda _: None if work.limited(work.chosen) else _LIMITS_ARE,
+        )
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show where the joint stands, and the marks if they have changed."""
@@ -135,16 +147,16 @@ class CalibrationJoint:
         channel = self._channel()
         try:
             output = present_outputs(self._robot, snapshot)[channel]
-        except ArmctlError as error:
-            return muted(sentence(str(error)))
+        except ArmctlError:  # told below Add mark
+            return ""
         degrees = math.degrees(own_map(self._robot).angles({channel: output})[self._index()])
         return (
             f"<div>Stands at <b>{fixed(output, 1)} {self._work.map.unit}</b>, by the calibration in force "
             f"{fixed(degrees, 2)}°</div>"
         )
 
-    def _output(self) -> float:
-        return standing_outputs(self._robot, self._session.snapshot)[self._channel()]
+    def _output(self, snapshot: Snapshot) -> float:
+        return standing_outputs(self._robot, snapshot)[self._channel()]
 
     def _channel(self) -> int:
         return self._work.map.channels[self._index()]
@@ -170,7 +182,11 @@ class CalibrationJoint:
 
     def _add(self) -> None:
         self._watch.require_settled()
-        self._work.add_mark(self._work.chosen, self._output(), math.radians(self._angle.value))
+        self._work.add_mark(self._work.chosen, *self._mark(self._session.snapshot))
+
+    def _mark(self, snapshot: Snapshot) -> tuple[float, float]:
+        """Output and angle [rad]; ``ArmctlError`` where one of them is not known."""
+        return self._output(snapshot), math.radians(self._angle.value)
 
 
 def marks_html(marks: Sequence[Mark], fit: JointFit | None, unit: str) -> str:
@@ -250,7 +266,8 @@ class CalibrationGripper:
         jaws: tuple[Jaw, ...] = ("closed", "open")
         for jaw in jaws:
             button = gui.add_button(f"{jaw.capitalize()} here", color="gray")
-            on_edit(session, button, partial(self._set_jaw, jaw))
+            known = refused_by(partial(standing_gripper, session.console.robot))
+            on_edit(session, button, partial(self._set_jaw, jaw), known)
         self._jaws = LiveHtml(gui)
         session.needs(Need.GRIPPER, move)
         session.on(move.on_click, self._on_move)

@@ -7,10 +7,11 @@ from html import escape
 import numpy as np
 import viser
 
+from armctl.arrays import FloatArray
 from armctl.calibration import LEAST_POINTS, ToolError
 from armctl.errors import InputError
 from armctl.runtime import Snapshot
-from armctl.ui.session import Session
+from armctl.ui.session import Session, refused_by
 from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration, TouchedPoints, standing_outputs
 from armctl.ui.tabs.manual.jog import ToolJog
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, numbers, refused, sentence, strong, table
@@ -47,7 +48,8 @@ class CalibrationPoints:
         self._watch = EditWatch(self._xyz)
         session.spawn(self._points.compute())  # touches that were made before the arm was opened anew
         session.on(self._known.on_update, self._on_known)
-        session.needs(None, add, self._delete, told=False)
+        session.needs(None, add, also=refused_by(self._touch))
+        session.needs(None, self._delete, told=False)
         session.on(add.on_click, self._on_add)
         session.on(self._delete.on_click, self._on_delete)
         session.on(self._download.on_click, self._on_download)
@@ -76,9 +78,13 @@ class CalibrationPoints:
     async def _on_add(self) -> None:
         self._session.require_operator()
         self._watch.require_settled()
-        point = np.array([field.value for field in self._xyz]) / 1000
-        self._points.add(standing_outputs(self._robot, self._session.snapshot), point)
+        self._points.add(*self._touch(self._session.snapshot))
         await self._points.compute()
+
+    def _touch(self, snapshot: Snapshot) -> tuple[dict[int, float], FloatArray]:
+        """Outputs and point (3,) [m]; ``ArmctlError`` where one of them is not known."""
+        point = np.array([field.value for field in self._xyz]) / 1000
+        return standing_outputs(self._robot, snapshot), point
 
     async def _on_delete(self) -> None:
         self._session.require_operator()

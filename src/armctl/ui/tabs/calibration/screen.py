@@ -11,10 +11,10 @@ import viser
 
 from armctl.boards import SIMULATED_SERIAL, UNNUMBERED
 from armctl.calibration import LEAST_MARKS, Calibration, CheckPose, Version, check_pose, narrowed
-from armctl.errors import ArmctlError, InputError, StateError
+from armctl.errors import ArmctlError, InputError
 from armctl.runtime import MoveJoints, Need, Snapshot
 from armctl.ui.robot_switch import release_first
-from armctl.ui.session import Session
+from armctl.ui.session import Session, refused_by
 from armctl.ui.tabs.calibration.joint import CalibrationGripper, CalibrationJoint, on_edit, slow_duration
 from armctl.ui.tabs.calibration.points import CalibrationPoints
 from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork, SharedCalibration
@@ -83,12 +83,14 @@ class CalibrationSave:
     def __init__(self, session: Session) -> None:
         self._session, self._desk = session, session.console.shared(SharedCalibration)
         self._drawn = -1
+        self._no_draft: str | None = None
+        """why there is nothing that could be saved"""
         gui = session.gui
         self._overview = LiveHtml(gui)
         self._note = gui.add_text("Note", "", hint="What a later reader should know of this calibration.")
         save = gui.add_button("Save calibration", icon=viser.Icon.DEVICE_FLOPPY)
         free = partial(release_first, reopen=True)
-        session.needs(None, save, also=free)
+        session.needs(None, save, also=lambda snapshot: free(snapshot) or self._no_draft)
         LiveHtml(gui, muted(_SAVE_NOTE))
         clear = gui.add_button("Forget what is not saved", color="gray")
         with gui.add_folder("Test pose"):
@@ -102,11 +104,13 @@ class CalibrationSave:
             self._versions = earlier_versions(versions)
             self._version = gui.add_dropdown("Version", tuple(self._versions))
             revert = gui.add_button("Revert", color="orange")
-            session.needs(None, revert, also=free)
+            kept = refused_by(lambda _: self._desk.require_revertable(self._versions[self._version.value]))
+            session.needs(None, revert, also=lambda snapshot: free(snapshot) or kept(snapshot))
             LiveHtml(gui, muted(_REVERT_NOTE))
             LiveHtml(gui, kept_html(versions))
         session.on(save.on_click, self._on_save)
-        on_edit(session, clear, self._desk.work.clear)
+        work = self._desk.work
+        on_edit(session, clear, work.clear, lambda _: self._no_draft if work.is_empty else None)
         session.on(go.on_click, self._on_go)
         session.on(revert.on_click, self._on_revert)
 
@@ -114,7 +118,12 @@ class CalibrationSave:
         """Show what was measured, if that has changed."""
         if self._drawn != self._desk.work.version:
             self._drawn = self._desk.work.version
-            self._overview.show(overview_html(self._desk.work) + draft_html(self._desk))
+            self._no_draft, found = None, ""
+            try:
+                found = draft_html(self._desk)
+            except ArmctlError as refusal:
+                self._no_draft = str(refusal)
+            self._overview.show(overview_html(self._desk.work) + found)
 
     async def _on_save(self) -> None:
         note = self._note.value.strip()
@@ -188,14 +197,8 @@ def overview_html(work: CalibrationWork) -> str:
 
 
 def draft_html(desk: SharedCalibration) -> str:
-    """What saving would do, or why nothing can be saved."""
-    try:
-        drawn = desk.draft()
-    except StateError as error:
-        return muted(sentence(str(error)))
-    except ArmctlError as error:
-        return refused(sentence(str(error)))
-    return "".join(muted(sentence(words)) for words in narrowed(desk.work.robot, drawn))
+    """What saving would do; ``ArmctlError`` where nothing can be saved."""
+    return "".join(muted(sentence(words)) for words in narrowed(desk.work.robot, desk.draft()))
 
 
 def check_pose_html(pose: CheckPose) -> str:

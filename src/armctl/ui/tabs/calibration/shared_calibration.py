@@ -143,6 +143,12 @@ class CalibrationWork:
             )
         self._set(joint, **{end: output})
 
+    def limited(self, joint: str) -> bool:
+        """Whether its limits are others than all that the robot file allows."""
+        work = self.joint(joint)
+        by_hand = work.low is not None or work.high is not None
+        return by_hand or (not work.by_default and self._in_force(joint) is not None)
+
     def limits_by_default(self, joint: str) -> None:
         """Let the joint have all that the robot file allows: whatever was set by hand holds no more."""
         self._set(joint, low=None, high=None, by_default=True)
@@ -163,6 +169,11 @@ class CalibrationWork:
         now = self.in_force and self.in_force.gripper
         closed, opened = now or (self.map.gripper_closed, self.map.gripper_open)
         return self.jaws.get(jaw, closed if jaw == "closed" else opened)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no mark, limit or jaw was set."""
+        return not self.jaws and all(work == JointWork() for work in self._joints.values())
 
     def clear(self) -> None:
         """Forget every mark, limit and jaw."""
@@ -324,12 +335,17 @@ class SharedCalibration:
         """What was saved of this arm on this board, the newest first."""
         return () if self.board is None else self._kept.store.versions(self.work.robot.name, self.board)
 
+    def require_revertable(self, number: int | None) -> str:
+        """The board; ``StateError`` where this version cannot come in force again."""
+        board = self._require_board()
+        if number is None and self.in_force is None:
+            raise StateError("the robot file is in force already: nothing to go back from")
+        return board
+
     async def revert(self, number: int | None) -> Version:
         """Bring an earlier version in force again; None: the robot file as it is."""
-        board, robot, store = self._require_board(), self.work.robot, self._kept.store
+        board, robot, store = self.require_revertable(number), self.work.robot, self._kept.store
         if number is None:
-            if self.in_force is None:
-                raise StateError("the robot file is in force already: nothing to go back from")
             made = iso_time(self._now())
             return await asyncio.to_thread(store.forget, robot.name, board, made, self.work.map.unit)
         for version in self.versions():

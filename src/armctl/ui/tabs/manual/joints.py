@@ -49,6 +49,8 @@ class JointControl:
         go = gui.add_button("Go", icon=viser.Icon.PLAYER_PLAY)
         session.needs(Need.HOLDING, go)
         reset = gui.add_button("Sliders to present pose", color="gray")
+        why = _FOLLOWING  # told above the sliders
+        session.needs(None, reset, also=lambda _: None if self._edited else why, told=False, anyone=True)
         session.on(go.on_click, lambda: session.submit(MoveJoints(self._robot.check_limits(self._asked()))))
         session.on(reset.on_click, self._on_reset)
         with gui.add_folder("Step one joint (moves at once)"):

@@ -20,7 +20,7 @@ from armctl.program.program import PLACES, Change, add, delete, duplicate, move,
 from armctl.program.steps import LONGEST_WAIT_S, MOST_REPEATS, SLOWEST_PERCENT
 from armctl.robot import Robot
 from armctl.runtime import Snapshot, UpdateProgram
-from armctl.ui.session import Session
+from armctl.ui.session import Session, refused_by
 from armctl.ui.tabs.manual.joints import checked_percent
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, muted, numbers
@@ -29,7 +29,6 @@ from armctl.ui.widgets.joint_angles import slider_degrees
 PAGE_ROWS = 15
 """of the list"""
 EMPTY = "the list is empty; record a pose first"
-_NO_CHANGE = "there is nothing to undo or redo"
 EDIT_WAITS = "the edit takes effect at the next pass"
 
 
@@ -90,7 +89,7 @@ class ProgramEditor:
 # Steps made of where the arm is.
 
 SET_VIA, ADD_WAIT = "Set via", "Add wait"
-_ARC, _RECORD = "Arc", "Add step"
+_ARC = "Arc"
 Point = tuple[float, float, float]
 _END, _VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
 _RPY = ("rx_deg", "ry_deg", "rz_deg")
@@ -193,29 +192,36 @@ class ProgramRecord:
         self._kinds: dict[str, type[Step]] = {}
         gui = session.gui
         self._where = gui.add_dropdown("New steps go", PLACES, initial_value=PLACES[0])
+        groups: list[viser.GuiButtonGroupHandle] = []
         for row, kinds in recorded_kinds(session.console.robot).items():
             self._kinds |= kinds
-            labels = [*kinds, ADD_WAIT] if row == _RECORD else [*kinds]
+            labels = [*kinds]
             if _ARC in labels:
                 labels.insert(labels.index(_ARC), SET_VIA)
             group = gui.add_button_group(row, labels, hint=_TOOL_HINT if _ARC in labels else None)
             session.on(group.on_click, partial(self._on_group, group))
-            # a wait needs no pose
-            session.needs(None, group, also=None if ADD_WAIT in labels else self._unknown)
-            if row == _RECORD:
-                self._seconds = gui.add_number("Wait s", 1.0, min=0.0, max=LONGEST_WAIT_S, step=0.1)
+            groups.append(group)
+        session.needs(None, *groups, also=refused_by(self._require_known))
+        self._seconds = gui.add_number("Wait s", 1.0, min=0.0, max=LONGEST_WAIT_S, step=0.1)
+        wait = gui.add_button_group("Add a pause", (ADD_WAIT,))
+        session.needs(None, wait, told=False)
+        session.on(wait.on_click, partial(self._on_group, wait))
         pose = partial(self._record, next(iter(self._kinds)))
         command = session.command("Record pose", pose, "Put the present pose on the list of Serial motion")
-        session.needs(None, command, told=False)
+        session.needs(None, command, also=refused_by(self._require_known), told=False)
         self._via = LiveHtml(gui)
         self._via.visible = False
         edits = gui.add_button_group("Edit", tuple(_EDITS))
-        undo = gui.add_button_group("Take back", ("Undo", "Redo"))
         shared = session.console.shared(SharedProgram)
         session.needs(None, edits, also=lambda _: None if shared.program.steps else EMPTY, told=False)
-        session.needs(None, undo, also=lambda _: None if shared.undoable else _NO_CHANGE)
+        undo = gui.add_button_group("Take back", ("Undo",))
+        redo = gui.add_button_group("Make again", ("Redo",))
+        session.needs(None, undo, also=lambda _: shared.no_undo(), told=False)
+        session.needs(None, redo, also=lambda _: shared.no_undo(redo=True), told=False)
+        session.needs(None, also=lambda _: shared.no_undo() or shared.no_undo(redo=True))
         session.on(edits.on_click, lambda: self._edit(_EDITS[edits.value]))
-        session.on(undo.on_click, lambda: editor.undo(redo=undo.value == "Redo"))
+        session.on(undo.on_click, editor.undo)
+        session.on(redo.on_click, partial(editor.undo, redo=True))
 
     def add_extras(self) -> None:
         """Add speed, comment and repeat, which are not recorded from the arm, to the present container."""
@@ -241,13 +247,9 @@ class ProgramRecord:
 
         self._session.on(group.on_click, on_add)
 
-    def _unknown(self, snapshot: Snapshot) -> str | None:
-        """Why no pose can be recorded."""
-        try:
-            present_pose_deg(self._session.console.robot, snapshot)
-        except StateError as unknown:
-            return str(unknown)
-        return None
+    def _require_known(self, snapshot: Snapshot) -> None:
+        """Refuse where no pose can be recorded."""
+        present_pose_deg(self._session.console.robot, snapshot)
 
     async def _add(self, step: Step) -> None:
         where = self._where.value

@@ -47,6 +47,7 @@ class ProgramRun:
         self._hold = gui.add_button_group("While it runs", ("Pause",))
         session.needs(Need.PAUSE, self._hold, told=False)
         check = gui.add_button_group("Before it runs", ("Check",), hint=_CHECK_HINT)
+        session.needs(None, check, also=self._empty, told=False, anyone=True)
         self._cancel = gui.add_button("Cancel check", color="gray", visible=False)
         session.on(self._cancel.on_click, self._on_cancel)
         session.on(self._run.on_click, self._on_run)

@@ -120,6 +120,7 @@ class SerialMotion:
         self._list.show(text)
         self._turn.visible = self._pages > 1
         self._row.value = editor.selected + 1
+        self._row.visible = bool(steps)
         self._drawn = (self._shared.version, editor.page, editor.selected, self._running)
 
     @property

@@ -83,16 +83,17 @@ class SharedProgram:
             self._redo.clear()
             self._show(changed, blocks)
 
-    @property
-    def undoable(self) -> bool:
-        """Whether there is a change to take back, or to make again."""
-        return bool(self._undo or self._redo)
+    def no_undo(self, *, redo: bool = False) -> str | None:
+        """Why there is no change to take back (``redo``: to make again); None: there is one."""
+        if self._redo if redo else self._undo:
+            return None
+        return f"there is nothing to {'redo' if redo else 'undo'}"
 
     def undo(self, *, redo: bool = False) -> None:
         """Take the last change back; ``redo``: make it again. Refused if there is none."""
         source, other = (self._redo, self._undo) if redo else (self._undo, self._redo)
-        if not source:
-            raise ProgramError(f"there is nothing to {'redo' if redo else 'undo'}")
+        if (why := self.no_undo(redo=redo)) is not None:
+            raise ProgramError(why)
         other.append(self.program)
         program = source.pop()
         self._show(program, Blocks.of(program.steps))

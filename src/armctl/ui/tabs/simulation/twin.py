@@ -34,6 +34,7 @@ _LINGER_S = 2.0
 _COLOR = (240, 140, 0)
 _PROGRAM = "the program of Serial motion"
 _EXPORT = muted("Export: one file that plays this in any browser, without armctl and without a network.")
+_NO_TWIN = "no twin moves"
 _IDLE = "The orange twin rehearses <b>without the arm</b>."
 
 
@@ -55,6 +56,8 @@ class TwinControl:
         self._steps: tuple[str, ...] = ()
         """each step in words; empty for a plain motion"""
         self._elapsed_s = 0.0
+        self._playing = False
+        """a twin moves, or is about to: its motion is being planned"""
         self._newest = Newest()
         gui = session.gui
         poses = tuple(f"go to {name}" for name in self._robot.poses)
@@ -64,6 +67,7 @@ class TwinControl:
         self._text = LiveHtml(gui, _IDLE)
         self._bar = gui.add_progress_bar(0.0, visible=False)
         session.needs(None, start, also=lambda _: self._no_steps(), anyone=True)
+        session.needs(None, stop, also=lambda _: None if self._playing else _NO_TWIN, anyone=True)
         self._export = gui.add_button("Export", icon=viser.Icon.DOWNLOAD, color="gray")
         self._export_text = LiveHtml(gui, _EXPORT)
         self._share: float | None = None
@@ -95,6 +99,7 @@ class TwinControl:
     async def _on_start(self) -> None:
         is_newest = self._newest.begin()
         self._finish("Planning …")
+        self._playing = True
         try:
             plan, steps = await self._planned()
         except BaseException:
@@ -187,7 +192,7 @@ class TwinControl:
             self._figure.root.visible = True
 
     def _finish(self, text: str) -> None:
-        self._plan = None
+        self._plan, self._playing = None, False
         if self._figure is not None:
             self._figure.root.visible = False
         self._path.hide()
