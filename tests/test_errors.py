@@ -10,7 +10,7 @@ import pytest
 
 from armctl import errors
 from armctl.cli.main import REFUSED, run
-from armctl.errors import DOCS, ArmctlError, InputError, UnreachableError, with_help
+from armctl.errors import DOCS, ArmctlError, InputError, UnreachableError, out_of_range, with_help
 
 ROOT = Path(__file__).parents[1]
 KINDS = [one for one in vars(errors).values() if isinstance(one, type) and issubclass(one, ArmctlError)]
@@ -38,3 +38,16 @@ def test_the_address_ends_the_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert err.endswith(f" – see {DOCS}troubleshooting/#the-target-is-out-of-reach\n")
     assert with_help(UnreachableError("too far")).startswith("too far – see ")
     assert with_help(InputError("not finite")) == "not finite"
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (140.0, "140 % is outside 0 … 100 %"),
+        (100.0000001, "100.0000001 % is outside 0 … 100 %"),
+        (-1e-9, "-1e-09 % is outside 0 … 100 %"),
+        (float("nan"), "nan % is outside 0 … 100 %"),
+    ],
+)
+def test_what_is_outside_a_range_does_not_read_as_its_end(value: float, said: str) -> None:
+    assert out_of_range(value, 0, 100, "%") == said

@@ -43,6 +43,15 @@ def with_help(error: ArmctlError) -> str:
     return f"{error} – see {error.help}" if error.help else str(error)
 
 
+def out_of_range(value: float, low: float, high: float, unit: str = "") -> str:
+    """Text for a number outside a range, with as many digits as tell it from both ends."""
+    ends = f"{low:g}", f"{high:g}"
+    texts = (f"{value:.{digits}g}" for digits in range(6, 17))
+    text = next((text for text in texts if text not in ends), repr(value))
+    space = " " if unit else ""
+    return f"{text}{space}{unit} is outside {ends[0]} … {ends[1]}{space}{unit}"
+
+
 class RefusedBeforeError(Exception):
     """A check met a value that was refused already, so it cannot tell anything (``decoding.REFUSED``)."""
 

@@ -104,6 +104,11 @@ def test_a_copy_of_the_shipped_file_is_the_same_robot(tmp_path: Path) -> None:
             "",
             r"joints\.elbow\.servo is missing; the other joints have one",
         ),
+        (
+            "servo = { channel = 2, zero_us = 1446.45, us_per_deg = 10, pulse_us = [602, 2398] }",
+            "servo = 2",
+            r"key joints\[2\]\.servo: must be a table, not 2",
+        ),
         ("[dh]", "[dh", "mine.toml"),
         ('title = "Base"', 'title = "Base"\ntitle = "Base"', "mine.toml"),
     ],

@@ -474,7 +474,7 @@ def test_without_a_word_on_it_everything_stays_as_it_was(tmp_path: Path) -> None
         ({"joints": [{"name": "lift", "limit_deg": [5, 0]}]}, "the lower limit comes first"),
         ({"joints": [{"name": "pan", "servo": {"channel": 0}}]}, r"joints\.lift\.servo is missing"),
         ({"poses": {"home": [0, 0]}}, r"poses\.home: 3 angles are needed \(pan, lift, elbow\), there are 2"),
-        ({"poses": {"home": [0, 0, 99]}}, r"poses\.home: elbow = 99° is outside -80\.00° … 80\.00°"),
+        ({"poses": {"home": [0, 0, 99]}}, r"poses\.home: elbow = 99\.00° is outside -80\.00° … 80\.00°"),
         ({"tool": {"link": "none"}}, "there is no link 'none'; it has base, body"),
         ({"board": {"kind": "none"}}, "key board.kind: must be one of"),
     ],

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import ParamSpec, Protocol, TypeVar
 
-from armctl.errors import ArmctlError, BoardError
+from armctl.errors import ArmctlError, BoardError, out_of_range
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -187,8 +187,8 @@ class ChannelTable:
         # Written so that a NaN, which compares false with everything, is refused too.
         if not settings.minimum <= value <= settings.maximum:
             raise BoardError(
-                f"{scale.noun} {channel}: {value:g} {scale.unit} is outside "
-                f"{settings.minimum:g} … {settings.maximum:g} {scale.unit}; nothing was sent"
+                f"{scale.noun} {channel}: "
+                f"{out_of_range(value, settings.minimum, settings.maximum, scale.unit)}; nothing was sent"
             )
         first, last = scale.whole_range(settings)
         return min(last, max(first, round(value * scale.steps)))

@@ -77,7 +77,11 @@ class BoardPart:
                         f"not {other} entries",
                         (*(where or ()), other),
                     )
-        missing = [name for (name, _), own in zip(self.joints, tables, strict=True) if not own]
+        missing = [
+            name
+            for (name, _), place in zip(self.joints, places, strict=True)
+            if place is None or key not in self._at(place)
+        ]
         errors.raise_all()
         if len(missing) == len(self.joints):
             return []
@@ -98,7 +102,7 @@ class BoardPart:
         if not self.has_gripper:
             return None
         where = f"gripper.{key}"
-        if key not in self._gripper:
+        if key not in self.document.record["gripper"]:
             raise self.error(where, " is missing; the joints have one")
         entry = self.document.convert(model, ("gripper", key))
         if getattr(entry, closed) == getattr(entry, opened):
@@ -140,7 +144,7 @@ class BoardPart:
                 return "joints", i
         return None
 
-    def _at(self, place: Place) -> object:
+    def _at(self, place: Place) -> Table:
         return self.document.record["joints"][place[1]]
 
 

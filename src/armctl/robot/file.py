@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import replace
 from typing import Annotated, Literal, TypeVar, cast
 
@@ -225,10 +226,13 @@ def without_board(document: Document, model: type[T], errors: Errors) -> T:
     board, joints = record.pop("board", {}), record.get("joints")
     if not isinstance(board, dict):
         errors.found.append(document.refusal(f"must be a table, not {board!r}", ("board",)))
-    if isinstance(joints, list):
-        record["joints"] = [_without_tables(entry) for entry in cast("list[object]", joints)]
+    entries = cast("list[object]", joints) if isinstance(joints, list) else []
+    # what is a table in one joint belongs to the board in all of them, also where it is mistyped
+    keys = {key for entry in (*entries, record.get("gripper")) for key in board_tables(entry)}
+    if entries:
+        record["joints"] = [_without(keys, entry) for entry in entries]
     if "gripper" in record:
-        record["gripper"] = _without_tables(record["gripper"])
+        record["gripper"] = _without(keys, record["gripper"])
     return replace(document, record=record).decoded(model, errors)
 
 
@@ -241,8 +245,7 @@ def board_tables(entry: object) -> Table:
     return {key: value for key, value in table.items() if isinstance(value, dict) and key not in _OWN_KEYS}
 
 
-def _without_tables(entry: object) -> object:
+def _without(keys: Container[str], entry: object) -> object:
     if not isinstance(entry, dict):
         return entry
-    tables = board_tables(cast("Table", entry))
-    return {key: value for key, value in cast("Table", entry).items() if key not in tables}
+    return {key: value for key, value in cast("Table", entry).items() if key not in keys}

@@ -11,7 +11,15 @@ from typing import Any
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError, StoppedError
+from armctl.errors import (
+    ArmctlError,
+    BoardError,
+    InputError,
+    MotionRefusedError,
+    StateError,
+    StoppedError,
+    out_of_range,
+)
 from armctl.hardware import Driver
 from armctl.motion import Floor
 from armctl.robot import Robot
@@ -296,7 +304,7 @@ class Core:
     def set_speed(self, fraction: float, who: str) -> None:
         """Speed override for everything that moves."""
         if not SLOWEST <= fraction <= 1:
-            raise InputError(f"a speed of {100 * fraction:g} % is outside {100 * SLOWEST:.0f} … 100 %")
+            raise InputError(f"a speed of {out_of_range(100 * fraction, 100 * SLOWEST, 100, '%')}")
         self.speed = fraction
         if self.activity is not None:
             self.activity.set_speed(self.speed)

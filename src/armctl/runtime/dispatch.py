@@ -12,7 +12,7 @@ import numpy as np
 import armctl.runtime.commands as c
 from armctl.arrays import FloatArray
 from armctl.decoding import must_be
-from armctl.errors import ArmctlError, BoardError, InputError, StateError
+from armctl.errors import ArmctlError, BoardError, InputError, StateError, out_of_range
 from armctl.kinematics import Target
 from armctl.kinematics.target import as_numbers, checked_number
 from armctl.motion import plan_joints, plan_target
@@ -233,7 +233,7 @@ def _move_gripper(core: Core, opening: float, order: c.Order) -> None:
         raise StateError(f"{core.robot.name} {what}")
     opening = checked_number(opening, f"the opening of {gripper.title}")
     if not 0 <= opening <= 1:
-        raise InputError(f"{gripper.title}: {100 * opening:g} % is outside 0 … 100 %")
+        raise InputError(f"{gripper.title}: {out_of_range(100 * opening, 0, 100, '%')}")
     core.require(Need.GRIPPER, "the gripper")
     core.gripper.move_to(opening, order.ticket, order.motion)
     order.ticket.accept()

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError, BoardError, EnableError, InputError, MotionRefusedError, StateError
+from armctl.errors import (
+    ArmctlError,
+    BoardError,
+    EnableError,
+    InputError,
+    MotionRefusedError,
+    StateError,
+    out_of_range,
+)
 from armctl.hardware import Source
 from armctl.kinematics import Chain
 from armctl.kinematics.target import checked_number
@@ -50,7 +58,7 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         raise StateError("there is no board; connect first")
     goal = core.robot.check_limits(core.robot.pose("rest") if wanted is None else wanted)
     if command.opening is not None and not 0 <= checked_number(command.opening, "the opening") <= 1:
-        raise InputError(f"an opening of {100 * command.opening:g} % is outside 0 … 100 %")
+        raise InputError(f"an opening of {out_of_range(100 * command.opening, 0, 100, '%')}")
     board.configure()
     reading = _where_it_is(core, board, now)
     if reading.homing is not None and not reading.homing.done:

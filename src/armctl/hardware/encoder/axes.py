@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Meta
 
 from armctl.decoding import did_you_mean
-from armctl.errors import BoardError, Errors
+from armctl.errors import BoardError, Errors, out_of_range
 from armctl.hardware.driver import ChannelSettings, ChannelTable
 from armctl.hardware.encoder import SCALE
 from armctl.robot.board_entries import BoardPart
@@ -255,7 +255,7 @@ def _to_wire(axis: int, key: str, value: float) -> int:
     low, high, per_unit = setting.low, setting.high, setting.per_unit
     if not math.isfinite(value) or not low <= value * per_unit <= high:
         raise BoardError(
-            f"axis {axis}: {setting.name} {value:g} is outside {low / per_unit:g} … {high / per_unit:g}, "
+            f"axis {axis}: {setting.name} {out_of_range(value, low / per_unit, high / per_unit)}, "
             "which is what an encoder board takes"
         )
     return setting.whole(value * per_unit)

@@ -11,7 +11,7 @@ import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError, InputError, MotionRefusedError
+from armctl.errors import ArmctlError, InputError, MotionRefusedError, out_of_range
 from armctl.robot import Robot
 from armctl.runtime import MoveJoints, Need, Snapshot
 from armctl.ui.session import Session
@@ -165,5 +165,5 @@ def stepped(robot: Robot, q: FloatArray, joint: int, step_deg: float) -> FloatAr
 def checked_percent(value: float, what: str, low: float = 0) -> float:
     """A percentage; an InputError where it is outside ``low`` … 100, or not finite."""
     if not low <= value <= 100:
-        raise InputError(f"{what}: {value:g} % is outside {low:g} … 100 %")
+        raise InputError(f"{what}: {out_of_range(value, low, 100, '%')}")
     return float(value)

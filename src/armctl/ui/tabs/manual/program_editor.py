@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from armctl.errors import InputError, StateError
+from armctl.errors import InputError, StateError, out_of_range
 from armctl.kinematics import roll_pitch_yaw
 from armctl.motion import usual_pitch
 from armctl.program import CommentStep, Program, SpeedStep, Step, WaitStep, check_program
@@ -170,7 +170,7 @@ def present_pose_deg(robot: Robot, snapshot: Snapshot) -> tuple[float, ...]:
 def checked_seconds(value: float) -> float:
     """How long to wait [s]; an InputError where it is outside 0 … 86400, or not finite."""
     if not 0 <= value <= LONGEST_WAIT_S:
-        raise InputError(f"a wait of {value:g} s is outside 0 … {LONGEST_WAIT_S} s")
+        raise InputError(f"a wait of {out_of_range(value, 0, LONGEST_WAIT_S, 's')}")
     return float(value)
 
 

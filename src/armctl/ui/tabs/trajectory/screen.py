@@ -12,7 +12,7 @@ import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError, InputError, MotionRefusedError
+from armctl.errors import ArmctlError, InputError, MotionRefusedError, out_of_range
 from armctl.kinematics import CRITERIA, Target, roll_pitch_yaw, rotation_of
 from armctl.motion import PitchMode, TurnMode, not_checked, usual_pitch
 from armctl.motion.analysis import Turning
@@ -346,9 +346,7 @@ class MotionForm:
         """What computes the study that the fields ask for, in a worker thread."""
         speed = self._joint_speed.value
         if not _SLOWEST_DEG_S <= speed <= _FASTEST_DEG_S:
-            raise InputError(
-                f"Joint speed: {speed:g} °/s is outside {_SLOWEST_DEG_S:g} … {_FASTEST_DEG_S:g} °/s"
-            )
+            raise InputError(f"Joint speed: {out_of_range(speed, _SLOWEST_DEG_S, _FASTEST_DEG_S, '°/s')}")
         seconds = self._for.positive("For", "s", "until every joint is at its limit")
         robot, name = self._session.console.robot, self._start.value
         start = self._session.snapshot.q_command if name == PRESENT else robot.pose(name)
