@@ -253,6 +253,23 @@ def test_where_the_arm_stands_is_listed_in_singular_poses_and_at_limits(name: st
     assert_sound(inverse.solve(target, STEP), arm)
 
 
+@pytest.mark.parametrize("name", ARMS)
+def test_a_pose_of_several_joints_at_their_limits_is_on_the_list(name: str) -> None:
+    """The run of solutions there may be one angle of the free joint, far from those of the sweep."""
+    arm = ARMS[name]
+    inverse, (chain, limits) = solver(arm), arm
+    rng = np.random.default_rng(11)
+    count, listed = (300 if LONG else 6), 0
+    for q in random_q(rng, limits, count):
+        at = rng.choice(np.delete(np.arange(7), inverse.solve(pose_of(chain, q), STEP).free_joint), 3, False)
+        q[at] = limits[at, rng.integers(0, 2, 3)]
+        found = inverse.solve(pose_of(chain, q), STEP)
+        assert_sound(found, arm)
+        away = np.abs(np.exp(1j * found.q) - np.exp(1j * q)).max(axis=1)  # whole turns not counted
+        listed += bool(away.min() < 20 * STEP)
+    assert listed >= 0.9 * count
+
+
 def test_a_held_joint_leaves_one_solution() -> None:
     q = np.array([0.1, -0.4, 0.2, -2.0, 0.3, 1.8, 0.3])
     for joint in (2, 6):

@@ -15,7 +15,7 @@ from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, all_images, images
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.solver import NumericSolver
-from armctl.kinematics.redundant.locked import Found, IndexArray, LockedArm
+from armctl.kinematics.redundant.locked import JOINTS, Found, IndexArray, LockedArm
 from armctl.kinematics.samples import checked_step, grid_values
 from armctl.kinematics.solutions import Solutions, SolvedArm
 from armctl.kinematics.solver import InverseKinematics
@@ -23,6 +23,10 @@ from armctl.kinematics.target import Target
 
 _END, _SAME = 1e-9, 1e-6
 """how near to the end of a run of solutions its last one is, and which angles of the sweep are one [rad]"""
+_ANY = np.tile([-math.pi, math.pi], (JOINTS, 1))
+_BETWEEN = np.linspace(0.0, 1.0, 9)[1:-1]
+_STEEP = 64.0
+"""a joint turns by no more than this times the free joint where a short run is looked for"""
 _FAR, _HALVINGS = 8.0, 16
 """how many steps a joint may turn from a row to the next one, and how often a step is halved for that"""
 _MET_M, _MET_RAD = 1e-10, 1e-9
@@ -116,12 +120,13 @@ class RedundantSolver(InverseKinematics):
             high = low + TWO_PI - 2.0 * _SAME
         angles = grid_values(low, high, step)
         here = [] if start is None else images(float(start[self._locked.joint]), low, high)
-        for angle in here:
+        for angle in (low, high, *here):
             angles = np.sort(np.append(angles[np.abs(angles - angle) > _SAME], angle))
         return angles
 
     def _listed(self, pose: FloatArray, angles: FloatArray, step: float) -> Found:
         """What the angles (k,), rising, have, and the ends between them; along each branch."""
+        angles = np.unique(np.append(angles, self._short_runs(pose, angles, step)))
         found = self._locked.solve(pose, angles, self.limits)
         has = np.zeros((len(LockedArm.branch_names), len(angles)), dtype=np.bool_)
         has[found.branch, found.row] = True
@@ -142,6 +147,65 @@ class RedundantSolver(InverseKinematics):
         q, branch = self._along(np.concatenate([q, middle]), np.concatenate([branch, lane]))
         met = np.flatnonzero(self._meets(pose, q) & ~_repeated(q))
         return Found(met, branch[met], q[met])
+
+    def _short_runs(self, pose: FloatArray, angles: FloatArray, step: float) -> FloatArray:
+        """Angles (m,) between those of the sweep (k,) where a run shorter than a step keeps the limits.
+
+        A pose of several joints at their limits has a run of one angle. There, what is left to the nearest
+        limit has a maximum over the free joint: those of the sweep are searched for in ever finer parts.
+        """
+        low, high = self.limits[self._locked.joint].tolist()
+        branch, centre = self._maxima_of_room(pose, angles)
+        parts = np.linspace(-1.0, 1.0, 2 * _SECTIONS + 1)
+        inside = [np.empty(0)]
+        while step > _FINEST and len(centre):
+            tried = np.clip(centre[:, None] + step * parts, low, high)
+            room = np.full(tried.size, -np.inf)
+            lane, row, left = self._room(pose, tried.ravel())
+            own = lane == branch.repeat(len(parts))[row]
+            room[row[own]] = left[own].min(axis=1)
+            room = room.reshape(tried.shape)
+            best = np.arange(len(centre)), room.argmax(axis=1)
+            centre, most = tried[best], room[best]
+            step /= _SECTIONS
+            # of a run of one angle, to the last digit: what is clipped at a limit misses the pose
+            there = (most >= 0.0) | ((step <= _FINEST) & (most >= -LIMIT_TOLERANCE))
+            inside.append(centre[there])
+            on = ~there & (most > -_STEEP * step)
+            branch, centre = branch[on], centre[on]
+        return np.concatenate(inside)
+
+    def _maxima_of_room(self, pose: FloatArray, angles: FloatArray) -> tuple[IndexArray, FloatArray]:
+        """Branches and angles (m,) [rad], to a step, where most is left to the limits, and may be enough."""
+        branch, row, left = self._room(pose, angles)
+        room = np.full((len(LockedArm.branch_names), len(angles), JOINTS), -np.inf)
+        room[branch, row] = left
+        least = room.min(axis=2)
+        ahead, behind = (np.pad(least, ((0, 0), side), constant_values=-np.inf) for side in ((1, 0), (0, 1)))
+        exists = np.isfinite(least)
+        peak = exists & (least >= ahead[:, :-1]) & (least >= behind[:, 1:]) & (least < -LIMIT_TOLERANCE)
+        branch, row = np.nonzero(peak)
+        # where one joint comes and another goes, most is left between two angles, or where a branch ends
+        edge, last = np.nonzero(exists[:, :-1] != exists[:, 1:])
+        lane, first = np.nonzero(exists[:, :-1] & exists[:, 1:])
+        one, other = room[lane, first], room[lane, first + 1]
+        between = np.max([((1.0 - s) * one + s * other).min(axis=1) for s in _BETWEEN], axis=0)
+        most = np.maximum(one.min(axis=1), other.min(axis=1))
+        hidden = (between > most) & (np.minimum(one, other).min(axis=1) < -LIMIT_TOLERANCE)
+        lane, first = np.append(lane[hidden], edge), np.append(first[hidden], last)
+        centres = angles[row], 0.5 * (angles[first] + angles[first + 1])
+        return np.concatenate([branch, lane]), np.concatenate(centres)
+
+    def _room(self, pose: FloatArray, angles: FloatArray) -> tuple[IndexArray, IndexArray, FloatArray]:
+        """Of all solutions for angles (k,): branch, index of the angle (m,), and what is left to the limits.
+
+        That of each joint (m, 7) [rad], negative outside.
+        """
+        middle, half = self.limits.mean(axis=1), 0.5 * np.ptp(self.limits, axis=1)
+        found = self._locked.solve(pose, angles, _ANY)
+        off = found.q - middle
+        off -= TWO_PI * np.rint(off / TWO_PI)
+        return found.branch, found.row, half - np.abs(off)
 
     def _along(self, q: FloatArray, branch: IndexArray) -> tuple[FloatArray, IndexArray]:
         """Configurations (m, 7) and their branches (m,), along each branch."""
