@@ -71,6 +71,17 @@ def test_the_joint_of_the_gripper_is_left_out(
     assert_product(robot, steps, tool)
 
 
+@pytest.mark.parametrize(("roll", "jaw"), [("Wrist_Roll", "Jaw"), ("5", "6"), ("wrist_roll", "gripper")])
+def test_a_wrist_that_carries_the_fixed_jaw_stays(tmp_path: Path, roll: str, jaw: str) -> None:
+    jaws = (
+        Step(roll, "revolute", "wrist", "Fixed_Jaw", "0 -0.06 0", "1.5708 0 3.14159"),
+        Step(jaw, "revolute", "Fixed_Jaw", "Moving_Jaw", "0.02 0.02 -0.02", "1.5708 0 0"),
+    )
+    robot = arm_of(tmp_path, (*JAW[:4], *jaws))
+    assert robot.n == 5 and robot.joint_names[3] == "flex" and robot.source.endswith("to Fixed_Jaw")
+    assert f"left out: {jaw} " in robot.assumed[0]
+
+
 def test_without_a_frame_the_arm_ends_at_what_the_wrist_carries(tmp_path: Path) -> None:
     steps = tuple(step for step in JAW if step.joint != "frame")  # the camera is none
     robot = arm_of(tmp_path, steps)

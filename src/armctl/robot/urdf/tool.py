@@ -16,6 +16,7 @@ _TOOL_WORDS = {"tool", "tcp", "ee", "effector", "eef", "grasp", "gripperframe"}
 """the customary names count in other names too: ``ee_gripper_link``"""
 _SENSOR = {"camera", "cam", "imu", "sensor", "optical"}
 _FINGER = {"finger", "fingers", "jaw", "jaws", "claw", "claws", "knuckle", "pincer"}
+_STILL = {"fixed", "static"}
 _GRIPPER = {"gripper", "grip"}
 _ARM = {"roll", "rotate", "rotation", "rot", "pitch", "yaw", "wrist", "pan", "tilt", "twist", "arm", "to"}
 
@@ -121,10 +122,12 @@ def _is_gripper(joint: UrdfJoint) -> bool:
     """True where a joint's name or its link's says that it opens the gripper.
 
     A link called gripper says nothing: the wrist carries it. So does a joint ``gripper_roll`` or
-    ``wrist_to_gripper``.
+    ``wrist_to_gripper``, and a ``Wrist_Roll`` that carries the ``Fixed_Jaw``.
     """
     own, carried = _words(joint.name), _words(joint.child)
-    return bool((own | carried) & _FINGER or (own & _GRIPPER and not own & _ARM))
+    if own & _FINGER:
+        return True
+    return not (own & _ARM or carried & _STILL) and bool(carried & _FINGER or own & _GRIPPER)
 
 
 def _words(name: str) -> set[str]:
