@@ -82,10 +82,15 @@ def test_servos_whose_channels_are_found(page: Screen, served: ServedArm) -> Non
     page.open_tab("3 Save")
     page.type_into("Title", "Three")
     page.type_into("File name", "three")
+    page.type_into("Gripper channel", "1")
+    page.wait_for_text("two servos are on the same channel")
+    page.type_into("Gripper channel", "3")
+    page.wait_until(lambda: page.is_enabled("Save and open"), "it can be saved")
     page.click("Save and open")
     opened(page, served, "three")
-    assert served.robot.output_map is not None
+    assert served.robot.output_map is not None and served.robot.gripper is not None
     assert served.robot.output_map.channels == (0, 1, 2)
+    assert served.robot.output_map.gripper_channel == 3
     assert np.degrees(served.robot.limits) == pytest.approx(np.tile([-60, 70], (3, 1)))
     page.click("Enable")
     page.wait_for_text("HOLDING")
@@ -134,6 +139,7 @@ def test_a_copy_keeps_what_is_not_edited(page: Screen, served: ServedArm) -> Non
     page.choose("Begin with", "A copy of the present robot")
     page.open_tab("3 Save")
     page.wait_until(lambda: page.value("Floor mm") == f"{1000 * old.floor_z:g}", "the floor is its own")
+    assert page.value("Gripper channel") == "5"
     page.type_into("Title", "Twin")
     page.type_into("File name", "twin")
     page.open_tab("2 Joints")

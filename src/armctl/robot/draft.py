@@ -21,8 +21,8 @@ from armctl.robot.robot import Robot
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _SPEED_DEG_S, _ACCELERATION_DEG_S2 = 60.0, 360.0
 _SERVO_US, _SERVO_MIDDLE_US, _SERVO_US_PER_DEG = (500.0, 2500.0), 1500.0, 10.0
-_GRIPPER_US = 1000.0, 2000.0
-"""closed and open"""
+_GRIPPER = {"title": "Gripper", "speed_percent_s": 100.0}
+_GRIPPER_SERVO = {"closed_us": 1000.0, "open_us": 2000.0}
 
 
 # Usual builds: lengths in, DH rows out.
@@ -364,14 +364,19 @@ class Draft:
     def with_gripper(
         self,
         channel: float,
-        closed_us: float = _GRIPPER_US[0],
-        open_us: float = _GRIPPER_US[1],
-        speed_percent_s: float = 100.0,
+        closed_us: float | None = None,
+        open_us: float | None = None,
     ) -> Self:
-        """With a gripper on a servo. Raises ``InputError``: a channel that is no whole number."""
-        servo = {"channel": _channel("the gripper", channel), "closed_us": closed_us, "open_us": open_us}
-        gripper = {"title": "Gripper", "speed_percent_s": speed_percent_s, "servo": servo}
-        return self.changed(gripper=gripper)
+        """With a gripper on a servo, what is not given as it was, or as is usual.
+
+        Raises ``InputError``: a channel that is no whole number.
+        """
+        gripper = dict(cast("Table", self.table.get("gripper", _GRIPPER)))
+        servo = dict(cast("Table", gripper.get("servo", _GRIPPER_SERVO)))
+        servo["channel"] = _channel("the gripper", channel)
+        given = {"closed_us": closed_us, "open_us": open_us}
+        servo |= {key: pulse for key, pulse in given.items() if pulse is not None}
+        return self.changed(gripper={**gripper, "servo": servo})
 
     def with_pose(self, name: str, q_deg: Sequence[float] | FloatArray) -> Self:
         """With a named pose [degrees]."""

@@ -36,6 +36,7 @@ _JOINTS_HINT = (
     "Turn each joint to both ends of its range, and press lowest or highest there. Without servo channels "
     "the arm runs on the simulated board."
 )
+_GRIPPER_HINT = "Servo channel of the gripper; empty: no gripper."
 _NO_JOINTS: tuple[str, ...] = ("base",)
 """until an arm is drawn"""
 _ASIDE = 1.1
@@ -52,6 +53,8 @@ class _Edits:
     )
     """by name: the joints they are of, and the angles [degrees]"""
     floor_mm: float | None = None
+    gripper: str | None = None
+    """the text of its channel; empty: there is none"""
     unread: dict[str, InputError] = field(default_factory=dict[str, InputError])
     """what cannot be read of the fields; it may be half typed"""
 
@@ -65,6 +68,10 @@ class _Edits:
         for name, (joints, angles) in self.poses.items():
             if joints == draft.joints:
                 draft = draft.with_pose(name, angles)
+        if self.gripper:
+            draft = draft.with_gripper(parse_number(self.gripper, "Gripper channel"))
+        elif self.gripper is not None:
+            draft = draft.changed(gripper=None)
         return draft if self.floor_mm is None else draft.changed(floor={"z_mm": self.floor_mm})
 
 
@@ -110,6 +117,7 @@ class OwnArm:
                 self._title = gui.add_text("Title", "My arm")
                 self._name = gui.add_text("File name", self._named)
                 self._floor = NumberField(gui, "Floor mm", 0.0, hint="Height of the floor in the base frame.")
+                self._gripper = gui.add_text("Gripper channel", "", hint=_GRIPPER_HINT)
                 self._save = gui.add_button("Save and open", icon=viser.Icon.DEVICE_FLOPPY, color="green")
                 session.needs(None, self._save, also=lambda _: self._wrong)
                 download = gui.add_button("Download robot file", icon=viser.Icon.DOWNLOAD, color="gray")
@@ -122,6 +130,7 @@ class OwnArm:
         for handle in (self._name, self._convention, self._rows):
             session.on(handle.on_update, self._show)
         session.on(self._floor.handle.on_update, self._on_floor)
+        session.on(self._gripper.on_update, self._on_gripper)
         session.on(self._poses.on_click, self._on_pose)
         session.on(self._save.on_click, self._on_save)
         session.on(download.on_click, self._on_download)
@@ -185,7 +194,8 @@ class OwnArm:
             f"<div style='opacity:.75'>The tool is at x {x:z.1f}, y {y:z.1f}, z {z:z.1f} mm.</div>"
             + ("" if note is None else warned(sentence(f"the tool axis: {note.what}; {note.mend}")))
         )
-        if self._robot is None or robot.chain != self._robot.chain:
+        shown = self._robot
+        if shown is None or (robot.chain, robot.gripper) != (shown.chain, shown.gripper):
             self._draw(robot)
         self._robot = robot
         if tuple(self._joint.options) != robot.joint_names:
@@ -225,7 +235,7 @@ class OwnArm:
 
     def _on_begin(self) -> None:
         self._form_shown(True)
-        self._fill_floor()
+        self._fill_last_step()
         self._show()
         self._fill_joint()
 
@@ -247,7 +257,7 @@ class OwnArm:
         self._lengths_box.visible = kind in _BEGINNINGS
         self._rows_box.visible = kind == _ROWS
         self._fill_lengths()
-        self._fill_floor()
+        self._fill_last_step()
         self._show()
         self._fill_joint()
 
@@ -258,13 +268,14 @@ class OwnArm:
             self._named = self._name.value = name
         self._show()
 
-    def _fill_floor(self) -> None:
-        """Show the floor of what is begun with."""
+    def _fill_last_step(self) -> None:
+        """Show floor and gripper of what is begun with."""
         try:
-            floor = self._draft().table.get("floor", {})
+            table = cast("dict[str, dict[str, Any]]", self._draft().table)
         except ArmctlError:  # told by ``_show``
-            floor = {}
-        self._floor.fill(float(cast("dict[str, float]", floor).get("z_mm", 0.0)))
+            table = {}
+        self._floor.fill(float(table.get("floor", {}).get("z_mm", 0.0)))
+        self._gripper.value = str(table.get("gripper", {}).get("servo", {}).get("channel", ""))
 
     def _fill_lengths(self) -> None:
         for one in self._lengths.values():
@@ -364,6 +375,10 @@ class OwnArm:
     def _on_floor(self) -> None:
         with self._reading("floor"):
             self._edits.floor_mm = self._floor.value
+        self._show()
+
+    def _on_gripper(self) -> None:
+        self._edits.gripper = self._gripper.value.strip()
         self._show()
 
     def _on_pose(self) -> None:
