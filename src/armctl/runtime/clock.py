@@ -123,5 +123,5 @@ class TickTime:
             return f"the controller was {longest_ms:.0f} ms late; the motion halted and goes on from rest"
         return (
             f"the controller was late {self._count} times, by up to {longest_ms:.0f} ms; each time the "
-            "motion halted and went on from rest: this computer is too busy"
+            "motion halted and went on from rest: this computer is too busy, or the board answers late"
         )

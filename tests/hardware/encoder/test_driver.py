@@ -413,6 +413,20 @@ def test_a_lost_line_is_sent_again_and_done_once(homed: Bench, fault, call, line
         assert homed.wait(0.5).positions[0] == 5.0
 
 
+def test_lines_that_get_no_answer_are_counted(homed: Bench):
+    asked = lost = 0
+    for step in range(60):
+        if step % 6 == 0:
+            homed.faults.inject(Fault.DROP_COMMAND)
+        homed.driver.write({0: float(step)})
+        homed.clock.advance(0.02)
+        readback = homed.driver.read()
+        asked, lost = asked + readback.asked, lost + readback.lost
+    assert 60 <= asked <= 75
+    assert 9 <= lost <= 11
+    assert homed.wait(0.5).lost == 0
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_a_line_that_garbles_one_thing_in_three(clock: ManualClock, seed):
     bench = Bench(clock, seed=seed).connect()

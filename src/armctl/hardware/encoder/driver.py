@@ -148,6 +148,7 @@ class EncoderDriver:
             errors.append("the board switched its motors off by itself")
         if session.idle_s >= _KEEP_ALIVE_S:
             session.post("PING")
+        asked, session.asked, lost, session.lost = session.asked, 0, session.lost, 0
         homed = {axis: status.homed[axis] for axis in self._table.axes}
         warnings = {
             axis: lost_words(status.lost[axis]) for axis in homed if homed[axis] and status.lost[axis]
@@ -165,6 +166,8 @@ class EncoderDriver:
             faults=faults,
             homing=HomingState(homed, running),
             warnings=warnings,
+            asked=asked,
+            lost=lost,
         )
 
     def stop(self) -> None:

@@ -96,6 +96,8 @@ class EncoderSession:
         self.restarts = 0  # how often it has started anew
         self.spoken = False  # whether the board has sent a valid line since the last one was sent to it
         self._garbled = 0  # lines
+        self.asked = self.lost = 0
+        """lines that were sent, and those that got no answer, since the caller set them to 0"""
 
     @property
     def idle_s(self) -> float:
@@ -158,7 +160,7 @@ class EncoderSession:
         sent = self._ask(text, awaited=True)
         for attempt in range(_ATTEMPTS):
             if attempt:
-                self._send(sent)
+                self._send_again(sent)
             self.wait_until(lambda: sent.reply is not None or sent.unreadable, timeout_s / _ATTEMPTS)
             if sent.reply is not None:
                 break
@@ -183,7 +185,7 @@ class EncoderSession:
         if self._now() - self._waiting_since > self._timeout_s:
             raise self._unanswered(waiting, self._timeout_s)
         if waiting.unreadable or self.idle_s >= self._timeout_s / _ATTEMPTS:
-            self._send(waiting)
+            self._send_again(waiting)
         return refused
 
     def realtime(self, byte: Realtime) -> None:
@@ -238,7 +240,12 @@ class EncoderSession:
         sent.unreadable = False
         self._sent_at = self._now()
         self.spoken = False
+        self.asked += 1
         self._transport.write(sent.line)
+
+    def _send_again(self, sent: _InFlight) -> None:
+        self.lost += 1
+        self._send(sent)
 
     def _unanswered(self, sent: _InFlight, timeout_s: float) -> BoardTimeoutError:
         self._in_flight = None
@@ -288,15 +295,23 @@ class EncoderSession:
         if sent is not None and answer.sequence == sent.sequence:
             sent.reply = answer
             self._in_flight = None
+            self._count_overtaken(len(self._superseded))
             if sent.awaited:
                 return
         elif answer.sequence in self._superseded:
-            self._superseded.remove(answer.sequence)
+            self._count_overtaken(self._superseded.index(answer.sequence))
+            self._superseded.popleft()
             self._waiting_since = self._now()  # it answers, if late
         else:
             return
         if answer.refusal:
             self._refused.append(answer)
+
+    def _count_overtaken(self, count: int) -> None:
+        """The oldest ``count`` lines get no answer any more: the board answers in order."""
+        self.lost += count
+        for _ in range(count):
+            self._superseded.popleft()
 
     def _note_restart(self, reset: str) -> None:
         self.restarted = reset
