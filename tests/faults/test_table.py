@@ -221,7 +221,7 @@ delay          holding     FH       F        F        {_LOST}|watchdog|{_GAP}
 delay          moving      FH       F        F        {_LOST}|watchdog|{_GAP}
 delay          stopping    FH       F        F        {_LOST}|watchdog|{_SILENT}
 garble         connecting  DO       DO       DO       {_SILENT}|connected to
-garble         enabling    OF       FO       FH       the board reports serial protocol error|{_LOST}|enabled
+garble         enabling    OF       FO       FH       serial protocol error|by itself|{_LOST}|enabled
 garble         homing      -        -        OFH      watchdog|finished
 garble         holding     FH       F        FH       by itself|{_LOST}|{_SILENT}
 garble         moving      FH       F        FH       by itself|{_LOST}|check the supply|{_SILENT}

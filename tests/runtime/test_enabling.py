@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.runtime.kit import MIDDLE, ROBOT, TEST, TICK, Rig, fails, make_rig
 
-from armctl.errors import BoardError, InputError
+from armctl.errors import BoardError, InputError, MotionRefusedError
 from armctl.hardware import Source
 from armctl.robot import load_robot
 from armctl.runtime import (
@@ -153,12 +153,26 @@ def test_a_board_that_reports_trouble_meanwhile_gets_no_more(rig: Rig) -> None:
     assert rig.now.state is State.OFF
 
 
-def test_a_servo_that_does_not_come_on_is_a_fault(rig: Rig) -> None:
-    real(rig).do(Enable(HOME))
+def test_servos_that_go_off_meanwhile_are_a_fault_and_no_more_come_on(rig: Rig) -> None:
+    enabling = real(rig).do(Enable(HOME))
     rig.run(0.4)
     rig.driver.positions.clear()  # the supply broke down
-    rig.until(lambda s: s.state is State.FAULT)
-    assert "switched the pulses off by itself (Base, Shoulder)" in rig.now.cause
+    count = len(rig.driver.writes)
+    rig.run(4)
+    assert len(rig.driver.writes) == count
+    assert rig.now.state is State.FAULT
+    words = r"the board switched the pulses off by itself \(Base, Shoulder\)"
+    fails(enabling.finished, words, MotionRefusedError)
+
+
+def test_one_garbled_reading_does_not_end_it(rig: Rig) -> None:
+    enabling = real(rig).do(Enable(HOME))
+    rig.run(0.4)
+    pulses, rig.driver.positions = rig.driver.positions, {}
+    rig.tick()
+    rig.driver.positions = pulses
+    rig.rests()
+    enabling.result(0)
 
 
 @settings(max_examples=25)

@@ -352,11 +352,8 @@ class Monitor:
             return (
                 f"the board lost its zeros ({self._joints(lost)}; {why}); {_SEE_TO}" if lost.any() else None
             )
-        self._off = self._off + 1 if off.any() else 0
-        if self._off:
-            self.doubt()
-        if self._off >= _OFF_READINGS:
-            return f"the board switched the pulses off by itself ({self._joints(off)}); {_SEE_TO}"
+        if (gone := self.switched_off(off)) is not None:
+            return gone
         if reading.source is not Source.TRANSMITTED:
             return None
         if reading.errors:
@@ -366,6 +363,15 @@ class Monitor:
             why = ", ".join(self._errors)
             return f"the board moved the arm by itself ({self._joints(moved)}; {why}); {_SEE_TO}"
         return self._moved_by_another(board, q_command) if standing else None
+
+    def switched_off(self, off: BoolArray) -> str | None:
+        """In words, that joints (n,) whose outputs the last reading shows off are off for certain."""
+        self._off = self._off + 1 if off.any() else 0
+        if self._off:
+            self.doubt()
+        if self._off < _OFF_READINGS:
+            return None
+        return f"the board switched the pulses off by itself ({self._joints(off)}); {_SEE_TO}"
 
     def _moved_by_another(self, board: Board, q_command: FloatArray) -> str | None:
         """In words, that pulses which had come to rest have changed though no setpoint was sent since."""

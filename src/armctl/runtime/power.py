@@ -136,9 +136,9 @@ class Enabling:
         self.done = False
         self._core, self._board = core, board
         self._q, self._opening = q, opening
-        self._on = live.copy()
+        self._on, self._seen_on = live.copy(), live.copy()
         self._gripper_on = opening is None or core.monitor.reading.opening is not None
-        self._before = core.monitor.reading
+        self._last = core.monitor.reading
         self._quick = board.identity.simulated
         self._stopped = False
         self._next_at = self._arrived_at = now
@@ -170,12 +170,12 @@ class Enabling:
             self._conclude()
         if self.done:
             return None
-        if reading is not self._before and reading.errors:
-            self.error = BoardError(
-                f"enabling ended, the board reports {'; '.join(reading.errors)}; see to that and enable again"
-            )
-            self._conclude()
-        elif not self._on.all():
+        if reading is not self._last:
+            self._last = reading
+            self._look_at(reading)
+        if self.done or self._core.monitor.doubts:
+            return None
+        if not self._on.all():
             if now >= self._next_at:
                 joint = np.arange(len(self._q)) == int(np.argmin(self._on))
                 if not self._on.any():
@@ -209,6 +209,19 @@ class Enabling:
     def halt(self) -> None:
         """Nothing is switched on for now."""
         if self._stopped:
+            self._conclude()
+
+    def _look_at(self, reading: Reading) -> None:
+        """End where the board reports an error; a fault where it has switched servos off that were on."""
+        off = self._seen_on & ~reading.on
+        self._seen_on |= self._on & reading.on
+        gone = self._core.monitor.switched_off(off)
+        if gone is not None:
+            raise MotionRefusedError(f"{gone}, then clear the fault and enable")
+        if reading.errors:
+            self.error = BoardError(
+                f"enabling ended, the board reports {'; '.join(reading.errors)}; see to that and enable again"
+            )
             self._conclude()
 
     def _conclude(self) -> None:
