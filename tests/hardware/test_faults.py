@@ -247,6 +247,12 @@ def test_when_it_strikes_and_how_long_and_again():
     assert [one == b"" for one in back] == [False, False, True, True, False, False, True, False, True]
 
 
+def test_it_strikes_in_time_on_a_clock_that_begins_at_zero():
+    model = FaultyModel(Echo(), 0, [trouble("drop-reply@1+1")])
+    back = [model.advance(time) + model.feed(b"a") for time in (0.0, 0.9, 1.5, 2.5)]
+    assert back == [b"a", b"a", b"", b"a"]
+
+
 def test_board_faults_by_the_clock():
     model = troubled("unplug@1+2", "brown-out@5+0.5", "reset@7/10")
     assert exchanged(model, [0.9, 1.0, 3.0, 3.1]) == [b"abcd", b"unplugged", b"unplugged", b"abcd"]

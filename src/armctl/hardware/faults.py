@@ -191,7 +191,7 @@ class FaultyModel(Generic[Model]):
 
     def _passed(self, data: bytes, way: str, *, armed: bool = False) -> bytes:
         """What of a burst gets through now."""
-        time_s = self._now - (self._began or self._now)
+        time_s = self._now - (self._now if self._began is None else self._began)
         delay_s = 0.0
         for fault, longest_s in self._striking(way, time_s, armed=armed) if data else ():
             match fault:
