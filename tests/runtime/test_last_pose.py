@@ -142,6 +142,7 @@ def test_it_is_written_rarely(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         b'{"robot":"uzuner","board":"A1","joints_deg":[0,900,0,0,0],"gripper":null,"at":0,"ended":""}',
         b'{"robot":"uzuner","board":"A1","joints_deg":[0,1e999,0,0,0],"gripper":null,"at":0,"ended":""}',
         b'{"robot":"abaas","board":"A1","joints_deg":[0,90,0,0,0],"gripper":null,"at":0,"ended":""}',
+        b'{"robot":"uzuner","board":"A1","joints_deg":[0,90,0,0,0],"gripper":null,"at":1e300,"ended":""}',
     ],
 )
 def test_a_file_that_makes_no_sense_is_no_pose(tmp_path: Path, content: bytes) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from pathlib import Path
-from typing import Self
+from typing import Annotated, Self
 from urllib.parse import quote
 
 import msgspec
@@ -36,7 +36,7 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
     board: str
     joints_deg: list[float]
     gripper: float | None
-    at: float
+    at: Annotated[float, msgspec.Meta(ge=0, le=1e11)]
     ended: str
 
 
