@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from tests.kinematics.kit import FloatArray, solver_of
 
+from armctl import load_robot
 from armctl.kinematics import Chain, InverseKinematics, Solutions, Target
 
 LONG = bool(os.environ.get("ARMCTL_LONG"))
@@ -287,3 +288,10 @@ def test_orientations_upright_askew_and_out_of_reach() -> None:
     )
     turned = across.forward(q)
     assert_sound(aside.solve(Target.of(turned[:3, 3], rotation=turned[:3, :3]), STEP), limits, q)
+
+
+def test_the_nearest_point_beside_the_base_axis_is_looked_for_on_all_sides() -> None:
+    target = np.array([-0.02825689655399012, 0.00929019523411901, 0.7426287834309142])
+    found = load_robot("so101").inverse(target)
+    assert found.nearest_m is not None
+    assert np.linalg.norm(found.nearest_m - target) < 0.2221  # leaning to the other side: 0.22325

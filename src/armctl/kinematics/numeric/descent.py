@@ -100,6 +100,18 @@ class Starts:
         low, high = limits.T
         self._q = low + even_spread(_COUNT, np.full(chain.n, 0.5)) * (high - low)
         self._motion = tool_motion(chain, self._q)
+        upper = even_spread(_COUNT, np.full(chain.n, 0.5)) > 0.5
+        self._part = upper @ 2 ** np.arange(chain.n)
+        """which joints are in the upper half of their range, as bits"""
+
+    def nearest_of_parts(self, goal: Goal, box: FloatArray) -> FloatArray:
+        """(k, n) as ``nearest_first``, one for every choice of a half of each joint's range.
+
+        Beside the base axis the nearest of all may lie on one side of it, and the minimum on the other.
+        """
+        rows = goal.rows(self._motion)[0]
+        order = np.argsort((rows * rows).sum(axis=1), kind="stable")
+        return np.clip(self._q[order[np.unique(self._part[order], return_index=True)[1]]], *box.T)
 
     def nearest_first(self, goal: Goal, count: int, box: FloatArray) -> FloatArray:
         """(count, n) of them [rad] with the tool nearest to a goal, best first, put into a box (n, 2)."""

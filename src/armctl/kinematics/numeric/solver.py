@@ -244,7 +244,8 @@ class NumericSolver(InverseKinematics):
             kept = self._approached(turned, position, box)
             if len(kept):
                 return self._best(position, kept)
-        starts = self._starts.nearest_first(position, _WAVE, box)
+        nearest = self._starts.nearest_first(position, _WAVE, box)
+        starts = np.vstack([nearest, self._starts.nearest_of_parts(position, box)])
         return self._best(position, come_nearest(self.chain, position, starts, box))
 
     def _best(self, goal: Goal, q: FloatArray) -> FloatArray:
