@@ -98,6 +98,7 @@ def test_good_marks_are_hardly_ever_blamed_and_wrong_ones_hardly_ever_mistaken()
         ([(1500, 0), (1500, 30), (1500, 60)], "all marks are at one place, 1500.0 µs"),
         ([(1000, 0), (1001, 0), (2000, 90)], "the marks are at 2 places only"),
         ([(1000, 0), (1500, 4), (2000, 8)], "spread over 8.0° only"),
+        ([(1000, 0), (1500, 5), (2000, 9.999)], "spread over 9.999° only: .* over 10° at least"),
         ([(1000, 0), (1500, math.nan), (2000, 80)], "mark 2 is no pair of finite numbers"),
         ([(1000, 0), (math.inf, 40), (2000, 80)], "mark 2 is no pair of finite numbers"),
         (

@@ -11,6 +11,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import CalibrationError
+from armctl.kinematics.solutions import decimals_apart
 
 LEAST_MARKS = 3
 _LEAST_SPREAD = math.radians(10.0)
@@ -186,8 +187,9 @@ def _require_spread(angles: FloatArray) -> None:
     """Refuse angles (n,) [rad] that lie too close together to say anything of the scale."""
     spread, least = math.degrees(float(np.ptp(angles))), math.degrees(_LEAST_SPREAD)
     if spread < least:
+        digits = decimals_apart(spread, least, least=1)
         raise CalibrationError(
-            f"the angles of the marks spread over {spread:.1f}° only: take them further apart, over "
+            f"the angles of the marks spread over {spread:.{digits}f}° only: take them further apart, over "
             f"{least:.0f}° at least, better over the whole range of the joint"
         )
 
