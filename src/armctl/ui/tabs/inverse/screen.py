@@ -83,7 +83,8 @@ class InverseScreen:
         go_least = gui.add_button("Go by least energy", icon=viser.Icon.PLAYER_PLAY)
         self._selected = LiveHtml(gui, visible=False)
         go_selected = gui.add_button("Go by the selected one", icon=viser.Icon.PLAYER_PLAY, color="gray")
-        session.needs(Need.HOLDING, go_least, told=False)  # the same is told below the next one
+        # the same is told below the next one
+        session.needs(Need.HOLDING, go_least, also=self._no_least, told=False)
         session.needs(Need.HOLDING, go_selected, also=self._not_selected)
         tabs = gui.add_tab_group()
         with tabs.add_tab("List"):
@@ -177,9 +178,7 @@ class InverseScreen:
     async def _on_go_least(self) -> None:
         self._form.watch.require_settled()
         profile, duration = self._movement.checked()
-        found, old = self._answer, self._out_of_date(self._session.snapshot)
-        if found is None or old or found.criterion != self._criterion.value:
-            found = await self._update()
+        found = self._present_answer(self._session.snapshot) or await self._update()
         if found is None:
             raise InputError("the target was changed while it was solved; look at the result and press again")
         if found.best is None:
@@ -198,6 +197,17 @@ class InverseScreen:
         profile, duration = self._movement.checked()
         self._on_row()
         await self._session.submit(MoveJoints(found.q(row), duration, profile))
+
+    def _present_answer(self, snapshot: Snapshot) -> Answer | None:
+        """The answer for the present fields, criterion and pose; None: it has to be solved first."""
+        found = self._answer
+        stale = found is None or self._out_of_date(snapshot) or found.criterion != self._criterion.value
+        return None if stale else found
+
+    def _no_least(self, snapshot: Snapshot) -> str | None:
+        """Why there is no configuration of least energy to go to, as far as it is known."""
+        found = self._present_answer(snapshot)
+        return None if found is None else found.why_not or None
 
     def _not_selected(self, snapshot: Snapshot) -> str | None:
         """Why the selected row cannot be gone to, apart from the state of the arm; None: it can."""
