@@ -42,6 +42,12 @@ def test_axe_finds_nothing_serious_on_any_tab_in_either_theme(page: Screen, serv
         for tab in TABS:
             page.open_tab(tab.label)
             assert violations(page, rules) == [], (theme, tab.label)
+    page.choose("Theme", "Light")
+    page.page.keyboard.press("Control+K")
+    page.wait_for_text("Decelerate and hold")
+    assert violations(page, ["color-contrast"]) == []
+    page.page.keyboard.press("Escape")
+    page.choose("Theme", "Dark")
     page.page.reload()  # the browser remembers the theme
     page.page.locator(":root[data-mantine-color-scheme=dark]").wait_for(state="attached")
 
