@@ -62,10 +62,11 @@ def _print_robots(arms: Sequence[Robot], as_json: bool) -> None:
             for arm in arms
         ])  # fmt: skip
         return
+    width = 2 + max((len(arm.name) for arm in arms), default=0)
     for arm in arms:
-        click.echo(f"{arm.name:<12}{arm.title}: {arm.n} joints; {arm.inverse_kinematics.family}")
+        click.echo(f"{arm.name:<{width}}{arm.title}: {arm.n} joints; {arm.inverse_kinematics.family}")
         for joint, (low, high) in zip(arm.joints, np.degrees(arm.limits), strict=True):
-            click.echo(f"{'':<12}{joint.title:<14}{low:9.2f}° … {high:.2f}°")
+            click.echo(f"{'':<{width}}{joint.title:<14}{low:9.2f}° … {high:.2f}°")
 
 
 @click.command(context_settings=QUERY_SETTINGS)
