@@ -98,9 +98,9 @@ class Session:
         """Whether the tab with this label is open, or nobody knows: what only tells need not be told else."""
         return self.ghost.in_view(tab)
 
-    def look(self, view: str = "Reset", robot: Robot | None = None) -> None:
-        """See the arm from one side; ``robot``: another one that is drawn in its place."""
-        look_at_arm(self.client, robot or self.console.robot, view, sheet=self.on_phone)
+    def look(self, view: str = "Reset", beside: tuple[Robot, float] | None = None) -> None:
+        """See the arm from one side; ``beside``: and another one, so far [m] along y."""
+        look_at_arm(self.client, self.console.robot, view, beside=beside, sheet=self.on_phone)
 
     def on(self, attach: Callable[..., object], action: Action) -> None:
         """Run ``action`` on a page's event (``attach``: ``on_click``, …); what goes wrong is notified."""

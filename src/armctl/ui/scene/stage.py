@@ -155,11 +155,13 @@ def look_at_arm(
     robot: Robot,
     view: str = "Reset",
     *,
+    beside: tuple[Robot, float] | None = None,
     picture: tuple[int, int] | None = None,
     sheet: bool = False,
 ) -> None:
     """See the arm by one of ``VIEWS``; ``picture``: width and height that will be free; None: as they are.
 
+    ``beside``: another arm that is seen, too, and how far along y it stands [m].
     ``sheet``: the panels lie over the lower part of the picture, so the arm is seen in the upper one.
     """
     camera = client.camera
@@ -168,7 +170,11 @@ def look_at_arm(
     aspect = max(width / (free * height), _LEAST_ASPECT)
     high = math.tan(0.5 * camera.fov)
     fov = 2 * math.atan(free * high)
-    position, middle = first_view(robot, in_view(robot), fov, aspect, view)
+    points = in_view(robot)
+    if beside is not None:
+        other, aside = beside
+        points = np.vstack([points, in_view(other) + np.array([0.0, aside, 0.0])])
+    position, middle = first_view(robot, points, fov, aspect, view)
     away = position - middle
     right = np.cross([0.0, 0.0, 1.0], away)
     down = (1.0 - free) * high * np.cross(right, away) / np.linalg.norm(right)

@@ -41,6 +41,8 @@ _NO_JOINTS: tuple[str, ...] = ("base",)
 """until an arm is drawn"""
 _ASIDE = 1.1
 """how far beside the present arm the new one is drawn, times the longer reach of both"""
+_LOOK_AGAIN = 0.2
+"""share by which that changes before the page looks anew"""
 
 
 @dataclass
@@ -84,8 +86,8 @@ class OwnArm:
         self._figure: ArmFigure | None = None
         self._wrong: str | None = None
         """why what the fields say is no arm"""
-        self._aside = 0.0
-        """how far beside the present arm the new one stands [m]"""
+        self._looked_aside = 0.0
+        """how far beside the present arm the new one stood when the page was last shown both [m]"""
         self._q: dict[str, float] = {}
         """where each joint is drawn [degrees]"""
         self._servo_shown = ("", "", "")
@@ -210,21 +212,14 @@ class OwnArm:
         return np.radians(np.array([self._q.get(name, angle) for name, angle in home]))
 
     def _draw(self, robot: Robot) -> None:
-        if self._figure is None:
-            self._session.look(robot=robot)
         self._erase()
         self._figure = ArmFigure(self._session.client.scene, robot, "/new-arm")
-        longest = max(reach(robot.chain), reach(self._session.console.robot.chain))
-        self._look_aside(_ASIDE * longest)
-        self._figure.root.position = (0.0, self._aside, 0.0)
+        aside = _ASIDE * max(reach(robot.chain), reach(self._session.console.robot.chain))
+        self._figure.root.position = (0.0, -aside, 0.0)  # towards the camera
+        if abs(aside - self._looked_aside) > _LOOK_AGAIN * aside:
+            self._looked_aside = aside
+            self._session.look(beside=(robot, -aside))
         self._figure.say("new arm")
-
-    def _look_aside(self, aside: float) -> None:
-        """Move the page's camera with the new arm, which stands ``aside`` [m] beside the present one."""
-        camera, step = self._session.client.camera, np.array([0.0, aside - self._aside, 0.0])
-        self._aside = aside
-        camera.position = camera.position + step
-        camera.look_at = camera.look_at + step
 
     def _erase(self) -> None:
         if self._figure is not None:
@@ -241,7 +236,7 @@ class OwnArm:
 
     def _end(self) -> None:
         if self._figure is not None:
-            self._aside = 0.0
+            self._looked_aside = 0.0
             self._session.look()
         self._erase()
         self._robot, self._edits, self._q = None, _Edits(), {}
