@@ -118,10 +118,14 @@ def kill(pid: int) -> None:
 
 
 def start_apart(arguments: Sequence[str], environment: dict[str, str]) -> subprocess.Popen[bytes]:
-    """Start a program with pipes; Ctrl-C at our terminal is for us alone, who bring the arm to rest first."""
+    """Start a program with pipes; Ctrl-C at our terminal is for us alone, who bring the arm to rest first.
+
+    It gets a process group of its own, not a session: Linux may share the processors out session by session,
+    and a tick of the arm process then waits up to 0.1 s for the page server, its own program.
+    """
     return subprocess.Popen(
         arguments, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        start_new_session=True,
+        process_group=0,
         creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # the same for Windows
     )  # fmt: skip
 

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -148,6 +148,14 @@ def test_where_nothing_drops_the_arm_process_ends_with_its_program(folder: Path)
         assert the_only_one(folder).port == ""
         program.kill()
         until(lambda: not list(folder.iterdir()), "the arm process has ended")
+
+
+def test_the_arm_process_is_of_our_session_but_not_of_our_group(folder: Path) -> None:
+    """Ctrl-C at our terminal is not for it; and Linux shares the processors out session by session."""
+    with closing(start_arm(ROBOT)):
+        pid = the_only_one(folder).pid
+        assert os.getsid(pid) == os.getsid(0)
+        assert os.getpgid(pid) == pid != os.getpgid(0)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])

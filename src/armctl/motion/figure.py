@@ -106,9 +106,9 @@ def figure_file(
     """As ``figure_bytes``, by a process of its own: matplotlib lets no other thread run for up to 0.3 s."""
     work = pickle.dumps((robot, form, shown, beside))
     prepare = f"import sys; sys.path[:] = {sys.path!r}; {_DRAW}"
-    # a session of its own: Ctrl-C is for the process that asks, whose end ends this one, too
+    # a group of its own: Ctrl-C is for the process that asks, whose end ends this one, too
     drawn = subprocess.run(
-        [sys.executable, "-c", prepare], input=work, capture_output=True, start_new_session=True, check=False
+        [sys.executable, "-c", prepare], input=work, capture_output=True, process_group=0, check=False
     )
     if drawn.returncode:
         raise RuntimeError(f"the figure was not drawn: {drawn.stderr.decode(errors='replace')}")
