@@ -48,6 +48,7 @@ def test_a_good_program() -> None:
             MoveStep(joints_deg=(0, 60, -80, -40, 0), duration_s=0.1),
             "step 2: Shoulder: 30.00° in 0.100 s needs",
         ),
+        (MoveStep(joints_deg=(0, float("nan"), 0, 0, 0)), "step 2: key joints_deg[1]: nan is no number"),
         (PointStep(x_mm=900, y_mm=0, z_mm=0), "step 2: "),
         (PointStep(x_mm=200, y_mm=0, z_mm=85, choose="cheapest"), "step 2: there is no criterion 'cheapest'"),
         (PointStep(x_mm=float("nan"), y_mm=0, z_mm=85), "step 2: key x_mm: nan is no number to use"),

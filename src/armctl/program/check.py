@@ -58,7 +58,7 @@ def check_program(
 _STEPS: msgspec.json.Decoder[tuple[Step, ...]] = msgspec.json.Decoder(tuple[AnyStep, ...])
 
 
-def has_plain_values(steps: Sequence[Step]) -> bool:
+def _has_plain_values(steps: Sequence[Step]) -> bool:
     """Whether all steps hold what a file could: right types, in range, finite. 10,000 steps take 10 ms."""
     try:
         return _STEPS.decode(msgspec.json.encode(steps)) == tuple(steps)  # what is not finite becomes null
@@ -68,7 +68,7 @@ def has_plain_values(steps: Sequence[Step]) -> bool:
 
 def _is_sound(steps: Sequence[Step], robot: Robot) -> bool:
     """Whether no step is wrong in itself: all at once, or the start of a long program waits for it."""
-    if not has_plain_values(steps):
+    if not _has_plain_values(steps):
         return False
     try:
         for step in steps:
