@@ -171,10 +171,10 @@ class Console:
     async def checked(self) -> None:
         """Check the program from where the arm stands."""
         await self.page.press("Before it runs", "Check")
-        await asyncio.sleep(0.5)  # the page is written ten times a second
         async with asyncio.timeout(_CHECK_S):
-            while self.page.shows("Checking"):
-                await asyncio.sleep(0.05)
+            for checks in (True, False):  # the page is written ten times a second
+                while self.page.shows("Checking") != checks:
+                    await asyncio.sleep(0.02)
 
     async def go(self) -> float:
         """Press Loop once it can be pressed; seconds until the first setpoint."""
