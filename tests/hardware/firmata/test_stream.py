@@ -134,8 +134,25 @@ def test_a_value_that_nobody_sent_is_another_programs():
     for at in (1.0, 20.0, 25.0):
         assert says(1500, at) is None
         words = says(2020, at + 0.1)
-        assert words is not None and words.startswith("pin 9 went from 1500 to 2020 µs, which armctl did not")
+        assert words is not None and words.startswith("pin 9 went from 1500 µs to 2020 µs, which armctl")
         assert watch.strayed == ((9,) if at == 25.0 else ())
+    assert says(1500, 40.0) is None
+    words = says(90, 40.1)
+    assert words is not None and words.startswith("pin 9 went from 1500 µs to 90°, which armctl did not send")
+
+
+def test_a_garbled_width_is_neither_shown_nor_another_programs():
+    watch = watch_of(9)
+    watch.sent({9: 1455}, 0.0)
+    for at in (1.0, 2.0, 3.0):
+        watch.ask(1, now=at)
+        assert watch.answered(PinState(9, SERVO, 1455), at) is None
+        watch.ask(1, now=at + 0.1)
+        words = watch.answered(PinState(9, SERVO, 2_078_448), at + 0.1)
+        assert words is not None and words.startswith("pin 9 had no pulse width instead of the 1455 µs last")
+        assert watch.due({}, at + 0.2) == ({9: 1455}, {})
+        watch.sent({9: 1455}, at + 0.2)
+    assert watch.strayed == ()
 
 
 NAME = "StandardFirmata.ino"

@@ -243,15 +243,20 @@ class PinWatch:
             return None
         # Sent again at once, unless the next setpoint overtakes it.
         pin.doubtful = pin.on
-        pin.held_us = _possible(state.value) if pin.pulse_us == asked.pulse_us else None
-        if pin.agreed is not None and pin.agreed.pulse_us == asked.pulse_us and pin.agreed.at >= pin.sent_at:
+        told_us = _possible(state.value)
+        pin.held_us = told_us if pin.pulse_us == asked.pulse_us else None
+        agreed = pin.agreed
+        if state.value > LARGEST_PULSE_US:
+            agreed = None  # nobody sets that: the answer is garbled
+        if agreed is not None and agreed.pulse_us == asked.pulse_us and agreed.at >= pin.sent_at:
             pin.strayed = 1 + (pin.strayed if asked.at - pin.strayed_at < _STRAYS_WITHIN_S else 0)
             pin.strayed_at, pin.agreed = asked.at, None
+            unit = "°" if told_us is None else " µs"
             return (
-                f"pin {state.pin} went from {asked.pulse_us} to {state.value} µs, which armctl did not send: "
-                f"another program writes to this board, or {_LOST}; brought back"
+                f"pin {state.pin} went from {asked.pulse_us} µs to {state.value}{unit}, which armctl did not "
+                f"send: another program writes to this board, or {_LOST}; brought back"
             )
-        return _another(state.pin, state.value, asked.pulse_us)
+        return _another(state.pin, told_us, asked.pulse_us)
 
 
 def _possible(value: int) -> int | None:
