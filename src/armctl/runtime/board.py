@@ -51,6 +51,8 @@ _RATE_SHOWN, _RATE_TOO_HIGH = 0.02, 0.1
 _REST_READINGS = 5
 """that are alike before the pulses count as at rest"""
 _SEE_TO = "check its power and its errors"
+_REPORTED = "board "
+"""begins the names of what the board reports itself"""
 
 
 def output_map(robot: Robot) -> OutputMap:
@@ -264,8 +266,9 @@ class Monitor:
             self.doubt()
             silent = now - self._answered_at
             if self._failures >= _READ_FAILURES and silent >= _SILENCE_S:
+                what = str(cause).partition("; check ")[0]  # what to check is said once
                 raise BoardError(
-                    f"lost the board: {self._failures} readings in a row failed in {silent:.1f} s ({cause}); "
+                    f"lost the board: {self._failures} readings in a row failed in {silent:.1f} s ({what}); "
                     "check the cable and the power, then connect again"
                 ) from cause
             if self._failures >= _DOUBTFUL_FAILURES:
@@ -280,9 +283,10 @@ class Monitor:
             self._failures = 0
             self._notices.clear("read")
         for error in reading.errors:
-            self._notices.set(f"board {error}", f"the board reports: {error}", until=now + _ERROR_SHOWN_S)
+            words = f"the board reports: {error}"
+            self._notices.set(f"{_REPORTED}{error}", words, until=now + _ERROR_SHOWN_S)
         for warning in reading.warnings:
-            self._notices.set(f"board {warning}", warning, until=now + _ERROR_SHOWN_S)
+            self._notices.set(f"{_REPORTED}{warning}", warning, until=now + _ERROR_SHOWN_S)
         return reading
 
     def _count_answers(self, now: float, asked: int, lost: int) -> None:
@@ -311,6 +315,10 @@ class Monitor:
         self._erred_at = -np.inf
         self._released = False
         self._notices.clear("released")
+
+    def acknowledged(self) -> None:
+        """The user has read what the board reported; what still holds is reported again."""
+        self._notices.clear_from(_REPORTED)
 
     def released(self) -> None:
         """The pulses were switched off: the readings must show it."""

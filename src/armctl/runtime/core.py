@@ -397,6 +397,7 @@ class Core:
             raise StateError(f"there is no fault to clear: {self.state.value}")
         if self.board is None:
             raise StateError(f"the board is gone ({self.cause}); connect again")
+        self.monitor.acknowledged()
         if self.gate.q is None:
             if self.monitor.reading.powered is False:
                 self.board.release()  # a board that switched its motors off by itself waits for this

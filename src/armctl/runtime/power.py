@@ -100,6 +100,7 @@ def home(core: Core, order: Order, now: float) -> None:
     core.board.configure()
     homing = Homing(core, core.board, now)
     core.gate.forget()
+    core.monitor.acknowledged()
     core.monitor.enabled()
     core.begin(homing, who, now, order.ticket, order.motion)
 

@@ -347,6 +347,10 @@ class Notices:
         """It is no longer true."""
         self._texts.pop(key, None)
 
+    def clear_from(self, start: str) -> None:
+        """Clear all whose names begin so."""
+        self._texts = {key: shown for key, shown in self._texts.items() if not key.startswith(start)}
+
     def clear_all(self) -> None:
         """Clear all of them: nothing is known any more."""
         self._texts.clear()
