@@ -77,14 +77,20 @@ def files(paths: Iterable[str]) -> Iterator[str]:
 
 
 def configurations(robot: Robot, poses: int, special: float, rng: np.random.Generator) -> FloatArray:
-    """Random joint angles (poses, n) [rad], a share of them at limits and at multiples of 90°."""
+    """Random joint angles (poses, n) [rad], a share of them at limits and at multiples of 90°.
+
+    A palletiser limits angles between its arms, too: what breaks such a limit is drawn again.
+    """
     low, high = robot.limits.T
     q = rng.uniform(low, high, (poses, robot.n))
     quarter = np.clip(np.round(q / (math.pi / 2)) * (math.pi / 2), low, high)
     edge = np.where(rng.random(q.shape) < 0.5, low, high)
     bent = np.where(rng.random(q.shape) < 0.5, quarter, edge)
     chosen = (rng.random((poses, 1)) < special) & (rng.random(q.shape) < 0.5)
-    return np.where(chosen, bent, q)
+    q = np.where(chosen, bent, q)
+    inside = q[robot.chain.keeps_turns(q)]
+    missing = poses - len(inside)
+    return inside if not missing else np.vstack([inside, configurations(robot, missing, special, rng)])
 
 
 def tried(name: str, poses: int, special: float = 0.0) -> Result:
@@ -128,7 +134,7 @@ def _is_listed(robot: Robot, found: FloatArray, q: FloatArray, free: int | None)
 
 def _is_faulty(robot: Robot, found: FloatArray) -> bool:
     low, high = robot.limits.T
-    if ((found < low - _SAME) | (found > high + _SAME)).any():
+    if ((found < low - _SAME) | (found > high + _SAME)).any() or not robot.chain.keeps_turns(found).all():
         return True
     return any(
         (np.abs(found[i + 1 :] - q).max(axis=1, initial=0.0) < _SAME).any() for i, q in enumerate(found[:-1])
