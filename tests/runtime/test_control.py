@@ -58,8 +58,16 @@ def test_who_only_wants_to_watch_does_not_operate_though_nobody_does() -> None:
     rig = make_rig().enable()
     ask(rig, Arrive("screen", watch=True), BEN)
     assert operator(rig) is None
+    fails(ask(rig, SetSpeed(0.5), BEN).finished, "nobody operates the arm; take control first")
     ask(rig, Arrive("Anna"), ANNA)
     assert operator(rig) == "Anna"
+
+
+def test_who_watched_takes_control_before_it_commands_an_arm_that_nobody_operates(two: Rig) -> None:
+    ask(two, Leave("the page is gone"), ANNA)
+    fails(ask(two, SetSpeed(0.5), BEN).finished, "nobody operates the arm; take control first")
+    ask(two, TakeControl(), BEN)
+    ask(two, SetSpeed(0.5), BEN).result(0)
 
 
 def test_everybody_may_stop(two: Rig) -> None:
@@ -141,6 +149,7 @@ def test_the_teachers_pin_takes_control_and_locks_it(classroom: Rig) -> None:
     assert classroom.now.control.locked
     fails(ask(classroom, SetSpeed(0.5), ANNA).finished, "the teacher has locked control")
     ask(classroom, LockControl(False, "4711"), ANNA).result(0)
+    ask(classroom, TakeControl(), ANNA).result(0)
     ask(classroom, SetSpeed(0.5), ANNA).result(0)
     assert not any("4711" in text for text in classroom.texts)
 

@@ -98,6 +98,8 @@ class ControlDesk:
         if operator is None:
             if self.control.locked:
                 raise StateError("the teacher has locked control; give the teacher's PIN")
+            if self.control.party(id) is not None:  # it watches
+                raise StateError("nobody operates the arm; take control first")
             return
         if operator.id != id:
             raise StateError(f"{operator.name} operates the arm; take control first")
