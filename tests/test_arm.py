@@ -515,7 +515,7 @@ def test_jogs_and_a_live_target_move_the_arm_for_a_moment(arm: armctl.Arm) -> No
 def test_where_the_arm_is_is_not_invented(own_board: armctl.Arm) -> None:
     arm = own_board
     for what in (lambda: arm.joints_deg, lambda: arm.position_mm):
-        with pytest.raises(StateError, match=r"not known, it is off .*; enable\(\) the arm"):
+        with pytest.raises(StateError, match=r"nobody knows where the arm is: its state is off .*; enable\(\) the arm"):
             what()
     with pytest.raises(StateError, match="not known"):
         arm.go(200, 0, 100, choose=lambda q, _: q[:, 0])

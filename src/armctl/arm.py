@@ -213,7 +213,10 @@ class Arm:
         self._do(self._enable_at(pose))
 
     def home(self, wait: bool = True) -> Motion:
-        """Every axis moves, slowly, to its zero. BoardError: one did not find it. StateError: no encoders."""
+        """Every axis moves, slowly, to its zero. The pose called home is another thing: ``go_pose("home")``.
+
+        BoardError: an axis did not find its zero. StateError: the board has no encoders.
+        """
         return self._move(HomeAxes(), wait)
 
     def release(self) -> None:
@@ -452,8 +455,10 @@ class Arm:
         snapshot = self.snapshot
         if not snapshot.commanded:
             what = _TO_DO.get(snapshot.state, "wait for its end")
+            if snapshot.unreachable:
+                what = "open or connect the arm again"
             raise StateError(
-                f"where the arm is is not known, it is {snapshot.state.value} ({snapshot.cause}); {what}. "
+                f"nobody knows where the arm is: its state is {snapshot.state.value} ({snapshot.cause}); {what}. "
                 "measured_deg tells what its board reports"
             )
         return snapshot.q_command

@@ -145,7 +145,7 @@ class RemoteLine:
             )  # fmt: skip
         except InvalidStatus as cause:
             text = (cause.response.body or b"").decode(errors="replace").strip().splitlines()
-            why = text[0] if text else f"status {cause.response.status_code}"
+            why = " ".join(text) or f"status {cause.response.status_code}"
             raise BoardError(f"{parts.netloc}: {why}") from cause
         except (OSError, WebSocketException) as cause:
             raise BoardError(f"no console answers at {parts.netloc}: {cause}") from cause

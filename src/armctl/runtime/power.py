@@ -92,7 +92,10 @@ def home(core: Core, order: Order, now: float) -> None:
     """Have the board look for the zero of every axis: the arm moves. It holds where that ends."""
     core.require(Need.OFF_OR_HOLDING, "homing")
     if core.board is None or core.monitor.reading.homing is None:
-        raise StateError("the servos of this arm know their angles: there is nothing to home")
+        raise StateError(
+            "the servos of this arm know their angles: there is nothing to home; to go to the "
+            "pose that is called home, move there (go_pose)"
+        )
     who = order.origin.who
     instead = StateError(f"the arm is being homed ({who})")
     core.drop_motion(instead)
