@@ -54,11 +54,11 @@ def across_the_link(chain: Chain) -> AxisNote | None:
             f"{{ a_mm = 0, alpha_deg = 0, d_mm = 0, theta_deg = {theta:g} }}, "
             "{ a_mm = 0, alpha_deg = 90, d_mm = 0 }"
         )
-    rows = "two rows" if chain.convention == "modified" else "row"
+    rows = "these two rows" if chain.convention == "modified" else "this row"
     return AxisNote(
-        "it (z of the last DH row) lies across the last link, along the axis of the last joint: "
-        "the tool has no pitch that the joints could change",
-        f"add this {rows} at the end of dh.rows, and z points along the link: {turn}",
+        "z of the last DH row lies across the last link, along the axis of the last joint: "
+        "no joint can change the pitch of the tool",
+        f"add {rows} at the end of dh.rows, and z points along the link: {turn}",
     )
 
 
