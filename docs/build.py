@@ -215,7 +215,8 @@ def _step(kind: type[Step]) -> str:
         value = " or ".join(f"`{choice}`" for choice in key.choices) or words(field.type)
         column = "" if key.head == key.name else f"CSV column: `{key.head}`."
         told = " ".join(filter(None, (key.field.hint, column)))
-        rows.append(row((f"`{key.name}`", value + unit(key.name), default(field), told)))
+        left_out = f"`{key.field.left_open}`" if key.field.left_open else default(field)
+        rows.append(row((f"`{key.name}`", value + unit(key.name), left_out, told)))
     call = f"In Python: `arm.{kind.call[0]}(…)`." if kind.call else ""
     button = f"In the page: **{kind.button[1]}**." if kind.button else ""
     text = " ".join(filter(None, (" ".join((kind.__doc__ or "").split()), button, call)))
@@ -265,8 +266,12 @@ GENERATED: Mapping[str, Callable[[], str]] = {
     "board-entries": board_entries,
     "steps": steps,
     "commands": commands,
+    "docstrings": str,
 }
-"""what stands in a page for ``<!-- generated: NAME -->``"""
+"""what stands in a page for a line that ends with ``<!-- generated: NAME -->``
+
+The line itself tells those who read the file alone where to see it. Docstrings come out of ``:::`` on their own.
+"""
 
 
 # Staging.
@@ -305,7 +310,7 @@ def stage(folder: Path) -> None:
     wrong: list[str] = []
     for source, page in pages.items():
         text = (ROOT / source).read_text(encoding="utf-8")
-        text = re.sub(r"<!-- generated: ([\w-]+) -->", lambda found: GENERATED[found[1]](), text)
+        text = re.sub(r"(?m)^.*<!-- generated: ([\w-]+) -->$", lambda found: GENERATED[found[1]](), text)
         texts[page] = links_of(text, source, page, placed, wrong)
     shown = set(_pages(yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"]))
     wrong += [f"mkdocs.yml: nav does not name {page}" for page in sorted(texts.keys() - shown)]

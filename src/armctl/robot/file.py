@@ -90,7 +90,7 @@ class JointEntry(Strict, frozen=True):
     acceleration_deg_s2: Positive
     """largest acceleration"""
     jerk_deg_s3: Positive | None = None
-    """None: the acceleration is reached in 50 ms"""
+    """left out: the acceleration is reached in 50 ms"""
     stall_torque_nm: Positive | None = None
     """of the servo; for the criterion least-torque"""
 
@@ -153,7 +153,7 @@ class CapsuleEntry(Strict, frozen=True):
     """the other end"""
     radius_mm: Positive
     joint: Name | None = None
-    """the joint (or named link) that moves it; None: it stands still with the base, in the base frame"""
+    """the joint (or named link) that moves it; left out: it stands still with the base, in the base frame"""
 
 
 class ObstacleEntry(Strict, frozen=True):
@@ -206,7 +206,7 @@ class RobotFile(Strict, frozen=True):
     """masses, for torques"""
     floor: FloorEntry = FloorEntry()
     capsules: Annotated[tuple[CapsuleEntry, ...], Meta(max_length=4 * MOST_JOINTS)] = ()
-    """the arm's body; none: as it is drawn"""
+    """the arm's body; left out: as it is drawn"""
     obstacles: Annotated[tuple[ObstacleEntry, ...], Meta(max_length=4 * MOST_JOINTS)] = ()
     """a table, a wall, a conveyor"""
     look: LookEntry | None = None

@@ -52,7 +52,7 @@ class ToolEntry(Strict, frozen=True):
     """The tool frame."""
 
     link: Annotated[str, Meta(min_length=1)] | None = None
-    """a link of the URDF file; None: as armctl finds it"""
+    """a link of the URDF file; left out: as armctl finds it"""
     approach: Literal["x", "y", "z", "-x", "-y", "-z"] = "z"
     """the axis of that link along which the tool points"""
     offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -78,7 +78,7 @@ class SideFile(Strict, frozen=True):
 
     format: Literal[1]
     urdf: Annotated[str, Meta(min_length=1)] | None = None
-    """the URDF file, seen from this one; None: the one of the same name beside it"""
+    """the URDF file, seen from this one; left out: the one of the same name beside it"""
     name: Name | None = None
     title: str | None = None
     source: str = ""
