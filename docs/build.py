@@ -270,7 +270,7 @@ GENERATED: Mapping[str, Callable[[], str]] = {
 }
 """what stands in a page for a line that ends with ``<!-- generated: NAME -->``
 
-The line itself tells those who read the file alone where to see it. Docstrings come out of ``:::`` on their own.
+The line itself tells those who read the file alone where to see it. Docstrings come out of ``:::``.
 """
 
 

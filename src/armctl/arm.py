@@ -458,8 +458,8 @@ class Arm:
             if snapshot.unreachable:
                 what = "open or connect the arm again"
             raise StateError(
-                f"nobody knows where the arm is: its state is {snapshot.state.value} ({snapshot.cause}); {what}. "
-                "measured_deg tells what its board reports"
+                f"nobody knows where the arm is: its state is {snapshot.state.value} ({snapshot.cause}); "
+                f"{what}. measured_deg tells what its board reports"
             )
         return snapshot.q_command
 
