@@ -155,7 +155,7 @@ def test_what_the_board_reports_stops_the_motion_and_is_shown(holding: Rig) -> N
     holding.tick()
     assert "the board reports: serial overrun" in holding.now.warnings
     holding.rests(1)
-    fails(motion.finished, "stopped by the board reports serial overrun")
+    fails(motion.finished, "stopped by armctl: the board reports: serial overrun")
     holding.run(11)
     assert holding.now.warnings == ()
 

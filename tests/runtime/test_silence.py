@@ -31,7 +31,7 @@ from armctl.runtime import (
 
 HOME = ROBOT.pose("home")
 GAP_S = 10.0
-WORDS = r"nothing ran for 10\.0 s \(computer suspended, program frozen, or too busy\)"
+WORDS = r"nothing ran for 10\.0 s \(computer suspended, program frozen or too busy, or the board kept it .*\)"
 JOG = Jog(np.array([0.3, 0, 0, 0, 0]))
 NEAR = FollowTarget(Target.of((0.15, 0.1, 0.2)))
 MOVING: list[Command] = [

@@ -108,7 +108,7 @@ def test_answers_that_get_lost_are_told_with_their_rate_and_many_bring_the_arm_t
         assert bench.now.cause == "move finished"
         assert bench.clock.now() - began < 10.0, "it crawls"
     else:
-        with pytest.raises(StateError, match=r"stopped by the board does not answer 1\d % of the questions"):
+        with pytest.raises(StateError, match=r"stopped by armctl: the board does not answer 1\d % of"):
             motion.result(0)
 
 

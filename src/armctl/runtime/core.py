@@ -445,7 +445,10 @@ class Core:
     def _after_gap(self, gap_s: float, now: float) -> None:
         """Nothing ran for ``gap_s``: what moved, stands and does not go on; the board is read first."""
         self.monitor.doubt()
-        words = f"nothing ran for {gap_s:.1f} s (computer suspended, program frozen, or too busy)"
+        words = (
+            f"nothing ran for {gap_s:.1f} s (computer suspended, program frozen or too busy, or the board "
+            "kept it waiting)"
+        )
         activity = self.activity
         if not self.busy:
             self.log.warn(f"{words}; the arm stood still, the board is looked at first")
@@ -469,7 +472,7 @@ class Core:
             return
         reading = monitor.read(board, now)
         if monitor.unreliable is not None and self.activity is not None and not self._stopping:
-            self.stop(Origin(monitor.unreliable))
+            self.stop(Origin("armctl", monitor.unreliable))
         if reading is None:
             return
         q = self.gate.q
@@ -477,7 +480,7 @@ class Core:
             monitor.check_released()
             return
         if reading.errors and self.activity is not None and not self._stopping:
-            self.stop(Origin(f"the board reports {', '.join(reading.errors)}"))
+            self.stop(Origin("armctl", f"the board reports: {'; '.join(reading.errors)}"))
         standing = self.standing and self.gripper.goal is None
         lost = monitor.went_by_itself(board, q, standing, now)
         if lost is not None:
