@@ -40,7 +40,7 @@ class ByteModel(Protocol):
         ...
 
     def reset(self) -> None:
-        """Start anew, as after a power cut."""
+        """Start anew, as after its reset button or a power cut."""
 
 
 @dataclass(frozen=True, slots=True)

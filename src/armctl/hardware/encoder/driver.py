@@ -10,6 +10,7 @@ from armctl.hardware.driver import BoardIdentity, ChannelSettings, HomingState, 
 from armctl.hardware.encoder.axes import AxisTable, EncoderSettings
 from armctl.hardware.encoder.messages import (
     PROTOCOL,
+    RESET_FLAGS,
     Banner,
     BoardFlag,
     Mode,
@@ -129,7 +130,8 @@ class EncoderDriver:
         session = self._board
         refusals = session.settle()
         status = self._seen = session.fresh_status()
-        errors = list(flag_words(status.flags))
+        told = RESET_FLAGS.get(session.restarted or "", BoardFlag(0))  # by what is said of the restart
+        errors = list(flag_words(status.flags & ~told))
         if session.restarted is not None:
             why = _RESETS.get(session.restarted, "")
             errors.insert(
@@ -144,8 +146,10 @@ class EncoderDriver:
         goes_off = not status.mode.powered or BoardFlag.WATCHDOG in status.flags
         if self._on and (goes_off or session.restarted is not None):
             self._on, self._went_off = False, True
-        if self._went_off and not errors and not faults:
-            errors.append("the board switched its motors off by itself")
+        if self._went_off:
+            refusals = ()  # they follow from it
+            if not errors and not faults:
+                errors.append("the board switched its motors off by itself")
         if session.idle_s >= _KEEP_ALIVE_S:
             session.post("PING")
         asked, session.asked, lost, session.lost = session.asked, 0, session.lost, 0

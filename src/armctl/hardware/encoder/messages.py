@@ -107,6 +107,13 @@ class BoardFlag(IntFlag):
     LATE = 32
 
 
+RESET_FLAGS = {
+    "brownout": BoardFlag.BROWN_OUT,
+    "watchdog": BoardFlag.INTERRUPTED,
+    "unexpected": BoardFlag.INTERRUPTED,
+}
+"""the flag that the board sets when it starts for this reason"""
+
 _AXIS_WORDS = {
     FaultKind.STALL: "stalled: the motor was driven at its limit and did not move; see what is in its way",
     FaultKind.FOLLOW: (

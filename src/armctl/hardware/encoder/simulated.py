@@ -14,6 +14,7 @@ from armctl.hardware.encoder.messages import (
     LONGEST_REQUEST,
     MOST_LOST_EDGES,
     PROTOCOL,
+    RESET_FLAGS,
     Banner,
     BoardFlag,
     FaultKind,
@@ -50,11 +51,6 @@ _REACH_RANGE_MS = (1, 1000)
 _MOST_LOST_SHOWN = 15
 _PAIR = (3, 4)  # axes of the differential pair until a host says otherwise
 _KEPT_FLAGS = BoardFlag.BROWN_OUT | BoardFlag.INTERRUPTED
-_RESET_FLAGS = {
-    "brownout": BoardFlag.BROWN_OUT,
-    "watchdog": BoardFlag.INTERRUPTED,
-    "unexpected": BoardFlag.INTERRUPTED,
-}
 _REFUSALS = {
     Mode.TRIPPED: "FAULT latched",
     Mode.OFF: "OFF",
@@ -88,20 +84,24 @@ class SimulatedEncoderBoard:
         self._protocol = protocol
         self._now: float | None = None
         self._flags = BoardFlag(0)
-        self.reset()
+        self.reset("power")
 
-    def reset(self, cause: str = "power") -> None:
+    def reset(self, cause: str | None = None) -> None:
         """Start anew for ``cause``: power, external, brownout, watchdog or unexpected (while a host worked).
 
-        The arm stays where it is.
+        None: what the firmware takes a reset for behind a Mega's boot loader, which erases the cause. The arm
+        stays where it is.
         """
+        if cause is None:
+            works = self._last is not None and self._time_s - self._fed_s < _WATCHDOG_RANGE_MS[1] / 1000.0
+            cause = "unexpected" if self.mode.powered or works else "external"
         for axis in self.axes:
             axis.restart()
         self._banner = Banner(FIRMWARE, VERSION, self._protocol, AXES, cause)
         self.mode = Mode.OFF  # what the motors do
         self._pair: tuple[int, ...] = _PAIR
         kept = BoardFlag(0) if cause == "power" else self._flags & _KEPT_FLAGS
-        self._flags = kept | _RESET_FLAGS.get(cause, BoardFlag(0))
+        self._flags = kept | RESET_FLAGS.get(cause, BoardFlag(0))
         self._ticks = 0
         self._watchdog_s = _WATCHDOG_RANGE_MS[1] / 1000.0
         self._fed_s = 0.0
