@@ -91,6 +91,7 @@ def test_stop_ends_homing_and_it_can_be_begun_again(bench: Bench) -> None:
     bench.run(1.0)
     fails(ticket.finished, "homing was stopped by test")
     assert bench.now.state is State.OFF
+    assert bench.now.powered, "they hold, and the page says so"
     home(bench)
     bench.do(MoveJoints(SCORBOT.pose("rest")))
     bench.until(State.HOLDING)
@@ -129,6 +130,9 @@ def test_a_brown_out_is_a_fault_until_it_is_cleared_and_the_arm_homed(homed: Ben
     if homed.now.board is None:
         homed.do(Connect("sim"))
     else:
+        assert homed.now.cause.endswith("then clear the fault and home the arm")
+        assert "started anew" in " ".join(homed.now.warnings)
+        assert "started anew" not in " ".join(homed.now.more_warnings), "once is enough"
         homed.do(ClearFault())
     homed.run(0.5)
     assert homed.now.state is State.OFF
@@ -172,6 +176,7 @@ def test_a_host_that_was_away_is_told_and_can_go_on(homed: Bench, moving: bool, 
     homed.run(0.1)
     assert homed.now.state is State.FAULT
     assert "watchdog" in homed.now.cause
+    assert homed.now.cause.endswith("then clear the fault and enable")
     homed.run(1.0)
     assert homed.board.mode is Mode.OFF
     assert "watchdog" in " ".join(homed.now.warnings)

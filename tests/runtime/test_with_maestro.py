@@ -102,7 +102,7 @@ def test_answers_that_get_lost_are_told_with_their_rate_and_many_bring_the_arm_t
     bench.until(State.HOLDING)
     (words,) = (one for one in bench.now.warnings if "does not answer" in one)
     assert re.fullmatch(
-        r"the board does not answer (\d+) % of the questions: check cable, USB hub, baud rate", words
+        r"the board does not answer (\d+) % of the questions in time: check cable, USB hub, baud rate", words
     )
     if share < 0.1:
         assert bench.now.cause == "move finished"

@@ -57,6 +57,7 @@ def test_homing_shows_every_axis(snapshot: Snapshot) -> None:
         ("firmata", True, None, "takes the arm over where it stands"),
         ("encoder", False, False, "moves every axis slowly to its home switch"),
         ("encoder", False, None, "moves every axis slowly to its home switch"),
+        ("encoder", True, False, "The motors are on and hold the arm where it stands"),
         ("encoder", False, True, "they hold the arm where it stands"),
     ],
 )

@@ -16,7 +16,7 @@ from armctl.hardware import ChannelSettings, Driver, HomingState, Source
 from armctl.hardware.boards import board_type
 from armctl.hardware.driver import translated
 from armctl.robot import OutputMap, Robot
-from armctl.runtime.snapshot import Notices
+from armctl.runtime.snapshot import BOARD_REPORTS, Notices
 
 BoolArray = NDArray[np.bool_]
 _SPEED_MARGIN = 1.5
@@ -50,7 +50,9 @@ _RATE_SHOWN, _RATE_TOO_HIGH = 0.02, 0.1
 """shares of them from which on it is said, and the arm is brought to rest: it would only crawl"""
 _REST_READINGS = 5
 """that are alike before the pulses count as at rest"""
-_SEE_TO = "check its power and its errors"
+_GO_ON = "then clear the fault and enable"
+_GO_HOMING = "then clear the fault and home the arm"
+_SEE_TO = "check its power and its errors, "
 _REPORTED = "board "
 """begins the names of what the board reports itself"""
 
@@ -283,7 +285,7 @@ class Monitor:
             self._failures = 0
             self._notices.clear("read")
         for error in reading.errors:
-            words = f"the board reports: {error}"
+            words = f"{BOARD_REPORTS}{error}"
             self._notices.set(f"{_REPORTED}{error}", words, until=now + _ERROR_SHOWN_S)
         for warning in reading.warnings:
             self._notices.set(f"{_REPORTED}{warning}", warning, until=now + _ERROR_SHOWN_S)
@@ -297,7 +299,8 @@ class Monitor:
         lost = sum(one[2] for one in self._answers)
         rate = lost / max(_FEWEST_ASKED, sum(one[1] for one in self._answers))
         words = (
-            f"the board does not answer {100 * rate:.0f} % of the questions: check cable, USB hub, baud rate"
+            f"the board does not answer {100 * rate:.0f} % of the questions in time: check cable, USB hub, "
+            "baud rate"
         )
         if rate >= _RATE_SHOWN:
             self._notices.set("unanswered", words, until=now + _RATE_S)
@@ -354,12 +357,14 @@ class Monitor:
         off = ~reading.on
         if reading.source is Source.MEASURED:
             why = "; ".join(reading.errors) or "it does not say why"
-            if off.any():
-                return f"the board switched the motors off by itself ({why}); {_SEE_TO}"
             lost = np.isnan(reading.q)
-            return (
-                f"the board lost its zeros ({self._joints(lost)}; {why}); {_SEE_TO}" if lost.any() else None
-            )
+            if off.any():
+                what = f"the board switched the motors off by itself ({why})"
+            elif lost.any():
+                what = f"the board lost its zeros ({self._joints(lost)}; {why})"
+            else:
+                return None
+            return f"{what}; {_SEE_TO}{_GO_HOMING if lost.any() else _GO_ON}"
         if (gone := self.switched_off(off)) is not None:
             return gone
         if reading.source is not Source.TRANSMITTED:
@@ -369,7 +374,7 @@ class Monitor:
         moved = np.abs(reading.q - q_command) > _LAG_S * self._robot.speed_limits
         if moved.any() and now - self._erred_at <= _ERROR_SHOWN_S:  # it goes home at its own, slow speed
             why = ", ".join(self._errors)
-            return f"the board moved the arm by itself ({self._joints(moved)}; {why}); {_SEE_TO}"
+            return f"the board moved the arm by itself ({self._joints(moved)}; {why}); {_SEE_TO}{_GO_ON}"
         return self._moved_by_another(board, q_command) if standing else None
 
     def switched_off(self, off: BoolArray) -> str | None:
@@ -379,7 +384,7 @@ class Monitor:
             self.doubt()
         if self._off < _OFF_READINGS:
             return None
-        return f"the board switched the pulses off by itself ({self._joints(off)}); {_SEE_TO}"
+        return f"the board switched the pulses off by itself ({self._joints(off)}); {_SEE_TO}{_GO_ON}"
 
     def _moved_by_another(self, board: Board, q_command: FloatArray) -> str | None:
         """In words, that pulses which had come to rest have changed though no setpoint was sent since."""
@@ -400,7 +405,10 @@ class Monitor:
             f"{self._robot.joints[i].title} by {away[i]:.0f} {board.map.unit}" for i in np.flatnonzero(strays)
         )
         self._rest = None
-        return f"something else moved the arm ({by} so far): another program writes to the board; close it"
+        return (
+            f"something else moved the arm ({by} so far): another program writes to the board; close it, "
+            f"{_GO_ON}"
+        )
 
     def compare(self, board: Board, q_command: FloatArray, standing: bool, now: float) -> None:
         """Warn where the arm stands away from its setpoint for half a second while nothing moves."""

@@ -33,7 +33,7 @@ from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.last_pose import PoseFolder, PoseWatch
 from armctl.runtime.mover import GripperMover, PathMover
 from armctl.runtime.planner import Pending, Submit, result_of
-from armctl.runtime.snapshot import POWERED, Doing, EventLog, Need, Notices, State, unmet
+from armctl.runtime.snapshot import BOARD_REPORTS, POWERED, Doing, EventLog, Need, Notices, State, unmet
 
 SLOWEST = 0.05
 """the smallest speed override"""
@@ -480,13 +480,13 @@ class Core:
             monitor.check_released()
             return
         if reading.errors and self.activity is not None and not self._stopping:
-            self.stop(Origin("armctl", f"the board reports: {'; '.join(reading.errors)}"))
+            self.stop(Origin("armctl", f"{BOARD_REPORTS}{'; '.join(reading.errors)}"))
         standing = self.standing and self.gripper.goal is None
         lost = monitor.went_by_itself(board, q, standing, now)
         if lost is not None:
             self.gate.forget()
             if self.state is not State.FAULT:  # a fault that is there already keeps its cause
-                self.fault(MotionRefusedError(f"{lost}, then clear the fault and enable"))
+                self.fault(MotionRefusedError(lost))
             return
         monitor.compare(board, q, standing, now)
 

@@ -221,7 +221,7 @@ class Enabling:
         self._seen_on |= self._on & reading.on
         gone = self._core.monitor.switched_off(off)
         if gone is not None:
-            raise MotionRefusedError(f"{gone}, then clear the fault and enable")
+            raise MotionRefusedError(gone)
         if reading.errors:
             self.error = BoardError(
                 f"enabling ended, the board reports {'; '.join(reading.errors)}; see to that and enable again"

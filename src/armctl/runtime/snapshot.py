@@ -225,6 +225,10 @@ class Event:
     text: str
 
 
+BOARD_REPORTS = "the board reports: "
+"""before what the board says of itself"""
+
+
 @dataclass(frozen=True, slots=True)
 class Snapshot:
     """The arm as the controller knows it at one tick."""
@@ -275,6 +279,11 @@ class Snapshot:
     """who says this is not the arm itself: its process is gone, or does not answer"""
     measured: Mapping[str, str] = field(default_factory=dict[str, str])
     """by joint: the load, temperature and voltage that the board measures, if it does"""
+
+    @property
+    def more_warnings(self) -> tuple[str, ...]:
+        """The warnings that ``cause`` does not tell already."""
+        return tuple([text for text in self.warnings if text.removeprefix(BOARD_REPORTS) not in self.cause])
 
 
 _TOLD = attrgetter(

@@ -26,6 +26,7 @@ _MOTORS_NOTE = "Enable switches the motors on; they hold the arm where it stands
 _LOST_NOTE = (
     "The board is lost. Check its cable and its power, then press Connect in Main. Nothing moves by itself."
 )
+_MOTORS_HOLD = "The motors are on and hold the arm where it stands; Release switches them off."
 _UNHOMED_NOTE = (
     "The arm does not know where it is yet. Homing in Main moves every axis slowly to its home switch, one "
     "after the other: keep clear. STOP ends it."
@@ -42,7 +43,9 @@ def enable_note(snapshot: Snapshot, board: str) -> str:
         simulated = snapshot.board is not None and snapshot.board.simulated
         return _SIMULATED_NOTE if simulated else _ENABLE_NOTE
     homed = bool(snapshot.homing) and all(axis.homed for axis in snapshot.homing)
-    return _MOTORS_NOTE if homed else _UNHOMED_NOTE
+    if homed:
+        return _MOTORS_NOTE
+    return f"{_MOTORS_HOLD} {_UNHOMED_NOTE}" if snapshot.powered else _UNHOMED_NOTE
 
 
 def must_be_told(snapshot: Snapshot) -> bool:

@@ -12,7 +12,17 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.hardware.boards import board_type
 from armctl.robot import OutputMap, Robot
-from armctl.runtime import ClearFault, Need, Pause, Release, Resume, SetSpeed, Snapshot, State, TakeControl
+from armctl.runtime import (
+    ClearFault,
+    Need,
+    Pause,
+    Release,
+    Resume,
+    SetSpeed,
+    Snapshot,
+    State,
+    TakeControl,
+)
 from armctl.ui.enabling import EnableButton
 from armctl.ui.scene.stage import add_floor
 from armctl.ui.session import Session
@@ -109,9 +119,7 @@ class ControlPanel:
         self._take.visible = not session.operates
         if not session.operates:
             self._speed.value = round(100 * snapshot.speed)
-        # a fault says at its end what to do; what it says already is no warning beside it
         most = _MOST_FAULT_LINES if snapshot.state is State.FAULT else _MOST_LINES
-        warnings = [text for text in snapshot.warnings if text not in snapshot.cause]
         count = len(snapshot.control.parties) - (snapshot.control.operator is not None)
         watching = f" · {count} watching" if count else ""
         source = session.console.last_known.words(snapshot, session.console.robot.board)
@@ -120,7 +128,7 @@ class ControlPanel:
             limited(snapshot.cause, most, "opacity:.75") if snapshot.cause else "",
             f"<div>Operator: <b>{escape(session.operator)}</b>{watching}</div>",
             f"<div>Position shown: <b>{source}</b></div>",
-            *(limited(f"⚠ {text}", _MOST_LINES, f"color:{ERROR}") for text in warnings),
+            *(limited(f"⚠ {text}", _MOST_LINES, f"color:{ERROR}") for text in snapshot.more_warnings),
         ]
         if not session.operates:  # for the banner that is laid over the page
             lines.append(f"<i hidden data-armctl-watching='{escape(session.operator)}'></i>")
