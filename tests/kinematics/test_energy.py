@@ -211,6 +211,15 @@ def test_what_cannot_choose_is_refused(criterion: str, start: object, says: str)
         solutions().best(criterion, start)  # type: ignore[arg-type]
 
 
+def test_least_torque_is_refused_where_no_mass_is_known() -> None:
+    al5d = load_robot("al5d")
+    bare = replace(al5d, gravity=replace(al5d.gravity, payload_kg=0.0))
+    found = bare.inverse(bare.forward(bare.pose("home"))[:3, 3])
+    with pytest.raises(InputError, match="least-torque cannot choose: the robot file gives no masses"):
+        found.best("least-torque")
+    assert len(found.best("least-rotation")) == bare.n
+
+
 def test_a_criterion_of_your_own_chooses_among_the_solutions() -> None:
     uzuner = load_robot("uzuner")
     start = uzuner.pose("home")

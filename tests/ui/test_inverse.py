@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -122,6 +123,15 @@ def test_a_chosen_representative_and_a_place_on_the_curve_are_what_is_sent(serve
     assert page.ghost.q is not None and np.degrees(page.ghost.q[1]) == pytest.approx(5.0, abs=0.006)
     page.press("Back to the least")
     assert page.ghost.q == pytest.approx(solved(220, -196, 85).q(1))
+
+
+def test_torques_are_not_compared_where_no_mass_is_known() -> None:
+    bare = replace(ROBOT, gravity=replace(ROBOT.gravity, bodies=(), payload_kg=0.0))
+    point = Target.of(np.array([0.220, -0.196, 0.085]))
+    for robot, told in ((ROBOT, True), (bare, False)):
+        rows = solve(robot, point, "least-rotation", HOME).representatives
+        assert any("torque" in one.names for one in rows) == told
+        assert ("N·m" in comparison_html(rows)) == told
 
 
 def test_an_unreachable_point_says_why_and_which_is_nearest() -> None:

@@ -47,6 +47,11 @@ class GravityModel:
         carried[n - 1].append((self.payload_kg, places[-1].T_link_frame[:3, 3]))
         object.__setattr__(self, "_carried", tuple(map(tuple, carried)))
 
+    @property
+    def weighs(self) -> bool:
+        """Whether any mass is known; else every torque is zero, and says nothing."""
+        return any(body.mass_kg for body in self.bodies) or self.payload_kg > 0.0
+
     def torque(self, q: FloatArray) -> FloatArray:
         """Torque (..., n) [N·m] that each joint must hold against gravity at ``q`` (..., n) [rad].
 
@@ -133,7 +138,8 @@ def energies(
     joint is positive: so the printed tables of the uzuner paper were chosen, not as its text says.
     ``least-torque`` is the sum of squared load factors, as a motor's heat grows with the square.
     ``shortest-time`` is the duration [s] of the cubic motion in which the slowest joint sets the time.
-    ``start`` (n,) [rad] is where the arm stands; those ``FROM_START`` raise ``InputError`` without it.
+    ``start`` (n,) [rad] is where the arm stands; those ``FROM_START`` raise ``InputError`` without it, and
+    ``least-torque`` where the arm has no masses.
     """
     match criterion:
         case "least-rotation":
@@ -150,6 +156,11 @@ def energies(
             limits = model.speed_limits, model.acceleration_limits
             return rest_to_rest_times(way, CUBIC_PEAKS, *limits).max(axis=1)
         case "least-torque":
+            if not model.gravity.weighs:
+                raise InputError(
+                    "least-torque cannot choose: the robot file gives no masses; add bodies or payload_kg to "
+                    "it, or choose by another criterion"
+                )
             load = model.gravity.torque(q)
             if model.stall_torque is not None:
                 load = load / model.stall_torque

@@ -215,7 +215,10 @@ def representatives(found: Answer) -> tuple[Representative, ...]:
     place = np.empty(len(found.order), dtype=np.int64)
     place[found.order] = np.arange(1, len(found.order) + 1)
     named: dict[int, list[str]] = {}
-    others: list[Criterion] = [criterion for criterion in CRITERIA if criterion != found.criterion]
+    weighs = solutions.arm.energy.gravity.weighs
+    others: list[Criterion] = [
+        one for one in CRITERIA if one != found.criterion and (weighs or one != "least-torque")
+    ]
     for criterion in (found.criterion, *others):
         try:
             best = solutions.best(criterion, start)
@@ -244,12 +247,15 @@ def comparison_html(rows: Sequence[Representative]) -> str:
     """The representatives side by side, and what others save against the first."""
     if len(rows) < 2:
         return ""
+    heads = ["", "row", "Σ|θ| °", "time s", "holds N·m"]
     figures = [
         ["least " + ", ".join(one.names), str(one.row), fixed(one.rotation_deg, 1), fixed(one.time_s, 2),
          fixed(one.torque_nm, 3)]
         for one in rows
     ]  # fmt: skip
-    html = table(["", "row", "Σ|θ| °", "time s", "holds N·m"], figures, marked=0, small=True)
+    if not any(one.torque_nm for one in rows):  # the file of the arm gives no masses
+        heads, figures = heads[:-1], [row[:-1] for row in figures]
+    html = table(heads, figures, marked=0, small=True)
     return html + "".join(muted(saving) for saving in _savings(rows))
 
 
