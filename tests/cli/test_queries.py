@@ -194,6 +194,7 @@ def test_fk_gives_position_rotation_and_matrix(capsys: pytest.CaptureFixture[str
     np.testing.assert_allclose(np.array(record["matrix"])[:3, :3], T[:3, :3], atol=1e-9)
     np.testing.assert_allclose(np.array(record["matrix"])[:, 3], [*(1000 * T[:3, 3]), 1], atol=1e-6)
     assert len(record["rpy_deg"]) == 3
+    assert record["tool_pitch_deg"] == pytest.approx(np.degrees(np.arcsin(T[2, 2])), abs=1e-4)
     np.testing.assert_allclose(rotation_of(quaternion=record["quaternion_wxyz"]), T[:3, :3], atol=1e-9)
 
 
@@ -220,6 +221,7 @@ def test_fk_prints_no_negative_zero(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = call(capsys, "fk", "uzuner", "0", "90", "-80", "-40", "0")
     assert status == DONE
     assert "-0.0000 " not in out and "yaw    0.0000" in out
+    assert "tool pitch       -30.0000  degrees above the horizontal" in out
 
 
 def test_fk_outside_the_limits_is_computed_with_a_warning(capsys: pytest.CaptureFixture[str]) -> None:

@@ -77,6 +77,7 @@ def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
     """Compute the pose of ROBOT's tool at joint angles Q… (degrees).
 
     Position in mm in the base frame; roll, pitch, yaw as Rz(yaw)·Ry(pitch)·Rx(roll); quaternion w, x, y, z.
+    The tool pitch is the angle of the tool above the horizontal, as in the page and for armctl ik --pitch.
     """
     arm = load_robot(robot)
     if len(q) != arm.n:
@@ -85,6 +86,8 @@ def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
     configuration = np.radians(arm.chain.checked(q))
     T = arm.forward(configuration)
     rpy, quaternion = np.degrees(roll_pitch_yaw(T[:3, :3])), quaternion_wxyz(T[:3, :3])
+    tool_pitch, _ = arm.inverse_kinematics.pitch_and_roll(configuration)
+    tool_pitch = None if tool_pitch is None else round(math.degrees(tool_pitch), 4) + 0.0
     T[:3, 3] *= 1000
     outside = None
     try:
@@ -95,6 +98,7 @@ def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
         print_json({
             "position_mm": rounded(T[:3, 3]),
             "rpy_deg": rounded(rpy),
+            "tool_pitch_deg": tool_pitch,
             "quaternion_wxyz": rounded(quaternion, 12),
             "matrix": [rounded(row, 12) for row in T],
             "outside_limits": outside,
@@ -104,6 +108,8 @@ def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
         roll, pitch, yaw = (round(float(angle), 4) + 0.0 for angle in rpy)  # no -0.0000
         click.echo(f"position   x {x:10.4f}   y {y:10.4f}   z {z:10.4f}  mm")
         click.echo(f"rotation   roll {roll:9.4f}   pitch {pitch:9.4f}   yaw {yaw:9.4f}  degrees")
+        if tool_pitch is not None:
+            click.echo(f"tool pitch      {tool_pitch:9.4f}  degrees above the horizontal")
         w, i, j, k = np.round(quaternion, 6) + 0.0
         click.echo(f"quaternion w {w:9.6f}   x {i:9.6f}   y {j:9.6f}   z {k:9.6f}")
         for row in T:
