@@ -44,4 +44,4 @@ def test_the_printed_link_lets_in_and_is_shown_again(
             assert f"The armctl that runs there is at {link} " in err
     assert list((tmp_path / "armctl").glob("link-*")) == []
     assert list((tmp_path / "run" / "armctl").iterdir()) == []  # no arm process is left
-    assert (tmp_path / "stderr").read_text().count("the line is not encrypted") == warnings
+    assert (tmp_path / "stderr").read_text().count("the connection is not encrypted") == warnings

@@ -152,8 +152,8 @@ def _say_more(server: GuardedServer) -> None:
         )
     if server.beyond_loopback and not server.encrypted:
         click.echo(
-            "armctl: the line is not encrypted: who can listen in this network can read the token and drive "
-            "the arm. Use it in a network that you trust, or give --tls-cert and --tls-key.",
+            "armctl: the connection is not encrypted: who can listen in this network can read the token and "
+            "drive the arm. Use it in a network that you trust, or give --tls-cert and --tls-key.",
             err=True,
         )
 
