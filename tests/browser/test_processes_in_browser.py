@@ -33,6 +33,7 @@ def test_a_killed_arm_process_is_told_and_started_anew(
         expect(screen.page.locator("#armctl-bar p")).to_contain_text(told, timeout=1000)
         screen.wait_for_text(f"t{told}")
         screen.wait_for_text("FAULT")
+        assert not screen.is_enabled("Release")
         screen.screenshot("arm-process-killed")
         screen.click("Connect")
         screen.wait_for_text("A new arm process was started. Press Enable again.")

@@ -130,6 +130,8 @@ def test_a_brown_out_is_a_fault_until_it_is_cleared_and_the_arm_homed(homed: Ben
     if homed.now.board is None:
         homed.do(Connect("sim"))
     else:
+        assert homed.now.cause.count("started anew") == 1
+        assert "(in the middle of work: " in homed.now.cause, "though the banner that says so was lost"
         assert homed.now.cause.endswith("then clear the fault and home the arm")
         assert "started anew" in " ".join(homed.now.warnings)
         assert "started anew" not in " ".join(homed.now.more_warnings), "once is enough"

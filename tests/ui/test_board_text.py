@@ -70,3 +70,4 @@ def test_what_enable_will_do(
     assert "then press Connect" in enable_note(lost, "encoder")
     there = replace(lost, board=BoardIdentity("encoder board", "/dev/ttyACM0"))
     assert "Connect" not in enable_note(there, "encoder")
+    assert "the line above says what to do" in enable_note(replace(there, unreachable=True), board)

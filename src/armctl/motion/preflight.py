@@ -432,7 +432,9 @@ def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator
     percent = 100 * isotropy_at(when)
     what = "singularity: the tool cannot move in one direction"
     if percent >= 0.1:
-        what = f"near a singularity: in one direction the tool is only {percent:.1f} % as fast as in the fastest"
+        what = (
+            f"near a singularity: in one direction the tool is only {percent:.1f} % as fast as in the fastest"
+        )
     yield Finding(
         what,
         when,

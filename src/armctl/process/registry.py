@@ -125,8 +125,8 @@ def holder(port: str) -> str | None:
                 f"kill {note.pid}"
             )
         return (
-            f"{holds}. Join it: Arm.connect with the link that its `armctl serve` printed; or end its "
-            f"program, or the process itself: kill {note.pid}"
+            f"{holds}. Join it: open the link that its `armctl serve` printed in a browser, or give it to "
+            f"Arm.connect; or end its program, or the process itself: kill {note.pid}"
         )
     return None
 

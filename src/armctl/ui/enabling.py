@@ -26,6 +26,7 @@ _MOTORS_NOTE = "Enable switches the motors on; they hold the arm where it stands
 _LOST_NOTE = (
     "The board is lost. Check its cable and its power, then press Connect in Main. Nothing moves by itself."
 )
+_UNREACHABLE_NOTE = "The arm does not answer; the line above says what to do. Nothing goes on by itself."
 _MOTORS_HOLD = "The motors are on and hold the arm where it stands; Release switches them off."
 _UNHOMED_NOTE = (
     "The arm does not know where it is yet. Homing in Main moves every axis slowly to its home switch, one "
@@ -35,6 +36,8 @@ _UNHOMED_NOTE = (
 
 def enable_note(snapshot: Snapshot, board: str) -> str:
     """What Enable will do, or what must be done before."""
+    if snapshot.unreachable:
+        return _UNREACHABLE_NOTE
     if snapshot.state is State.FAULT and snapshot.board is None:
         return _LOST_NOTE
     if not board_type(board).homing:

@@ -233,7 +233,8 @@ class ControlPanel:
 
 
 def _no_board(snapshot: Snapshot) -> str | None:
-    return None if snapshot.board is not None else "no board is connected"
+    there = snapshot.board is not None and not snapshot.unreachable
+    return None if there else "no board is connected"
 
 
 def set_theme(gui: viser.GuiApi, *, dark: bool) -> None:

@@ -21,7 +21,7 @@ from armctl.hardware.encoder.messages import (
     flag_words,
     lost_words,
 )
-from armctl.hardware.encoder.session import EncoderSession, protocol_advice
+from armctl.hardware.encoder.session import UNKNOWN_RESET, EncoderSession, protocol_advice
 from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checked, ok, round_trips, warning
 from armctl.hardware.transport import Connection
 
@@ -130,10 +130,13 @@ class EncoderDriver:
         session = self._board
         refusals = session.settle()
         status = self._seen = session.fresh_status()
-        told = RESET_FLAGS.get(session.restarted or "", BoardFlag(0))  # by what is said of the restart
+        reset = session.restarted
+        if reset == UNKNOWN_RESET:  # what it said of that was lost
+            reset = next((one for one, flag in RESET_FLAGS.items() if flag in status.flags), reset)
+        told = RESET_FLAGS.get(reset or "", BoardFlag(0))  # by what is said of the restart
         errors = list(flag_words(status.flags & ~told))
-        if session.restarted is not None:
-            why = _RESETS.get(session.restarted, "")
+        if reset is not None:
+            why = _RESETS.get(reset, "")
             errors.insert(
                 0, f"the board has started anew{why}: its motors are off and its zeros are lost; home again"
             )

@@ -109,10 +109,10 @@ class BoardFlag(IntFlag):
 
 RESET_FLAGS = {
     "brownout": BoardFlag.BROWN_OUT,
-    "watchdog": BoardFlag.INTERRUPTED,
     "unexpected": BoardFlag.INTERRUPTED,
+    "watchdog": BoardFlag.INTERRUPTED,
 }
-"""the flag that the board sets when it starts for this reason"""
+"""the flag that the board sets when it starts for this reason; the likelier of two reasons comes first"""
 
 _AXIS_WORDS = {
     FaultKind.STALL: "stalled: the motor was driven at its limit and did not move; see what is in its way",

@@ -28,6 +28,8 @@ from armctl.hardware.encoder.messages import (
 )
 from armctl.hardware.transport import Transport, pieces
 
+UNKNOWN_RESET = "unknown"
+"""the board has started anew, and the banner that says why was lost"""
 _CHUNK = 4096
 _MOST_CHUNKS = 64  # a board that floods the line must not keep the caller here for ever
 _MOST_SUPERSEDED = 8
@@ -276,7 +278,7 @@ class EncoderSession:
                         and now < before
                         and (now - before) % _CLOCK_WRAPS_MS > _NEAR_WRAP_MS
                     ):
-                        self._note_restart("unknown")
+                        self._note_restart(UNKNOWN_RESET)
                     self._board_ms = now
                     self.status, self._status_at = message, self._now()
                 case Banner():

@@ -11,7 +11,9 @@
   const LATEST_MS = 5000; // a STOP that is older is not sent again
   const BUILDING_MS = 10000; // how long a page may take before its own STOP is named, for those who read names
   const STOP = "[data-armctl-stop]";
-  const LOST = "Not connected: STOP does not reach the arm. Use the power switch.";
+  const LOST =
+    "Not connected: STOP does not reach the arm. Use the power switch. What is shown here is old. " +
+    "To go on, see that armctl runs, and reload the page.";
   const UNANSWERED = "STOP was not confirmed. Use the power switch.";
   const began = performance.now();
   const page = Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) =>
