@@ -124,7 +124,7 @@ def test_run_drives_a_program_on_a_device(
 @pytest.mark.parametrize(
     ("pose", "status", "says"),
     [
-        ("0,90,x", WRONG_USAGE, "--pose 0,90,x: joint angles are numbers with commas between them"),
+        ("0,90,x", WRONG_USAGE, "0,90,x: joint angles are numbers with commas between them"),
         ("nowhere", REFUSED, "no pose 'nowhere'"),
     ],
 )

@@ -32,7 +32,16 @@ from armctl.calibration import (
     tool_error,
 )
 from armctl.cli.calibrate_joint import measure_joint, show_check_pose, show_fit, show_narrowed
-from armctl.cli.options import NUMBER, QUERY_SETTINGS, ROBOT, SPEED_PERCENT, json_option, print_json, rounded
+from armctl.cli.options import (
+    NUMBER,
+    QUERY_SETTINGS,
+    ROBOT,
+    SPEED_PERCENT,
+    json_option,
+    pose_option,
+    print_json,
+    rounded,
+)
 from armctl.errors import CalibrationError
 from armctl.robot import Robot, is_urdf, load_robot
 from armctl.runtime.clock import wall_time
@@ -143,16 +152,25 @@ def fit(robot: str, joint: str, marks: Path, as_json: bool) -> None:
 @click.option(
     "--speed", type=SPEED_PERCENT, default=20, show_default=True, help="Speed override, 5 … 100 percent."
 )
+@pose_option
 @click.option("--note", default="", help="Kept with the calibration.")
-def joint_command(robot: str, joint: str, port: str, places: int, speed: float, note: str) -> None:
+def joint_command(
+    robot: str,
+    joint: str,
+    port: str,
+    places: int,
+    speed: float,
+    pose: str | list[float] | None,
+    note: str,
+) -> None:
     """Measure JOINT of ROBOT: the arm moves it to some places, you read the angle off a protractor.
 
-    Servos that are off jump to the rest pose first: keep clear.
+    Servos that are off come on one after the other where --pose says that they stand: keep clear.
 
     Ctrl-C stops the arm; so do SIGTERM and a terminal that is closed. Servos stay on at the end; motors
     with encoders are switched off: support the arm.
     """
-    measure_joint(load_robot(robot), joint, port, places, speed, note)
+    measure_joint(load_robot(robot), joint, port, places, speed, pose, note)
 
 
 @calibrate.command()

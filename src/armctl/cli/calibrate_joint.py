@@ -37,10 +37,19 @@ _MARGIN = 0.05
 """of the joint's range that is left free at either end"""
 
 
-def measure_joint(robot: Robot, joint: str, port: str, places: int, speed: float, note: str) -> None:
+def measure_joint(
+    robot: Robot,
+    joint: str,
+    port: str,
+    places: int,
+    speed: float,
+    pose: str | list[float] | None,
+    note: str,
+) -> None:
     """Take ``places`` marks of a joint on ``port``, fit them, and save them if the user wants that.
 
-    ``robot`` is as its file describes it; ``speed`` is the override [percent].
+    ``robot`` is as its file describes it; ``speed`` is the override [percent]; ``pose`` is where the arm
+    stands, as for ``Arm.enable``.
     """
     own_calibration(robot, joint)
     with ends_like_ctrl_c(), Arm.open(robot, port) as arm:
@@ -51,7 +60,7 @@ def measure_joint(robot: Robot, joint: str, port: str, places: int, speed: float
         click.confirm(
             f"{robot.title} on {port} will {first} to its home pose, then {joint} alone. Clear?", abort=True
         )
-        arm.enable()
+        arm.enable(pose)
         arm.go_pose("home")
         marks = _take_marks(arm, joint, places)
         found = fit_joint(marks, own_map(robot).unit)

@@ -66,6 +66,32 @@ class RobotName(click.ParamType[str]):
         return [CompletionItem(name) for name in names] or [CompletionItem(incomplete, type="file")]
 
 
+class Pose(click.ParamType["str | list[float]"]):
+    """A pose's name, or joint angles [degrees] with commas between them."""
+
+    name = "pose"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str | list[float]:
+        """Read ``value``; half a list is wrong usage."""
+        parts = str(value).split(",")
+        try:
+            return [float(part) for part in parts]
+        except ValueError:
+            if len(parts) == 1:
+                return parts[0]
+            self.fail(
+                f"{value}: joint angles are numbers with commas between them, e.g. 0,90,-80,-40,0", param, ctx
+            )
+
+
+pose_option = click.option(
+    "--pose",
+    type=Pose(),
+    help="Where the arm stands now: last (as armctl saw it), a named pose, or joint angles in degrees "
+    "(10,20,30). Needed where servos are off: they cannot tell.",
+)
 NUMBER = Number()
 ROBOT = RobotName()
 SPEED_PERCENT = Number(between=(5, 100))

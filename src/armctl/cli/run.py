@@ -10,7 +10,7 @@ from armctl import log_files
 from armctl.arm import Arm
 from armctl.cli.check import check_on_terminal
 from armctl.cli.ending import ends_like_ctrl_c
-from armctl.cli.options import ROBOT, SPEED_PERCENT, park_option, port_option
+from armctl.cli.options import ROBOT, SPEED_PERCENT, park_option, port_option, pose_option
 from armctl.errors import ProgramError
 from armctl.hardware.boards import board_type
 from armctl.program import open_program
@@ -25,8 +25,7 @@ from armctl.robot import load_robot
 @click.option("--forever", is_flag=True, help="Until interrupted, instead of --loops.")
 @click.option("--speed", type=SPEED_PERCENT, default=100, show_default=True,
               help="Speed override, 5 … 100 percent.")  # fmt: skip
-@click.option("--pose", help="Where the arm stands now: last (as armctl saw it), a named pose, or joint "
-              "angles in degrees (10,20,30). Needed where servos are off: they cannot tell.")  # fmt: skip
+@pose_option
 @park_option
 def run(
     program: Path,
@@ -35,7 +34,7 @@ def run(
     loops: int | None,
     forever: bool,
     speed: float,
-    pose: str | None,
+    pose: str | list[float] | None,
     park: bool,
 ) -> None:
     """Run PROGRAM (.toml, or .csv with --robot) on the arm.
@@ -58,12 +57,11 @@ def run(
     for warning in findings:
         click.echo(f"warning: {warning}", err=True)
     board = board_type(arm_robot.board)
-    where = None if pose is None else _pose(pose)
     with log_files.begin("run"), ends_like_ctrl_c(), Arm.open(arm_robot, port, park=park) as arm:
         arm.set_speed(speed)
         if any(not axis.homed for axis in arm.snapshot.homing):
             click.echo("homing: axis by axis, the arm moves to its home switches; keep clear", err=True)
-        arm.enable(where)
+        arm.enable(pose)
         arm.run(loaded, None if forever else loops or 1)
         x, y, z = arm.position_mm
         steps = "1 step" if len(loaded.steps) == 1 else f"{len(loaded.steps)} steps"
@@ -71,16 +69,3 @@ def run(
             f"done: {loaded.name}, {steps}; the tool is at ({x:z.1f}, {y:z.1f}, {z:z.1f}) mm"
             + (f"; the {board.power} go off now" if board.off_when_left else "")
         )
-
-
-def _pose(text: str) -> str | list[float]:
-    """Joint angles [degrees], where it is a list of numbers; else a name."""
-    parts = text.split(",")
-    try:
-        return [float(part) for part in parts]
-    except ValueError:
-        if len(parts) > 1:
-            raise click.UsageError(
-                f"--pose {text}: joint angles are numbers with commas between them, e.g. 0,90,-80,-40,0"
-            ) from None
-        return text
