@@ -327,6 +327,19 @@ def shipped_folder(name: str) -> Path:
 # Writing: a reader, a crash or another save at the same time meets one whole version.
 
 
+_SAVE_AGAIN = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "free some space on that disk, then save again"),
+    errno.EROFS: "that disk may only be read: allow writing, then save again",
+    **dict.fromkeys((errno.EACCES, errno.EPERM), "you may not write there: allow it, then save again"),
+}
+
+
+def not_written(path: Path, cause: OSError) -> str:
+    """Text for a file or folder that cannot be written: why, and what to do where that is known."""
+    advice = _SAVE_AGAIN.get(cause.errno or 0)
+    return f"{path}: cannot be written: {cause.strerror or cause}{f'; {advice}' if advice else ''}"
+
+
 def write_atomically(path: Path, content: bytes, *, keep: bool = False) -> None:
     """Write a file beside ``path`` and let it take its place in one step; the mode of an old file stays.
 

@@ -191,7 +191,7 @@ def test_a_crash_while_writing_leaves_the_old_file(tmp_path: Path, monkeypatch: 
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(ProgramError, match="cannot be written: No space left"):
+    with pytest.raises(ProgramError, match="cannot be written: No space left on device; free some space"):
         save_program(Program(robot="uzuner", name="new"), path)
     assert load_program(path).name == "old"
     assert [entry.name for entry in tmp_path.iterdir()] == ["pick.toml"]

@@ -130,7 +130,7 @@ def test_a_servo_channel_is_a_whole_number() -> None:
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "armctl").write_text("a file where a folder belongs")
-    with pytest.raises(RobotFileError, match=r"mine\.toml cannot be written"):
+    with pytest.raises(RobotFileError, match=r"mine\.toml: cannot be written"):
         Draft.of_build("mine", "Mine", build_named("pitch2"), {}).save()
 
 

@@ -13,7 +13,7 @@ import msgspec
 import platformdirs
 
 from armctl.calibration.record import Calibration, encode_calibration, read_version
-from armctl.documents import claim, write_atomically
+from armctl.documents import claim, not_written, write_atomically
 from armctl.errors import CalibrationError
 
 VERSIONS_KEPT = 50
@@ -73,7 +73,7 @@ class CalibrationStore:
             place.mkdir(parents=True, exist_ok=True)
             path = _write_next(place, text.encode())
         except OSError as cause:
-            raise CalibrationError(f"{place}: the calibration cannot be saved: {cause.strerror}") from cause
+            raise CalibrationError(f"the calibration is not saved; {not_written(place, cause)}") from cause
         except UnicodeError as cause:
             raise CalibrationError(
                 f"the calibration cannot be saved, it holds text that is none: {cause}"

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import tomli_w
 
-from armctl.documents import Document, as_path, write_atomically
+from armctl.documents import Document, as_path, not_written, write_atomically
 from armctl.errors import Errors, ProgramError
 from armctl.program.csv import read_csv
 from armctl.program.keys import literal
@@ -92,9 +92,10 @@ def save_program(program: Program, path: str | Path) -> None:
         raise ProgramError(f"{path}: not saved, it could not be read again: {cause}") from cause
     try:
         write_atomically(path.resolve(), content, keep=True)
-    except (OSError, RuntimeError) as cause:  # RuntimeError: links in a circle
-        why = cause.strerror if isinstance(cause, OSError) else str(cause)
-        raise ProgramError(f"{path}: cannot be written: {why}") from cause
+    except OSError as cause:
+        raise ProgramError(not_written(path, cause)) from cause
+    except RuntimeError as cause:  # links in a circle
+        raise ProgramError(f"{path}: cannot be written: {cause}") from cause
 
 
 class _Head(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

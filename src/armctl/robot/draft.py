@@ -12,7 +12,7 @@ from typing import Any, Self, cast
 import tomli_w
 
 from armctl.arrays import FloatArray
-from armctl.documents import as_path, write_atomically
+from armctl.documents import as_path, not_written, write_atomically
 from armctl.errors import InputError, RobotFileError
 from armctl.robot.file import ROBOT_FILES, Table, board_tables, read_robot_file
 from armctl.robot.load import robot_of, shipped_robots, user_robots_folder
@@ -415,7 +415,7 @@ class Draft:
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(path, self.text().encode(), keep=True)
         except OSError as error:
-            raise RobotFileError(f"{path} cannot be written: {error.strerror}") from error
+            raise RobotFileError(not_written(path, error)) from error
         return path
 
 

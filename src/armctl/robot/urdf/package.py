@@ -22,7 +22,7 @@ from xml.etree import ElementTree
 
 from platformdirs import user_cache_path
 
-from armctl.documents import DocumentKind, write_atomically
+from armctl.documents import DocumentKind, not_written, write_atomically
 from armctl.errors import RobotFileError
 from armctl.robot.file import ROBOT_FILES
 from armctl.robot.meshes import SUFFIXES
@@ -313,7 +313,7 @@ def write_folder(place: Path, files: Mapping[str, bytes], *, from_page: bool = F
             raise
     except OSError as cause:
         if not (place / _UNPACKED).is_file():  # another program was faster
-            raise RobotFileError(f"{place}: cannot be written: {cause.strerror or cause}") from cause
+            raise RobotFileError(not_written(place, cause)) from cause
 
 
 def install_package(name: str, content: bytes, folder: Path) -> Path:
@@ -351,7 +351,7 @@ def add_to_package(place: Path, name: str, content: bytes) -> None:
         (place / "meshes").mkdir(exist_ok=True)
         write_atomically(place / "meshes" / Path(name).name, content)
     except OSError as cause:
-        raise RobotFileError(f"{place}: cannot be written: {cause.strerror}") from cause
+        raise RobotFileError(not_written(place, cause)) from cause
 
 
 def _forget_old(folder: Path) -> None:

@@ -19,7 +19,7 @@ from msgspec import Meta
 
 from armctl.arrays import FloatArray
 from armctl.decoding import did_you_mean
-from armctl.documents import Document, write_atomically
+from armctl.documents import Document, not_written, write_atomically
 from armctl.errors import Errors, RobotFileError
 from armctl.kinematics.angles import rest_angle
 from armctl.kinematics.solutions import outside
@@ -150,7 +150,7 @@ def changed_side_file(path: Path, changes: Mapping[str, object]) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, text.encode(), keep=True)
     except OSError as cause:
-        raise RobotFileError(f"{path}: cannot be written: {cause.strerror}") from cause
+        raise RobotFileError(not_written(path, cause)) from cause
 
 
 def applied(robot: Robot, side: SideFile, document: Document, endless: Sequence[str]) -> Robot:

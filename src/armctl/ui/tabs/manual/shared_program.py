@@ -17,7 +17,7 @@ from typing import Literal, Self
 
 import msgspec
 
-from armctl.documents import has_ended, write_atomically
+from armctl.documents import has_ended, not_written, write_atomically
 from armctl.errors import ProgramError
 from armctl.program import Blocks, Program, encode_program, load_program, save_program
 from armctl.runtime import ProgramProgress, Snapshot, wall_time
@@ -240,7 +240,7 @@ def _write(path: Path, program: Program | None) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, encode_program(program).encode())
     except OSError as cause:
-        raise ProgramError(f"{path}: cannot be written: {cause.strerror}") from cause
+        raise ProgramError(not_written(path, cause)) from cause
 
 
 def _delete(path: Path) -> None:
