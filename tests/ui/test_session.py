@@ -202,3 +202,11 @@ def test_a_robot_is_changed_at_once_only_where_nothing_is_lost(server: GuardedSe
     press(session, change)
     assert bench.changed_to == ["mico", "scorbot"]
     assert not server.gui._modal_handle_from_uuid
+
+
+def test_who_stopped_the_arm_is_told_as_this_page_knows_them(server: GuardedServer) -> None:
+    told = Bench(server, control=Control((ME, replace(OTHER, operates=False)))).session.with_names
+    assert told("move was stopped by browser page 7") == "move was stopped by you"
+    assert told("stopped by browser page 8") == "stopped by Bob"
+    for other in ("stopped by browser page 78", "stopped by browser page 7: the page does not answer"):
+        assert told(other) == other

@@ -125,7 +125,7 @@ class ControlPanel:
         source = session.console.last_known.words(snapshot, session.console.robot.board)
         lines = [
             f"<div style='{_BADGE}{_COLORS[snapshot.state]}'>{snapshot.state.value.upper()}</div>",
-            limited(snapshot.cause, most, "opacity:.75") if snapshot.cause else "",
+            limited(session.with_names(snapshot.cause), most, "opacity:.75") if snapshot.cause else "",
             f"<div>Operator: <b>{escape(session.operator)}</b>{watching}</div>",
             f"<div>Position shown: <b>{source}</b></div>",
             *(limited(f"⚠ {text}", _MOST_LINES, f"color:{ERROR}") for text in snapshot.more_warnings),

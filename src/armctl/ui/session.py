@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+import re
 from collections.abc import Callable, Coroutine, Generator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -93,6 +94,13 @@ class Session:
         """Who operates, as seen from this page."""
         party = self.snapshot.control.operator
         return "nobody" if party is None else "you" if party.id == self.me else party.name
+
+    def with_names(self, text: str) -> str:
+        """A text of the arm ("stopped by browser page 2"), with "you" for this page, and others by name."""
+        for party in self.snapshot.control.parties:
+            name = "you" if party.id == self.me else party.name
+            text = re.sub(rf"\bby {re.escape(party.id)}(?![\w:])", lambda _, name=name: f"by {name}", text)
+        return text
 
     def sees(self, tab: str) -> bool:
         """Whether the tab with this label is open, or nobody knows: what only tells need not be told else."""
@@ -316,7 +324,7 @@ class Session:
         try:
             await asyncio.wrap_future(ticket.finished)
         except ArmctlError as broken:
-            self.notify("Not finished", with_help(broken), "yellow")
+            self.notify("Not finished", self.with_names(with_help(broken)), "yellow")
 
     async def find_line(self, link: Callable[[str, str], None], lost: Callable[[int], None]) -> None:
         """Ask the page which line for STOP is its own: ``link(line, who)``, which then watches for its beats.
