@@ -208,7 +208,7 @@ def test_a_line_whose_pitch_cannot_be_kept_is_planned_freer_by_one_button(
     page.choose(MOTION, "Tool line")
     page.type_into("End X Y Z mm", "220, -60, 100")
     page.entry("End X Y Z mm").press("Enter")
-    page.wait_for_text(re.compile("The tool pitch cannot be kept: the arm would come 5 % of the way"))
+    page.wait_for_text(re.compile("The tool pitch cannot be kept: the arm would get 5 % of the way"))
     expect(page.button("Run")).to_be_enabled()
     box = page.page.locator(".uplot canvas").locator("visible=true").first.bounding_box()
     assert box is not None and box["y"] + box["height"] <= 800

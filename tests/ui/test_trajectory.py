@@ -142,7 +142,9 @@ def test_a_line_that_cannot_keep_the_pitch_yields_it_or_knows_what_would_help() 
     free = planned(TOOL_LINE, HOME, end=end, yields=True, **keep)
     assert free.refusal is None and free.freer is None
     assert free.motion.position[-1] == pytest.approx(end.point, abs=1e-5)
-    assert "The tool pitch cannot be kept: the arm would come 5 % of the way." in free.note
+    assert "The tool pitch cannot be kept: the arm would get 5 % of the way." in free.note
+    asked = MotionRequest(TOOL_LINE, "Tool line, pitch kept, trapezoid", HOME, end=end, yields=True, **keep)
+    assert plan_motion(ROBOT, asked).title == "Tool line, pitch free, trapezoid"
     near = planned(TOOL_LINE, HOME, end=Target.of(TIP + np.array([0, 0.08, 0])), yields=True, **keep)
     assert near.note == "" and np.degrees(near.motion.pitch) == pytest.approx(-30.0, abs=0.02)
     behind = Target.of(-TIP * [1, 1, -1])  # the line leads through the base; a joint motion does not

@@ -187,8 +187,10 @@ def _tool_motion(robot: Robot, asked: MotionRequest, start: FloatArray, end: Tar
     note = ""
     if cut is not None and cut.freer is not None and asked.yields:
         note = yielded(robot, cut)
-        freer = replace(asked, pitch=cut.freer, orientation=None)
-        trajectory, cut = _led(robot, start, freer, end._replace(pitch=None, rotation=None))
+        turn = f"pitch {asked.pitch}" if asked.orientation is None else f"orientation {asked.orientation}"
+        title = asked.title.replace(turn, f"pitch {cut.freer}")
+        asked = replace(asked, title=title, pitch=cut.freer, orientation=None)
+        trajectory, cut = _led(robot, start, asked, end._replace(pitch=None, rotation=None))
     findings = _judged(robot, trajectory, cut)
     if cut is not None:
         title, note = asked.title.removesuffix(f", {asked.profile}"), _CUT_SHORT
@@ -209,7 +211,7 @@ def yielded(robot: Robot, cut: Cut) -> str:
     given_up = "orientation" if whole else "pitch"
     now = "Only its pitch is kept." if whole and cut.freer == "kept" else "It is free on this way."
     percent = f"{math.floor(100 * cut.fraction)} %"
-    return f"The tool {given_up} cannot be kept: the arm would come {percent} of the way. {now}"
+    return f"The tool {given_up} cannot be kept: the arm would get {percent} of the way. {now}"
 
 
 def _test_path(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMotion:
