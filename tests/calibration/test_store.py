@@ -119,9 +119,7 @@ def test_a_save_that_fails_leaves_what_was_there(
 
     with monkeypatch.context() as patch:
         patch.setattr(*((Path, "replace") if call == "replace" else (os, "fsync")), full)
-        with pytest.raises(
-            CalibrationError, match=r"not saved; .*: No space left on device; free some"
-        ):
+        with pytest.raises(CalibrationError, match=r"not saved; .*: No space left on device; free some"):
             store.save(calibration(1502.0))
     assert zero_of(store.load("uzuner", BOARD)) == 1501.0
     assert len([path for path in store.folder.rglob("*") if path.is_file()]) == 1

@@ -69,7 +69,7 @@ def test_a_name_that_leaves_the_folder_is_refused(desk: SharedProgram, name: str
         asyncio.run(desk.load(name))
     assert desk.saved() == []
     desk.folder.write_text("")
-    with pytest.raises(ProgramError, match="cannot be made"):
+    with pytest.raises(ProgramError, match="cannot be written"):
         asyncio.run(desk.save("a"))
 
 

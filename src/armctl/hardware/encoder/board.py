@@ -66,8 +66,8 @@ class EncoderBoard(BoardType):
     simulator_robot = "scorbot"
     simulator_help = """Serve a simulated Mega with armctl's encoder firmware and an arm until interrupted.
 
-    Its axes must be homed, each of which takes about a second. It does not restart when its port is
-    opened, as a real Mega does.
+    Its axes must be homed. At first each takes about a second; far from the home switches all of them
+    take half a minute. It does not restart when its port is opened, as a real Mega does.
     """
 
     simulator_options = tuple(

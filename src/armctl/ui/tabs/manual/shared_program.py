@@ -114,7 +114,7 @@ class SharedProgram:
             try:
                 self.folder.mkdir(parents=True, exist_ok=True)
             except OSError as cause:
-                raise ProgramError(f"{self.folder}: cannot be made: {cause.strerror}") from cause
+                raise ProgramError(not_written(self.folder, cause)) from cause
             save_program(program, path)
 
         await asyncio.to_thread(write)
