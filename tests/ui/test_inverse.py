@@ -134,6 +134,14 @@ def test_torques_are_not_compared_where_no_mass_is_known() -> None:
         assert ("N·m" in comparison_html(rows)) == told
 
 
+def test_least_torque_is_offered_only_where_masses_are_known(server: GuardedServer) -> None:
+    bare = replace(ROBOT, gravity=replace(ROBOT.gravity, bodies=(), payload_kg=0.0))
+    for robot, offered in ((ROBOT, CRITERIA), (bare, CRITERIA[:-1])):
+        page = FakePage(server, robot, HOME)
+        InverseScreen(page.session)
+        assert tuple(page.options("Least energy is")) == offered
+
+
 def test_an_unreachable_point_says_why_and_which_is_nearest() -> None:
     found = solved(900, 0, 100)
     html = result_html(ROBOT, found)

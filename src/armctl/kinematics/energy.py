@@ -116,6 +116,11 @@ class EnergyModel(ArrayRecord):
     stall_torque: FloatArray | None = None
     """(n,) [N·m]; None: not known, then torques count alike"""
 
+    @property
+    def criteria(self) -> tuple[Criterion, ...]:
+        """Those that can choose for this arm."""
+        return tuple(one for one in CRITERIA if one != "least-torque" or self.gravity.weighs)
+
 
 def checked_criterion(name: object) -> Criterion:
     """``name`` as a criterion. Raises ``InputError`` where there is none of that name."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import MotionRefusedError, UnreachableError
-from armctl.kinematics import CRITERIA, DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
+from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
 from armctl.kinematics.energy import energies
 from armctl.motion import plan_joints
 from armctl.motion.figure import COLORS
@@ -215,10 +215,7 @@ def representatives(found: Answer) -> tuple[Representative, ...]:
     place = np.empty(len(found.order), dtype=np.int64)
     place[found.order] = np.arange(1, len(found.order) + 1)
     named: dict[int, list[str]] = {}
-    weighs = solutions.arm.energy.gravity.weighs
-    others: list[Criterion] = [
-        one for one in CRITERIA if one != found.criterion and (weighs or one != "least-torque")
-    ]
+    others: list[Criterion] = [one for one in solutions.arm.energy.criteria if one != found.criterion]
     for criterion in (found.criterion, *others):
         try:
             best = solutions.best(criterion, start)

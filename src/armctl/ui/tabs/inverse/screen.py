@@ -13,7 +13,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, UnreachableError
-from armctl.kinematics import CRITERIA, CRITERION_TEXT, FROM_START, Target, checked_criterion
+from armctl.kinematics import CRITERION_TEXT, FROM_START, Target, checked_criterion
 from armctl.runtime import MoveJoints, Need, Snapshot
 from armctl.ui.newest import Newest, OneAtATime
 from armctl.ui.scene.arm_figure import ArmFigure
@@ -76,8 +76,8 @@ class InverseScreen:
         self._result = LiveHtml(gui)
         self._stale = LiveHtml(gui, visible=False)
         self._nearest = gui.add_button("Take nearest point", color="orange", visible=False)
-        self._criterion = gui.add_dropdown("Least energy is", CRITERIA, initial_value=CRITERIA[0])
-        self._criterion_note = LiveHtml(gui, muted(CRITERION_TEXT[CRITERIA[0]]))
+        self._criterion = gui.add_dropdown("Least energy is", self._robot.energy.criteria)
+        self._criterion_note = LiveHtml(gui, muted(CRITERION_TEXT[checked_criterion(self._criterion.value)]))
         self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
         self._solves_first = LiveHtml(gui, warned(_SOLVES_FIRST), visible=False)
         go_least = gui.add_button("Go by least energy", icon=viser.Icon.PLAYER_PLAY)

@@ -13,7 +13,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, out_of_range
-from armctl.kinematics import CRITERIA, Target, roll_pitch_yaw, rotation_of
+from armctl.kinematics import Target, roll_pitch_yaw, rotation_of
 from armctl.motion import PitchMode, TurnMode, not_checked, usual_pitch
 from armctl.motion.analysis import Turning
 from armctl.motion.plan import Passing
@@ -271,7 +271,7 @@ class MotionForm:
         self._tool_speed = NumberField(gui, "Tool speed mm/s", 0.0, hint=_TOOL_SPEED_HINT)
         self._passing = gui.add_dropdown("Points", tuple(_PASSING))
         self._blend = NumberField(gui, "Blend radius mm", _BLEND_MM)
-        self._choose = gui.add_dropdown("Choose by", CRITERIA, initial_value=CRITERIA[0], hint=_CHOOSE_HINT)
+        self._choose = gui.add_dropdown("Choose by", robot.energy.criteria, hint=_CHOOSE_HINT)
         self._profile = ProfileChoice(gui, session.on, ALL_PROFILES)
         self._turning = gui.add_dropdown("Turn", tuple(_TURNING), hint=_TURNING_HINT)
         self._start = gui.add_dropdown("Start at", (*robot.poses, PRESENT), initial_value=first_pose)
