@@ -15,11 +15,24 @@ from urllib.request import HTTPCookieProcessor, build_opener
 
 import pytest
 from tests.browser.serving import serving
+from tests.docs.pages import blocks
 
 import armctl
 from armctl.errors import DOCS
 
 ROOT = Path(__file__).parents[1]
+NETWORK = "needs the network"
+"""title of the blocks of docs/install.md that are carried out here, without the network"""
+OTHERS = {
+    "python": """case "$1 $2" in
+        "-m build") exec "$PYTHON" "$@" --no-isolation --outdir "$DIST" ;;
+        "-m pip") shift 2; exec "$PYTHON" -m pip --python "$TARGET" "$@" ;;
+        esac; exit 2""",
+    "pipx": '[ "$#" = 2 ] && [ "$1" = install ] && exec "$PYTHON" -m pip install --target pipx "$2"',
+    "uvx": """[ "$#" = 3 ] && [ "$1" = --from ] && "$PYTHON" -m pip install --target uvx "$2" \\
+        && PYTHONPATH=uvx exec "uvx/bin/$3" --version""",
+}
+"""what stands for programs that may be absent, or would download: pip installs, from files that are there"""
 SHELVES = (".pyenv/versions/*/bin", ".local/share/uv/python/*/bin")
 
 
@@ -37,11 +50,30 @@ def interpreters() -> list[str]:
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Built as it is released: the archive from the checkout, the wheel from the archive."""
-    folder = tmp_path_factory.mktemp("dist")
-    done("-m", "build", "--no-isolation", "--outdir", str(folder), str(ROOT))
+    folder = tmp_path_factory.mktemp("release") / "dist"
+    with_page(0, folder, ROOT, sys.executable)
     (archive,), (wheel,) = folder.glob("*.tar.gz"), folder.glob("*.whl")
     assert archive.name.endswith(f"-{armctl.__version__}.tar.gz")
     return wheel
+
+
+def with_page(number: int, dist: Path, folder: Path, target: str, **settings: str) -> str:
+    """Carry out a block of docs/install.md in a folder; gives what it prints."""
+    programs = dist.parent / "programs"
+    programs.mkdir(exist_ok=True)
+    for name, script in OTHERS.items():
+        (programs / name).write_text(f"#!/bin/sh\n{script}\n")
+        (programs / name).chmod(0o755)
+    block = [one for one in blocks(ROOT / "docs" / "install.md") if one.title == NETWORK][number]
+    text = block.text.replace("/path/to", str(dist))
+    known = {"PYTHON": sys.executable, "TARGET": target, "DIST": str(dist), "PIP_NO_INDEX": "1"}
+    path = f"{programs}{os.pathsep}{os.environ['PATH']}"
+    environment = os.environ | known | settings | {"PATH": path}
+    run = subprocess.run(
+        ["bash", "-ec", text], capture_output=True, text=True, cwd=folder, env=environment, check=False
+    )
+    assert run.returncode == 0, f"{block.place}: {run.stdout}{run.stderr}"
+    return run.stdout
 
 
 def done(*words: str, python: str | Path = sys.executable) -> str:
@@ -63,6 +95,20 @@ def installed(wheel: Path, python: str, folder: Path) -> Path:
         (site,) = folder.glob("lib/python3*/site-packages")
         (site / "what-it-needs.pth").write_text(sysconfig.get_path("purelib"))
     return new
+
+
+def test_the_commands_of_the_page_install_it(wheel: Path, tmp_path: Path) -> None:
+    assert sum(one.title == NETWORK for one in blocks(ROOT / "docs" / "install.md")) == 3
+    done("-m", "venv", "--without-pip", str(tmp_path / "env"))
+    python = str(tmp_path / "env" / "bin" / "python")
+    quick = {"PIP_NO_DEPS": "1", "PIP_NO_COMPILE": "1"}
+    (tmp_path / "dist").symlink_to(wheel.parent)
+    said = with_page(1, wheel.parent, tmp_path, python, **quick)
+    assert f"armctl {armctl.__version__}\n" in said  # started by the line with uvx
+    assert (tmp_path / "pipx" / "bin" / "armctl").is_file()
+    with_page(2, wheel.parent, tmp_path, python, **quick)
+    asked = "import importlib.metadata as m; print(m.metadata('armctl-console').get_all('Provides-Extra'))"
+    assert "'urdf'" in done("-c", asked, python=python)
 
 
 def test_pypi_is_shown_pictures_and_links_of_the_site(wheel: Path) -> None:
