@@ -113,3 +113,43 @@ def test_a_check_of_a_long_program_says_how_far_it_is_and_can_be_cancelled(
     with pytest.raises(StateError, match="the check was cancelled"):
         asyncio.run(cancel())
     assert not bench.verdict.visible
+
+
+def test_what_is_being_checked_is_not_checked_a_second_time(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[threading.Event] = []
+
+    def check(*_: object, **__: object) -> list[Finding]:
+        begun.append(threading.Event())
+        assert begun[-1].wait(10)
+        return []
+
+    async def twice() -> None:
+        first, second = asyncio.create_task(bench.run.check()), asyncio.create_task(bench.run.check())
+        while not begun:
+            await asyncio.sleep(0)
+        assert "Checking" in bench.shown
+        begun[0].set()
+        assert await first is await second
+
+    monkeypatch.setattr("armctl.ui.tabs.manual.program_run.check_program", check)
+    bench.put(HOME)
+    asyncio.run(twice())
+    assert len(begun) == 1
+    assert "Pre-flight: clear" in bench.shown
+
+
+def test_a_check_that_was_cancelled_can_be_asked_for_again(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object, **__: object) -> list[Finding]:
+        raise StateError("the check was cancelled")
+
+    monkeypatch.setattr("armctl.ui.tabs.manual.program_run.check_program", refused)
+    bench.put(HOME)
+    with pytest.raises(StateError):
+        asyncio.run(bench.run.check())
+    monkeypatch.undo()
+    asyncio.run(bench.run.check())
+    assert "Pre-flight" in bench.shown

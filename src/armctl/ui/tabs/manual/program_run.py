@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from dataclasses import dataclass
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, ProgramError, StateError
@@ -23,6 +24,15 @@ _STEP_HINT = "Run the selected step alone, then select the next."
 _CHECK_HINT = "Look for what would be refused, without moving the arm."
 
 
+@dataclass(frozen=True, eq=False)
+class _Check:
+    """A check that runs or has ended."""
+
+    program: Program
+    begin: tuple[float, ...] | None
+    findings: asyncio.Task[list[Finding]]
+
+
 class ProgramRun:
     """The buttons that run the program, and the verdict of the pre-flight."""
 
@@ -31,8 +41,8 @@ class ProgramRun:
         self._session, self._editor, self._verdict = session, editor, verdict
         self._shared = session.console.shared(SharedProgram)
         verdict.visible = False
-        self._checked: tuple[Program, tuple[float, ...] | None, list[Finding]] | None = None
-        """what was checked, from where, and what was found"""
+        self._newest: _Check | None = None
+        """what the verdict is about"""
         self._progress: tuple[int, int] | None = None
         """how many steps of a long check are done, and how many there are"""
         self._cancelled = threading.Event()
@@ -65,8 +75,9 @@ class ProgramRun:
         if self._progress is not None:
             done, steps = self._progress
             self._verdict.show(muted(f"Checking … {done} of {steps} step{'' if steps == 1 else 's'}"))
-        if self._checked is not None and self._checked[0].steps != self._shared.program.steps:
-            self._checked = None
+        present, newest = self._shared.program.steps, self._newest
+        if newest is not None and newest.findings.done() and newest.program.steps != present:
+            self._newest = None
             self._verdict.visible = False
 
     async def check(self) -> list[Finding]:
@@ -102,12 +113,21 @@ class ProgramRun:
 
     async def _check(self, program: Program, start: FloatArray | None) -> list[Finding]:
         """Find and show what would be refused; the same program from the same place is not checked twice."""
-        robot = self._session.console.robot
         begin = None if start is None else tuple(start.tolist())
-        if self._checked is not None and self._checked[0] is program and self._checked[1] == begin:
-            return self._checked[2]
-        self._verdict.show(muted("Checking …"))
-        self._verdict.visible = True
+        newest = self._newest
+        if newest is None or newest.program is not program or newest.begin != begin:
+            self._verdict.show(muted("Checking …"))
+            self._verdict.visible = True
+            newest = self._newest = _Check(program, begin, asyncio.create_task(self._find(program, start)))
+        try:
+            return await newest.findings
+        except BaseException:
+            if self._newest is newest:
+                self._newest = None
+            raise
+
+    async def _find(self, program: Program, start: FloatArray | None) -> list[Finding]:
+        robot = self._session.console.robot
         cancelled = self._cancelled
 
         def progress(done: int, steps: int) -> None:
@@ -126,8 +146,7 @@ class ProgramRun:
         if program.steps == self._shared.program.steps:  # else a later check shows the newer one
             self._verdict.show(verdict_html(findings, not_checked(robot)))
             self._verdict.visible = True
-            self._checked = (program, begin, findings)
-        elif self._checked is None:
+        elif self._newest is None or self._newest.program is program:
             self._verdict.visible = False
         return findings
 
