@@ -149,8 +149,9 @@ class Arm:
         """Drive the arm of a console that runs elsewhere, e.g. ``http://192.168.1.20:8080``.
 
         ``token``: as ``armctl serve`` prints it; or ``url`` is the whole printed link. ``name``: what its
-        pages show. It operates when nobody does, else ``take_control``; ``watch``: it only wants to see.
-        BoardError: nobody answers there, or the token is another one.
+        pages show. It takes control where nobody has it; else call ``take_control``. ``watch``: it only
+        watches.
+        BoardError: nobody answers there, or the token is wrong.
         """
         return cls(Link(RemoteLine(url, token), name, watch=watch))
 
@@ -192,11 +193,11 @@ class Arm:
         self._do(ClearFault())
 
     def take_control(self, pin: str = "") -> None:
-        """Operate the arm; whoever did watches from now on. ``pin``: the teacher's, if it is locked."""
+        """Operate the arm; whoever did only watches from now on. ``pin``: the teacher's, if it is locked."""
         self._do(TakeControl(pin))
 
     def lock_control(self, locked: bool = True, pin: str = "") -> None:
-        """Let nobody take control, or everybody again."""
+        """Lock control, so that nobody can take it, or unlock it."""
         self._do(LockControl(locked, pin))
 
     def enable(self, pose: str | Sequence[float] | None = None) -> None:
@@ -213,14 +214,14 @@ class Arm:
         self._do(self._enable_at(pose))
 
     def home(self, wait: bool = True) -> Motion:
-        """Every axis moves, slowly, to its zero. The pose called home is another thing: ``go_pose("home")``.
+        """Move every axis slowly to its zero. ``go_pose("home")`` instead goes to the pose called home.
 
         BoardError: an axis did not find its zero. StateError: the board has no encoders.
         """
         return self._move(HomeAxes(), wait)
 
     def release(self) -> None:
-        """Pulses off: the arm drops."""
+        """Switch the pulses off. The arm drops."""
         if self._park:
             bring_to_rest(self.link, ORIGIN)
         self._do(Release())
@@ -256,15 +257,15 @@ class Arm:
     ) -> Motion:
         """Put the tool on a point, joint by joint.
 
-        The point is in the base frame; ``pitch_deg`` and ``roll_deg`` are the tool's, None: any. Instead of
-        these its whole orientation in the base frame: ``rpy_deg`` is roll, pitch and yaw as
-        Rz(yaw)·Ry(pitch)·Rx(roll), ``quaternion_wxyz`` of any length; ``orientation="kept"``: the present
+        The point is in the base frame. ``pitch_deg`` and ``roll_deg`` are the tool's; None: any. Instead of
+        these you can give its whole orientation in the base frame: ``rpy_deg`` is roll, pitch and yaw as
+        Rz(yaw)·Ry(pitch)·Rx(roll), ``quaternion_wxyz`` has any length, ``orientation="kept"`` is the present
         one.
-        ``choose`` is the criterion among the solutions, by name, or a function of your own: it makes k
-        energies of the solutions (k, n) [rad] and where the arm stands (n,) [rad]. The one of the least is
-        sent; infinity excludes one.
-        ``profile`` is the law over time. Without a duration the motion takes the shortest. ``blend_mm`` means
-        something in a program only: a call stops at its end.
+        ``choose`` is the criterion among the solutions: its name, or a function of your own that takes the
+        solutions (k, n) [rad] and where the arm stands (n,) [rad], and returns k energies. The solution of
+        least energy is sent; infinity excludes one.
+        ``profile`` is the law over time. Without ``duration_s`` the motion is as fast as the limits allow.
+        ``blend_mm`` matters only in a program: a call stops at its end.
         UnreachableError: no solution, or none with that orientation. MotionRefusedError: the way there would
         leave the limits.
         """
@@ -310,7 +311,7 @@ class Arm:
 
         ``pitch``: tool pitch on the way, "kept", "interpolated" to ``pitch_deg``, or "free".
         ``orientation``, instead: the same of the whole rotation, "interpolated" to ``rpy_deg`` or
-        ``quaternion_wxyz`` as in ``go``. Neither: what the arm can do is kept, its orientation with six
+        ``quaternion_wxyz`` as in ``go``. Without either the arm keeps what it can: its orientation with six
         joints or more. ``speed_mm_s``: largest speed of the tool; None: as fast as the joints can. The rest
         as ``go``.
         ProgramError: the tool cannot be led there; says when, where and why.
@@ -373,7 +374,8 @@ class Arm:
     def follow(self, trajectory: Trajectory, wait: bool = True) -> Motion:
         """Run a trajectory that begins where the arm stands, after its pre-flight.
 
-        One of your own class (``armctl.motion.Trajectory``) is sampled every 10 ms. InputError: it breaks.
+        One of your own class (``armctl.motion.Trajectory``) is sampled every 10 ms.
+        InputError: it raises an error, or gives no numbers.
         """
         own = not isinstance(trajectory, KnowsPeaks)
         return self._move(Follow(PathTrajectory.sampled(trajectory) if own else trajectory), wait)

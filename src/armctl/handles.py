@@ -41,10 +41,10 @@ class Motion:
 
     @property
     def progress(self) -> float | None:
-        """Share of it that is over: 0 before it begins, 1 at its end; None where that is not known.
+        """How much of it is done, 0 … 1; None where that is not known.
 
-        Of a motion its time at full speed counts, of a program its steps, of homing its axes. Not known for
-        the gripper, a program that runs for ever, and a motion that has ended before its end.
+        It counts time at full speed for a motion, steps for a program, and axes for homing. It is not known
+        for the gripper, for a program that runs for ever, and for a motion that ended early.
         """
         finished = self._ticket.finished
         if finished.done():
@@ -69,10 +69,10 @@ class Motion:
 class JointStream:
     """Setpoints for the arm to follow: send one every 10 … 50 ms, in a ``with`` block.
 
-    The arm goes toward the newest one inside its limits of speed and acceleration, so behind it by its
-    braking way. It slows down when none comes for 150 ms, or something is in its way (``snapshot.warnings``).
-    At the end of the block it goes on to the last one; an exception in the block stops it. STOP ends the
-    stream.
+    The arm goes toward the newest one inside its limits of speed and acceleration, so it follows at the
+    distance it needs to brake. It slows down when none comes for 150 ms, or when something is in its way
+    (``snapshot.warnings``). At the end of the block it goes on to the last one; an exception in the block
+    stops it. STOP ends the stream.
     """
 
     def __init__(self, link: ArmLink) -> None:
@@ -81,9 +81,9 @@ class JointStream:
         self._q: FloatArray | None = None
 
     def send(self, q_deg: ArrayLike) -> None:
-        """The next setpoint (n,) [degrees]; waits while five are not answered.
+        """Send the next setpoint (n,) [degrees]; waits while five are not answered.
 
-        Raises what refused it, or one before it; after a STOP or a fault every one is refused.
+        Raises the error that refused it or an earlier one. After a STOP or a fault all are refused.
         """
         robot = self._link.robot
         q = robot.check_limits(np.radians(robot.chain.checked_one(q_deg)))

@@ -259,9 +259,9 @@ class Solutions:
         """The configuration (n,) [rad] of least energy by one of ``energy.CRITERIA``, or your own ``Choice``.
 
         Over a continuum ``least-rotation`` and ``least-travel`` are exact where the arm's family can do it,
-        not only the best of the list; ``shortest-time`` is the best of the list and of what those look at.
-        The criteria ``FROM_START`` need the ``start`` (n,) [rad], where the arm stands; the others only check
-        it. Raises ``UnreachableError``: there is no solution, or none that the criterion admits;
+        not only the best of the list. ``shortest-time`` is the best of the list and of the rows that those
+        two consider. The criteria ``FROM_START`` need ``start`` (n,) [rad], where the arm stands; the others
+        only check it. Raises ``UnreachableError``: there is no solution, or none that the criterion admits;
         ``InputError``: no such criterion, a start that is missing, or one that is no configuration.
         """
         own = not isinstance(criterion, str) and callable(criterion)

@@ -68,7 +68,11 @@ def plan_target(
     *,
     checked: bool = True,
 ) -> Trajectory:
-    """Plan a motion of the tool to a target and check it; raises as ``solve`` and ``plan_joints``."""
+    """Plan a motion of the tool to a target and check it; ``choose`` as in ``Arm.go``.
+
+    Raises as ``plan_joints``, and ``UnreachableError`` where there is no solution, with the reason and the
+    nearest point.
+    """
     end = solve(robot, start, target, choose)
     return plan_joints(robot, start, end, duration_s, profile, checked=checked)
 
@@ -120,9 +124,9 @@ def plan_line(
     """Plan a motion of the tool straight to a position (3,) [m], on the branch the arm is on, and check it.
 
     ``orientation``: the tool's rotation is kept as at the start, turns evenly to ``end_rotation`` (3, 3)
-    ``R_base_tool``, or is free. ``pitch``, instead: so does only its pitch, to ``end_pitch`` [rad]. Neither:
-    what the arm can do is kept, the orientation with six joints or more, else the pitch. ``speed`` is the
-    largest of the tool [m/s]; None: as fast as the joints can.
+    ``R_base_tool``, or is free. ``pitch``, instead: the same for its pitch alone, to ``end_pitch`` [rad].
+    Without either the arm keeps what it can, the orientation with six joints or more, else the pitch.
+    ``speed`` is the largest of the tool [m/s]; None: as fast as the joints can.
     Raises ``InputError``: a value that is not finite, or a wrong shape; ``UnreachableError``: a place on the
     way is out of reach; ``MotionRefusedError``: a limit, a singular pose or another branch on the way, with
     the time, the place and the joint; too short a duration; the floor.
@@ -163,8 +167,8 @@ def plan_spline(
 ) -> Trajectory:
     """Plan a motion through configurations (k, n) [rad] without a stop, from the first on, and check it.
 
-    Points less than a microsecond of way apart count as one. Raises as ``plan_joints``; the curve may swing
-    beyond a point, and so leave the joint limits.
+    Points that less than a microsecond of motion separates count as one. Raises as ``plan_joints``; the curve
+    may swing beyond a point, and so leave the joint limits.
     """
     q = _checked_stops(robot, points, "a spline")
     apart = points_apart(q, 1.0 / robot.speed_limits)

@@ -87,12 +87,13 @@ def preflight(
 ) -> list[Finding]:
     """Check one motion: errors first, then warnings, each in the order of time.
 
-    - Limits of joints and of angles between links, speed and acceleration by the peaks of the trajectory, and
-      the jerk of a profile that limits it; rest at both ends (``at_rest``), the same speed on both sides of
-      each seam.
-    - Floor, obstacles and self-collision over the whole motion (``gap_finding``).
-    - Singularities of the tool point, which must not cut a ``tool_path``, and gravity torque (with
-      ``payload_kg`` instead of the robot file's) against stall torque, at the samples.
+    - Limits of joints and of angles between links, speed and acceleration, by the peaks of the trajectory;
+      jerk, where the profile limits it. The arm is at rest at both ends (``at_rest``), and has the same
+      speed on both sides of each seam.
+    - Floor, obstacles and self-collision, over the whole motion (``gap_finding``).
+    - Singularities of the tool point, at the samples: an error where a ``tool_path`` needs the direction that
+      is lost, else a warning.
+    - Gravity torque (with ``payload_kg`` instead of the robot file's) against stall torque, at the samples.
     Raises ``InputError``: the trajectory has another number of joints, or a value that is not finite.
     """
     motion = SampledMotion(robot, trajectory)

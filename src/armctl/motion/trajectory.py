@@ -45,7 +45,7 @@ class Peaks:
 class Trajectory(Protocol):
     """A motion of all joints over ``0 ... duration`` seconds. Immutable.
 
-    What the arm is given is at rest at both ends; the pieces of a blended program are not.
+    A motion that is given to the arm starts and ends at rest. The pieces of a blended program do not.
     """
 
     @property

@@ -39,7 +39,7 @@ BODY_ASSUMED = "the body: capsules fitted to the shapes"
 
 @dataclass(frozen=True, eq=False)
 class Robot(ArrayRecord):
-    """One arm. Immutable, compared by what it says; safe to use from several threads at once."""
+    """One arm: joints, frames, limits, poses. Immutable, comparable, safe to use from several threads."""
 
     name: str
     title: str
@@ -203,13 +203,14 @@ class Robot(ArrayRecord):
     ) -> Solutions:
         """All configurations inside the limits that put the tool there.
 
-        Where there is none, ``reason`` and ``nearest_m`` of the answer say why and what is.
+        Where there is none, ``reason`` of the answer says why, and ``nearest_m`` is the nearest point that
+        can be reached.
 
         Args:
             position_m: (3,) tool point in the base frame [m].
-            pitch: angle of the tool's approach axis (tool z) above the horizontal [rad], or any. For an arm
-                of the family *yaw, parallel pitch joints, roll* the horizontal is the plane across its base
-                axis, however the arm is mounted; for others it is the base frame's x-y plane.
+            pitch: angle of the tool's approach axis (tool z) above the horizontal [rad]; None: any. For an
+                arm of the family *yaw, parallel pitch joints, roll* the horizontal is the plane across its
+                base axis, however the arm is mounted; for others it is the base frame's x-y plane.
             roll: angle of the tool about its approach axis [rad]: the roll joint's own angle.
             rotation: (3, 3) ``R_base_tool`` instead of pitch and roll.
             step: step of the swept free joint [rad], where one is free.
@@ -225,7 +226,7 @@ class Robot(ArrayRecord):
         roll: float | None = None,
         rotation: ArrayLike | None = None,
     ) -> tuple[Branch, ...]:
-        """Every branch of a target as for ``inverse``, those that joint limits forbid too, each with why.
+        """Every branch of a target (as for ``inverse``), with a reason where joint limits forbid it.
 
         Empty where the links do not reach, and where a joint is free, so that there is a continuum.
         """
