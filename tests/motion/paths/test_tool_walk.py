@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from tests.motion.paths.tool_kit import ROBOTS, UZUNER, random_start
+from tests.motion.paths.tool_kit import ROBOTS, SCORBOT, UZUNER, random_start
 
-from armctl.motion.paths.tool_curve import ToolArc
+from armctl.motion.paths.tool_curve import ToolArc, ToolLine
 from armctl.motion.paths.tool_pitch import pitch_rows
-from armctl.motion.paths.tool_walk import ToolTask, first_crossing, repulsion
+from armctl.motion.paths.tool_walk import ToolTask, first_crossing, repulsion, walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot
 
@@ -63,6 +63,23 @@ def test_a_free_joint_moves_as_little_as_serves() -> None:
     free = np.linalg.svd(UZUNER.jacobian(q)[:3, :4])[2][3]  # moves no tool point
     weighted = knot.slope[:4] / UZUNER.speed_limits[:4] ** 2
     assert abs(free @ weighted) < 1e-9 * np.linalg.norm(weighted)
+
+
+@pytest.mark.parametrize("bent_deg", [0.1, 0.12, 0.15, 0.3, 1.0])
+def test_an_elbow_that_is_nearly_straight_bends_further_to_its_own_side(bent_deg: float) -> None:
+    rng, followed = np.random.default_rng(3), 0
+    for side in (1.0, -1.0) * 20:
+        q = random_start(rng, SCORBOT)
+        q[2] = side * math.radians(bent_deg)  # straight at 0
+        tool = SCORBOT.forward(q)[:3, 3]
+        curve = ToolLine(tool, rng.uniform(0.6, 0.9) * tool + rng.uniform(-0.03, 0.03, 3))
+        pitch = pitch_rows(SCORBOT, q, curve.length, None)
+        task = ToolTask(SCORBOT.chain, curve, np.arange(4), pitch, SCORBOT.speed_limits, SCORBOT.limits)
+        way = walk(task, q, only_inside=False)
+        if way.path is not None:  # else too near to a singular pose to begin
+            assert (side * np.array([knot.q[2] for knot in way.knots]) > 0.0).all()
+            followed += 1
+    assert followed >= 8, followed
 
 
 def test_a_push_leads_away_from_both_limits() -> None:

@@ -113,7 +113,9 @@ def _turning(angle: float, knot: Knot) -> float:
 def _step(task: ToolTask, here: Knot, s: float, aim: float) -> tuple[Knot | None, float]:
     """The knot at ``s`` and by what share of the aim the quintic to it strays; None: no step so long."""
     h = s - here.s
-    ahead = here.q + h * here.slope + 0.5 * h * h * here.bend
+    turn, curl = h * here.slope, 0.5 * h * h * here.bend
+    # Beside a singular pose the series says nothing so far ahead: with the curl it leads to another branch.
+    ahead = here.q + turn + (curl if np.abs(curl).max() <= np.abs(turn).max() else 0.0)
     there = task.arrived(ahead, s)
     if there is not None and task.redundant:
         # Obreshkov's implicit rule of fourth order, so that the free motion keeps to its equation too
