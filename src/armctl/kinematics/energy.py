@@ -80,8 +80,8 @@ class GravityModel:
 Criterion = Literal["least-rotation", "published", "least-travel", "shortest-time", "least-torque"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 CRITERION_TEXT: dict[Criterion, str] = {
-    "least-rotation": "least sum of |joint angles| (the text of the paper)",
-    "published": "least |sum of joint angles| with the last pitch joint ≤ 0 (the tables of the paper)",
+    "least-rotation": "least sum of |joint angles|",
+    "published": "least |sum of joint angles| with the last pitch joint ≤ 0 (tables of the Uzuner paper)",
     "least-travel": "least sum of |change| / joint speed from the present pose",
     "shortest-time": "shortest motion from the present pose, all joints together by a cubic",
     "least-torque": "least gravity torque, each joint against its stall torque",
