@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import logging
 import threading
 from pathlib import Path
@@ -46,6 +47,25 @@ def test_garbage_for_every_control_gives_at_most_a_refusal(
         page.set(uuid_of(speed), 55)
         assert arrived.wait(6 * PATIENCE_S)  # behind some thousand messages
         assert served.now.q_command.tolist() == served.robot.pose("home").tolist()
+    assert [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR] == []
+
+
+def test_what_a_page_still_waits_for_at_the_end_is_no_error(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    waiting: list[asyncio.Task[None]] = []
+    begun = threading.Event()
+
+    async def wait() -> None:
+        begun.set()
+        await asyncio.get_running_loop().create_future()
+
+    with served_arm(tmp_path) as served:
+        loop = served.app.server.get_event_loop()
+        loop.call_soon_threadsafe(lambda: waiting.append(loop.create_task(wait())))
+        assert begun.wait(PATIENCE_S)
+    waiting.clear()
+    gc.collect()
     assert [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR] == []
 
 

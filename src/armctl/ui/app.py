@@ -78,6 +78,10 @@ class App:
         self.server.stop()
 
     async def _end(self) -> None:
+        # A page may wait for a file or a check. That ends with it, and is no error in the terminal.
+        asyncio.get_running_loop().set_exception_handler(
+            lambda _, context: LOG.debug("left at the end: %s", context["message"])
+        )
         self._loop.cancel()
         for page in self._pages.values():
             page.session.close()
