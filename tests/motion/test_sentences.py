@@ -367,9 +367,10 @@ def check_limit_words(led: Led, share: float, said: str, text: str) -> None:
     way = led.walk(led.start, max(share, 1e-6))
     assert way is not None, text
     slope = np.abs(way[-1] - way[-2])[k] * 160 / max(share, 1e-6)
-    assert abs(math.degrees(way[-1, k]) - limit) <= 0.02 + math.degrees(slope * 1e-4), text
-    inside = (way >= robot.limits[:, 0] - 1e-3) & (way <= robot.limits[:, 1] + 1e-3)
-    assert inside.all(), text
+    within = math.radians(0.02) + slope * 1e-4
+    assert abs(way[-1, k] - math.radians(limit)) <= within, text
+    over = np.maximum(robot.limits[:, 0] - way, way - robot.limits[:, 1])
+    assert (over <= max(1e-3, within)).all(), text
     for place, title, angle, *_ in needs:
         way = led.walk(led.start, float(place) / 100, 400)
         if way is None:
