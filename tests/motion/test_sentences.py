@@ -337,7 +337,8 @@ def check_led(led: Led, error: ToolPathRefusedError | ToolPathUnreachableError) 
 
 def isotropy_with_pitch(led: Led, q: FloatArray) -> float:
     moving = [k for k in range(led.robot.n) if k not in led.held]
-    J = slopes(lambda q: features(led.robot, q, pitched=led.kept), q[None])[0][:, moving]
+    pitched = led.kept and len(moving) > 3  # fewer joints cannot turn the tool besides: the point decides
+    J = slopes(lambda q: features(led.robot, q, pitched=pitched), q[None])[0][:, moving]
     J[:3] /= np.linalg.norm(led.tool[:3, 3])
     sizes = np.linalg.svd(J, compute_uv=False)
     return float(sizes[min(J.shape) - 1] / sizes[0])
@@ -365,8 +366,10 @@ def check_limit_words(led: Led, share: float, said: str, text: str) -> None:
     if not led.decided:
         return
     way = led.walk(led.start, max(share, 1e-6))
+    if way is None:  # beside a straight elbow the first steps must be small
+        way = led.walk(led.start, max(share, 1e-6), 1600)
     assert way is not None, text
-    slope = np.abs(way[-1] - way[-2])[k] * 160 / max(share, 1e-6)
+    slope = np.abs(way[-1] - way[-2])[k] * len(way) / max(share, 1e-6)
     within = math.radians(0.02) + slope * 1e-4
     assert abs(way[-1, k] - math.radians(limit)) <= within, text
     over = np.maximum(robot.limits[:, 0] - way, way - robot.limits[:, 1])
