@@ -52,6 +52,11 @@ def test_the_simulated_board_of_each_kind_is_well(capsys: pytest.CaptureFixture[
     assert (verdicts["channels"], verdicts["round trips"] in ("ok", "warning")) == ("ok", True)
 
 
+def test_without_a_port_it_says_which_there_are(capsys: pytest.CaptureFixture[str]):
+    assert run(["doctor"]) == WRONG_USAGE
+    assert "auto looks for a board, sim examines the simulated one" in capsys.readouterr().err
+
+
 def test_the_report_for_people(capsys: pytest.CaptureFixture[str]):
     assert run(["doctor", "--port", "sim", "--robot", "uzuner"]) == DONE
     out = capsys.readouterr().out

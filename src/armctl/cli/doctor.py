@@ -25,8 +25,18 @@ from armctl.runtime import MonotonicClock, channel_settings
 _WIDTH = 16
 
 
+class _Named(click.ParamType[str]):
+    """A port. None is the default: opening one may restart its board."""
+
+    name = "text"
+
+    def get_missing_message(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """What one may give."""
+        return "auto looks for a board, sim examines the simulated one, armctl ports lists all."
+
+
 @click.command()
-@click.option("--port", required=True, help="sim, auto, a device or socket://host:port.")
+@click.option("--port", type=_Named(), required=True, help="sim, auto, a device or socket://host:port.")
 @click.option("--robot", type=ROBOT, help="Check the board for what this robot needs of it too.")
 @click.option("--report", "file", type=click.Path(path_type=Path), metavar="FILE",
               help="Also write a zip file to send: versions, logs, the last faults, this check-up.",
