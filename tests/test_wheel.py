@@ -59,21 +59,10 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def with_page(number: int, dist: Path, folder: Path, target: str, **settings: str) -> str:
     """Carry out a block of docs/install.md in a folder; gives what it prints."""
-    programs = dist.parent / "programs"
-    programs.mkdir(exist_ok=True)
-    for name, script in OTHERS.items():
-        (programs / name).write_text(f"#!/bin/sh\n{script}\n")
-        (programs / name).chmod(0o755)
     block = [one for one in blocks(ROOT / "docs" / "install.md") if one.title == NETWORK][number]
-    text = block.text.replace("/path/to", str(dist))
+    block = block._replace(text=block.text.replace("/path/to", str(dist)))
     known = {"PYTHON": sys.executable, "TARGET": target, "DIST": str(dist), "PIP_NO_INDEX": "1"}
-    path = f"{programs}{os.pathsep}{os.environ['PATH']}"
-    environment = os.environ | known | settings | {"PATH": path}
-    run = subprocess.run(
-        ["bash", "-ec", text], capture_output=True, text=True, cwd=folder, env=environment, check=False
-    )
-    assert run.returncode == 0, f"{block.place}: {run.stdout}{run.stderr}"
-    return run.stdout
+    return block.run(dist.parent / "programs", OTHERS, folder, **known, **settings)
 
 
 def done(*words: str, python: str | Path = sys.executable) -> str:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Iterator
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -30,6 +33,28 @@ class Block(NamedTuple):
     def place(self) -> str:
         """For a message."""
         return f"{self.page.relative_to(ROOT)}:{self.line}"
+
+    def run(self, programs: Path, stand_ins: Mapping[str, str], folder: Path, **settings: str) -> str:
+        """Carry out its commands in a folder; gives what they print.
+
+        ``stand_ins``: scripts by the names of the programs that they take the place of; they are written
+        into ``programs``. ``settings`` go into the environment.
+        """
+        programs.mkdir(exist_ok=True)
+        for name, script in stand_ins.items():
+            (programs / name).write_text(f"#!/bin/sh\n{script}\n")
+            (programs / name).chmod(0o755)
+        places = os.pathsep.join([str(programs), str(Path(sys.executable).parent), os.environ["PATH"]])
+        done = subprocess.run(
+            ["bash", "-e", "-o", "pipefail", "-c", self.text],
+            capture_output=True,
+            text=True,
+            cwd=folder,
+            env=os.environ | settings | {"PATH": places},
+            check=False,
+        )
+        assert done.returncode == 0, f"{self.place}: {done.stdout}{done.stderr}"
+        return done.stdout
 
 
 def reading_pages() -> list[Path]:

@@ -206,17 +206,8 @@ def board_on(link: Path, *, known: bool) -> Iterator[None]:
 
 def with_programs(block: Block, stage: Path) -> str:
     """Run a block in a shell that cannot change this computer; gives what it prints."""
-    programs = stage / "programs"
-    programs.mkdir(exist_ok=True)
-    for name, script in SYSTEM.items():
-        (programs / name).write_text(f"#!/bin/sh\n{script}\n")
-        (programs / name).chmod(0o755)
-    places = os.pathsep.join([str(programs), str(Path(sys.executable).parent), os.environ["PATH"]])
-    known = {"PATH": places, "USER": getpass.getuser(), "STAGE": str(stage)}
-    shell = ["bash", "-e", "-o", "pipefail", "-c", block.text]
-    done = subprocess.run(shell, env=os.environ | known, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, f"{block.place}: {done.stderr}"
-    return done.stdout
+    known = {"USER": getpass.getuser(), "STAGE": str(stage)}
+    return block.run(stage / "programs", SYSTEM, Path.cwd(), **known)
 
 
 def on_stage(word: str, block: Block, stage: Path) -> str:
