@@ -38,10 +38,12 @@ from armctl.cli.options import (
     ROBOT,
     SPEED_PERCENT,
     json_option,
+    named_port_option,
     pose_option,
     print_json,
     rounded,
 )
+from armctl.documents import not_written
 from armctl.errors import CalibrationError
 from armctl.robot import Robot, is_urdf, load_robot
 from armctl.runtime.clock import wall_time
@@ -147,7 +149,7 @@ def fit(robot: str, joint: str, marks: Path, as_json: bool) -> None:
 @calibrate.command("joint")
 @click.argument("robot", type=ROBOT)
 @click.argument("joint")
-@click.option("--port", required=True, help="sim, auto, a device or socket://host:port.")
+@named_port_option("measures")
 @click.option("--places", type=click.IntRange(3, 20), default=5, show_default=True, help="How many marks.")
 @click.option(
     "--speed", type=SPEED_PERCENT, default=20, show_default=True, help="Speed override, 5 … 100 percent."
@@ -292,7 +294,7 @@ def export(robot: str, file: Path, board: str | None) -> None:
         with file.open("x", encoding="utf-8") as stream:
             stream.write(encode_calibration(now))
     except OSError as cause:
-        raise CalibrationError(f"{file}: cannot be written: {cause.strerror}") from cause
+        raise CalibrationError(not_written(file, cause)) from cause
     click.echo(f"{file}: {_in_words(now)}")
 
 

@@ -11,7 +11,7 @@ import click
 
 from armctl.boards import AUTOMATIC, SIMULATED, Boards, require_kind, split_kind
 from armctl.cli.main import DONE, REFUSED
-from armctl.cli.options import ROBOT, json_option, print_json
+from armctl.cli.options import ROBOT, json_option, named_port_option, print_json
 from armctl.documents import write_atomically
 from armctl.errors import ArmctlError, InputError
 from armctl.hardware.doctor import Patient, examine
@@ -25,18 +25,8 @@ from armctl.runtime import MonotonicClock, channel_settings
 _WIDTH = 16
 
 
-class _Named(click.ParamType[str]):
-    """A port. None is the default: opening one may restart its board."""
-
-    name = "text"
-
-    def get_missing_message(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
-        """What one may give."""
-        return "auto looks for a board, sim examines the simulated one, armctl ports lists all."
-
-
 @click.command()
-@click.option("--port", type=_Named(), required=True, help="sim, auto, a device or socket://host:port.")
+@named_port_option("examines")
 @click.option("--robot", type=ROBOT, help="Check the board for what this robot needs of it too.")
 @click.option("--report", "file", type=click.Path(path_type=Path), metavar="FILE",
               help="Also write a zip file to send: versions, logs, the last faults, this check-up.",

@@ -6,26 +6,44 @@ import json
 import math
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import click
 import numpy as np
+from click.decorators import FC
 from click.shell_completion import CompletionItem
 from numpy.typing import NDArray
 
 QUERY_SETTINGS = {"ignore_unknown_options": True, "help_option_names": ["-h", "--help"]}
 """For commands with number arguments: ``-196`` is a number, not an option."""
 
-port_option = click.option(
-    "--port", default="sim", show_default=True, help="sim, auto, a device or socket://host:port."
-)
+_PORT_HELP = "sim, auto, a device or socket://host:port."
+port_option = click.option("--port", default="sim", show_default=True, help=_PORT_HELP)
 park_option = click.option(
     "--park",
     is_flag=True,
     help="At the end (Ctrl-C, too) go to the rest pose first, where the arm has power.",
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
+
+
+class _NamedPort(click.ParamType[str]):
+    """A port that has no default: opening one may restart its board."""
+
+    name = "text"
+
+    def __init__(self, does: str) -> None:
+        self._does = does
+
+    def get_missing_message(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """What one may give."""
+        return f"auto looks for a board, sim {self._does} the simulated one, armctl ports lists all."
+
+
+def named_port_option(does: str) -> Callable[[FC], FC]:
+    """``--port`` of a command that ``does`` something with it, for example "examines"."""
+    return click.option("--port", type=_NamedPort(does), required=True, help=_PORT_HELP)
 
 
 class Number(click.ParamType[float]):

@@ -9,7 +9,7 @@ import click
 from armctl.cli.check import check_on_terminal
 from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import ROBOT
-from armctl.documents import write_atomically
+from armctl.documents import not_written, write_atomically
 from armctl.errors import InputError
 from armctl.program import open_program
 from armctl.robot import load_robot
@@ -45,7 +45,7 @@ def twin(program: Path, output: Path, robot: str | None) -> int:
     try:
         write_atomically(output, page)
     except OSError as cause:
-        raise InputError(f"{output}: cannot be written: {cause.strerror}") from cause
+        raise InputError(not_written(output, cause)) from cause
     errors = [finding for finding in findings if finding.severity == "error"]
     for finding in findings:
         click.echo(f"armctl: {'' if finding in errors else 'warning: '}{program}: {finding}", err=True)
