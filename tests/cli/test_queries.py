@@ -78,7 +78,7 @@ def test_ik_takes_pitch_and_roll(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("point", "says"),
     [
-        (("300", "0", "600"), "too far by 200.1 mm"),
+        (("300", "0", "600"), "too far by 200.0 mm"),
         (("0", "0", "300"), "3.62 mm cylinder"),
         (("-300", "0", "100"), "joint limits forbid it"),
     ],

@@ -24,7 +24,7 @@ STEP = math.radians(0.5)
         (
             (300, 0, 600),
             {},
-            ["too far by 200.1 mm", "530.1 mm from the shoulder", "the arm reaches 330.0 mm"],
+            ["too far by 200.0 mm", "530.1 mm from the shoulder", "the arm reaches 330.0 mm"],
         ),
         ((0, 0, 300), {}, ["3.62 mm cylinder", "0.00 mm from the axis"]),
         (

@@ -122,18 +122,21 @@ class Reach:
         if angles[0] is not None and len(lengths) == 3:
             point, after, last = "the wrist", " with the tool at that pitch", lengths.pop()
         inner, outer = max(0.0, 2 * max(lengths) - sum(lengths)), sum(lengths)
+        beside = self._geometry.lateral  # in space, so that they agree with the way to the nearest point
+        shortest, longest = math.hypot(inner, beside), math.hypot(outer, beside)
         misses: list[tuple[float, float]] = []
         for branch, angle in itertools.product(branches, angles):
             direction = (angle or 0.0) - (self._geometry.tool_angle or 0.0)
             distance = abs(complex(branch.r, z) - self._geometry.shoulder - cmath.rect(last, direction))
             if inner - AXIS_TOLERANCE <= distance <= outer + AXIS_TOLERANCE:
                 return None
-            misses.append((max(distance - outer, inner - distance), distance))
+            distance = math.hypot(distance, beside)
+            misses.append((max(distance - longest, shortest - distance), distance))
         miss, distance = min(misses)
         where = f"{point} would be {1000 * distance:.1f} mm from the {self._titles[1].lower()}{after}"
-        if distance > outer:
-            return too_far(miss, where, "the arm reaches", outer)
-        return too_near(miss, where, "the arm folds no closer than", inner)
+        if distance > longest:
+            return too_far(miss, where, "the arm reaches", longest)
+        return too_near(miss, where, "the arm folds no closer than", shortest)
 
     def _by_limits(self, branches: list[BaseBranch], z: float, angles: list[float | None]) -> str:
         """All joints that would have to leave their limits together, for each way to face the target.
