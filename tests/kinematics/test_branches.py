@@ -75,6 +75,12 @@ def test_a_rotation_that_is_only_come_near_to_has_no_branch(name: str) -> None:
 def test_a_free_joint_or_a_point_out_of_reach_has_no_branches() -> None:
     assert load_robot("uzuner").branches([0.2, 0.0, 0.1]) == ()
     assert load_robot("mico").branches([0.5, 0.0, 0.7]) == ()
+    assert load_robot("ur5").branches([0.3, 0.2, 0.3]) == ()
+    assert load_robot("ar4").branches([0.3, 0.1, 0.3], pitch=-0.5) == ()
+    straight_down = load_robot("ur5").branches([0.3, 0.2, 0.3], pitch=-np.pi / 2)
+    assert straight_down
+    uarm = load_robot("uarm")
+    assert uarm.branches(uarm.forward(uarm.pose("home"))[:3, 3])
 
 
 def test_any_roll_is_one_that_the_roll_joint_can_take() -> None:

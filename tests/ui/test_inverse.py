@@ -204,6 +204,36 @@ def test_branches_that_look_alike_and_no_branches() -> None:
     assert answered(500, 0, 700).verdicts == ()
 
 
+def test_that_there_are_no_branches_is_said_with_the_true_reason() -> None:
+    def said(name: str, *point: float, pitch: float | None = None, rotation: object = None) -> str:
+        robot = load_robot(name)
+        target = Target.of(point, pitch, None, None if rotation is None else np.asarray(rotation))
+        return branches_html(solve(robot, target, "least-rotation", robot.pose("home")))
+
+    assert "leaves a joint free" in said("ur5", 0.3, 0.2, 0.3, pitch=-0.5)
+    uarm = load_robot("uarm")
+    there = uarm.forward(uarm.pose("home"))[:3, 3]
+    assert "No branch meets this target" in said("uarm", *there, pitch=0.3)  # the point can be reached
+    back = [[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]
+    assert "No branch has this orientation" in said("ur5", 0.85, 0.3, 0.1, rotation=back)
+
+
+def test_the_branch_of_least_energy_is_shown_as_it_is_sent_and_may_be_refused() -> None:
+    robot = load_robot("ur5")
+    start = np.radians([200.0, -90.0, 90.0, -90.0, -90.0, 300.0])
+    T = robot.forward(start + 0.05)
+    found = solve(robot, Target.of(T[:3, 3], rotation=T[:3, :3]), "least-travel", start)
+    chosen = next(one for one in found.verdicts if one.chosen)
+    assert found.best is not None and np.abs(chosen.branch.q - found.best).max() < 1e-6
+    assert all(found.energy_of(chosen.branch.q) <= found.energy_of(one.branch.q) for one in found.verdicts)
+    T = robot.forward(np.radians([20.0, 30.0, 10.0, -20.0, 50.0, 0.0]))  # below the floor
+    found = solve(robot, Target.of(T[:3, 3], rotation=T[:3, :3]), "least-rotation", start)
+    least = next(one for one in found.verdicts if one.chosen)
+    assert "floor" in least.refused
+    assert f"{least.number} has the least energy by least-rotation." in branches_html(found)
+    assert "is chosen among the possible ones" not in branches_html(found)
+
+
 @pytest.mark.parametrize(
     ("row", "button", "leads_to"),
     [(1, "Prev", 0), (1, "Next", 1), (50, "Last", 9), (150, "Next", 9), (80, "Prev", 4), (120, "First", 0)],

@@ -28,6 +28,9 @@ from armctl.kinematics.target import Target, checked_positions, checked_rotation
 from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.workspace import SampledSection, Section
 
+_UPRIGHT = 1e-6
+"""how near to ±90° a pitch leaves the approach axis no way to swing (cosine)"""
+
 
 class InverseKinematics(ABC):
     """A solver for one arm inside its limits. Immutable; safe in several threads."""
@@ -119,8 +122,18 @@ class InverseKinematics(ABC):
         raise self._has_no("batch of poses")
 
     def is_swept(self, target: Target) -> bool:
-        """Whether a joint is swept for a target, so that there is a continuum and no list of branches."""
-        return self.free_joint is not None and target.pitch is None and target.rotation is None
+        """Whether a target asks for less than the joints can do: a continuum, and no list of branches.
+
+        A joint that rolls the tool does not count: without a roll asked for, any will do.
+        """
+        turns = self.limits[:, 0] < self.limits[:, 1]
+        asked = 6
+        if target.rotation is None:
+            upright = target.pitch is not None and math.cos(target.pitch) < _UPRIGHT
+            asked = 3 if target.pitch is None else 5 if upright else 4
+            if self.roll_joint is not None:
+                turns[self.roll_joint] = False
+        return bool(np.count_nonzero(turns) > asked)
 
     def least_rotation(self, position_m: ArrayLike) -> FloatArray:
         """The exact least rotation of one point (3,) or many (k, 3) [m]; ``Robot.least_rotation`` says more.

@@ -61,10 +61,6 @@ class RedundantSolver(InverseKinematics):
         locked = LockedArm.of(chain)
         return None if locked is None else cls(chain, locked, limits, energy, titles)
 
-    def is_swept(self, target: Target) -> bool:
-        """See ``InverseKinematics``."""
-        return target.rotation is not None
-
     def solve(self, target: Target, step: float, start: FloatArray | None = None) -> Solutions:
         """All solutions of a whole pose, the free joint in steps of ``step`` [rad], and as ``start`` has it.
 

@@ -37,8 +37,8 @@ _SAME_RAD = 1e-9
 """a row that is no farther off than this is the same configuration"""
 _SAME_BRANCH, _SAME_PLACE_M = 1e-6, 1e-3
 _SWEPT_MEND = (
-    "A position alone leaves a joint free, so there are infinitely many solutions. To see the branches, "
-    "ask for the tool's pitch or orientation above, then press Solve."
+    "This leaves a joint free, so there are infinitely many solutions. To see the branches, "
+    "ask for more of the tool's orientation above, then press Solve."
 )
 _MOST_POINTS = 1000
 """of an energy curve"""
@@ -136,14 +136,16 @@ def _verdicts(
     point, pitch, roll, rotation = solutions.target
     for number, found in enumerate(robot.branches(point, pitch, roll, rotation), 1):
         branch = replace(found, q=solutions.taken(found.q, criterion, start))
+        # whole turns make no difference
+        chosen = best is not None and np.abs(np.exp(1j * branch.q) - np.exp(1j * best)).max() < _SAME_BRANCH
+        if chosen and best is not None:
+            branch = replace(branch, q=best)
         refusal = "; ".join(branch.forbidden)
         if not refusal:
             try:
                 plan_joints(robot, start, branch.q)
             except MotionRefusedError as refused:
                 refusal = str(refused)
-        # whole turns make no difference
-        chosen = best is not None and np.abs(np.exp(1j * branch.q) - np.exp(1j * best)).max() < _SAME_BRANCH
         verdicts.append(Verdict(number, branch, refusal, bool(chosen)))
     return tuple(verdicts)
 
@@ -291,12 +293,12 @@ def branches_html(found: Answer) -> str:
     """Every branch with its energy, and why some are refused."""
     if not found.verdicts:
         if not found.solutions.success:
-            return muted("The point is out of reach, so it has no branches. Press Take nearest point above.")
-        if found.solutions.target.rotation is not None:
-            return muted(
-                "One joint is free here, so there are infinitely many solutions. See List for a few of them."
-            )
-        return muted(_SWEPT_MEND)
+            return muted("No branch meets this target; the reason stands above.")
+        if found.solutions.target.rotation is None:
+            return muted(_SWEPT_MEND)
+        if found.solutions.free_joint is None:
+            return muted("No branch has this orientation; List has the nearest.")
+        return muted("One joint is free here, so there are infinitely many solutions. See List for a few.")
     unit = _UNITS[found.criterion][1]
     head = ["#", "branch", *_theta(len(found.start)), f"energy {unit}", "verdict"]
     rows = [
@@ -312,8 +314,9 @@ def branches_html(found: Answer) -> str:
     notes = [f"{one.number} is refused: {one.refused}." for one in found.verdicts if one.refused]
     marked = next((i for i, one in enumerate(found.verdicts) if one.chosen), None)
     if marked is not None:
-        number = found.verdicts[marked].number
-        notes.append(f"{number} is chosen among the possible ones: the least energy by {found.criterion}.")
+        one = found.verdicts[marked]
+        said = "has" if one.refused else "is chosen among the possible ones:"
+        notes.append(f"{one.number} {said} the least energy by {found.criterion}.")
     return table(head, rows, marked=marked, small=True) + "".join(muted(note) for note in notes)
 
 
