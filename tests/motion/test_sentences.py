@@ -323,11 +323,17 @@ def check_led(led: Led, error: ToolPathRefusedError | ToolPathUnreachableError) 
     assert np.abs(1000 * point - [float(value) for value in found.groups()[3:6]]).max() <= 0.06, str(error)
     if "is at its limit of" in said:
         check_limit_words(led, share, said, str(error))
-    elif "without bound" in said:
+    elif fast := re.search(rf"(?:^|, )([^,]+) would have to turn by ({NUMBER})° a mm, and more just", said):
         assert ("on the best way that was found, " in said) != led.decided, str(error)
         if share > 0 and error.before is not None and led.decided:
             q = error.before(error.before.high)
             assert isotropy_with_pitch(led, q) < 1e-3, str(error)
+            moving = [k for k in range(led.robot.n) if k not in led.held]
+            J = slopes(lambda q: features(led.robot, q, pitched=led.kept), q[None])[0][:, moving]
+            before, behind = led.points(np.array([share - 1e-6, share + 1e-6]))
+            along = np.append(behind - before, 0.0)[: len(J)] / np.linalg.norm(behind - before)
+            rate = abs(np.linalg.lstsq(J, along, rcond=None)[0][moving.index(joint_of(led.robot, fast[1]))])
+            assert abs(math.degrees(rate) / 1000 - float(fast[2])) <= 0.5 + 0.02 * float(fast[2]), str(error)
     elif "here it leaves" in said:
         check_reach_words(led, said)
     else:

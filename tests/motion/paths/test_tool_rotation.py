@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.paths.tool_path import TurnMode, follow
 from armctl.motion.paths.tool_rotation import ToolRotation
 from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.robot import Robot
+from armctl.robot import Robot, load_robot
 
 LINES = 200 if os.environ.get("ARMCTL_LONG") else 8
 HELD, NEAR_M = 1e-6, 0.011e-3
@@ -285,3 +286,20 @@ def test_a_refusal_says_what_would_do() -> None:
     with pytest.raises(ToolPathRefusedError, match=r"; with only the tool pitch kept the arm can follow it$"):
         plan_line(FIVE, q, end, orientation="kept")
     plan_line(FIVE, q, end, pitch="kept")
+
+
+def test_a_refusal_says_only_what_is_known_of_an_orientation_and_of_a_rate() -> None:
+    robot = load_robot("ur5")
+    q = np.radians([0.0, -90.0, 90.0, -90.0, -90.0, 0.0])
+    with pytest.raises(ToolPathUnreachableError, match=r"at 100 %, .* the nearest that was found there is 1"):
+        plan_line(robot, q, [0.1, 0.1, 0.85])
+    # the wrist comes within 0.005° of straight, but goes on: joint 4 turns fast, not without bound
+    robot = load_robot("ar4")
+    q = [-1.932244819567, 0.384791396963, -0.62730764786, 0.773421097269, -0.005645924568, -2.909368022154]
+    with pytest.raises(ToolPathRefusedError, match=r"Joint 4 would have to turn by \d\d+° a mm") as refused:
+        plan_line(robot, q, [-0.452877483296, -0.182400395745, 0.724544229990])
+    said = re.search(r"turn by (\d+)°", str(refused.value))
+    path = refused.value.before
+    assert said is not None and path is not None
+    _, slope = path.derivatives(path.high, 1)
+    assert abs(float(np.degrees(np.abs(slope)).max()) / 1000 - int(said[1])) <= 0.5

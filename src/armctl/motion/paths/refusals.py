@@ -264,9 +264,10 @@ def end_refusal(tried: Attempt) -> ToolPathRefusedError | ToolPathUnreachableErr
     if why is not None:
         return ToolPathUnreachableError(f"{_where(curve, place)}: {why}", place, before)
     k = int((np.abs(last.slope) / robot.speed_limits).argmax())
+    title, rate = robot.joints[k].title, math.degrees(abs(float(last.slope[k]))) / 1000.0
     return ToolPathRefusedError(
-        f"{_where(curve, place)}: {tried.found}{robot.joints[k].title} would have to turn without bound: "
-        f"a singularity, where this branch ends; {_other_ways(tried)}",
+        f"{_where(curve, place)}: {tried.found}{title} would have to turn by {rate:.0f}° a mm, "
+        f"and more just beyond: a singularity; {_other_ways(tried)}",
         replace(place, joint=k),
         before,
     )
@@ -289,7 +290,7 @@ def _out_of_reach(tried: Attempt, s: float) -> str | None:
             solutions = tried.solve(tried.target(there))
             why = solutions.explanation
             if solutions.success:
-                why = f"the nearest orientation is {math.degrees(solutions.residual_rad.min()):.2f}° off"
+                why = solutions.turned_off(solutions[int(solutions.residual_rad.argmin())]) or ""
             return f"here it leaves what the arm reaches{with_it}; at {percent} %, {why}"
         if tried.searched or percent == first:  # a search is too slow to ask it often
             break
