@@ -117,7 +117,7 @@ def test_go_takes_pitch_roll_and_criterion(arm: armctl.Arm) -> None:
 
 def test_refusals_are_exceptions_and_move_nothing(arm: armctl.Arm) -> None:
     before = arm.joints_deg.copy()
-    with pytest.raises(UnreachableError, match=r"too far by 200\.1 mm.*nearest reachable point"):
+    with pytest.raises(UnreachableError, match=r"too far by 200\.0 mm.*nearest reachable point"):
         arm.go(x_mm=300, y_mm=0, z_mm=600)
     with pytest.raises(MotionRefusedError, match=r"Elbow: -91\.00° is outside"):
         arm.go_joints([0, 100, -91, 0, 0])

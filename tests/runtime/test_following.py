@@ -120,7 +120,7 @@ def test_out_of_reach_it_goes_to_the_nearest_point_and_says_why(rig: Rig) -> Non
     nearest = ROBOT.inverse(point).nearest_m
     assert np.linalg.norm(tool(rig) - nearest) < 2e-3
     (notice,) = rig.now.warnings
-    assert notice.startswith("live target: too far by 171.4 mm")
+    assert notice.startswith("live target: too far by 171.3 mm")
     assert notice.endswith("following the nearest point")
     follow(rig, TOOL, 4.0)
     assert tool(rig) == pytest.approx(TOOL, abs=1e-9)
