@@ -400,8 +400,8 @@ class OwnArm:
         choice = RobotChoice(draft.name, str(draft.table["title"]))
         session.robots.offer(choice)
         session.notify("New arm", f"{choice.title} is saved: {path}")
+        self._end()  # before the page is built anew
         await session.change_robot(choice.name)
-        self._end()
 
 
 _SEPARATORS = re.compile(r"[,;\s]+")
