@@ -33,6 +33,7 @@ def test_every_line_of_the_controllers_log_with_time_and_offset(tmp_path: Path) 
     assert path.stat().st_mode & 0o777 == 0o644 and path.parent.stat().st_mode & 0o777 == 0o700
 
 
+@pytest.mark.logs_a_defect
 def test_no_name_can_forge_a_line_and_a_traceback_is_set_in(tmp_path: Path) -> None:
     with log_files.begin("serve", tmp_path) as path:
         LOG.warning("STOP (%s)", "page\n2026-01-01T00:00:00.000+00:00 ERROR armctl.runtime: forged")

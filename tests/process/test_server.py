@@ -367,6 +367,7 @@ def test_only_the_last_owner_ends_the_arm(tmp_path: Path) -> None:
     assert ended.is_set()
 
 
+@pytest.mark.logs_a_defect
 def test_a_defect_in_serving_a_client_ends_its_connection(
     arm_at: Address, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -208,6 +208,7 @@ def test_faults_in_a_row_are_saved_together_and_old_files_go(tmp_path: Path) -> 
     assert path.exists() and len(saved_recordings(tmp_path)) == 20
 
 
+@pytest.mark.logs_a_defect
 def test_a_defect_of_its_own_does_not_touch_the_arm(holding: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(holding.controller._black_box, "tick", lambda _: 1 / 0)
     holding.finishes(MoveJoints(MIDDLE))

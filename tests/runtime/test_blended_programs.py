@@ -272,6 +272,7 @@ class FailingExecutor(InlineExecutor):
 
 
 @pytest.mark.parametrize("number", [3, 4, 6])
+@pytest.mark.logs_a_defect
 def test_when_the_planner_breaks_in_a_blended_motion_the_arm_comes_to_rest(number: int) -> None:
     rig = make_rig(FailingExecutor(number)).enable()
     ticket = rig.do(RunProgram(program(*swings(5, *[0.25, -0.25] * 6))))
@@ -282,6 +283,7 @@ def test_when_the_planner_breaks_in_a_blended_motion_the_arm_comes_to_rest(numbe
     assert_keeps_limits(rig)
 
 
+@pytest.mark.logs_a_defect
 def test_an_edit_mends_what_could_not_be_planned(late: Rig) -> None:
     def broken() -> None:
         raise RuntimeError("out of memory")

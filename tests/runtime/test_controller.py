@@ -203,6 +203,7 @@ def test_closing_answers_a_disconnect_that_waits_for_a_standstill(holding: Rig) 
     leaving.result(0)
 
 
+@pytest.mark.logs_a_defect
 def test_a_snapshot_that_cannot_be_made_is_a_fault_and_the_ticks_go_on(
     holding: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

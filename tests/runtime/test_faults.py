@@ -186,6 +186,7 @@ def test_a_setpoint_that_the_gate_refuses_is_a_fault_and_is_not_sent(
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError("oops"), SystemExit("oops")])
+@pytest.mark.logs_a_defect
 def test_a_defect_in_the_controller_is_a_fault_and_the_ticks_go_on(
     holding: Rig, error: BaseException
 ) -> None:
@@ -198,6 +199,7 @@ def test_a_defect_in_the_controller_is_a_fault_and_the_ticks_go_on(
     assert holding.now.state is State.HOLDING
 
 
+@pytest.mark.logs_a_defect
 def test_release_works_in_a_fault(moving: Rig) -> None:
     broken(moving, ZeroDivisionError())
     moving.do(Release()).result(0)
@@ -211,6 +213,7 @@ def test_a_release_that_cannot_be_sent_is_a_fault(holding: Rig) -> None:
     assert holding.now.state is State.FAULT
 
 
+@pytest.mark.logs_a_defect
 def test_pulses_that_go_off_during_another_fault_leave_nothing_to_hold(moving: Rig) -> None:
     broken(moving, ZeroDivisionError())
     moving.driver.positions.clear()
@@ -299,6 +302,7 @@ def test_the_log_is_bounded_and_a_clock_that_was_set_back_does_not_silence_it(
     assert [event.stamp for event in log.events] == [5000.0, 1000.0]
 
 
+@pytest.mark.logs_a_defect
 def test_a_defect_of_who_is_told_is_a_fault_and_the_controller_goes_on(rig: Rig) -> None:
     told: list[Snapshot] = []
 

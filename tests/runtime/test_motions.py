@@ -118,6 +118,7 @@ def moved(rig: Rig) -> None:
         ),
     ],
 )
+@pytest.mark.logs_a_defect
 def test_a_plan_that_cannot_be_taken_is_refused_and_harms_nothing(
     late: Rig, meanwhile: Callable[[Rig], object], words: str, error: type[Exception]
 ) -> None:

@@ -189,6 +189,7 @@ def test_the_gripper_belongs_to_the_program_during_its_step(holding: Rig) -> Non
     holding.do(MoveGripper(0.2)).accepted.result(0)
 
 
+@pytest.mark.logs_a_defect
 def test_a_defect_in_planning_the_next_step_is_logged_once(
     holding: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -194,6 +194,7 @@ def test_a_page_that_is_closed_while_its_motion_is_planned_is_a_warning(late: Ri
     late.sends_nothing(0.2)
 
 
+@pytest.mark.logs_a_defect
 def test_a_motion_that_cannot_be_stopped_is_a_fault_and_every_stop_is_answered(
     holding: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -69,6 +69,7 @@ def test_what_a_page_still_waits_for_at_the_end_is_no_error(
     assert [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR] == []
 
 
+@pytest.mark.logs_a_defect
 def test_a_page_that_cannot_be_built_does_not_operate(tmp_path: Path) -> None:
     with served_arm(tmp_path) as served:
         port = served.app.server.get_port()
@@ -95,6 +96,7 @@ def test_a_target_out_of_this_world_ends_the_live_target(tmp_path: Path) -> None
         assert switch.value == "off"
 
 
+@pytest.mark.logs_a_defect
 def test_what_a_page_does_beside_its_callbacks_is_logged_when_it_fails(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

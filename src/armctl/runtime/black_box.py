@@ -329,7 +329,8 @@ def _value(name: str, value: object) -> str:
     match value:
         case np.ndarray() if value.size <= _MOST_NUMBERS and value.dtype.kind in "fi":
             angles = name == "q"
-            unit, numbers = ("°", np.degrees(value)) if angles else ("", value)
+            with np.errstate(over="ignore"):  # refused or not: what was asked for is recorded
+                unit, numbers = ("°", np.degrees(value)) if angles else ("", value)
             return "(" + ", ".join(f"{number:.4g}{unit}" for number in numbers.ravel().tolist()) + ")"
         case np.ndarray():
             return f"array of {value.shape}"
