@@ -73,7 +73,8 @@ class GraphView:
             self._drop = gui.add_button("Drop A", icon=viser.Icon.PINNED_OFF, color="gray", visible=False)
         csv = gui.add_button("Export motion (CSV)", icon=viser.Icon.DOWNLOAD, color="gray")
         self._figure = gui.add_button_group("Export", tuple(_FIGURE_FORMS))
-        session.needs(None, keep, csv, self._figure, also=self._not_shown, anyone=True)
+        # the reason stands above already
+        session.needs(None, keep, csv, self._figure, also=self._not_shown, told=False, anyone=True)
         for group in (self._of, self._quantity, self._limits):
             session.on(group.on_update, self._draw)
         session.on(self._time.on_update, self._on_time)
