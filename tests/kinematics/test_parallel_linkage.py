@@ -30,15 +30,17 @@ TITLES = ("Base", "Shoulder", "Elbow", "Hand")
 class Palletiser:
     """A random arm, and its tool pose by plain products of its links' absolute angles."""
 
-    def __init__(self, rng: np.random.Generator, *, geared: bool, rolls: bool, bounded: bool = False) -> None:
-        self.lengths = rng.uniform(0.04, 0.3, 2)
+    def __init__(
+        self, rng: np.random.Generator, *, geared: bool, rolls: bool, bounded: bool = False, aside: float = 0
+    ) -> None:
+        self.lengths, self.aside = rng.uniform(0.04, 0.3, 2), aside
         self.ahead, self.height, self.hand, self.drop = rng.uniform(-0.05, 0.1, 4)
         self.geared, self.rolls = geared, rolls
         ahead, (first, second) = float(self.ahead), self.lengths.tolist()
         rows = [
             DHRow(ahead, math.pi / 2, float(self.height)),
             DHRow(first, 0.0, 0.0),
-            DHRow(second, 0.0, 0.0),
+            DHRow(second, 0.0, aside),
             DHRow(float(self.hand), -math.pi / 2, 0.0),  # its z points up
         ]
         if rolls:
@@ -76,15 +78,16 @@ class Palletiser:
         z = self.height + self.lengths[0] * np.sin(upper) + self.lengths[1] * np.sin(fore)
         if self.rolls:
             z = z - self.drop
-        return np.stack([r * np.cos(q[..., 0]), r * np.sin(q[..., 0]), z], axis=-1)
+        c, s = np.cos(q[..., 0]), np.sin(q[..., 0])
+        return np.stack([r * c + self.aside * s, r * s - self.aside * c, z], axis=-1)
 
 
-def random_arms() -> list[Palletiser]:
+def random_arms(aside: float = 0.0) -> list[Palletiser]:
     rng = np.random.default_rng(5)
     kinds = [
         {"geared": bool(k % 2), "rolls": bool(k // 2 % 2), "bounded": bool(k // 4 % 2)} for k in range(ARMS)
     ]
-    return [Palletiser(rng, **kind) for kind in kinds]
+    return [Palletiser(rng, **kind, aside=aside) for kind in kinds]
 
 
 def test_the_tool_is_where_plain_trigonometry_puts_it() -> None:
@@ -154,10 +157,11 @@ def test_every_solution_that_a_sweep_finds_is_listed() -> None:
             assert np.abs(found.q[:, :3] - one).max(axis=1).min() < 1e-5
 
 
-def test_the_nearest_point_is_never_beaten() -> None:
+@pytest.mark.parametrize("aside", [0.0, 0.12])
+def test_the_nearest_point_is_never_beaten(aside: float) -> None:
     rng = np.random.default_rng(4)
     refused = 0
-    for arm in random_arms():
+    for arm in random_arms(aside):
         grid = np.stack(np.meshgrid(*[np.linspace(low, high, 41) for low, high in arm.limits[:3]]), axis=-1)
         grid = grid.reshape(-1, 3)
         grid = grid[arm.keeps(grid)]

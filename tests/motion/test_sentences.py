@@ -131,7 +131,8 @@ def check_reason(asked: Asked, text: str) -> None:
     two = rf"too far by ({NUMBER}) mm: .* would be ({NUMBER}) mm from .*(?:reaches?|reach) ({NUMBER}) mm"
     three = rf".*too near by ({NUMBER}) mm: .* would be ({NUMBER}) mm from .* no closer than ({NUMBER}) mm"
     bound = rf"too (?:far|near) by ({NUMBER}) mm: the target is ({NUMBER}) mm from \(.*\) mm .* ({NUMBER}) mm"
-    if found := re.fullmatch(f"{two}|{three}|{bound}|inside the dead zone, {bound}", text):
+    axis = rf".*too near by ({NUMBER}) mm: .* ({NUMBER}) mm from the base axis, the arm stays ({NUMBER}) mm"
+    if found := re.fullmatch(f"{two}|{three}|{bound}|{axis}|inside the dead zone, {bound}", text):
         miss, distance, length = (float(value) for value in found.groups() if value is not None)
         assert abs(abs(distance - length) - miss) <= 0.11, text
         wide = np.column_stack([np.full(robot.n, -math.pi), np.full(robot.n, math.pi)])
@@ -302,8 +303,8 @@ class Led:
 
     @property
     def decided(self) -> bool:
-        """As many equations as joints: the branch decides the way."""
-        return self.robot.n - len(self.held) == 3 + self.kept
+        """No fewer equations than joints: the branch decides the way."""
+        return self.robot.n - len(self.held) <= 3 + self.kept
 
     def walk(self, start: FloatArray, share: float, count: int = 160) -> FloatArray | None:
         sine = float(self.tool[2, 2]) if self.kept else None

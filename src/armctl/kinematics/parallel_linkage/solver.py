@@ -18,7 +18,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
-from armctl.kinematics.angles import LIMIT_TOLERANCE, central_image, images, rotation_angle
+from armctl.kinematics.angles import LIMIT_TOLERANCE, central_image, images, nearest_angle, rotation_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.samples import checked_step
@@ -44,6 +44,8 @@ _ROUNDING = 1e-10
 _LEVEL = 1e-7
 """a pitch this near to the one that the rods keep is met [rad]"""
 _EDGE_SAMPLES, _SECTIONINGS = 361, 60
+_ROUNDS, _SETTLED = 60, 1e-8
+"""how often base and reach are found in turn, and how much nearer is still worth a round [m]"""
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
@@ -272,23 +274,41 @@ class ParallelLinkageSolver(InverseKinematics):
         return " and ".join(said), float(np.maximum(over, 0.0).sum() + beyond.sum())
 
     def _nearest(self, target: Target) -> FloatArray:
-        """(3,) where the tool point comes nearest to the target, exactly."""
-        x, y, z = self._plane.local_of(*target.point)
+        """(3,) where the tool point comes nearest to the target.
+
+        Exact where the tool plane goes through the base axis. Beside it the best base angle depends on the
+        reach, and both are found in turn until nothing comes nearer.
+        """
+        plane = self._plane
+        x, y, z = plane.local_of(*target.point)
         low, high = self.limits[0].tolist()
-        yaws = {base.angle for base in base_branches(self._plane, x, y, (low, high))} | {low, high}
-        azimuth = self._plane.yaw_sign * math.atan2(y, x)
+        yaws = {base.angle for base in base_branches(plane, x, y, (low, high))} | {low, high}
+        azimuth = plane.yaw_sign * math.atan2(y, x)
         for facing in (azimuth, azimuth + math.pi):  # inside the cylinder that the plane's offset keeps free
             yaws.update(images(facing, low, high))
         best, least = np.zeros(3), math.inf
         for yaw in sorted(yaws):
-            turn = cmath.exp(-1j * self._plane.yaw_sign * yaw) * complex(x, y)
-            aside = turn.imag - self._plane.lateral
-            w = complex(turn.real, z) - self._plane.shoulder
-            for pair in self._nearest_pairs(w):
-                away = math.hypot(abs(self._wrist(pair[None])[0] - w), aside)
-                if away < least - 1e-15:
-                    best, least = np.array([yaw, *pair.tolist()]), away
+            nearer, off = yaw, math.inf
+            for _ in range(_ROUNDS if plane.lateral else 1):
+                before, (away, pair) = off, self._nearest_in_plane(nearer, x, y, z)
+                off = min(away, before)
+                if off < least - 1e-15:
+                    best, least = np.array([nearer, *pair.tolist()]), off
+                if before - off < _SETTLED:
+                    break
+                ahead = float((self._wrist(pair[None])[0] + plane.shoulder).real)
+                facing = azimuth - plane.yaw_sign * math.atan2(plane.lateral, ahead)
+                nearer = nearest_angle(facing, low, high)
         return best
+
+    def _nearest_in_plane(self, yaw: float, x: float, y: float, z: float) -> tuple[float, FloatArray]:
+        """How near to a point [m] the tool comes with a base angle, and the pitch joints (2,) for that."""
+        turn = cmath.exp(-1j * self._plane.yaw_sign * yaw) * complex(x, y)
+        w, aside = complex(turn.real, z) - self._plane.shoulder, turn.imag - self._plane.lateral
+        pairs = list(self._nearest_pairs(w))
+        away = np.hypot(np.abs(self._wrist(np.array(pairs)) - w), aside)
+        i = int(away.argmin())
+        return float(away[i]), pairs[i]
 
     def _nearest_pairs(self, w: complex) -> Iterator[FloatArray]:
         """Candidates (2,) for the wrist nearest to ``w``: inside, or on an edge of what the limits leave."""
