@@ -302,12 +302,17 @@ class Led:
         return sorted({*still, *([] if roll is None else [roll])})
 
     @property
+    def pitched(self) -> bool:
+        """Whether the pitch is one of the equations: three joints cannot turn the tool besides."""
+        return self.kept and self.robot.n - len(self.held) > 3
+
+    @property
     def decided(self) -> bool:
-        """No fewer equations than joints: the branch decides the way."""
-        return self.robot.n - len(self.held) <= 3 + self.kept
+        """As many equations as joints: the branch decides the way."""
+        return self.robot.n - len(self.held) == 3 + self.pitched
 
     def walk(self, start: FloatArray, share: float, count: int = 160) -> FloatArray | None:
-        sine = float(self.tool[2, 2]) if self.kept else None
+        sine = float(self.tool[2, 2]) if self.pitched else None
         return followed(self.robot, start, self.points(np.linspace(0.0, share, count)), sine, self.held)
 
 
@@ -330,7 +335,7 @@ def check_led(led: Led, error: ToolPathRefusedError | ToolPathUnreachableError) 
             q = error.before(error.before.high)
             assert isotropy_with_pitch(led, q) < 1e-3, str(error)
             moving = [k for k in range(led.robot.n) if k not in led.held]
-            J = slopes(lambda q: features(led.robot, q, pitched=led.kept), q[None])[0][:, moving]
+            J = slopes(lambda q: features(led.robot, q, pitched=led.pitched), q[None])[0][:, moving]
             before, behind = led.points(np.array([share - 1e-6, share + 1e-6]))
             along = np.append(behind - before, 0.0)[: len(J)] / np.linalg.norm(behind - before)
             rate = abs(np.linalg.lstsq(J, along, rcond=None)[0][moving.index(joint_of(led.robot, fast[1]))])
@@ -344,8 +349,7 @@ def check_led(led: Led, error: ToolPathRefusedError | ToolPathUnreachableError) 
 
 def isotropy_with_pitch(led: Led, q: FloatArray) -> float:
     moving = [k for k in range(led.robot.n) if k not in led.held]
-    pitched = led.kept and len(moving) > 3  # fewer joints cannot turn the tool besides: the point decides
-    J = slopes(lambda q: features(led.robot, q, pitched=pitched), q[None])[0][:, moving]
+    J = slopes(lambda q: features(led.robot, q, pitched=led.pitched), q[None])[0][:, moving]
     J[:3] /= np.linalg.norm(led.tool[:3, 3])
     sizes = np.linalg.svd(J, compute_uv=False)
     return float(sizes[min(J.shape) - 1] / sizes[0])
