@@ -50,10 +50,10 @@ def check_list(chain: Chain, limits: FloatArray, pose: FloatArray, found: Soluti
 
 
 def is_listed(chain: Chain, found: Solutions, q: FloatArray) -> bool:
-    """To 1e-6 rad, or as nearly as the rounding of the pose tells near a singular one."""
+    """To 1e-6 rad, or what near a singular pose moves the tool by a tenth of what may be missed."""
     apart = found.q - q
     near = np.abs(apart).max(axis=1) < 1e-3
-    felt = np.abs(apart @ chain.jacobian(q).T).max(axis=1) < 1e-11
+    felt = np.abs(apart @ chain.jacobian(q).T).max(axis=1) < 1e-10
     return bool((np.abs(apart).max(axis=1) < 1e-6).any() or (near & felt).any())
 
 
