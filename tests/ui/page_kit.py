@@ -76,6 +76,10 @@ class FakePage:
         """What a list offers."""
         return tuple(self._handles[label].options)
 
+    def is_visible(self, label: str) -> bool:
+        """Whether it is shown."""
+        return bool(self._handles[label].visible)
+
     def put(self, label: str, value: object) -> None:
         """Type into a field, or choose from a list."""
         self.press(label, value)

@@ -218,6 +218,17 @@ def test_that_there_are_no_branches_is_said_with_the_true_reason() -> None:
     assert "No branch has this orientation" in said("ur5", 0.85, 0.3, 0.1, rotation=back)
 
 
+def test_the_nearest_point_is_offered_only_where_it_is_another_one(server: GuardedServer) -> None:
+    page = FakePage(server, MICO, MICO.pose("home"))
+    InverseScreen(page.session)
+    for use_pitch, x_mm, offered in ((True, "300", False), (False, "1000", True), (False, "300", False)):
+        page.put("Use pitch", use_pitch)
+        for label, value in (("X mm", x_mm), ("Y mm", "0"), ("Z mm", "100")):
+            page.put(label, value)
+        page.press("Solve")
+        assert page.is_visible("Take nearest point") == offered
+
+
 def test_the_branch_of_least_energy_is_shown_as_it_is_sent_and_may_be_refused() -> None:
     robot = load_robot("ur5")
     start = np.radians([200.0, -90.0, 90.0, -90.0, -90.0, 300.0])

@@ -192,12 +192,17 @@ class Solutions:
         """The reason and the nearest reachable point in one sentence [mm]; empty when solved."""
         if self.reason is None or self.nearest_m is None:
             return self.reason or ""
-        x, y, z = 1000.0 * self.nearest_m
-        away = float(np.linalg.norm(self.nearest_m - self.target.position))
-        if away < _THERE_M:
+        if not self.nearest_away_m:
             return f"{self.reason}; the point itself can be reached"
-        nearest = f"({x:z.1f}, {y:z.1f}, {z:z.1f}) mm, {millimetres(away)} mm away"
+        x, y, z = 1000.0 * self.nearest_m
+        nearest = f"({x:z.1f}, {y:z.1f}, {z:z.1f}) mm, {millimetres(self.nearest_away_m)} mm away"
         return f"{self.reason}; the nearest reachable point is {nearest}"
+
+    @property
+    def nearest_away_m(self) -> float:
+        """How far that point is from the target [m]; 0 where the target point itself can be reached."""
+        away = 0.0 if self.nearest_m is None else float(np.linalg.norm(self.nearest_m - self.target.position))
+        return away if away >= _THERE_M else 0.0
 
     @cached_property
     def free_roll(self) -> int | None:

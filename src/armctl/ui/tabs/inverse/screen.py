@@ -243,7 +243,7 @@ class InverseScreen:
         self._answer = found
         self._note.visible = self._stale.visible = False
         self._result.show(result_html(self._robot, found))
-        self._nearest.visible = not solutions.success and solutions.nearest_m is not None
+        self._nearest.visible = solutions.nearest_away_m > 0.0
         self._pager.reset(len(solutions), 1 if solutions.success else None)
         self._draw_list(found)
         self._branches.show(found)
