@@ -39,7 +39,8 @@ EACH = int(os.environ.get("ARMCTL_SENTENCES", "1000")) if LONG else 5
 NUMBER = r"-?\d+(?:\.\d+)?"
 NEEDS = re.compile(rf"(.+?) needs ({NUMBER})°(?: or ({NUMBER})°)?, its limits are ({NUMBER})° … ({NUMBER})°")
 NEAREST = re.compile(
-    rf"; the nearest reachable point is \(({NUMBER}), ({NUMBER}), ({NUMBER})\) mm, (\S+) mm away$"
+    rf"; the nearest reachable point( with that pitch)? is "
+    rf"\(({NUMBER}), ({NUMBER}), ({NUMBER})\) mm, (\S+) mm away$"
 )
 
 
@@ -104,13 +105,15 @@ def check_target(asked: Asked) -> None:
     """The whole of an explanation."""
     robot, text = asked.robot, asked.said
     if found := NEAREST.search(text):
-        x, y, z = (float(value) / 1000 for value in found.groups()[:3])
-        away = float(found[4]) / 1000
-        shown = 0.06e-3 + 0.05 * away * ("." not in found[4] or away < 5e-5)
+        x, y, z = (float(value) / 1000 for value in found.groups()[1:4])
+        away, pitched = float(found[5]) / 1000, found[1] is not None
+        shown = 0.06e-3 + 0.05 * away * ("." not in found[5] or away < 5e-5)
         assert abs(math.dist((x, y, z), asked.point) - away) <= shown + 0.09e-3, text
-        assert nearest(robot, np.array([x, y, z]), robot.limits, asked.rng) <= 0.1e-3, text
+        there = np.array([x, y, z, math.sin(asked.pitch or 0.0)][: 4 if pitched else 3])
+        starts = 300 if pitched else 60
+        assert nearest(robot, there, robot.limits, asked.rng, pitched=pitched, starts=starts) <= 0.1e-3, text
         # with a pitch kept, or a roll that moves the tool point, others may be nearer; never the other way
-        held = asked.pitch is not None or (asked.roll is not None and asked.rolls_aside)
+        held = pitched or (asked.roll is not None and asked.rolls_aside)
         if robot.inverse_kinematics.complete:
             if not held:
                 assert asked.away(robot.limits, pitched=False) >= away - shown, text

@@ -196,7 +196,15 @@ class Solutions:
             return f"{self.reason}; the point itself can be reached"
         x, y, z = 1000.0 * self.nearest_m
         nearest = f"({x:z.1f}, {y:z.1f}, {z:z.1f}) mm, {millimetres(self.nearest_away_m)} mm away"
-        return f"{self.reason}; the nearest reachable point is {nearest}"
+        return f"{self.reason}; the nearest reachable point{self._at_the_pitch()} is {nearest}"
+
+    def _at_the_pitch(self) -> str:
+        """Where the nearest configuration has the pitch that was asked for: another one may come nearer."""
+        if self.target.pitch is None or self.nearest_q is None:
+            return ""
+        up = np.array([0.0, 0.0, 1.0]) if self.arm.up is None else self.arm.up
+        off = float(self.arm.chain.forward(self.nearest_q)[:3, 2] @ up) - math.sin(self.target.pitch)
+        return " with that pitch" if abs(off) < _TURNED else ""
 
     @property
     def nearest_away_m(self) -> float:
