@@ -100,6 +100,21 @@ class RobotFileError(ArmctlError):
     section = "the-robot-file-cannot-be-read"
 
 
+class UnclearArmError(RobotFileError):
+    """A robot file, or a folder of them, that leaves open which arm or which tool link is meant."""
+
+    arms: Sequence[str] = ()
+    """the files that may be meant, seen from the folder"""
+    links: Sequence[str] = ()
+    """the links that may be the tool, the likeliest first"""
+
+    def about(self, what: str) -> Self:
+        """See ``ArmctlError``."""
+        error = super().about(what)
+        error.arms, error.links = self.arms, self.links
+        return error
+
+
 class ProgramError(ArmctlError):
     """A motion program that cannot be read or run; names the file and the step."""
 

@@ -9,6 +9,7 @@ import pytest
 from playwright.sync_api import expect
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import ServedArm, served_arm
+from tests.robot.urdf_kit import Step, written
 
 from armctl import load_robot
 from armctl.robot import user_robots_folder
@@ -155,3 +156,26 @@ def test_a_copy_keeps_what_is_not_edited(page: Screen, served: ServedArm) -> Non
     assert new.joints[0].acceleration == pytest.approx(old.joints[0].acceleration)
     ratio = new.joints[1].acceleration / old.joints[1].acceleration
     assert ratio == pytest.approx(np.radians(20) / old.joints[1].speed)
+
+
+def test_a_file_with_two_tools_asks_which_one(tmp_path: Path, screens: Screens) -> None:
+    steps = (
+        Step("pan", "revolute", "base", "body", "0 0 0.1"),
+        Step("lift", "revolute", "body", "upper", "0 0 0.05", axis="0 1 0"),
+        Step("elbow", "revolute", "upper", "lower", "0.3 0 0", axis="0 1 0"),
+        Step("back", "fixed", "lower", "back_tcp", "0 0 0.1"),
+        Step("front", "fixed", "lower", "front_tcp", "0.1 0 0"),
+    )
+    file = written(tmp_path / "forked.urdf", steps)
+    with served_arm(tmp_path) as served:
+        page = screens()
+        page.open(served.url, until="STOP")
+        page.open_tab("Main", "Arms from URDF files")
+        page.upload("Upload an arm", file)
+        page.wait_for_text("Which link is the tool?")
+        page.click("Cancel")
+        expect(page.page.get_by_text("Which link is the tool?")).to_have_count(0)
+        page.upload("Upload an arm", file)
+        page.wait_for_text("Which link is the tool?")
+        page.click("front_tcp")
+        page.wait_until(lambda: served.robot.source.endswith("to front_tcp"), "it is open with that tool")

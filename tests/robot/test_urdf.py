@@ -88,7 +88,7 @@ def test_a_small_arm(tmp_path: Path) -> None:
     assert robot.gripper is None
     assumed = "; ".join(robot.assumed)
     assert "limits of ±180° of the continuous joints: shoulder_pan_joint" in assumed
-    assert "a speed of 60°/s of joints without one: elbow_1;" in assumed
+    assert "a speed of 60°/s of joints without one, or with one beyond 3600°/s: elbow_1;" in assumed
     assert "arm.urdf, from base_link to tool0" in robot.source
     for q in np.random.default_rng(0).uniform(-3, 3, (20, 3)):
         assert robot.forward(q) == pytest.approx(arm_forward(q), abs=1e-14)
@@ -205,6 +205,18 @@ def test_where_no_chain_is_clear(tmp_path: Path, parts: tuple[Step, ...], says: 
     assert str(path) in str(refused.value)
 
 
+def test_numbers_that_stand_for_no_limit_are_read_as_none(tmp_path: Path) -> None:
+    text = changed('effort="12" velocity="2"', 'effort="1e10" velocity="1e+08" lower="-1e16" upper="1e16"')
+    pan = load_robot(written(tmp_path, text)).joints[0]
+    assert (pan.speed, pan.stall_torque) == (pytest.approx(math.radians(60)), None)
+    assert (pan.lower, pan.upper) == (-math.pi, math.pi)
+
+
+def test_a_prefix_need_not_be_declared(tmp_path: Path) -> None:
+    text = changed("<material", '<gazebo><sensor:camera sensor:kind="x"/></gazebo><material')
+    assert load_robot(written(tmp_path, text)).joints == load_robot(written(tmp_path, ARM)).joints
+
+
 ELBOW_LIMIT = '<limit lower="0.25" upper="2" effort="8" velocity="0"/>'
 ENTITY = '<!DOCTYPE robot [<!ENTITY a "b"><!ENTITY c "&a;&a;">]>'
 
@@ -235,8 +247,8 @@ ENTITY = '<!DOCTYPE robot [<!ENTITY a "b"><!ENTITY c "&a;&a;">]>'
         (changed('type="continuous"', 'type="hinge"'), 'type="hinge": allowed are revolute, continuous'),
         (changed('<parent link="fore"/>', ""), '<joint name="wrist">: <parent> is missing'),
         (changed('<child link="hand"/>', "<child/>"), "wrist\">: <child>: the attribute 'link' is missing"),
-        (changed('xyz="0.3 0 0"', 'xyz="nan 0 0"'), 'wrist">: <origin>: xyz="nan 0 0": must be 3 finite'),
-        (changed('xyz="0.3 0 0"', 'xyz="0.3 0"'), 'xyz="0.3 0": must be 3 finite numbers'),
+        (changed('xyz="0.3 0 0"', 'xyz="nan 0 0"'), 'wrist">: <origin>: xyz="nan 0 0": must be 3 numbers'),
+        (changed('xyz="0.3 0 0"', 'xyz="0.3 0"'), 'xyz="0.3 0": must be 3 numbers within ±1e+06'),
         (changed('xyz="0 0 2"', 'xyz="0 0 0"'), '<axis xyz="0 0 0">: has no direction'),
         (changed('xyz="0 0 2"', 'xyz="0 0 1e400"'), "<axis>: xyz="),
         (changed(ELBOW_LIMIT, ""), '<joint name="Elbow-1">: <limit> is missing; a revolute joint needs'),
@@ -244,7 +256,8 @@ ENTITY = '<!DOCTYPE robot [<!ENTITY a "b"><!ENTITY c "&a;&a;">]>'
         (changed(ELBOW_LIMIT, '<limit lower="90" upper="90"/>'), "within ±12.57 (they look like degrees)"),
         (changed('lower="0.25"', 'lower="3"'), "<limit lower=3.0 upper=2.0>: the lower limit comes first"),
         (changed('lower="0.25"', 'lower="-99"'), "within ±12.57 (they look like degrees)"),
-        (changed('lower="0.25"', 'lower="x"'), '<limit>: lower="x": must be a finite number'),
+        (changed('lower="0.25"', 'lower="x"'), '<limit>: lower="x": must be a number within ±1e+06'),
+        (changed('velocity="2"', 'velocity="nan"'), '<limit>: velocity="nan": must be a number'),
         (changed('velocity="2"', 'velocity="-2"'), "velocity and effort are not negative"),
         (changed('<mass value="1.5"/>', '<mass value="-1"/>'), "a mass is not negative"),
         (changed('<mass value="1.5"/>', "<mass/>"), "upper\">: <mass>: the attribute 'value' is missing"),
@@ -305,7 +318,7 @@ def test_such_a_joint_stands_at_its_angle(tmp_path: Path, name: str, angle: floa
     place = [step.joint for step in HELD].index(name)
     assert robot.n == 3
     assert name not in robot.joint_names
-    assert f"fixed, as both limits are the same: {name} at {math.degrees(angle):.1f}°" in robot.assumed
+    assert f"fixed: {name} at {math.degrees(angle):.1f}°, as both limits are the same" in robot.assumed
     for q in np.random.default_rng(5).uniform(-2, 2, (20, 3)):
         expected = product(HELD, "tool0", np.insert(q, place, angle), {})
         assert np.abs(robot.forward(q) - expected).max() < 1e-14

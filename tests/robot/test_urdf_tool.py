@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
 from pathlib import Path
@@ -179,16 +178,18 @@ def test_a_sliding_joint_on_the_way_is_named(tmp_path: Path) -> None:
     assert "an arm that ends ahead of it is named as arm.urdf#w/fingers_link" in str(refused.value)
 
 
-def test_a_sliding_joint_that_nothing_turns_ahead_of_is_not_to_be_named_away(tmp_path: Path) -> None:
-    rail = (Step("mount", "fixed", "world", "rail"), Step("slide", "prismatic", "rail", "base"), *JAW)
-    with pytest.raises(RobotFileError, match='<joint name="slide">: type="prismatic"') as refused:
-        arm_of(tmp_path, rail)
-    assert "#" not in str(refused.value)
-    assert str(refused.value).endswith('if the arm is to be used with it at rest, make it type="fixed"')
-    at_rest = tuple(
-        dataclasses.replace(step, kind="fixed") if step.joint == "slide" else step for step in rail
-    )
-    assert arm_of(tmp_path, at_rest).n == 5
+@pytest.mark.parametrize(
+    ("kind", "limits", "at_mm"),
+    [("prismatic", (-0.1, 0.4), 0), ("prismatic", (0.2, 0.4), 200), ("planar", (-1, 1), 0)],
+)
+def test_what_moves_the_base_stays_where_it_is_and_is_told(
+    tmp_path: Path, kind: str, limits: tuple[float, float], at_mm: float
+) -> None:
+    slide = Step("slide", kind, "rail", "base", xyz="0.1 0 0", axis="0 1 0", limits=limits)
+    robot = arm_of(tmp_path, (Step("mount", "fixed", "world", "rail"), slide, *JAW))
+    assert f"fixed: slide at {at_mm} mm, which moves the base and is no joint of the arm" in robot.assumed
+    tool, alone = robot.forward(np.zeros(5)), arm_of(tmp_path, JAW).forward(np.zeros(5))
+    assert tool[:3, 3] - alone[:3, 3] == pytest.approx([0.1, 0.001 * at_mm, 0.0])
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import os
+import zipfile
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,7 +14,7 @@ import pytest
 from tests.robot.urdf_kit import Step, written
 
 from armctl import load_robot
-from armctl.errors import InputError, RobotFileError, StateError
+from armctl.errors import InputError, RobotFileError, StateError, UnclearArmError
 from armctl.motion.clearance import clear_pose
 from armctl.robot.urdf import install_package
 from armctl.ui.tabs.main import urdf_arm
@@ -104,13 +106,60 @@ def test_nothing_is_written_while_the_arm_cannot_be_opened_anew(arm: Path, tmp_p
     assert sorted(tmp_path.rglob("*")) == before
 
 
+FORKED = (
+    *LYING[:-1],
+    Step("back", "fixed", "lower", "back_tcp", "0 0 0.1"),
+    Step("front", "fixed", "lower", "front_tcp", "0.1 0 -0.4"),
+)
+"""two links that have a tool's name"""
+
+
+def zipped(files: dict[str, bytes]) -> bytes:
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as packed:
+        for name, part in files.items():
+            packed.writestr(name, part)
+    return content.getvalue()
+
+
+def test_the_choices_for_what_a_file_leaves_open_are_kept(arm: Path, tmp_path: Path) -> None:
+    forked = written(tmp_path / "forked.urdf", FORKED).read_bytes()
+    packed = zipped({"pack/a.urdf": arm.read_bytes(), "pack/b/forked.urdf": forked})
+    robots = tmp_path / "robots"
+    with pytest.raises(UnclearArmError) as unclear:
+        _installed("arms.zip", packed, robots, {})
+    assert unclear.value.arms == ["pack/a.urdf", "pack/b/forked.urdf"]
+    chosen = {"arm": unclear.value.arms[1]}
+    with pytest.raises(UnclearArmError) as unclear:
+        _installed("arms.zip", packed, robots, chosen)
+    assert (unclear.value.arms, unclear.value.links) == ((), ["back_tcp", "front_tcp"])
+    assert list(robots.iterdir()) == []
+    choice = _installed("arms.zip", packed, robots, {**chosen, "link": "front_tcp"})
+    assert choice.name == str(robots / "arms")
+    assert load_robot(choice.name).source.endswith("to front_tcp")
+
+
+def test_of_several_side_files_the_chosen_one_stays(arm: Path, tmp_path: Path) -> None:
+    sides = {
+        f"{name}.armctl.toml": f'urdf = "a.urdf"\nfloor = {{ z_mm = {mm} }}'
+        for name, mm in (("x", -7), ("y", -9))
+    }
+    files = {name: f"format = 1\n{text}".encode() for name, text in sides.items()}
+    packed = zipped({"a.urdf": arm.read_bytes(), **files})
+    with pytest.raises(UnclearArmError) as unclear:
+        _installed("arms.zip", packed, tmp_path / "robots", {})
+    assert unclear.value.arms == list(files)
+    choice = _installed("arms.zip", packed, tmp_path / "robots", {"arm": "y.armctl.toml"})
+    assert load_robot(choice.name).floor_z == -0.009
+
+
 def test_an_arm_that_cannot_be_opened_is_not_kept(arm: Path, tmp_path: Path) -> None:
     robots = tmp_path / "robots"
-    choice = _installed("my arm.urdf", arm.read_bytes(), robots)
+    choice = _installed("my arm.urdf", arm.read_bytes(), robots, {})
     assert (choice.name, choice.title) == (str(robots / "my_arm"), "arm")
     assert load_robot(choice.name).n == 3
     with pytest.raises(RobotFileError, match=r"is not XML") as refused:
-        _installed("other.urdf", b"no", robots)
+        _installed("other.urdf", b"no", robots, {})
     assert str(tmp_path) not in str(refused.value)
     assert [one.name for one in robots.iterdir()] == ["my_arm"]
     with pytest.raises(InputError, match="is no URDF arm"):

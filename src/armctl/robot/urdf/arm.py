@@ -79,8 +79,9 @@ def load_urdf(path: Path, wanted: str | None) -> Robot:
         except RobotFileError as refusal:
             raise RobotFileError(f"{source.side_path.name}: {refusal}") from refusal
     except RobotFileError as refusal:
-        text = str(refusal)
-        raise RobotFileError(text if text.startswith(str(path)) else f"{path}: {text}") from refusal
+        if str(refusal).startswith(str(path)):
+            raise
+        raise refusal.about(str(path)) from refusal
 
 
 def _wanted(text: str | None) -> tuple[str | None, str | None]:
@@ -310,10 +311,9 @@ def _ahead(chain: Chain) -> tuple[FloatArray | None, bool]:
 
 
 def _about_fixed(way: Sequence[UrdfJoint]) -> Iterable[str]:
-    """Joints that are held at one angle, and right angles that were rounded."""
-    held = [f"{one.name} at {math.degrees(one.held_at):.1f}°" for one in way if one.held_at is not None]
-    if held:
-        yield f"fixed, as both limits are the same: {', '.join(held)}"
+    """Joints that are held where they are, and right angles that were rounded."""
+    if held := [joint.held for joint in way if joint.held is not None]:
+        yield f"fixed: {'; '.join(held)}"
     total, shift, reach = Rounding(), 0.0, 0.0
     for joint in reversed(way):
         total += joint.rounding
@@ -345,7 +345,7 @@ def _about_joints(moving: Sequence[UrdfJoint], names: Sequence[str], side: SideF
     if endless:
         yield f"limits of ±180° of the continuous joints: {', '.join(endless)}"
     if slow := [name for name, joint in pairs if joint.speed == 0 and silent(name, "speed_deg_s")]:
-        yield f"a speed of 60°/s of joints without one: {', '.join(slow)}"
+        yield f"a speed of 60°/s of joints without one, or with one beyond 3600°/s: {', '.join(slow)}"
     faster = [
         f"{name} {said[name].speed_deg_s:g} °/s instead of {math.degrees(joint.speed):.3g} °/s"
         for name, joint in pairs

@@ -23,7 +23,7 @@ from xml.etree import ElementTree
 from platformdirs import user_cache_path
 
 from armctl.documents import DocumentKind, not_written, write_atomically
-from armctl.errors import RobotFileError
+from armctl.errors import RobotFileError, UnclearArmError
 from armctl.robot.file import ROBOT_FILES
 from armctl.robot.meshes import SUFFIXES
 from armctl.robot.urdf.side_file import SIDE_SUFFIX, decode_side_file
@@ -224,9 +224,11 @@ def _only_arm(folder: Path) -> Path:
         if len(found) == 1:
             return found[0]
         if found:
-            names = ", ".join(str(path.relative_to(folder)) for path in found[:12])
-            more = ", …" if len(found) > 12 else ""
-            raise RobotFileError(f"{folder}: holds several arms: {names}{more}; name one: {found[0]}")
+            names = [path.relative_to(folder).as_posix() for path in found]
+            some = ", ".join(names[:12]) + ", …" * (len(names) > 12)
+            error = UnclearArmError(f"{folder}: holds several arms: {some}; name one: {found[0]}")
+            error.arms = names
+            raise error
     raise RobotFileError(f"{folder}: holds no .urdf and no .xacro file")
 
 

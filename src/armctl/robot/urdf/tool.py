@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from armctl.errors import RobotFileError
+from armctl.errors import UnclearArmError
 from armctl.robot.urdf.tree import UrdfJoint, UrdfTree
 
 TOOL_NAMES = ("tool0", "tcp", "tool", "ee_link", "end_effector", "gripper_base")
@@ -141,7 +141,18 @@ def _only(tree: UrdfTree, links: list[str]) -> str:
     return links[0]
 
 
-def _unclear(tree: UrdfTree, links: list[str]) -> RobotFileError:
-    return RobotFileError(
+def _unclear(tree: UrdfTree, links: list[str]) -> UnclearArmError:
+    links = sorted(links, key=_unlikely)
+    error = UnclearArmError(
         f"several links could be the tool: {', '.join(links)}; name one: {tree.path.name}#{links[0]}"
     )
+    error.links = links
+    return error
+
+
+def _unlikely(link: str) -> int:
+    """How little a name is that of a tool."""
+    if is_tool_frame(link):
+        return 0
+    words = _words(link)
+    return 4 if words & _SENSOR else 1 if words & _GRIPPER else 2 if words & _FINGER else 3

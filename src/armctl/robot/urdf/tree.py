@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar, cast
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import numpy as np
 
@@ -35,6 +36,8 @@ WIDEST = 4 * math.pi
 """no limit of a joint is farther from zero [rad]"""
 _NO_LIMIT = -1.0
 """what exporters write as effort or velocity where there is no limit"""
+_FASTEST = 20 * math.pi
+"""a velocity beyond ten turns a second stands for no limit, too [rad/s]"""
 
 
 @dataclass(frozen=True)
@@ -59,8 +62,8 @@ class UrdfJoint:
     """the joint that this one follows"""
     rounding: Rounding
     """how origin and axis differ from what is written"""
-    held_at: float | None = None
-    """the one angle [rad] of a turning joint that was taken as fixed; ``origin`` has it in"""
+    held: str | None = None
+    """where a joint that moves was taken as fixed, and why, to be shown; ``origin`` has it in"""
 
     def settled(self) -> UrdfJoint:
         """The joint with the limits that it has in an arm, or fixed at the one angle that they leave it."""
@@ -86,10 +89,20 @@ class UrdfJoint:
         if lower < upper:
             return self
         turn, rounding = exact_rotation(["0", "0", repr(lower)])
-        along, held = frame_along(self.axis), np.eye(4)
-        held[:3, :3] = along[:3, :3] @ turn @ along[:3, :3].T
+        along, place = frame_along(self.axis), np.eye(4)
+        place[:3, :3] = along[:3, :3] @ turn @ along[:3, :3].T
         rounding = self.rounding + rounding
-        return replace(self, kind="fixed", origin=self.origin @ held, rounding=rounding, held_at=lower)
+        held = f"{self.name} at {math.degrees(lower):.1f}°, as both limits are the same"
+        return replace(self, kind="fixed", origin=self.origin @ place, rounding=rounding, held=held)
+
+    def at_rest(self) -> UrdfJoint:
+        """A joint below the arm that slides or floats (a rail, a lift, a mobile base), fixed near zero."""
+        place, along = np.eye(4), 0.0
+        if self.kind == "prismatic" and self.limits is not None:
+            along = min(max(0.0, self.limits[0]), self.limits[1])
+            place[:3, 3] = along * self.axis
+        held = f"{self.name} at {1000 * along:.4g} mm, which moves the base and is no joint of the arm"
+        return replace(self, kind="fixed", origin=self.origin @ place, held=held)
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +166,10 @@ class UrdfTree:
             waiting += self._children[joint.child]
 
     def way(self, tool: str) -> list[UrdfJoint]:
-        """The joints from the root link to a link, fixed ones too; refuses one that slides or follows."""
+        """The joints from the root link to a link, fixed ones too; refuses one that slides or follows.
+
+        What slides or floats ahead of the first joint that turns is taken as at rest.
+        """
         way: list[UrdfJoint] = []
         link = tool
         while link != self.root:
@@ -162,16 +178,12 @@ class UrdfTree:
         for k, joint in enumerate(way):
             where = f'<joint name="{joint.name}">'
             if joint.kind not in ("revolute", "continuous", "fixed"):
-                ahead = any(one.kind != "fixed" for one in way[:k])
-                way_out = (
-                    f"an arm that ends ahead of it is named as {self.path.name}#{joint.parent}"
-                    if ahead
-                    else "no joint turns ahead of it; if the arm is to be used with it at rest, "
-                    'make it type="fixed"'
-                )
+                if all(one.kind == "fixed" for one in way[:k]):
+                    way[k] = joint.at_rest()
+                    continue
                 raise RobotFileError(
                     f'{where}: type="{joint.kind}": the chain of an arm holds revolute, continuous and fixed '
-                    f"joints; {way_out}"
+                    f"joints; an arm that ends ahead of it is named as {self.path.name}#{joint.parent}"
                 )
             if joint.mimics is not None and joint.kind != "fixed":
                 raise RobotFileError(
@@ -204,23 +216,28 @@ def read_urdf_file(source: UrdfSource) -> UrdfTree:
 
 
 def _parsed(content: bytes) -> ElementTree.Element:
-    parser = ElementTree.XMLParser(target=_NoDoctype())
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
+    # as ROS reads them: prefixes are part of the names, and many files do not declare theirs
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.data
+    parser.StartDoctypeDeclHandler = _refuse_document_type
+    parser.buffer_text = True
     try:
         for begin in range(0, len(content), _PART_BYTES):
-            parser.feed(content[begin : begin + _PART_BYTES])
-        root = parser.close()
-    except (ElementTree.ParseError, ValueError, LookupError) as cause:  # LookupError: an unknown encoding
+            parser.Parse(content[begin : begin + _PART_BYTES], False)
+        parser.Parse(b"", True)
+    except (expat.ExpatError, ValueError, LookupError) as cause:  # LookupError: an unknown encoding
         raise RobotFileError(f"is not XML: {cause}") from cause
+    root = builder.close()
     if root.tag != "robot":
         raise RobotFileError(f"the root element is <{root.tag}>, a URDF file has <robot>")
     return root
 
 
-class _NoDoctype(ElementTree.TreeBuilder):
-    """Refuses a document type: URDF has none, and its entities can grow without bound or name other files."""
-
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        raise RobotFileError(f"holds a document type ({name!r}); a URDF file has none, take it out")
+def _refuse_document_type(name: str, *_: object) -> None:
+    """URDF has none, and its entities can grow without bound or name other files."""
+    raise RobotFileError(f"holds a document type ({name!r}); a URDF file has none, take it out")
 
 
 def _by_name(
@@ -323,11 +340,9 @@ def _joint(element: ElementTree.Element, name: str) -> UrdfJoint:
     axis, leaned = _axis(element)
     limit, lower, upper, speed, effort = element.find("limit"), 0.0, 0.0, 0.0, 0.0
     if limit is not None:
-        keys = ("lower", "upper", "velocity", "effort")
-        lower, upper, speed, effort = (_numbers(limit, key, 1, 0.0)[0] for key in keys)
-    speed, effort = (0.0 if value == _NO_LIMIT else value for value in (speed, effort))
-    if speed < 0 or effort < 0:
-        raise RobotFileError("<limit>: velocity and effort are not negative (but -1 stands for no limit)")
+        if kind != "continuous":  # whose limits say nothing
+            lower, upper = (_numbers(limit, key, 1, 0.0)[0] for key in ("lower", "upper"))
+        speed, effort = _rating(limit, "velocity", _FASTEST), _rating(limit, "effort", LARGEST)
     return UrdfJoint(
         name=name,
         kind=kind,
@@ -341,6 +356,14 @@ def _joint(element: ElementTree.Element, name: str) -> UrdfJoint:
         mimics=None if element.find("mimic") is None else _attribute_of(element, "mimic", "joint"),
         rounding=turned + leaned,
     )
+
+
+def _rating(limit: ElementTree.Element, key: str, most: float) -> float:
+    """0 where none is written, or what stands for none: -1, or more than any joint has."""
+    value = _numbers(limit, key, 1, 0.0, most=math.inf)[0]
+    if value < 0 and value != _NO_LIMIT:
+        raise RobotFileError("<limit>: velocity and effort are not negative (but -1 stands for no limit)")
+    return value if 0 <= value <= most else 0.0
 
 
 def _origin(element: ElementTree.Element) -> tuple[FloatArray, Rounding]:
@@ -382,8 +405,10 @@ def _attribute_of(element: ElementTree.Element, tag: str, key: str) -> str:
         return _attribute(found, key)
 
 
-def _numbers(element: ElementTree.Element, key: str, count: int, default: float | None = None) -> list[float]:
-    """``count`` finite numbers of an attribute."""
+def _numbers(
+    element: ElementTree.Element, key: str, count: int, default: float | None = None, most: float = LARGEST
+) -> list[float]:
+    """``count`` numbers of an attribute, within ±``most``."""
     if default is not None and element.get(key) is None:
         return [default] * count
     with _inside(element):
@@ -392,7 +417,8 @@ def _numbers(element: ElementTree.Element, key: str, count: int, default: float 
             values = [] if "_" in text else [float(part) for part in text.split()]  # Python reads 1_5 as 15
         except ValueError:
             values = []
-        if len(values) != count or not all(abs(value) <= LARGEST for value in values):
-            needed = "a finite number" if count == 1 else f"{count} finite numbers"
-            raise RobotFileError(f'{key}="{text}": must be {needed} within ±{LARGEST:.0e}')
+        if len(values) != count or not all(abs(value) <= most for value in values):
+            needed = "a number" if count == 1 else f"{count} numbers"
+            within = "" if math.isinf(most) else f" within ±{most:.0e}"
+            raise RobotFileError(f'{key}="{text}": must be {needed}{within}')
     return values

@@ -23,7 +23,7 @@ from xml.etree import ElementTree
 from armctl.errors import RobotFileError
 
 Value = int | float | str
-_XACRO = re.compile(r"\{[^}]*xacro[^}]*\}(?P<name>.+)", re.DOTALL)
+_XACRO = "xacro:"
 _HOLE = re.compile(r"\$\$\{|\$\$\(|\$\{(?P<expression>[^{}]*)\}|\$\((?P<call>[^()]*)\)")
 _LARGEST = 1e12
 """no number of an expression grows beyond"""
@@ -82,8 +82,7 @@ def _holes(element: ElementTree.Element) -> bool:
 
 def _name(element: ElementTree.Element) -> str | None:
     """``property`` of ``<xacro:property>``; None for what is no element of xacro."""
-    match = _XACRO.fullmatch(element.tag)
-    return None if match is None else match["name"]
+    return element.tag.removeprefix(_XACRO) if element.tag.startswith(_XACRO) else None
 
 
 def expand(root: ElementTree.Element) -> None:
@@ -94,7 +93,7 @@ def expand(root: ElementTree.Element) -> None:
     """
     used = {_name(element) for top in root if _name(top) != "macro" for element in top.iter()}
     for element in root:
-        if _name(element) == "macro" and element.get("name", "").removeprefix("xacro:") in used:
+        if _name(element) == "macro" and element.get("name", "").removeprefix(_XACRO) in used:
             raise BeyondPlainError(f"the macro {element.get('name')}")
     names: dict[str, str] = {}
     arguments: dict[str, str] = {}

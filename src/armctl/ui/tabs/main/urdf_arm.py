@@ -5,14 +5,15 @@ from __future__ import annotations
 import asyncio
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import viser
 
-from armctl.errors import InputError, RobotFileError
+from armctl.errors import InputError, RobotFileError, UnclearArmError
 from armctl.motion.clearance import clear_pose, stands_clear
 from armctl.robot import Robot, load_robot, urdf_path
 from armctl.robot.urdf import (
@@ -40,6 +41,12 @@ _NOTE = (
     "A .zip file with the URDF file and its meshes, or the URDF file first and then each mesh. It is kept on "
     "the computer that armctl runs on."
 )
+_QUESTIONS = {
+    "arm": ("Which arm?", "The file holds several arms. Upload it again for another one."),
+    "link": ("Which link is the tool?", "The arm ends there. Joints that lead to other links are left out."),
+}
+"""title and text for what an uploaded file leaves open"""
+_MOST_OFFERED = 40
 _AS_FOUND = "(as armctl finds it)"
 _NO_LINKS: tuple[str, ...] = (_AS_FOUND,)
 
@@ -163,10 +170,7 @@ class UrdfArm:
         session.require_operator()
         folder = session.console.files / "robots"
         if Path(file.name).suffix.lower() in (".zip", ".urdf", ".xacro"):
-            choice = await asyncio.to_thread(_installed, file.name, file.content, folder)
-            session.robots.offer(choice)
-            session.notify("Uploaded", f"{choice.title} is in the list of robots.")
-            await session.change_robot(choice.name)
+            await self._install(file, folder, {})
             return
         found = urdf_path(session.robots.present.name)
         if found is None or not found[0].is_relative_to(folder):
@@ -176,15 +180,76 @@ class UrdfArm:
         session.notify("Uploaded", f"{file.name} is used now, if the URDF file names it.")
         await session.reopen_arm()
 
+    async def _install(self, file: viser.UploadedFile, folder: Path, chosen: Mapping[str, str]) -> None:
+        session = self._session
+        try:
+            choice = await asyncio.to_thread(_installed, file.name, file.content, folder, chosen)
+        except UnclearArmError as unclear:
+            what, options = ("arm", unclear.arms) if unclear.arms else ("link", unclear.links)
+            if what in chosen:
+                raise
 
-def _installed(name: str, content: bytes, folder: Path) -> RobotChoice:
-    """Keep an arm in the user's folder, if it can be opened."""
+            def go_on(value: str) -> Coroutine[Any, Any, None]:
+                return self._install(file, folder, {**chosen, what: value})
+
+            self._ask(what, options, go_on)
+            return
+        session.robots.offer(choice)
+        session.notify("Uploaded", f"{choice.title} is in the list of robots.")
+        await session.change_robot(choice.name)
+
+    def _ask(
+        self, what: str, options: Sequence[str], go_on: Callable[[str], Coroutine[Any, Any, None]]
+    ) -> None:
+        """Let the page choose what an uploaded file leaves open."""
+        session, gui = self._session, self._session.gui
+        title, text = _QUESTIONS[what]
+        question = gui.add_modal(title)
+
+        def offer(option: str) -> None:
+            async def taken() -> None:
+                question.close()
+                session.require_operator()
+                await go_on(option)
+
+            session.on(gui.add_button(option).on_click, taken)
+
+        with question:
+            left_out = len(options) - _MOST_OFFERED
+            gui.add_markdown(text + (f" {left_out} more are not shown." if left_out > 0 else ""))
+            for option in options[:_MOST_OFFERED]:
+                offer(option)
+            session.on(gui.add_button("Cancel", color="gray").on_click, question.close)
+
+
+def _installed(name: str, content: bytes, folder: Path, chosen: Mapping[str, str]) -> RobotChoice:
+    """Keep an arm in the user's folder, if it can be opened.
+
+    ``chosen``: the ``arm`` of several in the file and the tool ``link`` of several, as far as they were asked
+    for; a side file keeps them.
+    """
     place = install_package(name, content, folder)
     try:
+        if chosen:
+            _keep_choice(place, **chosen)
         return RobotChoice(str(place), load_robot(place).title)
     except RobotFileError as refusal:
         shutil.rmtree(place, ignore_errors=True)
+        if isinstance(refusal, UnclearArmError):
+            raise
         raise RobotFileError(str(refusal).replace(f"{place}/", "").replace(str(place), name)) from refusal
+
+
+def _keep_choice(place: Path, arm: str = "", link: str = "") -> None:
+    """A folder has one side file then, which names the arm and the tool link."""
+    source = UrdfSource.at(place / arm)
+    side = source.side_path or place / side_path(source.file).name
+    for other in [path for path in place.rglob(f"*{SIDE_SUFFIX}") if path != side]:
+        other.unlink()
+    changes: dict[str, object] = {"urdf": Path(os.path.relpath(source.file, side.parent)).as_posix()}
+    if link:
+        changes["tool"] = {"link": link}
+    changed_side_file(side, changes)
 
 
 def _saved(present: _Present, changes: Mapping[str, object], folder: Path) -> Path:
