@@ -91,6 +91,12 @@ def largest_shares(robot: Robot, motion: PathTrajectory, count: int = 20_000) ->
     return [float((np.abs(one) / most).max()) for one, most in zip(values, limits, strict=True)]
 
 
+def there_and_back(robot: Robot, motion: PathTrajectory, count: int = 20_000) -> float:
+    """How often the acceleration goes to a limit, to the other one and back: each takes a ramp of the jerk."""
+    shares = motion.sample(np.linspace(0.0, motion.duration, count)).acceleration / robot.acceleration_limits
+    return float(np.abs(np.diff(shares, axis=0, prepend=0.0, append=0.0)).sum(axis=0).max()) / 4
+
+
 @pytest.mark.parametrize("name", ARMS)
 def test_no_law_is_much_faster_and_all_limits_are_kept(name: str) -> None:
     robot, ratios = load_robot(name), []
@@ -118,7 +124,8 @@ def test_jerk_is_kept_in_at_most_1_3_of_the_trapezoids_time(name: str, profile: 
         assert (motion.peaks.jerk <= robot.jerk_limits * (1 + 1e-9)).all()
         assert motion.law.is_smooth_from_rest()
         ramp = float((robot.acceleration_limits / robot.jerk_limits).max())
-        assert motion.duration <= max(1.3 * fastest.duration, fastest.duration + 2 * ramp)
+        ramps = max(2.0, there_and_back(robot, fastest))
+        assert motion.duration <= max(1.3 * fastest.duration, fastest.duration + ramps * ramp)
 
 
 @given(
