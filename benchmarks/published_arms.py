@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from armctl import Robot, load_robot
 from armctl.arrays import FloatArray
@@ -136,9 +137,7 @@ def _is_faulty(robot: Robot, found: FloatArray) -> bool:
     low, high = robot.limits.T
     if ((found < low - _SAME) | (found > high + _SAME)).any() or not robot.chain.keeps_turns(found).all():
         return True
-    return any(
-        (np.abs(found[i + 1 :] - q).max(axis=1, initial=0.0) < _SAME).any() for i, q in enumerate(found[:-1])
-    )
+    return len(found) > 1 and bool(cKDTree(found).query_pairs(_SAME, p=np.inf))
 
 
 def main() -> int:
