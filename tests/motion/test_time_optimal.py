@@ -92,7 +92,7 @@ def largest_shares(robot: Robot, motion: PathTrajectory, count: int = 20_000) ->
 
 
 def there_and_back(robot: Robot, motion: PathTrajectory, count: int = 20_000) -> float:
-    """How often the acceleration goes to a limit, to the other one and back: each takes a ramp of the jerk."""
+    """How often the acceleration goes to a limit, to the other and back; each takes a ramp of the jerk."""
     shares = motion.sample(np.linspace(0.0, motion.duration, count)).acceleration / robot.acceleration_limits
     return float(np.abs(np.diff(shares, axis=0, prepend=0.0, append=0.0)).sum(axis=0).max()) / 4
 
