@@ -29,6 +29,8 @@ from armctl.errors import ArmctlError
 _ENDINGS = (".urdf", ".xacro", ".toml")
 _SAME = 1e-6
 """how far the listed solution may be from the configuration that made the pose (of exp(iθ))"""
+_TWICE = 0.5e-6
+"""how near to each other two solutions are one [rad]; steps of 1e-6 are the finest that a sweep lists"""
 _STEP = math.radians(1.0)
 """of a free joint, where there is one: the configuration lies between two steps"""
 
@@ -137,7 +139,7 @@ def _is_faulty(robot: Robot, found: FloatArray) -> bool:
     low, high = robot.limits.T
     if ((found < low - _SAME) | (found > high + _SAME)).any() or not robot.chain.keeps_turns(found).all():
         return True
-    return len(found) > 1 and bool(cKDTree(found).query_pairs(_SAME, p=np.inf))
+    return len(found) > 1 and bool(cKDTree(found).query_pairs(_TWICE, p=np.inf))
 
 
 def main() -> int:
