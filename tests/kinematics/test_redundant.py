@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from tests.kinematics.kit import plain_forward, random_q, solver_of
 
 from armctl.arrays import FloatArray
@@ -227,6 +228,16 @@ def test_whole_turns_are_listed_where_the_limits_allow_them() -> None:
     assert found.best("least-travel", q) == pytest.approx(q, abs=1e-7)
     fine = inverse.solve(pose_of(chain, q), math.radians(0.03), q)
     assert "more differ by whole turns" in (fine.incomplete_reason or "")
+
+
+def test_a_short_run_beyond_the_turn_that_is_swept_is_listed_once() -> None:
+    chain = XARM7[0]
+    for q in (
+        [3.56, 1.2111, 3.8166, -1.383, 0.4967, -2.3311, 6.2023],
+        [6.2651, 0.3117, 2.7785, -1.4567, 5.5327, -2.4423, -3.1846],
+    ):
+        found = solver(XARM7).solve(pose_of(chain, np.array(q)), math.radians(2))
+        assert not cKDTree(found.q).query_pairs(0.5e-6, p=np.inf)
 
 
 @pytest.mark.parametrize(

@@ -169,7 +169,10 @@ class RedundantSolver(InverseKinematics):
             inside.append(centre[there])
             on = ~there & (most > -_STEEP * step)
             branch, centre = branch[on], centre[on]
-        return np.concatenate(inside)
+        found = np.concatenate(inside)
+        # the sweep is no more than a turn, and the limits may be wider
+        turns = np.floor((found - angles[0]) / TWO_PI)
+        return np.where(turns == 0.0, found, found - TWO_PI * turns)
 
     def _maxima_of_room(self, pose: FloatArray, angles: FloatArray) -> tuple[IndexArray, FloatArray]:
         """Branches and angles (m,) [rad], to a step, where most is left to the limits, and may be enough."""
