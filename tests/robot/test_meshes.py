@@ -281,6 +281,19 @@ def arm(tmp_path: Path) -> Robot:
     return load_robot(path)
 
 
+def test_meshes_that_are_missing_for_one_reason_are_told_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    mesh = '<link name="{0}"><visual><geometry><mesh filename="{0}.step"/></geometry></visual></link>'
+    text = written(path, STEPS).read_text()
+    for link in ("base", "upper", "lower"):
+        (tmp_path / f"{link}.step").write_bytes(b"x")
+        text = text.replace(f'<link name="{link}"/>', mesh.format(link))
+    path.write_text(text)
+    told = [one for one in load_robot(path).assumed if one.startswith("passed over")]
+    kinds = "is not one of .stl, .obj, .ply, .dae"
+    assert told == [f"passed over: base.step {kinds}; the same with 2 more: upper.step, lower.step"]
+
+
 def test_the_shapes_of_an_arm_move_with_its_links(tmp_path: Path) -> None:
     robot = arm(tmp_path)
     assert [(one.kind, one.link) for one in robot.shapes] == [
@@ -288,7 +301,8 @@ def test_the_shapes_of_an_arm_move_with_its_links(tmp_path: Path) -> None:
     ]  # fmt: skip
     assert robot.shapes[2].color == (255, 128, 0)
     told = "; ".join(robot.assumed)
-    assert "lower: none.stl is not found (drawn: what is meant for collisions)" in told
+    assert "passed over: none.stl is not found (drawn: what is meant for collisions)" in told
+    assert "the same with" not in told
     assert "cam: <visual>: <geometry> is missing or empty" in told and "<cone>: allowed are box" in told
     whole = robot.with_body()
     assert any(text.startswith("the body: ") and "largest gap is" in text for text in whole.assumed)

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import starmap
 from pathlib import Path
 
 import msgspec
@@ -48,7 +49,7 @@ _MOST_SHAPES = 500
 _MOST_NAMED = 40
 """links of a file in one refusal"""
 _MOST_TOLD = 8
-"""shapes that were passed over, told one by one"""
+"""shapes that were passed over, told by name"""
 
 
 def load_urdf(path: Path, wanted: str | None) -> Robot:
@@ -206,32 +207,44 @@ def _shapes(
     """
     found: list[Shape] = []
     missing: list[str] = []
+    files: dict[str, list[str]] = {}
     for name, link in tree.links.items():
         k, T = carried[name]
         missing += [f"{name}: {problem}" for problem in link.problems]
         here, lacking = _found(source, link.visual)
+        note = ""
         if lacking or not here:
             instead, lost = _found(source, link.collision)
             if instead and not lost:
-                here, lacking = instead, [f"{file} (drawn: what is meant for collisions)" for file in lacking]
-        missing += [f"{name}: {file}" for file in lacking]
+                here, note = instead, " (drawn: what is meant for collisions)"
+        for file, why in lacking:
+            files.setdefault(why + note, []).append(file)
         found += [replace(shape, pose=T @ shape.pose, link=k) for shape in here]
     if len(found) > _MOST_SHAPES:
         missing.insert(0, f"{len(found) - _MOST_SHAPES} shapes beyond the {_MOST_SHAPES} of an arm")
-    return tuple(found[:_MOST_SHAPES]), tuple(dict.fromkeys(missing))
+    return tuple(found[:_MOST_SHAPES]), (*dict.fromkeys(missing), *starmap(_lacking, files.items()))
 
 
-def _found(source: UrdfSource, shapes: Iterable[Shape]) -> tuple[list[Shape], list[str]]:
-    """The shapes with the paths of their files, and the names of files that are not there."""
+def _lacking(why: str, files: Sequence[str]) -> str:
+    """One line for all files that are passed over for one reason."""
+    first, *more = dict.fromkeys(files)
+    if not more:
+        return f"{first} {why}"
+    some = ", ".join(more[:_MOST_TOLD]) + ", …" * (len(more) > _MOST_TOLD)
+    return f"{first} {why}; the same with {len(more)} more: {some}"
+
+
+def _found(source: UrdfSource, shapes: Iterable[Shape]) -> tuple[list[Shape], list[tuple[str, str]]]:
+    """The shapes with the paths of their files, and which files cannot be used, and why."""
     here: list[Shape] = []
-    lacking: list[str] = []
+    lacking: list[tuple[str, str]] = []
     for shape in shapes:
         if shape.kind != "mesh":
             here.append(shape)
         elif (path := source.find(shape.file)) is None:
-            lacking.append(f"{shape.file} is not found")
+            lacking.append((shape.file, "is not found"))
         elif (why := unreadable(path)) is not None:
-            lacking.append(f"{path.name} {why}")
+            lacking.append((path.name, why))
         else:
             here.append(replace(shape, file=str(path.absolute())))
     return here, lacking
