@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 from pathlib import Path
@@ -264,6 +265,13 @@ def test_the_other_approach_axis_makes_pitch_what_the_eye_sees(tmp_path: Path) -
     assert min(np.abs(found.q - q).max(axis=1)) < 1e-9
 
 
+def test_where_no_pitch_can_be_asked_for_none_is_explained(tmp_path: Path) -> None:
+    hand = dataclasses.replace(PROP[-1], xyz="0.0275 0.02 0")
+    wall = (Step("mount", "fixed", "world", "w/base", "0 0 1", "1.5708 0 0"), *PROP[:-1], hand)
+    told = [text for text in arm_of(tmp_path, wall).assumed if text.startswith("pitch")]
+    assert len(told) == 1 and "so that no pitch can be asked for" in told[0]
+
+
 def test_a_tool_that_points_no_way_at_all_is_not_told(tmp_path: Path) -> None:
     askew = (*PROP[:5], Step("end", "fixed", "w/gripper_link", "w/tool0", "0.1 0 0", "0.5 0.5 0.5"))
     ahead = (*PROP[:5], Step("end", "fixed", "w/gripper_link", "w/tool0", "0.1 0 0", "0 1.5708 0"))
@@ -272,9 +280,12 @@ def test_a_tool_that_points_no_way_at_all_is_not_told(tmp_path: Path) -> None:
         assert not approach_of(arm_of(tmp_path, steps))
 
 
-def test_a_base_that_is_not_upright_is_told(tmp_path: Path) -> None:
-    wall = (Step("mount", "fixed", "world", "w/base", "0 0 1", "1.5708 0 0"), *PROP)
-    robot = arm_of(tmp_path, wall)
+@pytest.mark.parametrize("beside", ["0", "0.02"])
+def test_a_base_that_is_not_upright_is_told(tmp_path: Path, beside: str) -> None:
+    hand = dataclasses.replace(PROP[-1], xyz=f"0.0275 {beside} 0")
+    wall = (Step("mount", "fixed", "world", "w/base", "0 0 1", "1.5708 0 0"), *PROP[:-1], hand)
+    robot = arm_of(tmp_path, wall, "#approach=x")
+    assert robot.inverse_kinematics.family.endswith("beside the tool") == (beside != "0")
     assert [text for text in robot.assumed if text.startswith("pitch is measured")] == [
         "pitch is measured from the plane that the axis of waist stands on, not from the horizontal: "
         "that axis leans by 90.0° in the root frame"

@@ -17,6 +17,7 @@ from armctl.errors import RobotFileError
 from armctl.kinematics import Body, Chain, GravityModel
 from armctl.kinematics.angles import rest_angle
 from armctl.kinematics.chain import Place, frame_along
+from armctl.kinematics.offset_roll.geometry import recognise_offset_roll
 from armctl.kinematics.yaw_pitch_roll.geometry import recognise
 from armctl.robot.meshes import unreadable
 from armctl.robot.parts import JERK_UP_S, MOST_JOINTS, Joint, Shape
@@ -282,7 +283,8 @@ def _title(name: str) -> str:
 def _about_tool(
     tree: UrdfTree, tool: UrdfTool, names: Sequence[str], chain: Chain, approach: str
 ) -> Iterable[str]:
-    file, geometry = tree.path.name, recognise(chain)
+    file, beside = tree.path.name, recognise_offset_roll(chain)
+    geometry = recognise(chain) if beside is None else beside.plane
     if tool.why:
         left_out = ", ".join(tool.left_out)
         out = f"; taken for the gripper's own and left out: {left_out}" if left_out else ""
@@ -298,7 +300,7 @@ def _about_tool(
                 f"pitch is the elevation of the tool's z axis; in the link {tool.link} not z but {axes[0]} "
                 f"points ahead, {where}{none} ({file}#{tool.link},approach={axes[0]} takes {axes[0]} for z)"
             )
-    if geometry is not None:
+    if geometry is not None and geometry.tool_angle is not None:
         lean = math.atan2(float(np.hypot(*geometry.frame[:2, 2])), float(geometry.frame[2, 2]))
         if lean > _LEANS:
             yield (
