@@ -25,6 +25,8 @@ _END, _SAME = 1e-9, 1e-6
 """how near to the end of a run of solutions its last one is, and which angles of the sweep are one [rad]"""
 _ANY = np.tile([-math.pi, math.pi], (JOINTS, 1))
 _BETWEEN = np.linspace(0.0, 1.0, 9)[1:-1]
+_BESIDE = np.linspace(-1.0, 1.0, 33)
+"""angles about one that a search has found, in steps of the sweep"""
 _STEEP = 64.0
 """a joint turns by no more than this times the free joint where a short run is looked for"""
 _FAR, _HALVINGS = 8.0, 16
@@ -74,11 +76,18 @@ class RedundantSolver(InverseKinematics):
             return self._search.solve(target, step, start)
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = target.rotation, target.position
-        found = self._listed(pose, self._grid(step, start), step)
+        angles = self._grid(step, start)
+        found = self._listed(pose, angles, step)
         if start is not None:
             found = self._with(pose, found, start)
-        if len(found.q) == 0:
-            return self._search.solve(target, step, start)
+        if len(found.q) == 0:  # none, or all of them between two angles of the sweep
+            searched = self._search.solve(target, step, start)
+            about = searched.q[:, self._locked.joint, None] + step * _BESIDE
+            if searched.success:
+                angles = np.unique(np.append(angles, self._in_turn(about.ravel(), angles[0])))
+                found = self._listed(pose, angles, step)
+            if len(found.q) == 0:
+                return searched
         title = self.titles[self._locked.joint]
         reason = (
             f"listed in steps of {math.degrees(step):.6g}° of {title}; "
@@ -169,10 +178,13 @@ class RedundantSolver(InverseKinematics):
             inside.append(centre[there])
             on = ~there & (most > -_STEEP * step)
             branch, centre = branch[on], centre[on]
-        found = np.concatenate(inside)
-        # the sweep is no more than a turn, and the limits may be wider
-        turns = np.floor((found - angles[0]) / TWO_PI)
-        return np.where(turns == 0.0, found, found - TWO_PI * turns)
+        return self._in_turn(np.concatenate(inside), angles[0])
+
+    def _in_turn(self, angles: FloatArray, first: float) -> FloatArray:
+        """Angles of the free joint [rad] inside its limits, those beyond the turn from ``first`` on in it."""
+        angles = np.clip(angles, *self.limits[self._locked.joint])
+        turns = np.floor((angles - first) / TWO_PI)
+        return np.where(turns == 0.0, angles, angles - TWO_PI * turns)
 
     def _maxima_of_room(self, pose: FloatArray, angles: FloatArray) -> tuple[IndexArray, FloatArray]:
         """Branches and angles (m,) [rad], to a step, where most is left to the limits, and may be enough."""
@@ -238,9 +250,15 @@ class RedundantSolver(InverseKinematics):
         return np.concatenate(found), np.concatenate(lanes)
 
     def _on(self, pose: FloatArray, angles: FloatArray, branch: IndexArray) -> tuple[IndexArray, FloatArray]:
-        """Solutions of one branch for each of the angles (k,): indices of those that have it, and (m, 7)."""
+        """Solutions of one branch for each of the angles (k,): indices of those that have it, and (m, 7).
+
+        What is clipped at a limit may miss the pose: a run ends before that.
+        """
         found = self._locked.solve(pose, angles, self.limits)
         own = found.branch == branch[found.row]
+        at_limit = own & ((found.q == self.limits[:, 0]) | (found.q == self.limits[:, 1])).any(axis=1)
+        if at_limit.any():
+            own[at_limit] = self._meets(pose, found.q[at_limit])
         return found.row[own], found.q[own]
 
     def _meets(self, pose: FloatArray, q: FloatArray) -> NDArray[np.bool_]:
