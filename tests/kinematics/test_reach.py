@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Callable
@@ -12,7 +13,7 @@ from benchmarks.naive_sweep import UZUNER, PlanarArm
 from tests.kinematics.kit import FloatArray, chain_of, least_distance, random_planar_arm, random_q, solver_of
 
 from armctl import load_robot
-from armctl.kinematics import Chain, InverseKinematics, Target
+from armctl.kinematics import Chain, DHRow, InverseKinematics, Target
 from armctl.kinematics.solutions import needs
 
 STEP = math.radians(0.5)
@@ -209,3 +210,28 @@ def test_the_nearest_point_beside_the_base_axis() -> None:
     solutions = load_robot("scorbot").inverse(np.array([20.95, -3.95, 943.22]) / 1000)
     assert solutions.explanation.startswith("too far by 39.2 mm")
     assert solutions.explanation.endswith("39.2 mm away")
+
+
+@pytest.mark.parametrize("links_mm", [(150, 40), (200, 60)])
+def test_beside_the_base_axis_and_ahead_of_it_the_miss_is_the_way_in_space(links_mm: tuple[int, int]) -> None:
+    """Compared with all yaws and the two circles about the shoulder, point by point."""
+    upper, fore = links_mm
+    rows = [DHRow(0.05, math.pi / 2, 0.1), DHRow(upper / 1000, 0.0, 0.08), DHRow(fore / 1000, 0.0, 0.0)]
+    chain = Chain.from_dh(rows)
+    solver = solver_of(chain, np.tile([-math.pi, math.pi], (3, 1)))
+    around = np.array(list(itertools.product(np.linspace(-math.pi, math.pi, 361), repeat=2)))
+    ends = {
+        which: chain.forward(np.column_stack([around, np.full(len(around), bend)]))[:, :3, 3]
+        for which, bend in (("far", 0.0), ("near", math.pi))
+    }
+    rng, seen = np.random.default_rng(4), set()
+    for _ in range(60):
+        point = rng.uniform(-1, 1, 3) * rng.choice([0.15, 0.6]) + [0.0, 0.0, 0.1]
+        said = solver.solve(Target.of(point), 0.01).explanation or ""
+        found = re.search(r"too (far|near) by ([\d.]+) mm", said)
+        if found is None:
+            continue
+        seen.add(found[1])
+        least = 1000 * np.linalg.norm(ends[found[1]] - point, axis=1).min()
+        assert least - 0.5 <= float(found[2]) <= least + 0.05, said  # the grid is 1° coarse
+    assert seen == {"far", "near"}
