@@ -158,6 +158,28 @@ def test_every_solution_that_a_sweep_finds_is_listed() -> None:
 
 
 @pytest.mark.parametrize("aside", [0.0, 0.12])
+def test_too_far_and_too_near_are_the_way_in_space(aside: float) -> None:
+    """Compared with stretched and folded arms at all yaws, point by point."""
+    rng, seen = np.random.default_rng(8), set()
+    angle: FloatArray = np.linspace(-math.pi, math.pi, 361)
+    yaw, upper = (one.ravel() for one in np.meshgrid(angle, angle))
+    for arm in random_arms(aside)[:8]:
+        q = np.zeros((len(yaw), len(arm.limits)))
+        for which, bend in (("far", 0.0), ("near", math.pi)):
+            q[:, 0], q[:, 1], q[:, 2] = yaw, upper, bend + (upper if arm.geared else 0.0)
+            ends = arm.point(q)
+            for point in rng.uniform(-1, 1, (20, 3)) * (0.8 if which == "far" else 0.3):
+                said = arm.solver.solve(Target.of(point), 0.01).explanation or ""
+                found = re.search(rf"too {which} by ([\d.]+) mm: (?:the wrist|from the shoulder)", said)
+                if found is not None:
+                    seen.add(which)
+                    least = 1000 * np.linalg.norm(ends - point, axis=1).min()
+                    told = float(found[1])
+                    assert told <= least + 0.05 and least <= math.hypot(told, 8.0) + 0.2, said  # the grid is coarse
+    assert seen == {"far", "near"}
+
+
+@pytest.mark.parametrize("aside", [0.0, 0.12])
 def test_the_nearest_point_is_never_beaten(aside: float) -> None:
     rng = np.random.default_rng(4)
     refused = 0

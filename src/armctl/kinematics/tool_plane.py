@@ -9,6 +9,7 @@ bend between the links at θ_k = 0.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -58,6 +59,21 @@ class ToolPlane:
         """Limits of t_k from the joint limits (n, 2)."""
         ends = [self.plane_angle(k, float(limits[1 + k, side])) for side in (0, 1)]
         return min(ends), max(ends)
+
+    def way_to_circle(self, rho: float, z: float, radius: float) -> float:
+        """How far a point at ``rho`` from the base axis is from what a circle about the shoulder sweeps [m].
+
+        The plane stands beside the axis and turns about it, so the shortest way lies in none of its poses.
+        """
+        centre, reach, count = 0.0, math.pi, 1441
+        away = np.empty(0)
+        for _ in range(4):
+            angles = np.linspace(centre - reach, centre + reach, count)
+            tip = self.shoulder + radius * np.exp(1j * angles)
+            away = np.hypot(np.hypot(tip.real, self.lateral) - rho, tip.imag - z)
+            centre = float(angles[away.argmin()])
+            reach, count = 2.0 * reach / (count - 1), 41
+        return float(away.min())
 
     def local_of(self, x: float, y: float, z: float) -> tuple[float, float, float]:
         """A point of the base frame as forward, left, up coordinates about the base axis [m]."""

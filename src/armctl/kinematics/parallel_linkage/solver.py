@@ -236,13 +236,16 @@ class ParallelLinkageSolver(InverseKinematics):
             )
         distances = [abs(complex(base.r, z) - self._plane.shoulder) for base in bases]
         least, most = abs(first - second), first + second
+
+        def miss(distance: float, length: float) -> tuple[float, str]:
+            if self._plane.lateral:
+                return self._plane.way_to_circle(math.hypot(x, y), z, length), "from the shoulder"
+            return abs(distance - length), f"the wrist would be {1000 * distance:.1f} mm from the shoulder"
+
         if min(distances) > most + _ROUNDING:
-            near = min(distances)
-            where = f"the wrist would be {1000 * near:.1f} mm from the shoulder"
-            return too_far(near - most, where, "the two links reach", most)
+            return too_far(*miss(min(distances), most), "the two links reach", most)
         if max(distances) < least - _ROUNDING:
-            where = f"the wrist would be {1000 * max(distances):.1f} mm from the shoulder"
-            return too_near(least - max(distances), where, "the two links fold no closer than", least)
+            return too_near(*miss(max(distances), least), "the two links fold no closer than", least)
         if not any(least - _ROUNDING <= away <= most + _ROUNDING for away in distances):
             near, far = 1000.0 * min(distances), 1000.0 * max(distances)
             return (

@@ -134,7 +134,10 @@ class Reach:
             misses.append((max(distance - longest, shortest - distance), distance))
         if beside and self._geometry.shoulder.real and point == "the target":
             rho = math.hypot(branches[0].r, beside)
-            far, near = self._way_to_circle(rho, z, outer), self._way_to_circle(rho, z, inner)
+            far, near = (
+                self._geometry.way_to_circle(rho, z, outer),
+                self._geometry.way_to_circle(rho, z, inner),
+            )
             shoulder = self._titles[1].lower()
             if far <= near:
                 return too_far(far, f"from the {shoulder}", "the arm reaches", longest)
@@ -144,22 +147,6 @@ class Reach:
         if distance > longest:
             return too_far(miss, where, "the arm reaches", longest)
         return too_near(miss, where, "the arm folds no closer than", shortest)
-
-    def _way_to_circle(self, rho: float, z: float, radius: float) -> float:
-        """How far a point at rho from the base axis is from what a circle about the shoulder sweeps [m].
-
-        The tool plane stands beside the axis and turns about it, so the way there lies in no plane of it.
-        """
-        centre, reach, count = 0.0, math.pi, 1441
-        away = np.empty(0)
-        for _ in range(4):
-            tip = self._geometry.shoulder + radius * np.exp(
-                1j * np.linspace(centre - reach, centre + reach, count)
-            )
-            away = np.hypot(np.hypot(tip.real, self._geometry.lateral) - rho, tip.imag - z)
-            centre += reach * (2.0 * int(away.argmin()) / (count - 1) - 1.0)
-            reach, count = 2.0 * reach / (count - 1), 41
-        return float(away.min())
 
     def _by_limits(self, branches: list[BaseBranch], z: float, angles: list[float | None]) -> str:
         """All joints that would have to leave their limits together, for each way to face the target.
