@@ -175,7 +175,9 @@ def test_too_far_and_too_near_are_the_way_in_space(aside: float) -> None:
                     seen.add(which)
                     least = 1000 * np.linalg.norm(ends - point, axis=1).min()
                     told = float(found[1])
-                    assert told <= least + 0.05 and least <= math.hypot(told, 8.0) + 0.2, said  # the grid is coarse
+                    assert told <= least + 0.05 and least <= math.hypot(told, 8.0) + 0.2, (
+                        said
+                    )  # the grid is coarse
     assert seen == {"far", "near"}
 
 
