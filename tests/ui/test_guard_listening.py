@@ -138,6 +138,24 @@ def test_files_that_cannot_encrypt_are_refused_in_words(
         encryption(files / certificate, files / key)
 
 
+def test_nothing_follows_the_handshake_but_what_is_asked_for(files: Path) -> None:
+    """A session ticket would: a client that reads it while it writes its request may hang."""
+    server = guarded_server(port=0, tls=encryption(files / "both", files / "both"))
+    try:
+        port = server.get_port()
+        trust = ssl.create_default_context(cadata=CERTIFICATE)
+        with (
+            socket.create_connection(("localhost", port), timeout=PATIENCE_S) as line,
+            trust.wrap_socket(line, server_hostname="localhost") as wire,
+        ):
+            wire.sendall(f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n".encode())
+            assert wire.recv(12) == b"HTTP/1.1 200"
+            assert wire.session is not None
+            assert not wire.session.has_ticket
+    finally:
+        server.stop()
+
+
 def test_an_encrypted_line_has_an_origin_and_a_cookie_of_its_own(
     files: Path, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -122,6 +122,9 @@ def encryption(certificate: Path, key: Path) -> ssl.SSLContext:
         )
 
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    # A session ticket comes after the handshake, while a client that reads and writes in two threads already
+    # asks: one in 500 connections then waits for ever in OpenSSL. Resuming a session would save nothing here.
+    context.num_tickets = 0
     try:
         context.load_cert_chain(certificate, key, password)
     except ssl.SSLError as cause:
