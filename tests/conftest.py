@@ -24,7 +24,11 @@ settings.load_profile("suite")
 REAL_GAP_S = clock.GAP_S
 
 
-ON_REAL_TIME = ("browser", "process", "cli", "avr", "examples", "test_kill.py", "test_page.py", "test_tab.py")
+ON_REAL_TIME = (
+    *("browser", "process", "cli", "avr", "examples"),
+    *("test_api_example.py", "test_blocks.py", "test_wheel.py"),
+    *("test_kill.py", "test_page.py", "test_tab.py"),
+)
 """tests that other processes and a real clock take part in: on a machine that is busy, one may come late"""
 
 

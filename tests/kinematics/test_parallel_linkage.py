@@ -165,10 +165,10 @@ def test_too_far_and_too_near_are_the_way_in_space(aside: float) -> None:
     yaw, upper = (one.ravel() for one in np.meshgrid(angle, angle))
     for arm in random_arms(aside)[:8]:
         q = np.zeros((len(yaw), len(arm.limits)))
-        for which, bend in (("far", 0.0), ("near", math.pi)):
+        for which, bend, points, cube in (("far", 0.0, 4, 0.8), ("near", math.pi, 14, 0.3)):
             q[:, 0], q[:, 1], q[:, 2] = yaw, upper, bend + (upper if arm.geared else 0.0)
             ends = arm.point(q)
-            for point in rng.uniform(-1, 1, (20, 3)) * (0.8 if which == "far" else 0.3):
+            for point in rng.uniform(-cube, cube, (points, 3)):
                 said = arm.solver.solve(Target.of(point), 0.01).explanation or ""
                 found = re.search(rf"too {which} by ([\d.]+) mm: (?:the wrist|from the shoulder)", said)
                 if found is not None:
