@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import struct
@@ -9,6 +10,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -71,6 +73,72 @@ def sorted_corners(solid: Solid) -> FloatArray:
     return corners[np.lexsort(corners.round(6).T)]
 
 
+def glb(solid: Solid, **changed: Any) -> bytes:
+    """A binary glTF 2.0 file: one mesh, drawn here and 1 m along x; ``changed`` replaces parts of it."""
+    points, corners = solid.vertices.astype("<f4").tobytes(), solid.faces.astype("<u4").tobytes()
+    views = [
+        {"buffer": 0, "byteOffset": 0, "byteLength": len(points)},
+        {"buffer": 0, "byteOffset": len(points), "byteLength": len(corners)},
+    ]
+    accessors = [
+        {"bufferView": 0, "componentType": 5126, "count": len(solid.vertices), "type": "VEC3"},
+        {"bufferView": 1, "componentType": 5125, "count": solid.faces.size, "type": "SCALAR"},
+    ]
+    scene = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0, 1]}],
+        "nodes": [{"mesh": 0}, {"mesh": 0, "translation": [1, 0, 0]}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(points + corners)}],
+    }
+    text = json.dumps(scene | changed).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text
+    chunks += struct.pack("<I4s", len(points + corners), b"BIN\0") + points + corners
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def test_a_glb_file_is_drawn_as_often_as_it_says(tmp_path: Path) -> None:
+    (tmp_path / "two.glb").write_bytes(glb(BOX))
+    both = np.concatenate([BOX.vertices, BOX.vertices + np.array([1.0, 0.0, 0.0])])
+    expected = Solid(both, np.concatenate([BOX.faces, BOX.faces + len(BOX.vertices)]))
+    read = read_mesh(tmp_path / "two.glb")
+    assert np.abs(sorted_corners(read) - sorted_corners(expected)).max() < 1e-6
+
+
+ACCESSOR = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"nodes": [{"mesh": 0}] * 9_000, "accessors": [ACCESSOR | {"count": 700}] * 2}, "larger once it is"),
+        ({"nodes": [{"mesh": 0}] * 20_000}, "or of more pieces"),
+        ({"accessors": [ACCESSOR | {"count": 10**12}] * 2}, "larger once it is"),
+        ({"bufferViews": [{"buffer": 0, "byteLength": 300}] * 300_000}, "larger once it is"),
+        ({"accessors": [{"componentType": 5126, "count": 3, "type": "VEC3"}] * 2}, "without compression"),
+        ({"accessors": [ACCESSOR | {"count": -1}] * 2}, "cannot be read: Expected `int` >= 0"),
+        ({"buffers": [{"uri": "points.bin", "byteLength": 9}]}, "export it as one GLB file"),
+        ({"nodes": [{"mesh": 7}]}, "cannot be read: "),
+        ({"meshes": [{"primitives": [{"attributes": {}}]}]}, "cannot be read: "),
+        ({"scenes": []}, "cannot be read: "),
+        ({"nodes": [{"children": [0]}]}, "cannot be read: |no triangles"),
+    ],
+)
+def test_a_glb_file_that_grows_is_refused(tmp_path: Path, changed: dict[str, Any], says: str) -> None:
+    path = tmp_path / "a.glb"
+    path.write_bytes(glb(BOX, **changed))
+    with pytest.raises(RobotFileError, match=says) as refused:
+        read_mesh(path)
+    assert "\n" not in str(refused.value)
+    for cut in (0, 11, 19, 25, 400):
+        path.write_bytes(glb(BOX)[:cut])
+        with pytest.raises(RobotFileError, match=r"a\.glb: "):
+            read_mesh(path)
+
+
 @pytest.mark.parametrize("kind", ["binary", "stl", "obj", "ply"])
 def test_every_format_holds_the_same_triangles(tmp_path: Path, kind: str) -> None:
     path = tmp_path / f"box.{'STL' if kind == 'binary' else kind}"
@@ -96,7 +164,7 @@ def volume(solid: Solid) -> float:
         ("a.stl", binary_stl(Solid(BOX.vertices * math.nan, BOX.faces)), "no finite numbers"),
         ("a.obj", b"v 0 0 0\nf 1 2 9\n", r"a\.obj: "),
         ("a.obj", b"nothing", r"a\.obj: "),
-        ("a.step", b"x", r"is not one of \.stl, \.obj, \.ply, \.dae"),
+        ("a.step", b"x", r"is not one of \.stl, \.obj, \.ply, \.dae, \.glb"),
         ("a.dae", b"PK\x03\x04", "is not XML|takes pycollada"),
     ],
 )
@@ -290,7 +358,7 @@ def test_meshes_that_are_missing_for_one_reason_are_told_in_one_line(tmp_path: P
         text = text.replace(f'<link name="{link}"/>', mesh.format(link))
     path.write_text(text)
     told = [one for one in load_robot(path).assumed if one.startswith("passed over")]
-    kinds = "is not one of .stl, .obj, .ply, .dae"
+    kinds = "is not one of .stl, .obj, .ply, .dae, .glb"
     assert told == [f"passed over: base.step {kinds}; the same with 2 more: upper.step, lower.step"]
 
 

@@ -1,4 +1,4 @@
-"""Meshes of other people's files, read within bounds: STL, OBJ and PLY, and DAE with pycollada.
+"""Meshes of other people's files, read within bounds: STL, OBJ, PLY and GLB, and DAE with pycollada.
 
 Whatever is wrong with one is a ``RobotFileError`` in one line; the arm can do without it.
 """
@@ -10,8 +10,9 @@ import math
 import re
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 
 from armctl.arrays import FloatArray
@@ -21,11 +22,13 @@ from armctl.robot.parts import Shape
 from armctl.robot.solids import Solid, block, drum
 
 MESHES = DocumentKind(RobotFileError, most_bytes=64 << 20)
-SUFFIXES = (".stl", ".obj", ".ply", ".dae")
+SUFFIXES = (".stl", ".obj", ".ply", ".dae", ".glb")
 MOST_TRIANGLES = 2_000_000
 """of one file"""
 MOST_OF_ARM = 4_000_000
 """triangles of all meshes of an arm"""
+_MOST_PIECES = 10_000
+"""of one GLB file"""
 _SMALLEST_M = 1e-9
 FARTHEST_M = 100.0
 """No point of a mesh is farther from its link; files in millimetres without a scale are refused by that."""
@@ -138,6 +141,8 @@ def _read(path: Path, suffix: str) -> Solid:
             return _binary_stl(content, count)
     if suffix == ".dae" and not content.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<"):
         raise RobotFileError("is not XML")  # pycollada would unpack a zip file
+    if suffix == ".glb":
+        _require_bounded(content)
     return _by_trimesh(content, suffix)
 
 
@@ -149,6 +154,73 @@ def _binary_stl(content: bytes, count: int) -> Solid:
     _require_count(count)
     corners = np.frombuffer(content, _STL, count, _BINARY_STL)["corners"].astype(np.float64)
     return _checked(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
+
+
+_Number = Annotated[int, msgspec.Meta(ge=0)]
+
+
+class _Accessor(msgspec.Struct, rename="camel"):
+    count: _Number
+    buffer_view: _Number | None = None
+
+
+class _View(msgspec.Struct, rename="camel"):
+    byte_length: _Number
+
+
+class _Buffer(msgspec.Struct):
+    uri: str = "data:"
+
+
+class _Primitive(msgspec.Struct):
+    attributes: dict[str, _Number]
+    indices: _Number | None = None
+
+    @property
+    def used(self) -> list[int]:
+        points = self.attributes["POSITION"]
+        return [points] if self.indices is None else [points, self.indices]
+
+
+class _Mesh(msgspec.Struct):
+    primitives: list[_Primitive]
+
+
+class _Node(msgspec.Struct):
+    mesh: _Number | None = None
+
+
+class _Scene(msgspec.Struct, rename="camel"):
+    """What bounds the size of a GLB file once it is read (glTF 2.0, section 5)."""
+
+    buffers: list[_Buffer] = []
+    buffer_views: list[_View] = []
+    accessors: list[_Accessor] = []
+    meshes: list[_Mesh] = []
+    nodes: list[_Node] = []
+
+    def count(self, accessor: int) -> int:
+        return self.accessors[accessor].count
+
+
+def _require_bounded(glb: bytes) -> None:
+    """Refuse a GLB file that is larger once it is read: what it holds may be drawn in many places."""
+    end = 20 + int.from_bytes(glb[12:16], "little")
+    try:
+        scene = msgspec.json.decode(glb[20:end], type=_Scene)
+        points = [sum(max(map(scene.count, one.used)) for one in mesh.primitives) for mesh in scene.meshes]
+        drawn = sum(points[node.mesh] for node in scene.nodes if node.mesh is not None)
+    except (msgspec.MsgspecError, LookupError, RecursionError) as cause:
+        raise RobotFileError(f"cannot be read: {cause}") from cause
+    if not all(buffer.uri.startswith("data:") for buffer in scene.buffers):
+        raise RobotFileError("keeps its points in other files; export it as one GLB file")
+    if any(one.buffer_view is None for one in scene.accessors):
+        raise RobotFileError("is compressed; export it without compression")
+    pieces = len(scene.nodes) + sum(len(mesh.primitives) for mesh in scene.meshes)
+    read = sum(one.count for one in scene.accessors) + sum(points)
+    copied = sum(view.byte_length for view in scene.buffer_views)
+    if pieces > _MOST_PIECES or max(drawn, read / 4) > 3 * MOST_TRIANGLES or copied > MESHES.most_bytes:
+        raise RobotFileError(f"is larger once it is read than {MOST_TRIANGLES} triangles, or of more pieces")
 
 
 def _by_trimesh(content: bytes, suffix: str) -> Solid:

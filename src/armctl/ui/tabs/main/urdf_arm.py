@@ -36,7 +36,7 @@ from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.joint_angles import angle_fields
 from armctl.ui.widgets.number_field import NumberField
 
-_TAKEN = ".zip,.urdf,.xacro,.stl,.obj,.ply,.dae"
+_TAKEN = ".zip,.urdf,.xacro,.stl,.obj,.ply,.dae,.glb"
 _NOTE = (
     "A .zip file with the URDF file and its meshes, or the URDF file first and then each mesh. It is kept on "
     "the computer that armctl runs on."
