@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 
 FigureForm = Literal["svg", "png"]
-COLORS = ("#1971c2", "#e8590c", "#2f9e44", "#9c36b5", "#f08c00", "#0c8599", "#5c940d", "#495057")
-"""of joints and coordinates, in their order, here and on screens"""
+_COLORS = ("#1971c2", "#e8590c", "#2f9e44", "#9c36b5", "#f08c00", "#0c8599", "#5c940d", "#495057")
 _QUANTITIES: tuple[tuple[Derivative, str], ...] = (
     ("position", ""), ("velocity", "/s"), ("acceleration", "/s²"), ("jerk", "/s³"),
 )  # fmt: skip
@@ -65,17 +64,17 @@ def motion_figure(robot: Robot, shown: TitledMotion, beside: TitledMotion | None
         )
         for axis, values, names, label in sides:
             for i, name in enumerate(names):
-                axis.plot(shown.motion.time, values[:, i], color=_color(i), linewidth=1.3, label=name)
+                axis.plot(shown.motion.time, values[:, i], color=color_of(i), linewidth=1.3, label=name)
             axis.set_ylabel(label)
             axis.grid(visible=True, color="#dee2e6", linewidth=0.6)
             axis.margins(x=0.0)
         for limit in near_limits(robot, shown.motion, quantity):
-            row[1].axhline(limit.value, color=_color(limit.joint), linestyle="--", linewidth=0.9)
+            row[1].axhline(limit.value, color=color_of(limit.joint), linestyle="--", linewidth=0.9)
         if beside is not None:
             joints, tool = beside.motion.of(quantity)
             for axis, values in zip(row, (1000 * tool, np.degrees(joints)), strict=True):
                 for i, line in enumerate(values.T):
-                    axis.plot(beside.motion.time, line, color=_color(i), linewidth=1.0, linestyle=":")
+                    axis.plot(beside.motion.time, line, color=color_of(i), linewidth=1.0, linestyle=":")
     for axis in axes[-1]:
         axis.set_xlabel("time (s)")
     for axis, many in zip(axes[0], (3, min(robot.n, 3)), strict=True):
@@ -115,13 +114,14 @@ def figure_file(
     return drawn.stdout
 
 
+def color_of(i: int) -> str:
+    """The colour of the i-th joint, coordinate or branch, here and on screens."""
+    return _COLORS[i % len(_COLORS)]
+
+
 def main() -> None:
     """Draw what standard input says, for ``figure_file``."""
     sys.stdout.buffer.write(figure_bytes(*pickle.load(sys.stdin.buffer)))
-
-
-def _color(i: int) -> str:
-    return COLORS[i % len(COLORS)]
 
 
 def _plain(text: str) -> str:

@@ -27,7 +27,7 @@ from viser.infra._async_message_buffer import AsyncMessageBuffer
 from armctl import __version__
 from armctl.arrays import FloatArray
 from armctl.errors import ProgramError
-from armctl.motion.figure import COLORS
+from armctl.motion.figure import color_of
 from armctl.motion.preflight import Finding, not_checked
 from armctl.program import Program
 from armctl.program.rehearsal import Rehearsal, rehearse
@@ -311,14 +311,14 @@ def _graph(
     for i, line in enumerate(values):
         points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x(time[keep]), y(line[keep]), strict=True))
         parts.append(
-            f"<polyline points='{points}' fill='none' stroke='{_color(i)}' stroke-width='1.5' "
+            f"<polyline points='{points}' fill='none' stroke='{color_of(i)}' stroke-width='1.5' "
             "stroke-linejoin='round'/>"
         )
     parts.append(
         f"<path class='now' d='M0 {_TOP}v{tall}' stroke='#212529' transform='translate({_LEFT} 0)'/>"
     )
     legend = "".join(
-        f"<span><span style='color:{_color(i)}'>■</span> {escape(name)} "
+        f"<span><span style='color:{color_of(i)}'>■</span> {escape(name)} "
         f"<b data-column='{column + i}'></b></span>"
         for i, name in enumerate(names)
     )
@@ -327,10 +327,6 @@ def _graph(
         f"<svg viewBox='0 0 {_WIDTH} {_HEIGHT}' data-left='{_LEFT}' data-width='{wide}' role='img' "
         f"aria-label='{title} over the time'>{''.join(parts)}</svg><div class='values'>{legend}</div>"
     )
-
-
-def _color(i: int) -> str:
-    return COLORS[i % len(COLORS)]
 
 
 def _number(value: float) -> str:

@@ -13,7 +13,7 @@ from armctl.errors import MotionRefusedError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
 from armctl.kinematics.energy import energies
 from armctl.motion import plan_joints
-from armctl.motion.figure import COLORS
+from armctl.motion.figure import color_of
 from armctl.robot import Robot
 from armctl.ui.widgets.html import fixed, muted, numbers, refused, strong, table
 from armctl.ui.widgets.plots import Line, Picture, thinned
@@ -339,13 +339,13 @@ def _energy_curve(robot: Robot, found: Answer) -> Picture | str:
     best = None if found.best is None else int(np.abs(angles - np.degrees(found.best[free])).argmin())
     kept = thinned(len(angles), _MOST_POINTS, [] if best is None else [best])
     lines: list[Line] = []
-    for i, (name, color) in enumerate(zip(solutions.branch_names, COLORS, strict=False)):
+    for i, name in enumerate(solutions.branch_names):
         here = solutions.branch_index == i
         energy = np.full(len(angles), np.inf)
         np.minimum.at(energy, place.reshape(-1)[here], found.energy[here])
         energy[~np.isfinite(energy)] = np.nan
         if np.isfinite(energy[kept]).any():  # else the criterion admits none of this branch
-            lines.append(Line(name, energy[kept], color))
+            lines.append(Line(name, energy[kept], color_of(i)))
     if not lines:
         return "The criterion admits none of the solutions."
     if best is not None:

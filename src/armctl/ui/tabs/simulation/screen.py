@@ -11,6 +11,7 @@ import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
+from armctl.motion.figure import color_of
 from armctl.robot import Robot
 from armctl.runtime import Snapshot
 from armctl.ui.console import Console, known
@@ -129,7 +130,6 @@ class Trail:
 SPAN_S = 20.0
 _PERIOD_S = 0.2
 _STILL_DEG = 0.02
-_COLORS = ("#1971c2", "#e8590c", "#2f9e44", "#9c36b5", "#c92a2a", "#0c8599", "#5f3dc4", "#846358")
 ALL = "all joints"
 
 
@@ -201,22 +201,18 @@ class JointGraph:
     def _picture(self) -> Picture:
         times, commanded, board = self._history.table()
         lines = [
-            Line(f"{self._robot.joints[i].title}{source}", angles[:, i].copy(), _color(i), dash, width)
+            Line(f"{self._robot.joints[i].title}{source}", angles[:, i].copy(), color_of(i), dash, width)
             for angles, source, dash, width in ((commanded, "", None, 1.5), (board, " board", (3, 4), 2.5))
             for i in self._joints
         ]
         return Picture("", "time s", times, tuple(lines))
 
 
-def _color(joint: int) -> str:
-    return _COLORS[joint % len(_COLORS)]
-
-
 def legend_html(robot: Robot, shown: Sequence[int]) -> str:
     """Each joint once, in its colour; and what solid and dotted lines are."""
     names = " ".join(
         "<span style='display:inline-block;margin-right:8px'>"
-        f"<span style='color:{_color(i)}'>■</span> {escape(robot.joints[i].title)}</span>"
+        f"<span style='color:{color_of(i)}'>■</span> {escape(robot.joints[i].title)}</span>"
         for i in shown
     )
     return f"<div>{names}</div>{muted('Solid: commanded. Dotted: as the board tells it.')}"

@@ -11,7 +11,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.motion.analysis import Derivative, Limit, analysis_csv, near_limits
-from armctl.motion.figure import COLORS, FigureForm, TitledMotion, figure_file
+from armctl.motion.figure import FigureForm, TitledMotion, color_of, figure_file
 from armctl.runtime import Snapshot
 from armctl.ui.newest import Newest
 from armctl.ui.scene.ghost import Lines, Preview, played, segments
@@ -230,7 +230,7 @@ def _lines(shown: PlannedMotion, of: str, quantity: str, time: FloatArray, mark:
     if of == "Joints":
         names, values = [joint.title for joint in shown.robot.joints], np.degrees(joints)
     return [
-        Line(f"{mark}{name}", np.interp(time, at, values[:, i], right=np.nan), COLORS[i % len(COLORS)])
+        Line(f"{mark}{name}", np.interp(time, at, values[:, i], right=np.nan), color_of(i))
         for i, name in enumerate(names)
     ]
 
@@ -250,7 +250,7 @@ def _limits(shown: PlannedMotion, of: str, quantity: str, limits: str) -> list[t
         first, alone = same[0], len(same) == 1
         who = robot.joints[first.joint].title if alone else f"{len(same)} joints"
         name = f"{who} {'≤' if first.is_upper else '≥'} {fixed(first.value, 1).removesuffix('.0')}"
-        lines.append((name, value, COLORS[first.joint % len(COLORS)] if alone else _MANY))
+        lines.append((name, value, color_of(first.joint) if alone else _MANY))
     return lines
 
 

@@ -13,7 +13,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.workspace import longest_levers
 from armctl.motion.analysis import JointStudy, Turning, study_csv, study_joints
-from armctl.motion.figure import COLORS
+from armctl.motion.figure import color_of
 from armctl.robot import Robot
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, strong, table
@@ -87,7 +87,7 @@ def study_picture(shown: ShownStudy) -> Picture:
     robot, study = shown.robot, shown.study
     speeds = 1000 * study.tip_speed
     lines = [
-        Line(robot.joints[joint].title, np.ascontiguousarray(speeds[:, i]), COLORS[joint % len(COLORS)])
+        Line(robot.joints[joint].title, np.ascontiguousarray(speeds[:, i]), color_of(joint))
         for i, joint in enumerate(study.moving)
     ]
     if study.total is not None:
