@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from benchmarks.measure import Effort, Work, compare
+from benchmarks.measure import Effort, Work, compare, must_agree
 from benchmarks.peers.eaik import Eaik
 from benchmarks.row import Goal, Row
 from benchmarks.works.pose import must_find, nearest
@@ -19,7 +19,9 @@ _ARMS = ("ar4", "parol6", "ur5")
 def rows(effort: Effort) -> Iterator[Row]:
     for name in _ARMS:
         robot, rng = load_robot(name), np.random.default_rng(2017)
-        yield _one(robot, rng.uniform(*robot.limits.T, (200, 6)), effort)
+        q = rng.uniform(*robot.limits.T, (200, 6))
+        yield _one(robot, q, effort)
+        yield _kept(robot, q, effort)
         yield _many(robot, rng.uniform(*robot.limits.T, (effort.count(100_000), 6)), effort)
 
 
@@ -39,6 +41,27 @@ def _one(robot: Robot, q: NDArray[np.float64], effort: Effort) -> Row:
 
     work = f"{robot.name}, whole pose, all branches, one pose"
     return compare(work, "EAIK, C++ (keeps no limits)", sides, effort, each=len(q), goal=Goal("time", 2.0))
+
+
+def _kept(robot: Robot, q: NDArray[np.float64], effort: Effort) -> Row:
+    """The same answer of both: inside the limits, at every whole turn."""
+    poses = list(robot.forward(q))
+    targets = [(pose[:3, 3], pose[:3, :3]) for pose in poses]
+
+    def sides() -> tuple[Work, Work]:
+        peer = Eaik(robot)
+        for pose, (p, R) in zip(poses, targets, strict=True):
+            theirs, ours = peer.inside_limits(pose), robot.inverse(p, rotation=R).q
+            must_agree("how many solutions there are", np.array(len(ours)), np.array(len(theirs)), 0.0)
+        return (
+            lambda: [peer.inside_limits(pose) for pose in poses],
+            lambda: [robot.inverse(p, rotation=R).q for p, R in targets],
+        )
+
+    work = f"{robot.name}, the same, inside the limits at every whole turn"
+    return compare(
+        work, "EAIK, C++, and numpy for the limits", sides, effort, each=len(q), goal=Goal("time", 2.0)
+    )
 
 
 def _many(robot: Robot, q: NDArray[np.float64], effort: Effort) -> Row:
