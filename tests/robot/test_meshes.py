@@ -114,10 +114,10 @@ ACCESSOR = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
 @pytest.mark.parametrize(
     ("changed", "says"),
     [
-        ({"nodes": [{"mesh": 0}] * 9_000, "accessors": [ACCESSOR | {"count": 700}] * 2}, "larger once it is"),
-        ({"nodes": [{"mesh": 0}] * 20_000}, "or of more pieces"),
-        ({"accessors": [ACCESSOR | {"count": 10**12}] * 2}, "larger once it is"),
-        ({"bufferViews": [{"buffer": 0, "byteLength": 300}] * 300_000}, "larger once it is"),
+        ({"nodes": [{"mesh": 0}] * 9_000, "accessors": [ACCESSOR | {"count": 700}] * 2}, "is too large once"),
+        ({"nodes": [{"mesh": 0}] * 20_000}, "10000 pieces at most"),
+        ({"accessors": [ACCESSOR | {"count": 10**12}] * 2}, "is too large once"),
+        ({"bufferViews": [{"buffer": 0, "byteLength": 300}] * 300_000}, "is too large once"),
         ({"accessors": [{"componentType": 5126, "count": 3, "type": "VEC3"}] * 2}, "without compression"),
         ({"accessors": [ACCESSOR | {"count": -1}] * 2}, "cannot be read: Expected `int` >= 0"),
         ({"buffers": [{"uri": "points.bin", "byteLength": 9}]}, "export it as one GLB file"),

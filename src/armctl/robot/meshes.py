@@ -217,10 +217,13 @@ def _require_bounded(glb: bytes) -> None:
     if any(one.buffer_view is None for one in scene.accessors):
         raise RobotFileError("is compressed; export it without compression")
     pieces = len(scene.nodes) + sum(len(mesh.primitives) for mesh in scene.meshes)
+    # corners, their normals and textures, and the corners again
     read = sum(one.count for one in scene.accessors) + sum(points)
     copied = sum(view.byte_length for view in scene.buffer_views)
     if pieces > _MOST_PIECES or max(drawn, read / 4) > 3 * MOST_TRIANGLES or copied > MESHES.most_bytes:
-        raise RobotFileError(f"is larger once it is read than {MOST_TRIANGLES} triangles, or of more pieces")
+        raise RobotFileError(
+            f"is too large once it is read; {MOST_TRIANGLES} triangles and {_MOST_PIECES} pieces at most"
+        )
 
 
 def _by_trimesh(content: bytes, suffix: str) -> Solid:
