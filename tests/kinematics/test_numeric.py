@@ -24,7 +24,8 @@ from armctl.kinematics.numeric.goals import (
     rotation_vectors,
     tool_motion,
 )
-from armctl.kinematics.numeric.solver import LinkBound, NumericSolver
+from armctl.kinematics.numeric.reach import LinkBound
+from armctl.kinematics.numeric.solver import NumericSolver
 from armctl.kinematics.solutions import Solutions
 
 Arm = tuple[Chain, FloatArray]
@@ -324,15 +325,33 @@ def test_no_pose_leaves_the_shell_of_the_links(name: str) -> None:
         assert away.max() > 0.6 * bound.outer  # a bound that is never come near would be worth little
 
 
-def test_what_is_not_proven_is_said_to_be_not_found() -> None:
+def test_a_point_that_the_links_do_not_reach() -> None:
     answer = solver_of(PUMA).solve(Target.of([0.02, 0.0, 0.67]), STEP)
-    assert re.match(
-        r"no solution was found: none of 256 starts came nearer than [\d.]+ mm; there may be one",
-        answer.reason or "",
-    )
+    assert answer.reason == "no solution was found: even without joint limits, none of 64 starts led there"
     assert answer.nearest_m is not None
     away = 1000 * np.linalg.norm(answer.nearest_m - [0.02, 0.0, 0.67])
-    assert f"nearer than {away:.2f} mm" in (answer.reason or "")
+    assert f"{away:.1f} mm away" in answer.explanation
+
+
+def test_the_joints_that_would_have_to_leave_their_limits_are_named() -> None:
+    """Joint 1 cannot turn there, and no other joint makes up for it."""
+    chain, limits = PUMA[0], PUMA[1].copy()
+    limits[0] = [-1.0, 1.0]
+    T = chain.forward(np.array([2.0, 0.3, 0.4, 0.2, 0.5, 0.1]))
+    answer = solver_of((chain, limits)).solve(Target.of(T[:3, 3]), STEP)
+    said = re.fullmatch(
+        r"no solution was found inside the joint limits: none of 256 starts came nearer than ([\d.]+) mm; at "
+        r"the least, Joint 1 needs ([\d.]+)°, its limits are -57.30° … 57.30°",
+        answer.reason or "",
+    )
+    assert said is not None, answer.reason
+    assert answer.nearest_away_m == pytest.approx(float(said[1]) / 1000, abs=6e-6)
+    q = [math.radians(float(said[2])), *answer.nearest_q[1:]] if answer.nearest_q is not None else []
+    wide = limits.copy()
+    wide[0, 1] = q[0] + 2e-4
+    assert solver_of((chain, wide)).solve(Target.of(T[:3, 3]), STEP).success
+    wide[0, 1] = q[0] - 2e-2
+    assert not solver_of((chain, wide)).solve(Target.of(T[:3, 3]), STEP).success
 
 
 def test_a_point_that_is_reached_but_not_with_that_pitch() -> None:

@@ -35,9 +35,14 @@ def tools(robot: Robot, q: FloatArray) -> FloatArray:
     return link_poses(robot, q)[-1] @ robot.chain.tail
 
 
-def features(robot: Robot, q: FloatArray, *, pitched: bool) -> FloatArray:
-    """(k, 3 or 4) tool point [m] and the height of the approach axis, which is the sine of the pitch."""
+def features(robot: Robot, q: FloatArray, *, pitched: bool = False, turned: bool = False) -> FloatArray:
+    """(k, 3, 4 or 12) tool point [m], and the height of the approach axis, which is the sine of the pitch.
+
+    Where it is ``turned``, all three axes of the tool instead.
+    """
     T = tools(robot, q)
+    if turned:
+        return np.column_stack([T[:, :3, 3], T[:, :3, :3].reshape(-1, 9)])
     return np.column_stack([T[:, :3, 3], T[:, 2, 2]]) if pitched else T[:, :3, 3]
 
 
@@ -78,7 +83,8 @@ def descended(
 
 def nearest(
     robot: Robot, goal: FloatArray, limits: FloatArray, rng: np.random.Generator, *, pitched: bool = False,
-    starts: int = 60, first: FloatArray | None = None, between: dict[int, tuple[float, float]] | None = None,
+    turned: bool = False, starts: int = 60, first: FloatArray | None = None,
+    between: dict[int, tuple[float, float]] | None = None,
 ) -> float:  # fmt: skip
     """The least distance from a goal that many starts find inside limits (n, 2).
 
@@ -98,7 +104,7 @@ def nearest(
         return 100.0 * np.array(over).reshape(-1, len(q)).T
 
     def function(q: FloatArray) -> FloatArray:
-        return np.column_stack([features(robot, q, pitched=pitched), beyond(q)])
+        return np.column_stack([features(robot, q, pitched=pitched, turned=turned), beyond(q)])
 
     goal = np.append(goal, np.zeros(len(between)))
     off = np.linalg.norm(function(spread) - goal, axis=1)

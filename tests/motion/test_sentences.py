@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tests.motion.sentence_kit import (
     apart,
     capsule_axes,
@@ -125,6 +126,12 @@ def check_target(asked: Asked) -> None:
         check_reason(asked, reason)
 
 
+def wide_open(robot: Robot) -> FloatArray:
+    """(n, 2) a whole turn for each joint that is not held [rad]."""
+    held = (robot.limits[:, 0] == robot.limits[:, 1])[:, None]
+    return np.where(held, robot.limits, [-math.pi, math.pi])
+
+
 AT_ROLL = re.compile(rf" \(with .+? at ({NUMBER})°, where it comes nearest\)$")
 
 
@@ -140,9 +147,7 @@ def check_reason(asked: Asked, text: str) -> None:
         miss, *distance, length = (float(value) for value in found.groups() if value is not None)
         if distance:
             assert abs(abs(distance[0] - length) - miss) <= 0.11, text
-        wide = np.column_stack([np.full(robot.n, -math.pi), np.full(robot.n, math.pi)])
-        held = robot.limits[:, 0] == robot.limits[:, 1]
-        wide[held] = robot.limits[held]
+        wide = wide_open(robot)
         if rolled:
             wide[-1] = math.radians(float(rolled[1])) + np.array([-1e-4, 1e-4])
         elif asked.roll is not None and asked.rolls_aside:  # said of the arm at the roll asked for
@@ -195,9 +200,16 @@ def check_reason(asked: Asked, text: str) -> None:
         goal = np.append(asked.point, math.sin(math.radians(float(found[2]))))
         assert nearest(robot, goal, robot.limits, asked.rng, pitched=True, starts=300) < 2e-4, text
     elif found := re.fullmatch(
-        rf"no solution was found: none of \d+ starts came nearer than ({NUMBER}) mm; .*", text
+        rf"no solution was found inside the joint limits: none of \d+ starts came nearer than {NUMBER} mm; "
+        r"at the least, (.*)",
+        text,
     ):
         assert asked.away(robot.limits, pitched=True) > 1e-7, text
+        check_needs(asked, found[1], pitched=True)
+    elif re.fullmatch(
+        r"no solution was found: even without joint limits, none of \d+ starts led there", text
+    ):
+        assert asked.away(wide_open(robot), pitched=True) > 1e-7, text
     elif found := re.fullmatch(
         rf"the rods keep the tool at a pitch of ({NUMBER})°; ({NUMBER})° cannot be had", text
     ):
@@ -247,6 +259,59 @@ def test_of_targets(name: str) -> None:
         asked = Asked(robot, rng)
         if asked.said:
             check_target(asked)
+            checked += 1
+
+
+# Refused orientations.
+
+TURNED = re.compile(
+    rf"the arm reaches that point, but not in that orientation: the nearest that was found there is "
+    rf"({NUMBER})° off; (.*)"
+)
+
+
+def check_orientation(
+    robot: Robot, pose: FloatArray, q: FloatArray, said: str, rng: np.random.Generator
+) -> None:
+    found = TURNED.fullmatch(said)
+    assert found is not None, said
+    there = tools(robot, q[None])[0]
+    assert np.abs(there[:3, 3] - pose[:3, 3]).max() < 1e-9, said
+    off = math.degrees(math.acos(min((np.trace(there[:3, :3].T @ pose[:3, :3]) - 1) / 2, 1.0)))
+    assert abs(off - float(found[1])) <= 0.006 * off, said
+    goal = np.concatenate([pose[:3, 3], pose[:3, :3].ravel()])
+    assert nearest(robot, goal, robot.limits, rng, turned=True) > 1e-7, said
+    if found[2].startswith("the links do not allow"):
+        assert nearest(robot, goal, wide_open(robot), rng, turned=True, starts=200) > 1e-7, said
+    elif not found[2].startswith("none was found without"):
+        said = found[2].removeprefix("for the one asked for, ").removeprefix("at the least, ")
+        wide, first = robot.limits.copy(), rng.uniform(*robot.limits.T, (200, robot.n))
+        for need in said.split(" and "):
+            way = NEEDS.fullmatch(need)
+            assert way is not None, need
+            k, angle = joint_of(robot, way[1]), math.radians(float(way[2]))
+            check_limits(robot, k, way[4], way[5])
+            assert not robot.limits[k, 0] < angle < robot.limits[k, 1], said
+            first[:, k] = angle
+            wide[k] = min(wide[k, 0], angle - 2e-4), max(wide[k, 1], angle + 2e-4)
+        assert nearest(robot, goal, wide, rng, turned=True, first=first) < 1e-6, said
+
+
+@pytest.mark.parametrize("name", (*ARMS, *(() if LONG else ("ar4",))))
+def test_of_orientations(name: str) -> None:
+    robot, rng = load_robot(name), np.random.default_rng(300 + len(name))
+    checked = 0
+    while checked < EACH:
+        pose = tools(robot, inside(robot, rng)[None])[0]
+        axis = rng.normal(size=3)
+        pose[:3, :3] = (
+            Rotation.from_rotvec(axis * rng.uniform(0, 2.0) / np.linalg.norm(axis)).as_matrix()
+            @ (pose[:3, :3])
+        )
+        solutions = robot.inverse(pose[:3, 3], rotation=pose[:3, :3])
+        assert solutions.success, solutions.explanation
+        if said := robot.turned_off(solutions, solutions[0]):
+            check_orientation(robot, pose, solutions[0], said, rng)
             checked += 1
 
 

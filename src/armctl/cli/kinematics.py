@@ -253,7 +253,7 @@ def _print(
     _print_table(arm, names, rows)
     if refused is None and len(solutions) > _LISTED:
         click.echo("(--all lists them)")
-    if (turned_off := solutions.turned_off(q)) is not None:
+    if (turned_off := arm.turned_off(solutions, q)) is not None:
         click.echo(f"armctl: warning: {turned_off}", err=True)
     if refused:
         _print_table(arm, names, _refused_rows(refused))

@@ -13,6 +13,8 @@ from armctl.arrays import FloatArray
 TWO_PI = 2.0 * math.pi
 LIMIT_TOLERANCE = 1e-9
 """How far rounding may carry an angle over its limit [rad]; what is accepted is clipped back onto it."""
+_OPEN_END = 1e-8
+"""how much less than a turn a widened joint has [rad]"""
 
 
 def wrap(angle: float) -> float:
@@ -35,6 +37,17 @@ def central_image(angle: float, low: float, high: float) -> float:
 def nearest_angle(angle: float, low: float, high: float) -> float:
     """The angle between limits that is nearest to any image of another one [rad]."""
     return min(max(central_image(angle, low, high), low), high)
+
+
+def whole_turns(limits: FloatArray) -> FloatArray:
+    """Limits (n, 2) [rad] widened to a whole turn about their middle; those of a joint that is held stay.
+
+    They are a little less than a turn wide, so that half a turn is inside them once.
+    """
+    low, high = limits.T
+    middle, half = 0.5 * (low + high), np.maximum(0.5 * (high - low), math.pi)
+    held = high - low < _SAME
+    return np.where(held[:, None], limits, np.stack([middle - half + _OPEN_END, middle + half], axis=1))
 
 
 def images(angle: float, low: float, high: float, tolerance: float = LIMIT_TOLERANCE) -> list[float]:
@@ -182,12 +195,12 @@ _SAME = 1e-6
 """configurations this near to each other are one [rad]"""
 
 
-def distinct(q: FloatArray) -> NDArray[np.intp]:
-    """Rows of ``q`` (k, n) [rad], each configuration once, whole turns not counted."""
+def distinct(q: FloatArray, same: float = _SAME) -> NDArray[np.intp]:
+    """Rows of ``q`` (k, n) [rad]: the first of those within ``same`` of each other, whole turns aside."""
     kept: list[int] = []
     for i in range(len(q)):
         apart = q[kept] - q[i]
-        if np.abs(apart - TWO_PI * np.rint(apart / TWO_PI)).max(axis=1).min(initial=math.inf) > _SAME:
+        if np.abs(apart - TWO_PI * np.rint(apart / TWO_PI)).max(axis=1).min(initial=math.inf) > same:
             kept.append(i)
     return np.array(kept, dtype=np.intp)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
-from armctl.kinematics.angles import LIMIT_TOLERANCE, rest_angle
+from armctl.kinematics.angles import LIMIT_TOLERANCE, rest_angle, whole_turns
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.general_six.solver import GeneralSixSolver
@@ -59,8 +58,6 @@ def inverse_kinematics(
 
 # Every closed-form branch of a target, those that the joint limits forbid too, with what forbids them.
 
-_OPEN_END = 1e-8
-"""how much less than a turn a widened joint has, so that half a turn is listed once [rad]"""
 _SAME = 1e-6
 """configurations this near to each other are one [rad]"""
 _MET = 1e-6
@@ -86,18 +83,33 @@ class BranchFinder:
 
     def __init__(self, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> None:
         self._limits, self._titles = limits, tuple(titles)
-        low, high = limits.T
-        middle = 0.5 * (low + high)
-        turn = np.maximum(0.5 * (high - low), math.pi)
-        held = high - low < _SAME
-        wide = np.where(held[:, None], limits, np.stack([middle - turn + _OPEN_END, middle + turn], axis=1))
         self._chain = chain
-        self._solver = inverse_kinematics(chain.without_turn_limits(), wide, energy, titles)
+        self._solver = inverse_kinematics(chain.without_turn_limits(), whole_turns(limits), energy, titles)
+
+    def forbids(self, target: Target) -> str:
+        """What keeps the arm from a target as it is asked for, in words; empty where that is not known."""
+        if self._solver.is_swept(target):
+            return ""
+        branches = self.find(target)
+        if not branches:
+            if self._solver.complete:
+                return "the links do not allow the one asked for, whatever the joint limits"
+            return "none was found without the joint limits, either"
+        if not all(branch.forbidden for branch in branches):
+            return ""
+        away = [np.abs(branch.q - np.clip(branch.q, *self._limits.T)).sum() for branch in branches]
+        least = "at the least, " if len(branches) > 1 else ""
+        return f"for the one asked for, {least}{' and '.join(branches[int(np.argmin(away))].forbidden)}"
 
     def find(self, target: Target) -> tuple[Branch, ...]:
         """All branches by order of their names; none where nothing meets the target, or a joint is free."""
         if self._solver.is_swept(target):
             return ()  # a continuum, not branches
+        if self._solver.complete and self._solver.searches_parts and target.rotation is not None:
+            pose = np.eye(4)  # a list would search for the nearest orientation where there is none
+            pose[:3, :3], pose[:3, 3] = target.rotation, target.point
+            if not self._solver.solve_poses(pose[None]).found.any():
+                return ()
         joint = self._solver.roll_joint
         if target.roll is None and target.rotation is None and joint is not None:
             # any roll will do: the one at which the arm itself answers, not one of the widened joint

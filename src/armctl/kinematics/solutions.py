@@ -77,7 +77,7 @@ class Solutions:
         branch_index: NDArray[np.int8] | Sequence[int] | Listed,
         free_joint: int | None = None,
         least_rotation: Callable[[], FloatArray | None] | None = None,
-        reason: str | None = None,
+        reason: str | Callable[[], str] | None = None,
         nearest_q: FloatArray | None = None,
         incomplete_reason: str | None = None,
         travel: Callable[[FloatArray], FloatArray] | None = None,
@@ -91,7 +91,7 @@ class Solutions:
             branch_index: (k,) index of each into the arm's ``branch_names``.
             free_joint: index of the joint that was swept; None where the solutions are isolated.
             least_rotation: the exact optimum over the continuum, where a joint is free.
-            reason: why there is none; None when solved.
+            reason: why there is none, or what finds that out (a search may take long); None when solved.
             nearest_q: (n,) configuration that comes nearest where there is no solution [rad].
             incomplete_reason: why solutions may be missing, in words; None where a look at the list decides.
             travel: from a start (n,) [rad], further solutions (m, n) of a continuum, the one of least travel
@@ -99,13 +99,18 @@ class Solutions:
         """
         self.arm, self.target, self._q, self._index = arm, target, q, branch_index
         self.free_joint, self.least_rotation = free_joint, least_rotation
-        self.reason, self.travel, self._missing = reason, travel, incomplete_reason
+        self._reason, self.travel, self._missing = reason, travel, incomplete_reason
         self.nearest_q = None if nearest_q is None else lock(nearest_q)
 
     @cached_property
     def q(self) -> FloatArray:
         """(k, n) configurations [rad], all inside the limits."""
         return lock(np.asarray(self._q, dtype=np.float64).reshape(-1, self.arm.chain.n))
+
+    @cached_property
+    def reason(self) -> str | None:
+        """Why there is none, in words; None when solved."""
+        return self._reason() if callable(self._reason) else self._reason
 
     @cached_property
     def branch_index(self) -> NDArray[np.int8]:

@@ -98,7 +98,7 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: Choice)
     if not solutions.success:
         raise UnreachableError(solutions.explanation or "there is no solution")
     q = solutions.best(choose, start)
-    turned_off = solutions.turned_off(q)
+    turned_off = robot.turned_off(solutions, q)
     if turned_off is not None:
         raise UnreachableError(turned_off)
     return q

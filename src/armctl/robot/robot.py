@@ -232,6 +232,14 @@ class Robot(ArrayRecord):
         """
         return self._branch_finder.find(Target.of(position_m, pitch, roll, rotation))
 
+    def turned_off(self, solutions: Solutions, q: FloatArray) -> str | None:
+        """How ``q`` (n,) of some solutions misses the rotation asked for, and why; None where it does not."""
+        said = solutions.turned_off(q)
+        if said is None:
+            return None
+        why = self._branch_finder.forbids(solutions.target)
+        return f"{said}; {why}" if why else said
+
     @cached_property
     def _branch_finder(self) -> BranchFinder:
         return BranchFinder(self.chain, self.limits, self.energy, self._titles)

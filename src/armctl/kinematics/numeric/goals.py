@@ -23,6 +23,8 @@ _UPRIGHT = 1e-8
 class ToolMotion:
     """Where the tool is and how each joint moves it, for k configurations, in the base frame."""
 
+    q: FloatArray
+    """(k, n) the configurations [rad]"""
     rotation: FloatArray
     """(k, 3, 3) ``R_base_tool``"""
     position: FloatArray
@@ -43,7 +45,7 @@ def tool_motion(chain: Chain, q: FloatArray) -> ToolMotion:
     *links, (x, y, z, tool) = chain.walk(q)
     axes = _first_last([axis for _, _, axis, _ in links])
     arms = _first_last([tool - origin for *_, origin in links])
-    return ToolMotion(_first_last([x, y, z]), tool.T, crossed(axes, arms), axes)
+    return ToolMotion(q, _first_last([x, y, z]), tool.T, crossed(axes, arms), axes)
 
 
 def _first_last(columns: list[FloatArray]) -> FloatArray:
@@ -196,6 +198,19 @@ class Together(Goal):
         """The rows of both."""
         (r, J), (s, K) = self.first.rows(motion), self.second.rows(motion)
         return np.concatenate([r, s], axis=1), np.concatenate([J, K], axis=1)
+
+
+@dataclass(frozen=True, slots=True)
+class LimitsGoal(Goal):
+    """Every joint inside its limits."""
+
+    limits: FloatArray
+    """(n, 2) [rad]"""
+
+    def rows(self, motion: ToolMotion) -> Rows:
+        """How far each joint is beyond its limits: (k, n) [rad], signed."""
+        beyond = motion.q - np.clip(motion.q, *self.limits.T)
+        return beyond, (beyond != 0.0)[:, :, None] * np.eye(beyond.shape[1])
 
 
 def pitch_goal(pitch: float) -> Goal | None:

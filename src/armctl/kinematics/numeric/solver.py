@@ -3,96 +3,46 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import all_images, distinct
+from armctl.kinematics.angles import all_images, distinct, whole_turns
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.descent import Starts, come_nearest, come_nearest_holding, meet
 from armctl.kinematics.numeric.goals import (
     Goal,
+    LimitsGoal,
     PositionGoal,
     RotationGoal,
     Together,
     pitch_goal,
     tool_motion,
 )
+from armctl.kinematics.numeric.reach import LinkBound
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step
-from armctl.kinematics.solutions import Solutions, SolvedArm, too_far, too_near
+from armctl.kinematics.solutions import Solutions, SolvedArm, all_needs
 from armctl.kinematics.solver import InverseKinematics, held_roll
 from armctl.kinematics.target import Target
-
-# How far and how near any arm can reach by its links alone: bounds that hold whatever the limits.
-
-_ROUNDING = 1e-9
-_ROUNDS = 60
-
-
-class LinkBound:
-    """A shell about a fixed point of the first joint's axis that the tool point can never leave.
-
-    One point is chosen on each joint axis; neighbours keep their distance. So the tool point is no farther
-    from the first than the sum of the distances, and no nearer than the longest less all others.
-    """
-
-    def __init__(self, chain: Chain) -> None:
-        points, axes = chain.axes()
-        nodes = _shortest_polyline(points, axes, chain.forward(np.zeros(chain.n))[:3, 3])
-        links = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
-        self.centre: FloatArray = nodes[0]
-        """(3,) the point of the first axis, base frame [m]"""
-        self.outer = float(links.sum())
-        """[m]"""
-        self.inner = max(0.0, 2.0 * float(links.max()) - self.outer)
-        """[m]"""
-
-    def violation(self, point: FloatArray, first_joint: str) -> str | None:
-        """Why a point (3,) [m] cannot be reached, in words; None where the links alone do not forbid it."""
-        distance = float(np.linalg.norm(point - self.centre))
-        x, y, z = 1000.0 * self.centre + 0.0
-        place = f"({x:z.1f}, {y:z.1f}, {z:z.1f}) mm on the axis of {first_joint}"
-        where = f"the target is {1000 * distance:.1f} mm from {place}"
-        if distance > self.outer + _ROUNDING:
-            return too_far(distance - self.outer, where, "the links together reach", self.outer)
-        if distance < self.inner - _ROUNDING:
-            return too_near(self.inner - distance, where, "the links fold no closer than", self.inner)
-        return None
-
-
-def _shortest_polyline(points: FloatArray, axes: FloatArray, tip: FloatArray) -> FloatArray:
-    """(n + 1, 3) a point on each axis and the tip, joined by the shortest way (to about 1e-6 m)."""
-    # Weiszfeld's method: least squares of the segments, each weighted by one over its last length.
-    n = len(points)
-    offsets = np.diff(np.vstack([points, tip]), axis=0)
-    moves = np.zeros((n, 3, n))  # of each segment, as a point slides along its axis
-    for k, axis in enumerate(axes):
-        moves[k, :, k] = -axis
-        if k > 0:
-            moves[k - 1, :, k] = axis
-    segments: FloatArray = offsets
-    for _ in range(_ROUNDS):
-        weights = 1.0 / np.maximum(np.linalg.norm(segments, axis=1), 1e-6)
-        weighted: FloatArray = (moves * weights[:, None, None]).reshape(-1, n).T
-        A: FloatArray = weighted @ moves.reshape(-1, n)
-        b: FloatArray = -weighted @ offsets.ravel()
-        along = np.linalg.lstsq(A, b, rcond=1e-12)[0]  # parallel axes may slide together
-        segments = offsets + moves @ along
-    return tip - np.vstack([np.cumsum(segments[::-1], axis=0)[::-1], np.zeros(3)])
-
 
 _ALIGNED = 1e-9
 """how far from each other roll axis, approach axis and tool point may be (sine of the angle; [m])"""
 _WAVE, _WAVES = 64, 4
 _REFINED = 48
 """how many of the best are refined where the goal can only be approached"""
+_FEW = 4
+"""how many are refined of those that meet a goal outside the limits"""
 _MET_M, _MET_RAD = 5e-10, 1e-8
 _ALIKE = 1e-7
 """orientations this near to the best are as good [rad]"""
+_SAME_NEAR = 1e-3
+"""configurations this near to each other are one minimum: as good orientations lie so far around one [rad]"""
+_BEYOND = 1e-6
+"""a joint that a search leaves so far outside its limits stands at its limit [rad]"""
 _SEARCHED = "found by search, there may be others"
 
 
@@ -153,7 +103,9 @@ class NumericSolver(InverseKinematics):
             near = self._approached(position, turned, box)
             cost = turned.cost(tool_motion(self.chain, near))[0]
             angle = 2.0 * np.arcsin(np.sqrt(np.clip(cost / 2.0, 0.0, 1.0)))
-            near = near[angle <= angle.min(initial=math.inf) + _ALIKE]
+            order = np.argsort(angle, kind="stable")
+            near = near[order[angle[order] <= angle.min(initial=math.inf) + _ALIKE]]
+            near = near[distinct(near, _SAME_NEAR)]
             exact = self._met(goal, meet(self.chain, goal, near, box, polish=True))
             found = exact if len(exact) else near
         if len(found) == 0:
@@ -255,7 +207,6 @@ class NumericSolver(InverseKinematics):
         self, target: Target, position: PositionGoal, turned: Goal | None, box: FloatArray
     ) -> Solutions:
         """Refused after a search: without a proof, and the reason says so."""
-        starts = _WAVE * _WAVES
         nearest = self._nearest(position, turned, box)
         away = 1000 * float(np.linalg.norm(self.chain.forward(nearest)[:3, 3] - target.position))
         if target.pitch is not None and turned is not None:
@@ -265,17 +216,54 @@ class NumericSolver(InverseKinematics):
                 pitch, _ = self.pitch_and_roll(closest)
                 asked, got = math.degrees(target.pitch), math.degrees(pitch or 0.0)
                 reason = (
-                    f"the arm reaches that point, but none of {starts} starts found a pitch of "
+                    f"the arm reaches that point, but none of {_WAVE * _WAVES} starts found a pitch of "
                     f"{asked:.2f}° there: the nearest is {got:.2f}°"
                 )
                 return self._refused(target, reason, closest if away < 1e-6 else nearest)
-        reason = (
-            f"no solution was found: none of {starts} starts came nearer than {away:.2f} mm; "
-            "there may be one that was not found"
-        )
-        return self._refused(target, reason, nearest)
+        goal = position if target.pitch is None or turned is None else Together(position, turned)
+        return self._refused(target, lambda: self._by_limits(goal, box, away), nearest)
 
-    def _refused(self, target: Target, reason: str, nearest: FloatArray) -> Solutions:
+    def _by_limits(self, goal: Goal, box: FloatArray, away_mm: float) -> str:
+        """What keeps the arm from a goal: joints that would have to leave their limits together, or links.
+
+        None of the joints named could stay inside its limits while the others leave theirs, as far as the
+        search goes.
+        """
+        starts = self._starts.nearest_first(goal, _WAVE, box)
+        widened = whole_turns(box)
+        met = self._met(goal, self._polished(goal, starts, widened))
+        if len(met) == 0:
+            return f"no solution was found: even without joint limits, none of {_WAVE} starts led there"
+        q = self._least_beyond(goal, met, box, widened)
+        for joint in np.argsort(self._beyond(q, box)).tolist():
+            others = self._beyond(q, box) > 0.0
+            if others[joint]:
+                others[joint] = False
+                fewer = np.where(others[:, None], widened, box)
+                met = self._met(goal, self._polished(goal, np.vstack([np.clip(q, *fewer.T), starts]), fewer))
+                q = self._least_beyond(goal, met, box, fewer) if len(met) else q
+        leaving = [(k, float(q[k])) for k in np.flatnonzero(self._beyond(q, box)).tolist()]
+        nearer = f"none of {_WAVE * _WAVES} starts came nearer than {away_mm:.2f} mm"
+        least = all_needs(self.titles, self.limits, leaving)
+        return f"no solution was found inside the joint limits: {nearer}; at the least, {least}"
+
+    def _least_beyond(self, goal: Goal, met: FloatArray, box: FloatArray, widened: FloatArray) -> FloatArray:
+        """(n,) of what meets a goal inside ``widened`` limits, beyond those of the ``box`` by the least sum.
+
+        From the best of some ``met`` (k, n) on.
+        """
+        best = met[np.argsort(self._beyond(met, box).sum(axis=1))[:_FEW]]
+        least = come_nearest_holding(self.chain, goal, LimitsGoal(box), best, widened)
+        q = np.vstack([best, self._holding(goal, least)])
+        return q[int(self._beyond(q, box).sum(axis=1).argmin())]
+
+    @staticmethod
+    def _beyond(q: FloatArray, box: FloatArray) -> FloatArray:
+        """(..., n) how far joints are outside limits [rad]."""
+        beyond = np.abs(q - np.clip(q, *box.T))
+        return np.where(beyond > _BEYOND, beyond, 0.0)
+
+    def _refused(self, target: Target, reason: str | Callable[[], str], nearest: FloatArray) -> Solutions:
         return Solutions(
             self._arm, target, (), (), reason=reason, nearest_q=nearest, incomplete_reason=_SEARCHED
         )

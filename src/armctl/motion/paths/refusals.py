@@ -136,13 +136,10 @@ class Attempt:
     def reached(self, s: float) -> bool:
         """Whether any configuration has what is asked for at ``s`` [m], limits not looked at."""
         target, solver = self.target(s), self.robot.inverse_kinematics
-        if solver.complete and solver.searches_parts and target.rotation is not None:
-            pose = np.eye(4)  # all branches at once: a list would search for the nearest where there is none
-            pose[:3, :3], pose[:3, 3] = target.rotation, target.point
-            return bool(solver.solve_poses(pose[None]).found.any())
-        solutions = self.solve(target)
-        if solutions.success and bool((solutions.residual_rad < _TURNED).any()):
-            return True
+        if not solver.complete or not solver.searches_parts or target.rotation is None:
+            solutions = self.solve(target)
+            if solutions.success and bool((solutions.residual_rad < _TURNED).any()):
+                return True
         return not self.searched and bool(self.robot.branches(*target))
 
     def solve(self, target: Target) -> Solutions:
@@ -290,7 +287,7 @@ def _out_of_reach(tried: Attempt, s: float) -> str | None:
             solutions = tried.solve(tried.target(there))
             why = solutions.explanation
             if solutions.success:
-                why = solutions.turned_off(solutions[int(solutions.residual_rad.argmin())]) or ""
+                why = tried.robot.turned_off(solutions, solutions[int(solutions.residual_rad.argmin())]) or ""
             return f"here it leaves what the arm reaches{with_it}; at {percent} %, {why}"
         if tried.searched or percent == first:  # a search is too slow to ask it often
             break

@@ -331,7 +331,7 @@ def coupled_joints(robot: Robot, target: Target, before: FloatArray) -> CoupledJ
         ways += [held] if held.success else []
     nearest = min(ways, key=lambda way: float(way.energies("least-travel", before).min()))
     q = nearest.best("least-travel", before)
-    turned_off = nearest.turned_off(q)
+    turned_off = robot.turned_off(nearest, q)
     return CoupledJoints(q) if turned_off is None else CoupledJoints(None, turned_off, q)
 
 

@@ -180,7 +180,7 @@ def result_html(robot: Robot, found: Answer) -> str:
     text += f"<div>least energy will go to θ = (<b>{angles}</b>)°</div>"
     error = "below 0.001 mm" if error_mm < 1e-3 else f"{error_mm:.3f} mm"
     text += muted(f"{solutions.branch_of(best)}; energy {found.energy_text(best)}; error {error}")
-    turned_off = solutions.turned_off(best)
+    turned_off = robot.turned_off(solutions, best)
     if turned_off is not None:
         text += refused(f"{_capital(turned_off)}.")
     row_1 = found.q(1)
