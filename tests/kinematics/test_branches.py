@@ -77,8 +77,9 @@ def test_a_free_joint_or_a_point_out_of_reach_has_no_branches() -> None:
     assert load_robot("mico").branches([0.5, 0.0, 0.7]) == ()
     assert load_robot("ur5").branches([0.3, 0.2, 0.3]) == ()
     assert load_robot("ar4").branches([0.3, 0.1, 0.3], pitch=-0.5) == ()
-    straight_down = load_robot("ur5").branches([0.3, 0.2, 0.3], pitch=-np.pi / 2)
-    assert straight_down
+    assert load_robot("so101").branches([0.25, 0.0, 0.1]) == ()  # the roll moves the tool point: it is free
+    assert load_robot("so101").branches([0.25, 0.0, 0.1], pitch=-1.2) == ()
+    assert load_robot("so101").branches([0.25, 0.0, 0.1], pitch=-1.2, roll=0.3)
     uarm = load_robot("uarm")
     assert uarm.branches(uarm.forward(uarm.pose("home"))[:3, 3])
 
@@ -92,3 +93,53 @@ def test_any_roll_is_one_that_the_roll_joint_can_take() -> None:
     found = finder.find(Target.of([0.4, 0.1, 0.2], pitch=-1.0))
     assert [branch.q[4] for branch in found] == [0.5] * len(found)
     assert not all(branch.forbidden for branch in found)
+
+
+@pytest.mark.parametrize("name", ["ar4", "ur5"])
+@pytest.mark.parametrize("up", [1.0, -1.0])
+def test_straight_up_or_down_has_the_branches_of_any_rotation_about_the_vertical(
+    name: str, up: float
+) -> None:
+    robot, rng = load_robot(name), np.random.default_rng(3)
+    for _ in range(10):
+        point = rng.uniform([0.2, -0.2, 0.1], [0.35, 0.2, 0.4])
+        down = robot.branches(point, pitch=up * np.pi / 2)
+        yaw = rng.uniform(-3.0, 3.0)
+        about = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+        turned = robot.branches(point, rotation=about @ np.diag([1.0, up, up]))
+        assert [branch.name for branch in down] == [branch.name for branch in turned]
+        for one, other in zip(down, turned, strict=True):
+            assert np.abs(np.exp(1j * one.q[:5]) - np.exp(1j * other.q[:5])).max() < 1e-7
+            assert one.q[5] == 0.0
+        inside = [branch for branch in down if not branch.forbidden]
+        for roll in (None, 0.4):
+            solutions = robot.inverse(point, up * np.pi / 2, roll)
+            assert {*solutions.branch} == {branch.name for branch in inside}
+            if solutions.success:
+                T = robot.forward(solutions.q)
+                assert np.abs(T[:, :3, 3] - point).max() < 1e-9
+                assert np.abs(T[:, :3, 2] - [0.0, 0.0, up]).max() < 1e-9
+                assert (solutions.q[:, 5] == (roll or 0.0)).all()
+                assert solutions.complete or "may turn" in (solutions.incomplete_reason or "")
+
+
+@pytest.mark.parametrize(
+    ("name", "q_deg", "turn_deg", "says"),
+    [
+        ("ar4", [0, 20, 20, 0, 100, 0], 30, "for the one asked for, at the least, Joint 5 needs 126.48°"),
+        ("uzuner", [0, 60, -40, 20, 0], 90, "the links do not allow the one asked for, whatever the joint"),
+    ],
+)
+def test_what_forbids_an_orientation(name: str, q_deg: list[float], turn_deg: float, says: str) -> None:
+    robot = load_robot(name)
+    T = robot.forward(np.radians(q_deg))
+    a = np.radians(turn_deg)
+    about = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])
+    if name == "uzuner":  # out of the plane of the links
+        about = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+    wish = about @ T[:3, :3]
+    solutions = robot.inverse(T[:3, 3], rotation=wish)
+    said = robot.turned_off(solutions, solutions[0])
+    assert said is not None and says in said
+    assert len(np.unique(solutions.q.round(3), axis=0)) == len(solutions)
+    assert robot.turned_off(robot.inverse(T[:3, 3], rotation=T[:3, :3]), np.radians(q_deg)) is None

@@ -235,3 +235,31 @@ def test_beside_the_base_axis_and_ahead_of_it_the_miss_is_the_way_in_space(links
         least = 1000 * np.linalg.norm(ends[found[1]] - point, axis=1).min()
         assert least - 0.5 <= float(found[2]) <= least + 0.05, said  # the grid is 1° coarse
     assert seen == {"far", "near"}
+
+
+def test_beside_the_base_axis_with_a_pitch_the_miss_is_the_way_to_the_nearest_point() -> None:
+    """Compared with all yaws and the circles about the shoulder, the hand at that pitch either way."""
+    rows = [DHRow(0.05, math.pi / 2, 0.1), DHRow(0.2, 0.0, 0.08), DHRow(0.05, 0.0, 0.0)]
+    chain = Chain.from_dh([*rows, DHRow(0.0, math.pi / 2, 0.0, math.pi / 2), DHRow(0.0, 0.0, 0.07)])
+    solver = solver_of(chain, np.tile([-math.pi, math.pi], (5, 1)))
+    yaws, turns = (
+        np.linspace(-math.pi, math.pi, 721)[:, None],
+        np.linspace(-math.pi, math.pi, 721)[None],
+    )
+    rng, seen = np.random.default_rng(5), set()
+    for _ in range(150):
+        point = rng.uniform(-1, 1, 3) * rng.choice([0.1, 0.6]) + [0.0, 0.0, 0.1]
+        pitch = float(rng.uniform(-1.5, 1.5))
+        solutions = solver.solve(Target.of(point, pitch), 0.01)
+        found = re.search(r"too (far|near) by ([\d.]+) mm: from the .* at that pitch", solutions.reason or "")
+        if found is None:
+            continue
+        seen.add(found[1])
+        least = math.inf
+        for length, angle in itertools.product((0.25, 0.15), (pitch, math.pi - pitch)):
+            tip = 0.05 + 0.1j + length * np.exp(1j * turns) + 0.07 * np.exp(1j * angle)
+            space = (tip.real + 1j * -0.08) * np.exp(1j * yaws)
+            away = np.abs(space - complex(point[0], point[1])) ** 2 + (tip.imag - point[2]) ** 2
+            least = min(least, 1000 * math.sqrt(away.min()))
+        assert least - 1.0 <= float(found[2]) <= least + 0.05, solutions.reason
+    assert seen == {"far", "near"}

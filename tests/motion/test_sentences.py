@@ -200,16 +200,21 @@ def check_reason(asked: Asked, text: str) -> None:
         goal = np.append(asked.point, math.sin(math.radians(float(found[2]))))
         assert nearest(robot, goal, robot.limits, asked.rng, pitched=True, starts=300) < 2e-4, text
     elif found := re.fullmatch(
-        rf"no solution was found inside the joint limits: none of \d+ starts came nearer than {NUMBER} mm; "
-        r"at the least, (.*)",
+        rf"(?:no solution was found: none of \d+ starts came nearer than {NUMBER} mm|the arm reaches that "
+        rf"point, but none of \d+ starts found a pitch of ({NUMBER})° there: the nearest is ({NUMBER})°); "
+        "(.*)",
         text,
     ):
         assert asked.away(robot.limits, pitched=True) > 1e-7, text
-        check_needs(asked, found[1], pitched=True)
-    elif re.fullmatch(
-        r"no solution was found: even without joint limits, none of \d+ starts led there", text
-    ):
-        assert asked.away(wide_open(robot), pitched=True) > 1e-7, text
+        if found[1] is not None:
+            assert asked.pitch is not None and degrees_near(float(found[1]), asked.pitch), text
+            goal = np.append(asked.point, math.sin(math.radians(float(found[2]))))
+            assert nearest(robot, goal, robot.limits, asked.rng, pitched=True, starts=300) < 2e-4, text
+        if found[3].startswith("at the least, "):
+            check_needs(asked, found[3].removeprefix("at the least, "), pitched=True)
+        else:
+            assert re.fullmatch(r"even without joint limits, none of \d+ led there", found[3]), text
+            assert asked.away(wide_open(robot), pitched=True) > 1e-7, text
     elif found := re.fullmatch(
         rf"the rods keep the tool at a pitch of ({NUMBER})°; ({NUMBER})° cannot be had", text
     ):

@@ -195,6 +195,7 @@ def test_the_arm_ends_at_the_tool(tmp_path: Path, parts: tuple[Step, ...], tool:
         ((part("c", "d", "floating"), part("d", "tool0", "fixed")), 'name="j_d">: type="floating"'),
         ((part("c", "d", "planar"), part("d", "tool0", "fixed")), 'name="j_d">: type="planar"'),
         ((part("c", "d", "revolute", "j_b"), part("d", "tool0", "fixed")), 'j_d">: follows the joint "j_b"'),
+        ((part("world", "rail", "prismatic", "j_b"), part("rail", "tool0")), 'j_rail">: type="prismatic"'),
         ((part("world", "tool0", "fixed"),), "no joint turns between world and tool0"),
     ],
 )
@@ -234,6 +235,10 @@ ENTITY = '<!DOCTYPE robot [<!ENTITY a "b"><!ENTITY c "&a;&a;">]>'
         (
             changed("<material", '<xacro:include xmlns:xacro="http://ros.org/xacro" filename="x"/><material'),
             "needs <xacro:include>, which the package xacro expands: pip install xacro",
+        ),
+        (
+            changed("<material", '<x:macro xmlns:x="http://ros.org/xacro" name="m"/><material'),
+            'xmlns:x="http://ros.org/xacro": call the prefix of xacro "xacro"',
         ),
         (changed('<parent link="fore"/>', '<parent link="four"/>'), '<parent link="four">: there is no such'),
         (changed('<child link="hand"/>', '<child link="hund"/>'), '<child link="hund">: there is no such'),

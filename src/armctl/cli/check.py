@@ -113,13 +113,13 @@ def _kind(file: Path) -> str:
     return "robot" if "dh" in top or "joints" in top else "program"
 
 
-def _other_rest(robot: Robot) -> str:
-    """What to write for a rest pose that is clear of everything, if one is easily found."""
+def _other(pose: str, robot: Robot) -> str:
+    """What to write for a named pose that is clear of everything, if one is easily found."""
     q = clear_pose(replace(robot, poses={}))
     if q is None:
-        return "choose another rest pose, or another height of the floor"
+        return f"choose another {pose} pose, or another height of the floor"
     angles = ", ".join(f"{angle:g}" for angle in np.degrees(q).round(2).tolist())
-    return f"in the side file or the robot file, [poses] rest = [{angles}] would do"
+    return f"in the side file or the robot file, [poses] {pose} = [{angles}] would do"
 
 
 def _check_robot(robot: Robot) -> Iterator[Finding]:
@@ -134,14 +134,18 @@ def _check_robot(robot: Robot) -> Iterator[Finding]:
     # servos that are off may jump to where Enable sends them; motors stay where homing ended
     below = None if board.homing else below_floor(Floor(robot), robot.first_pose)
     if below is not None:
-        mend = f"Enable is refused there; {_other_rest(robot)}"
+        mend = f"Enable is refused there; {_other('rest', robot)}"
         yield Finding(below, part="the rest pose", mend=mend, kind="floor")
     note = across_the_link(robot.chain)
     if note is not None:
         yield Finding(note.what, part="the tool axis", mend=note.mend, kind="reach", severity="warning")
     home = robot.pose("home")
+    low = below_floor(Floor(robot), home)
+    if low is not None and not np.array_equal(home, robot.first_pose):
+        mend = f"what leads there is refused; {_other('home', robot)}"
+        yield Finding(low, part="the home pose", mend=mend, kind="floor", severity="warning")
     for name in robot.poses:
-        if name != "home":
+        if name != "home" and low is None:
             for finding in preflight(robot, PointToPoint.plan(robot, home, robot.pose(name))):
                 part = f"the way from home to {name}: {finding.part}"
                 yield replace(finding, part=part, severity="warning")

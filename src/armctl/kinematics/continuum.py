@@ -31,8 +31,6 @@ _MET = 1e-10
 """how near to the target counts as on it, [m] and [rad]"""
 _MOVES = 0.02
 """the share of the largest movement from which a joint counts as moving"""
-_UPRIGHT = 1e-6
-"""how near to ±90° a pitch says two things about the approach axis (cosine)"""
 _UNMET = 1e-6
 """a rotation missed by more is one that the arm can only come near to [rad]"""
 
@@ -100,7 +98,7 @@ def _rows(
     if target.pitch is not None:
         approach = pose[:, :3, 2]
         turned = np.cross(axes, approach[:, :, None], axis=1)
-        if abs(math.cos(target.pitch)) < _UPRIGHT:
+        if target.up is not None:
             level = np.linalg.svd(up[None])[2][1:]
             rows.append(approach @ level.T)
             slopes.append(level @ turned)

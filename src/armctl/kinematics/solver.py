@@ -28,9 +28,6 @@ from armctl.kinematics.target import Target, checked_positions, checked_rotation
 from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.workspace import SampledSection, Section
 
-_UPRIGHT = 1e-6
-"""how near to ±90° a pitch leaves the approach axis no way to swing (cosine)"""
-
 
 class InverseKinematics(ABC):
     """A solver for one arm inside its limits. Immutable; safe in several threads."""
@@ -43,6 +40,8 @@ class InverseKinematics(ABC):
     """True where less than a whole pose, such as a position, is searched for: that takes long"""
     takes_linkages: ClassVar[bool] = False
     """True where links may turn by sums of joint angles (``Chain.coupling``)"""
+    roll_moves_tip: ClassVar[bool] = False
+    """True where the tool point lies beside the axis of the roll joint, so that a free roll is swept"""
     direct: ClassVar[bool] = False
     """True where ``solve_batch`` and ``least_rotation`` answer, without a list of all solutions"""
 
@@ -124,14 +123,15 @@ class InverseKinematics(ABC):
     def is_swept(self, target: Target) -> bool:
         """Whether a target asks for less than the joints can do: a continuum, and no list of branches.
 
-        A joint that rolls the tool does not count: without a roll asked for, any will do.
+        A joint that rolls the tool about its own point does not count: without a roll asked for, any will do.
         """
         turns = self.limits[:, 0] < self.limits[:, 1]
         asked = 6
         if target.rotation is None:
-            upright = target.pitch is not None and math.cos(target.pitch) < _UPRIGHT
-            asked = 3 if target.pitch is None else 5 if upright else 4
-            if self.roll_joint is not None:
+            asked = 3 if target.pitch is None else 4 if target.up is None else 5
+            if self.roll_moves_tip:
+                asked += target.roll is not None
+            elif self.roll_joint is not None:
                 turns[self.roll_joint] = False
         return bool(np.count_nonzero(turns) > asked)
 

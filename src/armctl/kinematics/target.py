@@ -51,6 +51,8 @@ def checked_number(value: float, what: str) -> float:
 
 # What inverse kinematics is asked for.
 
+_UPRIGHT = 1e-8
+"""a pitch nearer to ±90° than this is taken as ±90° [rad]: the elevation has no derivative there"""
 FARTHEST = 1000.0
 """a target farther off than this is a mistake in the unit [m]"""
 _ROUNDED, _TRUE = 1e-3, 2e-14
@@ -112,9 +114,19 @@ class Target(NamedTuple):
         return tuple.__new__(cls, (point, None, None, matrix))  # pyright: ignore[reportUnknownMemberType]
 
     @property
+    def up(self) -> float | None:
+        """1 or -1 where the pitch asked for is straight up or down, else None."""
+        return None if self.pitch is None else straight_up(self.pitch)
+
+    @property
     def position(self) -> FloatArray:
         """(3,) the tool point [m]; a copy."""
         return np.array(self.point)
+
+
+def straight_up(pitch: float) -> float | None:
+    """1 or -1 for a pitch of ±90° [rad], None for any other."""
+    return math.copysign(1.0, pitch) if abs(abs(pitch) - 0.5 * pi) <= _UPRIGHT else None
 
 
 def checked_array(value: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:

@@ -60,16 +60,17 @@ class ToolPlane:
         ends = [self.plane_angle(k, float(limits[1 + k, side])) for side in (0, 1)]
         return min(ends), max(ends)
 
-    def way_to_circle(self, rho: float, z: float, radius: float) -> float:
+    def way_to_circle(self, rho: float, z: float, radius: float, hand: complex = 0j) -> float:
         """How far a point at ``rho`` from the base axis is from what a circle about the shoulder sweeps [m].
 
-        The plane stands beside the axis and turns about it, so the shortest way lies in none of its poses.
+        ``hand``: from the circle to the tool point, where the tool keeps its pitch. The plane stands beside
+        the axis and turns about it, so the shortest way lies in none of its poses.
         """
         centre, reach, count = 0.0, math.pi, 1441
         away = np.empty(0)
         for _ in range(4):
             angles = np.linspace(centre - reach, centre + reach, count)
-            tip = self.shoulder + radius * np.exp(1j * angles)
+            tip = self.shoulder + hand + radius * np.exp(1j * angles)
             away = np.hypot(np.hypot(tip.real, self.lateral) - rho, tip.imag - z)
             centre = float(angles[away.argmin()])
             reach, count = 2.0 * reach / (count - 1), 41

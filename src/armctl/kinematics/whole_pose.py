@@ -1,7 +1,8 @@
 """What solvers of whole tool poses share: all images of their ways, the rest of the targets by search.
 
 A position, or a position with a pitch, leaves six joints a continuum, which the numeric solver samples; it
-also comes as near as it can to a pose that is out of reach.
+also comes as near as it can to a pose that is out of reach. A tool straight up or down, with its roll by the
+last joint, is a whole pose.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from armctl.kinematics.numeric.goals import rotation_vectors, tool_motion
 from armctl.kinematics.numeric.solver import NumericSolver
 from armctl.kinematics.samples import checked_step
 from armctl.kinematics.solutions import Solutions, SolvedArm
+from armctl.kinematics.solver import RollJoint, held_roll
 from armctl.kinematics.target import Target
 
 _SPREAD = 12
@@ -101,10 +103,12 @@ class WholePoses:
         energy: EnergyModel,
         titles: Sequence[str],
         branch_names: tuple[str, ...],
+        roll: RollJoint | None,
     ) -> None:
         self._arguments = chain, limits, energy, titles
-        self._limits = limits
-        self.arm = SolvedArm(branch_names, chain, energy, limits=limits, titles=tuple(titles))
+        self._limits, self._roll = limits, roll
+        joint = None if roll is None else roll.index
+        self.arm = SolvedArm(branch_names, chain, energy, (), limits, joint, titles=tuple(titles))
 
     @cached_property
     def _search(self) -> NumericSolver:
@@ -117,16 +121,29 @@ class WholePoses:
         start: FloatArray | None,
         every_way: Callable[[FloatArray, FloatArray | None], Ways],
     ) -> Solutions:
-        """As ``InverseKinematics.solve``, by ``every_way`` of a tool pose (4, 4) with that start."""
+        """As ``InverseKinematics.solve``, by ``every_way`` of a tool pose (4, 4) with that start.
+
+        With the tool straight up or down the roll joint turns it about the vertical: the ways of any
+        rotation, with that joint at the roll asked for.
+        """
         checked_step(step)
-        if target.rotation is None:
+        pose, limits, roll = np.eye(4), self._limits, self._roll
+        pose[:3, 3] = target.point
+        if target.rotation is not None:
+            pose[:3, :3] = target.rotation
+            ways = every_way(pose, start)
+        elif target.up is not None and roll is not None and (target.roll is None or roll.angles(target.roll)):
+            pose[:3, :3] = np.diag([1.0, target.up, target.up])
+            limits = limits.copy()
+            limits[roll.index] = held = held_roll(roll, target.roll)[1]
+            ways = every_way(pose, start)
+            ways = ways._replace(q=np.insert(np.delete(ways.q, roll.index, axis=1), roll.index, held, axis=1))
+        else:
             return self._search.solve(target, step, start)
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = target.rotation, target.point
-        ways = every_way(pose, start)
-        images = _Images(ways.q, self._limits, start)
+        images = _Images(ways.q, limits, start)
         if len(images) == 0:
-            return self._search.approach(target)
+            approach = self._search.solve if target.rotation is None else self._search.approach
+            return approach(target, step, start)
         reason = ways.incomplete_reason
         if images.left_out:
             reason = f"{reason}; " if reason else ""

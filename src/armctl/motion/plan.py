@@ -23,7 +23,7 @@ from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachab
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.paths.tool_path import PitchMode, TurnMode, follow, led_at_once
 from armctl.motion.polynomial import PiecewisePolynomial, points_apart, spline_through
-from armctl.motion.preflight import require_clear
+from armctl.motion.preflight import require_clear, require_robot
 from armctl.motion.profiles import PointToPoint, ProfileName, checked_profile, lasting_s
 from armctl.motion.timing import PathTrajectory, timed
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
@@ -31,6 +31,10 @@ from armctl.robot import Robot
 
 Profile = ProfileName | Literal["normal"]
 """A law for all joints together; or "normal": each joint at its own speed (takes no duration)."""
+
+
+_SLOWEST = 1e-6
+"""of the tool, so that it comes to an end [m/s]"""
 
 
 def plan_joints(
@@ -47,6 +51,7 @@ def plan_joints(
     Raises ``InputError`` for what is no configuration, ``MotionRefusedError`` for one outside the joint
     limits, too short a duration, or what the pre-flight refuses.
     """
+    require_robot(robot)
     end = robot.check_limits(end)
     if str(profile) == "normal" and duration_s is None:
         trajectory = PointToPoint.each_for_itself(robot, start, end)
@@ -180,6 +185,7 @@ def plan_spline(
 
 def _checked_stops(robot: Robot, stops: ArrayLike, what: str) -> FloatArray:
     """Configurations (k, n) [rad] to go through, one at least; ``InputError`` for anything else."""
+    require_robot(robot)
     q = as_numbers(stops, "joint angles")
     if q.ndim != 2 or q.shape[1] != robot.n or len(q) == 0:
         raise InputError(f"{what} needs configurations (k, {robot.n}), got the shape {q.shape}")
@@ -210,7 +216,12 @@ def plan_path(
 
 
 def _cap(speed: float | None) -> float:
-    return math.inf if speed is None else checked_number(speed, "the speed of the tool")
+    if speed is None:
+        return math.inf
+    checked = checked_number(speed, "the speed of the tool")
+    if checked < _SLOWEST:
+        raise InputError(f"the tool cannot move at {1000 * checked:.6g} mm/s; {1000 * _SLOWEST:g} at least")
+    return checked
 
 
 def follow_tool(
@@ -230,6 +241,7 @@ def follow_tool(
     None where it goes nowhere. Raises as ``plan_line``, but for the duration and the floor; a refusal says
     whether the way can be had with less asked of the tool's turn.
     """
+    require_robot(robot)
     q = robot.chain.checked(as_numbers(start, "joint angles"))
     tool = robot.forward(q)[:3, 3]
     curve = ToolLine(tool, end_m) if via_m is None else ToolArc(tool, via_m, end_m)

@@ -77,6 +77,12 @@ class Finding:
         return text if self.step is None else f"step {self.step + 1}: {text}"
 
 
+def require_robot(robot: object) -> None:
+    """Raises ``InputError`` for anything else, such as a name."""
+    if not isinstance(robot, Robot):
+        raise InputError(f"a robot is loaded with armctl.load_robot(NAME), it is not {robot!r}")
+
+
 def preflight(
     robot: Robot,
     trajectory: Trajectory,
@@ -96,6 +102,7 @@ def preflight(
     - Gravity torque (with ``payload_kg`` instead of the robot file's) against stall torque, at the samples.
     Raises ``InputError``: the trajectory has another number of joints, or a value that is not finite.
     """
+    require_robot(robot)
     motion = SampledMotion(robot, trajectory)
     if payload_kg is not None and checked_number(payload_kg, "a payload") < 0.0:
         raise InputError(f"a payload must be at least 0 kg, got {payload_kg}")

@@ -40,6 +40,8 @@ _SPARE_MS = 1e-9
 """so little below a whole millisecond is one [ms]"""
 _MET = 1e-6
 """so little below a limit it is met (share)"""
+_LONGEST_S = 1e7
+"""of a motion that is asked for"""
 _INSTANT = 1e-9
 """a duration that is none [s]"""
 
@@ -242,10 +244,12 @@ def _largest(values: PiecewisePolynomial) -> FloatArray:
 
 
 def checked_duration(duration: float) -> float:
-    """A duration [s]; what is too short to divide by is 0. InputError: no number, not finite, or below 0."""
+    """A duration [s]; what is too short to divide by is 0. InputError: no number, or not from 0 to 1e7."""
     checked = checked_number(duration, "the duration of a motion")
     if checked < 0:
         raise InputError(f"a motion cannot take {duration} s; leave it open for the shortest")
+    if checked > _LONGEST_S:
+        raise InputError(f"a motion cannot take {checked:.6g} s; {_LONGEST_S:.0f} s at most")
     return checked if checked > _INSTANT else 0.0
 
 

@@ -27,8 +27,10 @@ MOST_TRIANGLES = 2_000_000
 """of one file"""
 MOST_OF_ARM = 4_000_000
 """triangles of all meshes of an arm"""
-_MOST_PIECES = 10_000
-"""of one GLB file"""
+_MOST_PIECES, _DEEPEST = 1000, 32
+"""of one GLB file; how many may hang below each other, as trimesh's time grows with the cube of that"""
+_LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_")
+"""extensions of GLB files that change no shape"""
 _SMALLEST_M = 1e-9
 FARTHEST_M = 100.0
 """No point of a mesh is farther from its link; files in millimetres without a scale are refused by that."""
@@ -188,6 +190,7 @@ class _Mesh(msgspec.Struct):
 
 class _Node(msgspec.Struct):
     mesh: _Number | None = None
+    children: list[_Number] = []
 
 
 class _Scene(msgspec.Struct, rename="camel"):
@@ -198,9 +201,19 @@ class _Scene(msgspec.Struct, rename="camel"):
     accessors: list[_Accessor] = []
     meshes: list[_Mesh] = []
     nodes: list[_Node] = []
+    extensions_required: list[str] = []
 
     def count(self, accessor: int) -> int:
         return self.accessors[accessor].count
+
+    @property
+    def is_deep(self) -> bool:
+        """Whether pieces hang too far below each other, or in a circle."""
+        above = {child: k for k, node in enumerate(self.nodes) for child in node.children}
+        below = set(above)
+        for _ in range(_DEEPEST):
+            below = {child for child in below if above[child] in below}
+        return bool(below)
 
 
 def _require_bounded(glb: bytes) -> None:
@@ -210,8 +223,12 @@ def _require_bounded(glb: bytes) -> None:
         scene = msgspec.json.decode(glb[20:end], type=_Scene)
         points = [sum(max(map(scene.count, one.used)) for one in mesh.primitives) for mesh in scene.meshes]
         drawn = sum(points[node.mesh] for node in scene.nodes if node.mesh is not None)
-    except (msgspec.MsgspecError, LookupError, RecursionError) as cause:
+    except LookupError as cause:
+        raise RobotFileError("refers to parts that are not there") from cause
+    except (msgspec.MsgspecError, RecursionError) as cause:
         raise RobotFileError(f"cannot be read: {cause}") from cause
+    if needed := [name for name in scene.extensions_required if not name.startswith(_LOOKS)]:
+        raise RobotFileError(f"needs {', '.join(needed)}; export it without")
     if not all(buffer.uri.startswith("data:") for buffer in scene.buffers):
         raise RobotFileError("keeps its points in other files; export it as one GLB file")
     if any(one.buffer_view is None for one in scene.accessors):
@@ -220,6 +237,8 @@ def _require_bounded(glb: bytes) -> None:
     # corners, their normals and textures, and the corners again
     read = sum(one.count for one in scene.accessors) + sum(points)
     copied = sum(view.byte_length for view in scene.buffer_views)
+    if scene.is_deep:
+        raise RobotFileError(f"has more than {_DEEPEST} pieces below each other; export it as one mesh")
     if pieces > _MOST_PIECES or max(drawn, read / 4) > 3 * MOST_TRIANGLES or copied > MESHES.most_bytes:
         raise RobotFileError(
             f"is too large once it is read; {MOST_TRIANGLES} triangles and {_MOST_PIECES} pieces at most"

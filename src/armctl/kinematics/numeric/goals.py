@@ -10,13 +10,12 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain
+from armctl.kinematics.target import straight_up
 
 Rows = tuple[FloatArray, FloatArray]
 """residuals (k, m) and their derivatives by the joint angles (k, m, n)"""
 Cost = tuple[FloatArray, FloatArray, FloatArray]
 """cost (k,), gradient (k, n) and second derivatives (k, n, n)"""
-_UPRIGHT = 1e-8
-"""a pitch nearer to ±90° than this is taken as ±90° [rad]: the elevation has no derivative there"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,11 +214,9 @@ class LimitsGoal(Goal):
 
 def pitch_goal(pitch: float) -> Goal | None:
     """The goal for a pitch [rad] in ±90°, None where no axis can have such an elevation."""
-    if abs(pitch) > math.pi / 2 + _UPRIGHT:
-        return None
-    if abs(pitch) > math.pi / 2 - _UPRIGHT:
-        return UprightGoal(math.copysign(1.0, pitch))
-    return PitchGoal(pitch)
+    if (up := straight_up(pitch)) is not None:
+        return UprightGoal(up)
+    return PitchGoal(pitch) if abs(pitch) < math.pi / 2 else None
 
 
 def rotation_vectors(rotations: FloatArray) -> FloatArray:

@@ -80,8 +80,9 @@ class NumericSolver(InverseKinematics):
         checked_step(step)
         return self._answer(target, start, sought=True)
 
-    def approach(self, target: Target, start: FloatArray | None = None) -> Solutions:
+    def approach(self, target: Target, step: float, start: FloatArray | None = None) -> Solutions:
         """As ``solve``, for a rotation that nothing inside the limits has: it is not searched for."""
+        checked_step(step)
         return self._answer(target, start, sought=False)
 
     def _answer(self, target: Target, start: FloatArray | None, *, sought: bool) -> Solutions:
@@ -209,21 +210,22 @@ class NumericSolver(InverseKinematics):
         """Refused after a search: without a proof, and the reason says so."""
         nearest = self._nearest(position, turned, box)
         away = 1000 * float(np.linalg.norm(self.chain.forward(nearest)[:3, 3] - target.position))
+        goal = position if target.pitch is None or turned is None else Together(position, turned)
+        said = f"no solution was found: none of {_WAVE * _WAVES} starts came nearer than {away:.2f} mm"
         if target.pitch is not None and turned is not None:
             there = self._approached(position, turned, box)
             if len(there):
                 closest = self._best(turned, there)
                 pitch, _ = self.pitch_and_roll(closest)
                 asked, got = math.degrees(target.pitch), math.degrees(pitch or 0.0)
-                reason = (
+                said = (
                     f"the arm reaches that point, but none of {_WAVE * _WAVES} starts found a pitch of "
                     f"{asked:.2f}° there: the nearest is {got:.2f}°"
                 )
-                return self._refused(target, reason, closest if away < 1e-6 else nearest)
-        goal = position if target.pitch is None or turned is None else Together(position, turned)
-        return self._refused(target, lambda: self._by_limits(goal, box, away), nearest)
+                nearest = closest if away < 1e-6 else nearest
+        return self._refused(target, lambda: f"{said}; {self._by_limits(goal, box)}", nearest)
 
-    def _by_limits(self, goal: Goal, box: FloatArray, away_mm: float) -> str:
+    def _by_limits(self, goal: Goal, box: FloatArray) -> str:
         """What keeps the arm from a goal: joints that would have to leave their limits together, or links.
 
         None of the joints named could stay inside its limits while the others leave theirs, as far as the
@@ -233,7 +235,7 @@ class NumericSolver(InverseKinematics):
         widened = whole_turns(box)
         met = self._met(goal, self._polished(goal, starts, widened))
         if len(met) == 0:
-            return f"no solution was found: even without joint limits, none of {_WAVE} starts led there"
+            return f"even without joint limits, none of {_WAVE} led there"
         q = self._least_beyond(goal, met, box, widened)
         for joint in np.argsort(self._beyond(q, box)).tolist():
             others = self._beyond(q, box) > 0.0
@@ -243,9 +245,9 @@ class NumericSolver(InverseKinematics):
                 met = self._met(goal, self._polished(goal, np.vstack([np.clip(q, *fewer.T), starts]), fewer))
                 q = self._least_beyond(goal, met, box, fewer) if len(met) else q
         leaving = [(k, float(q[k])) for k in np.flatnonzero(self._beyond(q, box)).tolist()]
-        nearer = f"none of {_WAVE * _WAVES} starts came nearer than {away_mm:.2f} mm"
-        least = all_needs(self.titles, self.limits, leaving)
-        return f"no solution was found inside the joint limits: {nearer}; at the least, {least}"
+        if not leaving:
+            return "there may be one that was not found"
+        return f"at the least, {all_needs(self.titles, self.limits, leaving)}"
 
     def _least_beyond(self, goal: Goal, met: FloatArray, box: FloatArray, widened: FloatArray) -> FloatArray:
         """(n,) of what meets a goal inside ``widened`` limits, beyond those of the ``box`` by the least sum.

@@ -64,6 +64,7 @@ class OffsetRollSolver(InverseKinematics):
     """
 
     family = "yaw, parallel pitch joints, roll beside the tool"
+    roll_moves_tip = True
 
     def __init__(
         self,

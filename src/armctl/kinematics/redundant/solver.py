@@ -317,11 +317,13 @@ class RedundantSolver(InverseKinematics):
 
 
 def _repeated(q: FloatArray) -> NDArray[np.bool_]:
-    """Which of configurations (m, 7) are there already: where two branches meet."""
-    place = q @ np.sqrt(np.arange(2.0, 2.0 + q.shape[1]))  # the same for the same ones
+    """Which of configurations (m, 7) are there already, whole turns aside: where two branches meet."""
+    weights = np.sqrt(np.arange(2.0, 2.0 + q.shape[1]))
+    place = np.cos(q) @ weights + np.sin(q) @ weights[::-1]  # the same for the same ones
     order = np.argsort(place, kind="stable")
     near = np.flatnonzero(np.diff(place[order]) < 32.0 * _SAME)
     first, second = order[near], order[near + 1]
     repeated = np.zeros(len(q), dtype=np.bool_)
-    repeated[second[np.abs(q[second] - q[first]).max(axis=1, initial=0.0) < _SAME]] = True
+    apart = q[second] - q[first]
+    repeated[second[np.abs(apart - TWO_PI * np.rint(apart / TWO_PI)).max(axis=1, initial=0.0) < _SAME]] = True
     return repeated

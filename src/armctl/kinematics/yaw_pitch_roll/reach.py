@@ -122,31 +122,25 @@ class Reach:
         if angles[0] is not None and len(lengths) == 3:
             point, after, last = "the wrist", " with the tool at that pitch", lengths.pop()
         inner, outer = max(0.0, 2 * max(lengths) - sum(lengths)), sum(lengths)
-        beside = self._geometry.lateral  # in space, so that they agree with the way to the nearest point
-        shortest, longest = math.hypot(inner, beside), math.hypot(outer, beside)
-        misses: list[tuple[float, float]] = []
+        beside, foot, shoulder = self._geometry.lateral, self._geometry.shoulder, self._titles[1].lower()
+        misses: list[tuple[float, float, float, str]] = []
         for branch, angle in itertools.product(branches, angles):
-            direction = (angle or 0.0) - (self._geometry.tool_angle or 0.0)
-            distance = abs(complex(branch.r, z) - self._geometry.shoulder - cmath.rect(last, direction))
+            hand = cmath.rect(last, (angle or 0.0) - (self._geometry.tool_angle or 0.0))
+            distance = abs(complex(branch.r, z) - foot - hand)
             if inner - AXIS_TOLERANCE <= distance <= outer + AXIS_TOLERANCE:
                 return None
-            distance = math.hypot(distance, beside)
-            misses.append((max(distance - longest, shortest - distance), distance))
-        if beside and self._geometry.shoulder.real and point == "the target":
-            rho = math.hypot(branches[0].r, beside)
-            far, near = (
-                self._geometry.way_to_circle(rho, z, outer),
-                self._geometry.way_to_circle(rho, z, inner),
-            )
-            shoulder = self._titles[1].lower()
-            if far <= near:
-                return too_far(far, f"from the {shoulder}", "the arm reaches", longest)
-            return too_near(near, f"from the {shoulder}", "the arm folds no closer than", shortest)
-        miss, distance = min(misses)
-        where = f"{point} would be {1000 * distance:.1f} mm from the {self._titles[1].lower()}{after}"
-        if distance > longest:
-            return too_far(miss, where, "the arm reaches", longest)
-        return too_near(miss, where, "the arm folds no closer than", shortest)
+            for length in (inner, outer):
+                if beside and (foot + hand).real:  # the shortest way lies in none of the plane's poses
+                    miss = self._geometry.way_to_circle(math.hypot(branch.r, beside), z, length, hand)
+                    misses.append((miss, length, length, f"from the {shoulder}{after}"))
+                else:
+                    away, limit = math.hypot(distance, beside), math.hypot(length, beside)
+                    where = f"{point} would be {1000 * away:.1f} mm from the {shoulder}{after}"
+                    misses.append((abs(away - limit), length, limit, where))
+        miss, length, limit, where = min(misses)
+        if length == outer:
+            return too_far(miss, where, "the arm reaches", limit)
+        return too_near(miss, where, "the arm folds no closer than", limit)
 
     def _by_limits(self, branches: list[BaseBranch], z: float, angles: list[float | None]) -> str:
         """All joints that would have to leave their limits together, for each way to face the target.

@@ -42,8 +42,10 @@ _SAME_TURN = math.radians(0.01)
 
 
 def usual_pitch(robot: Robot) -> PitchMode:
-    """What an arm can do along most lines: keep its pitch, or, with two pitch joints, let it come."""
-    return "free" if len(robot.inverse_kinematics.pitch_joints) == 2 else "kept"
+    """What an arm can do along most lines: keep its pitch, or let it come where it has none of its own."""
+    solver = robot.inverse_kinematics
+    has_pitch = solver.pitch_and_roll(robot.pose("home"))[0] is not None
+    return "kept" if has_pitch and len(solver.pitch_joints) != 2 else "free"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,7 +171,8 @@ def _checked_turn(
         mode = _checked_mode("orientation", "rotation", orientation, end_rotation is not None)
         rotation = None if end_rotation is None else Target.of(np.zeros(3), rotation=end_rotation).rotation
         return _Turn(True, mode, rotation=rotation)
-    mode = _checked_mode("pitch", "pitch", pitch, end_pitch is not None)
+    usual = pitch if asks_pitch else usual_pitch(robot)
+    mode = _checked_mode("pitch", "pitch", usual, end_pitch is not None)
     end = None if end_pitch is None else checked_number(end_pitch, "the pitch at the end")
     return _Turn(False, mode, pitch=end)
 

@@ -300,6 +300,11 @@ def _about_tool(
                 f"pitch is the elevation of the tool's z axis; in the link {tool.link} not z but {axes[0]} "
                 f"points ahead, {where}{none} ({file}#{tool.link},approach={axes[0]} takes {axes[0]} for z)"
             )
+        if not axes and rolls and geometry is not None and geometry.tool_angle is None:
+            yield (
+                f"no axis of the link {tool.link} lies along the axis of {names[-1]}, so that no pitch can "
+                f"be asked for: a link with such an axis, on a fixed joint, can be named ({file}#LINK)"
+            )
     if geometry is not None and geometry.tool_angle is not None:
         lean = math.atan2(float(np.hypot(*geometry.frame[:2, 2])), float(geometry.frame[2, 2]))
         if lean > _LEANS:
@@ -313,12 +318,17 @@ def _ahead(chain: Chain) -> tuple[FloatArray | None, bool]:
     """Where the tool points by the arm's build, all joints at zero: a unit vector (3,) in the base frame.
 
     With it, whether that is the axis of the last joint, which rolls the tool; else it is the last link. None
-    where the arm ends on the axis of a joint that does not roll.
+    where the arm ends on the axis of a joint that does not roll, or beside a joint that may point either way.
     """
     points, axes = chain.axes()
     tip, last = chain.forward(np.zeros(chain.n))[:3, 3], axes[-1]
     if chain.n > 1 and np.linalg.norm(np.cross(last, axes[-2])) > math.sin(math.acos(_ALONG)):
-        return last * math.copysign(1.0, float((tip - points[-2]) @ last)), True
+        wrist = tip - points[-2]
+        wrist -= (wrist @ axes[-2]) * axes[-2]
+        along = float(wrist @ last)
+        if abs(along) < 0.5 * np.linalg.norm(wrist):
+            return None, False
+        return last * math.copysign(1.0, along), True
     link = tip - points[-1]
     across = link - (link @ last) * last
     length = float(np.linalg.norm(across))

@@ -40,7 +40,9 @@ def suggested_tool(tree: UrdfTree) -> UrdfTool:
     that has a name as tool frames have, else to the last one that is no camera. Refuses to choose of several.
     """
     if tools := customary_tools(tree.links):
-        return UrdfTool(_only(tree, tools), "which has a customary name")
+        link = _only(tree, tools)
+        own = tuple(joint.name for joint in tree.below(link) if _turns(joint))
+        return UrdfTool(link, "which has a customary name", own)
     end = _end_of_motion(tree)
     left_out = tuple(joint.name for joint in tree.below(end) if _turns(joint))
     fixed = list(_fixed_below(tree, end))

@@ -178,7 +178,7 @@ class UrdfTree:
         for k, joint in enumerate(way):
             where = f'<joint name="{joint.name}">'
             if joint.kind not in ("revolute", "continuous", "fixed"):
-                if all(one.kind == "fixed" for one in way[:k]):
+                if joint.mimics is None and all(one.kind == "fixed" for one in way[:k]):
                     way[k] = joint.at_rest()
                     continue
                 raise RobotFileError(
@@ -187,7 +187,8 @@ class UrdfTree:
                 )
             if joint.mimics is not None and joint.kind != "fixed":
                 raise RobotFileError(
-                    f'{where}: follows the joint "{joint.mimics}"; every joint of an arm is free'
+                    f'{where}: follows the joint "{joint.mimics}"; in a URDF file every joint of an arm is '
+                    "free. Rods that keep a hand level: Main, Your own arm, or armctl new --build palletiser"
                 )
         return [joint.settled() for joint in way]
 
@@ -217,8 +218,15 @@ def read_urdf_file(source: UrdfSource) -> UrdfTree:
 
 def _parsed(content: bytes) -> ElementTree.Element:
     builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
-    # as ROS reads them: prefixes are part of the names, and many files do not declare theirs
-    parser.StartElementHandler = builder.start
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        # as ROS reads them: prefixes are part of the names, and many files do not declare theirs
+        for name, meaning in attributes.items():
+            if name.startswith("xmlns:") and name != "xmlns:xacro" and "xacro" in meaning:
+                raise RobotFileError(f'{name}="{meaning}": call the prefix of xacro "xacro"')
+        builder.start(tag, attributes)
+
+    parser.StartElementHandler = start
     parser.EndElementHandler = builder.end
     parser.CharacterDataHandler = builder.data
     parser.StartDoctypeDeclHandler = _refuse_document_type

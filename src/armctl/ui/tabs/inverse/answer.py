@@ -330,6 +330,8 @@ def _energy_curve(robot: Robot, found: Answer) -> Picture | str:
     solutions, free, count = found.solutions, found.solutions.free_joint, len(found.solutions)
     if count == 0:
         return "There is no solution."
+    if free is None and robot.inverse_kinematics.is_swept(solutions.target):
+        return "These solutions were searched for one by one: no single joint is free to draw a curve over."
     if free is None:
         return f"No joint is free here: {counted(count, 'isolated ')}, no curve."
     if count == 1:
