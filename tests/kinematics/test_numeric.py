@@ -24,8 +24,7 @@ from armctl.kinematics.numeric.goals import (
     rotation_vectors,
     tool_motion,
 )
-from armctl.kinematics.numeric.reach import LinkBound
-from armctl.kinematics.numeric.solver import NumericSolver
+from armctl.kinematics.numeric.solver import LinkBound, NumericSolver
 from armctl.kinematics.solutions import Solutions
 
 Arm = tuple[Chain, FloatArray]

@@ -141,7 +141,7 @@ def _check_robot(robot: Robot) -> Iterator[Finding]:
         yield Finding(note.what, part="the tool axis", mend=note.mend, kind="reach", severity="warning")
     home = robot.pose("home")
     low = below_floor(Floor(robot), home)
-    if low is not None and not np.array_equal(home, robot.first_pose):
+    if low is not None and (below is None or not np.array_equal(home, robot.first_pose)):
         mend = f"what leads there is refused; {_other('home', robot)}"
         yield Finding(low, part="the home pose", mend=mend, kind="floor", severity="warning")
     for name in robot.poses:
