@@ -14,7 +14,7 @@ import pytest
 from tests.robot.urdf_kit import Step, written
 
 from armctl import load_robot
-from armctl.errors import RobotFileError
+from armctl.errors import RobotFileError, UnclearArmError
 from armctl.robot.urdf import (
     UrdfSource,
     add_to_package,
@@ -99,6 +99,23 @@ def test_an_absolute_path_and_what_is_no_mesh(tmp_path: Path) -> None:
     assert source.find(str(mesh)) == mesh and source.find(mesh.as_uri()) == mesh
     for uri in ("http://host/upper.stl", "package://none/none.stl", "a\0b.stl", ""):
         assert source.find(uri) is None
+
+
+def test_a_file_that_another_one_includes_is_a_part_of_an_arm(tmp_path: Path) -> None:
+    part = '<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:property name="reach" value="0.1"/></robot>'
+    include = """<xacro:include\n filename='$(find arm)/urdf/a_part.xacro'/>"""
+    (tmp_path / "a_part.xacro").write_text(part)
+    (tmp_path / "b_arm.xacro").write_text(part.replace("<xacro:property", f"{include}<xacro:property"))
+    assert UrdfSource.at(tmp_path).file == tmp_path / "b_arm.xacro"
+    (tmp_path / "c_arm.xacro").write_text(part)
+    with pytest.raises(UnclearArmError, match=r"several arms: b_arm\.xacro, c_arm\.xacro; name one"):
+        UrdfSource.at(tmp_path)
+    others = include.replace("a_part", "b_arm") + include.replace("a_part", "c_part")
+    (tmp_path / "a_part.xacro").write_text(others)
+    (tmp_path / "c_part.xacro").write_text(include)
+    (tmp_path / "c_arm.xacro").unlink()
+    with pytest.raises(UnclearArmError, match=r"several arms: a_part\.xacro, b_arm\.xacro, c_part\.xacro"):
+        UrdfSource.at(tmp_path)  # each is a part of another one
 
 
 @pytest.mark.parametrize(

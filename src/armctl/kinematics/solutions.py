@@ -300,7 +300,8 @@ class Solutions:
         i = int(self._ranked(name, energy, q, begin)[0])
         if energy[i] == math.inf:
             said = "the criterion given" if name is None else repr(name)
-            raise UnreachableError(f"none of the {len(self)} solutions is admitted by {said}")
+            which = "the only solution" if len(self) == 1 else f"all {len(self)} solutions"
+            raise UnreachableError(f"{said} excludes {which}")
         return q[i].copy()
 
     def turned_off(self, q: FloatArray) -> str | None:

@@ -154,7 +154,7 @@ def checked_point(value: ArrayLike) -> tuple[float, float, float]:
         return x, y, z
     checked_array(value, _POINT, "the target position")
     raise InputError(
-        f"the target position is {math.hypot(x, y, z):.0f} m from the base, farther than {FARTHEST:.0f} m: "
+        f"the target position is {math.hypot(x, y, z):.6g} m from the base, farther than {FARTHEST:.0f} m: "
         "is that the unit?"
     )
 
@@ -171,7 +171,7 @@ def checked_positions(value: ArrayLike) -> FloatArray:
     far = np.flatnonzero(np.linalg.norm(positions, axis=1) > FARTHEST)
     if len(far):
         raise InputError(
-            f"{what}: row {far[0]} is {np.linalg.norm(positions[far[0]]):.0f} m from the base, "
+            f"{what}: row {far[0]} is {np.linalg.norm(positions[far[0]]):.6g} m from the base, "
             f"farther than {FARTHEST:.0f} m: is that the unit?"
         )
     return positions

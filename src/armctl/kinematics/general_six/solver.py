@@ -93,9 +93,7 @@ class GeneralSixSolver(InverseKinematics):
     def _every_way(self, pose: FloatArray, _: FloatArray | None) -> Ways:
         q, sure = self._isolated(pose)
         least = self._singular_values(q)
-        reason = (
-            None if sure else "close to a singular pose: others may lie so near that they are not told apart"
-        )
+        reason = None if sure else "close to a singular pose: rounding may hide further solutions"
         curves: list[FloatArray] = []
         for one in q[least < _SINGULAR]:
             if len(curves) < _CURVES and all(apart(curve, one).min() > _TRACE_STEP for curve in curves):

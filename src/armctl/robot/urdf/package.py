@@ -15,6 +15,7 @@ import stat
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote
@@ -39,13 +40,14 @@ _MOST_NAMESAKES = 1000
 _KEPT = 16
 """unpacked zip files that stay in the cache"""
 _ZIPS = DocumentKind(RobotFileError, most_bytes=MOST_PACKED_BYTES)
-_PACKAGES = DocumentKind(RobotFileError, most_bytes=1 << 20)
+_SMALL_TEXTS = DocumentKind(RobotFileError, most_bytes=1 << 20)
 _UNPACKED = ".armctl-unpacked"
 """A folder with this file in it was unpacked: what lies outside is none of its arm's business."""
 _FROM_PAGE = b"from a page"
 _TAKEN = {*ARM_SUFFIXES, *SUFFIXES, ".toml", ".xml", ".yaml", ".yml"}
 """files of a zip file that are unpacked; others have no use here"""
 _URI = re.compile(r"(?P<scheme>[a-z]{2,}):/{1,2}(?P<rest>.*)", re.IGNORECASE | re.DOTALL)
+_INCLUDED = re.compile(rb"""<xacro:include\b[^>]*\bfilename\s*=\s*["'](?:[^"']*/)?([^"'/]+)["']""")
 _LEVELS = 8
 """folders above the file in which packages are looked for"""
 
@@ -160,7 +162,7 @@ def _package_name(path: Path) -> str | None:
     if not path.is_file():
         return None
     try:
-        found = ElementTree.fromstring(_PACKAGES.read(path)).findtext("name")
+        found = ElementTree.fromstring(_SMALL_TEXTS.read(path)).findtext("name")
     except (RobotFileError, ElementTree.ParseError, ValueError, LookupError):
         return None  # then it names nothing
     return found and found.strip()
@@ -220,7 +222,7 @@ def _only_arm(folder: Path) -> Path:
     """The one arm of a folder: a side file, a URDF file, a xacro file, in this order."""
     files = list(walk(folder))
     for ending in (SIDE_SUFFIX, ".urdf", ".urdf.xacro", ".xacro"):
-        found = [path for path in files if path.name.lower().endswith(ending)]
+        found = _whole_arms([path for path in files if path.name.lower().endswith(ending)])
         if len(found) == 1:
             return found[0]
         if found:
@@ -230,6 +232,15 @@ def _only_arm(folder: Path) -> Path:
             error.arms = names
             raise error
     raise RobotFileError(f"{folder}: holds no .urdf and no .xacro file")
+
+
+def _whole_arms(found: list[Path]) -> list[Path]:
+    """Those that no other one includes, as parts of an arm are; all of them where that leaves none."""
+    parts: set[bytes] = set()
+    for path in found if len(found) > 1 else ():
+        with suppress(RobotFileError):  # what cannot be read names no parts, and is refused when it is loaded
+            parts.update(_INCLUDED.findall(_SMALL_TEXTS.read(path)))
+    return [path for path in found if os.fsencode(path.name) not in parts] or found
 
 
 # Zip files.

@@ -349,7 +349,7 @@ def _energy_curve(robot: Robot, found: Answer) -> Picture | str:
         if np.isfinite(energy[kept]).any():  # else the criterion admits none of this branch
             lines.append(Line(name, energy[kept], color_of(i)))
     if not lines:
-        return "The criterion admits none of the solutions."
+        return "The criterion excludes every solution."
     if best is not None:
         at = np.searchsorted(kept, best)
         dot = np.full(len(kept), np.nan)
