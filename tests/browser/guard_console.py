@@ -8,6 +8,7 @@ from typing import Any
 
 import viser
 from tests.browser.kit import PATIENCE_MS, Screen
+from tests.browser.serving import page_port
 
 from armctl.ui.guard import GuardedServer, guarded_server
 
@@ -18,7 +19,7 @@ class Console:
     def __init__(self, **options: Any) -> None:
         self.events: queue.Queue[tuple[str, object]] = queue.Queue()
         self.loop_threads: set[str] = set()
-        self.server: GuardedServer = guarded_server(port=0, label="armctl", **options)
+        self.server: GuardedServer = guarded_server(port=page_port(), label="armctl", **options)
         self.server.on_client_connect(self._build)
 
     @property

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tests.arms import FIVE
 from tests.browser.kit import Screen
+from tests.browser.serving import page_port
 
 from armctl.arm import Arm
 from armctl.calibration import CalibrationStore
@@ -151,7 +152,7 @@ def served_arm(folder: Path, robot: str = "uzuner", pin: str = "") -> Iterator[S
         anew,
     )
     try:
-        app = App(robots, guarded_server(port=0, label="armctl"), silence_s=_SILENCE_S)
+        app = App(robots, guarded_server(port=page_port(), label="armctl"), silence_s=_SILENCE_S)
         try:
             arm.link.submit(Enable(arm.robot.pose("home")), Origin("test")).result(10)
             yield ServedArm(arm, app)

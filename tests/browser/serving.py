@@ -1,15 +1,37 @@
-"""`armctl serve` in a process of its own, as a user starts it."""
+"""`armctl serve` in a process of its own, as a user starts it, and where pages are served."""
 
 from __future__ import annotations
 
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+_kept: list[int] = []
+
+
+def page_port() -> int:
+    """A free TCP port for the next server of pages, time after time the same one where it can be.
+
+    A browser keeps the compiled scripts of an address: a page that it knows is there in a third of the time.
+    """
+    for port in (*_kept, *range(20_000 + os.getpid() % 10_000, 32_768)):  # below those that systems hand out
+        with socket.socket() as probe:
+            if os.name == "posix":
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                continue  # taken
+        if not _kept:
+            _kept.append(port)
+        return port
+    raise AssertionError("no port is free")
 
 
 @contextmanager
@@ -19,7 +41,7 @@ def serving(
     """``armctl serve`` in a process of its own; gives the address that it prints. A signal ends it."""
     with (folder / "stderr").open("w") as errors:
         process = subprocess.Popen(
-            [python, "-m", "armctl", "serve", "--no-browser", "--http-port", "0", *words],
+            [python, "-m", "armctl", "serve", "--no-browser", "--http-port", str(page_port()), *words],
             stdout=subprocess.PIPE,
             stderr=errors,
             text=True,

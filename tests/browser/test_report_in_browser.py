@@ -8,6 +8,7 @@ from contextlib import closing
 import pytest
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import ServedArm
+from tests.browser.serving import page_port
 
 from armctl.cli.replay import told
 from armctl.process import Host
@@ -32,7 +33,7 @@ def test_a_fault_is_reported_and_replayed(page: Screen, served: ServedArm, scree
     assert file.name == "uzuner-report.zip"
     recording = read_recording(file)
     assert any("→ fault: " in line for line in told(recording))
-    server = guarded_server(port=0, overlay=False)
+    server = guarded_server(port=page_port(), overlay=False)
     with closing(ReplayApp(recording, served.robot, server)):
         replay = screens()
         replay.open(server.links[0], until="Play")

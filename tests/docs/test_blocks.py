@@ -281,7 +281,7 @@ def try_command(
 def said(words: Sequence[str], *, missed: int = 0) -> str:
     """What a program prints; it ends with 0, or with the status of a speed goal that this machine missed."""
     places = os.pathsep.join([str(ROOT), *sys.path])
-    of_make = {"MAKEFLAGS", "MAKELEVEL", "MFLAGS"}  # of the make that runs these tests
+    of_make = {"ARGS", "MAKEFLAGS", "MAKELEVEL", "MFLAGS"}  # of the make that runs these tests
     known = {name: text for name, text in os.environ.items() if name not in of_make}
     done = subprocess.run(
         words, capture_output=True, text=True, env=known | {"PYTHONPATH": places}, check=False
