@@ -208,8 +208,11 @@ class Solutions:
         if self.target.pitch is None or self.nearest_q is None:
             return ""
         up = np.array([0.0, 0.0, 1.0]) if self.arm.up is None else self.arm.up
-        off = float(self.arm.chain.forward(self.nearest_q)[:3, 2] @ up) - math.sin(self.target.pitch)
-        return " with that pitch" if abs(off) < _TURNED else ""
+        aim = self.arm.chain.forward(self.nearest_q)[:3, 2]
+        rise = float(aim @ up)
+        elevation = math.atan2(rise, float(np.linalg.norm(aim - rise * up)))  # exact near 90°, too
+        asked = math.atan2(math.sin(self.target.pitch), abs(math.cos(self.target.pitch)))
+        return " with that pitch" if abs(elevation - asked) < _TURNED else ""
 
     @property
     def nearest_away_m(self) -> float:
