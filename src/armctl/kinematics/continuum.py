@@ -24,11 +24,12 @@ _TRIED = 6
 """of those with a null direction so many are tried"""
 _NULL = 1e-5
 """the share of the greatest singular value below which a direction changes nothing"""
-_STEP = 1e-3
-"""along a null direction [rad]; what is isolated misses the target there by about its square"""
+_STEPS = 1e-3, 3e-5
+"""along a null direction [rad], the second where limits leave no more; there what is isolated misses the
+target by about the square"""
 _ROUNDS = 4
-_MET = 1e-10
-"""how near to the target counts as on it, [m] and [rad]"""
+_MET = 1e-4
+"""how near to the target counts as on it: a share of the square of the step, in [m] and [rad]"""
 _MOVES = 0.02
 """the share of the largest movement from which a joint counts as moving"""
 _UNMET = 1e-6
@@ -50,12 +51,13 @@ def moving_joints(
     singular = np.flatnonzero(rank < len(free))
     for i in singular[:: max(1, len(singular) // _TRIED)].tolist():
         for direction in _combined(directions[i, rank[i] :]):
-            step = np.zeros(chain.n)
-            step[free] = direction
-            moved = _moved(chain, limits, target, up, q[i], step, free)
-            if moved is not None:
-                size = np.abs(moved)
-                return tuple(np.flatnonzero(size > _MOVES * size.max()).tolist())
+            for length in _STEPS:
+                step = np.zeros(chain.n)
+                step[free] = length * direction
+                moved = _moved(chain, limits, target, up, q[i], step, free)
+                if moved is not None:
+                    size = np.abs(moved)
+                    return tuple(np.flatnonzero(size > _MOVES * size.max()).tolist())
     return ()
 
 
@@ -72,17 +74,18 @@ def _moved(
     free: list[int],
 ) -> FloatArray | None:  # fmt: skip
     """What the joints (n,) move by when the arm steps aside and comes back onto the target, if it can."""
-    x = q + _STEP * step
+    x, length = q + step, float(np.linalg.norm(step))
+    ahead = step / length
     for _ in range(_ROUNDS):
         r, J = _rows(chain, target, up, x[None], q[None])
-        off = np.append(r[0], step @ (x - q) - _STEP)
-        across = np.vstack([J[0][:, free], step[free]])
+        off = np.append(r[0], ahead @ (x - q) - length)
+        across = np.vstack([J[0][:, free], ahead[free]])
         x = x.copy()
         x[free] -= np.linalg.pinv(across, rcond=_NULL) @ off
     inside = (x >= limits[:, 0] - LIMIT_TOLERANCE) & (x <= limits[:, 1] + LIMIT_TOLERANCE)
     aside = float(np.abs(x - q).max())
-    met = np.abs(_rows(chain, target, up, x[None], q[None])[0]).max() < _MET
-    return x - q if met and inside.all() and 0.1 * _STEP < aside < 10.0 * _STEP else None
+    met = np.abs(_rows(chain, target, up, x[None], q[None])[0]).max() < _MET * length**2
+    return x - q if met and inside.all() and 0.1 * length < aside < 10.0 * length else None
 
 
 def _rows(

@@ -34,6 +34,8 @@ from armctl.kinematics.solutions import Solutions, SolvedArm
 from armctl.kinematics.solver import RollJoint, held_roll
 from armctl.kinematics.target import Target
 
+HIDDEN = "close to a singular pose: rounding may hide further solutions"
+"""what an answer says whose list may miss some for that"""
 _SPREAD = 12
 """half of how many angles stand for a continuum"""
 _SINGULAR = 1e-12
@@ -42,6 +44,10 @@ _LONGEST = 0.3
 """[rad]"""
 _ROUNDING = 2e-14
 """a miss that no step makes smaller"""
+_HALF_KNOWN = 1e-6
+"""how far off rounding may carry a double root, which has half of the digits only [rad]"""
+_MET, _STEPS, _HELD = 1e-10, 4, 3
+"""[m] or [rad]: what Newton steps leave of a pose that is met, how many they are, and rounds of them"""
 
 
 class Ways(NamedTuple):
@@ -53,6 +59,8 @@ class Ways(NamedTuple):
     """(k,) index into the branch names"""
     incomplete_reason: str | None = None
     """why there are more, in words"""
+    double: bool = False
+    """whether some may be double roots, or nearly"""
 
 
 class _Images:
@@ -127,13 +135,12 @@ class WholePoses:
         rotation, with that joint at the roll asked for.
         """
         checked_step(step)
-        pose, limits, roll = np.eye(4), self._limits, self._roll
-        pose[:3, 3] = target.point
+        limits, roll = self._limits, self._roll
         if target.rotation is not None:
-            pose[:3, :3] = target.rotation
+            pose = pose_of(target.position, target.rotation)
             ways = every_way(pose, start)
         elif target.up is not None and roll is not None and (target.roll is None or roll.angles(target.roll)):
-            pose[:3, :3] = np.diag([1.0, target.up, target.up])
+            pose = pose_of(target.position, np.diag([1.0, target.up, target.up]))
             limits = limits.copy()
             limits[roll.index] = held = held_roll(roll, target.roll)[1]
             ways = every_way(pose, start)
@@ -141,15 +148,17 @@ class WholePoses:
         else:
             return self._search.solve(target, step, start)
         images = _Images(ways.q, limits, start)
-        if len(images) == 0:
+        q, branch = images, _BranchOfImages(ways.branch, images)
+        if ways.double and len((more := _on_limits(self.arm.chain, pose, ways, images, limits, start)).q):
+            q, branch = np.concatenate([images, more.q]), np.concatenate([branch, more.branch])
+        if len(q) == 0:
             approach = self._search.solve if target.rotation is None else self._search.approach
             return approach(target, step, start)
         reason = ways.incomplete_reason
         if images.left_out:
             reason = f"{reason}; " if reason else ""
             reason = f"{reason}{images.left_out} more differ by whole turns"
-        branch = _BranchOfImages(ways.branch, images)
-        return Solutions(self.arm, target, images, branch, incomplete_reason=reason)
+        return Solutions(self.arm, target, q, branch, incomplete_reason=reason)
 
     def spread(self, joint: int, start: FloatArray | None) -> FloatArray:
         """(m,) angles inside the limits of a joint that may be at any [rad], that of ``start`` (n,) too."""
@@ -170,10 +179,71 @@ def misses(chain: Chain, poses: FloatArray, q: FloatArray) -> FloatArray:
     return np.maximum(away, np.linalg.norm(turned, axis=1))
 
 
-def polished(chain: Chain, poses: FloatArray, q: FloatArray, reach: float, steps: int) -> FloatArray:
+def _on_limits(
+    chain: Chain, pose: FloatArray, ways: Ways, images: _Images, limits: FloatArray, start: FloatArray | None
+) -> Ways:
+    """Further images: of ways a little beyond limits (n, 2) [rad], moved onto them if they meet the pose so.
+
+    Two ways that are nearly one, as of an elbow that is nearly straight, are known to half of their digits:
+    what is on a limit may come out beyond it.
+    """
+    low, high = limits.T
+    up, down = (low - ways.q) % TWO_PI, (ways.q - high) % TWO_PI
+    move = np.where(up < _HALF_KNOWN, up, np.where(down < _HALF_KNOWN, -down, 0.0))
+    beside, joint = np.nonzero(np.abs(move) > LIMIT_TOLERANCE)
+    found, branch = np.asarray(images), list[int]()
+    known = len(found)
+    if len(beside):
+        held = np.arange(chain.n) == joint[:, None]
+        there = polished(chain, pose, ways.q[beside] + held * move[beside], 1.0, _STEPS, held)
+        met = misses(chain, pose, there) < _ROUNDING
+        moved = all_images(there[met], limits, start)
+        for q, way in zip(moved.q, beside[met][moved.source], strict=True):
+            if np.abs(found - q).max(axis=1).min(initial=math.inf) > _HALF_KNOWN:
+                found = np.vstack([found, q])
+                branch.append(int(ways.branch[way]))
+    return Ways(found[known:], np.array(branch, dtype=np.int8))
+
+
+def pose_of(position: FloatArray, rotation: FloatArray) -> FloatArray:
+    """``T_base_tool`` (4, 4) of a position (3,) [m] and a rotation (3, 3)."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position
+    return pose
+
+
+def met_if_near(chain: Chain, limits: FloatArray, pose: FloatArray, q: FloatArray) -> FloatArray:
+    """Configurations (k, n) [rad] that nearly have a pose (4, 4), where they meet it inside limits (n, 2).
+
+    A nearly straight elbow has half of its digits where a distance tells it. The orientation tells the rest.
+    """
+    off = misses(chain, pose, q)
+    near = np.flatnonzero((off > _ROUNDING) & (off < _HALF_KNOWN))
+    if len(near) == 0:
+        return q
+    there, held = q[near], np.zeros((len(near), chain.n), dtype=np.bool_)
+    for _ in range(_HELD):  # joints that come to their limits stay there
+        free = polished(chain, pose, there, 1.0, _STEPS, held)
+        there = np.clip(free, *limits.T)
+        held |= there != free
+    met = misses(chain, pose, there) < _MET
+    q = q.copy()
+    q[near[met]] = there[met]
+    return q
+
+
+def polished(
+    chain: Chain,
+    poses: FloatArray,
+    q: FloatArray,
+    reach: float,
+    steps: int,
+    held: NDArray[np.bool_] | None = None,
+) -> FloatArray:
     """Configurations (k, n) [rad] after Newton steps, each as long as it gets nearer to its pose.
 
-    ``poses`` (k, 4, 4), or one (4, 4) for all; lengths are taken over the ``reach`` [m].
+    ``poses`` (k, 4, 4), or one (4, 4) for all; lengths are taken over the ``reach`` [m]. Joints that are
+    ``held`` (k, n) stay.
     """
     R, t = np.swapaxes(poses[..., :3, :3], -1, -2), poses[..., :3, 3]
     best, least = q, np.full(len(q), math.inf)
@@ -186,7 +256,7 @@ def polished(chain: Chain, poses: FloatArray, q: FloatArray, reach: float, steps
         if not (nearer & (far > _ROUNDING)).any():
             break
         J = np.concatenate([motion.linear / reach, motion.axes], axis=1)
-        q = q - _steps(J, off)
+        q = q - _steps(J if held is None else np.where(held[:, None], 0.0, J), off)
     return best
 
 

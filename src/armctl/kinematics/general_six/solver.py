@@ -21,7 +21,7 @@ from armctl.kinematics.samples import even_spread
 from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.target import Target
-from armctl.kinematics.whole_pose import Ways, WholePoses, misses, polished
+from armctl.kinematics.whole_pose import HIDDEN, Ways, WholePoses, misses, polished
 
 _MOST = 16
 """no arm of six joints has more isolated configurations for a pose (E. J. F. Primrose, 1986)"""
@@ -93,7 +93,7 @@ class GeneralSixSolver(InverseKinematics):
     def _every_way(self, pose: FloatArray, _: FloatArray | None) -> Ways:
         q, sure = self._isolated(pose)
         least = self._singular_values(q)
-        reason = None if sure else "close to a singular pose: rounding may hide further solutions"
+        reason = None if sure else HIDDEN
         curves: list[FloatArray] = []
         for one in q[least < _SINGULAR]:
             if len(curves) < _CURVES and all(apart(curve, one).min() > _TRACE_STEP for curve in curves):

@@ -22,9 +22,12 @@ from armctl.kinematics.chain import Chain
 from armctl.kinematics.spherical_shoulder.geometry import SphericalShoulder
 from armctl.kinematics.spherical_shoulder.swivel import ROOT_TOLERANCE, Swivel, turn_about
 from armctl.kinematics.subproblems import Circle, circle, roots
+from armctl.kinematics.whole_pose import met_if_near
 
 _AS_GOOD = 1e-7
-"""how much farther from the rotation or pitch asked for a posture may be than the best one [rad]"""
+"""how much farther from the pitch asked for a posture may be than the best one [rad]"""
+_AS_NEAR = 5e-10
+"""the same for a rotation"""
 _ALIKE = 1e-6
 """where the nearest rotation depends on swivel or roll by less than this, either makes up for the other"""
 _UP = np.array([0.0, 0.0, 1.0])
@@ -39,22 +42,30 @@ class ToolOrientation:
     """
 
     def __init__(
-        self, chain: Chain, geometry: SphericalShoulder, roll_limits: tuple[float, float] | None
+        self,
+        chain: Chain,
+        geometry: SphericalShoulder,
+        limits: FloatArray,
+        roll_limits: tuple[float, float] | None,
     ) -> None:
-        self._chain, self._geometry, self._roll_limits = chain, geometry, roll_limits
+        self._chain, self._geometry, self._limits = chain, geometry, limits
+        self._roll_limits = roll_limits
 
-    def nearest(self, swivels: Sequence[Swivel], rotation: FloatArray) -> FloatArray:
-        """Every posture inside the limits that comes nearest to a rotation (3, 3), the nearest first."""
+    def nearest(self, swivels: Sequence[Swivel], pose: FloatArray) -> FloatArray:
+        """Every posture inside the limits that comes nearest to the rotation of a pose (4, 4), best first."""
+        rotation = pose[:3, :3]
         forms = [self._bilinear(swivel, rotation) for swivel in swivels]
         best = [self._unhindered(swivel, form) for swivel, form in zip(swivels, forms, strict=True)]
         found = np.concatenate([np.empty((0, 5)), *(q for q, _ in best)])
         for swivel, form, (_, blind) in zip(swivels, forms, best, strict=True):
             # else nothing with this elbow angle comes as near, or only what was found
-            if blind or self._misses(found, rotation).min(initial=math.inf) > _least_miss(*form) + _AS_GOOD:
+            if blind or self._misses(found, rotation).min(initial=math.inf) > _least_miss(*form) + _AS_NEAR:
                 found = np.concatenate([found, self._hindered(swivel, rotation, form)])
+        n = self._chain.n
+        found[:, :n] = met_if_near(self._chain, self._limits, pose, found[:, :n])
         misses = self._misses(found, rotation)
         order = np.argsort(misses, kind="stable")
-        return found[order[misses[order] <= misses.min(initial=math.inf) + _AS_GOOD]]
+        return found[order[misses[order] <= misses.min(initial=math.inf) + _AS_NEAR]]
 
     def at_pitch(self, swivels: Sequence[Swivel], pitch: float, roll: float) -> FloatArray:
         """Postures inside the limits that hold the approach axis at a pitch, the roll joint at ``roll``."""

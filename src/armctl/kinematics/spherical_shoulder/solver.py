@@ -36,6 +36,7 @@ from armctl.kinematics.spherical_shoulder.swivel import (
 )
 from armctl.kinematics.subproblems import turned
 from armctl.kinematics.target import Target
+from armctl.kinematics.whole_pose import pose_of
 
 _AT_SHOULDER = 1e-10
 """how near to the shoulder a tip has no direction from it [m]"""
@@ -75,7 +76,7 @@ class SphericalShoulderSolver(InverseKinematics):
         self.geometry = geometry
         self._arm = SolvedArm(SPHERICAL_BRANCHES, chain, energy, (), limits, roll, titles=self.titles)
         roll_limits = None if self._roll is None else (self._roll.low, self._roll.high)
-        self._orientation = ToolOrientation(chain, geometry, roll_limits)
+        self._orientation = ToolOrientation(chain, geometry, limits, roll_limits)
 
     @classmethod
     def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
@@ -99,7 +100,7 @@ class SphericalShoulderSolver(InverseKinematics):
             )
         swivels = self._swivels(target, roll)
         if target.rotation is not None:
-            found = self._orientation.nearest(swivels, target.rotation)
+            found = self._orientation.nearest(swivels, pose_of(target.position, target.rotation))
         elif target.pitch is not None:
             rolls = roll_angles(self._roll, roll)
             held = [self._orientation.at_pitch(swivels, target.pitch, image) for image in rolls]

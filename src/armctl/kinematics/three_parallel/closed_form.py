@@ -47,13 +47,13 @@ _STILL = 2e-10
 """how near to axis b the direction k must be for the wrist to turn freely: sine of the angle"""
 _MET = 1e-11
 """what the conditions for a and c may be missed by (the second one as a share of the reach)"""
-_REACHED = 1e-9
+_REACHED = 1e-7
 """what the links may be too short or too long by, as a share of their squared length: polishing decides"""
 _CLOSE = 1e-3
 """a wrist as close to singular as this has its joint a computed from a distance: sine of the angle"""
 _DOUBTFUL = 1e-4
 """a wrist or an elbow nearer to singular than this is polished [rad]"""
-_ONE_ELBOW = 1e-6
+_ONE_ELBOW = 1e-7
 """elbows bent less than this, to both sides, are one: straight [rad]"""
 
 

@@ -24,7 +24,7 @@ from armctl.kinematics.three_parallel.closed_form import (
 )
 from armctl.kinematics.three_parallel.geometry import ThreeParallel, recognise_three_parallel
 from armctl.kinematics.three_parallel.one_pose import OnePose
-from armctl.kinematics.whole_pose import Ways, WholePoses, misses, polished
+from armctl.kinematics.whole_pose import HIDDEN, Ways, WholePoses, misses, polished
 
 _NEAR = 1e-12
 """[m] and [rad]; farther ways are polished"""
@@ -81,6 +81,9 @@ class ThreeParallelSolver(InverseKinematics):
         row, column = np.nonzero(doubtful)
         q = ways.q
         q[row, column] = self._sound(poses[row], q[row, column])
+        for i in np.flatnonzero(ways.doubtful.any(axis=1)):
+            there = np.flatnonzero(~np.isnan(q[i, :, 0]))
+            q[i, np.setdiff1d(there, there[distinct(q[i, there])])] = np.nan
         return BatchSolutions(q, ~np.isnan(q[..., 0]), self._names)
 
     def _every_way(self, pose: FloatArray, start: FloatArray | None) -> Ways:
@@ -114,8 +117,10 @@ class ThreeParallelSolver(InverseKinematics):
         q, branch = q[there], branch[there]
         q = self._sound(np.broadcast_to(pose, (len(q), 4, 4)), q)
         there = np.flatnonzero(~np.isnan(q[:, 0]))
+        if reason is None and len(there) < len(q):
+            reason = HIDDEN
         there = there[distinct(q[there])]
-        return Ways(q[there], branch[there], reason)
+        return Ways(q[there], branch[there], reason, double=True)
 
     def _sound(self, poses: FloatArray, q: FloatArray) -> FloatArray:
         """Ways (k, 6) of poses (k, 4, 4), polished where they miss them; NaN where that does not help."""

@@ -37,6 +37,7 @@ from armctl.kinematics.target import (
     is_point,
 )
 from armctl.kinematics.tool_plane import ToolPlane
+from armctl.kinematics.whole_pose import met_if_near, pose_of
 from armctl.kinematics.yaw_pitch_roll.closed_form import PlanePostures, pose_function, solve_batch
 from armctl.kinematics.yaw_pitch_roll.free_joint import FreeJointSweep
 from armctl.kinematics.yaw_pitch_roll.geometry import (
@@ -150,7 +151,9 @@ class YawPitchRollSolver(InverseKinematics):
         if rotation is None:
             found = self._isolated(branches, z, pitch, roll_angles(self._roll, roll))
         else:
-            found = self._orientation.solve(branches, z, rotation, any_base=is_on_axis(self.geometry, x, y))
+            found = self._orientation.solve(
+                branches, z, pose_of(target.position, rotation), any_base=is_on_axis(self.geometry, x, y)
+            )
         if not found:
             return self._refused(target)
         return Solutions(self._arm, target, np.array([q for q, _ in found]), [branch for _, branch in found])
@@ -299,8 +302,8 @@ def _apart(one: Sequence[float], other: Sequence[float]) -> float:
 
 _VERTICAL = 1e-9
 """how near to vertical a roll axis may point before it says nothing about the base angle (sine)"""
-_ALIKE = 1e-6
-"""how much farther from the rotation asked for than the nearest one a solution may be [rad]"""
+_AS_GOOD, _ALIKE = 5e-10, 1e-6
+"""how much farther from a rotation than the nearest one a solution may be, and which are one [rad]"""
 _Posture = tuple[float, ...]
 """pitch joint angles inside the limits that bring the tip to the target [rad]"""
 
@@ -332,11 +335,12 @@ class _NearestOrientation:
         ).reshape(2, 2, 2, 4)
 
     def solve(
-        self, branches: list[BaseBranch], z: float, rotation: FloatArray, *, any_base: bool
+        self, branches: list[BaseBranch], z: float, pose: FloatArray, *, any_base: bool
     ) -> list[_Candidate]:
         """None when the position has no solution."""
         # For base angles inside the limits, or ``any_base`` for a target on the base axis, the height z of
-        # the target above the base origin [m] and ``R_base_tool`` (3, 3).
+        # the target above the base origin [m] and ``T_base_tool`` (4, 4).
+        rotation = pose[:3, :3]
         # (2, 2, 2) trilinear form over the three unit vectors
         form = self._basis @ quaternion_wxyz(self._geometry.frame.T @ rotation @ self._zero.T)
         joint, sign = self._geometry.roll_joint, self._geometry.yaw_sign
@@ -354,12 +358,12 @@ class _NearestOrientation:
                         found += self._on_face(branch, z, form, base, posture, roll)
         if not found:
             return []
-        tools = self._chain.forward(np.array([q for q, _ in found]))[:, :3, :3]
-        misses = rotation_angle(tools.swapaxes(1, 2) @ rotation)
+        rows = met_if_near(self._chain, np.array(self._limits), pose, np.array([q for q, _ in found]))
+        misses = rotation_angle(self._chain.forward(rows)[:, :3, :3].swapaxes(1, 2) @ rotation)
         nearest: list[_Candidate] = []  # without copies
-        for (q, branch), near in zip(found, misses <= misses.min() + _ALIKE, strict=True):
-            if near and all(np.abs(q - other).max() >= _ALIKE for other, _ in nearest):
-                nearest.append((q, branch))
+        for i in np.flatnonzero(misses <= misses.min() + _AS_GOOD):
+            if all(np.abs(rows[i] - other).max() >= _ALIKE for other, _ in nearest):
+                nearest.append((rows[i], found[i][1]))
         return nearest
 
     def _base_turns(self, rotation: FloatArray) -> list[float]:
