@@ -132,7 +132,7 @@ def wide_open(robot: Robot) -> FloatArray:
     return np.where(held, robot.limits, [-math.pi, math.pi])
 
 
-AT_ROLL = re.compile(rf" \(with .+? at ({NUMBER})°, where it comes nearest\)$")
+AT_ROLL = re.compile(rf"^with .+? at ({NUMBER})°, where it comes nearest: ")
 
 
 def check_reason(asked: Asked, text: str) -> None:

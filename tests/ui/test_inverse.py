@@ -76,7 +76,7 @@ def test_energies_rise_and_row_1_is_the_least_or_it_is_said_why_not(criterion: s
     alone = at_home()  # an isolated solution
     assert "between two rows" not in result_html(ROBOT, alone)
     assert short_branch("front elbow-up tool-in") == "front up in"
-    assert alone.curve == "No joint is free here: 1 isolated solution, no curve."
+    assert str(alone.curve).startswith("1 isolated solution; Wrist roll may have any angle, but only turns")
 
 
 @pytest.mark.parametrize("criterion", ["least-rotation", "least-torque"])
@@ -152,6 +152,14 @@ def test_an_unreachable_point_says_why_and_which_is_nearest() -> None:
     assert solve(ROBOT, Target.of(nearest), "least-rotation", HOME).solutions.success
 
 
+def test_what_is_below_the_floor_is_said_before_anything_is_pressed() -> None:
+    below = result_html(ROBOT, solved(200, 0, -20))
+    assert "solutions inside the limits" in below and "The point is below the floor" in below
+    nearest = result_html(ROBOT, solved(200, 0, -80))
+    assert "No solution" in nearest and "The nearest point is below the floor" in nearest
+    assert "below the floor" not in result_html(ROBOT, solved(200, 0, 100))
+
+
 def test_another_criterion_needs_no_new_solving() -> None:
     first = solved(220, -196, 85)
     again = answer(ROBOT, first.solutions, "least-travel", HOME)
@@ -200,7 +208,7 @@ def test_branches_that_look_alike_and_no_branches() -> None:
     assert groups == [[1, 3], [2, 4]] or groups == [[1, 4], [2, 3]]
     chosen = next(one for one in found.verdicts if one.chosen)
     assert np.degrees(chosen.branch.q[:3]).round(3).tolist() == [0.0, -131.626, -5.532]
-    assert "leaves a joint free" in branches_html(solved(200, 0, 100))
+    assert "leaves joints free" in branches_html(solved(200, 0, 100))
     assert answered(500, 0, 700).verdicts == ()
 
 
@@ -210,7 +218,7 @@ def test_that_there_are_no_branches_is_said_with_the_true_reason() -> None:
         target = Target.of(point, pitch, None, None if rotation is None else np.asarray(rotation))
         return branches_html(solve(robot, target, "least-rotation", robot.pose("home")))
 
-    assert "leaves a joint free" in said("ur5", 0.3, 0.2, 0.3, pitch=-0.5)
+    assert "leaves joints free" in said("ur5", 0.3, 0.2, 0.3, pitch=-0.5)
     uarm = load_robot("uarm")
     there = uarm.forward(uarm.pose("home"))[:3, 3]
     assert "No branch meets this target" in said("uarm", *there, pitch=0.3)  # the point can be reached

@@ -87,10 +87,26 @@ def test_a_pose_that_cannot_be_had_leaves_the_angles(server: GuardedServer) -> N
     assert reach is not None
     there = Target.of(0.999 * reach, rotation=robot.forward(home)[:3, :3] @ np.diag([-1.0, 1.0, -1.0]))
     edge = solve(robot, there, "least-rotation", home)
-    assert "not in that orientation" in result_html(robot, edge)
+    shown = result_html(robot, edge)
+    assert "No solution in that orientation" in shown and "least energy will go to" not in shown
+    assert (
+        edge.best is not None and "not in that orientation" in edge.why_not
+    )  # then none goes
     found = coupled_joints(robot, there, home)
     assert found.q is None and "not in that orientation" in found.why_not
     assert found.nearest_q is not None
+
+
+def test_nothing_goes_by_itself_to_another_orientation_than_was_asked_for(server: GuardedServer) -> None:
+    robot = ARMS["six"]
+    page = FakePage(server, robot, robot.pose("home"))
+    InverseScreen(page.session)
+    page.put("Orientation", WHOLE)
+    for label, value in (("X mm", 50), ("Y mm", 0), ("Z mm", 300), ("Rx °", 180), ("Ry °", 0), ("Rz °", 0)):
+        page.put(label, str(value))
+    with pytest.raises(UnreachableError, match="but not in that orientation"):
+        page.press("Go by least energy")
+    assert not page.sent
 
 
 def test_inverse_asks_for_a_point_pitch_and_roll_or_the_whole(page: FakePage, robot: Robot) -> None:

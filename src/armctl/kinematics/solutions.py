@@ -205,6 +205,8 @@ class Solutions:
 
     def _at_the_pitch(self) -> str:
         """Where the nearest configuration has the pitch that was asked for: another one may come nearer."""
+        if self.target.rotation is not None:
+            return ", whatever the orientation,"
         if self.target.pitch is None or self.nearest_q is None:
             return ""
         up = np.array([0.0, 0.0, 1.0]) if self.arm.up is None else self.arm.up

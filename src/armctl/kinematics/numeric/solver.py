@@ -24,7 +24,7 @@ from armctl.kinematics.numeric.goals import (
     tool_motion,
 )
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step
-from armctl.kinematics.solutions import Solutions, SolvedArm, all_needs, too_far, too_near
+from armctl.kinematics.solutions import Solutions, SolvedArm, all_needs, millimetres, too_far, too_near
 from armctl.kinematics.solver import InverseKinematics, held_roll
 from armctl.kinematics.target import Target
 
@@ -86,6 +86,8 @@ def _shortest_polyline(points: FloatArray, axes: FloatArray, tip: FloatArray) ->
     return tip - np.vstack([np.cumsum(segments[::-1], axis=0)[::-1], np.zeros(3)])
 
 
+_THERE_M = 1e-9
+"""a nearest point so near is the target itself"""
 _ALIGNED = 1e-9
 """how far from each other roll axis, approach axis and tool point may be (sine of the angle; [m])"""
 _WAVE, _WAVES = 64, 4
@@ -266,9 +268,11 @@ class NumericSolver(InverseKinematics):
     ) -> Solutions:
         """Refused after a search: without a proof, and the reason says so."""
         nearest = self._nearest(position, turned, box)
-        away = 1000 * float(np.linalg.norm(self.chain.forward(nearest)[:3, 3] - target.position))
+        away = float(np.linalg.norm(self.chain.forward(nearest)[:3, 3] - target.position))
         goal = position if target.pitch is None or turned is None else Together(position, turned)
-        said = f"no solution was found: none of {_WAVE * _WAVES} starts came nearer than {away:.2f} mm"
+        turns = "" if target.rotation is None else ", in any orientation"
+        nearer = f"none of {_WAVE * _WAVES} starts came nearer than {millimetres(away)} mm"
+        said = f"no solution was found{turns}: {nearer}"
         if target.pitch is not None and turned is not None:
             there = self._approached(position, turned, box)
             if len(there):
@@ -279,7 +283,7 @@ class NumericSolver(InverseKinematics):
                     f"the arm reaches that point, but none of {_WAVE * _WAVES} starts found a pitch of "
                     f"{asked:.2f}° there: the nearest is {got:.2f}°"
                 )
-                nearest = closest if away < 1e-6 else nearest
+                nearest = closest if away < _THERE_M else nearest
         return self._refused(target, lambda: f"{said}; {self._by_limits(goal, box)}", nearest)
 
     def _by_limits(self, goal: Goal, box: FloatArray) -> str:

@@ -378,7 +378,7 @@ class OffsetRollSolver(InverseKinematics):
             return found  # a single configuration, or a sliver
         reason = found.reason or "no orientation near the one asked for was found"
         where = f"with {self.titles[-1]} at {math.degrees(roll) + 0.0:.2f}°, where it comes nearest"
-        reason = f"{reason} ({where})"
+        reason = f"{where}: {reason}"
         return Solutions(self._arm, target, (), (), reason=reason, nearest_q=nearest)
 
     def _refused(self, target: Target, reason: str) -> Solutions:

@@ -105,7 +105,7 @@ _STYLE = "padding:2px 12px;font-size:12.5px;line-height:1.5;overflow-x:auto;over
 _CELL = "padding:0 4px;text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap"
 _HEAD = ";white-space:normal;overflow-wrap:normal;vertical-align:bottom"
 """Long heads, such as a joint's name, go over several lines, never broken within a word."""
-_NAME = ";white-space:normal;overflow-wrap:break-word"
+_NAME = ";white-space:normal;overflow-wrap:break-word;text-align:left"
 """A long name goes over several lines, which leaves the figures beside it in view."""
 
 
@@ -143,11 +143,16 @@ def table(
     names: bool = True,
     small: bool = False,
 ) -> str:
-    """An HTML table, all cells escaped; ``marked``: a row's index; ``names``: the first column is text."""
-    first = _CELL.replace("right", "left") + _NAME if names else _CELL
+    """An HTML table, all cells escaped; ``marked``: a row's index; ``names``: the first column is text.
+
+    Another column is text where its first row begins with a letter.
+    """
+    words = {i for i, text in enumerate(rows[0] if rows else ()) if text[:1].isalpha()}
+    if names:
+        words.add(0)
 
     def cells(tag: str, texts: Sequence[str], more: str = "") -> str:
-        styles = (_CELL if i else first for i in range(len(texts)))
+        styles = (_CELL + _NAME * (i in words) for i in range(len(texts)))
         parts = zip(styles, texts, strict=True)
         return "".join(f"<{tag} style='{style}{more}'>{escape(text)}</{tag}>" for style, text in parts)
 

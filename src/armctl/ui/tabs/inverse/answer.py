@@ -15,7 +15,7 @@ from armctl.kinematics.energy import energies
 from armctl.motion import plan_joints
 from armctl.motion.figure import color_of
 from armctl.robot import Robot
-from armctl.ui.widgets.html import fixed, muted, numbers, refused, strong, table
+from armctl.ui.widgets.html import fixed, muted, numbers, refused, strong, table, warned
 from armctl.ui.widgets.plots import Line, Picture, thinned
 
 _UNITS: dict[Criterion, tuple[float, str]] = {
@@ -37,7 +37,7 @@ _SAME_RAD = 1e-9
 """a row that is no farther off than this is the same configuration"""
 _SAME_BRANCH, _SAME_PLACE_M = 1e-6, 1e-3
 _SWEPT_MEND = (
-    "This leaves a joint free, so there are infinitely many solutions. To see the branches, "
+    "This leaves joints free, so there are infinitely many solutions. To see the branches, "
     "ask for more of the tool's orientation above, then press Solve."
 )
 _MOST_POINTS = 1000
@@ -77,7 +77,7 @@ class Answer:
     best: FloatArray | None
     """(n,) [rad]; None: no solution, or none that the criterion admits"""
     why_not: str
-    """why there is no best one; empty where there is"""
+    """why there is none to go to by itself: no best one, or not in that orientation; empty where there is"""
     verdicts: tuple[Verdict, ...]
     """every branch, also those that are refused; empty where a joint is free"""
     curve: Picture | str = ""
@@ -117,6 +117,7 @@ def answer(robot: Robot, solutions: Solutions, criterion: str, start: FloatArray
     best, why_not, energy = None, "", np.empty(0)
     try:
         best = solutions.best(name, start)
+        why_not = robot.turned_off(solutions, best) or ""
     except UnreachableError as refusal:
         why_not = str(refusal)
     if solutions.success:
@@ -168,21 +169,28 @@ def result_html(robot: Robot, found: Answer) -> str:
     """Count and branches, and the configuration of least energy; or why there is none."""
     solutions, best = found.solutions, found.best
     if not solutions.success:
-        return strong("No solution") + refused(f"{_capital(found.why_not)}.")
+        text = strong("No solution") + refused(f"{_capital(found.why_not)}.")
+        nearest = solutions.nearest_m
+        if nearest is not None and nearest[2] < robot.floor_z:
+            text += warned("The nearest point is below the floor: no motion there passes the pre-flight.")
+        return text
     used = zip(*np.unique(solutions.branch_index, return_counts=True), strict=True)
     branches = "; ".join(f"{solutions.branch_names[i]}: {count}" for i, count in used)
+    angles = "" if best is None else numbers(np.degrees(best).tolist(), 3)
+    if best is not None and found.why_not:
+        text = strong("No solution in that orientation") + refused(f"{_capital(found.why_not)}.")
+        text += f"<div>the nearest that was found: θ = (<b>{angles}</b>)°</div>"
+        return text + muted(f"List has {counted(len(solutions))} of the point, turned like that: {branches}.")
     text = strong(f"{counted(len(solutions))} inside the limits")
     text += muted(branches + ("" if solutions.complete else f"; {solutions.incomplete_reason}"))
+    if solutions.target.position[2] < robot.floor_z:
+        text += warned("The point is below the floor: no motion there passes the pre-flight.")
     if best is None:
         return text + refused(_capital(found.why_not))
     error_mm = 1000 * float(np.linalg.norm(robot.forward(best)[:3, 3] - solutions.target.position))
-    angles = numbers(np.degrees(best).tolist(), 3)
     text += f"<div>least energy will go to θ = (<b>{angles}</b>)°</div>"
     error = "below 0.001 mm" if error_mm < 1e-3 else f"{error_mm:.3f} mm"
     text += muted(f"{solutions.branch_of(best)}; energy {found.energy_text(best)}; error {error}")
-    turned_off = robot.turned_off(solutions, best)
-    if turned_off is not None:
-        text += refused(f"{_capital(turned_off)}.")
     row_1 = found.q(1)
     if np.abs(row_1 - best).max() >= _SAME_RAD:
         least = found.energy_text(row_1)
@@ -332,6 +340,9 @@ def _energy_curve(robot: Robot, found: Answer) -> Picture | str:
         return "There is no solution."
     if free is None and robot.inverse_kinematics.is_swept(solutions.target):
         return "These solutions were searched for one by one: no single joint is free to draw a curve over."
+    if free is None and (roll := solutions.free_roll) is not None:
+        free_one = f"{robot.joints[roll].title} may have any angle, but only turns the tool"
+        return f"{counted(count, 'isolated ')}; {free_one}: no curve."
     if free is None:
         return f"No joint is free here: {counted(count, 'isolated ')}, no curve."
     if count == 1:

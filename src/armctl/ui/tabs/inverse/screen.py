@@ -181,7 +181,7 @@ class InverseScreen:
         found = self._present_answer(self._session.snapshot) or await self._update()
         if found is None:
             raise InputError("the target was changed while it was solved; look at the result and press again")
-        if found.best is None:
+        if found.best is None or found.why_not:
             raise UnreachableError(found.why_not)
         self._show_ghost()
         await self._session.submit(MoveJoints(found.best, duration, profile))
