@@ -169,7 +169,7 @@ def check_reason(asked: Asked, text: str) -> None:
             side = re.sub("^(facing it|over the back), ", "", way)
             if side != "the links do not reach it":
                 check_needs(asked, side, pitched="at that pitch" in head)
-    elif NEEDS.fullmatch(text) and asked.roll is not None:
+    elif NEEDS.fullmatch(text) and "at the least" not in text and asked.roll is not None:
         found = NEEDS.fullmatch(text)
         assert found is not None
         k = joint_of(robot, found[1])
@@ -287,8 +287,8 @@ def check_orientation(
     assert abs(off - float(found[1])) <= 0.006 * off, said
     goal = np.concatenate([pose[:3, 3], pose[:3, :3].ravel()])
     assert nearest(robot, goal, robot.limits, rng, turned=True) > 1e-7, said
-    if found[2].startswith("the links do not allow"):
-        assert nearest(robot, goal, wide_open(robot), rng, turned=True, starts=200) > 1e-7, said
+    if found[2].startswith("the links do not allow"):  # a pose 1e-8 m too far costs 1e-4 rad at the point
+        assert nearest(robot, goal, wide_open(robot), rng, turned=True, starts=200) > 1e-9, said
     elif not found[2].startswith("none was found without"):
         said = found[2].removeprefix("for the one asked for, ").removeprefix("at the least, ")
         wide, first = robot.limits.copy(), rng.uniform(*robot.limits.T, (200, robot.n))

@@ -179,8 +179,8 @@ def result_html(robot: Robot, found: Answer) -> str:
     angles = "" if best is None else numbers(np.degrees(best).tolist(), 3)
     if best is not None and found.why_not:
         text = strong("No solution in that orientation") + refused(f"{_capital(found.why_not)}.")
-        text += f"<div>the nearest that was found: θ = (<b>{angles}</b>)°</div>"
-        return text + muted(f"List has {counted(len(solutions))} of the point, turned like that: {branches}.")
+        text += f"<div>the nearest that was found: {_whole(angles)}</div>"
+        return text + muted(f"List has {counted(len(solutions))} of the point, turned like that.")
     text = strong(f"{counted(len(solutions))} inside the limits")
     text += muted(branches + ("" if solutions.complete else f"; {solutions.incomplete_reason}"))
     if solutions.target.position[2] < robot.floor_z:
@@ -188,7 +188,7 @@ def result_html(robot: Robot, found: Answer) -> str:
     if best is None:
         return text + refused(_capital(found.why_not))
     error_mm = 1000 * float(np.linalg.norm(robot.forward(best)[:3, 3] - solutions.target.position))
-    text += f"<div>least energy will go to θ = (<b>{angles}</b>)°</div>"
+    text += f"<div>least energy will go to {_whole(angles)}</div>"
     error = "below 0.001 mm" if error_mm < 1e-3 else f"{error_mm:.3f} mm"
     text += muted(f"{solutions.branch_of(best)}; energy {found.energy_text(best)}; error {error}")
     row_1 = found.q(1)
@@ -373,6 +373,11 @@ def _energy_curve(robot: Robot, found: Answer) -> Picture | str:
 def counted(count: int, kind: str = "") -> str:
     """So many solutions, in words."""
     return f"{count} {kind}solution{'' if count == 1 else 's'}"
+
+
+def _whole(angles: str) -> str:
+    """Angles that stand in one line."""
+    return f"<span style='white-space:nowrap'>θ = (<b>{angles}</b>)°</span>"
 
 
 def _theta(n: int) -> list[str]:
