@@ -11,6 +11,7 @@ from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 from tests.kinematics.kit import plain_forward, random_q, rotation_about
 
+from armctl import load_robot
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics import Chain, DHRow, EnergyModel, GravityModel, Target, rotation_from_rpy
@@ -398,3 +399,26 @@ def test_rotation_vectors_of_any_angle(angle: float) -> None:
     if angle == HALF:  # both ways round are the same turn
         vector = vector * math.copysign(1.0, vector @ axis)
     assert vector == pytest.approx(angle * axis, abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("name", "point_mm", "least_deg"),
+    [("ar4", (300, 0, 250), 54.985), ("ur5", (400, 100, 300), 267.223), ("parol6", (200, 50, 300), None)],
+)
+def test_of_a_continuum_the_least_rotation_is_found(
+    name: str, point_mm: tuple[float, ...], least_deg: float | None
+) -> None:
+    """Nothing on the continuum around it has less, and where another optimiser has the least, it agrees."""
+    robot, point, rng = load_robot(name), np.array(point_mm) / 1000, np.random.default_rng(7)
+    best = robot.inverse(point).best("least-rotation")
+    least = np.abs(best).sum()
+    assert least_deg is None or np.degrees(least) == pytest.approx(least_deg, abs=6e-4)
+    others = 0
+    for size in np.repeat([0.003, 0.03, 0.3], 60):
+        q = np.clip(best + size * rng.normal(size=robot.n), *robot.limits.T)
+        for _ in range(8):
+            q = q - np.linalg.pinv(robot.jacobian(q)[:3]) @ (robot.forward(q)[:3, 3] - point)
+        if (q >= robot.limits[:, 0]).all() and (q <= robot.limits[:, 1]).all():
+            others += np.abs(robot.forward(q)[:3, 3] - point).max() < 1e-9
+            assert np.abs(q).sum() > least - 1e-9
+    assert others > 20

@@ -89,9 +89,7 @@ def test_a_pose_that_cannot_be_had_leaves_the_angles(server: GuardedServer) -> N
     edge = solve(robot, there, "least-rotation", home)
     shown = result_html(robot, edge)
     assert "No solution in that orientation" in shown and "least energy will go to" not in shown
-    assert (
-        edge.best is not None and "not in that orientation" in edge.why_not
-    )  # then none goes
+    assert edge.best is not None and "not in that orientation" in edge.why_not  # then none goes
     found = coupled_joints(robot, there, home)
     assert found.q is None and "not in that orientation" in found.why_not
     assert found.nearest_q is not None

@@ -37,8 +37,8 @@ class Effort(NamedTuple):
 
 
 def descend(objective: Objective, q: FloatArray, box: FloatArray, effort: Effort) -> FloatArray:
-    """Where starts ``q`` (k, n) inside a ``box`` (n, 2) come to on the way down (k, n), never outside it."""
-    q = q.copy()
+    """Where starts ``q`` (k, n) come to on the way down (k, n), never outside a ``box`` ([k,] n, 2)."""
+    q, boxes = q.copy(), np.broadcast_to(box, (*q.shape, 2))
     live: IndexArray = np.arange(len(q))
     f, g, H = objective(q, live)
     damping = np.full(len(q), 1e-2)
@@ -50,7 +50,7 @@ def descend(objective: Objective, q: FloatArray, box: FloatArray, effort: Effort
             before[live] = f[live]
         if len(live) == 0:
             break
-        trial = _step(q[live], g[live], H[live], box, damping[live], effort.indefinite)
+        trial = _step(q[live], g[live], H[live], boxes[live], damping[live], effort.indefinite)
         f_new, g_new, H_new = objective(trial, live)
         better = f_new < f[live]
         won, lost = live[better], live[~better]
@@ -66,7 +66,7 @@ def _step(
     q: FloatArray, g: FloatArray, H: FloatArray, box: FloatArray, damping: FloatArray, indefinite: bool
 ) -> FloatArray:
     """The minimum of the damped quadratic model inside the box, as (k, n) configurations."""
-    low, high = box[:, 0], box[:, 1]
+    low, high = box[..., 0], box[..., 1]
     n = q.shape[1]
     held = ((q <= low) & (g >= 0.0)) | ((q >= high) & (g <= 0.0))
     move = np.zeros(q.shape)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import combinations, islice
 from typing import Self
 
 import numpy as np
@@ -93,9 +94,11 @@ _ALIGNED = 1e-9
 _WAVE, _WAVES = 64, 4
 _REFINED = 48
 """how many of the best are refined where the goal can only be approached"""
-_FEW = 4
-"""how many are refined of those that meet a goal outside the limits"""
+_FEW, _HELD = 4, 500
+"""how many are refined of those that meet a goal; and choices of joints that are held for a least rotation"""
 _MET_M, _MET_RAD = 5e-10, 1e-8
+_SAME = 1e-6
+"""configurations this near to each other are one [rad]"""
 _ALIKE = 1e-7
 """orientations this near to the best are as good [rad]"""
 _SAME_NEAR = 1e-3
@@ -170,9 +173,11 @@ class NumericSolver(InverseKinematics):
             found = exact if len(exact) else near
         if len(found) == 0:
             return self._unmet(target, position, turned, box)
-        return self._solved(target, goal, found, start)
+        return self._solved(target, goal, found, start, box)
 
-    def _solved(self, target: Target, goal: Goal, found: FloatArray, start: FloatArray | None) -> Solutions:
+    def _solved(
+        self, target: Target, goal: Goal, found: FloatArray, start: FloatArray | None, box: FloatArray
+    ) -> Solutions:
         """With all images of isolated solutions; of a spread the nearest ones to zero and to the start."""
         moving = np.count_nonzero(self.limits[:, 0] < self.limits[:, 1])
         if self._rows(goal, found[:1]).shape[1] >= moving:
@@ -181,11 +186,27 @@ class NumericSolver(InverseKinematics):
         else:
             begins = [np.zeros(self.chain.n), *([] if start is None else [start])]
             near = [all_images(found, self.limits, at, most=1).q for at in begins]
+            near += [self._least(goal, q, at, box) for q, at in zip(near, begins, strict=True)]
             q, reason = np.vstack(near), f"{_SEARCHED}: they form a continuum"
-            q = np.unique(q, axis=0)
+            q = q[~np.tril(np.abs(q[:, None] - q).max(axis=2) < _SAME, -1).any(axis=1)]
         rotation: FloatArray = np.abs(q).sum(axis=1)
         q = q[np.argsort(rotation.round(9), kind="stable")]
         return Solutions(self._arm, target, q, np.zeros(len(q), dtype=np.int8), incomplete_reason=reason)
+
+    def _least(self, goal: Goal, q: FloatArray, at: FloatArray, box: FloatArray) -> FloatArray:
+        """(k, n) of a continuum, found from some of it ``q`` (m, n), with what it leaves free at ``at`` (n,).
+
+        As many joints as are free stand at these angles [rad], or at the limits next to them: like
+        that the sum of all turns from there is least, but where the continuum bends.
+        """
+        moving: list[int] = np.flatnonzero(box[:, 0] < box[:, 1]).tolist()
+        spare = len(moving) - int(self._rows(goal, q[:1]).shape[1])
+        begin = q[np.argsort(np.abs(q - at).sum(axis=1), kind="stable")[:_FEW]]
+        choices = np.array(list(islice(combinations(moving, spare), _HELD)), dtype=np.intp)
+        held = (choices[:, :, None] == np.arange(self.chain.n)).any(axis=1)
+        boxes = np.where(held[:, :, None], np.clip(at, *box.T)[:, None], box).repeat(len(begin), axis=0)
+        starts = np.clip(np.tile(begin, (len(held), 1)), boxes[..., 0], boxes[..., 1])
+        return self._met(goal, meet(self.chain, goal, starts, boxes))
 
     def nearest(self, target: Target) -> FloatArray:
         """(n,) the configuration nearest to a position [rad], with the pitch kept if any pose has it."""
