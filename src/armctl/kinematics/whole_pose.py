@@ -24,6 +24,7 @@ from armctl.kinematics.angles import (
     Images,
     all_images,
     rest_angle,
+    rotation_angle,
 )
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
@@ -212,15 +213,18 @@ def pose_of(position: FloatArray, rotation: FloatArray) -> FloatArray:
     return pose
 
 
-def met_if_near(chain: Chain, limits: FloatArray, pose: FloatArray, q: FloatArray) -> FloatArray:
-    """Configurations (k, n) [rad] that nearly have a pose (4, 4), where they meet it inside limits (n, 2).
+def turned_onto(
+    chain: Chain, limits: FloatArray, pose: FloatArray, q: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Configurations (k, n) on a point [rad], and by what angle (k,) each misses the rotation of a pose.
 
-    A nearly straight elbow has half of its digits where a distance tells it. The orientation tells the rest.
+    Those that nearly have it are brought onto it, where they meet ``pose`` (4, 4) inside limits (n, 2): a
+    nearly straight elbow has half of its digits where a distance tells it, and the rotation tells the rest.
     """
-    off = misses(chain, pose, q)
+    off = _turned(chain, pose, q)
     near = np.flatnonzero((off > _ROUNDING) & (off < _HALF_KNOWN))
     if len(near) == 0:
-        return q
+        return q, off
     there, held = q[near], np.zeros((len(near), chain.n), dtype=np.bool_)
     for _ in range(_HELD):  # joints that come to their limits stay there
         free = polished(chain, pose, there, 1.0, _STEPS, held)
@@ -229,7 +233,11 @@ def met_if_near(chain: Chain, limits: FloatArray, pose: FloatArray, q: FloatArra
     met = misses(chain, pose, there) < _MET
     q = q.copy()
     q[near[met]] = there[met]
-    return q
+    return q, _turned(chain, pose, q)
+
+
+def _turned(chain: Chain, pose: FloatArray, q: FloatArray) -> FloatArray:
+    return rotation_angle(chain.forward(q)[:, :3, :3].swapaxes(1, 2) @ pose[:3, :3])
 
 
 def polished(

@@ -22,7 +22,7 @@ from armctl.kinematics.chain import Chain
 from armctl.kinematics.spherical_shoulder.geometry import SphericalShoulder
 from armctl.kinematics.spherical_shoulder.swivel import ROOT_TOLERANCE, Swivel, turn_about
 from armctl.kinematics.subproblems import Circle, circle, roots
-from armctl.kinematics.whole_pose import met_if_near
+from armctl.kinematics.whole_pose import turned_onto
 
 _AS_GOOD = 1e-7
 """how much farther from the pitch asked for a posture may be than the best one [rad]"""
@@ -62,8 +62,7 @@ class ToolOrientation:
             if blind or self._misses(found, rotation).min(initial=math.inf) > _least_miss(*form) + _AS_NEAR:
                 found = np.concatenate([found, self._hindered(swivel, rotation, form)])
         n = self._chain.n
-        found[:, :n] = met_if_near(self._chain, self._limits, pose, found[:, :n])
-        misses = self._misses(found, rotation)
+        found[:, :n], misses = turned_onto(self._chain, self._limits, pose, found[:, :n])
         order = np.argsort(misses, kind="stable")
         return found[order[misses[order] <= misses.min(initial=math.inf) + _AS_NEAR]]
 

@@ -20,7 +20,6 @@ from armctl.kinematics.angles import (
     images,
     quaternion_product,
     quaternion_wxyz,
-    rotation_angle,
 )
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
@@ -37,7 +36,7 @@ from armctl.kinematics.target import (
     is_point,
 )
 from armctl.kinematics.tool_plane import ToolPlane
-from armctl.kinematics.whole_pose import met_if_near, pose_of
+from armctl.kinematics.whole_pose import pose_of, turned_onto
 from armctl.kinematics.yaw_pitch_roll.closed_form import PlanePostures, pose_function, solve_batch
 from armctl.kinematics.yaw_pitch_roll.free_joint import FreeJointSweep
 from armctl.kinematics.yaw_pitch_roll.geometry import (
@@ -358,8 +357,8 @@ class _NearestOrientation:
                         found += self._on_face(branch, z, form, base, posture, roll)
         if not found:
             return []
-        rows = met_if_near(self._chain, np.array(self._limits), pose, np.array([q for q, _ in found]))
-        misses = rotation_angle(self._chain.forward(rows)[:, :3, :3].swapaxes(1, 2) @ rotation)
+        limits, every = np.array(self._limits), np.array([q for q, _ in found])
+        rows, misses = turned_onto(self._chain, limits, pose, every)
         nearest: list[_Candidate] = []  # without copies
         for i in np.flatnonzero(misses <= misses.min() + _AS_GOOD):
             if all(np.abs(rows[i] - other).max() >= _ALIKE for other, _ in nearest):
