@@ -180,6 +180,41 @@ def test_singular_poses_and_limits(q: list[float]) -> None:
     assert_sound(UR5, solutions, pose, np.array(q))
 
 
+@pytest.mark.parametrize("straight_down", [False, True])
+def test_an_elbow_almost_straight_with_a_joint_on_its_limit(straight_down: bool) -> None:
+    """The tool points straight down; a joint on its limit may come out of rounding beyond it."""
+    rng, limit = np.random.default_rng(13), math.radians(170)
+    for _ in range(60):
+        q = rng.uniform(-2.0, 2.0, 6)
+        q[2], q[4] = rng.choice([-1, 1]) * 10.0 ** rng.uniform(-9, -5), -math.pi / 2
+        q[3] = -math.pi / 2 - q[1] - q[2]
+        limits = np.tile([-limit, limit], (6, 1))
+        joint = rng.integers(1, 4)
+        limits[joint] = sorted((q[joint], q[joint] - rng.choice([-1, 1]) * 2.0))
+        arm = SixJoints(UR5.chain, limits)
+        if ((q < limits[:, 0]) | (q > limits[:, 1])).any():
+            continue
+        solver, pose = solver_of(arm, FAMILY), plain_pose(arm.chain, q)
+        target = target_of(pose)
+        if straight_down:
+            assert abs(pose[2, 2] + 1.0) < 1e-12
+            target = Target.of(pose[:3, 3], -math.pi / 2, q[5])
+        solutions = solver.solve(target, STEP)
+        away = np.abs(solutions.q - q).max(axis=1).min(initial=math.inf)
+        assert away < 1e-6 or not solutions.complete, q.tolist()
+
+
+def test_images_that_are_left_out_are_told_of_moved_ways_too() -> None:
+    limits = np.radians(np.tile([-170.0, 170.0], (6, 1)))
+    limits[[0, 4, 5]] = np.radians([-9000.0, 9000.0])
+    q = np.array([0.3, -1.1, 5e-8, 0.4, 0.9, 0.2])
+    limits[2] = [q[2], 2.0]
+    solutions = solver_of(SixJoints(UR5.chain, limits), FAMILY).solve(
+        target_of(plain_pose(UR5.chain, q)), STEP
+    )
+    assert "more differ by whole turns" in (solutions.incomplete_reason or "")
+
+
 def test_an_arm_beside_the_family_by_its_printed_digits_is_exact_all_the_same() -> None:
     rng = np.random.default_rng(33)
     rows = [(r.a_m, r.alpha_rad + 4e-10 * rng.normal(), r.d_m) for r in UR5.chain.rows]

@@ -116,6 +116,11 @@ def test_a_file_that_another_one_includes_is_a_part_of_an_arm(tmp_path: Path) ->
     (tmp_path / "c_arm.xacro").unlink()
     with pytest.raises(UnclearArmError, match=r"several arms: a_part\.xacro, b_arm\.xacro, c_part\.xacro"):
         UrdfSource.at(tmp_path)  # each is a part of another one
+    (tmp_path / "b_arm.xacro").write_text(f"<!-- {include} --><xacro:include filename='b_arm.xacro'/>")
+    (tmp_path / "a_part.xacro").write_text(part)
+    (tmp_path / "c_part.xacro").write_text("<xacro:include " * 50_000)  # what is no include takes no time
+    with pytest.raises(UnclearArmError, match=r"several arms: a_part\.xacro, b_arm\.xacro, c_part\.xacro"):
+        UrdfSource.at(tmp_path)  # a comment includes nothing, and none is a part of itself
 
 
 @pytest.mark.parametrize(

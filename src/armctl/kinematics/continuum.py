@@ -49,13 +49,16 @@ def moving_joints(
     _, sizes, directions = np.linalg.svd(J)
     rank = (sizes > _NULL * np.maximum(sizes[:, :1], _NULL)).sum(axis=1)
     singular = np.flatnonzero(rank < len(free))
+    middle, half = limits.mean(axis=1), 0.5 * np.ptp(limits, axis=1)
     for i in singular[:: max(1, len(singular) // _TRIED)].tolist():
         for direction in _combined(directions[i, rank[i] :]):
             for length in _STEPS:
                 step = np.zeros(chain.n)
                 step[free] = length * direction
-                moved = _moved(chain, limits, target, up, q[i], step, free)
-                if moved is not None:
+                moved = _moved(chain, target, up, q[i], step, free)
+                if moved is None:
+                    break
+                if (np.abs(q[i] + moved - middle) <= half + LIMIT_TOLERANCE).all():
                     size = np.abs(moved)
                     return tuple(np.flatnonzero(size > _MOVES * size.max()).tolist())
     return ()
@@ -70,10 +73,12 @@ def _combined(null: FloatArray) -> Iterator[FloatArray]:
 
 
 def _moved(
-    chain: Chain, limits: FloatArray, target: Target, up: FloatArray, q: FloatArray, step: FloatArray,
-    free: list[int],
-) -> FloatArray | None:  # fmt: skip
-    """What the joints (n,) move by when the arm steps aside and comes back onto the target, if it can."""
+    chain: Chain, target: Target, up: FloatArray, q: FloatArray, step: FloatArray, free: list[int]
+) -> FloatArray | None:
+    """What the joints (n,) move by when the arm steps aside and comes back onto the target, if it can.
+
+    Whatever the limits.
+    """
     x, length = q + step, float(np.linalg.norm(step))
     ahead = step / length
     for _ in range(_ROUNDS):
@@ -82,10 +87,9 @@ def _moved(
         across = np.vstack([J[0][:, free], ahead[free]])
         x = x.copy()
         x[free] -= np.linalg.pinv(across, rcond=_NULL) @ off
-    inside = (x >= limits[:, 0] - LIMIT_TOLERANCE) & (x <= limits[:, 1] + LIMIT_TOLERANCE)
     aside = float(np.abs(x - q).max())
     met = np.abs(_rows(chain, target, up, x[None], q[None])[0]).max() < _MET * length**2
-    return x - q if met and inside.all() and 0.1 * length < aside < 10.0 * length else None
+    return x - q if met and 0.1 * length < aside < 10.0 * length else None
 
 
 def _rows(

@@ -17,7 +17,7 @@ from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.continuum import moving_joints
 from armctl.kinematics.energy import FROM_START, Criterion, EnergyModel, checked_criterion, energies
-from armctl.kinematics.target import Target, as_numbers
+from armctl.kinematics.target import Target, as_numbers, elevation
 
 _THERE_M = 1e-7
 """a nearest point that is so near is the target itself [m]"""
@@ -212,9 +212,8 @@ class Solutions:
         up = np.array([0.0, 0.0, 1.0]) if self.arm.up is None else self.arm.up
         aim = self.arm.chain.forward(self.nearest_q)[:3, 2]
         rise = float(aim @ up)
-        elevation = math.atan2(rise, float(np.linalg.norm(aim - rise * up)))  # exact near 90°, too
-        asked = math.atan2(math.sin(self.target.pitch), abs(math.cos(self.target.pitch)))
-        return " with that pitch" if abs(elevation - asked) < _TURNED else ""
+        pitch = math.atan2(rise, float(np.linalg.norm(aim - rise * up)))  # exact near 90°, too
+        return " with that pitch" if abs(pitch - elevation(self.target.pitch)) < _TURNED else ""
 
     @property
     def nearest_away_m(self) -> float:

@@ -138,6 +138,11 @@ def checked_array(value: ArrayLike, shape: tuple[int, ...], what: str) -> FloatA
     return array
 
 
+def elevation(pitch: float) -> float:
+    """The pitch [rad] within ±90° that the approach axis shows: beyond, the tool points back."""
+    return math.atan2(math.sin(pitch), abs(math.cos(pitch)))
+
+
 def is_point(value: ArrayLike) -> TypeGuard[FloatArray]:
     """True for an array (3,), which is what most calls are about."""
     return type(value) is np.ndarray and value.shape == _POINT

@@ -23,6 +23,7 @@ from armctl.kinematics.angles import (
     TWO_PI,
     Images,
     all_images,
+    distinct,
     rest_angle,
     rotation_angle,
 )
@@ -140,25 +141,34 @@ class WholePoses:
         if target.rotation is not None:
             pose = pose_of(target.position, target.rotation)
             ways = every_way(pose, start)
+            beside = _moved_onto_limits(self.arm.chain, pose, ways, limits)
         elif target.up is not None and roll is not None and (target.roll is None or roll.angles(target.roll)):
             pose = pose_of(target.position, np.diag([1.0, target.up, target.up]))
-            limits = limits.copy()
-            limits[roll.index] = held = held_roll(roll, target.roll)[1]
+            held, limits = held_roll(roll, target.roll)[1], limits.copy()
+            limits[roll.index] = -math.inf, math.inf
             ways = every_way(pose, start)
-            ways = ways._replace(q=np.insert(np.delete(ways.q, roll.index, axis=1), roll.index, held, axis=1))
+            beside = _moved_onto_limits(self.arm.chain, pose, ways, limits)
+            limits[roll.index] = held
+            ways, beside = (_with_joint(one, roll.index, held) for one in (ways, beside))
         else:
             return self._search.solve(target, step, start)
         images = _Images(ways.q, limits, start)
-        q, branch = images, _BranchOfImages(ways.branch, images)
-        if ways.double and len((more := _on_limits(self.arm.chain, pose, ways, images, limits, start)).q):
-            q, branch = np.concatenate([images, more.q]), np.concatenate([branch, more.branch])
+        left_out, q, branch = images.left_out, images, _BranchOfImages(ways.branch, images)
+        if len(beside.q):
+            more = all_images(beside.q, limits, start)
+            there = np.asarray(images)
+            new = [np.abs(there - one).max(axis=1).min(initial=math.inf) > _HALF_KNOWN for one in more.q]
+            if any(new):
+                left_out += more.left_out
+                q = np.concatenate([there, more.q[new]])
+                branch = np.concatenate([branch, beside.branch[more.source[new]]])
         if len(q) == 0:
             approach = self._search.solve if target.rotation is None else self._search.approach
             return approach(target, step, start)
         reason = ways.incomplete_reason
-        if images.left_out:
+        if left_out:
             reason = f"{reason}; " if reason else ""
-            reason = f"{reason}{images.left_out} more differ by whole turns"
+            reason = f"{reason}{left_out} more differ by whole turns"
         return Solutions(self.arm, target, q, branch, incomplete_reason=reason)
 
     def spread(self, joint: int, start: FloatArray | None) -> FloatArray:
@@ -180,30 +190,33 @@ def misses(chain: Chain, poses: FloatArray, q: FloatArray) -> FloatArray:
     return np.maximum(away, np.linalg.norm(turned, axis=1))
 
 
-def _on_limits(
-    chain: Chain, pose: FloatArray, ways: Ways, images: _Images, limits: FloatArray, start: FloatArray | None
-) -> Ways:
-    """Further images: of ways a little beyond limits (n, 2) [rad], moved onto them if they meet the pose so.
+def _moved_onto_limits(chain: Chain, pose: FloatArray, ways: Ways, limits: FloatArray) -> Ways:
+    """Ways a little beyond limits (n, 2) [rad], moved onto them where they meet the pose so; no others.
 
     Two ways that are nearly one, as of an elbow that is nearly straight, are known to half of their digits:
     what is on a limit may come out beyond it.
     """
+    none = Ways(np.empty((0, chain.n)), np.empty(0, dtype=np.int8))
+    if not ways.double:
+        return none
     low, high = limits.T
-    up, down = (low - ways.q) % TWO_PI, (ways.q - high) % TWO_PI
+    with np.errstate(invalid="ignore"):  # a joint without limits
+        up, down = (low - ways.q) % TWO_PI, (ways.q - high) % TWO_PI
     move = np.where(up < _HALF_KNOWN, up, np.where(down < _HALF_KNOWN, -down, 0.0))
     beside, joint = np.nonzero(np.abs(move) > LIMIT_TOLERANCE)
-    found, branch = np.asarray(images), list[int]()
-    known = len(found)
-    if len(beside):
-        held = np.arange(chain.n) == joint[:, None]
-        there = polished(chain, pose, ways.q[beside] + held * move[beside], 1.0, _STEPS, held)
-        met = misses(chain, pose, there) < _ROUNDING
-        moved = all_images(there[met], limits, start)
-        for q, way in zip(moved.q, beside[met][moved.source], strict=True):
-            if np.abs(found - q).max(axis=1).min(initial=math.inf) > _HALF_KNOWN:
-                found = np.vstack([found, q])
-                branch.append(int(ways.branch[way]))
-    return Ways(found[known:], np.array(branch, dtype=np.int8))
+    if len(beside) == 0:
+        return none
+    held = np.arange(chain.n) == joint[:, None]
+    there = polished(chain, pose, ways.q[beside] + held * move[beside], 1.0, _STEPS, held)
+    met = np.flatnonzero(misses(chain, pose, there) < _ROUNDING)
+    met = met[distinct(there[met])]
+    return Ways(there[met], ways.branch[beside[met]])
+
+
+def _with_joint(ways: Ways, index: int, angle: float) -> Ways:
+    q = ways.q.copy()
+    q[:, index] = angle
+    return ways._replace(q=q)
 
 
 def pose_of(position: FloatArray, rotation: FloatArray) -> FloatArray:

@@ -94,7 +94,7 @@ _ALIGNED = 1e-9
 _WAVE, _WAVES = 64, 4
 _REFINED = 48
 """how many of the best are refined where the goal can only be approached"""
-_FEW, _HELD = 4, 500
+_FEW, _HELD = 4, 64
 """how many are refined of those that meet a goal; and choices of joints that are held for a least rotation"""
 _MET_M, _MET_RAD = 5e-10, 1e-8
 _SAME = 1e-6
@@ -197,12 +197,13 @@ class NumericSolver(InverseKinematics):
         """(k, n) of a continuum, found from some of it ``q`` (m, n), with what it leaves free at ``at`` (n,).
 
         As many joints as are free stand at these angles [rad], or at the limits next to them: like
-        that the sum of all turns from there is least, but where the continuum bends.
+        that the sum of all turns from there is usually least.
         """
         moving: list[int] = np.flatnonzero(box[:, 0] < box[:, 1]).tolist()
         spare = len(moving) - int(self._rows(goal, q[:1]).shape[1])
         begin = q[np.argsort(np.abs(q - at).sum(axis=1), kind="stable")[:_FEW]]
-        choices = np.array(list(islice(combinations(moving, spare), _HELD)), dtype=np.intp)
+        skip = math.ceil(math.comb(len(moving), spare) / _HELD)
+        choices = np.array(list(islice(combinations(moving, spare), 0, None, skip)), dtype=np.intp)
         held = (choices[:, :, None] == np.arange(self.chain.n)).any(axis=1)
         boxes = np.where(held[:, :, None], np.clip(at, *box.T)[:, None], box).repeat(len(begin), axis=0)
         starts = np.clip(np.tile(begin, (len(held), 1)), boxes[..., 0], boxes[..., 1])

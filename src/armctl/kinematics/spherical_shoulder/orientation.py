@@ -22,6 +22,7 @@ from armctl.kinematics.chain import Chain
 from armctl.kinematics.spherical_shoulder.geometry import SphericalShoulder
 from armctl.kinematics.spherical_shoulder.swivel import ROOT_TOLERANCE, Swivel, turn_about
 from armctl.kinematics.subproblems import Circle, circle, roots
+from armctl.kinematics.target import elevation
 from armctl.kinematics.whole_pose import turned_onto
 
 _AS_GOOD = 1e-7
@@ -151,11 +152,6 @@ class ToolOrientation:
         """Sine of the pitch over the swivel angle as (A, B, C)."""
         approach = self._geometry.beyond(swivel.elbow, roll) @ self._geometry.tool[:, 2]
         return circle(swivel.aim, swivel.base @ approach, _UP)
-
-
-def elevation(pitch: float) -> float:
-    """The pitch [rad] within ±90° that the approach axis shows: beyond, the tool points back."""
-    return math.atan2(math.sin(pitch), abs(math.cos(pitch)))
 
 
 def _with_roll(swivel: Swivel, angles: FloatArray, roll: float) -> FloatArray:

@@ -27,7 +27,7 @@ from armctl.kinematics.spherical_shoulder.geometry import (
     recognise_spherical,
     spherical_branch_index,
 )
-from armctl.kinematics.spherical_shoulder.orientation import ToolOrientation, elevation
+from armctl.kinematics.spherical_shoulder.orientation import ToolOrientation
 from armctl.kinematics.spherical_shoulder.swivel import (
     Swivel,
     least_candidates,
@@ -35,7 +35,7 @@ from armctl.kinematics.spherical_shoulder.swivel import (
     sweep,
 )
 from armctl.kinematics.subproblems import turned
-from armctl.kinematics.target import Target
+from armctl.kinematics.target import Target, elevation
 from armctl.kinematics.whole_pose import pose_of
 
 _AT_SHOULDER = 1e-10

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import distinct
+from armctl.kinematics.angles import TWO_PI, distinct
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.solver import roll_joint
@@ -28,8 +28,11 @@ from armctl.kinematics.whole_pose import HIDDEN, Ways, WholePoses, misses, polis
 
 _NEAR = 1e-12
 """[m] and [rad]; farther ways are polished"""
-_MET = 1e-9
+_MET, _NEARLY_MET = 1e-9, 4e-9
+"""a way that is left with more is none; where wrist and elbow are singular at once it may be one after all"""
 _POLISH = 4
+_SAME = 1e-6
+"""ways of a batch this near to each other are one [rad]"""
 
 
 class ThreeParallelSolver(InverseKinematics):
@@ -81,9 +84,11 @@ class ThreeParallelSolver(InverseKinematics):
         row, column = np.nonzero(doubtful)
         q = ways.q
         q[row, column] = self._sound(poses[row], q[row, column])
-        for i in np.flatnonzero(ways.doubtful.any(axis=1)):
-            there = np.flatnonzero(~np.isnan(q[i, :, 0]))
-            q[i, np.setdiff1d(there, there[distinct(q[i, there])])] = np.nan
+        close = np.flatnonzero(ways.doubtful.any(axis=1))
+        off = q[close, :, None] - q[close, None]
+        same = np.abs(off - TWO_PI * np.rint(off / TWO_PI)).max(axis=3) < _SAME
+        again = np.tril(same, -1).any(axis=2)
+        q[close[:, None], np.arange(BRANCHES)] = np.where(again[..., None], np.nan, q[close])
         return BatchSolutions(q, ~np.isnan(q[..., 0]), self._names)
 
     def _every_way(self, pose: FloatArray, start: FloatArray | None) -> Ways:
@@ -115,10 +120,12 @@ class ThreeParallelSolver(InverseKinematics):
                 reason = self._continuum(arm.first, arm.first + 2)
         there = np.flatnonzero(~np.isnan(q[:, 0]))
         q, branch = q[there], branch[there]
-        q = self._sound(np.broadcast_to(pose, (len(q), 4, 4)), q)
+        rough, q = q, self._sound(np.broadcast_to(pose, (len(q), 4, 4)), q)
+        lost = rough[np.isnan(q[:, 0])]
+        if reason is None and len(lost):
+            lost = polished(self.chain, pose, lost, self._reach, _POLISH)
+            reason = HIDDEN if misses(self.chain, pose, lost).min() < _NEARLY_MET else None
         there = np.flatnonzero(~np.isnan(q[:, 0]))
-        if reason is None and len(there) < len(q):
-            reason = HIDDEN
         there = there[distinct(q[there])]
         return Ways(q[there], branch[there], reason, double=True)
 

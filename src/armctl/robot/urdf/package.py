@@ -47,7 +47,7 @@ _FROM_PAGE = b"from a page"
 _TAKEN = {*ARM_SUFFIXES, *SUFFIXES, ".toml", ".xml", ".yaml", ".yml"}
 """files of a zip file that are unpacked; others have no use here"""
 _URI = re.compile(r"(?P<scheme>[a-z]{2,}):/{1,2}(?P<rest>.*)", re.IGNORECASE | re.DOTALL)
-_INCLUDED = re.compile(rb"""<xacro:include\b[^>]*\bfilename\s*=\s*["'](?:[^"']*/)?([^"'/]+)["']""")
+_INCLUDED = re.compile(rb"""<xacro:include\s[^<>]*?\bfilename\s*=\s*["'](?:[^"'<>]*/)?([^"'/<>]+)["']""")
 _LEVELS = 8
 """folders above the file in which packages are looked for"""
 
@@ -239,7 +239,9 @@ def _whole_arms(found: list[Path]) -> list[Path]:
     parts: set[bytes] = set()
     for path in found if len(found) > 1 else ():
         with suppress(RobotFileError):  # what cannot be read names no parts, and is refused when it is loaded
-            parts.update(_INCLUDED.findall(_SMALL_TEXTS.read(path)))
+            first, *rest = _SMALL_TEXTS.read(path).split(b"<!--")
+            text = b"".join([first, *(after.partition(b"-->")[2] for after in rest)])
+            parts.update(set(_INCLUDED.findall(text)) - {os.fsencode(path.name)})
     return [path for path in found if os.fsencode(path.name) not in parts] or found
 
 

@@ -12,7 +12,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import MotionRefusedError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
 from armctl.kinematics.energy import energies
-from armctl.motion import plan_joints
+from armctl.motion import FLOOR_TOLERANCE_M, plan_joints
 from armctl.motion.figure import color_of
 from armctl.robot import Robot
 from armctl.ui.widgets.html import fixed, muted, numbers, refused, strong, table, warned
@@ -171,24 +171,22 @@ def result_html(robot: Robot, found: Answer) -> str:
     if not solutions.success:
         text = strong("No solution") + refused(f"{_capital(found.why_not)}.")
         nearest = solutions.nearest_m
-        if nearest is not None and nearest[2] < robot.floor_z:
-            text += warned("The nearest point is below the floor: no motion there passes the pre-flight.")
-        return text
+        return text if nearest is None else text + _floor_note(robot, "The nearest point", nearest)
     used = zip(*np.unique(solutions.branch_index, return_counts=True), strict=True)
     branches = "; ".join(f"{solutions.branch_names[i]}: {count}" for i, count in used)
     angles = "" if best is None else numbers(np.degrees(best).tolist(), 3)
     if best is not None and found.why_not:
         text = strong("No solution in that orientation") + refused(f"{_capital(found.why_not)}.")
-        text += f"<div>the nearest that was found: {_whole(angles)}</div>"
-        return text + muted(f"List has {counted(len(solutions))} of the point, turned like that.")
+        text += f"<div>the nearest that was found: {_in_one_line(angles)}</div>"
+        text += muted(f"The list has {counted(len(solutions))} of the point, as near to that orientation.")
+        return text + _floor_note(robot, "The point", solutions.target.position)
     text = strong(f"{counted(len(solutions))} inside the limits")
     text += muted(branches + ("" if solutions.complete else f"; {solutions.incomplete_reason}"))
-    if solutions.target.position[2] < robot.floor_z:
-        text += warned("The point is below the floor: no motion there passes the pre-flight.")
+    text += _floor_note(robot, "The point", solutions.target.position)
     if best is None:
         return text + refused(_capital(found.why_not))
     error_mm = 1000 * float(np.linalg.norm(robot.forward(best)[:3, 3] - solutions.target.position))
-    text += f"<div>least energy will go to {_whole(angles)}</div>"
+    text += f"<div>least energy will go to {_in_one_line(angles)}</div>"
     error = "below 0.001 mm" if error_mm < 1e-3 else f"{error_mm:.3f} mm"
     text += muted(f"{solutions.branch_of(best)}; energy {found.energy_text(best)}; error {error}")
     row_1 = found.q(1)
@@ -375,7 +373,14 @@ def counted(count: int, kind: str = "") -> str:
     return f"{count} {kind}solution{'' if count == 1 else 's'}"
 
 
-def _whole(angles: str) -> str:
+def _floor_note(robot: Robot, what: str, point: FloatArray) -> str:
+    """A warning where a point (3,) [m] is below the floor; empty where it is not."""
+    if point[2] >= robot.floor_z - FLOOR_TOLERANCE_M:
+        return ""
+    return warned(f"{what} is below the floor: a motion down to it is refused.")
+
+
+def _in_one_line(angles: str) -> str:
     """Angles that stand in one line."""
     return f"<span style='white-space:nowrap'>θ = (<b>{angles}</b>)°</span>"
 
