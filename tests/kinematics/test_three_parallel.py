@@ -207,8 +207,9 @@ def test_an_elbow_almost_straight_with_a_joint_on_its_limit(straight_down: bool)
 def test_images_that_are_left_out_are_told_of_moved_ways_too() -> None:
     limits = np.radians(np.tile([-170.0, 170.0], (6, 1)))
     limits[[0, 4, 5]] = np.radians([-9000.0, 9000.0])
-    q = np.array([0.3, -1.1, 5e-8, 0.4, 0.9, 0.2])
+    q = np.array([0.3, -1.1, 3e-8, 0.4, 0.9, 0.2])  # solved as a straight elbow, which is outside
     limits[2] = [q[2], 2.0]
+    limits[[1, 3]] = q[[1, 3], None] + [-0.3, 0.3]  # no other way is inside
     solutions = solver_of(SixJoints(UR5.chain, limits), FAMILY).solve(
         target_of(plain_pose(UR5.chain, q)), STEP
     )

@@ -205,6 +205,12 @@ def distinct(q: FloatArray, same: float = _SAME) -> NDArray[np.intp]:
     return np.array(kept, dtype=np.intp)
 
 
+def each_once(q: FloatArray, same: float = _SAME) -> NDArray[np.intp]:
+    """Rows of ``q`` (k, n) [rad]: each that is not within ``same`` of an earlier one, whole turns counted."""
+    alike = np.abs(q[:, None] - q).max(axis=2) < same
+    return np.flatnonzero(~np.tril(alike, -1).any(axis=1))
+
+
 # Rotations in the forms that people and programs read.
 
 

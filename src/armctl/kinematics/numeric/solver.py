@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import all_images, distinct, whole_turns
+from armctl.kinematics.angles import all_images, distinct, each_once, whole_turns
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.descent import Starts, come_nearest, come_nearest_holding, meet
@@ -97,8 +97,6 @@ _REFINED = 48
 _FEW, _HELD = 4, 64
 """how many are refined of those that meet a goal; and choices of joints that are held for a least rotation"""
 _MET_M, _MET_RAD = 5e-10, 1e-8
-_SAME = 1e-6
-"""configurations this near to each other are one [rad]"""
 _ALIKE = 1e-7
 """orientations this near to the best are as good [rad]"""
 _SAME_NEAR = 1e-3
@@ -188,7 +186,7 @@ class NumericSolver(InverseKinematics):
             near = [all_images(found, self.limits, at, most=1).q for at in begins]
             near += [self._least(goal, q, at, box) for q, at in zip(near, begins, strict=True)]
             q, reason = np.vstack(near), f"{_SEARCHED}: they form a continuum"
-            q = q[~np.tril(np.abs(q[:, None] - q).max(axis=2) < _SAME, -1).any(axis=1)]
+            q = q[each_once(q)]
         rotation: FloatArray = np.abs(q).sum(axis=1)
         q = q[np.argsort(rotation.round(9), kind="stable")]
         return Solutions(self._arm, target, q, np.zeros(len(q), dtype=np.int8), incomplete_reason=reason)

@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import TWO_PI, images, rest_angle
+from armctl.kinematics.angles import TWO_PI, each_once, images, rest_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.solver import NumericSolver
@@ -154,7 +154,7 @@ class OffsetRollSolver(InverseKinematics):
             return solved[0]
         q = np.concatenate([one.q for one in solved])
         index = np.concatenate([one.branch_index for one in solved])
-        kept = _distinct(q) if solved[0].free_joint is None else np.arange(len(q))
+        kept = each_once(q, _SAME) if solved[0].free_joint is None else np.arange(len(q))
         return Solutions(self._arm, target, q[kept], index[kept], free_joint=solved[0].free_joint)
 
     def _rolled(self, target: Target, roll: float, step: float) -> Solutions:
@@ -283,7 +283,7 @@ class OffsetRollSolver(InverseKinematics):
                 found += self._with_turns(x, y, z, base, pitch, held)
         if found:
             q = np.array([one for one, _ in found])
-            kept = _distinct(q)
+            kept: list[int] = each_once(q, _SAME).tolist()
             return Solutions(self._arm, target, q[kept], [found[i][1] for i in kept])
         nearest = self._numeric.solve(self._local(target), DEFAULT_STEP)
         if not nearest.success:
@@ -386,9 +386,3 @@ class OffsetRollSolver(InverseKinematics):
         return Solutions(
             self._arm, target, (), (), reason=reason, nearest_q=self._numeric.nearest(self._local(free))
         )
-
-
-def _distinct(q: FloatArray) -> list[int]:
-    """Indices of the configurations (k, n) [rad], each once."""
-    alike = np.abs(q[:, None] - q).max(axis=2) < _SAME
-    return [i for i in range(len(q)) if not alike[i, :i].any()]

@@ -140,16 +140,10 @@ def table(
     rows: Sequence[Sequence[str]],
     *,
     marked: int | None = None,
-    names: bool = True,
+    words: Sequence[int] = (0,),
     small: bool = False,
 ) -> str:
-    """An HTML table, all cells escaped; ``marked``: a row's index; ``names``: the first column is text.
-
-    Another column is text where its first row begins with a letter.
-    """
-    words = {i for i, text in enumerate(rows[0] if rows else ()) if text[:1].isalpha()}
-    if names:
-        words.add(0)
+    """An HTML table, all cells escaped; ``marked``: a row's index; ``words``: the columns that are text."""
 
     def cells(tag: str, texts: Sequence[str], more: str = "") -> str:
         styles = (_CELL + _NAME * (i in words) for i in range(len(texts)))
@@ -198,13 +192,15 @@ class Pager:
         self._field.value = self.row = row
         self._page = (row - 1) // PAGE_ROWS
 
-    def html(self, about: str, head: Sequence[str], row: Callable[[int], list[str]]) -> str:
+    def html(
+        self, about: str, head: Sequence[str], row: Callable[[int], list[str]], words: Sequence[int] = ()
+    ) -> str:
         """The page as a table, above it what the list is ``about``; ``row``: the cells of a row, from 1."""
         first = self._page * PAGE_ROWS + 1
         rows = [row(number) for number in range(first, min(first + PAGE_ROWS, self._rows + 1))]
         marked = None if self.row is None else self.row - first
         where = muted(f"page {self._page + 1} of {self._last + 1} · {about}")
-        return where + table(head, rows, marked=marked, names=False, small=True)
+        return where + table(head, rows, marked=marked, words=words, small=True)
 
     @property
     def _last(self) -> int:

@@ -203,7 +203,7 @@ def marks_html(marks: Sequence[Mark], fit: JointFit | None, unit: str) -> str:
         row[-1] = fixed(math.degrees(residual), 2)
     if fit and fit.suspect is not None:
         rows[fit.suspect][-1] += " ✗"
-    return table(("mark", unit, "angle °", "residual °"), rows, marked=fit and fit.suspect, names=False)
+    return table(("mark", unit, "angle °", "residual °"), rows, marked=fit and fit.suspect, words=())
 
 
 def fit_html(work: CalibrationWork, joint: str) -> str:

@@ -121,7 +121,7 @@ def points_html(points: TouchedPoints) -> str:
         )
     ]
     head = ("point", "X mm", "Y mm", "Z mm", "off by mm")
-    return table(head, rows, names=False) if rows else ""
+    return table(head, rows, words=()) if rows else ""
 
 
 def result_html(points: TouchedPoints) -> str:

@@ -48,7 +48,7 @@ def pose_html(robot: Robot, q: FloatArray) -> str:
     quaternion = numbers(quaternion_wxyz(T[:3, :3]).tolist(), 5)
     pitch, _ = robot.inverse_kinematics.pitch_and_roll(q)
     html = heading("Matrix: tool in base, position in mm")
-    html += table(["x axis", "y axis", "z axis", "position"], rows, names=False)
+    html += table(["x axis", "y axis", "z axis", "position"], rows, words=())
     html += heading("Orientation") + f"<div>{turned}</div>"
     html += muted("R = Rz(yaw) · Ry(pitch) · Rx(roll): turns about the base's x, then y, then z axis.")
     if pitch is not None:

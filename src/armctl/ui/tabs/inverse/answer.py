@@ -323,7 +323,9 @@ def branches_html(found: Answer) -> str:
         one = found.verdicts[marked]
         said = "has" if one.refused else "is chosen among the possible ones:"
         notes.append(f"{one.number} {said} the least energy by {found.criterion}.")
-    return table(head, rows, marked=marked, small=True) + "".join(muted(note) for note in notes)
+    return table(head, rows, marked=marked, words=(0, 1, len(head) - 1), small=True) + "".join(
+        muted(note) for note in notes
+    )
 
 
 def short_branch(name: str) -> str:

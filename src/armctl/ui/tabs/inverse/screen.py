@@ -301,7 +301,9 @@ class InverseScreen:
         self._few.options = (_BY_ROW, *labels.values())
         self._few.value = labels.get(row or 0, _BY_ROW)
         about = f"{counted(count)}, least energy first"
-        self._list.show(self._pager.html(about, list_head(found), partial(list_row, found)))
+        head = list_head(found)
+        words = (head.index("branch"),)
+        self._list.show(self._pager.html(about, head, partial(list_row, found), words))
         if row is None:
             self._selected.show(muted(f"No row is selected: type a row from 1 to {count}."))
         else:
