@@ -8,6 +8,8 @@ from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any, cast
 
+import viser
+
 from armctl.arrays import FloatArray
 from armctl.hardware import Driver
 from armctl.robot import Robot
@@ -71,6 +73,13 @@ class FakePage:
                 await result
 
         asyncio.run(act())
+
+    @property
+    def html(self) -> str:
+        """All blocks of HTML."""
+        containers = self.gui._container_handle_from_uuid.values()
+        blocks = (one for container in containers for one in container._children.values())
+        return "".join(one.content for one in blocks if isinstance(one, viser.GuiHtmlHandle))
 
     def options(self, label: str) -> tuple[str, ...]:
         """What a list offers."""

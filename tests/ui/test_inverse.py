@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from tests.ui.page_kit import FakePage
 
+from armctl.errors import MotionRefusedError
 from armctl.kinematics import CRITERIA, Target
+from armctl.motion import plan_joints
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.inverse.answer import (
@@ -106,6 +108,51 @@ def test_a_few_rows_stand_for_all_and_what_they_save_is_true(criterion: str) -> 
     angle = float(curve.x[len(curve.x) // 3])
     row = found.row_at(np.radians(angle))
     assert np.degrees(found.q(row)[1]) == pytest.approx(angle, abs=0.006)
+
+
+def test_rows_that_the_arm_may_not_go_to_are_called_refused_and_recommended_never() -> None:
+    robot = load_robot("ur5")
+    home, rng = robot.pose("home"), np.random.default_rng(1)
+    seen = set[bool]()
+    for q in rng.uniform(*robot.limits.T, (12, robot.n)):
+        T = robot.forward(q)
+        found = solve(robot, Target.of(T[:3, 3], rotation=T[:3, :3]), "least-rotation", home)
+        rows, html = found.representatives, comparison_html(found.representatives)
+        for one in rows:
+            try:
+                plan_joints(robot, home, found.q(one.row))
+                allowed = True
+            except MotionRefusedError:
+                allowed = False
+            assert one.refused is not allowed and one.label.endswith("(refused)") is not allowed
+            seen.add(allowed)
+        if len(rows) > 1:
+            assert html.count(">refused<") == sum(one.refused for one in rows)
+        for row in re.findall(r"Row (\d+) saves", html):
+            assert not rows[0].refused
+            assert not next(one.refused for one in rows if one.row == int(row))
+        said = result_html(robot, found)
+        assert (
+            ("The way there is refused: " in said)
+            == ("least energy would go to" in said)
+            == bool(found.way_refused)
+        )
+    assert seen == {True, False}
+
+
+def test_a_selected_row_whose_way_is_refused_says_so(server: GuardedServer) -> None:
+    page = FakePage(server, ROBOT, HOME)
+    InverseScreen(page.session)
+    for label, value in (("X mm", "108.9"), ("Y mm", "-39.6"), ("Z mm", "-25.6")):
+        page.put(label, value)
+    page.press("Solve")
+    assert "least energy would go to" in page.html and "below the floor" in page.html
+    assert "selected row 1: would go to" in page.html and "Refused, as told above." in page.html
+    page.put("Row", 301)
+    assert "selected row 301: would go to" in page.html and page.html.count("The way there is refused: ") == 2
+    page.put("Z mm", "100")
+    page.press("Solve")
+    assert "selected row 1: will go to" in page.html and "is refused: " not in page.html
 
 
 def test_a_chosen_representative_and_a_place_on_the_curve_are_what_is_sent(server: GuardedServer) -> None:

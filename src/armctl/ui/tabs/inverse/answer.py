@@ -80,6 +80,8 @@ class Answer:
     """why there is none to go to by itself: no best one, or not in that orientation; empty where there is"""
     verdicts: tuple[Verdict, ...]
     """every branch, also those that are refused; empty where a joint is free"""
+    way_refused: str = ""
+    """why the arm may not go to ``best`` from where it stands; empty where it may"""
     curve: Picture | str = ""
     """energy over the free joint; or why there is nothing to plot"""
     representatives: tuple[Representative, ...] = ()
@@ -123,10 +125,20 @@ def answer(robot: Robot, solutions: Solutions, criterion: str, start: FloatArray
     if solutions.success:
         energy = _UNITS[name][0] * solutions.energies(name, start)
     order = solutions.order(name, start)
+    way = "" if best is None or why_not else way_refused(robot, start, best)
     judged = _verdicts(robot, solutions, name, start, best)
-    found = Answer(solutions, name, start, energy, order, best, why_not, judged)
-    few = representatives(found) if solutions.success else ()
+    found = Answer(solutions, name, start, energy, order, best, why_not, judged, way)
+    few = representatives(robot, found) if solutions.success else ()
     return replace(found, curve=_energy_curve(robot, found), representatives=few)
+
+
+def way_refused(robot: Robot, start: FloatArray, q: FloatArray) -> str:
+    """Why the arm may not go from ``start`` to ``q`` (n,) [rad], joint by joint; empty where it may."""
+    try:
+        plan_joints(robot, start, q)
+    except MotionRefusedError as refused:
+        return str(refused)
+    return ""
 
 
 def _verdicts(
@@ -141,12 +153,7 @@ def _verdicts(
         chosen = best is not None and np.abs(np.exp(1j * branch.q) - np.exp(1j * best)).max() < _SAME_BRANCH
         if chosen and best is not None:
             branch = replace(branch, q=best)
-        refusal = "; ".join(branch.forbidden)
-        if not refusal:
-            try:
-                plan_joints(robot, start, branch.q)
-            except MotionRefusedError as refused:
-                refusal = str(refused)
+        refusal = "; ".join(branch.forbidden) or way_refused(robot, start, branch.q)
         verdicts.append(Verdict(number, branch, refusal, bool(chosen)))
     return tuple(verdicts)
 
@@ -186,14 +193,19 @@ def result_html(robot: Robot, found: Answer) -> str:
     if best is None:
         return text + refused(_capital(found.why_not))
     error_mm = 1000 * float(np.linalg.norm(robot.forward(best)[:3, 3] - solutions.target.position))
-    text += f"<div>least energy will go to {_in_one_line(angles)}</div>"
+    text += f"<div>least energy {'would' if found.way_refused else 'will'} go to {_in_one_line(angles)}</div>"
     error = "below 0.001 mm" if error_mm < 1e-3 else f"{error_mm:.3f} mm"
     text += muted(f"{solutions.branch_of(best)}; energy {found.energy_text(best)}; error {error}")
     row_1 = found.q(1)
     if np.abs(row_1 - best).max() >= _SAME_RAD:
         least = found.energy_text(row_1)
         text += muted(f"The exact least: it lies between two rows of the list (row 1: {least}).")
-    return text
+    return text + way_html(found.way_refused)
+
+
+def way_html(why: str) -> str:
+    """A warning where the way to a configuration is refused; empty where it is not."""
+    return warned(f"The way there is refused: {why}.") if why else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,14 +222,16 @@ class Representative:
     """from the present pose, all joints together by a cubic"""
     torque_nm: float
     """sum of what the joints hold against gravity"""
+    refused: bool
+    """whether the arm may not go there from where it stands"""
 
     @property
     def label(self) -> str:
         """As it is chosen from a list."""
-        return f"row {self.row}: least {' and '.join(self.names)}"
+        return f"row {self.row}: least {' and '.join(self.names)}{' (refused)' if self.refused else ''}"
 
 
-def representatives(found: Answer) -> tuple[Representative, ...]:
+def representatives(robot: Robot, found: Answer) -> tuple[Representative, ...]:
     """The least by each criterion and of each branch, those chosen by the criterion in force first."""
     solutions, start = found.solutions, found.start
     place = np.empty(len(found.order), dtype=np.int64)
@@ -238,13 +252,14 @@ def representatives(found: Answer) -> tuple[Representative, ...]:
     arm = solutions.arm
     rows: list[Representative] = []
     for row, names in named.items():
-        q = found.q(row)[None]
+        q = found.q(row)
         rotation, time = (
-            float(energies(one, q, arm.energy, arm.pitch_joints, start)[0])
+            float(energies(one, q[None], arm.energy, arm.pitch_joints, start)[0])
             for one in ("least-rotation", "shortest-time")
         )
         torque = float(np.abs(arm.energy.gravity.torque(q)).sum())
-        rows.append(Representative(tuple(names), row, float(np.degrees(rotation)), time, torque))
+        refusal = bool(way_refused(robot, start, q))
+        rows.append(Representative(tuple(names), row, float(np.degrees(rotation)), time, torque, refusal))
     return tuple(rows)
 
 
@@ -252,27 +267,31 @@ def comparison_html(rows: Sequence[Representative]) -> str:
     """The representatives side by side, and what others save against the first."""
     if len(rows) < 2:
         return ""
-    heads = ["", "row", "Σ|θ| °", "time s", "holds N·m"]
+    heads = ["", "row", "Σ|θ| °", "time s", "holds N·m", "verdict"]
     figures = [
         ["least " + ", ".join(one.names), str(one.row), fixed(one.rotation_deg, 1), fixed(one.time_s, 2),
-         fixed(one.torque_nm, 3)]
+         fixed(one.torque_nm, 3), "refused" if one.refused else "possible"]
         for one in rows
     ]  # fmt: skip
     if not any(one.torque_nm for one in rows):  # the file of the arm gives no masses
-        heads, figures = heads[:-1], [row[:-1] for row in figures]
-    html = table(heads, figures, marked=0, small=True)
+        heads, figures = [*heads[:-2], heads[-1]], [[*row[:-2], row[-1]] for row in figures]
+    html = table(heads, figures, marked=0, words=(0, len(heads) - 1), small=True)
     return html + "".join(muted(saving) for saving in _savings(rows))
 
 
 def _savings(rows: Sequence[Representative]) -> list[str]:
+    """What rows save against the chosen one; of those that the arm may go to."""
     chosen, texts = rows[0], list[str]()
+    possible = [one for one in rows if not one.refused]
+    if chosen.refused or not possible:
+        return texts
     columns: tuple[tuple[str, Callable[[Representative], float]], ...] = (
         ("rotation", lambda one: one.rotation_deg),
         ("time", lambda one: one.time_s),
         ("holding torque", lambda one: one.torque_nm),
     )
     for what, of in columns:
-        least = min(rows, key=of)
+        least = min(possible, key=of)
         saved = round(100 * (1 - of(least) / of(chosen))) if of(chosen) > 0 else 0
         if saved >= 1:
             texts.append(f"Row {least.row} saves {saved} % {what} against row {chosen.row}.")
@@ -293,6 +312,15 @@ def list_row(found: Answer, row: int) -> list[str]:
         short_branch(str(found.solutions.branch[index])),
         fixed(float(found.energy[index]), 3),
     ]
+
+
+def selected_html(found: Answer, row: int | None, why: str = "") -> str:
+    """Where the selected row, from 1, will go; or ``why`` the way to it is refused."""
+    if row is None:
+        return muted(f"No row is selected: type a row from 1 to {len(found.solutions)}.")
+    angles, goes = numbers(np.degrees(found.q(row)).tolist(), 2), "would" if why else "will"
+    text = f"<div>selected row {row}: {goes} go to θ = (<b>{angles}</b>)°</div>"
+    return text + (warned("Refused, as told above.") if why == found.way_refused != "" else way_html(why))
 
 
 def branches_html(found: Answer) -> str:

@@ -29,10 +29,12 @@ from armctl.ui.tabs.inverse.answer import (
     list_row,
     result_html,
     same_place,
+    selected_html,
     solve,
+    way_refused,
 )
 from armctl.ui.widgets.events import Action
-from armctl.ui.widgets.html import LiveHtml, Pager, muted, numbers, warned
+from armctl.ui.widgets.html import LiveHtml, Pager, muted, warned
 from armctl.ui.widgets.number_field import DraggedPoint, EditWatch, NumberField
 from armctl.ui.widgets.orientation import OrientationFields
 from armctl.ui.widgets.plots import Line, LinePlot
@@ -67,6 +69,7 @@ class InverseScreen:
         self._answer: Answer | None = None
         self._answered: tuple[str | None, ...] = ()
         self._newest = Newest()
+        self._judged = OneAtATime(self._judge_row)
         gui = session.gui
         self._note = LiveHtml(gui, _NOTE)
         with gui.add_form(None) as entered:  # Enter in a field is Solve
@@ -143,11 +146,13 @@ class InverseScreen:
     async def _on_solve(self) -> None:
         self._form.watch.show_held()  # nothing moves, so a lost digit only has to be seen
         await self._update()
+        await self._judged.run()
 
     async def _on_nearest(self) -> None:
         if self._answer is not None and self._answer.solutions.nearest_m is not None:
             self._form.point.put(self._answer.solutions.nearest_m)
             await self._update()
+            await self._judged.run()
 
     async def _on_criterion(self) -> None:
         criterion = checked_criterion(self._criterion.value)
@@ -159,9 +164,11 @@ class InverseScreen:
         again = await asyncio.to_thread(answer, self._robot, found.solutions, criterion, start)
         if is_newest():
             self._show(again)
+            await self._judged.run()
 
     async def _solve_dragged(self) -> None:
         await self._update()
+        await self._judged.run()
         await asyncio.sleep(_DRAG_PAUSE_S)
 
     async def _update(self) -> Answer | None:
@@ -195,7 +202,7 @@ class InverseScreen:
         if found is None or row is None:  # then there was a reason
             return
         profile, duration = self._movement.checked()
-        self._on_row()
+        self._draw_row()
         await self._session.submit(MoveJoints(found.q(row), duration, profile))
 
     def _present_answer(self, snapshot: Snapshot) -> Answer | None:
@@ -216,27 +223,27 @@ class InverseScreen:
         if found is None:
             return "nothing is solved yet; press Solve first"
         if not found.solutions.success:
-            return found.why_not
+            return "there is no solution; the reason stands above"
         if self._fields_changed:
             return "the fields have changed since the list was made; press Solve first"
         if self._pager.row is None:
             return f"no row is selected; type a row from 1 to {len(found.solutions)}"
         return None
 
-    def _select(self, row: int) -> None:
+    async def _select(self, row: int) -> None:
         """Select a row for the operator, wherever it was chosen."""
         self._pager.select(row)
-        self._on_row()
+        await self._on_row()
 
-    def _on_few(self) -> None:
+    async def _on_few(self) -> None:
         found = self._answer
         for one in () if found is None else found.representatives:
             if one.label == self._few.value:
-                self._select(one.row)
+                await self._select(one.row)
 
-    def _on_along(self) -> None:
+    async def _on_along(self) -> None:
         if self._answer is not None and self._answer.solutions.success:
-            self._select(self._answer.row_at(math.radians(self._along.value)))
+            await self._select(self._answer.row_at(math.radians(self._along.value)))
 
     def _show(self, found: Answer) -> None:
         solutions = found.solutions
@@ -304,13 +311,13 @@ class InverseScreen:
         head = list_head(found)
         words = (head.index("branch"),)
         self._list.show(self._pager.html(about, head, partial(list_row, found), words))
-        if row is None:
-            self._selected.show(muted(f"No row is selected: type a row from 1 to {count}."))
-        else:
-            angles = numbers(np.degrees(found.q(row)).tolist(), 2)
-            self._selected.show(f"<div>selected row {row}: will go to θ = (<b>{angles}</b>)°</div>")
+        self._selected.show(selected_html(found, row))
 
-    def _on_row(self) -> None:
+    async def _on_row(self) -> None:
+        self._draw_row()
+        await self._judged.run()
+
+    def _draw_row(self) -> None:
         found, row = self._answer, self._pager.row
         if found is None:
             return
@@ -318,6 +325,15 @@ class InverseScreen:
         self._draw_curve(found)
         if row is not None and found.solutions.success and not self._branches.as_ghosts:
             self._preview.show(found.q(row), self._session.snapshot.q_command)
+
+    async def _judge_row(self) -> None:
+        """Tell beside the selected row if the way to it is refused."""
+        found, row = self._answer, self._pager.row
+        if found is None or row is None:
+            return
+        why = await asyncio.to_thread(way_refused, self._robot, found.start, found.q(row))
+        if found is self._answer and row == self._pager.row:
+            self._selected.show(selected_html(found, row, why))
 
 
 # What is asked for: X, Y, Z, how the tool is turned, and a target in the scene that can be dragged.
