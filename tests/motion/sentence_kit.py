@@ -13,6 +13,9 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.robot import Robot
 
+ROUNDS = 8
+"""of starts, where a goal is said to be within reach"""
+
 
 def link_poses(robot: Robot, q: FloatArray) -> FloatArray:
     """(links, k, 4, 4) poses of the link frames at ``q`` (k, n) [rad], one product after the other."""
@@ -84,17 +87,16 @@ def descended(
 def nearest(
     robot: Robot, goal: FloatArray, limits: FloatArray, rng: np.random.Generator, *, pitched: bool = False,
     turned: bool = False, starts: int = 60, first: FloatArray | None = None,
-    between: dict[int, tuple[float, float]] | None = None,
+    between: dict[int, tuple[float, float]] | None = None, until: float | None = None,
 ) -> float:  # fmt: skip
     """The least distance from a goal that many starts find inside limits (n, 2).
 
     ``between``: what each link may turn by, those of the robot where it is None; passing it costs as much as
-    a far goal.
+    a far goal. ``until``: other starts are tried, a few times, while none has come so near.
     """
     if between is None:
         between = {one.link: (one.lower, one.upper) for one in robot.chain.turn_limits}
     low, high = limits.T
-    spread = rng.uniform(low, high, (3000, robot.n))
 
     def beyond(q: FloatArray) -> FloatArray:
         turns = q if robot.chain.coupling is None else q @ robot.chain.coupling.T
@@ -107,11 +109,16 @@ def nearest(
         return np.column_stack([features(robot, q, pitched=pitched, turned=turned), beyond(q)])
 
     goal = np.append(goal, np.zeros(len(between)))
-    off = np.linalg.norm(function(spread) - goal, axis=1)
-    q = spread[np.argsort(off)[:starts]]
-    if first is not None:
-        q = np.vstack([first, q])
-    return float(descended(function, goal, q, limits, 60)[1].min())
+    least, given = math.inf, np.empty((0, robot.n)) if first is None else first
+    for again in range(1 if until is None else ROUNDS):
+        spread = rng.uniform(low, high, (3000, robot.n))
+        off = np.linalg.norm(function(spread) - goal, axis=1)
+        any_others = spread[: starts * bool(again)]  # the nearest may all lead to one place
+        q = np.vstack([given, spread[np.argsort(off)[:starts]], any_others])
+        least = min(least, float(descended(function, goal, q, limits, 60)[1].min()))
+        if until is None or least < until:
+            break
+    return least
 
 
 def followed(

@@ -92,6 +92,7 @@ class Asked:
         pitched: bool,
         near: dict[int, float] | None = None,
         between: dict[int, tuple[float, float]] | None = None,
+        until: float | None = None,
     ) -> float:
         """How far off the arm stays inside some limits [m]: brute force, also from joints at given angles."""
         pitched = pitched and self.pitch is not None
@@ -99,7 +100,9 @@ class Asked:
         first = self.rng.uniform(limits[:, 0], limits[:, 1], (60 if near else 1, self.robot.n))
         for k, angle in (near or {}).items():
             first[:, k] = angle
-        return nearest(self.robot, goal, limits, self.rng, pitched=pitched, first=first, between=between)
+        return nearest(
+            self.robot, goal, limits, self.rng, pitched=pitched, first=first, between=between, until=until
+        )
 
 
 def check_target(asked: Asked) -> None:
@@ -112,7 +115,10 @@ def check_target(asked: Asked) -> None:
         assert abs(math.dist((x, y, z), asked.point) - away) <= shown + 0.09e-3, text
         there = np.array([x, y, z, math.sin(asked.pitch or 0.0)][: 4 if pitched else 3])
         starts = 300 if pitched else 60
-        assert nearest(robot, there, robot.limits, asked.rng, pitched=pitched, starts=starts) <= 0.1e-3, text
+        assert (
+            nearest(robot, there, robot.limits, asked.rng, pitched=pitched, starts=starts, until=0.1e-3)
+            <= 0.1e-3
+        ), text
         # with a pitch kept, or a roll that moves the tool point, others may be nearer; never the other way
         held = pitched or (asked.roll is not None and asked.rolls_aside)
         if robot.inverse_kinematics.complete:
@@ -120,7 +126,7 @@ def check_target(asked: Asked) -> None:
                 assert asked.away(robot.limits, pitched=False) >= away - shown, text
         text = text[: found.start()]
     if text.endswith("; the point itself can be reached"):
-        assert asked.away(robot.limits, pitched=False) < 1e-6, text
+        assert asked.away(robot.limits, pitched=False, until=1e-6) < 1e-6, text
         text = text.removesuffix("; the point itself can be reached")
     for reason in text.split("; besides, "):
         check_reason(asked, reason)
@@ -185,13 +191,13 @@ def check_reason(asked: Asked, text: str) -> None:
         assert asked.pitch is not None
         for said in (low, high):  # held there, and not at the pitch asked for
             goal = np.append(asked.point, math.sin(math.radians(said)))
-            assert nearest(robot, goal, robot.limits, asked.rng, pitched=True) < 2e-4, text
+            assert nearest(robot, goal, robot.limits, asked.rng, pitched=True, until=2e-4) < 2e-4, text
         assert asked.away(robot.limits, pitched=True) > 1e-6, text
     elif "the position alone decides it; the links would give " in text:
         wide = np.column_stack([np.full(robot.n, -math.pi), np.full(robot.n, math.pi)])
         for said in re.findall(rf"({NUMBER})°", text):
             goal = np.append(asked.point, math.sin(math.radians(float(said))))
-            assert nearest(robot, goal, wide, asked.rng, pitched=True) < 2e-4, text
+            assert nearest(robot, goal, wide, asked.rng, pitched=True, until=2e-4) < 2e-4, text
         assert asked.away(wide, pitched=True) > 1e-6, text
     elif found := re.fullmatch(
         rf"the arm reaches that point, but none of .* pitch of ({NUMBER})° there: the nearest is ({NUMBER})°",
@@ -199,7 +205,9 @@ def check_reason(asked: Asked, text: str) -> None:
     ):
         assert asked.pitch is not None and degrees_near(float(found[1]), asked.pitch), text
         goal = np.append(asked.point, math.sin(math.radians(float(found[2]))))
-        assert nearest(robot, goal, robot.limits, asked.rng, pitched=True, starts=300) < 2e-4, text
+        assert nearest(robot, goal, robot.limits, asked.rng, pitched=True, starts=300, until=2e-4) < 2e-4, (
+            text
+        )
     elif found := re.fullmatch(
         rf"(?:no solution was found: none of \d+ starts came nearer than {NUMBER} mm|the arm reaches that "
         rf"point, but none of \d+ starts found a pitch of ({NUMBER})° there: the nearest is ({NUMBER})°); "
@@ -210,7 +218,9 @@ def check_reason(asked: Asked, text: str) -> None:
         if found[1] is not None:
             assert asked.pitch is not None and degrees_near(float(found[1]), asked.pitch), text
             goal = np.append(asked.point, math.sin(math.radians(float(found[2]))))
-            assert nearest(robot, goal, robot.limits, asked.rng, pitched=True, starts=300) < 2e-4, text
+            assert (
+                nearest(robot, goal, robot.limits, asked.rng, pitched=True, starts=300, until=2e-4) < 2e-4
+            ), text
         if found[3].startswith("at the least, "):
             check_needs(asked, found[3].removeprefix("at the least, "), pitched=True)
         else:
@@ -254,7 +264,7 @@ def check_needs(asked: Asked, text: str, *, pitched: bool) -> None:
             assert not robot.limits[k, 0] < angle < robot.limits[k, 1], text
             near[k] = angle
             wide[k] = min(wide[k, 0], angle - 2e-4), max(wide[k, 1], angle + 2e-4)
-        assert asked.away(wide, pitched=pitched, near=near, between=between) < 1e-6, text
+        assert asked.away(wide, pitched=pitched, near=near, between=between, until=1e-6) < 1e-6, text
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -300,7 +310,7 @@ def check_orientation(
             assert not robot.limits[k, 0] < angle < robot.limits[k, 1], said
             first[:, k] = angle
             wide[k] = min(wide[k, 0], angle - 2e-4), max(wide[k, 1], angle + 2e-4)
-        assert nearest(robot, goal, wide, rng, turned=True, first=first) < 1e-6, said
+        assert nearest(robot, goal, wide, rng, turned=True, first=first, until=1e-6) < 1e-6, said
 
 
 @pytest.mark.parametrize("name", (*ARMS, *(() if LONG else ("ar4",))))
