@@ -484,6 +484,19 @@ class LinkFrames:
             return np.broadcast_to(points.T[:, :, None], (3, len(points), self.tool.shape[1]))
         return np.matmul(points, self.rotation[link]) + self.origin[link][:, None, :]
 
+    def relative(
+        self, one: NDArray[np.intp], other: NDArray[np.intp], at: NDArray[np.intp]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Rotations (k, 3, 3) and origins (k, 3) [m] of ``other`` links in the frames of ``one``, (k,) each.
+
+        ``at`` (k,): in which of the m configurations. -1 among the links is the base.
+        """
+        m = self.tool.shape[1]
+        R = np.stack([*self.rotation, np.broadcast_to(np.eye(3)[:, :, None], (3, 3, m))])
+        o = np.stack([*self.origin, np.zeros((3, m))])
+        back, there = R[one, :, :, at].transpose(0, 2, 1), o[other, :, at] - o[one, :, at]
+        return back @ R[other, :, :, at], (back @ there[:, :, None])[:, :, 0]
+
 
 def _checked_coupling(coupling: ArrayLike, links: int) -> FloatArray:
     C = as_numbers(coupling, "a coupling").copy()

@@ -34,11 +34,11 @@ class Floor:
         self._robot, self._undersides = robot, robot.undersides
         self.levers = np.array([one.levers for one in self._undersides]).reshape(-1, robot.n)
         self.parts = tuple(one.part for one in self._undersides)
-        radii = np.array([one.radius for one in self._undersides])
+        thickness = np.array([one.thickness for one in self._undersides])
         self.closed = np.zeros(len(self.parts))
         if robot.poses and self.parts:
             posed = self.clearance(np.array(list(robot.poses.values()))).min(axis=0)
-            self.closed = np.clip(posed, -radii, 0.0)
+            self.closed = np.clip(posed, -thickness, 0.0)
 
     def clearance(self, q: ArrayLike) -> FloatArray:
         """(..., k) heights above the floor [m] at ``q`` (..., n) [rad], negative below it; k may be 0."""
@@ -50,7 +50,8 @@ class Floor:
         """(k, m) heights [m] at m configurations."""
         heights = np.empty((len(self._undersides), links.origin[0].shape[-1]))
         for height, one in zip(heights, self._undersides, strict=True):
-            height[:] = one.point @ links.rotation[one.link][2] + links.origin[one.link][2] - one.radius
+            above = (one.points @ links.rotation[one.link][2]).min(axis=0)
+            height[:] = above + links.origin[one.link][2] - one.radius
         return heights - self._robot.floor_z
 
     def worst(self, gaps: FloatArray, slack: FloatArray) -> int:
@@ -87,8 +88,10 @@ class Obstacles:
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """As ``Floor.words``."""
         title = self._other(part)
+        moving = self._model.moving
+        fitted = self._model.capsules[moving[part % len(moving)]].hull is not None
         return (
-            f"{depth_mm:.1f} mm inside {title}",
+            f"{depth_mm:.1f} mm inside {title}" + (" (convex hull of its mesh)" if fitted else ""),
             f"choose another target, or go round {title} by another point",
         )
 
@@ -119,8 +122,11 @@ class SelfCollision:
         """As ``Floor.words``."""
         other = self._other(part)
         at_rest = -1000 * float(self.closed[part])
+        notes = [f"{at_rest:.1f} mm at rest"] if at_rest > 0 else []
+        if any(self._model.capsules[i].hull is not None for i in self._model.pairs[part]):
+            notes.append("convex hulls of their meshes")
         return (
-            f"{depth_mm:.1f} mm inside {other}" + (f" ({at_rest:.1f} mm at rest)" if at_rest > 0 else ""),
+            f"{depth_mm:.1f} mm inside {other}" + (f" ({', '.join(notes)})" if notes else ""),
             f"choose another target, or go round by a point farther from {other}",
         )
 

@@ -9,12 +9,13 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.subproblems import dot
+from armctl.robot.hulls import Hull, HullPairs
 from armctl.robot.parts import Look, Obstacle
 from armctl.robot.shape import FINGER, PALM, TIP_LENGTH, TIP_RADIUS, bars, reach, tool_length, width
 
@@ -33,6 +34,18 @@ class Capsule(ArrayRecord):
     """[m]"""
     part: str
     """what a user calls it"""
+    hull: Hull | None = None
+    """what is kept apart instead, inside the capsule, where the piece was fitted to meshes"""
+
+    @property
+    def corners(self) -> FloatArray:
+        """(k, 3) of the hull, or both ends of the axis [m]."""
+        return np.array([self.start, self.end]) if self.hull is None else self.hull.corners
+
+    @property
+    def as_hull(self) -> Hull:
+        """The hull of the mesh, or the axis with the radius round it."""
+        return Hull(self.corners, np.empty((0, 3)), self.radius) if self.hull is None else self.hull
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,13 +261,13 @@ class CollisionModel:
 
     @cached_property
     def levers(self) -> FloatArray:
-        """(capsules, n) how far a point of each one's axis moves a radian of each joint, at most [m/rad]."""
+        """(capsules, n) how far a corner of each one moves a radian of each joint, at most [m/rad]."""
         return _of_joints(self.chain, self._link_levers)
 
     @cached_property
     def _link_levers(self) -> FloatArray:
         """(capsules, m) as ``levers``, a radian of each link's turn."""
-        rows = [_levers(self.chain, c.link, np.array([c.start, c.end])) for c in self.capsules]
+        rows = [_levers(self.chain, c.link, c.corners) for c in self.capsules]
         return np.array(rows).reshape(-1, len(self.chain.segments))
 
     @cached_property
@@ -279,6 +292,11 @@ class CollisionModel:
             i, j = first[pair], second[pair]
             one, other = (starts[i, :, at].T, spans[i, :, at].T), (starts[j, :, at].T, spans[j, :, at].T)
             out[pair, at] = segment_distance(*one, *other) - radii[pair]
+            of_mesh = self._of_mesh[i] | self._of_mesh[j]
+            pair, at, i, j = pair[of_mesh], at[of_mesh], i[of_mesh], j[of_mesh]
+            pose = links.relative(self._links[i], self._links[j], at)
+            closer = self._hulls.gaps(i, j, *pose, NEAR_M)
+            out[pair, at] = np.maximum(out[pair, at], closer)
         return out
 
     def gaps_to(self, obstacles: Sequence[Obstacle], links: LinkFrames) -> FloatArray:
@@ -294,7 +312,25 @@ class CollisionModel:
             if len(near):
                 axis = starts[i][:, near], spans[i][:, near]
                 gap[near] = segment_box_distance(*axis, obstacle.low, obstacle.high) - radius
+                hull = self.capsules[i].hull
+                if hull is not None and len(near):
+                    box, piece = np.zeros(len(near), dtype=np.intp), np.ones(len(near), dtype=np.intp)
+                    pose = links.relative(box - 1, box + self.capsules[i].link, near)
+                    closer = HullPairs([_box_hull(obstacle), hull]).gaps(box, piece, *pose, NEAR_M)
+                    gap[near] = np.maximum(gap[near], closer)
         return out
+
+    @cached_property
+    def _hulls(self) -> HullPairs:
+        return HullPairs([capsule.as_hull for capsule in self.capsules])
+
+    @cached_property
+    def _of_mesh(self) -> NDArray[np.bool_]:
+        return np.array([capsule.hull is not None for capsule in self.capsules])
+
+    @cached_property
+    def _links(self) -> NDArray[np.intp]:
+        return np.array([capsule.link for capsule in self.capsules], dtype=np.intp)
 
     @cached_property
     def _halves(self) -> FloatArray:
@@ -311,19 +347,27 @@ class CollisionModel:
         return ends[:, :, 0], ends[:, :, 1] - ends[:, :, 0]
 
 
+def _box_hull(box: Obstacle) -> Hull:
+    low, high = box.low, box.high
+    corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (high - low) + low
+    return Hull(corners, np.vstack([np.eye(3), -np.eye(3)]), 0.0)
+
+
 _PROBES = 24
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Underside:
-    """An end of a capsule, to be kept above the floor."""
+    """An end of a capsule, or the corners of a hull, to be kept above the floor."""
 
     link: int
     """index of its link"""
-    point: FloatArray
-    """(3,) on the capsule's axis, in the link's frame [m]"""
+    points: FloatArray
+    """(k, 3) in the link's frame [m]"""
     radius: float
-    """how far below it the capsule reaches [m]"""
+    """how far below them the piece reaches [m]"""
+    thickness: float
+    """how far it may be below the floor where it lies on it in a named pose [m]"""
     part: str
     """what a user calls the part that it belongs to"""
     levers: FloatArray
@@ -333,25 +377,29 @@ class Underside:
 def undersides(model: CollisionModel, titles: Sequence[str], limits: FloatArray) -> tuple[Underside, ...]:
     """The ends of the capsules that joints raise or lower within limits (n, 2) [rad].
 
-    Over a plane a capsule is lowest below one of its ends. Bars without a capsule count without thickness,
-    and so does the tool point, which comes last.
+    Over a plane a capsule is lowest below one of its ends, and a hull below one of its corners. Bars without
+    a capsule count without thickness, and so does the tool point, which comes last.
     """
     chain = model.chain
     probes = LinkFrames.at(chain, joint_samples(limits, _PROBES))
     upright = abs(chain.segments[0][2, 2]) > 1 - 1e-12  # then the first joint changes no height
-    ends = [(c.link, point, c.radius, c.part) for c in model.capsules for point in (c.start, c.end)]
+    pieces = [
+        (c.link, points, c.as_hull.margin, c.radius, c.part)
+        for c in model.capsules
+        for points in (c.corners[None] if c.hull is not None else c.corners[:, None])
+    ]
     link, T = chain.places[-1]
-    tool = (link, T[:3, 3], 0.0, "the tool")
+    tool = (link, T[None, :3, 3], 0.0, 0.0, "the tool")
     for bar in bars(chain, 0.0):
         point = _moved(chain.places[bar.frame].T_link_frame, bar.end)
-        known = (end for link, end, *_ in (*ends, tool) if link == bar.link)
+        known = (points for link, points, *_ in (*pieces, tool) if link == bar.link and len(points) == 1)
         if not any(np.allclose(point, end, atol=1e-9) for end in known):
-            ends.append((bar.link, point, 0.0, link_name(bar.link, titles)))
-    ends.append(tool)
+            pieces.append((bar.link, point[None], 0.0, 0.0, link_name(bar.link, titles)))
+    pieces.append(tool)
     found: list[Underside] = []
-    for link, point, radius, part in ends:
-        if link >= 0 and np.ptp(probes.place(link, point[None])[2, 0]) > 1e-9:
-            levers = _levers(chain, link, point[None])
+    for link, points, radius, thickness, part in pieces:
+        if link >= 0 and np.ptp(probes.place(link, points)[2].min(axis=0)) > 1e-9:
+            levers = _levers(chain, link, points)
             levers[0] *= not upright
-            found.append(Underside(link, point, radius, part, _of_joints(chain, levers)))
+            found.append(Underside(link, points, radius, thickness, part, _of_joints(chain, levers)))
     return tuple(found)

@@ -1,14 +1,14 @@
-"""Capsules fitted to meshes: what the pre-flight keeps apart of an arm that is drawn from its files.
+"""Convex hulls of meshes: what the pre-flight keeps apart of an arm that is drawn from its files.
 
-A capsule is convex: it contains a triangle where it contains its corners. So a link's triangles are shared
-out among a few capsules, each of which contains all of its own.
+A link's triangles are shared out among a few pieces. Round each there is its hull, and a capsule, which is
+quickly looked at.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import Any, Self, cast
 
@@ -18,19 +18,20 @@ from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Chain
 from armctl.robot.body import ArmBody, Capsule, link_name
+from armctl.robot.hulls import Hull, farthest
 from armctl.robot.meshes import ArmSolids
 from armctl.robot.parts import Shape
 from armctl.robot.solids import Solid
 
 _TOOL_RADIUS = 0.003
 """of the capsule to a tool point that no mesh reaches [m]"""
-MOST_PIECES = 3
-"""capsules of a link"""
-_WORTH = 0.85
-"""two capsules take the place of one that is so much larger: their volume by its"""
+MOST_PIECES = 5
+"""hulls of a link"""
+_WORTH = 0.93
+"""two hulls take the place of one that is so much larger: their volume by its"""
 _DIRECTIONS = 192
 """in which the outermost points are looked for; the others hardly matter for the fit"""
-_FEW = 500
+_FEW = 1500
 """triangles by which it is decided how they are shared out"""
 _SHARES = (0.3, 0.5, 0.7)
 """of a link's length at which its triangles may be shared out"""
@@ -44,8 +45,12 @@ _SPACING = 60
 """points of a mesh are so near to each other, by its size, when gaps are measured"""
 _MOST_POINTS = 200_000
 """points between corners when gaps are measured; where that is too few, they are farther from each other"""
-_ON_SURFACE = 400
-"""points of a capsule's surface from which gaps are measured"""
+_FIRST_CORNERS, _AT_ONCE, _MOST_CORNERS = 32, 4, 64
+"""A hull begins with corners in so many directions; those farthest outside are added, a few at once."""
+_CLOSE_M = 5e-4
+"""No more corners are added where none is farther outside; the margin makes up for those left out."""
+_FLAT_M = 1e-7
+"""A hull that is no thicker has no inside."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +62,8 @@ class Fitted:
     end: FloatArray
     """(3,) [m]"""
     radius: float
+    hull: Hull
+    """inside it"""
 
 
 def fitted_body(
@@ -82,11 +89,11 @@ def fitted_body(
         found, gap = fit(solids)
         if gap > widest:
             widest, where = gap, name
-        capsules += [Capsule(link, one.start, one.end, one.radius, name) for one in found]
+        capsules += [Capsule(link, one.start, one.end, one.radius, name, one.hull) for one in found]
     fitted = [one for one in capsules if all(one is not bar for bar in bars)]
     if fitted:
-        count = f"{len(fitted)} capsule{'' if len(fitted) == 1 else 's'}"
-        text = f"the body: {count} fitted to the meshes; the largest gap is {1000 * widest:.0f} mm ({where})"
+        count = f"{len(fitted)} convex hull{'' if len(fitted) == 1 else 's'}"
+        text = f"the body: {count} of the meshes; the largest gap is {1000 * widest:.0f} mm ({where})"
         notes.insert(0, text)
         capsules += _to_tool(chain, fitted)
     return ArmBody(tuple(capsules), tuple(notes))
@@ -108,10 +115,10 @@ def _to_tool(chain: Chain, fitted: Sequence[Capsule]) -> list[Capsule]:
 
 
 def fit(solids: Sequence[Solid]) -> tuple[list[Fitted], float]:
-    """A few capsules that contain all triangles of a link, and the largest gap [m].
+    """A few hulls, each in a capsule, that contain all triangles of a link, and the largest gap [m].
 
-    The gap is how far a point of their surface is from the mesh, at most. It is measured at points, so
-    that it may be a thirtieth of the link's size too large.
+    The gap is how far a point of the hulls is from the mesh, at most. It is measured at points, so that it
+    may be a thirtieth of the link's size too large.
     """
     corners = np.concatenate([solid.vertices[solid.faces] for solid in solids])
     shared = _cut(corners) if len(corners) < _MOST_SHARED else corners
@@ -122,8 +129,8 @@ def fit(solids: Sequence[Solid]) -> tuple[list[Fitted], float]:
             break
         i, best = max(halves, key=lambda one: pieces[one[0]].volume - sum(half.volume for half in one[1]))
         pieces[i : i + 1] = best
-    capsules = [contain(piece.triangles.reshape(-1, 3)) for piece in pieces]
-    return capsules, _largest_gap(capsules, corners)
+    found = [contain(piece.triangles.reshape(-1, 3)) for piece in pieces]
+    return found, _largest_gap([one.hull for one in found], corners)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,15 +140,16 @@ class _Piece:
     few: FloatArray
     """some of them, by which it is decided how they are shared out"""
     volume: float
-    """of a capsule that contains these, roughly [m³]"""
+    """of the hull of these [m³]"""
 
     @classmethod
     def of(cls, triangles: FloatArray, few: FloatArray) -> Self:
-        return cls(triangles, few, _first(few.reshape(-1, 3))[1])
+        qhull = _qhull(few.reshape(-1, 3))
+        return cls(triangles, few, 0.0 if qhull is None else float(qhull.volume))
 
 
 def _halved(whole: _Piece) -> list[_Piece] | None:
-    """The best of a few ways to share the triangles of one capsule out to two; None: none is worth it."""
+    """The best of a few ways to share the triangles of one hull out to two; None: none is worth it."""
     middles = whole.few.mean(axis=1)
     best: list[_Piece] | None = None
     least = _WORTH * whole.volume
@@ -162,11 +170,47 @@ def _halved(whole: _Piece) -> list[_Piece] | None:
 
 
 def contain(points: FloatArray) -> Fitted:
-    """A capsule of little volume that contains points (k, 3)."""
-    outer = _outermost(points)
+    """The hull of points (k, 3), and a capsule of little volume that contains it."""
+    hull = hull_of(points)
+    outer = _outermost(points, _DIRECTIONS)
     ends = _improved(outer, *_first(outer))
     radius = float(_distances(points, ends[None])[0].max()) * (1 + 1e-12) + 1e-9
-    return Fitted(ends[:3].copy(), ends[3:].copy(), radius)
+    return Fitted(ends[:3].copy(), ends[3:].copy(), radius, hull)
+
+
+def hull_of(points: FloatArray) -> Hull:
+    """A hull of few corners that contains points (k, 3); its margin is as small as they allow."""
+    points = np.unique(points, axis=0)
+    qhull = _qhull(points)
+    if qhull is not None:
+        points = points[qhull.vertices]
+    corners = _outermost(points, _FIRST_CORNERS)
+    qhull = _qhull(corners)
+    while qhull is not None and len(corners) < min(_MOST_CORNERS, len(points)):
+        beyond = (points @ qhull.equations[:, :3].T + qhull.equations[:, 3]).max(axis=1)
+        if beyond.max() < _CLOSE_M:
+            break
+        more = points[np.argsort(beyond)[-_AT_ONCE:]]
+        corners = np.unique(np.concatenate([corners, more]), axis=0)
+        qhull = _qhull(corners)
+    if qhull is None:
+        across = np.linalg.svd(corners - corners.mean(axis=0))[2][2]
+        normals = np.array([across, -across])
+    else:
+        normals = np.unique(qhull.equations[:, :3].round(9), axis=0)
+    hull = Hull(corners, normals, 0.0)
+    return hull if len(corners) == len(points) else replace(hull, margin=farthest(hull, points))
+
+
+def _qhull(points: FloatArray) -> Any:
+    """The hull of points (k, 3), as scipy gives it; None where they lie in a plane."""
+    spatial = import_module("scipy.spatial")
+    if len(points) < 4 or np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[2] < _FLAT_M:
+        return None
+    try:
+        return spatial.ConvexHull(points)
+    except spatial.QhullError:  # all but flat
+        return None
 
 
 def _axes(points: FloatArray) -> FloatArray:
@@ -183,18 +227,19 @@ def _first(outer: FloatArray) -> tuple[FloatArray, float]:
     return ends[best], float(volumes[best])
 
 
-def _outermost(points: FloatArray) -> FloatArray:
-    if len(points) <= _DIRECTIONS:
+def _outermost(points: FloatArray, count: int) -> FloatArray:
+    """The outermost of points in so many directions; all of them where they are fewer."""
+    if len(points) <= count:
         return points
-    k = np.arange(_DIRECTIONS) + 0.5
-    z, angle = 1 - 2 * k / _DIRECTIONS, math.pi * (1 + math.sqrt(5)) * k
+    k = np.arange(count) + 0.5
+    z, angle = 1 - 2 * k / count, math.pi * (1 + math.sqrt(5)) * k
     ring = np.sqrt(1 - z * z)
     directions = np.stack([ring * np.cos(angle), ring * np.sin(angle), z])
-    best, value = np.zeros(_DIRECTIONS, dtype=np.intp), np.full(_DIRECTIONS, -math.inf)
+    best, value = np.zeros(count, dtype=np.intp), np.full(count, -math.inf)
     for begin in range(0, len(points), 4096):
         reach = points[begin : begin + 4096] @ directions
         at = reach.argmax(axis=0)
-        further = reach[at, np.arange(_DIRECTIONS)] > value
+        further = reach[at, np.arange(count)] > value
         best[further], value[further] = begin + at[further], reach.max(axis=0)[further]
     return points[np.unique(best)]
 
@@ -264,21 +309,24 @@ def _cut(triangles: FloatArray) -> FloatArray:
     return np.concatenate([*done, triangles])
 
 
-def _largest_gap(capsules: Sequence[Fitted], triangles: FloatArray) -> float:
-    """How far the surface of capsules is from triangles, at most [m]."""
+def _largest_gap(hulls: Sequence[Hull], triangles: FloatArray) -> float:
+    """How far the surface of hulls is from triangles, at most [m]."""
     spacing = float(np.ptp(triangles.reshape(-1, 3), axis=0).max()) / _SPACING
     points = _points_on(triangles, spacing)
     x, y, z = ((points - points.min(axis=0)) * (2 / spacing)).astype(np.int64).T
     _, one_a_cell = np.unique((x << 20 | y) << 20 | z, return_index=True)
     tree: Any = import_module("scipy.spatial").cKDTree(points[one_a_cell])
     largest = 0.0
-    for i, capsule in enumerate(capsules):
-        surface = _surface(capsule)
-        for other in (*capsules[:i], *capsules[i + 1 :]):
-            ends = np.concatenate([other.start, other.end])[None]
-            surface = surface[_distances(surface, ends)[0] >= other.radius]
+    for i, hull in enumerate(hulls):
+        qhull = _qhull(hull.corners)
+        faces = hull.corners[None] if qhull is None else hull.corners[qhull.simplices]
+        surface = _points_on(faces, spacing) if faces.shape[1] == 3 else hull.corners
+        for other in (*hulls[:i], *hulls[i + 1 :]):
+            if len(other.normals):
+                height = (other.corners @ other.normals.T).max(axis=0)
+                surface = surface[(surface @ other.normals.T - height).max(axis=1) >= 0.0]
         if len(surface):
-            largest = max(largest, float(tree.query(surface)[0].max()))
+            largest = max(largest, float(tree.query(surface)[0].max()) + hull.margin)
     return largest
 
 
@@ -300,21 +348,3 @@ def _points_on(triangles: FloatArray, spacing: float) -> FloatArray:
         weights = np.stack([i, j, count - i - j], axis=1)[inside] / count
         points.append(np.einsum("pc,tcx->tpx", weights, triangles[counts == count]).reshape(-1, 3))
     return np.concatenate(points)
-
-
-def _surface(capsule: Fitted) -> FloatArray:
-    """Points (k, 3) of a capsule's surface, evenly along and round it, and on both ends."""
-    span = capsule.end - capsule.start
-    length = float(np.linalg.norm(span))
-    axis = span / length if length > 0 else np.array([0.0, 0.0, 1.0])
-    aside = np.cross(np.eye(3)[np.abs(axis).argmin()], axis)
-    aside /= np.linalg.norm(aside)
-    k = np.arange(_ON_SURFACE) + 0.5
-    height = (
-        length + 2 * capsule.radius
-    ) * k / _ON_SURFACE - capsule.radius  # Archimedes: even over a ball, too
-    angle = math.pi * (1 + math.sqrt(5)) * k
-    past = np.minimum(height, 0.0) + np.maximum(height - length, 0.0)
-    ring = np.sqrt(np.maximum(capsule.radius**2 - past**2, 0.0))
-    round_it = np.cos(angle)[:, None] * aside + np.sin(angle)[:, None] * np.cross(axis, aside)
-    return capsule.start + height[:, None] * axis + ring[:, None] * round_it

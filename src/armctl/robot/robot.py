@@ -33,7 +33,7 @@ from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
 from armctl.robot.parts import Gripper, Joint, Look, Obstacle, Shape
 
 _PROBES = 64
-BODY_ASSUMED = "the body: capsules fitted to the shapes"
+BODY_ASSUMED = "the body: convex hulls of the shapes"
 """how the line of ``assumed`` begins that ``with_body`` has more to say about"""
 
 
@@ -131,7 +131,7 @@ class Robot(ArrayRecord):
 
     @cached_property
     def body(self) -> ArmBody:
-        """What is kept apart: the capsules of the file, those of its shapes, or those of the bars."""
+        """What is kept apart: capsules of the file, hulls of its shapes, or capsules round the bars."""
         if self.capsules is not None:
             return ArmBody(self.capsules)
         gripper = self.gripper is not None
@@ -154,7 +154,7 @@ class Robot(ArrayRecord):
 
     @cached_property
     def collision(self) -> CollisionModel:
-        """The arm's body as capsules, and which of them are kept apart."""
+        """The pieces of the arm's body, and which of them are kept apart."""
         resting = [self.poses[name] for name in ("home", "rest") if name in self.poses]
         poses = np.array(resting or [self.limits.mean(axis=1)])
         return CollisionModel.build(self.chain, self.body.capsules, self.limits, poses)

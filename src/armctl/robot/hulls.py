@@ -1,0 +1,186 @@
+"""Convex hulls, and how far apart two of them are: many pairs in many poses at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.arrays import ArrayRecord, FloatArray
+
+_STEPS = 32
+"""towards the points that are nearest to each other, at most"""
+_EXACT_M = 1e-4
+"""A distance that is known to this is not made more exact."""
+_DOUBTFUL_M = 0.002
+"""Where no more than this is known to lie between two hulls, their faces are looked at."""
+_TURNS = 40
+"""of the direction in which two hulls that overlap come apart"""
+_STARTS = 4
+"""directions that are turned"""
+_BLOCK = 128
+"""pairs in one array, so that memory stays bounded"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hull(ArrayRecord):
+    """All points within a margin of the convex hull of its corners."""
+
+    corners: FloatArray
+    """(k, 3) in the frame of its link [m]"""
+    normals: FloatArray
+    """(f, 3) unit vectors out of its faces; none of a point or a line"""
+    margin: float
+    """[m]"""
+
+
+class HullPairs:
+    """Gaps between any two of some hulls."""
+
+    def __init__(self, hulls: Sequence[Hull]) -> None:
+        self._corners = _padded([one.corners for one in hulls], np.zeros((1, 3)))
+        self._normals = _padded([one.normals for one in hulls], np.array([[1.0, 0.0, 0.0]]))
+        self._margins = np.array([one.margin for one in hulls])
+
+    def gaps(
+        self,
+        one: NDArray[np.intp],
+        other: NDArray[np.intp],
+        R: FloatArray,
+        origin: FloatArray,
+        enough: float,
+    ) -> FloatArray:
+        """Gaps (k,) [m] between hulls and others.
+
+        ``R`` (k, 3, 3) and ``origin`` (k, 3) [m] place the frames of the others in those of the first.
+        Negative where they overlap: minus the way on which they come apart. Each is a lower bound: in some
+        direction the two are so far apart. Beyond ``enough`` any lower bound will do. Where the nearest
+        points do not tell them clearly apart, the normals of all faces are tried.
+        """
+        low = np.empty(len(one))
+        for begin in range(0, len(one), _BLOCK):
+            block = slice(begin, begin + _BLOCK)
+            i, j, turned = one[block], other[block], R[block].transpose(0, 2, 1)
+            margin = self._margins[i] + self._margins[j]
+            here, there = self._corners[i], self._corners[j] @ turned + origin[block][:, None]
+            low[block] = nearing(here, there, enough + margin)[0] - margin
+            some = np.flatnonzero(low[block] < _DOUBTFUL_M)
+            if len(some):
+                d = np.concatenate([self._normals[i[some]], -self._normals[j[some]] @ turned[some]], axis=1)
+                apart = _parted(here[some], there[some], d) - margin[some]
+                low[begin + some] = np.maximum(low[begin + some], apart)
+        return low
+
+
+def _parted(one: FloatArray, other: FloatArray, d: FloatArray) -> FloatArray:
+    """How far hulls of corners (k, c, 3) lie beyond others in the best direction found, (k,) [m].
+
+    Where they overlap it is minus the way out. Of directions ``d`` (k, f, 3), the normals of all faces, the
+    best are turned on, as the way out may be that of two edges.
+    """
+    # (k, f): the lowest of the other less the highest of one
+    apart = (d @ other.transpose(0, 2, 1)).min(axis=2) - (d @ one.transpose(0, 2, 1)).max(axis=2)
+    row = np.arange(len(d))[:, None]
+    best = np.argsort(apart, axis=1)[:, : -_STARTS - 1 : -1]
+    found, turned, step = apart[row, best], d[row, best], 0.5
+    for _ in range(_TURNS):
+        lowest = other[row, (turned @ other.transpose(0, 2, 1)).argmin(axis=2)]
+        highest = one[row, (turned @ one.transpose(0, 2, 1)).argmax(axis=2)]
+        w = lowest - highest
+        here = (w * turned).sum(axis=2)
+        found = np.maximum(found, here)
+        w -= here[:, :, None] * turned
+        turned = turned + step * w / np.maximum(np.linalg.norm(w, axis=2), 1e-300)[:, :, None]
+        turned /= np.linalg.norm(turned, axis=2)[:, :, None]
+        step *= 0.85
+    return found.max(axis=1)
+
+
+def farthest(hull: Hull, points: FloatArray) -> float:
+    """How far points (k, 3) are from the hull of corners, at most [m]; an upper bound."""
+    corners = np.broadcast_to(hull.corners, (len(points), *hull.corners.shape))
+    return float(nearing(corners, points[:, None], np.full(len(points), np.inf))[1].max())
+
+
+def nearing(one: FloatArray, other: FloatArray, enough: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """How far apart hulls of corners (k, c, 3) and (k, d, 3) are at least and at most, (k,) each [m].
+
+    At most is no less than 0. Beyond ``enough`` (k,) [m] they are not made more exact.
+
+    Gilbert, Johnson and Keerthi (1988), *A fast procedure for computing the distance between complex
+    objects*: of all differences of points, the outermost one towards the origin joins a simplex, and of that
+    only the corners round its point nearest to the origin are kept.
+    """
+    k = len(one)
+    low, high = np.full(k, -np.inf), np.full(k, np.inf)
+    v = one.mean(axis=1) - other.mean(axis=1)
+    busy, corners, weights = (
+        np.arange(k),
+        np.repeat(v[:, None], 4, axis=1),
+        np.tile([1.0, 0.0, 0.0, 0.0], (k, 1)),
+    )
+    for _ in range(_STEPS):
+        size = np.linalg.norm(v, axis=1)
+        d = v / np.where(size > 0, size, 1.0)[:, None]
+        row = np.arange(len(busy))
+        nearest = one[row, (one @ d[:, :, None])[:, :, 0].argmin(axis=1)]
+        w = nearest - other[row, (other @ d[:, :, None])[:, :, 0].argmax(axis=1)]
+        apart = np.where(size > 0, (w * d).sum(axis=1), -np.inf)
+        low[busy], high[busy] = np.maximum(low[busy], apart), np.minimum(high[busy], size)
+        go_on = (high[busy] - low[busy] > _EXACT_M) & (low[busy] < enough[busy]) & (size > _EXACT_M)
+        if not go_on.any():
+            break
+        busy, one, other = busy[go_on], one[go_on], other[go_on]
+        w, corners, weights = w[go_on], corners[go_on], weights[go_on]
+        row = np.arange(len(busy))
+        corners[row, weights.argmin(axis=1)] = w  # instead of one that is not needed
+        weights = _weights(corners)
+        v = (weights[:, :, None] * corners).sum(axis=1)
+        # one that is not needed is put where another is
+        corners = np.where(weights[:, :, None] > 0, corners, corners[row, weights.argmax(axis=1)][:, None])
+    return low, high
+
+
+_I, _J = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]).T
+_A, _B, _C = np.array([(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)]).T
+_PAIR, _TRIPLE = np.arange(6), np.arange(4)
+
+
+def _weights(W: FloatArray) -> FloatArray:
+    """Weights (k, 4), not negative, of the corners (k, 4, 3) of simplices: of points nearest to the origin.
+
+    Such a point is the foot of the origin on a corner, an edge, a face or the inside: of those feet that lie
+    inside their edge or face, the nearest one.
+    """
+    k = len(W)
+    G = W @ W.transpose(0, 2, 1)
+    corners = np.broadcast_to(np.eye(4), (k, 4, 4))
+    edges, faces, inside = np.zeros((k, 6, 4)), np.zeros((k, 4, 4)), np.zeros((k, 1, 4))
+    own = np.einsum("kaa->ka", G)
+    with np.errstate(divide="ignore", invalid="ignore"):  # corners in one place: no weights, and no better
+        t = (own[:, _I] - G[:, _I, _J]) / (own[:, _I] - 2 * G[:, _I, _J] + own[:, _J])
+        edges[:, _PAIR, _I], edges[:, _PAIR, _J] = 1 - t, t
+        aa, bb = (own[:, _A] - 2 * G[:, _A, n] + own[:, n] for n in (_B, _C))
+        ab = G[:, _B, _C] - G[:, _A, _B] - G[:, _A, _C] + own[:, _A]
+        to_a, to_b = (own[:, _A] - G[:, _A, n] for n in (_B, _C))
+        square = aa * bb - ab * ab
+        s, t = (to_a * bb - to_b * ab) / square, (to_b * aa - to_a * ab) / square
+        faces[:, _TRIPLE, _A], faces[:, _TRIPLE, _B], faces[:, _TRIPLE, _C] = 1 - s - t, s, t
+        w, a, b, c = W[:, 0], *(W[:, n] - W[:, 0] for n in (1, 2, 3))
+        sides = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+        inside[:, 0, 1:] = -(sides @ w[:, :, None])[:, :, 0] / (sides[:, 0] * a).sum(axis=1)[:, None]
+        inside[:, 0, 0] = 1 - inside[:, 0, 1:].sum(axis=1)
+        feet = np.concatenate([corners, edges, faces, inside], axis=1)
+        size = ((feet @ G) * feet).sum(axis=2)
+    size = np.where((feet >= 0).all(axis=2), size, np.inf)
+    return feet[np.arange(k), size.argmin(axis=1)]
+
+
+def _padded(arrays: Sequence[FloatArray], nothing: FloatArray) -> FloatArray:
+    """Arrays (k, 3) as one (n, most, 3): the shorter ones end with their first row again and again."""
+    arrays = [one if len(one) else nothing for one in arrays]
+    most = max(map(len, arrays), default=1)
+    padded = [np.concatenate([one, np.broadcast_to(one[0], (most - len(one), 3))]) for one in arrays]
+    return np.array(padded).reshape(-1, most, 3)

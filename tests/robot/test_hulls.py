@@ -1,0 +1,222 @@
+"""Convex hulls: their gaps against scipy's, and what the pre-flight makes of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from tests.robot.urdf_kit import Step, written
+
+from armctl import load_robot
+from armctl.arrays import FloatArray
+from armctl.kinematics.chain import LinkFrames
+from armctl.motion.clearance import FLOOR_TOLERANCE_M
+from armctl.motion.preflight import preflight
+from armctl.motion.profiles import PointToPoint
+from armctl.robot import Robot
+from armctl.robot.body import NEAR_M
+from armctl.robot.fitting import hull_of
+from armctl.robot.hulls import Hull, HullPairs
+from armctl.robot.parts import Obstacle
+
+FAR = math.inf
+
+
+def cloud(rng: np.random.Generator, most: int = 60) -> Hull:
+    return hull_of(rng.normal(size=(int(rng.integers(4, most)), 3)) * rng.uniform(0.02, 0.1, 3))
+
+
+def gaps(one: Hull, other: Hull, R: FloatArray, origin: FloatArray, enough: float = FAR) -> FloatArray:
+    first = np.zeros(len(origin), dtype=np.intp)
+    return HullPairs([one, other]).gaps(first, first + 1, R, origin, enough)
+
+
+def nearest(one: FloatArray, other: FloatArray) -> float:
+    """The distance of the hulls of points (k, 3) and (m, 3) [m], by non-negative least squares."""
+    heavy = 1e4  # of the two sums of weights that are to be 1
+    ones = np.zeros((2, len(one) + len(other)))
+    ones[0, : len(one)] = ones[1, len(one) :] = heavy
+    A = np.vstack([np.hstack([one.T, -other.T]), ones])
+    solved: Any = import_module("scipy.optimize").nnls(A, [0, 0, 0, heavy, heavy], maxiter=10_000)
+    return float(np.linalg.norm(A[:3] @ solved[0]))
+
+
+def way_out(one: FloatArray, other: FloatArray) -> float:
+    """By how much hulls overlap, or minus a bound of the distance: faces of the hull of all differences."""
+    differences = (one[:, None] - other[None]).reshape(-1, 3)
+    return -float(import_module("scipy.spatial").ConvexHull(differences).equations[:, 3].max())
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_gaps_are_those_of_scipy(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    one, other = cloud(rng), cloud(rng)
+    R = Rotation.random(40, random_state=seed).as_matrix()
+    origin = rng.normal(size=(40, 3)) * rng.uniform(0.02, 0.3, (40, 1))
+    found = gaps(one, other, R, origin)
+    for gap, turned, moved in zip(found, R, origin, strict=True):
+        there = other.corners @ turned.T + moved
+        depth = way_out(one.corners, there)
+        if depth > 0:
+            assert -1.25 * depth - 1e-4 <= gap <= -depth + 1e-9
+        else:
+            distance = nearest(one.corners, there)
+            assert distance - 1.01e-4 <= gap <= distance + 1e-6
+    some = gaps(one, other, R, origin, NEAR_M)
+    assert (some <= found + 1.01e-4).all() and (some[found > NEAR_M + 1e-4] > NEAR_M - 1e-4).all()
+
+
+def test_points_lines_faces_and_hulls_in_one_place() -> None:
+    point = Hull(np.zeros((1, 3)), np.empty((0, 3)), 0.01)
+    line = Hull(np.array([[0.0, 0.0, -0.1], [0.0, 0.0, 0.1]]), np.empty((0, 3)), 0.0)
+    face = hull_of(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]]))
+    box = hull_of(np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.05)
+    still = np.eye(3)[None]
+
+    def gap(one: Hull, other: Hull, x: float, y: float, z: float) -> float:
+        return float(gaps(one, other, still, np.array([[x, y, z]]))[0])
+
+    assert gap(point, point, 0.03, 0.0, 0.0) == pytest.approx(0.01, abs=1e-4)
+    assert gap(line, line, 0.03, 0.04, 0.05) == pytest.approx(0.05, abs=1e-4)
+    assert gap(line, point, 0.0, 0.0, 0.2) == pytest.approx(0.09, abs=1e-4)
+    assert gap(face, point, 0.02, 0.02, 0.3) == pytest.approx(0.29, abs=1e-4)
+    assert gap(face, point, 0.02, 0.02, 0.0) == pytest.approx(-0.01, abs=1e-4)
+    assert gap(box, point, 0.0, 0.0, 0.0) == pytest.approx(-0.06, abs=1e-4)
+    assert gap(box, box, 0.0, 0.0, 0.0) == pytest.approx(-0.1, abs=1e-4)
+    assert gap(box, box, 0.1, 0.0, 0.0) == pytest.approx(0.0, abs=1e-4)
+    assert gap(box, box, 0.2, 0.2, 0.0) == pytest.approx(0.1 * math.sqrt(2), abs=1e-4)
+
+
+def test_a_hull_of_few_corners_contains_all_points() -> None:
+    rng = np.random.default_rng(4)
+    points = rng.normal(size=(4000, 3))
+    points *= 0.1 / np.linalg.norm(points, axis=1, keepdims=True)  # a ball needs corners without end
+    hull = hull_of(points)
+    assert len(hull.corners) < 80 and 0.001 < hull.margin < 0.02
+    for point in points[::100]:
+        assert nearest(hull.corners, point[None]) <= hull.margin + 1e-6
+
+
+# A whole arm: a turntable with a shelf, and two links. The bracket at the elbow is a plate beside the arm.
+
+STEPS = (
+    Step("pan", "revolute", "base", "body", "0 0 0.1"),
+    Step("lift", "revolute", "body", "upper", "0 0 0.05", axis="0 1 0", limits=(-2.6, 2.6)),
+    Step("elbow", "revolute", "upper", "lower", "0 0 0.18", axis="0 1 0", limits=(-2.9, 2.9)),
+    Step("end", "fixed", "lower", "tool0", "0 0 0.16"),
+)
+BOXES = {
+    "base": ("0.16 0.16 0.01", "0 0 0.01"),
+    "body": ("0.2 0.2 0.02", "0 0 0"),
+    "upper": ("0.03 0.03 0.16", "0 0 0.09"),
+    "lower": ("0.02 0.12 0.12", "0 0 0.09"),
+}
+
+
+def arm(tmp_path: Path, **changed: Any) -> Robot:
+    path = written(tmp_path / "arm.urdf", STEPS)
+    text = path.read_text()
+    for name, (size, xyz) in BOXES.items():
+        box = f'<visual><origin xyz="{xyz}"/><geometry><box size="{size}"/></geometry></visual>'
+        text = text.replace(f'<link name="{name}"/>', f'<link name="{name}">{box}</link>')
+    path.write_text(text)
+    return replace(load_robot(path).with_body(), **changed)
+
+
+def placed(robot: Robot, q: FloatArray) -> dict[str, FloatArray]:
+    """The corners (8, 3) of each box at ``q`` (3,), base frame [m]."""
+    links, found = LinkFrames.at(robot.chain, q[None]), dict[str, FloatArray]()
+    for name, shape in zip(BOXES, robot.shapes, strict=True):
+        corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * shape.size / 2
+        corners = corners @ shape.pose[:3, :3].T + shape.pose[:3, 3]
+        link = shape.link
+        if link >= 0:
+            corners = corners @ links.rotation[link][:, :, 0].T + links.origin[link][:, 0]
+        found[name] = corners
+    return found
+
+
+def test_what_only_capsules_touch_may_be_done(tmp_path: Path) -> None:
+    robot = arm(tmp_path)
+    capsules = replace(robot, capsules=tuple(replace(one, hull=None) for one in robot.body.capsules))
+
+    def touches(one: Robot, goal: FloatArray) -> list[str]:
+        found = preflight(one, PointToPoint.plan(one, np.zeros(3), goal))
+        return [finding.what for finding in found if finding.kind == "self-collision"]
+
+    goals = np.random.default_rng(1).uniform(*robot.limits.T, (60, 3))
+    both = [(touches(robot, goal), touches(capsules, goal)) for goal in goals]
+    assert sum(bool(by_capsules) and not by_hulls for by_hulls, by_capsules in both) >= 5
+    assert all(by_capsules for by_hulls, by_capsules in both if by_hulls)
+    told = [what for by_hulls, _ in both for what in by_hulls]
+    assert told and all(what.endswith("(convex hulls of their meshes)") for what in told)
+    assert not any("hulls" in what for _, by_capsules in both for what in by_capsules)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_touch_of_meshes_is_missed_and_none_is_invented(tmp_path: Path, seed: int) -> None:
+    """Along random motions, against scipy's hulls of the boxes themselves."""
+    wall = Obstacle("the wall", np.array([0.22, -0.3, 0.0]), np.array([0.25, 0.3, 0.4]))
+    robot = arm(tmp_path, obstacles=(wall,), poses={})
+    rng = np.random.default_rng(seed)
+    box = (
+        np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (wall.high - wall.low)
+        + wall.low
+    )
+    told = set[str]()
+    for _ in range(12):
+        start, end = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (2, 3))
+        motion = PointToPoint.plan(robot, start, end)
+        found = {one.kind for one in preflight(robot, motion)}
+        depths = dict.fromkeys(("self-collision", "obstacle", "floor"), 0.0)
+        first = dict[str, float]()
+        for q in motion.sample(np.linspace(0.0, motion.duration, 60)).q:
+            at = placed(robot, q)
+            here = {
+                "self-collision": max(
+                    way_out(at[a], at[b])
+                    for a, b in (("base", "upper"), ("base", "lower"), ("body", "lower"))
+                ),
+                "obstacle": max(way_out(at[name], box) for name in ("body", "upper", "lower")),
+                "floor": max(-at[name][:, 2].min() for name in ("upper", "lower")),
+            }
+            for kind, depth in here.items():  # what is closed at the start must not close further
+                depths[kind] = max(depths[kind], depth - max(first.setdefault(kind, depth), 0.0))
+        for kind, depth in depths.items():
+            if depth > 2 * FLOOR_TOLERANCE_M:
+                assert kind in found, (kind, depth)
+            told |= {kind} & found
+            if depth <= 0.0 and first[kind] < 0.0:
+                assert kind not in found, kind
+    assert told
+
+
+def test_the_floor_is_as_far_as_the_lowest_corner(tmp_path: Path) -> None:
+    robot = arm(tmp_path, poses={})
+    for q in np.random.default_rng(2).uniform(robot.limits[:, 0], robot.limits[:, 1], (20, 3)):
+        links = LinkFrames.at(robot.chain, q[None])
+        lowest = {
+            one.part: float(links.place(one.link, one.points)[2].min()) - one.radius
+            for one in robot.undersides
+            if len(one.points) > 1
+        }
+        at = placed(robot, q)
+        expected = [float(at[name][:, 2].min()) for name in ("upper", "lower")]
+        assert list(lowest.values()) == pytest.approx(expected, abs=1e-9)
+
+
+def test_no_corner_moves_farther_than_its_lever_says(tmp_path: Path) -> None:
+    robot = arm(tmp_path)
+    model = robot.collision
+    for q in np.random.default_rng(5).uniform(robot.limits[:, 0], robot.limits[:, 1], (30, 3)):
+        for j, step in enumerate(1e-4 * np.eye(3)):
+            links, moved = (LinkFrames.at(robot.chain, one[None]) for one in (q, q + step))
+            for piece, lever in zip(model.capsules, model.levers, strict=True):
+                way = links.place(piece.link, piece.corners) - moved.place(piece.link, piece.corners)
+                assert np.linalg.norm(way, axis=0).max() <= lever[j] * 1e-4 * (1 + 1e-6) + 1e-12
