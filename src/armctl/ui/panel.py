@@ -11,6 +11,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.hardware.boards import board_type
+from armctl.kinematics import roll_pitch_yaw
 from armctl.robot import OutputMap, Robot
 from armctl.runtime import (
     ClearFault,
@@ -57,6 +58,29 @@ _BADGE = (
 LIGHT, DARK = "Light", "Dark"
 _BLUE = (24, 100, 171)
 _PAUSE, _RESUME = ("Pause", viser.Icon.PLAYER_PAUSE), ("Resume", viser.Icon.PLAYER_PLAY)
+
+
+def where_html(robot: Robot, q: FloatArray) -> str:
+    """Joint angles and tool at ``q`` (n,) [rad]."""
+    joints = [
+        [joint.title, f"{angle + 0.0:.2f}°"]
+        for joint, angle in zip(robot.joints, np.round(np.degrees(q), 2), strict=True)
+    ]
+    T = robot.forward(q)
+    x, y, z = np.round(1000 * T[:3, 3], 1) + 0.0
+    tool = [["X", f"{x:z.1f} mm"], ["Y", f"{y:z.1f} mm"], ["Z", f"{z:z.1f} mm"]]
+    pitch, roll = robot.inverse_kinematics.pitch_and_roll(q)
+    if robot.orients_tool:  # its roll counts from the plane of the arm, and changes as the base turns
+        turns = np.round(np.degrees(roll_pitch_yaw(T[:3, :3])), 1) + 0.0
+        turns[turns == -180.0] = 180.0  # or rounding would decide
+        tool.append(["Rx, Ry, Rz", ", ".join(f"{turn:.1f}" for turn in turns) + "°"])
+        roll = None
+    for name, angle in (("Pitch", pitch), ("Roll", roll)):
+        if angle is not None:
+            tool.append([name, f"{round(math.degrees(angle), 1) + 0.0:.1f}°"])
+    heading = "<b style='display:block;margin-top:6px'>"
+    angles, pose = table((), joints), table((), tool)
+    return f"{heading}Joints</b>{angles}{heading}Tool</b>{pose}{rounding_note(robot, q)}"
 
 
 class ControlPanel:
@@ -138,22 +162,7 @@ class ControlPanel:
         q = session.console.last_known.drawn(snapshot)
         if self._shown_at is None or not np.array_equal(q, self._shown_at):
             self._shown_at = q
-            self._where.show(self._where_text(q))
-
-    def _where_text(self, q: FloatArray) -> str:
-        robot = self._session.console.robot
-        joints = [
-            [joint.title, f"{angle + 0.0:.2f}°"]
-            for joint, angle in zip(robot.joints, np.round(np.degrees(q), 2), strict=True)
-        ]
-        x, y, z = np.round(1000 * robot.forward(q)[:3, 3], 1) + 0.0
-        tool = [["X", f"{x:z.1f} mm"], ["Y", f"{y:z.1f} mm"], ["Z", f"{z:z.1f} mm"]]
-        for name, angle in zip(("Pitch", "Roll"), robot.inverse_kinematics.pitch_and_roll(q), strict=True):
-            if angle is not None:
-                tool.append([name, f"{round(math.degrees(angle), 1) + 0.0:.1f}°"])
-        heading = "<b style='display:block;margin-top:6px'>"
-        angles, pose = table((), joints), table((), tool)
-        return f"{heading}Joints</b>{angles}{heading}Tool</b>{pose}{rounding_note(robot, q)}"
+            self._where.show(where_html(session.console.robot, q))
 
     async def _on_stop(self) -> None:
         self._session.console.controller.stop(self._session.origin)

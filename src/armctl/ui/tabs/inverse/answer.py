@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.errors import MotionRefusedError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
-from armctl.kinematics.energy import energies
+from armctl.kinematics.energy import EnergyModel, energies
 from armctl.motion import FLOOR_TOLERANCE_M, plan_joints
 from armctl.motion.figure import color_of
 from armctl.robot import Robot
@@ -23,7 +23,6 @@ _UNITS: dict[Criterion, tuple[float, str]] = {
     "published": (180 / np.pi, "°"),
     "least-travel": (1.0, "s"),
     "shortest-time": (1.0, "s"),
-    "least-torque": (1000.0, "×10⁻³"),
 }
 _PLAIN: dict[Criterion, str] = {
     "least-rotation": "rotation",
@@ -42,6 +41,19 @@ _SWEPT_MEND = (
 )
 _MOST_POINTS = 1000
 """of an energy curve"""
+
+
+def _shown(criterion: Criterion, energy: FloatArray, model: EnergyModel) -> FloatArray:
+    """Energies as they are shown, in ``_unit``; of loads the root of the sum of squares."""
+    if criterion == "least-torque":
+        return (1.0 if model.stall_torque is None else 100.0) * np.sqrt(energy)
+    return _UNITS[criterion][0] * energy
+
+
+def _unit(criterion: Criterion, model: EnergyModel) -> str:
+    if criterion == "least-torque":
+        return "N·m" if model.stall_torque is None else "% of stall"
+    return _UNITS[criterion][1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,13 +111,18 @@ class Answer:
 
     def energy_of(self, q: FloatArray) -> float:
         """Energy of any configuration ``q`` (n,) [rad], as ``energy``; infinite if not admitted."""
-        arm, (scale, _) = self.solutions.arm, _UNITS[self.criterion]
-        return scale * float(energies(self.criterion, q[None], arm.energy, arm.pitch_joints, self.start)[0])
+        arm = self.solutions.arm
+        energy = energies(self.criterion, q[None], arm.energy, arm.pitch_joints, self.start)
+        return float(_shown(self.criterion, energy, arm.energy)[0])
+
+    @property
+    def unit(self) -> str:
+        """Of the energies."""
+        return _unit(self.criterion, self.solutions.arm.energy)
 
     def energy_text(self, q: FloatArray) -> str:
         """Energy of ``q`` (n,) [rad] with its unit, as exact as in the list."""
-        unit = _UNITS[self.criterion][1]
-        return f"{fixed(self.energy_of(q), 3)}{'' if unit == '°' else ' '}{unit}"
+        return f"{fixed(self.energy_of(q), 3)}{'' if self.unit == '°' else ' '}{self.unit}"
 
 
 def solve(robot: Robot, target: Target, criterion: str, start: FloatArray) -> Answer:
@@ -123,7 +140,7 @@ def answer(robot: Robot, solutions: Solutions, criterion: str, start: FloatArray
     except UnreachableError as refusal:
         why_not = str(refusal)
     if solutions.success:
-        energy = _UNITS[name][0] * solutions.energies(name, start)
+        energy = _shown(name, solutions.energies(name, start), solutions.arm.energy)
     order = solutions.order(name, start)
     way = "" if best is None or why_not else way_refused(robot, start, best)
     judged = _verdicts(robot, solutions, name, start, best)
@@ -300,7 +317,7 @@ def _savings(rows: Sequence[Representative]) -> list[str]:
 
 def list_head(found: Answer) -> list[str]:
     """The heads of the list of solutions."""
-    return ["#", *_theta(len(found.start)), "branch", f"energy {_UNITS[found.criterion][1]}"]
+    return ["#", *_theta(len(found.start)), "branch", f"energy {found.unit}"]
 
 
 def list_row(found: Answer, row: int) -> list[str]:
@@ -333,8 +350,7 @@ def branches_html(found: Answer) -> str:
         if found.solutions.free_joint is None:
             return muted("No branch has this orientation; List has the nearest.")
         return muted("One joint is free here, so there are infinitely many solutions. See List for a few.")
-    unit = _UNITS[found.criterion][1]
-    head = ["#", "branch", *_theta(len(found.start)), f"energy {unit}", "verdict"]
+    head = ["#", "branch", *_theta(len(found.start)), f"energy {found.unit}", "verdict"]
     rows = [
         [
             str(one.number),
@@ -394,7 +410,7 @@ def _energy_curve(robot: Robot, found: Answer) -> Picture | str:
         dot = np.full(len(kept), np.nan)
         dot[at] = np.fmin.reduce([line.y[at] for line in lines])
         lines.append(Line("least energy", dot, "#e03131", mark=True))
-    title = f"Energy ({_UNITS[found.criterion][1]}): {found.criterion}"
+    title = f"Energy ({found.unit}): {found.criterion}"
     return Picture(title, f"{robot.joints[free].title} (°)", angles[kept], tuple(lines))
 
 

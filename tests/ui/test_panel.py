@@ -1,4 +1,4 @@
-"""The line that says what whole steps of a board mean at the tool."""
+"""Where the arm is, in figures, and what whole steps of a board mean at the tool."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import pytest
 
 from armctl.arrays import FloatArray
 from armctl.hardware.boards import board_type
+from armctl.motion import plan_line
 from armctl.robot import Robot, load_robot
-from armctl.ui.panel import joint_steps, rounding_note, rounding_off_m
+from armctl.ui.panel import joint_steps, rounding_note, rounding_off_m, where_html
 
 SERVO_ARMS = ("uzuner", "abaas", "mico", "humanoid")
 
@@ -52,3 +53,19 @@ def test_the_figures_are_those_of_the_arm_and_its_board_and_a_finer_servo_is_nea
     held = [joint.lower == joint.upper for joint in humanoid.joints]
     assert any(held)
     assert (joint_steps(humanoid) == 0).tolist() == held
+
+
+def test_a_kept_orientation_reads_the_same_all_along_a_line() -> None:
+    robot = load_robot("ur5")
+    home = robot.pose("home")
+    line = plan_line(robot, home, robot.forward(home)[:3, 3] + [0.0, 0.08, 0.0], orientation="kept")
+    told = {
+        re.search("Rx, Ry, Rz.*?°", where_html(robot, q))
+        for q in line.sample(np.linspace(0, line.duration, 9)).q
+    }
+    assert len({one[0] for one in told if one}) == 1 and None not in told
+    assert "Roll" not in where_html(robot, home)
+    uzuner = load_robot("uzuner")
+    assert "Roll" in where_html(uzuner, uzuner.pose("home")) and "Rx" not in where_html(
+        uzuner, uzuner.pose("home")
+    )
