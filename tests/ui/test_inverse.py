@@ -172,6 +172,18 @@ def test_a_chosen_representative_and_a_place_on_the_curve_are_what_is_sent(serve
     assert page.ghost.q == pytest.approx(solved(220, -196, 85).q(1))
 
 
+@pytest.mark.parametrize(("name", "unit"), [("uzuner", "% of stall"), ("ar4", "N·m")])
+def test_loads_are_shown_in_percent_of_the_stall_torques_or_in_newton_metres(name: str, unit: str) -> None:
+    robot = load_robot(name)
+    home = robot.pose("home")
+    found = solve(robot, Target.of(robot.forward(home)[:3, 3]), "least-torque", home)
+    torque, stall = robot.energy.gravity.torque(found.q(1)), robot.energy.stall_torque
+    load = np.linalg.norm(torque) if stall is None else 100 * np.linalg.norm(torque / stall)
+    assert found.unit == unit
+    assert found.energy[found.order[0]] == pytest.approx(load)
+    assert list_row(found, 1)[-1] == f"{load:.3f}"
+
+
 def test_torques_are_not_compared_where_no_mass_is_known() -> None:
     bare = replace(ROBOT, gravity=replace(ROBOT.gravity, bodies=(), payload_kg=0.0))
     point = Target.of(np.array([0.220, -0.196, 0.085]))
