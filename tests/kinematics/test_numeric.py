@@ -21,12 +21,14 @@ from armctl.kinematics.numeric.goals import (
     PitchGoal,
     PositionGoal,
     RotationGoal,
+    Turns,
     UprightGoal,
     rotation_vectors,
     tool_motion,
 )
 from armctl.kinematics.numeric.solver import LinkBound, NumericSolver
 from armctl.kinematics.solutions import Solutions
+from armctl.robot import Robot
 
 Arm = tuple[Chain, FloatArray]
 STEP = math.radians(0.01)
@@ -376,9 +378,10 @@ def test_a_point_that_is_reached_but_not_with_that_pitch() -> None:
         PitchGoal(0.4),
         UprightGoal(-1.0),
         RotationGoal(rotation_from_rpy(0.3, -0.8, 1.1)),
+        Turns(np.linspace(-1.0, 1.0, 7), np.linspace(0.2, 1.0, 7), 0.1),
     ],
 )
-def test_the_derivatives_of_a_goal_are_those_of_finite_differences(goal: Goal) -> None:
+def test_the_derivatives_of_a_goal_are_those_of_finite_differences(goal: Goal | Turns) -> None:
     chain, limits = PANDA
     h = 1e-6
     for q in random_q(np.random.default_rng(9), limits, 10):
@@ -387,6 +390,8 @@ def test_the_derivatives_of_a_goal_are_those_of_finite_differences(goal: Goal) -
         _, g, H = goal.cost(tool_motion(chain, q[None]))
         assert g[0] == pytest.approx((f[: chain.n] - f[chain.n :]) / (2 * h), abs=1e-8)
         assert H[0] == pytest.approx((gradient[: chain.n] - gradient[chain.n :]) / (2 * h), abs=1e-6)
+        if isinstance(goal, Turns):  # they are not about the tool
+            continue
         half = 0.5 * (goal.rows(tool_motion(chain, moved))[0] ** 2).sum(axis=1)
         r, J = goal.rows(tool_motion(chain, q[None]))
         assert (r @ J[0])[0] == pytest.approx((half[: chain.n] - half[chain.n :]) / (2 * h), abs=1e-7)
@@ -422,3 +427,37 @@ def test_of_a_continuum_the_least_rotation_is_found(
             others += np.abs(robot.forward(q)[:3, 3] - point).max() < 1e-9
             assert np.abs(q).sum() > least - 1e-9
     assert others > 20
+
+
+def least_by_slsqp(robot: Robot, point: FloatArray, starts: FloatArray) -> float:
+    """The least sum of |q| that scipy finds from starts (k, n): each angle is a difference of two sizes."""
+    n, (low, high) = robot.n, robot.limits.T
+    bounds = [(max(b, 0.0), max(a, 0.0)) for a, b in zip((*high, *-low), (*low, *-high), strict=True)]
+
+    def off(z: FloatArray) -> FloatArray:
+        return 10 * (robot.forward(z[:n] - z[n:])[:3, 3] - point)
+
+    def slope(z: FloatArray) -> FloatArray:
+        J = 10 * robot.jacobian(z[:n] - z[n:])[:3]
+        return np.hstack([J, -J])
+
+    least = math.inf
+    for q in starts:
+        begin = np.concatenate([np.maximum(q, 0.0), np.maximum(-q, 0.0)])
+        found = minimize(
+            np.sum, begin, jac=np.ones_like, bounds=bounds, method="SLSQP",
+            constraints={"type": "eq", "fun": off, "jac": slope}, options={"maxiter": 200, "ftol": 1e-10},
+        )  # fmt: skip
+        if np.abs(off(found.x)).max() < 1e-6:
+            least = min(least, float(np.abs(found.x[:n] - found.x[n:]).sum()))
+    return least
+
+
+@pytest.mark.parametrize("name", ["ur5", "parol6"])
+def test_least_rotation_and_another_optimiser(name: str) -> None:
+    robot, rng = load_robot(name), np.random.default_rng(11)
+    others = np.random.default_rng(5).uniform(*robot.limits.T, (15, robot.n)) / 2
+    for q in rng.uniform(*robot.limits.T, (20, robot.n)):
+        point = robot.forward(q)[:3, 3]
+        best = robot.inverse(point).best("least-rotation")
+        assert np.abs(best).sum() <= 1.005 * least_by_slsqp(robot, point, np.vstack([best, others]))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.numeric.goals import Cost, Goal, tool_motion
+from armctl.kinematics.numeric.goals import Cost, Goal, Turns, tool_motion
 from armctl.kinematics.samples import even_spread
 
 IndexArray = NDArray[np.intp]
@@ -128,6 +128,7 @@ _NEAREST = Effort(iterations=150, indefinite=True)
 _INNER = Effort(iterations=40, indefinite=True)
 _STIFFNESS = 1e3
 _OUTER = 8
+_ROUGH, _ROUGH_OUTER = Effort(iterations=8, indefinite=True), 3
 
 
 def meet(chain: Chain, goal: Goal, q: FloatArray, box: FloatArray, polish: bool = False) -> FloatArray:
@@ -146,11 +147,14 @@ def come_nearest(chain: Chain, goal: Goal, q: FloatArray, box: FloatArray) -> Fl
     return descend(lambda q, _: goal.cost(tool_motion(chain, q)), q, box, _NEAREST)
 
 
-def come_nearest_holding(chain: Chain, order: Goal, wish: Goal, q: FloatArray, box: FloatArray) -> FloatArray:
+def come_nearest_holding(
+    chain: Chain, order: Goal, wish: Goal | Turns, q: FloatArray, box: FloatArray, *, roughly: bool = False
+) -> FloatArray:
     """The local minima of the cost of ``wish`` where ``order`` is met exactly, as the starts should already.
 
     The method of multipliers: each descent minimises the wish plus a stiff spring on the order, and the
-    spring's rest length then takes up what was left of it.
+    spring's rest length then takes up what was left of it. ``roughly``: the order is met all the same, the
+    wish only nearly.
     """
     slack = np.zeros_like(order.rows(tool_motion(chain, q))[0])
 
@@ -164,8 +168,9 @@ def come_nearest_holding(chain: Chain, order: Goal, wish: Goal, q: FloatArray, b
         g = g + (transposed @ pull[:, :, None])[:, :, 0]
         return f, g, H + _STIFFNESS * (transposed @ J) + order.curvature(motion, pull)
 
-    for _ in range(_OUTER):
-        q = descend(objective, q, box, _INNER)
+    effort, rounds = (_ROUGH, _ROUGH_OUTER) if roughly else (_INNER, _OUTER)
+    for _ in range(rounds):
+        q = descend(objective, q, box, effort)
         left = order.rows(tool_motion(chain, q))[0]
         slack += left
         if np.abs(left).max() < 1e-11:

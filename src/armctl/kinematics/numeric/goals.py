@@ -187,6 +187,25 @@ class RotationGoal(Goal):
 
 
 @dataclass(frozen=True, slots=True)
+class Turns:
+    """The sum of what all joints turn, each turn ``t`` as √(t² + rounding²): smooth where it is 0."""
+
+    begin: FloatArray
+    """(n,) from where [rad]"""
+    weights: FloatArray
+    """(n,) of a radian of each joint"""
+    rounding: float
+    """[rad]"""
+
+    def cost(self, motion: ToolMotion) -> Cost:
+        """The sum, to be minimised."""
+        turned = motion.q - self.begin
+        size = np.sqrt(turned**2 + self.rounding**2)
+        curvature = (self.weights * self.rounding**2 / size**3)[:, :, None] * np.eye(len(self.begin))
+        return size @ self.weights, self.weights * turned / size, curvature
+
+
+@dataclass(frozen=True, slots=True)
 class Together(Goal):
     """Two goals at once, to be met: of what the rows say, ``cost`` leaves out the curvature."""
 

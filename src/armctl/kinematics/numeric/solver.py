@@ -21,6 +21,7 @@ from armctl.kinematics.numeric.goals import (
     PositionGoal,
     RotationGoal,
     Together,
+    Turns,
     pitch_goal,
     tool_motion,
 )
@@ -94,8 +95,12 @@ _ALIGNED = 1e-9
 _WAVE, _WAVES = 64, 4
 _REFINED = 48
 """how many of the best are refined where the goal can only be approached"""
-_FEW, _HELD = 4, 64
-"""how many are refined of those that meet a goal; and choices of joints that are held for a least rotation"""
+_FEW = 4
+"""how many are refined of those that meet a goal"""
+_BEGUN, _HELD = 12, 64
+"""from how many of a continuum a least sum of turns is looked for; and choices of joints that are held"""
+_DOWNHILL, _ROUNDED, _STANDS = 3, 0.01, 0.03
+"""how many are led to a least sum of turns; how far turns are rounded off there, which stand still [rad]"""
 _MET_M, _MET_RAD = 5e-10, 1e-8
 _ALIKE = 1e-7
 """orientations this near to the best are as good [rad]"""
@@ -182,30 +187,48 @@ class NumericSolver(InverseKinematics):
             q, _, left_out = all_images(found, self.limits, start)
             reason = f"{_SEARCHED}; {left_out} more differ by whole turns" if left_out else _SEARCHED
         else:
-            begins = [np.zeros(self.chain.n), *([] if start is None else [start])]
-            near = [all_images(found, self.limits, at, most=1).q for at in begins]
-            near += [self._least(goal, q, at, box) for q, at in zip(near, begins, strict=True)]
+            of_parts = meet(self.chain, goal, self._starts.nearest_of_parts(goal, box), box)
+            found = np.vstack([found, self._met(goal, of_parts)])
+            speed = self._arm.energy.speed_limits
+            begins = [(np.zeros(self.chain.n), np.ones(self.chain.n))]
+            begins += [] if start is None else [(start, speed.min() / speed)]
+            near = [all_images(found, self.limits, at, most=1).q for at, _ in begins]
+            near += [self._least(goal, q, *begin, box) for q, begin in zip(near, begins, strict=True)]
             q, reason = np.vstack(near), f"{_SEARCHED}: they form a continuum"
             q = q[each_once(q)]
         rotation: FloatArray = np.abs(q).sum(axis=1)
         q = q[np.argsort(rotation.round(9), kind="stable")]
         return Solutions(self._arm, target, q, np.zeros(len(q), dtype=np.int8), incomplete_reason=reason)
 
-    def _least(self, goal: Goal, q: FloatArray, at: FloatArray, box: FloatArray) -> FloatArray:
-        """(k, n) of a continuum, found from some of it ``q`` (m, n), with what it leaves free at ``at`` (n,).
+    def _least(
+        self, goal: Goal, q: FloatArray, at: FloatArray, weights: FloatArray, box: FloatArray
+    ) -> FloatArray:
+        """(k, n) of a continuum, found from some of it ``q`` (m, n), that turn least from ``at`` (n,) [rad].
 
-        As many joints as are free stand at these angles [rad], or at the limits next to them: like
-        that the sum of all turns from there is usually least.
+        What is least is the sum of turns by their ``weights`` (n,). Usually as many joints as are free stand
+        at these angles, or at the limits next to them; such are found first. From the best of them the sum
+        leads on downhill.
         """
         moving: list[int] = np.flatnonzero(box[:, 0] < box[:, 1]).tolist()
         spare = len(moving) - int(self._rows(goal, q[:1]).shape[1])
-        begin = q[np.argsort(np.abs(q - at).sum(axis=1), kind="stable")[:_FEW]]
+        begin = q[np.argsort(np.abs(q - at) @ weights, kind="stable")[:_BEGUN]]
         skip = math.ceil(math.comb(len(moving), spare) / _HELD)
         choices = np.array(list(islice(combinations(moving, spare), 0, None, skip)), dtype=np.intp)
         held = (choices[:, :, None] == np.arange(self.chain.n)).any(axis=1)
         boxes = np.where(held[:, :, None], np.clip(at, *box.T)[:, None], box).repeat(len(begin), axis=0)
         starts = np.clip(np.tile(begin, (len(held), 1)), boxes[..., 0], boxes[..., 1])
-        return self._met(goal, meet(self.chain, goal, starts, boxes))
+        found = self._met(goal, meet(self.chain, goal, starts, boxes))
+        if spare < 1:  # by the rows alone; straight up or down they are one more than needed
+            return found
+        each = (one[np.argsort(np.abs(one - at) @ weights, kind="stable")[:_DOWNHILL]] for one in (found, q))
+        best = np.vstack(list(each))
+        best = come_nearest_holding(self.chain, goal, Turns(at, weights, _ROUNDED), best, box, roughly=True)
+        stand = np.clip(at, *box.T)
+        away = np.where(box[:, 0] < box[:, 1], np.abs(best - stand), math.inf)
+        held = (away < _STANDS) & (away <= np.sort(away, axis=1)[:, spare - 1 : spare])
+        boxes = np.where(held[:, :, None], stand[:, None], box)
+        best = np.where(held, stand, best)
+        return np.vstack([found, self._met(goal, meet(self.chain, goal, best, boxes, polish=True))])
 
     def nearest(self, target: Target) -> FloatArray:
         """(n,) the configuration nearest to a position [rad], with the pitch kept if any pose has it."""
