@@ -19,7 +19,7 @@ from armctl.kinematics.continuum import moving_joints
 from armctl.kinematics.energy import FROM_START, Criterion, EnergyModel, checked_criterion, energies
 from armctl.kinematics.target import Target, as_numbers, elevation
 
-_THERE_M = 1e-7
+THERE_M = 1e-7
 """a nearest point that is so near is the target itself [m]"""
 _TURNED = 1e-6
 """rotations that differ by less are the same [rad]"""
@@ -219,7 +219,7 @@ class Solutions:
     def nearest_away_m(self) -> float:
         """How far that point is from the target [m]; 0 where the target point itself can be reached."""
         away = 0.0 if self.nearest_m is None else float(np.linalg.norm(self.nearest_m - self.target.position))
-        return away if away >= _THERE_M else 0.0
+        return away if away >= THERE_M else 0.0
 
     @cached_property
     def free_roll(self) -> int | None:

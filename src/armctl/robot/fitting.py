@@ -35,8 +35,6 @@ _FEW = 1500
 """triangles by which it is decided how they are shared out"""
 _SHARES = (0.3, 0.5, 0.7)
 """of a link's length at which its triangles may be shared out"""
-_ROUNDS, _TRIES = 8, 12
-"""of the search; each round has half the step of the one before"""
 _PARTS = 10
 """No edge is longer than this part of the link where triangles are shared out."""
 _MOST_SHARED = 20_000
@@ -173,7 +171,8 @@ def contain(points: FloatArray) -> Fitted:
     """The hull of points (k, 3), and a capsule of little volume that contains it."""
     hull = hull_of(points)
     outer = _outermost(points, _DIRECTIONS)
-    ends = _improved(outer, *_first(outer))
+    choices = np.concatenate([_along(outer, axis) for axis in _axes(outer)])
+    ends = choices[int(_volumes(outer, choices).argmin())]
     radius = float(_distances(points, ends[None])[0].max()) * (1 + 1e-12) + 1e-9
     return Fitted(ends[:3].copy(), ends[3:].copy(), radius, hull)
 
@@ -219,14 +218,6 @@ def _axes(points: FloatArray) -> FloatArray:
     return np.linalg.eigh(off.T @ off)[1].T
 
 
-def _first(outer: FloatArray) -> tuple[FloatArray, float]:
-    """The best segment along a principal axis, ends (6,), and the volume of its capsule."""
-    ends = np.concatenate([_along(outer, axis) for axis in _axes(outer)])
-    volumes = _volumes(outer, ends)
-    best = int(volumes.argmin())
-    return ends[best], float(volumes[best])
-
-
 def _outermost(points: FloatArray, count: int) -> FloatArray:
     """The outermost of points in so many directions; all of them where they are fewer."""
     if len(points) <= count:
@@ -257,23 +248,6 @@ def _along(points: FloatArray, axis: FloatArray) -> FloatArray:
     return np.array(
         [np.concatenate([middle - s * half * axis, middle + s * half * axis]) for s in (1.0, 0.5)]
     )
-
-
-def _improved(points: FloatArray, ends: FloatArray, volume: float) -> FloatArray:
-    """The ends (6,) of a segment nearby whose capsule has the least volume."""
-    step = 0.1 * float(np.ptp(points, axis=0).max())
-    both = np.concatenate([np.eye(3), np.eye(3)], axis=1)
-    moves = np.concatenate([np.eye(6), -np.eye(6), both, -both])  # one end, or both together
-    for _ in range(_ROUNDS):
-        for _ in range(_TRIES):
-            tries = ends + step * moves
-            volumes = _volumes(points, tries)
-            at = int(volumes.argmin())
-            if volumes[at] >= volume * (1 - 1e-4):
-                break
-            ends, volume = tries[at], float(volumes[at])
-        step *= 0.5
-    return ends
 
 
 def _volumes(points: FloatArray, ends: FloatArray) -> FloatArray:

@@ -26,7 +26,15 @@ from armctl.kinematics.numeric.goals import (
     tool_motion,
 )
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step
-from armctl.kinematics.solutions import Solutions, SolvedArm, all_needs, millimetres, too_far, too_near
+from armctl.kinematics.solutions import (
+    THERE_M,
+    Solutions,
+    SolvedArm,
+    all_needs,
+    millimetres,
+    too_far,
+    too_near,
+)
 from armctl.kinematics.solver import InverseKinematics, held_roll
 from armctl.kinematics.target import Target
 
@@ -88,8 +96,6 @@ def _shortest_polyline(points: FloatArray, axes: FloatArray, tip: FloatArray) ->
     return tip - np.vstack([np.cumsum(segments[::-1], axis=0)[::-1], np.zeros(3)])
 
 
-_THERE_M = 1e-9
-"""a nearest point so near is the target itself"""
 _ALIGNED = 1e-9
 """how far from each other roll axis, approach axis and tool point may be (sine of the angle; [m])"""
 _WAVE, _WAVES = 64, 4
@@ -326,7 +332,7 @@ class NumericSolver(InverseKinematics):
                     f"the arm reaches that point, but none of {_WAVE * _WAVES} starts found a pitch of "
                     f"{asked:.2f}° there: the nearest is {got:.2f}°"
                 )
-                nearest = closest if away < _THERE_M else nearest
+                nearest = closest if away < THERE_M else nearest
         return self._refused(target, lambda: f"{said}; {self._by_limits(goal, box)}", nearest)
 
     def _by_limits(self, goal: Goal, box: FloatArray) -> str:
