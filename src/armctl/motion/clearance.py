@@ -20,12 +20,15 @@ from armctl.robot import Robot
 FLOOR_TOLERANCE_M = 5e-4
 """How far a part may dip below the floor, or into anything else: less than a servo arm can tell."""
 
+BY_HULLS = ", by convex hulls"
+"""what is said of parts that are fitted to shapes: the shapes themselves may be hollow there"""
+
 
 class Floor:
-    """Heights above the floor of the ends of the capsules that joints raise or lower (``Robot.undersides``).
+    """Heights above the floor of the pieces that joints raise or lower (``Robot.undersides``).
 
     What lies on the floor, or nearer to it than it is thick, in a named pose of the robot file may be as low
-    as there, but never its axis.
+    as there, but never its axis, or the middle of a hull.
     """
 
     kind: ClassVar[Literal["floor"]] = "floor"
@@ -66,7 +69,7 @@ class Floor:
 
 
 class Obstacles:
-    """Gaps between the capsules that joints move and the obstacles of the robot file."""
+    """Gaps between the pieces that joints move and the obstacles of the robot file."""
 
     kind: ClassVar[Literal["obstacle"]] = "obstacle"
 
@@ -76,6 +79,7 @@ class Obstacles:
         self.parts = tuple(self._model.capsules[i].part for _ in robot.obstacles for i in moving)
         self.levers = np.tile(self._model.levers[moving], (len(robot.obstacles), 1))
         self.closed = np.zeros(len(self.parts))
+        self._fitted = [self._model.capsules[i].hull is not None for _ in robot.obstacles for i in moving]
 
     def gaps(self, links: LinkFrames) -> FloatArray:
         """(k, m) [m] at m configurations, negative inside an obstacle."""
@@ -88,10 +92,8 @@ class Obstacles:
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """As ``Floor.words``."""
         title = self._other(part)
-        moving = self._model.moving
-        fitted = self._model.capsules[moving[part % len(moving)]].hull is not None
         return (
-            f"{depth_mm:.1f} mm inside {title}" + (" (convex hull of its mesh)" if fitted else ""),
+            f"{depth_mm:.1f} mm inside {title}" + (BY_HULLS if self._fitted[part] else ""),
             f"choose another target, or go round {title} by another point",
         )
 
@@ -100,7 +102,7 @@ class Obstacles:
 
 
 class SelfCollision:
-    """Gaps between the arm's capsules (``Robot.collision``), each named by the one nearer to the tool."""
+    """Gaps between the arm's pieces (``Robot.collision``), each named by the one nearer to the tool."""
 
     kind: ClassVar[Literal["self-collision"]] = "self-collision"
 
@@ -122,11 +124,11 @@ class SelfCollision:
         """As ``Floor.words``."""
         other = self._other(part)
         at_rest = -1000 * float(self.closed[part])
-        notes = [f"{at_rest:.1f} mm at rest"] if at_rest > 0 else []
-        if any(self._model.capsules[i].hull is not None for i in self._model.pairs[part]):
-            notes.append("convex hulls of their meshes")
+        fitted = any(self._model.capsules[i].hull is not None for i in self._model.pairs[part])
         return (
-            f"{depth_mm:.1f} mm inside {other}" + (f" ({', '.join(notes)})" if notes else ""),
+            f"{depth_mm:.1f} mm inside {other}"
+            + (BY_HULLS if fitted else "")
+            + (f" ({at_rest:.1f} mm at rest)" if at_rest > 0 else ""),
             f"choose another target, or go round by a point farther from {other}",
         )
 

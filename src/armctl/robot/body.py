@@ -22,7 +22,7 @@ from armctl.robot.shape import FINGER, PALM, TIP_LENGTH, TIP_RADIUS, bars, reach
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capsule(ArrayRecord):
-    """A piece of the arm's body: all points within a radius of a segment."""
+    """A piece of the arm's body: all points within a radius of a segment, or a hull inside that."""
 
     link: int
     """index of its link; -1: the base"""
@@ -35,7 +35,7 @@ class Capsule(ArrayRecord):
     part: str
     """what a user calls it"""
     hull: Hull | None = None
-    """what is kept apart instead, inside the capsule, where the piece was fitted to meshes"""
+    """what is kept apart instead, inside the capsule, where the piece was fitted to shapes"""
 
     @property
     def corners(self) -> FloatArray:
@@ -50,7 +50,7 @@ class Capsule(ArrayRecord):
 
 @dataclass(frozen=True, slots=True)
 class ArmBody:
-    """The capsules of an arm, and what is to be said of them."""
+    """The pieces of an arm, and what is to be said of them."""
 
     capsules: tuple[Capsule, ...]
     notes: tuple[str, ...] = ()
@@ -199,7 +199,7 @@ _SAMPLES = 512
 
 @dataclass(frozen=True, eq=False)
 class CollisionModel:
-    """The capsules of an arm, and the pairs of them that are kept apart.
+    """The pieces of an arm, and the pairs of them that are kept apart.
 
     Left out are pairs of one link or of neighbours, which the joint's own limits keep apart, and pairs that
     touch in every one of 512 configurations spread over the limits: they meet in a joint, and no motion could
@@ -292,32 +292,32 @@ class CollisionModel:
             i, j = first[pair], second[pair]
             one, other = (starts[i, :, at].T, spans[i, :, at].T), (starts[j, :, at].T, spans[j, :, at].T)
             out[pair, at] = segment_distance(*one, *other) - radii[pair]
-            of_mesh = self._of_mesh[i] | self._of_mesh[j]
-            pair, at, i, j = pair[of_mesh], at[of_mesh], i[of_mesh], j[of_mesh]
+            hulls = (self._fitted[i] | self._fitted[j]) & (out[pair, at] < NEAR_M)
+            pair, at, i, j = pair[hulls], at[hulls], i[hulls], j[hulls]
             pose = links.relative(self._links[i], self._links[j], at)
             closer = self._hulls.gaps(i, j, *pose, NEAR_M)
             out[pair, at] = np.maximum(out[pair, at], closer)
         return out
 
     def gaps_to(self, obstacles: Sequence[Obstacle], links: LinkFrames) -> FloatArray:
-        """Gaps between each obstacle and each moving capsule: (obstacles · moving, m) [m], as ``gaps``."""
+        """Gaps between each obstacle and each moving piece: (obstacles · moving, m) [m], as ``gaps``."""
         starts, spans = self._placed(links)
         out = np.empty((len(obstacles) * len(self.moving), links.origin[0].shape[-1]))
-        places = [(obstacle, i) for obstacle in obstacles for i in self.moving]
-        for gap, (obstacle, i) in zip(out, places, strict=True):
+        piece, box = np.tile(self.moving, len(obstacles)), np.arange(len(obstacles)).repeat(len(self.moving))
+        for gap, i, obstacle in zip(out, piece.tolist(), (obstacles[k] for k in box.tolist()), strict=True):
             radius = self.capsules[i].radius
             middle = starts[i] + 0.5 * spans[i]
             gap[:] = box_distance(middle, obstacle.low, obstacle.high) - (self._halves[i] + radius)
             near = np.flatnonzero(gap < NEAR_M)
-            if len(near):
+            if len(near) and not self._fitted[i]:
                 axis = starts[i][:, near], spans[i][:, near]
                 gap[near] = segment_box_distance(*axis, obstacle.low, obstacle.high) - radius
-                hull = self.capsules[i].hull
-                if hull is not None and len(near):
-                    box, piece = np.zeros(len(near), dtype=np.intp), np.ones(len(near), dtype=np.intp)
-                    pose = links.relative(box - 1, box + self.capsules[i].link, near)
-                    closer = HullPairs([_box_hull(obstacle), hull]).gaps(box, piece, *pose, NEAR_M)
-                    gap[near] = np.maximum(gap[near], closer)
+        row, at = np.nonzero((out < NEAR_M) & self._fitted[piece][:, None])
+        if len(row):
+            boxes = HullPairs([*self._hulls.hulls, *map(_box_hull, obstacles)])
+            pose = links.relative(np.full(len(at), -1), self._links[piece[row]], at)
+            closer = boxes.gaps(len(self.capsules) + box[row], piece[row], *pose, NEAR_M)
+            out[row, at] = np.maximum(out[row, at], closer)
         return out
 
     @cached_property
@@ -325,7 +325,7 @@ class CollisionModel:
         return HullPairs([capsule.as_hull for capsule in self.capsules])
 
     @cached_property
-    def _of_mesh(self) -> NDArray[np.bool_]:
+    def _fitted(self) -> NDArray[np.bool_]:
         return np.array([capsule.hull is not None for capsule in self.capsules])
 
     @cached_property
@@ -375,7 +375,7 @@ class Underside:
 
 
 def undersides(model: CollisionModel, titles: Sequence[str], limits: FloatArray) -> tuple[Underside, ...]:
-    """The ends of the capsules that joints raise or lower within limits (n, 2) [rad].
+    """What joints raise or lower within limits (n, 2) [rad].
 
     Over a plane a capsule is lowest below one of its ends, and a hull below one of its corners. Bars without
     a capsule count without thickness, and so does the tool point, which comes last.
@@ -384,16 +384,18 @@ def undersides(model: CollisionModel, titles: Sequence[str], limits: FloatArray)
     probes = LinkFrames.at(chain, joint_samples(limits, _PROBES))
     upright = abs(chain.segments[0][2, 2]) > 1 - 1e-12  # then the first joint changes no height
     pieces = [
-        (c.link, points, c.as_hull.margin, c.radius, c.part)
+        (c.link, points, c.as_hull.margin, c.radius if c.hull is None else c.hull.thickness, c.part)
         for c in model.capsules
-        for points in (c.corners[None] if c.hull is not None else c.corners[:, None])
+        for points in (c.corners[:, None] if c.hull is None else c.corners[None])
     ]
     link, T = chain.places[-1]
     tool = (link, T[None, :3, 3], 0.0, 0.0, "the tool")
+    ends = [(c.link, end) for c in model.capsules if c.hull is None for end in c.corners] + [(link, T[:3, 3])]
     for bar in bars(chain, 0.0):
         point = _moved(chain.places[bar.frame].T_link_frame, bar.end)
-        known = (points for link, points, *_ in (*pieces, tool) if link == bar.link and len(points) == 1)
+        known = (end for its_link, end in ends if its_link == bar.link)
         if not any(np.allclose(point, end, atol=1e-9) for end in known):
+            ends.append((bar.link, point))
             pieces.append((bar.link, point[None], 0.0, 0.0, link_name(bar.link, titles)))
     pieces.append(tool)
     found: list[Underside] = []

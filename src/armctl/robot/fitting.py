@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Self, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Chain
 from armctl.robot.body import ArmBody, Capsule, link_name
-from armctl.robot.hulls import Hull, farthest
+from armctl.robot.hulls import Hull, distances
 from armctl.robot.meshes import ArmSolids
 from armctl.robot.parts import Shape
 from armctl.robot.solids import Solid
@@ -43,10 +44,11 @@ _SPACING = 60
 """points of a mesh are so near to each other, by its size, when gaps are measured"""
 _MOST_POINTS = 200_000
 """points between corners when gaps are measured; where that is too few, they are farther from each other"""
-_FIRST_CORNERS, _AT_ONCE, _MOST_CORNERS = 32, 4, 64
+_FIRST_CORNERS, _AT_ONCE, _MOST_CORNERS, _MOST_ADDED = 32, 4, 64, 96
 """A hull begins with corners in so many directions; those farthest outside are added, a few at once."""
-_CLOSE_M = 5e-4
-"""No more corners are added where none is farther outside; the margin makes up for those left out."""
+_CLOSE_M, _COARSE = 5e-4, 0.015
+"""No more corners are added where none is farther outside, in metres or of the size of the hull; the margin
+makes up for those left out."""
 _FLAT_M = 1e-7
 """A hull that is no thicker has no inside."""
 
@@ -100,15 +102,13 @@ def fitted_body(
 def _to_tool(chain: Chain, fitted: Sequence[Capsule]) -> list[Capsule]:
     """A thin capsule to the tool point, where the meshes of the last link do not reach it."""
     last, tool = chain.n - 1, chain.tail[:3, 3]
-    ends = [end for one in fitted if one.link == last for end in (one.start, one.end)]
-    own = [one for one in fitted if one.link == last]
-    outside = [
-        float(_distances(tool[None], np.concatenate([one.start, one.end])[None])[0, 0]) - one.radius
-        for one in own
-    ]
-    if not own or min(outside) <= _TOOL_RADIUS:
+    own = [one.as_hull for one in fitted if one.link == last]
+    if (
+        not own
+        or min(float(distances(one.corners, tool[None])[0]) - one.margin for one in own) <= _TOOL_RADIUS
+    ):
         return []
-    nearest = min(ends, key=lambda end: math.dist(end, tool))
+    nearest = min((end for one in own for end in one.corners), key=lambda end: math.dist(end, tool))
     return [Capsule(last, nearest, tool.copy(), _TOOL_RADIUS, "the tool")]
 
 
@@ -173,7 +173,9 @@ def contain(points: FloatArray) -> Fitted:
     outer = _outermost(points, _DIRECTIONS)
     choices = np.concatenate([_along(outer, axis) for axis in _axes(outer)])
     ends = choices[int(_volumes(outer, choices).argmin())]
-    radius = float(_distances(points, ends[None])[0].max()) * (1 + 1e-12) + 1e-9
+    # round the points and the hull with its margin
+    away = max(_distances(points, ends[None]).max(), _distances(hull.corners, ends[None]).max() + hull.margin)
+    radius = float(away) * (1 + 1e-12) + 1e-9
     return Fitted(ends[:3].copy(), ends[3:].copy(), radius, hull)
 
 
@@ -181,24 +183,27 @@ def hull_of(points: FloatArray) -> Hull:
     """A hull of few corners that contains points (k, 3); its margin is as small as they allow."""
     points = np.unique(points, axis=0)
     qhull = _qhull(points)
-    if qhull is not None:
-        points = points[qhull.vertices]
+    points = points[_rim(points) if qhull is None else qhull.vertices]
     corners = _outermost(points, _FIRST_CORNERS)
-    qhull = _qhull(corners)
-    while qhull is not None and len(corners) < min(_MOST_CORNERS, len(points)):
+    while len(corners) < min(_MOST_CORNERS, len(points)) and (qhull := _qhull(corners)) is not None:
         beyond = (points @ qhull.equations[:, :3].T + qhull.equations[:, 3]).max(axis=1)
         if beyond.max() < _CLOSE_M:
             break
-        more = points[np.argsort(beyond)[-_AT_ONCE:]]
-        corners = np.unique(np.concatenate([corners, more]), axis=0)
-        qhull = _qhull(corners)
-    if qhull is None:
-        across = np.linalg.svd(corners - corners.mean(axis=0))[2][2]
-        normals = np.array([across, -across])
-    else:
-        normals = np.unique(qhull.equations[:, :3].round(9), axis=0)
-    hull = Hull(corners, normals, 0.0)
-    return hull if len(corners) == len(points) else replace(hull, margin=farthest(hull, points))
+        corners = np.unique(np.concatenate([corners, points[np.argsort(beyond)[-_AT_ONCE:]]]), axis=0)
+    # beyond a face is not far from it where the hull is thin: there the farthest is added, one by one
+    away = distances(corners, points)
+    while away.max() > max(_CLOSE_M, _COARSE * np.ptp(points, axis=0).max()) and len(corners) < _MOST_ADDED:
+        corners = np.concatenate([corners, points[None, int(away.argmax())]])
+        away = distances(corners, points)
+    return Hull(corners, _normals(corners), float(away.max()))
+
+
+def _normals(corners: FloatArray) -> FloatArray:
+    qhull = _qhull(corners)
+    if qhull is not None:
+        return np.unique(qhull.equations[:, :3].round(9), axis=0)
+    across = np.linalg.svd(corners - corners.mean(axis=0))[2][2]
+    return np.array([across, -across])
 
 
 def _qhull(points: FloatArray) -> Any:
@@ -292,9 +297,7 @@ def _largest_gap(hulls: Sequence[Hull], triangles: FloatArray) -> float:
     tree: Any = import_module("scipy.spatial").cKDTree(points[one_a_cell])
     largest = 0.0
     for i, hull in enumerate(hulls):
-        qhull = _qhull(hull.corners)
-        faces = hull.corners[None] if qhull is None else hull.corners[qhull.simplices]
-        surface = _points_on(faces, spacing) if faces.shape[1] == 3 else hull.corners
+        surface = _points_on(_faces(hull.corners), spacing)
         for other in (*hulls[:i], *hulls[i + 1 :]):
             if len(other.normals):
                 height = (other.corners @ other.normals.T).max(axis=0)
@@ -302,6 +305,26 @@ def _largest_gap(hulls: Sequence[Hull], triangles: FloatArray) -> float:
         if len(surface):
             largest = max(largest, float(tree.query(surface)[0].max()) + hull.margin)
     return largest
+
+
+def _rim(points: FloatArray) -> NDArray[np.intp]:
+    """Which of points (k, 3) in a plane are corners of their hull, in their order round it."""
+    off = points - points.mean(axis=0)
+    flat = off @ np.linalg.svd(off)[2][:2].T
+    spatial = import_module("scipy.spatial")
+    try:
+        return spatial.ConvexHull(flat).vertices if len(points) > 2 else np.arange(len(points))
+    except spatial.QhullError:  # all but a line
+        return np.array([flat[:, 0].argmin(), flat[:, 0].argmax()])
+
+
+def _faces(corners: FloatArray) -> FloatArray:
+    """Triangles (k, 3, 3) of the surface of a hull; of a flat one, of one side."""
+    qhull = _qhull(corners)
+    if qhull is not None:
+        return corners[qhull.simplices]
+    rim = corners[_rim(corners)]
+    return np.stack([np.broadcast_to(rim[0], rim.shape), rim, np.roll(rim, -1, axis=0)], axis=1)
 
 
 def _points_on(triangles: FloatArray, spacing: float) -> FloatArray:

@@ -217,7 +217,11 @@ def result_html(robot: Robot, found: Answer) -> str:
     if np.abs(row_1 - best).max() >= _SAME_RAD:
         least = found.energy_text(row_1)
         text += muted(f"The exact least: it lies between two rows of the list (row 1: {least}).")
-    return text + way_html(found.way_refused)
+    text += way_html(found.way_refused)
+    possible = [one.row for one in found.representatives if not one.refused]
+    if found.way_refused and possible:
+        text += muted(f"The arm may go to row {min(possible)} instead: select it under List.")
+    return text
 
 
 def way_html(why: str) -> str:
