@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any, cast
@@ -44,6 +44,7 @@ class FakePage:
         self.shown_at_sending: list[FloatArray | None] = []
         self._handles: dict[str, Any] = {}
         self._actions: dict[str, Action] = {}
+        self._beside: list[Coroutine[Any, Any, None]] = []
 
     @property
     def session(self) -> Session:
@@ -62,6 +63,10 @@ class FakePage:
         self.shown_at_sending.append(self.ghost.q)
         self.sent.append(command)
 
+    def spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        """It ends before the next press."""
+        self._beside.append(work)
+
     def press(self, label: str, value: object = None) -> None:
         """Press a button, or one of a group of buttons."""
         if value is not None:
@@ -69,8 +74,12 @@ class FakePage:
 
         async def act() -> None:
             result = self._actions[label]()
-            if result is not None:
-                await result
+            try:
+                if result is not None:
+                    await result
+            finally:
+                while self._beside:
+                    await self._beside.pop(0)
 
         asyncio.run(act())
 

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 from tests.ui.page_kit import FakePage
 
-from armctl.errors import MotionRefusedError
 from armctl.kinematics import CRITERIA, Target
-from armctl.motion import plan_joints
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.inverse.answer import (
@@ -24,6 +22,7 @@ from armctl.ui.tabs.inverse.answer import (
     same_place,
     short_branch,
     solve,
+    way_refused,
 )
 from armctl.ui.tabs.inverse.screen import InverseScreen
 from armctl.ui.widgets.html import Pager
@@ -113,31 +112,48 @@ def test_a_few_rows_stand_for_all_and_what_they_save_is_true(criterion: str) -> 
 def test_rows_that_the_arm_may_not_go_to_are_called_refused_and_recommended_never() -> None:
     robot = load_robot("ur5")
     home, rng = robot.pose("home"), np.random.default_rng(1)
-    seen = set[bool]()
+    seen, instead = set[bool](), list[str]()
     for q in rng.uniform(*robot.limits.T, (12, robot.n)):
         T = robot.forward(q)
         found = solve(robot, Target.of(T[:3, 3], rotation=T[:3, :3]), "least-rotation", home)
-        rows, html = found.representatives, comparison_html(found.representatives)
+        rows, html, said = (
+            found.representatives,
+            comparison_html(found.representatives),
+            result_html(robot, found),
+        )
         for one in rows:
-            try:
-                plan_joints(robot, home, found.q(one.row))
-                allowed = True
-            except MotionRefusedError:
-                allowed = False
-            assert one.refused is not allowed and one.label.endswith("(refused)") is not allowed
-            seen.add(allowed)
+            refused = bool(way_refused(robot, home, found.q(one.row), "cubic"))
+            assert one.refused is refused and one.label.endswith("(refused)") is refused
+            seen.add(refused)
         if len(rows) > 1:
             assert html.count(">refused<") == sum(one.refused for one in rows)
         for row in re.findall(r"Row (\d+) saves", html):
             assert not rows[0].refused
             assert not next(one.refused for one in rows if one.row == int(row))
-        said = result_html(robot, found)
-        assert (
-            ("The way there is refused: " in said)
-            == ("least energy would go to" in said)
-            == bool(found.way_refused)
-        )
-    assert seen == {True, False}
+        refused, others = bool(found.way_refused), [one.row for one in rows if not one.refused]
+        assert ("The way there is refused: " in said) is ("least energy would go to" in said) is refused
+        told = re.findall(r"may go to row (\d+) instead", said)
+        assert told == ([str(min(others))] if refused and others else [])
+        instead += told
+    assert seen == {True, False} and instead
+
+
+def test_ways_are_judged_by_the_motion_that_is_sent() -> None:
+    """Joint by joint the arm takes another way than all joints together."""
+    robot = load_robot("ur5")
+    home = robot.pose("home")
+
+    def judged(goal: FloatArray) -> list[bool]:
+        return [bool(way_refused(robot, home, goal, profile)) for profile in ("cubic", "normal")]
+
+    goals = np.random.default_rng(0).uniform(*robot.limits.T, (150, robot.n))
+    T = robot.forward(next(goal for goal in goals if len({*judged(goal)}) == 2))
+    for profile in ("cubic", "normal"):
+        found = solve(robot, Target.of(T[:3, 3], rotation=T[:3, :3]), "least-rotation", home, profile)
+        for one in found.verdicts:
+            assert one.refused == way_refused(robot, home, one.branch.q, profile)
+        for one in found.representatives:
+            assert one.refused == bool(way_refused(robot, home, found.q(one.row), profile))
 
 
 def test_a_selected_row_whose_way_is_refused_says_so(server: GuardedServer) -> None:
@@ -153,6 +169,31 @@ def test_a_selected_row_whose_way_is_refused_says_so(server: GuardedServer) -> N
     page.put("Z mm", "100")
     page.press("Solve")
     assert "selected row 1: will go to" in page.html and "is refused: " not in page.html
+    page.put("Z mm", "-25.6")
+    page.press("Go by least energy")  # solves first; here nothing is refused, as the controller would do
+    assert "selected row 1: would go to" in page.html and "Refused, as told above." in page.html
+    page.put("Row", 301)
+    page.press("Go by the selected one")
+    assert "selected row 301: would go to" in page.html
+
+
+def test_what_is_refused_is_told_of_the_pose_at_solving(server: GuardedServer) -> None:
+    page = FakePage(server, ROBOT, HOME)
+    screen = InverseScreen(page.session)
+    for label, value in (("X mm", "220"), ("Y mm", "-196"), ("Z mm", "85")):
+        page.put(label, value)
+    page.press("Solve")
+    screen.refresh(page.snapshot)
+    note = "The arm has moved since: what is refused is told of the ways from where it stood."
+    assert note not in page.html
+    page.snapshot.q_command = HOME + 0.01
+    screen.refresh(page.snapshot)
+    assert note in page.html
+    page.press("Solve")
+    screen.refresh(page.snapshot)
+    assert note not in page.html
+    page.put("Movement", "Normal movement")
+    assert "will go to" in page.html
 
 
 def test_a_chosen_representative_and_a_place_on_the_curve_are_what_is_sent(server: GuardedServer) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Awaitable, Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from datetime import datetime
 from html import escape
 
 import viser
 
-from armctl.ui.widgets.events import Action, On
+from armctl.ui.widgets.events import On
 
 _LINE_EM = 1.5
 """height of a line in a block of HTML"""
@@ -167,9 +167,9 @@ _ROW_HINT = "Type a row's number to select it."
 
 
 class Pager:
-    """``changed`` runs when the user has turned a page or chosen a row."""
+    """``changed`` is called when the user has turned a page or chosen a row."""
 
-    def __init__(self, gui: viser.GuiApi, on: On, changed: Action) -> None:
+    def __init__(self, gui: viser.GuiApi, on: On, changed: Callable[[], None]) -> None:
         self._changed = changed
         self._rows = self._page = 0
         self.row: int | None = None
@@ -206,15 +206,15 @@ class Pager:
     def _last(self) -> int:
         return max(0, (self._rows - 1) // PAGE_ROWS)
 
-    def _on_button(self) -> Awaitable[object] | None:
+    def _on_button(self) -> None:
         wanted = {"First": 0, "Prev": self._page - 1, "Next": self._page + 1, "Last": self._last}
         self._page = min(max(wanted[self._buttons.value], 0), self._last)
-        return self._changed()
+        self._changed()
 
-    def _on_row(self) -> Awaitable[object] | None:
+    def _on_row(self) -> None:
         """A number outside the list selects nothing, so that nothing can be sent by it."""
         row = self._field.value
         self.row = int(row) if 1 <= row <= self._rows else None
         if self.row is not None:
             self._page = (self.row - 1) // PAGE_ROWS
-        return self._changed()
+        self._changed()

@@ -12,7 +12,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import MotionRefusedError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
 from armctl.kinematics.energy import EnergyModel, energies
-from armctl.motion import FLOOR_TOLERANCE_M, plan_joints
+from armctl.motion import FLOOR_TOLERANCE_M, Profile, plan_joints
 from armctl.motion.figure import color_of
 from armctl.robot import Robot
 from armctl.ui.widgets.html import fixed, muted, numbers, refused, strong, table, warned
@@ -125,13 +125,21 @@ class Answer:
         return f"{fixed(self.energy_of(q), 3)}{'' if self.unit == '°' else ' '}{self.unit}"
 
 
-def solve(robot: Robot, target: Target, criterion: str, start: FloatArray) -> Answer:
-    """Solve a target and choose by a criterion; ``start`` (n,) [rad] is where the arm stands."""
-    return answer(robot, robot.inverse_kinematics.solve(target, DEFAULT_STEP, start), criterion, start)
+def solve(
+    robot: Robot, target: Target, criterion: str, start: FloatArray, profile: Profile = "cubic"
+) -> Answer:
+    """Solve a target, and then as ``answer``."""
+    solutions = robot.inverse_kinematics.solve(target, DEFAULT_STEP, start)
+    return answer(robot, solutions, criterion, start, profile)
 
 
-def answer(robot: Robot, solutions: Solutions, criterion: str, start: FloatArray) -> Answer:
-    """Sort solutions and choose among them; ``start`` (n,) [rad] is where the arm stands."""
+def answer(
+    robot: Robot, solutions: Solutions, criterion: str, start: FloatArray, profile: Profile = "cubic"
+) -> Answer:
+    """Sort solutions, choose among them, and judge the ways to a few of them by motions of a ``profile``.
+
+    ``start`` (n,) [rad] is where the arm stands.
+    """
     name = checked_criterion(criterion)
     best, why_not, energy = None, "", np.empty(0)
     try:
@@ -142,24 +150,37 @@ def answer(robot: Robot, solutions: Solutions, criterion: str, start: FloatArray
     if solutions.success:
         energy = _shown(name, solutions.energies(name, start), solutions.arm.energy)
     order = solutions.order(name, start)
-    way = "" if best is None or why_not else way_refused(robot, start, best)
-    judged = _verdicts(robot, solutions, name, start, best)
+    known: dict[bytes, str] = {}
+
+    def refused(q: FloatArray) -> str:
+        key = (q + 0.0).tobytes()
+        if key not in known:
+            known[key] = way_refused(robot, start, q, profile)
+        return known[key]
+
+    way = "" if best is None or why_not else refused(best)
+    judged = _verdicts(robot, solutions, name, start, best, refused)
     found = Answer(solutions, name, start, energy, order, best, why_not, judged, way)
-    few = representatives(robot, found) if solutions.success else ()
+    few = representatives(found, refused) if solutions.success else ()
     return replace(found, curve=_energy_curve(robot, found), representatives=few)
 
 
-def way_refused(robot: Robot, start: FloatArray, q: FloatArray) -> str:
-    """Why the arm may not go from ``start`` to ``q`` (n,) [rad], joint by joint; empty where it may."""
+def way_refused(robot: Robot, start: FloatArray, q: FloatArray, profile: Profile) -> str:
+    """Why the arm may not go from ``start`` to ``q`` (n,) [rad] by a motion of the joints; empty: it may."""
     try:
-        plan_joints(robot, start, q)
-    except MotionRefusedError as refused:
-        return str(refused)
+        plan_joints(robot, start, q, None, profile)
+    except MotionRefusedError as refusal:
+        return str(refusal)
     return ""
 
 
 def _verdicts(
-    robot: Robot, solutions: Solutions, criterion: Criterion, start: FloatArray, best: FloatArray | None
+    robot: Robot,
+    solutions: Solutions,
+    criterion: Criterion,
+    start: FloatArray,
+    best: FloatArray | None,
+    refused: Callable[[FloatArray], str],
 ) -> tuple[Verdict, ...]:
     """Judge every branch, and the way to it from ``start`` (n,) [rad]."""
     verdicts: list[Verdict] = []
@@ -170,7 +191,7 @@ def _verdicts(
         chosen = best is not None and np.abs(np.exp(1j * branch.q) - np.exp(1j * best)).max() < _SAME_BRANCH
         if chosen and best is not None:
             branch = replace(branch, q=best)
-        refusal = "; ".join(branch.forbidden) or way_refused(robot, start, branch.q)
+        refusal = "; ".join(branch.forbidden) or refused(branch.q)
         verdicts.append(Verdict(number, branch, refusal, bool(chosen)))
     return tuple(verdicts)
 
@@ -252,7 +273,7 @@ class Representative:
         return f"row {self.row}: least {' and '.join(self.names)}{' (refused)' if self.refused else ''}"
 
 
-def representatives(robot: Robot, found: Answer) -> tuple[Representative, ...]:
+def representatives(found: Answer, refused: Callable[[FloatArray], str]) -> tuple[Representative, ...]:
     """The least by each criterion and of each branch, those chosen by the criterion in force first."""
     solutions, start = found.solutions, found.start
     place = np.empty(len(found.order), dtype=np.int64)
@@ -279,8 +300,8 @@ def representatives(robot: Robot, found: Answer) -> tuple[Representative, ...]:
             for one in ("least-rotation", "shortest-time")
         )
         torque = float(np.abs(arm.energy.gravity.torque(q)).sum())
-        refusal = bool(way_refused(robot, start, q))
-        rows.append(Representative(tuple(names), row, float(np.degrees(rotation)), time, torque, refusal))
+        forbidden = bool(refused(q))
+        rows.append(Representative(tuple(names), row, float(np.degrees(rotation)), time, torque, forbidden))
     return tuple(rows)
 
 
@@ -304,7 +325,7 @@ def _savings(rows: Sequence[Representative]) -> list[str]:
     """What rows save against the chosen one; of those that the arm may go to."""
     chosen, texts = rows[0], list[str]()
     possible = [one for one in rows if not one.refused]
-    if chosen.refused or not possible:
+    if chosen.refused:
         return texts
     columns: tuple[tuple[str, Callable[[Representative], float]], ...] = (
         ("rotation", lambda one: one.rotation_deg),
@@ -335,13 +356,16 @@ def list_row(found: Answer, row: int) -> list[str]:
     ]
 
 
-def selected_html(found: Answer, row: int | None, why: str = "") -> str:
-    """Where the selected row, from 1, will go; or ``why`` the way to it is refused."""
+def selected_html(found: Answer, row: int | None, why: str | None) -> str:
+    """Where the selected row, from 1, goes; ``why`` the way to it is refused, None: it is not judged yet."""
     if row is None:
         return muted(f"No row is selected: type a row from 1 to {len(found.solutions)}.")
-    angles, goes = numbers(np.degrees(found.q(row)).tolist(), 2), "would" if why else "will"
-    text = f"<div>selected row {row}: {goes} go to θ = (<b>{angles}</b>)°</div>"
-    return text + (warned("Refused, as told above.") if why == found.way_refused != "" else way_html(why))
+    angles = numbers(np.degrees(found.q(row)).tolist(), 2)
+    goes = "goes" if why is None else "would go" if why else "will go"
+    text = f"<div>selected row {row}: {goes} to θ = (<b>{angles}</b>)°</div>"
+    if why and why == found.way_refused:
+        return text + warned("Refused, as told above.")
+    return text + way_html(why or "")
 
 
 def branches_html(found: Answer) -> str:

@@ -69,7 +69,9 @@ class InverseScreen:
         self._answer: Answer | None = None
         self._answered: tuple[str | None, ...] = ()
         self._newest = Newest()
-        self._judged = OneAtATime(self._judge_row)
+        self._judging = OneAtATime(self._judge_selected)
+        self._verdict: tuple[Answer | None, int, str] = (None, 0, "")
+        """of the answer and the row that were judged last: why the way there is refused"""
         gui = session.gui
         self._note = LiveHtml(gui, _NOTE)
         with gui.add_form(None) as entered:  # Enter in a field is Solve
@@ -113,13 +115,14 @@ class InverseScreen:
         session.on(self._optimum.on_click, lambda: self._select(1))
         session.on(self._nearest.on_click, self._on_nearest)
         session.on(self._criterion.on_update, self._on_criterion)
+        session.on(self._movement.choice.on_update, self._choose_again)
         session.on(go_least.on_click, self._on_go_least)
         session.on(go_selected.on_click, self._on_go_selected)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Tell when the result is out of date; hide the ghost once the arm has come to it."""
         self._branches.refresh()
-        stale = self._out_of_date(snapshot)
+        stale = self._out_of_date(snapshot) or self._judged_before(snapshot)
         self._stale.visible = bool(stale)
         self._stale.show(warned(stale))
         self._solves_first.visible = self._fields_changed
@@ -143,39 +146,49 @@ class InverseScreen:
             return f"The arm has moved since, and {self._criterion.value} depends on it: press Solve."
         return ""
 
+    def _judged_before(self, snapshot: Snapshot) -> str:
+        """Whether what is refused was told of ways from another pose; empty: it was not."""
+        found = self._answer
+        if found is None or np.abs(found.start - snapshot.q_command).max() <= _MOVED:
+            return ""
+        return (
+            "The arm has moved since: what is refused is told of the ways from where it stood. Press Solve."
+        )
+
     async def _on_solve(self) -> None:
         self._form.watch.show_held()  # nothing moves, so a lost digit only has to be seen
         await self._update()
-        await self._judged.run()
 
     async def _on_nearest(self) -> None:
         if self._answer is not None and self._answer.solutions.nearest_m is not None:
             self._form.point.put(self._answer.solutions.nearest_m)
             await self._update()
-            await self._judged.run()
 
     async def _on_criterion(self) -> None:
-        criterion = checked_criterion(self._criterion.value)
-        self._criterion_note.show(muted(CRITERION_TEXT[criterion]))
+        self._criterion_note.show(muted(CRITERION_TEXT[checked_criterion(self._criterion.value)]))
+        await self._choose_again()
+
+    async def _choose_again(self) -> None:
+        """By another criterion, or with motions of another profile."""
         found = self._answer
         if found is None:
             return
         is_newest, start = self._newest.begin(), self._session.snapshot.q_command
-        again = await asyncio.to_thread(answer, self._robot, found.solutions, criterion, start)
+        criterion, profile = self._criterion.value, self._movement.profile
+        again = await asyncio.to_thread(answer, self._robot, found.solutions, criterion, start, profile)
         if is_newest():
             self._show(again)
-            await self._judged.run()
 
     async def _solve_dragged(self) -> None:
         await self._update()
-        await self._judged.run()
         await asyncio.sleep(_DRAG_PAUSE_S)
 
     async def _update(self) -> Answer | None:
         """Solve what the fields hold and show it; None if something newer was asked for meanwhile."""
         target, texts = self._form.target(), self._form.texts
         is_newest, start = self._newest.begin(), self._session.snapshot.q_command
-        found = await asyncio.to_thread(solve, self._robot, target, self._criterion.value, start)
+        criterion, profile = self._criterion.value, self._movement.profile
+        found = await asyncio.to_thread(solve, self._robot, target, criterion, start, profile)
         if not is_newest():
             return None
         self._answered = texts
@@ -202,7 +215,7 @@ class InverseScreen:
         if found is None or row is None:  # then there was a reason
             return
         profile, duration = self._movement.checked()
-        self._draw_row()
+        self._on_row()
         await self._session.submit(MoveJoints(found.q(row), duration, profile))
 
     def _present_answer(self, snapshot: Snapshot) -> Answer | None:
@@ -230,20 +243,20 @@ class InverseScreen:
             return f"no row is selected; type a row from 1 to {len(found.solutions)}"
         return None
 
-    async def _select(self, row: int) -> None:
+    def _select(self, row: int) -> None:
         """Select a row for the operator, wherever it was chosen."""
         self._pager.select(row)
-        await self._on_row()
+        self._on_row()
 
-    async def _on_few(self) -> None:
+    def _on_few(self) -> None:
         found = self._answer
         for one in () if found is None else found.representatives:
             if one.label == self._few.value:
-                await self._select(one.row)
+                self._select(one.row)
 
-    async def _on_along(self) -> None:
+    def _on_along(self) -> None:
         if self._answer is not None and self._answer.solutions.success:
-            await self._select(self._answer.row_at(math.radians(self._along.value)))
+            self._select(self._answer.row_at(math.radians(self._along.value)))
 
     def _show(self, found: Answer) -> None:
         solutions = found.solutions
@@ -311,13 +324,31 @@ class InverseScreen:
         head = list_head(found)
         words = (head.index("branch"),)
         self._list.show(self._pager.html(about, head, partial(list_row, found), words))
-        self._selected.show(selected_html(found, row))
+        self._draw_selected()
 
-    async def _on_row(self) -> None:
-        self._draw_row()
-        await self._judged.run()
+    def _draw_selected(self) -> None:
+        """Where the selected row goes; whether it may is told as soon as it is known."""
+        found, row = self._answer, self._pager.row
+        if found is None:
+            return
+        judged_answer, judged_row, why = self._verdict
+        known = judged_answer is found and judged_row == row
+        self._selected.show(selected_html(found, row, why if known else None))
+        if row is not None and not known:
+            self._session.spawn(self._judging.run())
 
-    def _draw_row(self) -> None:
+    async def _judge_selected(self) -> None:
+        """Judge the way to the selected row from where the arm stands."""
+        found, row = self._answer, self._pager.row
+        if found is None or row is None or not found.solutions.success:
+            return
+        start, profile = self._session.snapshot.q_command, self._movement.profile
+        why = await asyncio.to_thread(way_refused, self._robot, start, found.q(row), profile)
+        self._verdict = found, row, why
+        if found is self._answer and row == self._pager.row:
+            self._draw_selected()
+
+    def _on_row(self) -> None:
         found, row = self._answer, self._pager.row
         if found is None:
             return
@@ -325,15 +356,6 @@ class InverseScreen:
         self._draw_curve(found)
         if row is not None and found.solutions.success and not self._branches.as_ghosts:
             self._preview.show(found.q(row), self._session.snapshot.q_command)
-
-    async def _judge_row(self) -> None:
-        """Tell beside the selected row if the way to it is refused."""
-        found, row = self._answer, self._pager.row
-        if found is None or row is None:
-            return
-        why = await asyncio.to_thread(way_refused, self._robot, found.start, found.q(row))
-        if found is self._answer and row == self._pager.row:
-            self._selected.show(selected_html(found, row, why))
 
 
 # What is asked for: X, Y, Z, how the tool is turned, and a target in the scene that can be dragged.
