@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from tests.ui.page_kit import FakePage
 
+from armctl.arrays import FloatArray
 from armctl.kinematics import CRITERIA, Target
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer

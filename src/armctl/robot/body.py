@@ -304,7 +304,8 @@ class CollisionModel:
         starts, spans = self._placed(links)
         out = np.empty((len(obstacles) * len(self.moving), links.origin[0].shape[-1]))
         piece, box = np.tile(self.moving, len(obstacles)), np.arange(len(obstacles)).repeat(len(self.moving))
-        for gap, i, obstacle in zip(out, piece.tolist(), (obstacles[k] for k in box.tolist()), strict=True):
+        places = ((obstacle, i) for obstacle in obstacles for i in self.moving)
+        for gap, (obstacle, i) in zip(out, places, strict=True):
             radius = self.capsules[i].radius
             middle = starts[i] + 0.5 * spans[i]
             gap[:] = box_distance(middle, obstacle.low, obstacle.high) - (self._halves[i] + radius)
