@@ -17,7 +17,7 @@ from armctl.kinematics import Chain, DHRow, Target
 from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.numeric.goals import rotation_vectors
 from armctl.kinematics.redundant.locked import LockedArm
-from armctl.kinematics.redundant.solver import RedundantSolver
+from armctl.kinematics.redundant.solver import RedundantSolver, _repeated
 from armctl.kinematics.solutions import Solutions
 
 Arm = tuple[Chain, FloatArray]
@@ -344,3 +344,30 @@ def test_other_arms_of_seven_joints_are_not_of_the_family() -> None:
     rows = [DHRow(*rng.uniform(0.1, 0.9, 3)) for _ in range(7)]
     assert LockedArm.of(Chain.from_dh(rows)) is None
     assert LockedArm.of(Chain.from_dh(rows[:6])) is None
+
+
+def test_the_same_solution_is_found_though_others_look_like_it() -> None:
+    """Between it and its likeness, in the order in which they are compared, stand quite different ones."""
+    rng = np.random.default_rng(2)
+    one = rng.uniform(-3, 3, 7)
+    others = rng.uniform(-3, 3, (12, 7))
+    low, high = sorted(place_of(np.array([one, one + 3e-7])).tolist())
+    between = []
+    for other in others:  # its first joint is turned until it has a place between those two
+        angles = np.linspace(-math.pi, math.pi, 40_001)
+        rows = np.tile(other, (len(angles), 1))
+        rows[:, 0] = angles
+        places = place_of(rows)
+        at = np.flatnonzero(np.diff(np.sign(places - 0.5 * (low + high))))
+        for k in at[:1].tolist():
+            share = (0.5 * (low + high) - places[k]) / (places[k + 1] - places[k])
+            rows[k, 0] += share * (angles[k + 1] - angles[k])
+            between.append(rows[k])
+    q = np.vstack([one, *between[:3], one + 3e-7, one + 2 * math.pi * np.eye(7)[0]])
+    assert len(q) == 6
+    assert np.count_nonzero(_repeated(q)) == 2 and not _repeated(q)[1:4].any()
+
+
+def place_of(q: FloatArray) -> FloatArray:
+    weights = np.sqrt(np.arange(2.0, 9.0))
+    return np.cos(q) @ weights + np.sin(q) @ weights[::-1]

@@ -321,9 +321,13 @@ def _repeated(q: FloatArray) -> NDArray[np.bool_]:
     weights = np.sqrt(np.arange(2.0, 2.0 + q.shape[1]))
     place = np.cos(q) @ weights + np.sin(q) @ weights[::-1]  # the same for the same ones
     order = np.argsort(place, kind="stable")
-    near = np.flatnonzero(np.diff(place[order]) < 32.0 * _SAME)
-    first, second = order[near], order[near + 1]
-    repeated = np.zeros(len(q), dtype=np.bool_)
-    apart = q[second] - q[first]
-    repeated[second[np.abs(apart - TWO_PI * np.rint(apart / TWO_PI)).max(axis=1, initial=0.0) < _SAME]] = True
+    place, repeated = place[order], np.zeros(len(q), dtype=np.bool_)
+    for lag in range(1, len(q)):  # others may stand between two that are the same
+        near = np.flatnonzero(place[lag:] - place[:-lag] < 32.0 * _SAME)
+        if len(near) == 0:
+            break
+        first, second = order[near], order[near + lag]
+        apart = q[second] - q[first]
+        same = np.abs(apart - TWO_PI * np.rint(apart / TWO_PI)).max(axis=1) < _SAME
+        repeated[second[same]] = True
     return repeated
