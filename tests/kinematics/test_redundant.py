@@ -350,11 +350,11 @@ def test_the_same_solution_is_found_though_others_look_like_it() -> None:
     """Between it and its likeness, in the order in which they are compared, stand quite different ones."""
     rng = np.random.default_rng(2)
     one = rng.uniform(-3, 3, 7)
-    others = rng.uniform(-3, 3, (12, 7))
+    others = rng.uniform(-3, 3, (30, 7))
     low, high = sorted(place_of(np.array([one, one + 3e-7])).tolist())
     between = []
     for other in others:  # its first joint is turned until it has a place between those two
-        angles = np.linspace(-math.pi, math.pi, 40_001)
+        angles = np.linspace(-math.pi, math.pi, 100_001)
         rows = np.tile(other, (len(angles), 1))
         rows[:, 0] = angles
         places = place_of(rows)
