@@ -123,6 +123,14 @@ def test_a_rest_pose_that_enable_would_refuse_is_an_error(
     status, _, err = call(capsys, str(path))
     assert status == REFUSED
     assert re.search(r"the rest pose: .*: \d+\.\d mm below the floor; Enable is refused there", err)
+    robot = load_robot("uzuner")
+    x, y, z = (1000 * robot.forward(robot.pose("rest"))[:3, 3]).round(1).tolist()
+    corners = f"from_mm = [{x - 20}, {y - 20}, {z - 20}]\nto_mm = [{x + 20}, {y + 20}, {z + 20}]\n"
+    post = f'[[obstacles]]\ntitle = "the post"\n{corners}'
+    path.write_text(f"{text}\n{post}")
+    status, _, err = call(capsys, str(path))
+    assert status == REFUSED
+    assert re.search(r"the rest pose: .* mm inside the post; Enable is refused there", err)
 
 
 @pytest.mark.parametrize(

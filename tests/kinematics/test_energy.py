@@ -272,3 +272,18 @@ def test_without_a_solution_there_is_no_best() -> None:
 
 def test_every_criterion_is_described() -> None:
     assert set(CRITERION_TEXT) == set(CRITERIA)
+
+
+@pytest.mark.parametrize("name", ["ur5", "ar4"])
+def test_of_solutions_that_hold_the_same_torque_the_one_of_least_rotation_is_taken(name: str) -> None:
+    """Whole turns and a roll about the vertical weigh nothing."""
+    robot = load_robot(name)
+    home = robot.pose("home")
+    T = robot.forward(home)
+    found = robot.inverse(T[:3, 3], rotation=T[:3, :3])
+    torque = found.energies("least-torque")
+    same = np.flatnonzero(np.isclose(torque, torque.min(), rtol=1e-10))
+    assert len(same) > 1
+    best = found.best("least-torque")
+    assert np.abs(best).sum() == pytest.approx(np.abs(found.q[same]).sum(axis=1).min())
+    assert found.q[found.order("least-torque")[0]] == pytest.approx(best)

@@ -9,6 +9,7 @@ from tests.runtime.kit import ROBOT, Rig, fails, make_rig
 from armctl.errors import BoardError, BoardTimeoutError, InputError, MotionRefusedError, PortError
 from armctl.hardware import BoardIdentity, Readback, Source
 from armctl.robot import load_robot
+from armctl.robot.parts import Obstacle
 from armctl.runtime import Connect, Disconnect, Enable, MoveGripper, MoveJoints, Release, State
 from armctl.runtime.power import _links_turned_back
 
@@ -106,6 +107,14 @@ def test_joints_do_not_jump_to_below_the_floor_under_those_that_stay(rig: Rig) -
     low = np.radians([0, -3, -60, -20, 0])
     connected(rig, {channel: pulse for channel, pulse in pulses(low).items() if channel < 3})
     rig.refuses(Enable(np.where([1, 1, 1, 0, 0], HOME, low)), "mm below the floor", MotionRefusedError)
+    assert rig.driver.writes == []
+
+
+def test_joints_do_not_jump_into_an_obstacle() -> None:
+    tip = ROBOT.forward(HOME)[:3, 3]
+    post = Obstacle("the post", tip - 0.02, tip + 0.02)
+    rig = connected(make_rig(robot=replace(ROBOT, obstacles=(post,))), {})
+    rig.refuses(Enable(HOME), r"mm inside the post; choose another pose to enable in", MotionRefusedError)
     assert rig.driver.writes == []
 
 

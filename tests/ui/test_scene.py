@@ -15,12 +15,14 @@ from tests.arms import FIVE
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
 from armctl.robot import Robot, load_robot
+from armctl.robot.parts import Obstacle
 from armctl.robot.shape import Point, reach
 from armctl.robot.solids import Solid, beam, block, drum, spike, tube
 from armctl.ui.guard import GuardedServer
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.scene.stage import (
     Marks,
+    Stage,
     first_view,
     floor_size,
     framed,
@@ -197,3 +199,15 @@ def test_on_a_phone_the_arm_is_above_the_sheet(server: GuardedServer) -> None:
     assert (height > 2 * 0.6 - 1).all()
     assert (height < 1).all()
     assert (np.abs(x) / ((distance - near) * np.tan(fov / 2)) < 390 / 844).all()
+
+
+def test_obstacles_stand_where_the_file_says(server: GuardedServer) -> None:
+    wall = Obstacle("the wall", np.array([0.1, -0.2, 0.0]), np.array([0.3, 0.2, 0.5]))
+    stage = Stage(server.scene, replace(ROBOTS["uzuner"], obstacles=(wall,)))
+    handles = server.scene._handle_from_node_name
+    box = cast(Any, handles["/stand/obstacle0"])
+    assert tuple(box.dimensions) == pytest.approx((0.2, 0.4, 0.5))
+    assert tuple(box.position) == pytest.approx((0.2, 0.0, 0.25))
+    assert cast(Any, handles["/stand/obstacle0/title"]).text == "the wall"
+    stage.remove()
+    assert not [name for name in handles if "obstacle" in name]

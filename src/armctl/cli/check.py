@@ -16,14 +16,12 @@ from armctl.cli.options import ROBOT, json_option, print_json
 from armctl.documents import DocumentKind
 from armctl.errors import ArmctlError, BoardError, InputError
 from armctl.hardware.boards import board_type
-from armctl.motion import Floor
-from armctl.motion.clearance import clear_pose
+from armctl.motion.clearance import clear_pose, kept_out, not_clear
 from armctl.motion.preflight import Finding, not_checked, preflight
 from armctl.motion.profiles import PointToPoint
 from armctl.program import Program, check_program, open_program
 from armctl.robot import Robot, is_urdf, load_robot
 from armctl.robot.shape import across_the_link
-from armctl.runtime.power import below_floor
 
 _ANY = DocumentKind(InputError, most_bytes=1024 * 1024)
 """a TOML file of a robot or a program"""
@@ -132,20 +130,21 @@ def _check_robot(robot: Robot) -> Iterator[Finding]:
         except BoardError as refusal:
             yield Finding(str(refusal), part="the board", mend="connecting is refused")
     # servos that are off may jump to where Enable sends them; motors stay where homing ended
-    below = None if board.homing else below_floor(Floor(robot), robot.first_pose)
-    if below is not None:
+    around = kept_out(robot)
+    blocked = None if board.homing else not_clear(around, robot, robot.first_pose)
+    if blocked is not None:
         mend = f"Enable is refused there; {_other('rest', robot)}"
-        yield Finding(below, part="the rest pose", mend=mend, kind="floor")
+        yield Finding(blocked, part="the rest pose", mend=mend, kind="floor")
     note = across_the_link(robot.chain)
     if note is not None:
         yield Finding(note.what, part="the tool axis", mend=note.mend, kind="reach", severity="warning")
     home = robot.pose("home")
-    low = below_floor(Floor(robot), home)
-    if low is not None and (below is None or not np.array_equal(home, robot.first_pose)):
+    away = not_clear(around, robot, home)
+    if away is not None and (blocked is None or not np.array_equal(home, robot.first_pose)):
         mend = f"what leads there is refused; {_other('home', robot)}"
-        yield Finding(low, part="the home pose", mend=mend, kind="floor", severity="warning")
+        yield Finding(away, part="the home pose", mend=mend, kind="floor", severity="warning")
     for name in robot.poses:
-        if name != "home" and low is None:
+        if name != "home" and away is None:
             for finding in preflight(robot, PointToPoint.plan(robot, home, robot.pose(name))):
                 part = f"the way from home to {name}: {finding.part}"
                 yield replace(finding, part=part, severity="warning")

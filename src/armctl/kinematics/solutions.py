@@ -27,6 +27,8 @@ _SEEN_MM = 0.05
 """what one decimal shows as more than 0.0 [mm]"""
 _SAME_TIME = 9
 """decimals of a time that count [s]"""
+_SAME_TORQUE = 12
+"""decimals of a sum of squared torques that count, by the least one"""
 _ALIGNED = 1e-9
 """sine of the angle up to which a roll axis is along the approach axis"""
 
@@ -264,7 +266,10 @@ class Solutions:
         return energy
 
     def order(self, criterion: Criterion, start: ArrayLike | None = None) -> NDArray[np.intp]:
-        """(k,) indices of the solutions, that of least energy first; of equal times the least travel."""
+        """(k,) indices of the solutions, that of least energy first.
+
+        Of equal times the least travel comes first, of equal torques the least rotation.
+        """
         begin = None if start is None else self.arm.chain.checked_one(start)
         q = self.taken(self.q, criterion, begin)
         return self._ranked(criterion, self._energies(criterion, q, begin), q, begin)
@@ -272,6 +277,10 @@ class Solutions:
     def _ranked(
         self, name: Criterion | None, energy: FloatArray, q: FloatArray, start: FloatArray | None
     ) -> NDArray[np.intp]:
+        if name == "least-torque":  # whole turns weigh nothing
+            least = float(np.min(energy[energy > 0.0], initial=math.inf))
+            scale = least if math.isfinite(least) else 1.0
+            return np.lexsort((np.abs(q).sum(axis=1), np.round(energy / scale, _SAME_TORQUE)))
         if name != "shortest-time":
             return np.argsort(energy, kind="stable")
         # one joint sets the time, and the others need not move for nothing

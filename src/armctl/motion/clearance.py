@@ -147,7 +147,24 @@ Gaps = Floor | Obstacles | SelfCollision
 
 def sources(robot: Robot) -> tuple[Gaps, ...]:
     """All that an arm must stay clear of."""
-    return (Floor(robot), *((Obstacles(robot),) if robot.obstacles else ()), SelfCollision(robot))
+    return (*kept_out(robot), SelfCollision(robot))
+
+
+def kept_out(robot: Robot) -> tuple[Floor | Obstacles, ...]:
+    """What is around an arm: no part of it may be there, whichever way it came."""
+    return Floor(robot), *((Obstacles(robot),) if robot.obstacles else ())
+
+
+def not_clear(around: Sequence[Floor | Obstacles], robot: Robot, q: FloatArray) -> str | None:
+    """What of an arm at ``q`` (n,) [rad] would be where it may not be, in words; None: nothing."""
+    links = LinkFrames.at(robot.chain, q[None])
+    for source in around:
+        gaps = source.gaps(links)[:, 0]
+        slack = gaps - source.closed + FLOOR_TOLERANCE_M
+        if slack.min(initial=0.0) < 0.0:
+            part = source.worst(gaps, slack)
+            return f"{source.parts[part]}: {source.words(part, -1000 * float(gaps[part]))[0]}"
+    return None
 
 
 def stands_clear(robot: Robot, q: FloatArray) -> bool:

@@ -21,7 +21,7 @@ from armctl.errors import (
     out_of_range,
 )
 from armctl.hardware import Driver
-from armctl.motion import Floor
+from armctl.motion.clearance import kept_out
 from armctl.robot import Robot
 from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board, Monitor
@@ -61,7 +61,7 @@ class Core:
         self.log = EventLog()
         self.notices = Notices(self.log)
         self.desk = ControlDesk(self.log, pin)
-        self.floor = Floor(robot)
+        self.around = kept_out(robot)
         self.clear = KeepClear(robot)
         self.gate = Gate(robot, LONGEST_TICKS * period)
         self.gripper = GripperMover(robot.gripper)

@@ -17,7 +17,7 @@ from armctl.errors import (
 from armctl.hardware import Source
 from armctl.kinematics import Chain
 from armctl.kinematics.target import checked_number
-from armctl.motion import FLOOR_TOLERANCE_M, Floor
+from armctl.motion.clearance import not_clear
 from armctl.runtime.activity import Setpoint
 from armctl.runtime.board import Board, BoolArray, Reading
 from armctl.runtime.commands import Enable, Order
@@ -68,8 +68,8 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         known = "" if core.poses.last is None else f" ({core.poses.last})"
         raise EnableError(f"nobody knows where the arm is{known}: {board.power} are off. {_SAY_WHERE}")
     start = _taken_over(core, board, np.where(live, reading.q, goal))
-    if not live.all() and (below := below_floor(core.floor, start)) is not None:
-        raise MotionRefusedError(f"{below}; choose another pose to enable in")
+    if not live.all() and (why := not_clear(core.around, core.robot, start)) is not None:
+        raise MotionRefusedError(f"{why}; choose another pose to enable in")
     if wanted is not None and live.any() and (np.abs(start - goal) > _tolerance(board)).any():
         core.log.warn("enabled where the arm stands, not in the pose asked for: move there now")
     opening = reading.opening
@@ -355,16 +355,6 @@ def _where_it_is(core: Core, board: Board, now: float) -> Reading:
         names = ", ".join(core.robot.joints[i].title for i in np.flatnonzero(differs))
         raise EnableError(f"two readings of the board differ ({names}); let it stand and try again")
     return second
-
-
-def below_floor(floor: Floor, q: FloatArray) -> str | None:
-    """What of the arm a jump to ``q`` (n,) [rad] would put below the floor, in words; None: nothing."""
-    gaps = floor.clearance(q)
-    slack = gaps - floor.closed + FLOOR_TOLERANCE_M
-    if slack.min(initial=0.0) >= 0.0:
-        return None
-    part = floor.worst(gaps, slack)
-    return f"{floor.parts[part]}: {-1000 * gaps[part]:.1f} mm below the floor"
 
 
 def _tolerance(board: Board) -> FloatArray:

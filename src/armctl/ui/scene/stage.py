@@ -17,6 +17,7 @@ from armctl.ui.scene.arm_figure import add_solid, send_pose
 # Proportions, as fractions of the arm's reach.
 _PLATE_WIDTH, _PLATE_HEIGHT = 0.28, 0.02
 _BASE_AXES = 0.26
+_OBSTACLE = (201, 42, 42)
 """they reach beyond the plate and out of the column"""
 _COLUMN_WIDTH, _COLUMN_BEHIND = 0.11, 0.24
 _HIGH = 0.3
@@ -112,7 +113,7 @@ def add_floor(scene: viser.SceneApi, robot: Robot, *, dark: bool = False) -> vis
 
 
 class Stage:
-    """Floor with 50 mm cells, stand and base axes of one arm."""
+    """Floor with 50 mm cells, stand and base axes of one arm, and the obstacles that its file names."""
 
     def __init__(self, scene: viser.SceneApi, robot: Robot) -> None:
         size = reach(robot.chain)
@@ -127,6 +128,14 @@ class Stage:
         )  # fmt: skip
         for part, solid in stand_parts(robot).items():
             add_solid(scene, f"/stand/{part}", solid, robot.look.joints)
+        for i, one in enumerate(robot.obstacles):
+            middle = 0.5 * (one.low + one.high)
+            box = scene.add_box(
+                f"/stand/obstacle{i}", _OBSTACLE, tuple((one.high - one.low).tolist()), opacity=0.5,
+                position=middle,
+            )  # fmt: skip
+            send_pose(box)
+            scene.add_label(f"/stand/obstacle{i}/title", one.title)
         for part in self._parts:
             send_pose(part)
 

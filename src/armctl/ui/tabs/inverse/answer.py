@@ -39,6 +39,8 @@ _SWEPT_MEND = (
     "This leaves joints free, so there are infinitely many solutions. To see the branches, "
     "ask for more of the tool's orientation above, then press Solve."
 )
+_ANOTHER_RAD, _MOST_TRIED, _MOST_LOOKED_AT = 0.2, 24, 2000
+"""rows that differ by less are not judged one by one, and no more than so many of so many"""
 _MOST_POINTS = 1000
 """of an energy curve"""
 
@@ -96,6 +98,8 @@ class Answer:
     """why the arm may not go to ``best`` from where it stands; empty where it may"""
     curve: Picture | str = ""
     """energy over the free joint; or why there is nothing to plot"""
+    instead: int | None = None
+    """the first row to which the arm may go, of some, where it may not go to ``best``; None: there is none"""
     representatives: tuple[Representative, ...] = ()
     """a few rows that stand for all; empty where there is no solution"""
 
@@ -162,7 +166,25 @@ def answer(
     judged = _verdicts(robot, solutions, name, start, best, refused)
     found = Answer(solutions, name, start, energy, order, best, why_not, judged, way)
     few = representatives(found, refused) if solutions.success else ()
-    return replace(found, curve=_energy_curve(robot, found), representatives=few)
+    other = _first_possible(found, few, refused) if way else None
+    return replace(found, curve=_energy_curve(robot, found), representatives=few, instead=other)
+
+
+def _first_possible(
+    found: Answer, few: Sequence[Representative], refused: Callable[[FloatArray], str]
+) -> int | None:
+    """The first row to which the arm may go, of some that differ from each other and of the ``few``."""
+    possible = min((one.row for one in few if not one.refused), default=len(found.order) + 1)
+    tried: list[FloatArray] = []
+    for row in range(1, possible, 1 + possible // _MOST_LOOKED_AT):
+        q = found.q(row)
+        if all(np.abs(q - other).max() > _ANOTHER_RAD for other in tried):
+            if not refused(q):
+                return row
+            tried.append(q)
+            if len(tried) == _MOST_TRIED:
+                break
+    return possible if possible <= len(found.order) else None
 
 
 def way_refused(robot: Robot, start: FloatArray, q: FloatArray, profile: Profile) -> str:
@@ -239,9 +261,8 @@ def result_html(robot: Robot, found: Answer) -> str:
         least = found.energy_text(row_1)
         text += muted(f"The exact least: it lies between two rows of the list (row 1: {least}).")
     text += way_html(found.way_refused)
-    possible = [one.row for one in found.representatives if not one.refused]
-    if found.way_refused and possible:
-        text += muted(f"The arm may go to row {min(possible)} instead: select it under List.")
+    if found.instead is not None:
+        text += muted(f"The arm may go to row {found.instead} instead: select it under List.")
     return text
 
 
@@ -262,8 +283,8 @@ class Representative:
     """sum of |joint angles|"""
     time_s: float
     """from the present pose, all joints together by a cubic"""
-    torque_nm: float
-    """sum of what the joints hold against gravity"""
+    load: float
+    """of all joints against gravity, as ``least-torque`` counts it, in its unit; 0: no masses are known"""
     refused: bool
     """whether the arm may not go there from where it stands"""
 
@@ -299,23 +320,28 @@ def representatives(found: Answer, refused: Callable[[FloatArray], str]) -> tupl
             float(energies(one, q[None], arm.energy, arm.pitch_joints, start)[0])
             for one in ("least-rotation", "shortest-time")
         )
-        torque = float(np.abs(arm.energy.gravity.torque(q)).sum())
+        load = 0.0
+        if arm.energy.gravity.weighs:
+            squares = energies("least-torque", q[None], arm.energy, arm.pitch_joints, start)
+            load = float(_shown("least-torque", squares, arm.energy)[0])
         forbidden = bool(refused(q))
-        rows.append(Representative(tuple(names), row, float(np.degrees(rotation)), time, torque, forbidden))
+        rows.append(Representative(tuple(names), row, float(np.degrees(rotation)), time, load, forbidden))
     return tuple(rows)
 
 
-def comparison_html(rows: Sequence[Representative]) -> str:
+def comparison_html(found: Answer) -> str:
     """The representatives side by side, and what others save against the first."""
+    rows, model = found.representatives, found.solutions.arm.energy
     if len(rows) < 2:
         return ""
-    heads = ["", "row", "Σ|θ| °", "time s", "holds N·m", "verdict"]
+    what = "load" if model.gravity.bodies else "payload's load"
+    heads = ["", "row", "Σ|θ| °", "time s", f"{what} {_unit('least-torque', model)}", "verdict"]
     figures = [
         ["least " + ", ".join(one.names), str(one.row), fixed(one.rotation_deg, 1), fixed(one.time_s, 2),
-         fixed(one.torque_nm, 3), "refused" if one.refused else "possible"]
+         fixed(one.load, 3), "refused" if one.refused else "possible"]
         for one in rows
     ]  # fmt: skip
-    if not any(one.torque_nm for one in rows):  # the file of the arm gives no masses
+    if not any(one.load for one in rows):  # the file of the arm gives no masses
         heads, figures = [*heads[:-2], heads[-1]], [[*row[:-2], row[-1]] for row in figures]
     html = table(heads, figures, marked=0, words=(0, len(heads) - 1), small=True)
     return html + "".join(muted(saving) for saving in _savings(rows))
@@ -330,7 +356,7 @@ def _savings(rows: Sequence[Representative]) -> list[str]:
     columns: tuple[tuple[str, Callable[[Representative], float]], ...] = (
         ("rotation", lambda one: one.rotation_deg),
         ("time", lambda one: one.time_s),
-        ("holding torque", lambda one: one.torque_nm),
+        ("load", lambda one: one.load),
     )
     for what, of in columns:
         least = min(possible, key=of)

@@ -177,7 +177,10 @@ class InverseScreen:
         criterion, profile = self._criterion.value, self._movement.profile
         again = await asyncio.to_thread(answer, self._robot, found.solutions, criterion, start, profile)
         if is_newest():
+            row = self._pager.row if np.array_equal(again.order, found.order) else None
             self._show(again)
+            if row is not None:
+                self._select(row)
 
     async def _solve_dragged(self) -> None:
         await self._update()
@@ -316,7 +319,7 @@ class InverseScreen:
         if count == 0:
             self._list.show(muted("There is no solution."))
             return
-        self._compared.show(comparison_html(found.representatives))
+        self._compared.show(comparison_html(found))
         labels = {one.row: one.label for one in found.representatives}
         self._few.options = (_BY_ROW, *labels.values())
         self._few.value = labels.get(row or 0, _BY_ROW)
