@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from tests.robot.panda_kit import panda
@@ -169,3 +171,15 @@ def test_what_an_arm_cannot_do_is_not_offered(server: GuardedServer) -> None:
     jog = tool_jog("Ry", -1.0, 30, "tool")
     assert jog.angular is not None and np.degrees(jog.angular) == pytest.approx([0, -15, 0])
     assert not jog.linear.any() and jog.frame == "tool"
+
+
+@pytest.mark.parametrize("wobble", [0.0, 1e-16, -1e-16, 1e-12, -1e-12])
+def test_half_a_turn_reads_180_degrees_whatever_rounding_does(wobble: float) -> None:
+    for axis in range(3):
+        turns = np.zeros(3)
+        turns[axis] = math.pi + wobble
+        R = rotation_from_rpy(*turns)
+        R = np.where(np.abs(R) < 1e-11, np.copysign(np.abs(R), wobble or 1.0), R)
+        read = roll_pitch_yaw(R)
+        assert np.abs(rotation_from_rpy(*read.tolist()) - R).max() < 1e-11
+        assert (np.degrees(read) > -179.999).all()

@@ -214,10 +214,15 @@ def each_once(q: FloatArray, same: float = _SAME) -> NDArray[np.intp]:
 # Rotations in the forms that people and programs read.
 
 
+_HALF_TURN_BACK = -math.pi + 1e-9
+"""[rad]"""
+
+
 def roll_pitch_yaw(rotation: FloatArray) -> FloatArray:
     """Roll, pitch, yaw (..., 3) [rad] of ``R = Rz(yaw) Ry(pitch) Rx(roll)`` (..., 3, 3).
 
-    At pitch = ±90°, where only yaw ∓ roll is defined, yaw is 0.
+    At pitch = ±90°, where only yaw ∓ roll is defined, yaw is 0. Half a turn is 180°, and not -180° where
+    rounding would have it so.
     """
     sin_pitch = -rotation[..., 2, 0]
     cos_pitch = np.hypot(rotation[..., 2, 1], rotation[..., 2, 2])
@@ -229,7 +234,8 @@ def roll_pitch_yaw(rotation: FloatArray) -> FloatArray:
         np.arctan2(rotation[..., 2, 1], rotation[..., 2, 2]),
     )
     yaw = np.where(locked, 0.0, np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0]))
-    return np.stack([roll, pitch, yaw], axis=-1)
+    turns = np.stack([roll, pitch, yaw], axis=-1)
+    return np.where(turns < _HALF_TURN_BACK, turns + TWO_PI, turns)
 
 
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> FloatArray:

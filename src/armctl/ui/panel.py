@@ -72,7 +72,6 @@ def where_html(robot: Robot, q: FloatArray) -> str:
     pitch, roll = robot.inverse_kinematics.pitch_and_roll(q)
     if robot.orients_tool:  # its roll counts from the plane of the arm, and changes as the base turns
         turns = np.round(np.degrees(roll_pitch_yaw(T[:3, :3])), 1) + 0.0
-        turns[turns == -180.0] = 180.0  # or rounding would decide
         tool.append(["Rx, Ry, Rz", ", ".join(f"{turn:.1f}" for turn in turns) + "°"])
         roll = None
     for name, angle in (("Pitch", pitch), ("Roll", roll)):

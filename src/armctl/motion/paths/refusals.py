@@ -250,7 +250,7 @@ def end_refusal(tried: Attempt) -> ToolPathRefusedError | ToolPathUnreachableErr
         place = PathPlace(0.0, 0.0, curve.positions(0.0))
         return ToolPathRefusedError(
             f"{_where(curve, place)}: the arm stands in a singularity and cannot begin this {curve.kind}; "
-            "bend the arm first (Main → Home, or turn a joint)",
+            "bend the arm first (turn a joint, or Main → Home where that pose is bent)",
             place,
             None,
         )

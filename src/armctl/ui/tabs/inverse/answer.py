@@ -308,7 +308,7 @@ def representatives(found: Answer, refused: Callable[[FloatArray], str]) -> tupl
             continue
         named.setdefault(int(place[solutions.index_of(best)]), []).append(_PLAIN[criterion])
     admitted = found.order[np.isfinite(found.energy[found.order])]
-    for i, name in enumerate(solutions.branch_names):
+    for i, name in enumerate(solutions.branch_names if len(solutions.branch_names) > 1 else ()):
         of_branch = admitted[solutions.branch_index[admitted] == i]
         if len(of_branch):
             named.setdefault(int(place[of_branch[0]]), []).append(f"of {short_branch(name)}")
