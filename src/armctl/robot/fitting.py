@@ -30,8 +30,6 @@ MOST_PIECES = 5
 """hulls of a link"""
 _WORTH = 0.93
 """two hulls take the place of one that is so much larger: their volume by its"""
-_DIRECTIONS = 192
-"""in which the outermost points are looked for; the others hardly matter for the fit"""
 _FEW = 1500
 """triangles by which it is decided how they are shared out"""
 _SHARES = (0.3, 0.5, 0.7)
@@ -170,12 +168,9 @@ def _halved(whole: _Piece) -> list[_Piece] | None:
 def contain(points: FloatArray) -> Fitted:
     """The hull of points (k, 3), and a capsule of little volume that contains it."""
     hull = hull_of(points)
-    outer = _outermost(points, _DIRECTIONS)
-    choices = np.concatenate([_along(outer, axis) for axis in _axes(outer)])
-    ends = choices[int(_volumes(outer, choices).argmin())]
-    # round the points and the hull with its margin
-    away = max(_distances(points, ends[None]).max(), _distances(hull.corners, ends[None]).max() + hull.margin)
-    radius = float(away) * (1 + 1e-12) + 1e-9
+    choices = np.concatenate([_along(hull.corners, axis) for axis in _axes(hull.corners)])
+    ends = choices[int(_volumes(hull.corners, choices).argmin())]
+    radius = float(_distances(hull.corners, ends[None]).max() + hull.margin) * (1 + 1e-12) + 1e-9
     return Fitted(ends[:3].copy(), ends[3:].copy(), radius, hull)
 
 
