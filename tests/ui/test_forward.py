@@ -48,7 +48,8 @@ def test_results_tell_where_both_buttons_lead_and_what_is_outside(server: Guarde
     angles.fill(np.radians([1, 1, 1, 1, 1]))
     assert "Both are inside the joint limits" in results_html(ROBOT, angles, HOME)
     opened = results_html(ROBOT, angles, HOME, edited=False)
-    assert "now" in opened and "→" not in opened and "outside" not in opened
+    assert "now" in opened and "→ reference" not in opened and "outside" not in opened
+    assert "→ last position" in opened  # it is a way all the same
     angles.fields[2].handle.value = "<b>4x"
     html = results_html(ROBOT, angles, HOME)
     assert "Nothing can be sent: Elbow °: &#x27;&lt;b&gt;4x&#x27; is not a number" in html

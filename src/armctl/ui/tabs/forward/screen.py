@@ -47,7 +47,7 @@ PRESENT = "present pose (live)"
 SHOWN = ("angles as reference", "angles added to last position", PRESENT)
 _GO_NOTE = "Reference: each joint goes to its angle. Last position: the angles are added to where it stands."
 _SHOWN_NOTE = "Which pose the ghost and these numbers show."
-_UNEDITED = "The fields hold the pose of the arm. Type another angle or pose to see where the buttons lead."
+_UNEDITED = "The fields hold the pose of the arm. With respect to last position, they would be added to it."
 
 
 def resulting_pose(how: str, asked: FloatArray, present: FloatArray) -> FloatArray:
@@ -159,7 +159,10 @@ class ForwardScreen:
 
 
 def results_html(robot: Robot, angles: FieldArray, present: FloatArray, *, edited: bool = True) -> str:
-    """A row for where the arm is, and one for where each button would send it, once the fields are edited."""
+    """A row for where the arm is, and one for where each button would send it.
+
+    Before the fields are edited they hold the pose of the arm, which is the one with respect to reference.
+    """
     poses = {"now": present}
     problems = "" if edited else muted(_UNEDITED)
     try:
@@ -167,12 +170,12 @@ def results_html(robot: Robot, angles: FieldArray, present: FloatArray, *, edite
     except ArmctlError as refusal:
         problems = refused(f"Nothing can be sent: {refusal}.")
     else:
-        for name, how in (("reference", REFERENCE), ("last position", LAST)) if edited else ():
+        for name, how in (("reference", REFERENCE), ("last position", LAST))[not edited :]:
             poses[f"→ {name}"] = q = resulting_pose(how, asked, present)
             try:
                 robot.check_limits(q)
             except ArmctlError as refusal:
-                problems += muted(f"✗ With respect to {name}: {refusal}.")
+                problems += muted(f"✗ With respect to {name}: {refusal}.") if edited else ""
     head = ["will go to", *(f"θ{i + 1}°" for i in range(robot.n)), "x mm", "y mm", "z mm"]
     rows = [
         [name, *(fixed(v, 1) for v in (*np.degrees(q).tolist(), *(1000 * robot.forward(q)[:3, 3]).tolist()))]
