@@ -44,6 +44,8 @@ _MOST_POINTS = 200_000
 """points between corners when gaps are measured; where that is too few, they are farther from each other"""
 _FIRST_CORNERS, _AT_ONCE, _MOST_CORNERS, _MOST_ADDED = 32, 4, 64, 96
 """A hull begins with corners in so many directions; those farthest outside are added, a few at once."""
+_BESIDE = 0.2
+"""of the size of a hull: a corner so near to another is not added at once with it"""
 _CLOSE_M, _COARSE = 5e-4, 0.015
 """No more corners are added where none is farther outside, in metres or of the size of the hull; the margin
 makes up for those left out."""
@@ -176,21 +178,33 @@ def contain(points: FloatArray) -> Fitted:
 
 def hull_of(points: FloatArray) -> Hull:
     """A hull of few corners that contains points (k, 3); its margin is as small as they allow."""
-    points = np.unique(points, axis=0)
     qhull = _qhull(points)
-    points = points[_rim(points) if qhull is None else qhull.vertices]
+    if qhull is not None:
+        points = points[qhull.vertices]
+    else:
+        points = np.unique(points, axis=0)
+        points = points[_rim(points)]
     corners = _outermost(points, _FIRST_CORNERS)
     while len(corners) < min(_MOST_CORNERS, len(points)) and (qhull := _qhull(corners)) is not None:
         beyond = (points @ qhull.equations[:, :3].T + qhull.equations[:, 3]).max(axis=1)
         if beyond.max() < _CLOSE_M:
             break
-        corners = np.unique(np.concatenate([corners, points[np.argsort(beyond)[-_AT_ONCE:]]]), axis=0)
-    # beyond a face is not far from it where the hull is thin: there the farthest is added, one by one
+        corners = np.concatenate([corners, _some_of(points, beyond)])
+    # beyond a face is not far from it where the hull is thin: there the distance decides
     away = distances(corners, points)
     while away.max() > max(_CLOSE_M, _COARSE * np.ptp(points, axis=0).max()) and len(corners) < _MOST_ADDED:
-        corners = np.concatenate([corners, points[None, int(away.argmax())]])
+        corners = np.concatenate([corners, _some_of(points, away)])
         away = distances(corners, points)
     return Hull(corners, _normals(corners), float(away.max()))
+
+
+def _some_of(points: FloatArray, outside: FloatArray) -> FloatArray:
+    """A few of points (k, 3) that are far ``outside`` (k,) [m], the farthest first, none beside another."""
+    left, beside, chosen = outside.copy(), _BESIDE * float(np.ptp(points, axis=0).max()), list[int]()
+    while len(chosen) < _AT_ONCE and left.max() > 0.5 * outside.max():
+        chosen.append(int(left.argmax()))
+        left[np.linalg.norm(points - points[chosen[-1]], axis=1) <= beside] = 0.0
+    return points[chosen]
 
 
 def _normals(corners: FloatArray) -> FloatArray:
