@@ -60,7 +60,8 @@ def test_gaps_are_those_of_scipy(seed: int) -> None:
     R = Rotation.random(40, random_state=seed).as_matrix()
     origin = rng.normal(size=(40, 3)) * rng.uniform(0.02, 0.3, (40, 1))
     found = gaps(one, other, R, origin)
-    for gap, turned, moved in zip(found, R, origin, strict=True):
+    margins = one.margin + other.margin
+    for gap, turned, moved in zip(found + margins, R, origin, strict=True):
         there = other.corners @ turned.T + moved
         depth = way_out(one.corners, there)
         if depth > 0:
