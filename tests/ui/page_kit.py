@@ -101,3 +101,8 @@ class FakePage:
     def put(self, label: str, value: object) -> None:
         """Type into a field, or choose from a list."""
         self.press(label, value)
+
+    def ask(self, x: float, y: float, z: float) -> None:
+        """Type a point [mm]."""
+        for label, value in (("X mm", x), ("Y mm", y), ("Z mm", z)):
+            self.put(label, str(value))

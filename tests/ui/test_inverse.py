@@ -124,7 +124,7 @@ def test_rows_that_the_arm_may_not_go_to_are_called_refused_and_recommended_neve
             result_html(robot, found),
         )
         for one in rows:
-            refused = bool(way_refused(robot, home, found.q(one.row), "cubic"))
+            refused = bool(way_refused(robot, home, "cubic", found.q(one.row)))
             assert one.refused is refused and one.label.endswith("(refused)") is refused
             seen.add(refused)
         if len(rows) > 1:
@@ -138,7 +138,7 @@ def test_rows_that_the_arm_may_not_go_to_are_called_refused_and_recommended_neve
         assert len(told) <= refused and (told or not others or not refused)
         for row in map(int, told):  # none before it, and it may be none of the few
             assert row <= min(others, default=row)
-            ways = [bool(way_refused(robot, home, found.q(k + 1), "cubic")) for k in range(min(row, 12))]
+            ways = [bool(way_refused(robot, home, "cubic", found.q(k + 1))) for k in range(min(row, 12))]
             assert ways == [k + 1 != row for k in range(len(ways))]
         instead += told
     assert seen == {True, False} and instead
@@ -150,23 +150,22 @@ def test_ways_are_judged_by_the_motion_that_is_sent() -> None:
     home = robot.pose("home")
 
     def judged(goal: FloatArray) -> list[bool]:
-        return [bool(way_refused(robot, home, goal, profile)) for profile in ("cubic", "normal")]
+        return [bool(way_refused(robot, home, profile, goal)) for profile in ("cubic", "normal")]
 
     goals = np.random.default_rng(0).uniform(*robot.limits.T, (150, robot.n))
     T = robot.forward(next(goal for goal in goals if len({*judged(goal)}) == 2))
     for profile in ("cubic", "normal"):
         found = solve(robot, Target.of(T[:3, 3], rotation=T[:3, :3]), "least-rotation", home, profile)
         for one in found.verdicts:
-            assert one.refused == way_refused(robot, home, one.branch.q, profile)
+            assert one.refused == way_refused(robot, home, profile, one.branch.q)
         for one in found.representatives:
-            assert one.refused == bool(way_refused(robot, home, found.q(one.row), profile))
+            assert one.refused == bool(way_refused(robot, home, profile, found.q(one.row)))
 
 
 def test_a_selected_row_whose_way_is_refused_says_so(server: GuardedServer) -> None:
     page = FakePage(server, ROBOT, HOME)
     InverseScreen(page.session)
-    for label, value in (("X mm", "108.9"), ("Y mm", "-39.6"), ("Z mm", "-25.6")):
-        page.put(label, value)
+    page.ask(108.9, -39.6, -25.6)
     page.press("Solve")
     assert "least energy would go to" in page.html and "below the floor" in page.html
     assert "selected row 1: would go to" in page.html and "Refused, as told above." in page.html
@@ -186,8 +185,7 @@ def test_a_selected_row_whose_way_is_refused_says_so(server: GuardedServer) -> N
 def test_what_is_refused_is_told_of_the_pose_at_solving(server: GuardedServer) -> None:
     page = FakePage(server, ROBOT, HOME)
     screen = InverseScreen(page.session)
-    for label, value in (("X mm", "220"), ("Y mm", "-196"), ("Z mm", "85")):
-        page.put(label, value)
+    page.ask(220, -196, 85)
     page.press("Solve")
     screen.refresh(page.snapshot)
     note = "The arm has moved since: what is refused is told of the ways from where it stood."
@@ -205,8 +203,7 @@ def test_what_is_refused_is_told_of_the_pose_at_solving(server: GuardedServer) -
 def test_a_chosen_representative_and_a_place_on_the_curve_are_what_is_sent(server: GuardedServer) -> None:
     page = FakePage(server, ROBOT, HOME)
     InverseScreen(page.session)
-    for label, value in (("X mm", "220"), ("Y mm", "-196"), ("Z mm", "85")):
-        page.put(label, value)
+    page.ask(220, -196, 85)
     page.press("Solve")
     few = next(label for label in page.options("Select") if "time" in label)
     page.put("Select", few)
@@ -337,8 +334,7 @@ def test_the_nearest_point_is_offered_only_where_it_is_another_one(server: Guard
     InverseScreen(page.session)
     for use_pitch, x_mm, offered in ((True, "300", False), (False, "1000", True), (False, "300", False)):
         page.put("Use pitch", use_pitch)
-        for label, value in (("X mm", x_mm), ("Y mm", "0"), ("Z mm", "100")):
-            page.put(label, value)
+        page.ask(x_mm, 0, 100)
         page.press("Solve")
         assert page.is_visible("Take nearest point") == offered
 

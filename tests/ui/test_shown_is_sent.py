@@ -26,11 +26,6 @@ def page(server: GuardedServer) -> FakePage:
     return FakePage(server, ROBOT, HOME)
 
 
-def ask(page: FakePage, x: float, y: float, z: float) -> None:
-    for label, value in (("X mm", x), ("Y mm", y), ("Z mm", z)):
-        page.put(label, str(value))
-
-
 def sent(page: FakePage) -> np.ndarray:
     """The configuration of the last command, which the ghost showed at that moment."""
     command, shown = page.sent[-1], page.shown_at_sending[-1]
@@ -46,7 +41,7 @@ def test_least_energy_sends_its_ghost_and_solves_once(
     page: FakePage, criterion: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     InverseScreen(page.session)
-    ask(page, 220, -196, 85)
+    page.ask(220, -196, 85)
     page.put("Least energy is", criterion)
     page.press("Solve")
     shown = page.ghost.q
@@ -58,7 +53,7 @@ def test_least_energy_sends_its_ghost_and_solves_once(
 
 def test_least_energy_shows_its_ghost_again_where_a_row_was_shown(page: FakePage) -> None:
     InverseScreen(page.session)
-    ask(page, 220, -196, 85)
+    page.ask(220, -196, 85)
     page.press("Solve")
     best = page.ghost.q
     page.put("Row", 3001)
@@ -72,7 +67,7 @@ def test_least_energy_shows_its_ghost_again_where_a_row_was_shown(page: FakePage
 
 def test_changed_fields_are_solved_and_shown_before_they_are_sent(page: FakePage) -> None:
     InverseScreen(page.session)
-    ask(page, 220, -196, 85)
+    page.ask(220, -196, 85)
     page.press(LEAST)  # nothing was solved before
     first = sent(page)
     page.put("X mm", "200")
@@ -84,7 +79,7 @@ def test_changed_fields_are_solved_and_shown_before_they_are_sent(page: FakePage
 def test_least_travel_is_solved_anew_where_the_arm_has_moved(page: FakePage) -> None:
     screen = InverseScreen(page.session)
     page.put("Least energy is", "least-travel")
-    ask(page, 150, 150, 200)
+    page.ask(150, 150, 200)
     page.press("Solve")
     before = page.ghost.q
     away = np.radians([-80.0, 30.0, 60.0, 20.0, 0.0])
@@ -98,7 +93,7 @@ def test_least_travel_is_solved_anew_where_the_arm_has_moved(page: FakePage) -> 
 
 def test_a_point_out_of_reach_is_refused_in_the_words_of_the_result(page: FakePage) -> None:
     InverseScreen(page.session)
-    ask(page, 900, 0, 100)
+    page.ask(900, 0, 100)
     for _ in range(2):  # solved by the button, and then known
         with pytest.raises(UnreachableError, match=re.escape("too far by 572.2 mm")):
             page.press(LEAST)

@@ -76,6 +76,39 @@ class Verdict:
         return f"{self.number}: {state}"
 
 
+class Ways:
+    """From where an arm stands, by motions of a profile; each is judged once."""
+
+    def __init__(self, robot: Robot, start: FloatArray, profile: Profile) -> None:
+        """Of an arm that stands at ``start`` (n,) [rad]."""
+        self._of = robot, start, profile
+        self._known: dict[bytes, str] = {}
+
+    def refused(self, q: FloatArray) -> str:
+        """Why the arm may not go to ``q`` (n,) [rad]; empty where it may."""
+        key = _key(q)
+        if key not in self._known:
+            self._known[key] = way_refused(*self._of, q)
+        return self._known[key]
+
+    def known(self, q: FloatArray) -> str | None:
+        """As ``refused``; None where that has not been judged yet."""
+        return self._known.get(_key(q))
+
+
+def _key(q: FloatArray) -> bytes:
+    return (q + 0.0).tobytes()
+
+
+def way_refused(robot: Robot, start: FloatArray, profile: Profile, q: FloatArray) -> str:
+    """Why the arm may not go from ``start`` to ``q`` (n,) [rad] by a motion of the joints; empty: it may."""
+    try:
+        plan_joints(robot, start, q, None, profile)
+    except MotionRefusedError as refusal:
+        return str(refusal)
+    return ""
+
+
 @dataclass(frozen=True, eq=False)
 class Answer:
     """Solutions of one target, sorted by one criterion, and the one of least energy."""
@@ -92,6 +125,8 @@ class Answer:
     """(n,) [rad]; None: no solution, or none that the criterion admits"""
     why_not: str
     """why there is none to go to by itself: no best one, or not in that orientation; empty where there is"""
+    ways: Ways
+    """from ``start``"""
     verdicts: tuple[Verdict, ...]
     """every branch, also those that are refused; empty where a joint is free"""
     way_refused: str = ""
@@ -154,46 +189,28 @@ def answer(
     if solutions.success:
         energy = _shown(name, solutions.energies(name, start), solutions.arm.energy)
     order = solutions.order(name, start)
-    known: dict[bytes, str] = {}
-
-    def refused(q: FloatArray) -> str:
-        key = (q + 0.0).tobytes()
-        if key not in known:
-            known[key] = way_refused(robot, start, q, profile)
-        return known[key]
-
-    way = "" if best is None or why_not else refused(best)
-    judged = _verdicts(robot, solutions, name, start, best, refused)
-    found = Answer(solutions, name, start, energy, order, best, why_not, judged, way)
-    few = representatives(found, refused) if solutions.success else ()
-    other = _first_possible(found, few, refused) if way else None
+    ways = Ways(robot, start, profile)
+    way = "" if best is None or why_not else ways.refused(best)
+    judged = _verdicts(robot, solutions, name, start, best, ways)
+    found = Answer(solutions, name, start, energy, order, best, why_not, ways, judged, way)
+    few = representatives(found) if solutions.success else ()
+    other = _first_possible(found, few) if way else None
     return replace(found, curve=_energy_curve(robot, found), representatives=few, instead=other)
 
 
-def _first_possible(
-    found: Answer, few: Sequence[Representative], refused: Callable[[FloatArray], str]
-) -> int | None:
+def _first_possible(found: Answer, few: Sequence[Representative]) -> int | None:
     """The first row to which the arm may go, of some that differ from each other and of the ``few``."""
     possible = min((one.row for one in few if not one.refused), default=len(found.order) + 1)
     tried: list[FloatArray] = []
     for row in range(1, possible, 1 + possible // _MOST_LOOKED_AT):
         q = found.q(row)
         if all(np.abs(q - other).max() > _ANOTHER_RAD for other in tried):
-            if not refused(q):
+            if not found.ways.refused(q):
                 return row
             tried.append(q)
             if len(tried) == _MOST_TRIED:
                 break
     return possible if possible <= len(found.order) else None
-
-
-def way_refused(robot: Robot, start: FloatArray, q: FloatArray, profile: Profile) -> str:
-    """Why the arm may not go from ``start`` to ``q`` (n,) [rad] by a motion of the joints; empty: it may."""
-    try:
-        plan_joints(robot, start, q, None, profile)
-    except MotionRefusedError as refusal:
-        return str(refusal)
-    return ""
 
 
 def _verdicts(
@@ -202,7 +219,7 @@ def _verdicts(
     criterion: Criterion,
     start: FloatArray,
     best: FloatArray | None,
-    refused: Callable[[FloatArray], str],
+    ways: Ways,
 ) -> tuple[Verdict, ...]:
     """Judge every branch, and the way to it from ``start`` (n,) [rad]."""
     verdicts: list[Verdict] = []
@@ -213,7 +230,7 @@ def _verdicts(
         chosen = best is not None and np.abs(np.exp(1j * branch.q) - np.exp(1j * best)).max() < _SAME_BRANCH
         if chosen and best is not None:
             branch = replace(branch, q=best)
-        refusal = "; ".join(branch.forbidden) or refused(branch.q)
+        refusal = "; ".join(branch.forbidden) or ways.refused(branch.q)
         verdicts.append(Verdict(number, branch, refusal, bool(chosen)))
     return tuple(verdicts)
 
@@ -294,7 +311,7 @@ class Representative:
         return f"row {self.row}: least {' and '.join(self.names)}{' (refused)' if self.refused else ''}"
 
 
-def representatives(found: Answer, refused: Callable[[FloatArray], str]) -> tuple[Representative, ...]:
+def representatives(found: Answer) -> tuple[Representative, ...]:
     """The least by each criterion and of each branch, those chosen by the criterion in force first."""
     solutions, start = found.solutions, found.start
     place = np.empty(len(found.order), dtype=np.int64)
@@ -324,7 +341,7 @@ def representatives(found: Answer, refused: Callable[[FloatArray], str]) -> tupl
         if arm.energy.gravity.weighs:
             squares = energies("least-torque", q[None], arm.energy, arm.pitch_joints, start)
             load = float(_shown("least-torque", squares, arm.energy)[0])
-        forbidden = bool(refused(q))
+        forbidden = bool(found.ways.refused(q))
         rows.append(Representative(tuple(names), row, float(np.degrees(rotation)), time, load, forbidden))
     return tuple(rows)
 
@@ -382,10 +399,11 @@ def list_row(found: Answer, row: int) -> list[str]:
     ]
 
 
-def selected_html(found: Answer, row: int | None, why: str | None) -> str:
-    """Where the selected row, from 1, goes; ``why`` the way to it is refused, None: it is not judged yet."""
+def selected_html(found: Answer, row: int | None) -> str:
+    """Where the selected row, from 1, goes, and why the way to it is refused, once that is judged."""
     if row is None:
         return muted(f"No row is selected: type a row from 1 to {len(found.solutions)}.")
+    why = found.ways.known(found.q(row))
     angles = numbers(np.degrees(found.q(row)).tolist(), 2)
     goes = "goes" if why is None else "would go" if why else "will go"
     text = f"<div>selected row {row}: {goes} to θ = (<b>{angles}</b>)°</div>"

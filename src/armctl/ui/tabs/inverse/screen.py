@@ -31,7 +31,6 @@ from armctl.ui.tabs.inverse.answer import (
     same_place,
     selected_html,
     solve,
-    way_refused,
 )
 from armctl.ui.widgets.events import Action
 from armctl.ui.widgets.html import LiveHtml, Pager, muted, warned
@@ -70,8 +69,6 @@ class InverseScreen:
         self._answered: tuple[str | None, ...] = ()
         self._newest = Newest()
         self._judging = OneAtATime(self._judge_selected)
-        self._verdict: tuple[Answer | None, int, str] = (None, 0, "")
-        """of the answer and the row that were judged last: why the way there is refused"""
         gui = session.gui
         self._note = LiveHtml(gui, _NOTE)
         with gui.add_form(None) as entered:  # Enter in a field is Solve
@@ -147,7 +144,7 @@ class InverseScreen:
         return ""
 
     def _judged_before(self, snapshot: Snapshot) -> str:
-        """Whether what is refused was told of ways from another pose; empty: it was not."""
+        """That what is refused is told of ways from another pose; empty: it is not."""
         found = self._answer
         if found is None or np.abs(found.start - snapshot.q_command).max() <= _MOVED:
             return ""
@@ -334,20 +331,16 @@ class InverseScreen:
         found, row = self._answer, self._pager.row
         if found is None:
             return
-        judged_answer, judged_row, why = self._verdict
-        known = judged_answer is found and judged_row == row
-        self._selected.show(selected_html(found, row, why if known else None))
-        if row is not None and not known:
+        self._selected.show(selected_html(found, row))
+        if row is not None and found.ways.known(found.q(row)) is None:
             self._session.spawn(self._judging.run())
 
     async def _judge_selected(self) -> None:
-        """Judge the way to the selected row from where the arm stands."""
+        """Judge the way to the selected row, from where the arm stood when it was solved."""
         found, row = self._answer, self._pager.row
         if found is None or row is None or not found.solutions.success:
             return
-        start, profile = self._session.snapshot.q_command, self._movement.profile
-        why = await asyncio.to_thread(way_refused, self._robot, start, found.q(row), profile)
-        self._verdict = found, row, why
+        await asyncio.to_thread(found.ways.refused, found.q(row))
         if found is self._answer and row == self._pager.row:
             self._draw_selected()
 
