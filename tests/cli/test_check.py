@@ -131,6 +131,8 @@ def test_a_rest_pose_that_enable_would_refuse_is_an_error(
     status, _, err = call(capsys, str(path))
     assert status == REFUSED
     assert re.search(r"the rest pose: .* mm inside the post; Enable is refused there", err)
+    found = json.loads(call(capsys, str(path), "--json")[1])["findings"]
+    assert [one["kind"] for one in found if one["part"] == "the rest pose"] == ["obstacle"]
 
 
 @pytest.mark.parametrize(

@@ -244,7 +244,7 @@ def _right_angles(robot: Robot) -> FloatArray:
     clear = robot.frames(q)[:, 1:, 2, 3].min(axis=1) > robot.floor_z + _CLEAR_M
     links = LinkFrames.at(robot.chain, q)
     itself = robot.collision.gaps(links) - robot.collision.closed[:, None]
-    for gaps in (itself, robot.collision.gaps_to(robot.obstacles, links)):
+    for gaps in (itself, robot.collision.gaps_around(links)):
         if gaps.size:
             clear &= gaps.reshape(-1, len(q)).min(axis=0) >= 0
     return q[clear]

@@ -16,7 +16,7 @@ from armctl.cli.options import ROBOT, json_option, print_json
 from armctl.documents import DocumentKind
 from armctl.errors import ArmctlError, BoardError, InputError
 from armctl.hardware.boards import board_type
-from armctl.motion.clearance import clear_pose, kept_out, not_clear
+from armctl.motion.clearance import clear_pose, kept_out, touching
 from armctl.motion.preflight import Finding, not_checked, preflight
 from armctl.motion.profiles import PointToPoint
 from armctl.program import Program, check_program, open_program
@@ -131,18 +131,18 @@ def _check_robot(robot: Robot) -> Iterator[Finding]:
             yield Finding(str(refusal), part="the board", mend="connecting is refused")
     # servos that are off may jump to where Enable sends them; motors stay where homing ended
     around = kept_out(robot)
-    blocked = None if board.homing else not_clear(around, robot, robot.first_pose)
+    blocked = None if board.homing else touching(around, robot, robot.first_pose)
     if blocked is not None:
         mend = f"Enable is refused there; {_other('rest', robot)}"
-        yield Finding(blocked, part="the rest pose", mend=mend, kind="floor")
+        yield Finding(blocked.words, part="the rest pose", mend=mend, kind=blocked.kind)
     note = across_the_link(robot.chain)
     if note is not None:
         yield Finding(note.what, part="the tool axis", mend=note.mend, kind="reach", severity="warning")
     home = robot.pose("home")
-    away = not_clear(around, robot, home)
+    away = touching(around, robot, home)
     if away is not None and (blocked is None or not np.array_equal(home, robot.first_pose)):
         mend = f"what leads there is refused; {_other('home', robot)}"
-        yield Finding(away, part="the home pose", mend=mend, kind="floor", severity="warning")
+        yield Finding(away.words, part="the home pose", mend=mend, kind=away.kind, severity="warning")
     for name in robot.poses:
         if name != "home" and away is None:
             for finding in preflight(robot, PointToPoint.plan(robot, home, robot.pose(name))):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -83,7 +83,7 @@ class Obstacles:
 
     def gaps(self, links: LinkFrames) -> FloatArray:
         """(k, m) [m] at m configurations, negative inside an obstacle."""
-        return self._model.gaps_to(self._obstacles, links)
+        return self._model.gaps_around(links)
 
     def worst(self, gaps: FloatArray, slack: FloatArray) -> int:
         """As ``Floor.worst``: of those that lack most."""
@@ -155,24 +155,29 @@ def kept_out(robot: Robot) -> tuple[Floor | Obstacles, ...]:
     return Floor(robot), *((Obstacles(robot),) if robot.obstacles else ())
 
 
-def not_clear(around: Sequence[Floor | Obstacles], robot: Robot, q: FloatArray) -> str | None:
-    """What of an arm at ``q`` (n,) [rad] would be where it may not be, in words; None: nothing."""
+class Touch(NamedTuple):
+    """What of an arm is where it may not be."""
+
+    kind: Literal["floor", "obstacle", "self-collision"]
+    words: str
+
+
+def touching(around: Sequence[Gaps], robot: Robot, q: FloatArray) -> Touch | None:
+    """What of an arm at ``q`` (n,) [rad] would be where it may not be, in one place; None: nothing."""
     links = LinkFrames.at(robot.chain, q[None])
     for source in around:
         gaps = source.gaps(links)[:, 0]
         slack = gaps - source.closed + FLOOR_TOLERANCE_M
         if slack.min(initial=0.0) < 0.0:
             part = source.worst(gaps, slack)
-            return f"{source.parts[part]}: {source.words(part, -1000 * float(gaps[part]))[0]}"
+            what, _ = source.words(part, -1000 * float(gaps[part]))
+            return Touch(source.kind, f"{source.parts[part]}: {what}")
     return None
 
 
 def stands_clear(robot: Robot, q: FloatArray) -> bool:
     """Whether an arm may stand at ``q`` (n,) [rad]."""
-    links = LinkFrames.at(robot.chain, q[None])
-    return bool(robot.chain.keeps_turns(q)) and all(
-        (one.gaps(links).T >= one.closed - FLOOR_TOLERANCE_M).all() for one in sources(robot)
-    )
+    return bool(robot.chain.keeps_turns(q)) and touching(sources(robot), robot, q) is None
 
 
 _QUARTER = np.pi / 2

@@ -14,7 +14,7 @@ from armctl.documents import Document
 from armctl.errors import ArmctlError
 from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.velocity import NEAR
-from armctl.motion.clearance import Floor, Obstacles, SelfCollision
+from armctl.motion.clearance import sources
 from armctl.motion.preflight import Finding, isotropy_of, preflight
 from armctl.motion.trajectory import JoinedTrajectory, Trajectory
 from armctl.program.program import PROGRAM_FILES, Blocks, Cursor, Program
@@ -173,8 +173,7 @@ class _Walk:
         """Whether nothing is found in motions that follow each other, nor touched at their start."""
         robot, motion = self.robot, JoinedTrajectory(trajectories)
         start = LinkFrames.at(robot.chain, motion.start[None])
-        sources = (Floor(robot), Obstacles(robot), SelfCollision(robot))
-        if any((source.gaps(start) < source.closed[:, None]).any() for source in sources):
+        if any((source.gaps(start) < source.closed[:, None]).any() for source in sources(robot)):
             return False
         ends = np.array([trajectory.end for trajectory in trajectories])
         if isotropy_of(robot, robot.jacobian(ends))[0].min() < NEAR:

@@ -215,9 +215,18 @@ class CollisionModel:
     """(k,) the gap of each in the home or the rest pose where that is negative, else 0 [m]"""
     touching: tuple[tuple[int, int], ...] = ()
     """pairs that are left out because they always touch"""
+    obstacles: tuple[Obstacle, ...] = ()
+    """what stands around the arm"""
 
     @classmethod
-    def build(cls, chain: Chain, capsules: Sequence[Capsule], limits: FloatArray, poses: FloatArray) -> Self:
+    def build(
+        cls,
+        chain: Chain,
+        capsules: Sequence[Capsule],
+        limits: FloatArray,
+        poses: FloatArray,
+        obstacles: tuple[Obstacle, ...] = (),
+    ) -> Self:
         """Find the pairs of an arm with these ``limits`` (n, 2) and poses at rest (m, n) [rad]."""
         ordered = tuple(sorted(capsules, key=lambda capsule: capsule.link))
         apart = tuple(
@@ -232,7 +241,7 @@ class CollisionModel:
         closed = np.minimum(gaps[:, : len(poses)].min(axis=1), 0.0)[~always]
         pairs = tuple(apart[k] for k in np.flatnonzero(~always).tolist())
         touching = tuple(apart[k] for k in np.flatnonzero(always).tolist())
-        return cls(chain, ordered, pairs, closed, touching)
+        return cls(chain, ordered, pairs, closed, touching, obstacles)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -299,9 +308,9 @@ class CollisionModel:
             out[pair, at] = np.maximum(out[pair, at], closer)
         return out
 
-    def gaps_to(self, obstacles: Sequence[Obstacle], links: LinkFrames) -> FloatArray:
+    def gaps_around(self, links: LinkFrames) -> FloatArray:
         """Gaps between each obstacle and each moving piece: (obstacles · moving, m) [m], as ``gaps``."""
-        starts, spans = self._placed(links)
+        obstacles, (starts, spans) = self.obstacles, self._placed(links)
         out = np.empty((len(obstacles) * len(self.moving), links.origin[0].shape[-1]))
         piece, box = np.tile(self.moving, len(obstacles)), np.arange(len(obstacles)).repeat(len(self.moving))
         places = ((obstacle, i) for obstacle in obstacles for i in self.moving)
@@ -315,15 +324,15 @@ class CollisionModel:
                 gap[near] = segment_box_distance(*axis, obstacle.low, obstacle.high) - radius
         row, at = np.nonzero((out < NEAR_M) & self._fitted[piece][:, None])
         if len(row):
-            boxes = HullPairs([*self._hulls.hulls, *map(_box_hull, obstacles)])
             pose = links.relative(np.full(len(at), -1), self._links[piece[row]], at)
-            closer = boxes.gaps(len(self.capsules) + box[row], piece[row], *pose, NEAR_M)
+            closer = self._hulls.gaps(len(self.capsules) + box[row], piece[row], *pose, NEAR_M)
             out[row, at] = np.maximum(out[row, at], closer)
         return out
 
     @cached_property
     def _hulls(self) -> HullPairs:
-        return HullPairs([capsule.as_hull for capsule in self.capsules])
+        """Of the capsules, and behind them of the obstacles."""
+        return HullPairs([*(one.as_hull for one in self.capsules), *map(_box_hull, self.obstacles)])
 
     @cached_property
     def _fitted(self) -> NDArray[np.bool_]:

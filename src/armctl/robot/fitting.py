@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from importlib import import_module
 from typing import Any, Self, cast
 
@@ -122,7 +123,7 @@ def fit(solids: Sequence[Solid]) -> tuple[list[Fitted], float]:
     shared = _cut(corners) if len(corners) < _MOST_SHARED else corners
     pieces = [_Piece.of(shared, shared[:: max(1, len(shared) // _FEW)])]
     while len(pieces) < MOST_PIECES:
-        halves = [(i, split) for i, piece in enumerate(pieces) if (split := _halved(piece)) is not None]
+        halves = [(i, split) for i, piece in enumerate(pieces) if (split := piece.halves) is not None]
         if not halves:
             break
         i, best = max(halves, key=lambda one: pieces[one[0]].volume - sum(half.volume for half in one[1]))
@@ -131,7 +132,7 @@ def fit(solids: Sequence[Solid]) -> tuple[list[Fitted], float]:
     return found, _largest_gap([one.hull for one in found], corners)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class _Piece:
     triangles: FloatArray
     """(k, 3, 3) [m]"""
@@ -145,26 +146,26 @@ class _Piece:
         qhull = _qhull(few.reshape(-1, 3))
         return cls(triangles, few, 0.0 if qhull is None else float(qhull.volume))
 
-
-def _halved(whole: _Piece) -> list[_Piece] | None:
-    """The best of a few ways to share the triangles of one hull out to two; None: none is worth it."""
-    middles = whole.few.mean(axis=1)
-    best: list[_Piece] | None = None
-    least = _WORTH * whole.volume
-    for axis in _axes(middles):
-        along = middles @ axis
-        for share in _SHARES:
-            border = along.min() + share * np.ptp(along)
-            first = along < border
-            if first.all() or not first.any():
-                continue
-            here = whole.triangles.mean(axis=1) @ axis < border
-            parts = ((whole.triangles[here], whole.few[first]), (whole.triangles[~here], whole.few[~first]))
-            halves = [_Piece.of(*part) for part in parts]
-            volume = sum(half.volume for half in halves)
-            if volume < least:
-                best, least = halves, volume
-    return best
+    @cached_property
+    def halves(self) -> list[_Piece] | None:
+        """The best of a few ways to share the triangles of one hull out to two; None: none is worth it."""
+        middles, of_all = self.few.mean(axis=1), self.triangles.mean(axis=1)
+        best: list[_Piece] | None = None
+        least = _WORTH * self.volume
+        for axis in _axes(middles):
+            along = middles @ axis
+            for share in _SHARES:
+                border = along.min() + share * np.ptp(along)
+                first = along < border
+                if first.all() or not first.any():
+                    continue
+                here = of_all @ axis < border
+                parts = ((self.triangles[here], self.few[first]), (self.triangles[~here], self.few[~first]))
+                halves = [_Piece.of(*part) for part in parts]
+                volume = sum(half.volume for half in halves)
+                if volume < least:
+                    best, least = halves, volume
+        return best
 
 
 def contain(points: FloatArray) -> Fitted:
@@ -308,9 +309,8 @@ def _largest_gap(hulls: Sequence[Hull], triangles: FloatArray) -> float:
     for i, hull in enumerate(hulls):
         surface = _points_on(_faces(hull.corners), spacing)
         for other in (*hulls[:i], *hulls[i + 1 :]):
-            if len(other.normals):
-                height = (other.corners @ other.normals.T).max(axis=0)
-                surface = surface[(surface @ other.normals.T - height).max(axis=1) >= 0.0]
+            height = (other.corners @ other.normals.T).max(axis=0)
+            surface = surface[(surface @ other.normals.T - height).max(axis=1) >= 0.0]
         if len(surface):
             largest = max(largest, float(tree.query(surface)[0].max()) + hull.margin)
     return largest

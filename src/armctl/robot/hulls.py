@@ -38,15 +38,13 @@ class Hull(ArrayRecord):
     @property
     def thickness(self) -> float:
         """Half of its least extent across a face [m]."""
-        across = self.corners @ self.normals.T
-        return self.margin + 0.5 * float(np.ptp(across, axis=0).min(initial=np.inf) if across.size else 0.0)
+        return self.margin + 0.5 * float(np.ptp(self.corners @ self.normals.T, axis=0).min())
 
 
 class HullPairs:
     """Gaps between any two of some hulls."""
 
     def __init__(self, hulls: Sequence[Hull]) -> None:
-        self.hulls = hulls
         self._corners = _padded([one.corners for one in hulls], np.zeros((1, 3)))
         self._normals = _padded([one.normals for one in hulls], np.array([[1.0, 0.0, 0.0]]))
         self._margins = np.array([one.margin for one in hulls])

@@ -157,7 +157,7 @@ class Robot(ArrayRecord):
         """The pieces of the arm's body, and which of them are kept apart."""
         resting = [self.poses[name] for name in ("home", "rest") if name in self.poses]
         poses = np.array(resting or [self.limits.mean(axis=1)])
-        return CollisionModel.build(self.chain, self.body.capsules, self.limits, poses)
+        return CollisionModel.build(self.chain, self.body.capsules, self.limits, poses, self.obstacles)
 
     @cached_property
     def undersides(self) -> tuple[Underside, ...]:

@@ -17,7 +17,7 @@ from armctl.errors import (
 from armctl.hardware import Source
 from armctl.kinematics import Chain
 from armctl.kinematics.target import checked_number
-from armctl.motion.clearance import not_clear
+from armctl.motion.clearance import touching
 from armctl.runtime.activity import Setpoint
 from armctl.runtime.board import Board, BoolArray, Reading
 from armctl.runtime.commands import Enable, Order
@@ -68,8 +68,8 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         known = "" if core.poses.last is None else f" ({core.poses.last})"
         raise EnableError(f"nobody knows where the arm is{known}: {board.power} are off. {_SAY_WHERE}")
     start = _taken_over(core, board, np.where(live, reading.q, goal))
-    if not live.all() and (why := not_clear(core.around, core.robot, start)) is not None:
-        raise MotionRefusedError(f"{why}; choose another pose to enable in")
+    if not live.all() and (touch := touching(core.around, core.robot, start)) is not None:
+        raise MotionRefusedError(f"{touch.words}; choose another pose to enable in")
     if wanted is not None and live.any() and (np.abs(start - goal) > _tolerance(board)).any():
         core.log.warn("enabled where the arm stands, not in the pose asked for: move there now")
     opening = reading.opening
