@@ -81,6 +81,10 @@ class Readback:
     # Questions put to the board since the last reading, and those that got no answer and were asked again.
     asked: int = 1
     lost: int = 0
+    # The longest that an answer took since the last reading; None: the driver does not measure it.
+    delay_s: float | None = None
+    # Channels whose setpoint, or switching on, could not be sent in its time: it was dropped, never sent later.
+    expired: tuple[int, ...] = ()
 
 
 class Driver(Protocol):
