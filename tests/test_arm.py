@@ -675,6 +675,21 @@ def test_servos_that_are_off_come_on_where_the_arm_is_said_to_stand(
         assert arm.snapshot.gripper == (0.25 if pose == "last" else 0.5)
 
 
+def test_a_last_pose_of_a_moving_arm_needs_a_second_word(tmp_path: Path) -> None:
+    driver = RecordingDriver(ManualClock())
+    driver.simulated = False
+    before = PoseFolder(tmp_path, ROBOT)
+    stood = np.radians([10, 80, -60, -30, 0])
+    before.save(BoardIdentity("board", "/dev/ttyACM0"), LastPose(stood, 0.25, 0.0, "moving", moving=True))
+    before.close()  # waits until it is written
+    with armctl.Arm(ticked(driver, poses=PoseFolder(tmp_path, ROBOT))) as arm:
+        with pytest.raises(StateError, match=r"10\.0, 80\.0.* moving.*--pose last-moving"):
+            arm.enable("last")
+        assert driver.writes == []
+        arm.enable("last-moving")
+        assert arm.joints_deg == pytest.approx(np.degrees(stood))
+
+
 def test_a_last_pose_that_nobody_kept_is_refused() -> None:
     driver = RecordingDriver(ManualClock())
     driver.simulated = False

@@ -58,7 +58,9 @@ from armctl.runtime.commands import Frame, LockControl, MovingCommand
 Orientation = Literal["kept"]
 """of the tool, where ``Arm.go`` is not told by its numbers: as it is"""
 LAST_POSE = "last"
-"""for ``Arm.enable``: where armctl saw the arm last"""
+"""for ``Arm.enable``: where armctl saw the arm last, if it stood"""
+LAST_MOVING = "last-moving"
+"""the same where the arm was moving then: somebody has looked at it, and it stands there"""
 _LOGGER = logging.getLogger("armctl.arm")
 _STOP_S = 5.0
 """so long an interrupt waits for the arm to stand [s]"""
@@ -204,8 +206,9 @@ class Arm:
         """Make the arm ready to move: keep clear of it.
 
         ``pose`` says where the arm stands now, for servos that are off and cannot tell: "last" (where armctl
-        saw it last), a named pose ("rest"), or joint angles [degrees]. They come on there one by one, which
-        takes some seconds; in a wrong pose they jump. The simulated board, and pulses that are on, need none.
+        saw it last; "last-moving" if it was moving then), a named pose ("rest"), or joint angles [degrees].
+        They come on there one by one, which takes some seconds; in a wrong pose they jump. The simulated
+        board, and pulses that are on, need none.
         StateError: nobody knows where the arm is, and no pose was given. Motors with encoders that do not
         know where they are look for their zeros first (``home``).
         """
@@ -502,7 +505,7 @@ class Arm:
             return Enable()
         if not isinstance(pose, str):
             return Enable(np.radians(self.robot.chain.checked(pose)))
-        if pose != LAST_POSE:
+        if pose not in (LAST_POSE, LAST_MOVING):
             return Enable(self.robot.pose(pose))
         now = self.snapshot
         if now.last_pose is None:
@@ -511,6 +514,11 @@ class Arm:
             raise StateError(
                 f"no last pose of {self.robot.name} on this board is kept: give a named pose, or joint "
                 "angles in degrees"
+            )
+        if now.last_pose.moving and pose == LAST_POSE:
+            raise StateError(
+                f"{self.robot.name} was {now.last_pose}. Look at the arm: if it does stand at these angles, "
+                f'say so (--pose {LAST_MOVING}, arm.enable("{LAST_MOVING}")); else give its angles in degrees'
             )
         return Enable(now.last_pose.q, now.last_pose.gripper)
 

@@ -121,6 +121,7 @@ class Rig:
     robot: Robot = ROBOT
     executor: LateExecutor = field(default_factory=LateExecutor)
     """of a rig that plans late"""
+    poses: PoseFolder | None = None
     history: list[Snapshot] = field(default_factory=list)
 
     @property
@@ -128,6 +129,8 @@ class Rig:
         return self.controller.snapshot
 
     def tick(self, elapsed: float = TICK) -> Snapshot:
+        if self.poses is not None:
+            self.poses.wait(10.0)  # the disk is as fast as the ticks
         self.clock.advance(elapsed)
         self.controller.tick()
         self.history.append(self.controller.snapshot)
@@ -227,7 +230,7 @@ def make_rig(
     controller = Controller(
         robot, lambda _port: driver, clock, rate_hz, planner, black_boxes=black_boxes, poses=poses
     )
-    rig = Rig(clock, driver, controller, robot)
+    rig = Rig(clock, driver, controller, robot, poses=poses)
     if isinstance(executor, LateExecutor):
         rig.executor = executor
     return rig

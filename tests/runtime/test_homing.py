@@ -387,15 +387,15 @@ def test_a_late_tick_does_not_say_that_homing_was_halted(homing: Rig) -> None:
 
 
 def test_clearing_a_fault_never_drops_an_arm_that_is_held() -> None:
-    """The last reading may be from before Enable, and say that the pulses are off."""
-    rig = make_rig()
+    """The last reading may say that the pulses are off: one garbled answer is no proof."""
+    rig = make_rig().enable()
     says_off = rig.driver
 
     def read() -> Readback:
         return Readback(dict(says_off.positions), Source.COMMANDED, powered=False)
 
     says_off.read = read  # type: ignore[method-assign]
-    rig.enable()
+    rig.tick()
     rig.controller._core.fault(StateError("something broke"))
     calls = len(says_off.calls)
     rig.do(ClearFault()).result(0)

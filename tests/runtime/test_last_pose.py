@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.runtime.kit import ROBOT, TICK, Rig, make_rig
+from tests.runtime.kit import ROBOT, TEST, TICK, Rig, fails, make_rig
 
 from armctl.errors import BoardError
 from armctl.hardware import BoardIdentity
@@ -16,10 +17,14 @@ from armctl.runtime import (
     Disconnect,
     Enable,
     Jog,
+    MoveGripper,
     MoveJoints,
+    Pause,
     PoseFolder,
     Release,
+    Resume,
     State,
+    last_pose,
 )
 
 HOME = ROBOT.pose("home")
@@ -70,9 +75,9 @@ def test_the_next_start_knows_where_the_arm_was_and_how_it_ended(tmp_path: Path,
             rig.run(11)
     ended(rig)
     last = opened(tmp_path).now.last_pose
-    assert (last.ended, last.gripper) == (end, 0.25)
+    assert (last.ended, last.gripper, last.moving) == (end, 0.25, end == "moving")
     if end == "moving":
-        assert 0.02 < np.abs(last.q - HOME).max() < 0.2  # 5 s old at most
+        assert np.abs(last.q - rig.now.q_command).max() < 0.5 * 0.2 / 20 * 3  # half a second old at most
     else:
         np.testing.assert_allclose(last.q, HOME, atol=1e-6)
     assert abs(last.at - rig.now.events[-1].stamp) < 60
@@ -124,10 +129,119 @@ def test_it_is_written_rarely(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert len(saved) == 2  # as its servos come on, and once they are on
     for _ in range(round(12 / TICK)):  # led to and fro for 12 s
         rig.do(Jog(np.array([0.2 if rig.clock.now() % 2 < 1 else -0.2, 0, 0, 0, 0])))
-    assert len(saved) in (4, 5)
+    assert np.diff(saved[3:]) == pytest.approx(0.5, abs=1.5 * TICK)
     rig.rests()
+    count = len(saved)
+    assert count in (27, 28)  # as it began, twice a second, at its end
     rig.run(20)
-    assert len(saved) in (5, 6)
+    assert len(saved) == count
+
+
+class SlowDisk:
+    """A disk that takes what is written when it is told to."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.goes_on = threading.Event()
+        self.goes_on.set()
+        write = last_pose.write_atomically
+
+        def written(*args: object) -> None:
+            assert self.goes_on.wait(20.0)
+            write(*args)
+
+        monkeypatch.setattr(last_pose, "write_atomically", written)
+
+
+def test_no_setpoint_goes_out_before_the_disk_says_that_the_arm_moves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disk = SlowDisk(monkeypatch)
+    rig = held(tmp_path)
+    for begin in (
+        lambda: rig.do(MoveJoints(HOME + 0.1)),
+        lambda: rig.do(Jog(np.array([1.0, 0, 0, 0, 0]))),
+        lambda: rig.do(MoveGripper(0.8)),
+    ):
+        rig.rests()
+        rig.run(2.0)
+        folder, rig.poses = rig.poses, None
+        disk.goes_on.clear()
+        begin()
+        rig.sends_nothing(0.5)
+        assert json.loads(next(tmp_path.glob("*.json")).read_bytes())["moving"] is False
+        disk.goes_on.set()
+        assert folder is not None and folder.wait(20.0)
+        assert json.loads(next(tmp_path.glob("*.json")).read_bytes())["moving"] is True
+        count = len(rig.driver.writes)
+        begin()
+        rig.run(0.1)
+        assert len(rig.driver.writes) > count
+        rig.poses = folder
+        rig.run(3.0)
+
+
+def test_a_paused_arm_stands_and_goes_on_only_once_the_disk_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disk = SlowDisk(monkeypatch)
+    rig = held(tmp_path)
+    rig.do(MoveJoints(HOME + 0.2, duration_s=5))
+    rig.run(1.0)
+    rig.do(Pause())
+    rig.until(lambda snapshot: snapshot.state is State.PAUSED)
+    rig.tick()
+    assert (rig.now.last_pose.moving, rig.now.last_pose.q.tolist()) == (False, rig.now.q_command.tolist())
+    rig.poses = None
+    disk.goes_on.clear()
+    rig.do(Resume())
+    rig.sends_nothing(0.5)
+    disk.goes_on.set()
+
+
+def test_a_stop_does_not_wait_for_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    disk = SlowDisk(monkeypatch)
+    rig = held(tmp_path)
+    rig.poses = None
+    disk.goes_on.clear()
+    moving = rig.do(MoveJoints(HOME + 0.1))
+    rig.run(0.2)
+    assert rig.now.state is State.MOVING
+    rig.controller.stop(TEST)
+    rig.tick()
+    assert rig.now.state is State.HOLDING
+    fails(moving.finished, "was stopped by test")
+    disk.goes_on.set()
+
+
+def test_a_disk_that_hangs_keeps_no_motion_for_longer_than_a_second(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disk = SlowDisk(monkeypatch)
+    rig = held(tmp_path)
+    rig.poses = None
+    disk.goes_on.clear()
+    rig.do(MoveJoints(HOME + 0.1))
+    rig.sends_nothing(0.9)
+    rig.rests()
+    np.testing.assert_allclose(rig.now.q_command, HOME + 0.1)
+    disk.goes_on.set()
+
+
+@pytest.mark.parametrize("end", ["released", "fault"])
+def test_what_ends_a_motion_in_the_middle_leaves_an_arm_that_was_moving(tmp_path: Path, end: str) -> None:
+    rig = held(tmp_path)
+    rig.do(MoveJoints(HOME + 0.2, duration_s=5))
+    rig.run(1.0)
+    if end == "released":
+        rig.do(Release())
+    else:
+        rig.driver.fail["write"] = BoardError("unplugged")
+        rig.tick()
+    rig.run(1.0)
+    ended(rig)
+    last = opened(tmp_path).now.last_pose
+    assert (last.ended, last.moving) == (end, True)
+    assert "while it was moving, so it may stand elsewhere; then" in str(last)
 
 
 @pytest.mark.parametrize(
@@ -169,6 +283,19 @@ def test_a_disk_that_takes_nothing_is_a_warning_and_no_fault(
         rig.finishes(MoveJoints(HOME + 0.1))
     assert folder.problem is not None
     assert rig.now.last_pose is not None  # this program knows it all the same
+    assert opened(tmp_path).now.last_pose is None
+
+
+def test_a_disk_that_becomes_full_leaves_no_old_pose(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    rig = held(tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr("armctl.runtime.last_pose.write_atomically", full)
+        rig.finishes(MoveJoints(HOME + 0.1))
+        ended(rig)
+    assert opened(tmp_path).now.last_pose is None  # the arm stood there before it moved
     ended(held(tmp_path))
     assert opened(tmp_path).now.last_pose is not None
 
@@ -183,4 +310,4 @@ def test_a_program_that_is_killed_while_servos_come_on_leaves_where_they_went(tm
     assert len(rig.driver.writes) == 1  # the first servo is on
     ended(rig)
     last = opened(tmp_path).now.last_pose
-    assert (last.ended, last.q.tolist()) == ("enabling", pytest.approx(rest.tolist()))
+    assert (last.ended, last.moving, last.q.tolist()) == ("enabling", True, pytest.approx(rest.tolist()))

@@ -107,8 +107,8 @@ class Pose(click.ParamType["str | list[float]"]):
 pose_option = click.option(
     "--pose",
     type=Pose(),
-    help="Where the arm stands now: last (as armctl saw it), a named pose, or joint angles in degrees "
-    "(10,20,30). Needed where servos are off: they cannot tell.",
+    help="Where the arm stands now: last (as armctl saw it; last-moving if it was moving then), a named "
+    "pose, or joint angles in degrees (10,20,30). Needed where servos are off: they cannot tell.",
 )
 NUMBER = Number()
 ROBOT = RobotName()

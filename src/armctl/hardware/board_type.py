@@ -109,6 +109,7 @@ class BoardType(ABC):
     homing: ClassVar[bool] = False
     """whether it must find the zeros of its axes, after which the arm stays where that ended"""
     power: ClassVar[str] = "pulses"  # what Enable switches on and Release off
+    slowest_answer_s: ClassVar[float] = 0.05  # on a line whose answers take longer nothing is enabled
     off_when_left: ClassVar[bool] = False
     """whether it switches its outputs off when no program speaks to it any more"""
     limits_acceleration: ClassVar[bool] = False  # whether it is to keep acceleration limits of its own

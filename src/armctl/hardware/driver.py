@@ -83,8 +83,10 @@ class Readback:
     lost: int = 0
     # The longest that an answer took since the last reading; None: the driver does not measure it.
     delay_s: float | None = None
-    # Channels whose setpoint, or switching on, could not be sent in its time: it was dropped, never sent later.
+    # Channels whose setpoint, or switching on, could not be sent in time: it was dropped, never sent later.
+    # The driver brings them to the next setpoint no faster than they may move.
     expired: tuple[int, ...] = ()
+    sent: bool = True  # nothing that was written still waits for the line
 
 
 class Driver(Protocol):

@@ -30,6 +30,8 @@ _SILENCE_S = 1.0
 """how long a board may give no good answer before it counts as lost: a busy computer may be that late"""
 _DOUBTFUL_FAILURES = 3
 _OFF_READINGS = 3
+_SURE_READINGS = 2
+"""answers carry no checksum: one alone is no proof that an output came on"""
 _LAG_S = 0.08
 """how far the transmitted position may be behind a moving setpoint: a few servo frames"""
 _DEVIATION_UNITS = 1.0
@@ -52,6 +54,8 @@ _REST_READINGS = 5
 """that are alike before the pulses count as at rest"""
 _GO_ON = "then clear the fault and enable"
 _GO_HOMING = "then clear the fault and home the arm"
+_OUTAGE_OVER_S = 1.0
+"""after an outage and so long without a lost answer, the outage counts no more"""
 _SEE_TO = "check its power and its errors, "
 _REPORTED = "board "
 """begins the names of what the board reports itself"""
@@ -108,6 +112,12 @@ class Reading:
     """questions that were put to the board for it"""
     lost: int = 0
     """those that got no answer and were asked again"""
+    delay_s: float | None = None
+    """the longest that an answer took; None: not measured"""
+    expired: tuple[str, ...] = ()
+    """titles of what could not be sent in its time, and was dropped"""
+    sent: bool = True
+    """nothing that was written waits for the line any more"""
 
 
 class Board:
@@ -195,6 +205,9 @@ class Board:
             warnings,
             back.asked,
             back.lost,
+            back.delay_s,
+            tuple(map(self.title, back.expired)),
+            back.sent,
         )
 
     def home(self) -> None:
@@ -247,7 +260,12 @@ class Monitor:
         self._released = False
         self._still_on = 0
         self._deviates_since: float | None = None
+        self.read_at = -np.inf
+        """when the last reading was taken (controller clock) [s]"""
         self._answers: deque[tuple[float, int, int]] = deque()
+        self._outage_ended: float | None = None
+        self._seen_on: BoolArray | None = None
+        self._unasked = 0
         self.unreliable: str | None = None
         """how many questions the board leaves unanswered, where these are too many to move the arm"""
         self._rest: tuple[FloatArray, FloatArray, int] | None = None
@@ -277,10 +295,16 @@ class Monitor:
                 self.doubts = _OFF_READINGS
                 self._notices.set("read", f"the board does not answer properly: {cause}")
             return None
-        self.reading = reading
+        self.reading, self.read_at = reading, now
         self._count_answers(now, reading.asked, reading.lost)
+        if self._failures >= _DOUBTFUL_FAILURES:
+            self._outage_ended = now
         self._answered_at = now
         self.doubts = max(0, self.doubts - 1)
+        if reading.expired:
+            self.doubt()
+            words = f"the line was busy for too long: setpoints of {', '.join(reading.expired)} were dropped"
+            self._notices.set("expired", words, until=now + _RATE_S)
         if self._failures:
             self._failures = 0
             self._notices.clear("read")
@@ -296,7 +320,13 @@ class Monitor:
         self._answers.append((now, asked, lost))
         while now - self._answers[0][0] > _RATE_S:
             self._answers.popleft()
-        lost = sum(one[2] for one in self._answers)
+        if lost:
+            self._outage_ended = None
+        elif self._outage_ended is not None and now - self._outage_ended > _OUTAGE_OVER_S:
+            self._outage_ended = None
+            self._answers.clear()
+            self._answers.append((now, asked, 0))
+        lost_now, lost = lost, sum(one[2] for one in self._answers)
         rate = lost / max(_FEWEST_ASKED, sum(one[1] for one in self._answers))
         words = (
             f"the board does not answer {100 * rate:.0f} % of the questions in time: check cable, USB hub, "
@@ -304,7 +334,8 @@ class Monitor:
         )
         if rate >= _RATE_SHOWN:
             self._notices.set("unanswered", words, until=now + _RATE_S)
-        self.unreliable = words if rate >= _RATE_TOO_HIGH else None
+        # What was lost in an outage that is over stops no motion.
+        self.unreliable = words if rate >= _RATE_TOO_HIGH and lost_now else None
 
     @property
     def homes(self) -> bool:
@@ -339,6 +370,24 @@ class Monitor:
             "released",
             f"the board's outputs are still on ({self._joints(on)}) though it was told to switch them off; "
             "release again, or cut the power of the motors",
+        )
+
+    def check_unasked(self, *, enabling: bool) -> None:
+        """Tell of outputs that come on while the arm is off and nobody switches them on."""
+        on = self.reading.on
+        if self._seen_on is None or enabling:
+            self._seen_on = on.copy()
+        came_on = on & ~self._seen_on
+        self._unasked = self._unasked + 1 if came_on.any() else 0
+        if self._unasked < _SURE_READINGS:
+            self._seen_on &= on
+            return
+        self._seen_on = on.copy()
+        self._notices.set(
+            "unasked",
+            f"{self._joints(came_on)} came on though nobody asked for that just now: keep clear; Enable "
+            "takes the arm over where it stands, Release switches it off",
+            until=self.read_at + _ERROR_SHOWN_S,
         )
 
     def doubt(self) -> None:

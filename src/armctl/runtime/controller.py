@@ -153,7 +153,7 @@ class Controller:
                 order.ticket.end(broken)
         self._guarded(core.take_planned, now)
         self._guarded(core.observe, now)
-        self._guarded(core.settle)
+        self._guarded(core.settle, now)
         for text, level in self._black_box.results():
             core.log.add(text, level)
         self._guarded(core.keep_pose, now)

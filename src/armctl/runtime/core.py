@@ -40,6 +40,8 @@ SLOWEST = 0.05
 JOG_GAP_S = 0.2
 """A jog that was held during a STOP must be let go for this long before it moves the arm again."""
 _SAME_PRESS_S = 0.5
+_UNSENT_S = 1.0
+"""so long the end of a motion waits for the line"""
 _READ_INTERVAL_S = 0.02
 _LOGGER = logging.getLogger("armctl.runtime")
 
@@ -91,6 +93,10 @@ class Core:
         self._pausing = False
         self._held_at = -math.inf
         self._held_locked = False
+        self._dropped = False
+        """a setpoint was dropped, as the line was busy for too long: it must be written again"""
+        self._wrote_at = -math.inf
+        self._unsent_since: float | None = None
         self._ticks = TickTime(period)
         self._gap_ended = -math.inf
         self._gap_s = 0.0
@@ -113,8 +119,8 @@ class Core:
 
     @property
     def powered(self) -> bool:
-        """The pulses are on, as far as is known."""
-        return self.gate.q is not None or bool(self.monitor.reading.on.any())
+        """The board has said that pulses are on."""
+        return bool(self.monitor.reading.on.any())
 
     def require(self, need: Need, what: str) -> None:
         """Refuse (``StateError``) ``what`` ("a motion") needs the arm in another state."""
@@ -210,6 +216,7 @@ class Core:
         """The outputs are off: forget where the arm is."""
         self._drop_all(StateError(cause))
         self.gate.forget()
+        self._dropped = False
         self.monitor.released()
         self._enter(State.OFF, cause)
 
@@ -427,11 +434,16 @@ class Core:
             if activity is not None and self.gate.q is not None:
                 self.notices.set("late", ticks.count_late(now), until=now + LATE_SHOWN_S)
         self.setpoint = None
+        if not self.poses.may_move(now):
+            return
         if self.monitor.doubts:
             # What is written to a board that has lost its power switches the pulses on again with a jump.
             if activity is not None:
                 activity.halt()
             return
+        if self._dropped and self.gate.q is not None:
+            self.board.write(self.gate.q, self.gate.opening)
+            self._dropped, self._wrote_at = False, now
         if activity is not None:
             self.setpoint = activity.advance(now, dt)
         gripping = self.gripper.goal is not None
@@ -439,6 +451,7 @@ class Core:
         q, opening = self.gate.admit(None if self.setpoint is None else self.setpoint.q, opening, now)
         if q is not None or opening is not None:
             self.board.write(q, opening)
+            self._wrote_at = now
         if gripping:
             self.gripper.settle()
 
@@ -478,7 +491,9 @@ class Core:
         q = self.gate.q
         if q is None:
             monitor.check_released()
+            monitor.check_unasked(enabling=self.activity is not None)
             return
+        self._dropped |= bool(reading.expired)
         if reading.errors and self.activity is not None and not self._stopping:
             self.stop(Origin("armctl", f"{BOARD_REPORTS}{'; '.join(reading.errors)}"))
         standing = self.standing and self.gripper.goal is None
@@ -490,7 +505,25 @@ class Core:
             return
         monitor.compare(board, q, standing, now)
 
-    def settle(self) -> None:
+    def _on_the_wire(self, now: float) -> bool:
+        """Whether the last setpoint has gone out; a fault where the line does not take it for a second."""
+        monitor = self.monitor
+        waits = (
+            not monitor.reading.sent or self._dropped or monitor.doubts or monitor.read_at < self._wrote_at
+        )
+        if self.board is None or self.gate.q is None or not waits:
+            self._unsent_since = None
+            return True
+        if self._unsent_since is None:
+            self._unsent_since = now
+        if now - self._unsent_since > _UNSENT_S:
+            raise BoardError(
+                f"the line to the board has not taken the last setpoints for {_UNSENT_S:.0f} s: the arm "
+                "stands somewhere before the end of its motion; check cable and USB hub, then connect again"
+            )
+        return False
+
+    def settle(self, now: float) -> None:
         """Draw the conclusions of a tick: what has ended, what stands, what is refused."""
         activity = self.activity
         if activity is not None:
@@ -500,7 +533,7 @@ class Core:
                 self.notices.clear("activity")
             else:
                 self.notices.set("activity", activity.notice)
-            if activity.done:
+            if activity.done and (self.stopped_by or self._on_the_wire(now)):
                 self._end(activity)
             elif self._pausing and activity.standing and self.state is State.MOVING:
                 self._enter(State.PAUSED, f"{activity.label} paused")
@@ -517,7 +550,8 @@ class Core:
     def keep_pose(self, now: float) -> None:
         """Have the pose kept for the next start; a disk that takes nothing is only a warning."""
         identity = None if self.board is None else self.board.identity
-        self.poses.note(identity, self.gate.q, self.gate.opening, self.state, now)
+        moving = self.state is State.MOVING or self.gripper.goal is not None
+        self.poses.note(identity, self.gate.q, self.gate.opening, self.state, moving, now)
         if self.activity is None:
             self.presumed = self.robot.first_pose if self.poses.last is None else self.poses.last.q
         if self.poses.problem is None:
@@ -589,6 +623,7 @@ class Core:
         if self.board is not None:
             self.board.close()
             self.board = None
+        self._dropped = False
         self.gate.forget()
         self.monitor.reset()
         self.notices.clear_all()

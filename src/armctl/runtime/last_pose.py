@@ -20,8 +20,10 @@ from armctl.robot import Robot
 from armctl.runtime.clock import wall_time
 from armctl.runtime.snapshot import LastPose, State
 
-_MOVING_INTERVAL_S = 5.0
+_MOVING_INTERVAL_S = 0.5
 """how often the pose of a moving arm is written: a crash in motion leaves it that old"""
+_SLOW_DISK_S = 1.0
+"""so long a motion waits until the disk says that the arm moves; then it begins without that"""
 _CLOSING_S = 2.0
 """so long the end waits for the disk"""
 _LARGEST = 16_384
@@ -38,6 +40,7 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
     gripper: float | None
     at: Annotated[float, msgspec.Meta(ge=0, le=1e11)]
     ended: str
+    moving: bool = False
 
 
 class PoseFolder:
@@ -45,8 +48,11 @@ class PoseFolder:
 
     def __init__(self, folder: Path, robot: Robot) -> None:
         self.problem: str | None = None
+        self.written = 0
+        """number of the newest pose that is on the disk, as ``save`` gives it"""
         self._folder, self._robot = folder, robot
-        self._waiting: tuple[Path, bytes] | None = None
+        self._saved = 0
+        self._waiting: tuple[int, Path, bytes] | None = None
         self._changed = threading.Condition()
         self._closed = False
         self._thread: threading.Thread | None = None
@@ -69,10 +75,10 @@ class PoseFolder:
         except (OSError, msgspec.DecodeError, ArmctlError):
             return None  # another version's, damaged, or of the arm before it was calibrated anew
         opening = None if record.gripper is None else min(max(record.gripper, 0.0), 1.0)
-        return LastPose(q, opening, record.at, record.ended)
+        return LastPose(q, opening, record.at, record.ended, record.moving)
 
-    def save(self, board: BoardIdentity, pose: LastPose) -> None:
-        """Keep a pose; never blocks."""
+    def save(self, board: BoardIdentity, pose: LastPose) -> int:
+        """Keep a pose; never blocks. Its number: it is kept once ``written`` has come so far."""
         record = _Record(
             self._robot.name,
             board_key(board),
@@ -80,21 +86,31 @@ class PoseFolder:
             pose.gripper,
             pose.at,
             pose.ended,
+            pose.moving,
         )
         with self._changed:
             if self._closed:
-                return
-            self._waiting = self._path(board), msgspec.json.encode(record)
-            self._changed.notify()
+                return self._saved
+            self._saved += 1
+            self._waiting = self._saved, self._path(board), msgspec.json.encode(record)
+            self._changed.notify_all()
             if self._thread is None:
                 self._thread = threading.Thread(target=self._write_all, name="armctl-last-pose", daemon=True)
                 self._thread.start()
+            return self._saved
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait until what was saved is on the disk, or the disk does not take it; whether that is so."""
+        with self._changed:
+            return self._changed.wait_for(
+                lambda: self.written == self._saved or self.problem is not None, timeout_s
+            )
 
     def close(self) -> None:
         """Wait until the last one is kept."""
         with self._changed:
             self._closed = True
-            self._changed.notify()
+            self._changed.notify_all()
         if self._thread is not None:
             self._thread.join(_CLOSING_S)
 
@@ -109,20 +125,38 @@ class PoseFolder:
                     self._changed.wait()
                 if self._waiting is None:
                     return
-                (path, content), self._waiting = self._waiting, None
-            try:
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_atomically(path, content)
-                self.problem = None
-            except OSError as error:
-                self.problem = (
-                    f"the last pose of the arm cannot be kept ({path}: {error.strerror}): after a restart it "
-                    "must be told where it stands"
-                )
+                (number, path, content), self._waiting = self._waiting, None
+            problem = self._write(path, content)
+            with self._changed:
+                self.problem = problem
+                if problem is None:
+                    self.written = number
+                self._changed.notify_all()
+
+    def _write(self, path: Path, content: bytes) -> str | None:
+        """Why it could not be written, in words. What is there then is old, and goes."""
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(path, content)
+            return None
+        except OSError as error:
+            problem = f"the last pose of the arm cannot be kept ({path}: {error.strerror})"
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            return (
+                f"{problem}, and an older one stays there ({error.strerror}): after a restart do not enable "
+                "the arm at its last pose"
+            )
+        return f"{problem}: after a restart it must be told where it stands"
 
 
 class PoseWatch:
-    """Decides when a pose is worth keeping: at rest, at the end, and every few seconds in motion."""
+    """Decides when a pose is kept: when a motion begins or ends, and twice a second in between.
+
+    That the arm moves is on the disk before it does (``may_move``): whoever finds the pose after a crash
+    must know that the arm may stand elsewhere.
+    """
 
     def __init__(self, folder: PoseFolder | None) -> None:
         """None: nothing is kept."""
@@ -134,8 +168,12 @@ class PoseWatch:
         self._opening: float | None = None
         self._comes_on = False
         """servos are being switched on, and nothing streams yet"""
+        self._moving = False
+        """at the last tick"""
         self._kept: tuple[object, ...] = ()
         self._kept_at = -math.inf
+        self._moves: tuple[int, float] | None = None
+        """number and time of the first pose of this motion; None: what was kept last says that it stands"""
 
     @property
     def problem(self) -> str | None:
@@ -148,41 +186,57 @@ class PoseWatch:
         q: FloatArray | None,
         opening: float | None,
         state: State,
+        moving: bool,
         now: float,
     ) -> None:
-        """Take note of a tick; ``q`` (n,) [rad] is None where the arm is not held."""
+        """Take note of a tick; ``q`` (n,) [rad] is None where the arm is not held.
+
+        ``moving``: setpoints go out from the next tick on.
+        """
         if self._folder is None:
             return
         if board is not None and board is not self._board:
             self._change_board(board, self._folder)
         if q is not None:
-            self._q, self._opening, self._comes_on = q, opening, False
+            self._q, self._opening, self._comes_on, self._moving = q, opening, False, moving
         elif self._comes_on and state not in (State.FAULT, State.DISCONNECTED):
             return
         if self._q is None or self._board is None or self._board.simulated:
             return
+        # What ends a motion without bringing it to rest leaves an arm that was seen moving.
+        moving = self._moving = self._moving or moving
         ended = "moving" if state is State.MOVING else _ENDS.get(state, "")
-        kept = (self._q.tobytes(), self._opening, ended)
-        if kept == self._kept or (ended == "moving" and now < self._kept_at + _MOVING_INTERVAL_S):
+        kept = (self._q.tobytes(), self._opening, ended, moving)
+        if kept == self._kept or (
+            moving and q is not None and self._moves is not None and now < self._kept_at + _MOVING_INTERVAL_S
+        ):
             return
         self._kept, self._kept_at = kept, now
-        self._keep(self._folder, self._board, self._q, ended)
+        self._keep(self._folder, self._board, self._q, ended, now)
         if q is None:
-            self._q = None  # told; what it does now nobody sees
+            self._q, self._moving = None, False  # told; what it does now nobody sees
 
-    def switching_on(self, q: FloatArray, opening: float | None) -> None:
+    def switching_on(self, q: FloatArray, opening: float | None, now: float) -> None:
         """Servos come on one after the other at ``q`` (n,) [rad]: the arm is there, or on its way."""
         if self._folder is None or self._board is None or self._board.simulated:
             return
-        self._q, self._opening, self._comes_on = q, opening, True
-        self._keep(self._folder, self._board, q, "enabling")
+        self._q, self._opening, self._comes_on, self._moving = q, opening, True, True
+        self._keep(self._folder, self._board, q, "enabling", now)
+
+    def may_move(self, now: float) -> bool:
+        """Whether what is on the disk says that the arm moves; on a disk that is too slow, after a while."""
+        if self._moves is None or self._folder is None:
+            return True
+        number, since = self._moves
+        written = self._folder.written >= number or self._folder.problem is not None
+        return written or now - since > _SLOW_DISK_S
 
     def close(self) -> None:
         """The program ends; an arm that is held until now was closed in order."""
         if self._folder is None:
             return
         if self._q is not None and self._board is not None and not self._board.simulated:
-            self._keep(self._folder, self._board, self._q, "closed")
+            self._keep(self._folder, self._board, self._q, "closed", self._kept_at)
         self._folder.close()
 
     def _change_board(self, board: BoardIdentity, folder: PoseFolder) -> None:
@@ -190,10 +244,12 @@ class PoseWatch:
         if not same or board.simulated:  # a simulated board starts anew each time
             self.last = None if board.simulated else folder.load(board)
         self._board, self._q, self._kept, self._comes_on = board, None, (), False
+        self._moving, self._moves = False, None
 
-    def _keep(self, folder: PoseFolder, board: BoardIdentity, q: FloatArray, ended: str) -> None:
-        self.last = LastPose(q, self._opening, wall_time(), ended)
-        folder.save(board, self.last)
+    def _keep(self, folder: PoseFolder, board: BoardIdentity, q: FloatArray, ended: str, now: float) -> None:
+        self.last = LastPose(q, self._opening, wall_time(), ended, self._moving)
+        number = folder.save(board, self.last)
+        self._moves = (self._moves or (number, now)) if self._moving else None
 
 
 def board_key(board: BoardIdentity) -> str:

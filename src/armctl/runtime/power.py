@@ -8,6 +8,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import (
     ArmctlError,
     BoardError,
+    BoardTimeoutError,
     EnableError,
     InputError,
     MotionRefusedError,
@@ -15,6 +16,7 @@ from armctl.errors import (
     out_of_range,
 )
 from armctl.hardware import Source
+from armctl.hardware.boards import board_type
 from armctl.kinematics import Chain
 from armctl.kinematics.target import checked_number
 from armctl.motion.clearance import touching
@@ -40,6 +42,8 @@ _SAY_WHERE = (
 )
 _INTERVAL_S = 0.3
 """from servo to servo: one at a time draws little current, and STOP can come between"""
+_CONFIRMED_S = 2.0
+"""so long a board may take to confirm that a servo came on"""
 _UNKNOWN_OPENING = 0.5
 """where a gripper comes on that nobody has seen: so it jumps by half of its way at most"""
 _SETTLE_S = 0.3
@@ -59,7 +63,6 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
     goal = core.robot.check_limits(core.robot.pose("rest") if wanted is None else wanted)
     if command.opening is not None and not 0 <= checked_number(command.opening, "the opening") <= 1:
         raise InputError(f"an opening of {out_of_range(100 * command.opening, 0, 100, '%')}")
-    board.configure()
     reading = _where_it_is(core, board, now)
     if reading.homing is not None and not reading.homing.done:
         raise EnableError(f"the arm does not know where it is yet; {HOME_FIRST}")
@@ -77,6 +80,13 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
     if live.all() and (opening is not None or not grips):
         core.adopt(start, opening, now)
         board.write(start, None)
+        confirmed = core.monitor.read(board, now)
+        if confirmed is None or not confirmed.on.all():
+            core.gate.forget()
+            raise EnableError(
+                f"the board has not confirmed that its {board.power} are on; see that it has power, and try "
+                "again"
+            )
         core.hold(f"enabled ({who}); {_how_it_began(core, live, reading.source)}")
         return True
     if grips and opening is None:
@@ -145,7 +155,8 @@ class Enabling:
         self._last = core.monitor.reading
         self._quick = board.identity.simulated
         self._stopped = False
-        self._next_at = self._arrived_at = now
+        self._next_at = self._arrived_at = self._asked_at = now
+        core.poses.switching_on(q, opening, now)
         if live.any():
             board.write(q, None, live)
 
@@ -157,14 +168,14 @@ class Enabling:
     @property
     def progress(self) -> float | None:
         """How many of the servos are on."""
-        return float(np.mean([*self._on, self._gripper_on]))
+        return float(np.mean([*self._seen_on, self._gripper_on]))
 
     @property
     def notice(self) -> str | None:
         """How far it is."""
         if self.done:
             return None
-        count = f"{int(self._on.sum())} of {len(self._on)} servos on"
+        count = f"{int(self._seen_on.sum())} of {len(self._on)} servos on"
         return f"enabling: {count}, they take their places; keep clear"
 
     def advance(self, now: float, dt: float) -> Setpoint | None:
@@ -179,11 +190,11 @@ class Enabling:
             self._look_at(reading)
         if self.done or self._core.monitor.doubts:
             return None
+        if self._waits_for_board(now):
+            return None
         if not self._on.all():
             if now >= self._next_at:
                 joint = np.arange(len(self._q)) == int(np.argmin(self._on))
-                if not self._on.any():
-                    self._core.poses.switching_on(self._q, self._opening)
                 self._board.write(self._core.gate.checked(self._q), None, joint)
                 self._on |= joint
                 low, high = robot.limits.T
@@ -222,17 +233,44 @@ class Enabling:
         gone = self._core.monitor.switched_off(off)
         if gone is not None:
             raise MotionRefusedError(gone)
-        if reading.errors:
+        if reading.expired:
+            self.error = EnableError(
+                f"enabling ended: the line was busy for too long, {', '.join(reading.expired)} could not be "
+                "switched on in time, and will not come on later; check the line and enable again"
+            )
+            self._conclude()
+        elif reading.errors:
             self.error = BoardError(
                 f"enabling ended, the board reports {'; '.join(reading.errors)}; see to that and enable again"
             )
             self._conclude()
 
+    def _waits_for_board(self, now: float) -> bool:
+        """Whether the board has yet to confirm the servo that was switched on last; too late ends it."""
+        waiting = self._on & ~self._seen_on
+        grips = self._gripper_on and self._opening is not None and self._core.monitor.reading.opening is None
+        if not waiting.any() and not grips:
+            self._asked_at = now
+            return False
+        if now - self._asked_at > _CONFIRMED_S:
+            robot = self._core.robot
+            titles = [robot.joints[i].title for i in np.flatnonzero(waiting)]
+            if grips and robot.gripper is not None:
+                titles.append(robot.gripper.title)
+            self.error = EnableError(
+                f"enabling ended: the board has not confirmed within {_CONFIRMED_S:.0f} s that "
+                f"{', '.join(titles)} came on; check the line and the supply, then enable again"
+            )
+            self._conclude()
+        return True
+
     def _conclude(self) -> None:
         """It was ended while the board goes on: say what is on."""
-        if not self.done and self._on.any() and not self._on.all():
+        if not self.done and self._seen_on.any() and not self._seen_on.all():
             on = ", ".join(
-                joint.title for joint, is_on in zip(self._core.robot.joints, self._on, strict=True) if is_on
+                joint.title
+                for joint, is_on in zip(self._core.robot.joints, self._seen_on, strict=True)
+                if is_on
             )
             self._core.log.warn(f"{on}: on and held; the others are off. Enable goes on, Release ends it")
         self.done = True
@@ -345,10 +383,26 @@ class Homing:
 
 
 def _where_it_is(core: Core, board: Board, now: float) -> Reading:
-    """What two readings agree on: answers carry no checksum, and the arm is held where they say it is."""
+    """What two readings agree on: answers carry no checksum, and the arm is held where they say it is.
+
+    On a line that is too slow they are refused: what is sent there would move the arm too late.
+    """
+    try:
+        board.configure()
+    except BoardTimeoutError as silence:
+        raise EnableError(
+            f"the board does not answer in time, and nothing was switched on: {silence}"
+        ) from silence
     first, second = (core.monitor.read(board, now) for _ in range(2))
     if first is None or second is None:
         raise EnableError("the board did not answer where it is; try again")
+    delay = max(first.delay_s or 0.0, second.delay_s or 0.0)
+    slowest = board_type(core.robot.board).slowest_answer_s
+    if delay > slowest and not board.identity.simulated:
+        raise EnableError(
+            f"the line is too slow: the board's answer took {1000 * delay:.0f} ms, at most "
+            f"{1000 * slowest:.0f} ms are safe; nothing was switched on. Check USB hub, network and baud rate"
+        )
     differs = np.isnan(first.q) != np.isnan(second.q)
     differs |= np.nan_to_num(np.abs(first.q - second.q)) > _tolerance(board)
     if differs.any():

@@ -146,11 +146,11 @@ class AxisHoming:
 
 _ENDED = {
     "": "armctl ended without closing the arm",
-    "moving": "armctl ended while the arm was moving: it may have gone on a little",
+    "moving": "armctl ended",
     "released": "the arm was released and may have dropped",
     "disconnected": "the arm was disconnected",
     "closed": "armctl was closed",
-    "enabling": "its servos were being switched on there",
+    "enabling": "armctl ended while its servos were being switched on",
     "fault": "a fault ended it",
 }
 
@@ -167,12 +167,15 @@ class LastPose:
     """seconds since the epoch"""
     ended: str
     """released, disconnected, closed or fault; enabling, moving, or "" at rest: it did not end in order"""
+    moving: bool = False
+    """it was moving when it was last seen, or its servos were coming on: it may stand elsewhere"""
 
     def __str__(self) -> str:
         """In words, with the angles in degrees."""
         angles = ", ".join(f"{angle:.1f}" for angle in (np.degrees(self.q) + 0.0).tolist()).replace("-", "−")
         when = datetime.fromtimestamp(self.at).strftime("%Y-%m-%d %H:%M")
-        return f"last seen at {angles}° on {when}; then {_ENDED.get(self.ended, self.ended)}"
+        moving = " while it was moving, so it may stand elsewhere" if self.moving else ""
+        return f"last seen at {angles}° on {when}{moving}; then {_ENDED.get(self.ended, self.ended)}"
 
 
 @dataclass(frozen=True, slots=True)

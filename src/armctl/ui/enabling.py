@@ -7,6 +7,7 @@ from html import escape
 import numpy as np
 import viser
 
+from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.hardware.boards import board_type
 from armctl.runtime import Enable, Need, Snapshot, State
@@ -15,9 +16,15 @@ from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence
 from armctl.ui.widgets.joint_angles import angle_fields
 from armctl.ui.widgets.number_field import EditWatch, FieldArray
 
+_ROUNDED_RAD = np.radians(0.01)
+"""fields round what they are filled with"""
 _LOOK = (
     "The servos are off and cannot tell where the arm stands. <b>Look at the arm:</b> does it stand like the "
     "blue ghost? If not, type its angles below, or put it there by hand. If the pose is wrong, the arm jumps."
+)
+_WAS_MOVING = (
+    "<b>The arm was moving when it was last seen.</b> The ghost shows where that was; the arm may stand "
+    "elsewhere."
 )
 _ENABLE_NOTE = "Enable asks where the arm stands. Then it switches the servos on, one by one: keep clear."
 _SIMULATED_NOTE = "Enable switches the servos of the simulated board on, in the rest pose."
@@ -58,8 +65,17 @@ def must_be_told(snapshot: Snapshot) -> bool:
     return waits and board is not None and not board.simulated and bool(np.isnan(snapshot.q).any())
 
 
-def show_typed(session: Session, angles: FieldArray, problem: LiveHtml, owner: object) -> None:
-    """Show the joint angles of fields as the page's ghost, which is ``owner``'s; else say what cannot be."""
+def show_typed(
+    session: Session,
+    angles: FieldArray,
+    problem: LiveHtml,
+    owner: object,
+    seen_moving: FloatArray | None = None,
+) -> None:
+    """Show the joint angles of fields as the page's ghost, which is ``owner``'s; else say what cannot be.
+
+    ``seen_moving``: (n,) [rad] where the arm was seen moving last; the ghost says so while it shows that.
+    """
     try:
         q = session.console.robot.check_limits(angles.array)
     except ArmctlError as refusal:
@@ -67,7 +83,8 @@ def show_typed(session: Session, angles: FieldArray, problem: LiveHtml, owner: o
         session.ghost.hide(owner)
         return
     problem.show("")
-    session.ghost.show(q, owner)
+    there = seen_moving is not None and bool(np.abs(q - seen_moving).max() <= _ROUNDED_RAD)
+    session.ghost.show(q, owner, label="last seen here, moving" if there else None)
 
 
 class EnableButton:
@@ -113,6 +130,7 @@ class EnableQuestion:
     def __init__(self, session: Session) -> None:
         self._session, self._robot = session, session.console.robot
         self._opening: float | None = None
+        self._seen_moving: FloatArray | None = None
         gui = session.gui
         self._box = gui.add_folder("Is the arm here?", visible=False)
         with self._box:
@@ -138,10 +156,12 @@ class EnableQuestion:
         last = snapshot.last_pose
         self._angles.fill(self._robot.pose("rest") if last is None else last.q)
         self._opening = None if last is None else last.gripper
+        self._seen_moving = last.q if last is not None and last.moving else None
         words = "Nobody has seen this arm on this board yet." if last is None else sentence(str(last))
         if self._robot.gripper is not None and self._opening is None:
             words += " The gripper comes on half open."
-        self._text.show(f"<div>{_LOOK}</div><div style='opacity:.75'>{escape(words)}</div>")
+        moving = f"<div>{_WAS_MOVING}</div>" if self._seen_moving is not None else ""
+        self._text.show(f"{moving}<div>{_LOOK}</div><div style='opacity:.75'>{escape(words)}</div>")
         self._box.visible = True
         self.refresh(snapshot)
 
@@ -157,7 +177,7 @@ class EnableQuestion:
         if not must_be_told(snapshot):
             self.hide()
             return
-        show_typed(self._session, self._angles, self._problem, self)
+        show_typed(self._session, self._angles, self._problem, self, self._seen_moving)
 
     async def _on_yes(self) -> None:
         self._watch.require_settled()

@@ -42,6 +42,7 @@ class FirmataBoard(BoardType):
     shared = (ARDUINO_MEGA, USB_SERIAL)
     baud = BAUD
     restarts = True
+    slowest_answer_s = 0.1  # answers are not waited for, so a late one keeps no tick waiting
     advice = HOW_TO_LOAD
     simulator_help = """Serve a simulated Arduino Mega with StandardFirmata until interrupted.
 

@@ -65,10 +65,13 @@ class Ghost:
         """Whether what belongs to a tab can be seen; None: it belongs to none."""
         return tab is None or self._tab is None or tab == self._tab
 
-    def show(self, q: FloatArray, owner: object = None, words: str | None = None) -> None:
+    def show(
+        self, q: FloatArray, owner: object = None, words: str | None = None, label: str | None = None
+    ) -> None:
         """Show the arm at ``q`` (n,) [rad]; the ghost is ``owner``'s from now on.
 
-        ``words``: the label of the owner's tab, written beside it; None: it belongs to no tab.
+        ``words``: the label of the owner's tab, written beside it; None: it belongs to no tab. ``label``:
+        written there instead.
         """
         if self._figure is None:
             robot = thicker(self._robot)
@@ -76,7 +79,7 @@ class Ghost:
         self.claim(owner)
         self.q = q.copy()
         self._figure.pose(q)
-        self._figure.say(words)
+        self._figure.say(words if label is None else label)
         self._words = words
         self._show_in_view()
 
