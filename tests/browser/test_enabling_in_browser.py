@@ -27,7 +27,7 @@ def test_the_page_asks_where_the_arm_is(tmp_path: Path, screens: Screens) -> Non
     record = {"robot": "uzuner", "board": "unnumbered", "joints_deg": LAST_DEG, "gripper": 0.2}
     kept = tmp_path / "armctl" / "last-pose" / "uzuner unnumbered.json"
     kept.parent.mkdir(parents=True)
-    kept.write_text(json.dumps(record | {"at": time.time() - 3600, "ended": "fault"}))
+    kept.write_text(json.dumps(record | {"at": time.time() - 3600, "ended": "fault", "moving": True}))
     outputs = ROBOT.output_map
     assert outputs is not None
     page = screens(drawn=True)
@@ -43,7 +43,8 @@ def test_the_page_asks_where_the_arm_is(tmp_path: Path, screens: Screens) -> Non
         page.open(url, until="STOP")
         page.wait_for_text("asks where the arm stands")
         page.click("Enable")
-        page.wait_for_text(re.compile(r"Last seen at 40\.0, 80\.0, −60\.0, .* on .*a fault ended it"))
+        page.wait_for_text(re.compile(r"Last seen at 40\.0, 80\.0, −60\.0, .* on .*moving.*a fault ended it"))
+        page.wait_for_text("The arm was moving when it was last seen")
         page.wait_for_text("Look at the arm")
         wait_for_ghost(page, ROBOT, np.radians(LAST_DEG))
         page.screenshot("enable_last_pose")

@@ -131,13 +131,14 @@ class Bench:
     def start(self) -> None:
         """A new controller, as after a restart of the arm process; the board goes on."""
         folder = self.folder
+        self.poses = folder and PoseFolder(folder, self.robot)
         self.controller = Controller(
             self.robot,
             self._driver,
             self.clock,
             executor=InlineExecutor(),
             black_boxes=folder and folder / "black-box",
-            poses=folder and PoseFolder(folder, self.robot),
+            poses=self.poses,
         )
 
     def _model(self) -> Any:
@@ -187,6 +188,8 @@ class Bench:
         return self.controller.snapshot
 
     def tick(self, elapsed: float = TICK) -> Snapshot:
+        if self.poses is not None:
+            self.poses.wait(10.0)  # the disk is as fast as the ticks
         self.clock.advance(elapsed)
         if self.hold is not None:
             self.submit(self.hold)

@@ -54,6 +54,10 @@ _REST_READINGS = 5
 """that are alike before the pulses count as at rest"""
 _GO_ON = "then clear the fault and enable"
 _GO_HOMING = "then clear the fault and home the arm"
+_DELAYS_S = 1.0
+"""over which the time that answers take is looked at"""
+_FEWEST_SLOW = 2
+"""one late answer may be the computer's"""
 _OUTAGE_OVER_S = 1.0
 """after an outage and so long without a lost answer, the outage counts no more"""
 _SEE_TO = "check its power and its errors, "
@@ -263,6 +267,7 @@ class Monitor:
         self.read_at = -np.inf
         """when the last reading was taken (controller clock) [s]"""
         self._answers: deque[tuple[float, int, int]] = deque()
+        self._delays: deque[tuple[float, float]] = deque()
         self._outage_ended: float | None = None
         self._seen_on: BoolArray | None = None
         self._unasked = 0
@@ -297,6 +302,10 @@ class Monitor:
             return None
         self.reading, self.read_at = reading, now
         self._count_answers(now, reading.asked, reading.lost)
+        if reading.delay_s is not None:
+            self._delays.append((now, reading.delay_s))
+            while now - self._delays[0][0] > _DELAYS_S:
+                self._delays.popleft()
         if self._failures >= _DOUBTFUL_FAILURES:
             self._outage_ended = now
         self._answered_at = now
@@ -336,6 +345,12 @@ class Monitor:
             self._notices.set("unanswered", words, until=now + _RATE_S)
         # What was lost in an outage that is over stops no motion.
         self.unreliable = words if rate >= _RATE_TOO_HIGH and lost_now else None
+
+    def slow_line(self, slowest_s: float) -> float | None:
+        """The longest [s] that an answer took lately, where a good part of them took over ``slowest_s``."""
+        slow = [delay for _, delay in self._delays if delay > slowest_s]
+        many = len(slow) >= max(_FEWEST_SLOW, _RATE_TOO_HIGH * len(self._delays))
+        return max(slow) if many else None
 
     @property
     def homes(self) -> bool:

@@ -396,11 +396,11 @@ def _where_it_is(core: Core, board: Board, now: float) -> Reading:
     first, second = (core.monitor.read(board, now) for _ in range(2))
     if first is None or second is None:
         raise EnableError("the board did not answer where it is; try again")
-    delay = max(first.delay_s or 0.0, second.delay_s or 0.0)
     slowest = board_type(core.robot.board).slowest_answer_s
-    if delay > slowest and not board.identity.simulated:
+    delay = core.monitor.slow_line(slowest)
+    if delay is not None and not board.identity.simulated:
         raise EnableError(
-            f"the line is too slow: the board's answer took {1000 * delay:.0f} ms, at most "
+            f"the line is too slow: the board's answers took up to {1000 * delay:.0f} ms, at most "
             f"{1000 * slowest:.0f} ms are safe; nothing was switched on. Check USB hub, network and baud rate"
         )
     differs = np.isnan(first.q) != np.isnan(second.q)

@@ -22,10 +22,7 @@ _LOOK = (
     "The servos are off and cannot tell where the arm stands. <b>Look at the arm:</b> does it stand like the "
     "blue ghost? If not, type its angles below, or put it there by hand. If the pose is wrong, the arm jumps."
 )
-_WAS_MOVING = (
-    "<b>The arm was moving when it was last seen.</b> The ghost shows where that was; the arm may stand "
-    "elsewhere."
-)
+_WAS_MOVING = "<b>The arm was moving when it was last seen.</b> The ghost shows where that was."
 _ENABLE_NOTE = "Enable asks where the arm stands. Then it switches the servos on, one by one: keep clear."
 _SIMULATED_NOTE = "Enable switches the servos of the simulated board on, in the rest pose."
 _TAKE_OVER_NOTE = "The servos are on: Enable takes the arm over where it stands. Nothing jumps."
@@ -84,7 +81,7 @@ def show_typed(
         return
     problem.show("")
     there = seen_moving is not None and bool(np.abs(q - seen_moving).max() <= _ROUNDED_RAD)
-    session.ghost.show(q, owner, label="last seen here, moving" if there else None)
+    session.ghost.show(q, owner, label="moving when last seen" if there else None)
 
 
 class EnableButton:

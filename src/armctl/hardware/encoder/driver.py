@@ -156,6 +156,7 @@ class EncoderDriver:
         if session.idle_s >= _KEEP_ALIVE_S:
             session.post("PING")
         asked, session.asked, lost, session.lost = session.asked, 0, session.lost, 0
+        delay_s, session.delay_s = session.delay_s, 0.0
         homed = {axis: status.homed[axis] for axis in self._table.axes}
         warnings = {
             axis: lost_words(status.lost[axis]) for axis in homed if homed[axis] and status.lost[axis]
@@ -175,6 +176,7 @@ class EncoderDriver:
             warnings=warnings,
             asked=asked,
             lost=lost,
+            delay_s=delay_s,
         )
 
     def stop(self) -> None:

@@ -106,8 +106,8 @@ class MaestroDriver:
         Where no answer comes it asks once more, before the next setpoint: no setpoint is sent unseen, so one
         lost answer need not halt the arm.
         """
-        line = self._maestro
-        asked_before = line.asked
+        line, now = self._maestro, self._connection.now
+        asked_before, asked_at = line.asked, now()
         try:
             positions, errors = line.read(self._table.channels, _FIRST_TRY * self._timeout_s)
         except (BoardTimeoutError, BoardProtocolError):
@@ -117,7 +117,9 @@ class MaestroDriver:
         self._unreported = MaestroErrors(0)
         asked = line.asked - asked_before
         words = error_words(errors) if errors else ()
-        return Readback(positions, Source.TRANSMITTED, words, asked=asked, lost=asked - 1)
+        return Readback(
+            positions, Source.TRANSMITTED, words, asked=asked, lost=asked - 1, delay_s=now() - asked_at
+        )
 
     def stop(self) -> None:
         """Hold every channel that is on at the pulse width that the board transmits now."""
