@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from armctl.hardware.board_type import BoardType
+from armctl.hardware.boards import board_type
 from armctl.hardware.encoder import driver as encoder_driver
 from armctl.hardware.encoder import messages
 from armctl.hardware.encoder import simulated as encoder_simulated
@@ -19,7 +21,18 @@ from armctl.program.program import MOST_STEPS, PROGRAM_FILES
 from armctl.robot.file import ROBOT_FILES
 from armctl.robot.parts import MOST_JOINTS
 from armctl.robot.urdf.tree import URDF_FILES
-from armctl.runtime import Controller, board, clock, control, controller, core, jog, live_target, power
+from armctl.runtime import (
+    Controller,
+    board,
+    clock,
+    control,
+    controller,
+    core,
+    jog,
+    last_pose,
+    live_target,
+    power,
+)
 from armctl.ui import app
 from armctl.ui.guard import stop_line
 
@@ -55,6 +68,12 @@ NUMBERS = {
     "off readings": board._OFF_READINGS,
     "off seen": board._OFF_READINGS * TICK_S,
     "edges": messages.MOST_LOST_EDGES,
+    "slow disk": last_pose._SLOW_DISK_S,
+    "unsent": core._UNSENT_S,
+    "confirmed": power._CONFIRMED_S,
+    "slow line": BoardType.slowest_answer_s,
+    "slow firmata": board_type("firmata").slowest_answer_s,
+    "sure": board._SURE_READINGS,
     "servo interval": power._INTERVAL_S,
     "tolerance": math.degrees(power.ADOPT_TOLERANCE_RAD),
     "pin": control._PIN_PAUSE_S,

@@ -48,6 +48,11 @@ class RecordingDriver:
         self.calls: list[str] = []
         self.source = Source.TRANSMITTED
         self.errors: tuple[str, ...] = ()
+        self.delay_s: float | None = None
+        self.expired: tuple[int, ...] = ()
+        self.sent = True
+        self.dead: set[int] = set()
+        """channels that never come on"""
         self.simulated = True
         self.fail: dict[str, Exception] = {}
         """by method; raised on every call until it is taken out"""
@@ -66,13 +71,14 @@ class RecordingDriver:
         for channel, value in setpoints.items():
             assert by_channel[channel].minimum <= value <= by_channel[channel].maximum
         self.writes.append((self._clock.now(), dict(setpoints)))
-        self.positions.update(setpoints)
+        self.positions |= {channel: us for channel, us in setpoints.items() if channel not in self.dead}
 
     def read(self) -> Readback:
         self._call("read")
         errors, self.errors = self.errors, ()
+        expired, self.expired = self.expired, ()
         positions = {one.channel: self.positions.get(one.channel) for one in self.settings}
-        return Readback(positions, self.source, errors)
+        return Readback(positions, self.source, errors, delay_s=self.delay_s, expired=expired, sent=self.sent)
 
     def stop(self) -> None:
         self._call("stop")

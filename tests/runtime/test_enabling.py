@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.runtime.kit import MIDDLE, ROBOT, TEST, TICK, Rig, fails, make_rig
 
-from armctl.errors import BoardError, InputError, MotionRefusedError
+from armctl.errors import BoardError, EnableError, InputError, MotionRefusedError
 from armctl.hardware import Source
 from armctl.robot import load_robot
 from armctl.runtime import (
@@ -173,6 +173,62 @@ def test_one_garbled_reading_does_not_end_it(rig: Rig) -> None:
     rig.driver.positions = pulses
     rig.rests()
     enabling.result(0)
+
+
+def test_a_servo_that_the_board_does_not_confirm_ends_it(rig: Rig) -> None:
+    real(rig)
+    rig.driver.dead = {2}
+    enabling = rig.do(Enable(HOME))
+    rig.run(5.0)
+    fails(enabling.finished, r"has not confirmed within 2 s that Elbow came on", EnableError)
+    assert (rig.now.state, rig.now.commanded, rig.now.powered) == (State.OFF, False, True)
+    assert [channel for _, channel in first_pulses(rig)] == [0, 1, 2]
+    assert "Base, Shoulder: on and held; the others are off" in "\n".join(rig.texts)
+    rig.sends_nothing(5.0)
+    rig.driver.dead = set()
+    rig.finishes(Enable(HOME))
+
+
+def test_a_gripper_that_the_board_does_not_confirm_ends_it(rig: Rig) -> None:
+    real(rig)
+    rig.driver.dead = {5}
+    enabling = rig.do(Enable(HOME))
+    rig.run(8.0)
+    fails(enabling.finished, r"has not confirmed within 2 s that Gripper came on", EnableError)
+    assert rig.now.state is State.OFF
+
+
+def test_what_could_not_be_sent_in_time_ends_it_and_is_named(rig: Rig) -> None:
+    enabling = real(rig).do(Enable(HOME))
+    rig.run(0.4)
+    rig.driver.expired = (1,)
+    rig.run(0.1)
+    count = len(rig.driver.writes)
+    fails(enabling.finished, r"Shoulder could not be switched on in time, and will not come on", EnableError)
+    rig.run(5.0)
+    assert (rig.now.state, len(rig.driver.writes)) == (State.OFF, count)
+
+
+def test_on_a_line_that_is_too_slow_nothing_is_switched_on(rig: Rig) -> None:
+    real(rig)
+    rig.driver.delay_s = 0.085
+    rig.run(0.2)
+    rig.refuses(Enable(HOME), r"too slow: the board's answers took up to 85 ms, at most 50 ms", EnableError)
+    rig.sends_nothing(2.0)
+    rig.driver.delay_s = 0.01
+    rig.run(1.5)
+    rig.finishes(Enable(HOME))
+
+
+def test_pulses_that_come_on_by_themselves_are_told(rig: Rig) -> None:
+    real(rig)
+    rig.run(0.1)
+    rig.driver.positions = {2: 1500.0}
+    rig.tick()
+    assert not any("came on" in text for text in rig.now.warnings)  # one answer alone is no proof
+    rig.tick()
+    assert any("Elbow came on though nobody asked" in text for text in rig.now.warnings)
+    assert (rig.now.state, rig.now.powered) == (State.OFF, True)
 
 
 @settings(max_examples=25)

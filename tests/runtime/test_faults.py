@@ -148,6 +148,53 @@ def test_a_silent_board_gets_no_setpoints_and_the_arm_goes_on_from_rest(moving: 
     assert np.array_equal(moving.now.q_command, HOME)
 
 
+def test_a_motion_is_finished_once_its_last_setpoint_has_gone_out(moving: Rig) -> None:
+    moving.driver.sent = False
+    moving.until(lambda snapshot: snapshot.progress == 1.0)
+    moving.run(0.5)
+    assert moving.now.state is State.MOVING
+    moving.driver.sent = True
+    moving.tick()
+    assert (moving.now.state, moving.now.cause) == (State.HOLDING, "move finished")
+
+
+def test_a_line_that_takes_no_setpoints_is_a_fault_and_no_finished_motion(moving: Rig) -> None:
+    moving.driver.sent = False
+    moving.until(lambda snapshot: snapshot.state is State.FAULT)
+    assert "has not taken the last setpoints for 1 s" in moving.now.cause
+
+
+def test_a_setpoint_that_was_dropped_is_told_and_written_again_from_rest(moving: Rig) -> None:
+    moving.driver.expired = (0, 1)
+    moving.tick()
+    assert any("setpoints of Base, Shoulder were dropped" in text for text in moving.now.warnings)
+    stands, count = moving.now.q_command, len(moving.driver.writes)
+    moving.tick()
+    assert not moving.now.velocity_command.any()
+    moving.until(lambda _: len(moving.driver.writes) > count)
+    outputs = ROBOT.output_map
+    assert outputs is not None
+    sent = outputs.angles(moving.driver.writes[count][1])
+    np.testing.assert_allclose(sent, stands, atol=1e-9)
+    moving.rests()
+    assert np.array_equal(moving.now.q_command, HOME)
+
+
+def test_an_outage_that_is_over_stops_no_later_motion(holding: Rig) -> None:
+    holding.driver.fail["read"] = SILENT
+    holding.run(0.9)
+    holding.driver.fail.clear()
+    holding.run(0.3)
+    motion = holding.do(MoveJoints(HOME))
+    holding.run(1.2)
+    holding.driver.fail["read"] = SILENT  # one lost answer, long after it
+    holding.tick()
+    holding.driver.fail.clear()
+    holding.rests()
+    motion.result(0)
+    assert holding.now.cause == "move finished"
+
+
 def test_what_the_board_reports_stops_the_motion_and_is_shown(holding: Rig) -> None:
     motion = holding.do(MoveJoints(HOME))
     holding.run(0.3)

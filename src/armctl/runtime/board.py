@@ -267,6 +267,7 @@ class Monitor:
         self.read_at = -np.inf
         """when the last reading was taken (controller clock) [s]"""
         self._answers: deque[tuple[float, int, int]] = deque()
+        self._dropped: tuple[str, ...] = ()
         self._delays: deque[tuple[float, float]] = deque()
         self._outage_ended: float | None = None
         self._seen_on: BoolArray | None = None
@@ -312,6 +313,7 @@ class Monitor:
         self.doubts = max(0, self.doubts - 1)
         if reading.expired:
             self.doubt()
+            self._dropped += reading.expired
             words = f"the line was busy for too long: setpoints of {', '.join(reading.expired)} were dropped"
             self._notices.set("expired", words, until=now + _RATE_S)
         if self._failures:
@@ -345,6 +347,11 @@ class Monitor:
             self._notices.set("unanswered", words, until=now + _RATE_S)
         # What was lost in an outage that is over stops no motion.
         self.unreliable = words if rate >= _RATE_TOO_HIGH and lost_now else None
+
+    def take_dropped(self) -> tuple[str, ...]:
+        """Titles of what was dropped since this was asked last, as it could not be sent in its time."""
+        dropped, self._dropped = self._dropped, ()
+        return dropped
 
     def slow_line(self, slowest_s: float) -> float | None:
         """The longest [s] that an answer took lately, where a good part of them took over ``slowest_s``."""

@@ -493,7 +493,7 @@ class Core:
             monitor.check_released()
             monitor.check_unasked(enabling=self.activity is not None)
             return
-        self._dropped |= bool(reading.expired)
+        self._dropped |= bool(monitor.take_dropped())
         if reading.errors and self.activity is not None and not self._stopping:
             self.stop(Origin("armctl", f"{BOARD_REPORTS}{'; '.join(reading.errors)}"))
         standing = self.standing and self.gripper.goal is None

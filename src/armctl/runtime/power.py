@@ -156,6 +156,7 @@ class Enabling:
         self._quick = board.identity.simulated
         self._stopped = False
         self._next_at = self._arrived_at = self._asked_at = now
+        core.monitor.take_dropped()  # of what was asked for before
         core.poses.switching_on(q, opening, now)
         if live.any():
             board.write(q, None, live)
@@ -233,9 +234,9 @@ class Enabling:
         gone = self._core.monitor.switched_off(off)
         if gone is not None:
             raise MotionRefusedError(gone)
-        if reading.expired:
+        if dropped := self._core.monitor.take_dropped():
             self.error = EnableError(
-                f"enabling ended: the line was busy for too long, {', '.join(reading.expired)} could not be "
+                f"enabling ended: the line was busy for too long, {', '.join(dropped)} could not be "
                 "switched on in time, and will not come on later; check the line and enable again"
             )
             self._conclude()
