@@ -72,6 +72,32 @@ def test_a_board_that_takes_no_bytes_is_a_timeout(line: SerialTransport):
         line.write(b"x" * 1_000_000)
 
 
+def test_what_a_board_did_not_take_in_time_is_never_sent_later(pty: BarePty, line: SerialTransport):
+    with pytest.raises(BoardTimeoutError, match="takes no more bytes"):
+        for setpoint in range(1_000):
+            line.write(b"%08d" % setpoint * 1000)
+    line.close()
+    os.set_blocking(pty.master, False)
+    arrived = os.read(pty.master, 1_000_000)
+    assert len(arrived) < 4096  # what was at the far end already
+    with pytest.raises(BlockingIOError):
+        os.read(pty.master, 1)
+
+
+def test_on_a_network_line_it_is_dropped_with_the_line():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        line = SerialTransport(f"socket://127.0.0.1:{server.getsockname()[1]}", write_timeout_s=0.05)
+        with server.accept()[0] as board:
+            with pytest.raises(BoardTimeoutError, match="takes no more bytes"):
+                for _ in range(1_000):
+                    line.write(b"x" * 65_536)
+            line.close()
+            board.settimeout(5.0)
+            with pytest.raises(ConnectionResetError):  # an orderly end would bring all of it first
+                while board.recv(1_000_000):
+                    pass
+
+
 @pytest.mark.parametrize(
     ("call", "action"),
     [

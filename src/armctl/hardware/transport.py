@@ -6,6 +6,7 @@ import errno
 import logging
 import os
 import socket
+import struct
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -102,9 +103,17 @@ class SerialTransport:
                 keep_others_out(self._serial.fileno())
 
     def write(self, data: bytes) -> None:
-        """Send all of ``data``; ``BoardTimeoutError`` where the board takes no more bytes."""
+        """Send all of ``data``; ``BoardTimeoutError`` where the board takes no more bytes.
+
+        Then what the system still holds of it is dropped, also what was written before: a board that goes on
+        later must not get old setpoints.
+        """
         with self._translated("writing to"):
-            self._serial.write(data)
+            try:
+                self._serial.write(data)
+            except serial.SerialTimeoutException:
+                self._drop_unsent()
+                raise
 
     def read(self, count: int, timeout_s: float) -> bytes:
         """Return ``count`` bytes, or the fewer that came within ``timeout_s``."""
@@ -124,6 +133,12 @@ class SerialTransport:
         """Close the port. Never raises, also after an unplug."""
         with suppress(*_LINE_ERRORS):
             self._serial.close()
+
+    def _drop_unsent(self) -> None:
+        if self.name.startswith(_NETWORK):
+            _drop_when_closed(self._serial.fileno())
+        else:
+            self._serial.reset_output_buffer()
 
     @contextmanager
     def _translated(self, action: str) -> Generator[None]:
@@ -162,9 +177,18 @@ def _check_address(port: str) -> None:
 
 def _send_at_once(descriptor: int) -> None:
     """Let a network line not hold a setpoint back until the one before it is acknowledged (40 … 200 ms)."""
+    _set_option(descriptor, socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+
+def _drop_when_closed(descriptor: int) -> None:
+    """Let what a network line has not sent yet be lost when it is closed."""
+    _set_option(descriptor, socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+
+
+def _set_option(descriptor: int, level: int, option: int, value: int | bytes) -> None:
     line = socket.socket(fileno=descriptor)
     try:
-        line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        line.setsockopt(level, option, value)
     finally:
         line.detach()  # it is pyserial's
 
