@@ -31,7 +31,7 @@ _SILENCE_S = 1.0
 _DOUBTFUL_FAILURES = 3
 _OFF_READINGS = 3
 _SURE_READINGS = 2
-"""answers carry no checksum: one alone is no proof that an output came on"""
+"""answers carry no checksum: one alone is no proof that an output came on, or that the board moved it"""
 _LAG_S = 0.08
 """how far the transmitted position may be behind a moving setpoint: a few servo frames"""
 _DEVIATION_UNITS = 1.0
@@ -271,7 +271,7 @@ class Monitor:
         self._delays: deque[tuple[float, float]] = deque()
         self._outage_ended: float | None = None
         self._seen_on: BoolArray | None = None
-        self._unasked = 0
+        self._unasked = self._moved = 0
         self.unreliable: str | None = None
         """how many questions the board leaves unanswered, where these are too many to move the arm"""
         self._rest: tuple[FloatArray, FloatArray, int] | None = None
@@ -443,7 +443,11 @@ class Monitor:
         if reading.errors:
             self._errors, self._erred_at = reading.errors, now
         moved = np.abs(reading.q - q_command) > _LAG_S * self._robot.speed_limits
-        if moved.any() and now - self._erred_at <= _ERROR_SHOWN_S:  # it goes home at its own, slow speed
+        erred = moved.any() and now - self._erred_at <= _ERROR_SHOWN_S  # it goes home at its own, slow speed
+        self._moved = self._moved + 1 if erred else 0
+        if self._moved:
+            self.doubt()
+        if self._moved >= _SURE_READINGS:
             why = ", ".join(self._errors)
             return f"the board moved the arm by itself ({self._joints(moved)}; {why}); {_SEE_TO}{_GO_ON}"
         return self._moved_by_another(board, q_command) if standing else None
