@@ -326,6 +326,8 @@ def test_a_board_that_went_home_by_itself_is_not_written_to(moving: Rig) -> None
     moving.driver.errors = ("serial timeout",)
     count = len(moving.driver.writes)
     moving.tick(0.7)
+    assert moving.now.state is State.HOLDING  # one garbled answer is no proof, and nothing is sent until then
+    moving.tick()
     assert moving.now.state is State.FAULT
     assert moving.now.cause.startswith("the board moved the arm by itself (Base; serial timeout); check ")
     moving.do(ClearFault())

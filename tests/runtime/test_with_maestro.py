@@ -63,6 +63,15 @@ def test_the_board_follows_to_a_quarter_microsecond(bench: Bench) -> None:
     assert bench.now.warnings == ()
 
 
+def test_a_board_that_starts_anew_between_a_reading_and_a_setpoint_is_a_fault(bench: Bench) -> None:
+    bench.controller.submit(MoveJoints(HOME, duration_s=10), TEST)
+    bench.run(0.5)
+    bench.board.reset()  # the next setpoint switches the joints on again; the board knows no speed limit now
+    bench.run(0.2)
+    assert bench.now.state is State.FAULT
+    assert "the board switched the pulses off by itself (Gripper)" in bench.now.cause
+
+
 @pytest.mark.parametrize("dark_s", [0.025, 0.06, 0.1, 0.13, 0.2, 0.5])
 def test_a_brown_out_that_switched_the_pulses_off_is_a_fault_and_nothing_jumps(
     bench: Bench, dark_s: float

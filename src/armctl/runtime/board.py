@@ -241,6 +241,7 @@ class Monitor:
 
     def __init__(self, robot: Robot, notices: Notices, interval_s: float) -> None:
         self._robot = robot
+        self._gripper = "gripper" if robot.gripper is None else robot.gripper.title
         self._notices = notices
         self._interval_s = interval_s
         self.reset()
@@ -416,8 +417,12 @@ class Monitor:
         """Look before the next setpoint: no answer came, or the board's own watchdog may have struck."""
         self.doubts = max(self.doubts, 1)
 
-    def went_by_itself(self, board: Board, q_command: FloatArray, standing: bool, now: float) -> str | None:
+    def went_by_itself(
+        self, board: Board, q_command: FloatArray, standing: bool, now: float, *, grips: bool = False
+    ) -> str | None:
         """In words, that the last reading does not fit (n,) [rad] the last setpoint; None while it does.
+
+        ``grips``: the gripper was switched on, too.
 
         Outputs that are off count once several readings say so where answers carry no checksum, and one is
         no proof. Until the next one nothing is sent. A Maestro that reports an error has sent its channels
@@ -436,7 +441,7 @@ class Monitor:
             else:
                 return None
             return f"{what}; {_SEE_TO}{_GO_HOMING if lost.any() else _GO_ON}"
-        if (gone := self.switched_off(off)) is not None:
+        if (gone := self.switched_off(off, gripper=grips and reading.opening is None)) is not None:
             return gone
         if reading.source is not Source.TRANSMITTED:
             return None
@@ -452,14 +457,19 @@ class Monitor:
             return f"the board moved the arm by itself ({self._joints(moved)}; {why}); {_SEE_TO}{_GO_ON}"
         return self._moved_by_another(board, q_command) if standing else None
 
-    def switched_off(self, off: BoolArray) -> str | None:
-        """In words, that joints (n,) whose outputs the last reading shows off are off for certain."""
-        self._off = self._off + 1 if off.any() else 0
+    def switched_off(self, off: BoolArray, *, gripper: bool = False) -> str | None:
+        """In words, that joints (n,) whose outputs the last reading shows off are off for certain.
+
+        ``gripper``: it is shown off, too. A board that starts anew between a reading and a setpoint has its
+        joints on again; the gripper, which stands, shows it.
+        """
+        self._off = self._off + 1 if off.any() or gripper else 0
         if self._off:
             self.doubt()
         if self._off < _OFF_READINGS:
             return None
-        return f"the board switched the pulses off by itself ({self._joints(off)}); {_SEE_TO}{_GO_ON}"
+        names = [*([self._joints(off)] if off.any() else []), *([self._gripper] if gripper else [])]
+        return f"the board switched the pulses off by itself ({', '.join(names)}); {_SEE_TO}{_GO_ON}"
 
     def _moved_by_another(self, board: Board, q_command: FloatArray) -> str | None:
         """In words, that pulses which had come to rest have changed though no setpoint was sent since."""

@@ -497,7 +497,8 @@ class Core:
         if reading.errors and self.activity is not None and not self._stopping:
             self.stop(Origin("armctl", f"{BOARD_REPORTS}{'; '.join(reading.errors)}"))
         standing = self.standing and self.gripper.goal is None
-        lost = monitor.went_by_itself(board, q, standing, now)
+        grips = self.gate.opening is not None and board.map.gripper_channel is not None
+        lost = monitor.went_by_itself(board, q, standing, now, grips=grips)
         if lost is not None:
             self.gate.forget()
             if self.state is not State.FAULT:  # a fault that is there already keeps its cause
