@@ -290,6 +290,7 @@ class Monitor:
         except (BoardTimeoutError, BoardProtocolError) as cause:
             self._failures += 1
             self._count_answers(now, 1, 1)
+            self._note_delay(now, np.inf)
             self.doubt()
             silent = now - self._answered_at
             if self._failures >= _READ_FAILURES and silent >= _SILENCE_S:
@@ -305,9 +306,7 @@ class Monitor:
         self.reading, self.read_at = reading, now
         self._count_answers(now, reading.asked, reading.lost)
         if reading.delay_s is not None:
-            self._delays.append((now, reading.delay_s))
-            while now - self._delays[0][0] > _DELAYS_S:
-                self._delays.popleft()
+            self._note_delay(now, reading.delay_s)
         if self._failures >= _DOUBTFUL_FAILURES:
             self._outage_ended = now
         self._answered_at = now
@@ -354,8 +353,16 @@ class Monitor:
         dropped, self._dropped = self._dropped, ()
         return dropped
 
+    def _note_delay(self, now: float, delay_s: float) -> None:
+        self._delays.append((now, delay_s))
+        while now - self._delays[0][0] > _DELAYS_S:
+            self._delays.popleft()
+
     def slow_line(self, slowest_s: float) -> float | None:
-        """The longest [s] that an answer took lately, where a good part of them took over ``slowest_s``."""
+        """The longest [s] that an answer took lately, where a good part of them took over ``slowest_s``.
+
+        Infinite where some did not come in time.
+        """
         slow = [delay for _, delay in self._delays if delay > slowest_s]
         many = len(slow) >= max(_FEWEST_SLOW, _RATE_TOO_HIGH * len(self._delays))
         return max(slow) if many else None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from armctl.arrays import FloatArray
@@ -400,9 +402,10 @@ def _where_it_is(core: Core, board: Board, now: float) -> Reading:
     slowest = board_type(core.robot.board).slowest_answer_s
     delay = core.monitor.slow_line(slowest)
     if delay is not None and not board.identity.simulated:
+        took = f"took up to {1000 * delay:.0f} ms" if math.isfinite(delay) else "did not all come in time"
         raise EnableError(
-            f"the line is too slow: the board's answers took up to {1000 * delay:.0f} ms, at most "
-            f"{1000 * slowest:.0f} ms are safe; nothing was switched on. Check USB hub, network and baud rate"
+            f"the line is too slow: the board's answers {took}, at most {1000 * slowest:.0f} ms are safe; "
+            "nothing was switched on. Check USB hub, network and baud rate"
         )
     differs = np.isnan(first.q) != np.isnan(second.q)
     differs |= np.nan_to_num(np.abs(first.q - second.q)) > _tolerance(board)

@@ -156,7 +156,7 @@ class EncoderDriver:
         if session.idle_s >= _KEEP_ALIVE_S:
             session.post("PING")
         asked, session.asked, lost, session.lost = session.asked, 0, session.lost, 0
-        delay_s, session.delay_s = session.delay_s, 0.0
+        delay_s, session.delay_s = session.delay_s, None
         homed = {axis: status.homed[axis] for axis in self._table.axes}
         warnings = {
             axis: lost_words(status.lost[axis]) for axis in homed if homed[axis] and status.lost[axis]

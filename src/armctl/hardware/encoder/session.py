@@ -100,8 +100,8 @@ class EncoderSession:
         self._garbled = 0  # lines
         self.asked = self.lost = 0
         """lines that were sent, and those that got no answer, since the caller set them to 0"""
-        self.delay_s = 0.0
-        """the longest that an answer took, since the caller set it to 0"""
+        self.delay_s: float | None = None
+        """the longest that an answer took, since the caller set it to None"""
 
     @property
     def idle_s(self) -> float:
@@ -298,7 +298,7 @@ class EncoderSession:
             return
         if sent is not None and answer.sequence == sent.sequence:
             sent.reply = answer
-            self.delay_s = max(self.delay_s, self._now() - self._waiting_since)
+            self.delay_s = max(self.delay_s or 0.0, self._now() - self._waiting_since)
             self._in_flight = None
             self._count_overtaken(len(self._superseded))
             if sent.awaited:
