@@ -95,7 +95,6 @@ def test_positions_read_back_are_the_commanded_ones(make_avr: MakeAvr) -> None:
     readback = rig.driver.read()
     assert readback.positions == {2: 1234, 44: 2345}
     assert readback.source is Source.COMMANDED
-    assert readback.powered
 
 
 def test_release_between_questions_leaves_none_unanswered(make_avr: MakeAvr) -> None:
@@ -152,8 +151,9 @@ def test_a_blank_mega_crashes_the_simulator_and_so_the_test(make_avr: MakeAvr, t
 # What comes out of the pins.
 
 TOLERANCE_US = 4.0
-ATTACHING = 8
+ATTACHING = 30
 """frames within which the driver has switched twelve pins on, and each has sent a pulse"""
+ATTACHES = int(os.environ.get("ARMCTL_ENABLES", "25"))
 BUSY_US = 60.0
 """how much other interrupts (serial line, clock, three other servo timers) change a single pulse at most"""
 
@@ -220,28 +220,18 @@ def test_release_ends_the_pulses_and_the_next_attach_goes_on_where_it_was(make_r
         assert [rig.avr.pin(PINS[pin]) for pin in rig.pins] == [0] * len(rig.pins)
 
 
-def test_an_attach_with_another_width_hardly_ever_sends_the_old_one(make_rig: MakeRig) -> None:
-    """The sketch attaches with what the pin had last, and a frame may begin before the new width is there.
-
-    Nothing that a host can send rules that out; once, then, and for few pins in a hundred.
-    """
+def test_an_attach_with_another_width_never_sends_the_old_one(make_rig: MakeRig) -> None:
+    """The sketch attaches with the width that it keeps for the pin, and that is the right one by then."""
     random = Random(3)
     rig = make_rig(ONE_TIMER)
-    old: dict[int, int] = {}
-    wrong = 0
-    for _ in range(50):
+    for _ in range(ATTACHES):
         new = {pin: random.randint(LOWEST_US, HIGHEST_US) for pin in rig.pins}
-        met: set[int] = set()
-        for pulse in rig.stream(new, ATTACHING):
-            if pulse.width_us != pytest.approx(new[pulse.pin], abs=BUSY_US):
-                assert pulse.width_us == pytest.approx(old[pulse.pin], abs=BUSY_US)
-                assert pulse.pin not in met
-                met.add(pulse.pin)
-        wrong += len(met)
+        pulses = rig.stream(new, ATTACHING)
+        assert {pulse.pin for pulse in pulses} == set(rig.pins)
+        for pulse in pulses:
+            assert pulse.width_us == pytest.approx(new[pulse.pin], abs=BUSY_US)
         rig.driver.release()
         rig.avr.run_for(random.uniform(0.0, 2 * FRAME_S))
-        old = new
-    assert wrong / (50 * len(rig.pins)) <= 0.01
 
 
 @pytest.mark.parametrize("pins", [(7,), ALL_OVER, ONE_TIMER], ids=["one", "all over", "twelve"])
@@ -311,7 +301,9 @@ def test_no_enable_fails_on_a_line_that_is_late(make_avr: MakeAvr) -> None:
             driver.write(wanted)
             assert driver.read().errors == ()
             run_for(FRAME_S)
-            seen |= {pulse.pin: pulse.width_us for pulse in meter.take()}
+            for pulse in meter.take():
+                assert pulse.width_us == pytest.approx(wanted[pulse.pin], abs=BUSY_US)
+                seen[pulse.pin] = pulse.width_us
         run_for(0.2)
         meter.take()
         run_for(2 * FRAME_S)

@@ -48,6 +48,7 @@ class ChannelSettings:
     maximum: float
     speed: float | None = None  # unit/s that the board itself enforces; None: unlimited
     acceleration: float | None = None  # unit/s²; None: unlimited
+    first: float | None = None  # the setpoint that will switch it on, where that is known by now
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,22 +156,32 @@ class Board:
         """Tell the board what each channel may do: one that started anew has forgotten. Moves nothing."""
         translated("setting the channels", self._driver.configure, self._settings)
 
+    def prepare(self, q: FloatArray, opening: float | None) -> None:
+        """Tell the board with which angles (n,) [rad] and opening 0..1 it will be enabled. Moves nothing."""
+        first = self._values(q, opening, np.ones(len(q), dtype=np.bool_))
+        self._settings = [replace(one, first=first.get(one.channel)) for one in self._settings]
+        self.configure()
+
     def write(self, q: FloatArray | None, opening: float | None, joints: BoolArray | None = None) -> None:
         """Send joint angles (n,) [rad] and a gripper opening 0..1 in one write; None: not sent.
 
         ``joints``: (n,) which of the angles are sent; None: all.
         """
+        sent = np.ones(self.unit_per_rad.shape, dtype=np.bool_) if joints is None else joints
+        translated("writing setpoints", self._driver.write, self._values(q, opening, sent))
+
+    def _values(self, q: FloatArray | None, opening: float | None, joints: BoolArray) -> dict[int, float]:
+        """Setpoints by channel, in the board's unit."""
         values: dict[int, float] = {}
         if q is not None:
-            sent = np.ones(len(q), dtype=np.bool_) if joints is None else joints
             # Robot files may round the safe range inwards by an eighth of a microsecond.
-            rows = zip(self.map.outputs(q).items(), self._ranges, sent.tolist(), strict=True)
+            rows = zip(self.map.outputs(q).items(), self._ranges, joints.tolist(), strict=True)
             for (channel, value), (low, high), wanted in rows:
                 if wanted:
                     values[channel] = min(max(value, low), high)
         if opening is not None:
             values |= self.map.gripper_output(opening)
-        translated("writing setpoints", self._driver.write, values)
+        return values
 
     def read(self) -> Reading:
         """Read back."""

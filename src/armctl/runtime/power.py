@@ -93,6 +93,12 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         return True
     if grips and opening is None:
         opening = _UNKNOWN_OPENING if command.opening is None else command.opening
+    try:
+        board.prepare(start, opening)
+    except BoardTimeoutError as silence:
+        raise EnableError(
+            f"the board does not answer in time; nothing was switched on: {silence}"
+        ) from silence
     core.monitor.enabled()
     core.presume(start)
     core.log.add(f"enable ({who}): {_how_it_began(core, live, reading.source)}")
@@ -394,7 +400,7 @@ def _where_it_is(core: Core, board: Board, now: float) -> Reading:
         board.configure()
     except BoardTimeoutError as silence:
         raise EnableError(
-            f"the board does not answer in time, and nothing was switched on: {silence}"
+            f"the board does not answer in time; nothing was switched on: {silence}"
         ) from silence
     first, second = (core.monitor.read(board, now) for _ in range(2))
     if first is None or second is None:

@@ -59,7 +59,7 @@ class Session:
 
     def switch_on(self, setpoints):
         """Write until every pin is on, as a controller that streams does."""
-        for _ in range(20):
+        for _ in range(40):
             readback = self.frame(setpoints)
             if all(readback.positions[pin] is not None for pin in setpoints):
                 return readback

@@ -10,7 +10,7 @@ from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checke
 from armctl.hardware.firmata import HOW_TO_LOAD, SCALE, codec, pin_table
 from armctl.hardware.firmata.codec import BoardText, FirmwareReport, Malformed, PinMode, PinState, Reply
 from armctl.hardware.firmata.line import FirmataLine
-from armctl.hardware.firmata.stream import Attacher, PinWatch, SetpointStream
+from armctl.hardware.firmata.stream import Attacher, PinWatch, SetpointStream, spare_pin
 from armctl.hardware.transport import Connection, Transport
 
 WATCHDOG_NOTE = (
@@ -31,8 +31,8 @@ class FirmataDriver:
     """An Arduino with StandardFirmata behind the ``Driver`` protocol. Channels are pins, units µs.
 
     Setpoints are streamed: what has changed goes out at once when the line is idle, else the newest as
-    soon as it is. Pins that are off are attached and set in one burst, a few in each servo frame, so
-    an arm is fully on after some calls of ``write`` or ``read``. The board knows no speed or
+    soon as it is, or never where that takes too long. Pins that are off are switched on one in each call of
+    ``write`` or ``read``, and count as on once the board has said so twice. The board knows no speed or
     acceleration limits, so those of ``ChannelSettings`` are left to whoever makes the setpoints.
 
     ``timeout_s``: how long a pin may leave a question unanswered. ``ask_after_s``: how long a board is left
@@ -77,7 +77,7 @@ class FirmataDriver:
                 f"{line.name}: the board claims that every pin can drive a servo, which no StandardFirmata "
                 f"does; {HOW_TO_LOAD}"
             )
-        self._stream = SetpointStream(self._send, self._now, Attacher(firmware.name, fresh=board.fresh))
+        self._sketch = firmware.name, (firmware.major, firmware.minor)
         name = firmware.name.removesuffix(".ino") or "a Firmata sketch without a name"
         return BoardIdentity(
             kind=f"Arduino with {name} {firmware.major}.{firmware.minor}",
@@ -92,10 +92,7 @@ class FirmataDriver:
         line = self._firmata
         table = pin_table(channels, self._servo_pins)
         self._take(line.receive())
-        states = self._ask_states(table.channels)
-        for _ in range(_ASK_ATTEMPTS - 1):
-            if missing := [pin for pin in table.channels if pin not in states]:
-                states |= self._ask_states(missing)
+        states = self._sure_states(table.channels)
         if missing := [pin for pin in table.channels if pin not in states]:
             raise self._not_told(missing)
         watch = PinWatch(states.values(), {one.channel: one.speed for one in table.settings})
@@ -103,7 +100,14 @@ class FirmataDriver:
         if gone:
             raise line.lose(_switched_off(gone))
         self._words += words
-        self._stream.clear()
+        self._stream.drop(watch, all_of_it=True)
+        spare = spare_pin(self._servo_pins, table.channels)
+        self._stream.attacher = Attacher(*self._sketch, spare)
+        self._stream.first = {
+            one.channel: table.admit(one.channel, one.first)
+            for one in table.settings
+            if one.first is not None
+        }
         self._table, self._watch, self._unsure = table, watch, False
 
     def write(self, setpoints: Mapping[int, float]) -> None:
@@ -146,9 +150,20 @@ class FirmataDriver:
             )
         words, self._words = tuple(dict.fromkeys(self._words)), []
         asked, watch.asked, lost, watch.lost = watch.asked, 0, watch.lost, 0
-        # A pin that waits to be switched on, until no answer is open, is no board that switched off.
-        powered = watch.powered or self._stream.waiting
-        return Readback(watch.positions, Source.COMMANDED, words, powered=powered, asked=asked, lost=lost)
+        delays = [one for one in (watch.delay_s, self._delay_s) if one is not None]
+        watch.delay_s = self._delay_s = None
+        waiting = self._stream.waiting
+        return Readback(
+            watch.positions,
+            Source.COMMANDED,
+            words,
+            powered=True if watch.on_at_no_width and watch.confirmed and not waiting else None,
+            asked=asked,
+            lost=lost,
+            delay_s=max(delays, default=None),
+            expired=self._stream.take_expired(),
+            sent=not waiting,
+        )
 
     def stop(self) -> None:
         """Hold: the board goes on with what it was sent last, so all there is to do is to send no more."""
@@ -170,7 +185,7 @@ class FirmataDriver:
         still_on: Sequence[int] = ()
         for _ in range(_RELEASE_ATTEMPTS):
             self._stream.send(request)
-            states = self._ask_states(self._table.channels)
+            states = self._sure_states(self._table.channels)
             off = [pin for pin, state in states.items() if state.mode != PinMode.SERVO]
             still_on = [pin for pin in self._table.channels if pin not in off]
             if not still_on:
@@ -199,7 +214,11 @@ class FirmataDriver:
         self._watch = PinWatch()
         self._unsure = False
         """the board has been silent, and what it got of the last setpoints is not known"""
-        self._stream = SetpointStream(self._send, self._now, Attacher("", fresh=False))
+        self._sketch: tuple[str, tuple[int, int]] = "", (0, 0)
+        """its name and version"""
+        self._delay_s: float | None = None
+        """the longest that an answer to ``_ask_states`` took since the last reading"""
+        self._stream = SetpointStream(self._send, self._now, Attacher(*self._sketch, None))
         self._words: list[str] = []
         self._malformed: list[Malformed] = []
 
@@ -250,6 +269,18 @@ class FirmataDriver:
             "board's power supply"
         )
 
+    def _sure_states(self, pins: Sequence[int]) -> dict[int, PinState]:
+        """The states of ``pins`` that two answers agree on; what does not come in time is missing."""
+        states: dict[int, PinState] = {}
+        before: dict[int, PinState] = {}
+        for _ in range(1 + _ASK_ATTEMPTS):
+            told = self._ask_states([pin for pin in pins if pin not in states])
+            states |= {pin: state for pin, state in told.items() if before.get(pin) == state}
+            before |= told
+            if len(states) == len(pins):
+                break
+        return states
+
     def _ask_states(self, pins: Sequence[int]) -> dict[int, PinState]:
         """The states of ``pins``, asked for now; what does not come in time is missing.
 
@@ -260,6 +291,7 @@ class FirmataDriver:
         if not pins:
             return states
         marker = self._next_marker()
+        asked_at = self._now()
         self._stream.send(b"".join(map(codec.pin_state_query, (marker, *pins))))
         in_step = False
         for reply in self._firmata.listen(self._timeout_s):
@@ -267,6 +299,7 @@ class FirmataDriver:
                 self._take((reply,))
             elif reply.pin == marker:
                 in_step = True
+                self._delay_s = max(self._delay_s or 0.0, self._now() - asked_at)
             elif in_step and reply.pin in pins:
                 states[reply.pin] = reply
                 if len(states) == len(pins):

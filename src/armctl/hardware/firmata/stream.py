@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from armctl.hardware.driver import ChannelTable
@@ -15,8 +15,10 @@ from armctl.hardware.firmata.codec import PinMode, PinState
 # What the host last sent to each pin, and what the board says to that.
 
 _CERTAIN = 2
-"""answers carry no checksum: one alone does not prove that a pin is on or off"""
+"""answers carry no checksum: one alone does not prove that a pin is on or off, or what its width is"""
 _ATTACH_ATTEMPTS = 3
+_ATTACHING_S = 1.0
+"""so long after it was switched on first a pin may be tried again: it must not come on when nobody waits"""
 _STRAYS_WITHIN_S = 10.0
 _LONG_LOSS_S = 0.1
 """what is lost for longer than this shows as a step of the arm"""
@@ -43,8 +45,12 @@ class _Pin:
     step_us_per_s: float = math.inf  # how fast it is brought from there to where it should be
     asked: _Question | None = None
     contradictions: int = 0
-    seen_on: bool = False  # the board has said that it is on, since it was switched on
+    agreements: int = 0  # right answers since it was switched on
+    seen_on: bool = False  # the board has said for certain that it is on, since it was switched on
+    kept_us: int | None = None  # the width that the sketch keeps for it, on or off; None: not known
     attempts: int = 0  # to switch it on
+    tried_at: float = -math.inf  # when it was tried first
+    other_us: int | None = None  # another value that the last answer told: the next one must tell it, too
     agreed: _Question | None = None  # the last answer that was right
     strayed: int = 0  # how often the board had another value though nothing had been sent
     strayed_at: float = -math.inf
@@ -68,25 +74,60 @@ class PinWatch:
             # Degrees, or no value yet, are no pulse width.
             pulse_us = _possible(state.value) if on else None
             step = steps.get(state.pin) or math.inf
-            self._pins[state.pin] = _Pin(on, pulse_us, step_us_per_s=step, seen_on=on, attempts=int(on))
+            self._pins[state.pin] = _Pin(
+                on, pulse_us, step_us_per_s=step, seen_on=on, kept_us=pulse_us, attempts=int(on)
+            )
         self._turn: list[int] = list(self._pins)
         self._open: deque[_Question] = deque()
         self._waiting_since: float | None = None
         self.asked = self.lost = 0
         """questions that were put, and those that got no answer, since the caller set them to 0"""
+        self.delay_s: float | None = None
+        """the longest that an answer took, since the caller set it to None"""
 
     @property
     def positions(self) -> dict[int, float | None]:
-        """The pulse width [µs] last sent to each pin; None where it is off or not known."""
+        """The pulse width [µs] last sent to each pin; None where it is off, not known, or not confirmed."""
         return {
-            number: float(pin.pulse_us) if pin.on and pin.pulse_us is not None else None
+            number: float(pin.pulse_us) if pin.on and pin.seen_on and pin.pulse_us is not None else None
             for number, pin in self._pins.items()
         }
 
     @property
     def powered(self) -> bool:
-        """Whether any pin sends pulses."""
+        """Whether any pin sends pulses, or has been told to."""
         return any(pin.on for pin in self._pins.values())
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the board has said of each pin that is on that it is."""
+        return all(pin.seen_on for pin in self._pins.values() if pin.on)
+
+    @property
+    def on_at_no_width(self) -> bool:
+        """Whether a pin is on for certain, at a width that is not known (degrees of another program)."""
+        return any(pin.on and pin.seen_on and pin.pulse_us is None for pin in self._pins.values())
+
+    def is_on(self, pin: int) -> bool:
+        """Whether a pin sends pulses, or has been told to."""
+        return self._pins[pin].on
+
+    def keeps(self, pin: int, pulse_us: int) -> bool:
+        """Whether the sketch would attach a pin that is off with this width [µs]."""
+        return self._pins[pin].kept_us == pulse_us
+
+    def prepared(self, pulses: Mapping[int, int]) -> None:
+        """Note that the sketch keeps these widths [µs] by pin, all of them off."""
+        for number, pulse_us in pulses.items():
+            self._pins[number].kept_us = pulse_us
+
+    def dropped(self, number: int) -> None:
+        """What was to be sent to a pin has waited for too long. It is left where the board has it."""
+        pin = self._pins[number]
+        if not pin.on:
+            pin.doubtful = False  # it is not tried again
+        elif pin.held_us is None:
+            pin.held_us = pin.pulse_us  # the next setpoint may be far from there
 
     @property
     def switched_off(self) -> tuple[int, ...]:
@@ -144,14 +185,18 @@ class PinWatch:
         """
         gone: list[int] = []
         words: list[str] = []
+        runs_on = any(was.on and was.seen_on for was in earlier._pins.values())
         for number, was in earlier._pins.items():
             pin = self._pins.get(number)
+            if pin is not None and not pin.on and runs_on:  # else the board may have started anew
+                pin.kept_us = was.kept_us
             if pin is None or not was.on:
                 continue
             if not pin.on and was.seen_on:
                 gone.append(number)
-            elif not pin.on:  # it never was: it is to be switched on again
+            elif not pin.on:  # it never was: it is to be switched on again, if that is not too late
                 pin.pulse_us, pin.doubtful, pin.attempts = was.pulse_us, True, was.attempts
+                pin.tried_at = was.tried_at
             else:
                 held_us, pin.pulse_us, pin.sent_at = pin.pulse_us, was.pulse_us, was.sent_at
                 pin.doubtful, pin.held_us, pin.strayed = was.doubtful, was.held_us, was.strayed
@@ -165,17 +210,23 @@ class PinWatch:
         for number, pulse_us in pulses.items():
             pin = self._pins[number]
             if not pin.on:
-                pin.contradictions, pin.seen_on = 0, False
+                pin.contradictions, pin.agreements, pin.seen_on, pin.other_us = 0, 0, False, None
                 pin.attempts += 1
+                if pin.attempts == 1:
+                    pin.tried_at = now
             goal = (pulses if wanted is None else wanted).get(number, pin.pulse_us)
             # On the way there it is sent again and again, each time from where it is by then.
             pin.doubtful = goal is not None and goal != pulse_us
             pin.held_us = pulse_us if pin.doubtful else None
             pin.on, pin.pulse_us, pin.sent_at = True, goal if pin.doubtful else pulse_us, now
+            pin.kept_us = pulse_us
 
     def released(self) -> None:
         """Note that every pin is off."""
-        self._pins = {number: _Pin(step_us_per_s=pin.step_us_per_s) for number, pin in self._pins.items()}
+        self._pins = {
+            number: _Pin(step_us_per_s=pin.step_us_per_s, kept_us=pin.kept_us)
+            for number, pin in self._pins.items()
+        }
         self._open.clear()
         self._waiting_since = None
 
@@ -216,31 +267,47 @@ class PinWatch:
                     "may be lost, which shows as a step of the arm; check the USB cable"
                 )
         self._waiting_since = now if self._open else None
+        self.delay_s = max(self.delay_s or 0.0, now - question.at)
         pin = self._pins.get(state.pin)
         if pin is None or pin.asked is not question:
             return words
         pin.asked = None
-        return self._compared(state, pin, question) or words
+        return self._compared(state, pin, question, now) or words
 
-    def _compared(self, state: PinState, pin: _Pin, asked: _Question) -> str | None:
+    def _compared(self, state: PinState, pin: _Pin, asked: _Question, now: float) -> str | None:
         on = state.mode == PinMode.SERVO
         if on != asked.on:
             pin.contradictions += 1
+            self._ask_first(state.pin)
             if not on and not pin.seen_on:
-                if pin.on and pin.contradictions >= _CERTAIN and pin.attempts < _ATTACH_ATTEMPTS:
+                again = pin.attempts < _ATTACH_ATTEMPTS and now - pin.tried_at < _ATTACHING_S
+                if pin.on and pin.contradictions >= _CERTAIN and again:
                     pin.on, pin.doubtful, pin.held_us, pin.contradictions = False, True, None, 0
+                return None
+            if pin.contradictions < _CERTAIN:
                 return None
             return (
                 f"pin {state.pin} is {'still on' if on else 'no longer on'} at the board, though armctl "
                 f"{'switched it off' if on else 'did not switch it off'}"
             )
         pin.contradictions = 0
-        pin.seen_on = on
-        if not on or asked.pulse_us is None:
+        if not on:
+            pin.seen_on = False
+            return None
+        if asked.pulse_us is None:
             return None
         if state.value == asked.pulse_us:
-            pin.agreed = asked
+            pin.agreed, pin.other_us = asked, None
+            pin.agreements += 1
+            pin.seen_on |= pin.agreements >= _CERTAIN
+            if not pin.seen_on:
+                self._ask_first(state.pin)
             return None
+        if pin.other_us != state.value:  # one answer alone moves nothing
+            pin.other_us = state.value
+            self._ask_first(state.pin)
+            return None
+        pin.other_us = None
         # Sent again at once, unless the next setpoint overtakes it.
         pin.doubtful = pin.on
         told_us = _possible(state.value)
@@ -258,6 +325,11 @@ class PinWatch:
             )
         return _another(state.pin, told_us, asked.pulse_us)
 
+    def _ask_first(self, number: int) -> None:
+        """Ask about a pin before the others."""
+        self._turn.remove(number)
+        self._turn.insert(0, number)
+
 
 def _possible(value: int) -> int | None:
     """A value that the board has told, where it can be a pulse width; None: garbled, or set as degrees."""
@@ -271,37 +343,43 @@ def _another(pin: int, held_us: int | None, pulse_us: int) -> str:
     )
 
 
-# Switching servos on so that their first pulse is already the right one.
+# Switching servos on so that their first pulse can only be the right one.
 
-_MOST_ON_FRESH_BOARD = 12
-"""so many fit into the 32 ms in which a timer that has just been started sends no pulse"""
 _TRANSMIT_BUFFER = 64
 _RECEIVE_BUFFER = 63
 _REPORT_FRAME = 5
 _HELD_S = 0.5
 """after that an answer that has not come is lost: the line takes 25 ms, and late bytes have come by then"""
-_SERVO_BYTES = len(codec.servo_config(0, 0, 0)) + len(codec.servo_write(0, SMALLEST_PULSE_US))
+_SHARED_SERVOS = (2, 4)
+"""the first version of the sketch whose pins share its servos"""
+_LED_PIN = 13
+"""its LED blinks whenever an Arduino starts: whatever is connected there has seen pulses before"""
+_SETTING_BYTES = len(codec.servo_config(0, 0, 0)) + len(codec.servo_write(0, SMALLEST_PULSE_US))
+_PREPARING_BYTES = _SETTING_BYTES + len(codec.pin_mode(0, PinMode.OUTPUT))
 
 
 class Attacher:
     """Makes the bytes that switch servos on.
 
-    An attached servo sends 1500 µs, or the width last sent on its pin, until a write says otherwise.
-    That write is 6 bytes: 1 ms on the line, in which a servo frame begins in one of thirty cases.
+    An attached servo sends the width that the sketch keeps for it, 1500 µs at first, until a write says
+    otherwise; and only a servo that is attached can be written to. So the width is brought there before:
 
-    On a board that has just started (``fresh``) there is time: the timer starts with the first servo,
-    counts from zero and sends nothing until it has wrapped round. Later, the sketch is kept from looking:
-    it is first asked for its name, as often as it takes to fill its transmit buffer, and while it waits
-    for that to drain, attach and write both come in. It then carries them out back to back, within 0.1 ms.
-    (What is left: about one first pulse in two hundred, of servos that are not the first to be on.)
+    - Up to version 2.3 each pin has a servo of its own. While all are off, each one is attached, written
+      to and detached (``prepare``). No pulse begins meanwhile: the library sets a timer that drives no
+      servo to 0 when one is attached, and its interrupt comes at the earliest after the shortest pulse,
+      544 µs. For that the bytes of a pin must be obeyed within 0.3 ms, and the sketch is kept from looking
+      until they are there: it is first asked for its name, as often as it takes to fill its transmit
+      buffer, and waits for that to drain.
+    - Later versions give a servo that was freed to the pin that is attached next, with the width that it
+      had. So ``spare``, a pin that drives no servo, is attached, written to and detached ahead of each.
 
-    While it is held, its receive buffer has no room for anything else: until all its answers have come
-    (``holding``) nothing more is sent. Bytes that come late, and then together, would overflow it.
+    While the sketch is held, its receive buffer has no room for anything else: until all its answers have
+    come (``holding``) nothing more is sent. Bytes that come late, and then together, would overflow it.
     """
 
-    def __init__(self, firmware_name: str, *, fresh: bool) -> None:
+    def __init__(self, firmware_name: str, version: tuple[int, int], spare: int | None) -> None:
         self._report_length = _REPORT_FRAME + 2 * len(firmware_name)
-        self._fresh = fresh
+        self._spare = spare if version >= _SHARED_SERVOS else None
         self._awaited = 0
         self._held_until = -math.inf
 
@@ -314,38 +392,69 @@ class Attacher:
         self._awaited = max(0, self._awaited - 1)
 
     @property
-    def most_at_once(self) -> int:
-        """How many servos the next burst may switch on."""
-        if self._fresh:
-            return _MOST_ON_FRESH_BOARD
+    def needs_preparing(self) -> bool:
+        """Whether pins have to be prepared while all of them are off."""
+        return self._spare is None
+
+    @property
+    def most_prepared_at_once(self) -> int:
+        """How many pins one ``prepare`` is good for."""
         count = 1
-        while self._needed(count + 1) <= self._allowed(count + 1):
+        while self._needed(_PREPARING_BYTES * (count + 1)) <= self._allowed(_PREPARING_BYTES * (count + 1)):
             count += 1
         return count
 
-    def burst(self, pulses: Mapping[int, int], table: ChannelTable, now: float) -> tuple[bytes, int]:
-        """Bytes that attach up to ``most_at_once`` servos at pulses [µs] by pin; the length of the answer."""
+    def prepare(self, pulses: Mapping[int, int], table: ChannelTable, now: float) -> tuple[bytes, int]:
+        """Bytes that leave pins off and let the sketch keep pulses [µs] by pin; length of the answer."""
         request = b"".join(
-            codec.servo_config(pin, *codec.servo_limits(*table.whole_range(pin)))
-            + codec.servo_write(pin, pulse_us)
+            _setting(pin, pulse_us, table, pin) + codec.pin_mode(pin, PinMode.OUTPUT)
             for pin, pulse_us in pulses.items()
         )
-        count = 0 if self._fresh else min(self._needed(len(pulses)), self._allowed(len(pulses)))
-        self._fresh = False
+        return self._held(request, now)
+
+    def attach(
+        self, pin: int, pulse_us: int, table: ChannelTable, now: float, *, kept: bool
+    ) -> tuple[bytes, int]:
+        """Bytes that switch a pin on at a pulse [µs]; the length of the answer.
+
+        ``kept``: the sketch keeps that width for it. If it does not, and others are on, a frame may begin
+        between the two messages: the sketch is held, so that they are 0.1 ms apart (one case in 200).
+        """
+        request = _setting(pin, pulse_us, table, pin)
+        if self._spare is not None:
+            spare = _setting(self._spare, pulse_us, table, pin)
+            return spare + codec.pin_mode(self._spare, PinMode.OUTPUT) + request, 0
+        return (request, 0) if kept else self._held(request, now)
+
+    def _held(self, request: bytes, now: float) -> tuple[bytes, int]:
+        count = min(self._needed(len(request)), self._allowed(len(request)))
         self._awaited, self._held_until = count, now + _HELD_S
         return codec.FIRMWARE_QUERY * count + request, self._report_length * count
 
-    def _needed(self, servos: int) -> int:
-        """How many questions hold the sketch until all bytes of so many servos have come in.
+    def _needed(self, length: int) -> int:
+        """How many questions hold the sketch until so many bytes have come in.
 
         It begins to answer after the first one, and is held until all but a buffer full has gone out.
         """
         gained = self._report_length - len(codec.FIRMWARE_QUERY)
-        return -(-(_TRANSMIT_BUFFER + 1 + _SERVO_BYTES * servos - len(codec.FIRMWARE_QUERY)) // gained)
+        return -(-(_TRANSMIT_BUFFER + 1 + length - len(codec.FIRMWARE_QUERY)) // gained)
 
-    def _allowed(self, servos: int) -> int:
+    def _allowed(self, length: int) -> int:
         """How many questions leave room in the receive buffer, the first one being taken out at once."""
-        return (_RECEIVE_BUFFER - _SERVO_BYTES * servos) // len(codec.FIRMWARE_QUERY) + 1
+        return (_RECEIVE_BUFFER - length) // len(codec.FIRMWARE_QUERY) + 1
+
+
+def spare_pin(servo_pins: Sequence[int], used: Sequence[int]) -> int | None:
+    """A pin that drives no servo and may be pulsed: that of the LED, else the last one that is free."""
+    free = [pin for pin in servo_pins if pin not in used]
+    return _LED_PIN if _LED_PIN in free else max(free, default=None)
+
+
+def _setting(pin: int, pulse_us: int, table: ChannelTable, like: int) -> bytes:
+    """Attach a pin, with the limits of ``like``, and write to it."""
+    return codec.servo_config(pin, *codec.servo_limits(*table.whole_range(like))) + codec.servo_write(
+        pin, pulse_us
+    )
 
 
 # No faster than the line carries: the system and the USB adapter take far more, and setpoints only get old.
@@ -359,22 +468,40 @@ _WRITE_BYTES = len(codec.servo_write(0, SMALLEST_PULSE_US))
 _MOST_QUERIES = 8
 """their answers of 7 bytes fit into the board's 64-byte transmit buffer: it never has to wait for it"""
 _OVERDUE_S = 0.03
+_LOST_S = 0.15
+"""while pins wait to be switched on, an answer that took so long is lost; a marker is one more question"""
+_SETPOINT_S = 0.1
+"""so long a setpoint may wait, a few servo frames"""
+_ATTACH_S = 0.5
+"""so long a pin may wait to be switched on: for answers that are late, and while others are prepared"""
 _ROUND_S = 0.75 * SERVO_FRAME_S
 """shortest time between two rounds of questions; a loop of 20 ms is now and then early"""
 
 
 class SetpointStream:
-    """Keeps the newest setpoints until the line is free for them; ``attacher`` switches pins on."""
+    """Keeps the newest setpoints until the line is free for them; ``attacher`` switches pins on.
+
+    What has waited for too long is dropped: the board may have been silent meanwhile, or the line blocked.
+    What gets through after a while would be one large step of the arm, or a servo that comes on unasked.
+    """
 
     def __init__(self, send: Callable[[bytes], None], now: Callable[[], float], attacher: Attacher) -> None:
-        self._send_bytes, self._now, self._attacher = send, now, attacher
+        self._send_bytes, self._now, self.attacher = send, now, attacher
         self._busy_until = 0.0
         self._pending: dict[int, int] = {}
+        self._since: dict[int, float] = {}
+        """since when a pin waits for what it has not been sent"""
+        self._expired: set[int] = set()
+        self.first: Mapping[int, int] = {}
+        """the widths [µs] by pin with which pins that are off will be switched on, as far as is known"""
         self._asked_at = -_ROUND_S
 
     def put(self, pulses: Mapping[int, int]) -> None:
         """Have pulse widths [µs] by pin sent with the next ``flush``."""
         self._pending.update(pulses)
+        now = self._now()
+        for pin in pulses:
+            self._since.setdefault(pin, now)
 
     @property
     def waiting(self) -> bool:
@@ -384,10 +511,26 @@ class SetpointStream:
     def clear(self) -> None:
         """Forget what has not been sent."""
         self._pending.clear()
+        self._since.clear()
+
+    def drop(self, watch: PinWatch, *, all_of_it: bool = False) -> None:
+        """Drop what has waited for too long, or all that waits; ``take_expired`` tells it."""
+        now = self._now()
+        for pin, since in list(self._since.items()):
+            if all_of_it or now - since > (_SETPOINT_S if watch.is_on(pin) else _ATTACH_S):
+                self._pending.pop(pin, None)
+                del self._since[pin]
+                watch.dropped(pin)
+                self._expired.add(pin)
+
+    def take_expired(self) -> tuple[int, ...]:
+        """The pins of which something was dropped since this was asked last."""
+        expired, self._expired = tuple(sorted(self._expired)), set()
+        return expired
 
     def told_name(self) -> None:
         """The sketch told its name, which it is asked for to hold it."""
-        self._attacher.answered()
+        self.attacher.answered()
 
     def send(self, data: bytes, answer_length: int = 0) -> None:
         """Send at once."""
@@ -399,26 +542,51 @@ class SetpointStream:
     def flush(self, table: ChannelTable, watch: PinWatch) -> None:
         """Send the newest setpoints that the board has not got, once the line is free for them."""
         now = self._now()
+        self.drop(watch)
         # A round of questions may be in front of them, or reading before writing would cost a frame.
         backlog = self._backlog(now)
         full = backlog + _WRITE_BYTES * len(self._pending) > SERVO_FRAME_S / BYTE_S
         if backlog > _MOST_QUERIES * _QUERY_BYTES + _ROUNDING_SLACK or (full and backlog > _ROUNDING_SLACK):
             return
-        if self._attacher.holding(now):
+        if self.attacher.holding(now):
             return
         setpoints, off = watch.due(self._pending, now)
         wanted, self._pending = self._pending, off
-        request, answer_length = b"".join(itertools.starmap(codec.servo_write, setpoints.items())), 0
-        # Answers that are still to come would fill the transmit buffer, and hold the sketch too early.
-        if off and not watch.open_questions:
-            first = dict(itertools.islice(off.items(), self._attacher.most_at_once))
-            attach, answer_length = self._attacher.burst(first, table, now)
-            request += attach
-            self._pending = {pin: pulse_us for pin, pulse_us in off.items() if pin not in first}
-            watch.sent(first, now)
-        if request:
-            self.send(request, answer_length)
-            watch.sent(setpoints, now, wanted)
+        self._since = {pin: self._since.get(pin, now) for pin in off}
+        request = b"".join(itertools.starmap(codec.servo_write, setpoints.items()))
+        watch.sent(setpoints, now, wanted)
+        attach, answer_length = self._switch_on(off, table, watch, now) if off else (b"", 0)
+        if request or attach:
+            self.send(request + attach, answer_length)
+
+    def _switch_on(
+        self, off: Mapping[int, int], table: ChannelTable, watch: PinWatch, now: float
+    ) -> tuple[bytes, int]:
+        """The bytes for the next pin that is to be switched on, or that prepare it; length of the answer."""
+        attacher = self.attacher
+        if attacher.needs_preparing and not watch.powered:
+            first = {pin: us for pin, us in {**self.first, **off}.items() if not watch.keeps(pin, us)}
+            if first:
+                if watch.open_questions:  # their answers would fill the transmit buffer too early
+                    return b"", 0
+                first = dict(itertools.islice(first.items(), attacher.most_prepared_at_once))
+                watch.prepared(first)
+                self._since = dict.fromkeys(off, now)  # they wait for each other, not for the line
+                return attacher.prepare(first, table, now)
+        request, answer_length = b"", 0
+        for pin, pulse_us in tuple(off.items()):
+            kept = not attacher.needs_preparing or watch.keeps(pin, pulse_us)
+            if not kept and (request or watch.open_questions):
+                break
+            more, answer_length = attacher.attach(pin, pulse_us, table, now, kept=kept)
+            if len(request + more) > _RECEIVE_BUFFER:
+                break
+            request += more
+            del self._pending[pin], self._since[pin]
+            watch.sent({pin: pulse_us}, now)
+            if not kept:
+                break
+        return request, answer_length
 
     def ask_next(self, watch: PinWatch, marker: Callable[[], int]) -> None:
         """Ask for as many pin states as the line has room for in this servo frame, in turn.
@@ -427,13 +595,15 @@ class SetpointStream:
         are overdue, a ``marker`` is asked, a pin that drives no servo: its answer shows what is lost.
         """
         now = self._now()
-        if now - self._asked_at < _ROUND_S or self._attacher.holding(now):
+        if now - self._asked_at < _ROUND_S or self.attacher.holding(now):
             return
         room = int(max(0.0, _FRAME_BYTES - self._backlog(now) + _ROUNDING_SLACK)) // _QUERY_BYTES
-        if watch.oldest_s(now) > _OVERDUE_S:
-            pins = (watch.ask_marker(marker(), now),) if room else ()
-        elif self._pending:  # pins that are to be switched on once no answer is open
+        if self._pending and watch.oldest_s(now) <= _LOST_S:  # pins are switched on once no answer is open
             pins = ()
+        elif watch.oldest_s(now) > (_LOST_S if self._pending else _OVERDUE_S):
+            pins = (watch.ask_marker(marker(), now),) if room else ()
+            if not watch.confirmed:  # somebody waits for them
+                pins += watch.ask(max(0, min(_MOST_QUERIES - watch.open_questions, room - 1)), now)
         else:
             pins = watch.ask(max(0, min(_MOST_QUERIES - watch.open_questions, room)), now)
         if pins:
