@@ -223,9 +223,9 @@ delay          stopping    FH       F        F        {_LOST}|watchdog|{_SILENT}
 garble         connecting  DO       DO       DO       {_SILENT}|connected to
 garble         enabling    OF       FO       FH       serial protocol error|by itself|{_LOST}|enabled
 garble         homing      -        -        OFH      watchdog|finished
-garble         holding     FH       F        FH       by itself|{_LOST}|{_SILENT}
-garble         moving      FH       F        FH       by itself|{_LOST}|check the supply|{_SILENT}
-garble         stopping    FH       F        FH       by itself|{_LOST}|check the supply|{_SILENT}
+garble         holding     FH       FH       FH       by itself|{_LOST}|{_SILENT}|of the questions
+garble         moving      FH       FH       FH       by itself|{_LOST}|check the supply|{_SILENT}
+garble         stopping    FH       FH       FH       by itself|{_LOST}|check the (supply|USB cable)|{_SILENT}
 half           connecting  DO       DO       DO       {_SILENT}|connected to
 half           enabling    F        F        F        by itself .*check its power|{_LOST}|{_SILENT}
 half           homing      -        -        OF       watchdog
