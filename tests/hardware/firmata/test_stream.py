@@ -206,6 +206,15 @@ def test_a_pin_is_not_tried_again_when_nobody_waits_any_more():
     assert watch.never_on == (9,)
 
 
+def test_a_board_that_says_nothing_for_longer_than_usual_stalls():
+    watch = watch_of(9)
+    watch.ask(1, now=0.0)
+    assert [watch.stalls(at) for at in (0.049, 0.051)] == [False, True]
+    watch.answered(PinState(9, OUTPUT, 0), 0.08)  # late, but it answers
+    watch.ask(1, now=0.1)
+    assert [watch.stalls(at) for at in (0.25, 0.27)] == [False, True]
+
+
 def test_after_a_setpoint_was_dropped_the_next_is_reached_at_the_pins_speed():
     watch = PinWatch([PinState(2, SERVO, 1000)], {2: 2000.0})
     watch.sent({2: 1000}, 0.0)
@@ -377,7 +386,7 @@ def test_a_pin_that_the_board_was_seen_with_otherwise_is_sent_again(line: Line):
     for words in (None, "pin 9 had 1234 instead of the 1600 µs last sent"):
         line.clock.advance(SERVO_FRAME_S)
         line.ask()
-        told = line.watch.answered(PinState(9, SERVO, 1234), 0.1)
+        told = line.watch.answered(PinState(9, SERVO, 1234), line.clock.now())
         assert told is words or (told is not None and words is not None and told.startswith(words))
     line.clock.advance(SERVO_FRAME_S)
     assert line.flush() == servo_write(9, 1600)

@@ -20,6 +20,8 @@ _ATTACH_ATTEMPTS = 3
 _ATTACHING_S = 1.0
 """so long after it was switched on first a pin may be tried again: it must not come on when nobody waits"""
 _STRAYS_WITHIN_S = 10.0
+_STALLS_S, _STALLS_TIMES, _FORGETS = 0.05, 2.0, 0.95
+"""a silence longer than that, and than so many times what answers take, which fades by so much an answer"""
 _LONG_LOSS_S = 0.1
 """what is lost for longer than this shows as a step of the arm"""
 _LOST = "bytes were lost or garbled on the line"
@@ -84,6 +86,8 @@ class PinWatch:
         """questions that were put, and those that got no answer, since the caller set them to 0"""
         self.delay_s: float | None = None
         """the longest that an answer took, since the caller set it to None"""
+        self._usual_s = 0.0
+        """how long answers take lately, at most"""
 
     @property
     def positions(self) -> dict[int, float | None]:
@@ -154,6 +158,10 @@ class PinWatch:
     def silent_s(self, now: float) -> float:
         """For how long the board has left questions unanswered, all of them."""
         return 0.0 if self._waiting_since is None else now - self._waiting_since
+
+    def stalls(self, now: float) -> bool:
+        """Whether the board says nothing for longer than it usually does: it may get nothing, either."""
+        return self.silent_s(now) > max(_STALLS_S, _STALLS_TIMES * self._usual_s)
 
     def oldest_s(self, now: float) -> float:
         """How long ago the oldest question was put that is not answered yet."""
@@ -267,7 +275,9 @@ class PinWatch:
                     "may be lost, which shows as a step of the arm; check the USB cable"
                 )
         self._waiting_since = now if self._open else None
-        self.delay_s = max(self.delay_s or 0.0, now - question.at)
+        took_s = now - question.at
+        self.delay_s = max(self.delay_s or 0.0, took_s)
+        self._usual_s = max(took_s, _FORGETS * self._usual_s)
         pin = self._pins.get(state.pin)
         if pin is None or pin.asked is not question:
             return words
@@ -548,7 +558,7 @@ class SetpointStream:
         full = backlog + _WRITE_BYTES * len(self._pending) > SERVO_FRAME_S / BYTE_S
         if backlog > _MOST_QUERIES * _QUERY_BYTES + _ROUNDING_SLACK or (full and backlog > _ROUNDING_SLACK):
             return
-        if self.attacher.holding(now):
+        if self.attacher.holding(now) or watch.stalls(now):
             return
         setpoints, off = watch.due(self._pending, now)
         wanted, self._pending = self._pending, off
