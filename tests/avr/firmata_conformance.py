@@ -108,6 +108,28 @@ def a_reset_sets_every_pin_back(line: Line) -> None:
     assert line.exchange(b"\xf9", _SETTLE_S) == VERSION
 
 
+def an_analog_channel_is_reported_until_it_is_switched_off(line: Line) -> None:
+    assert line.exchange(b"", _LONG_S) == b""  # unasked it reports nothing
+    assert _reports(line.exchange(bytes.fromhex("C3 01"), _LONG_S)) == {3: (26, 26)}
+    assert _reports(line.exchange(bytes.fromhex("CF 01"), _LONG_S)) == {3: (26, 27), 15: (26, 27)}
+    assert _reports(line.exchange(bytes.fromhex("C3 00"), _LONG_S)) == {15: (26, 27)}
+    line.exchange(b"\xff", _SETTLE_S)
+    assert line.exchange(b"", _LONG_S) == b""
+
+
+def the_sampling_interval_is_10_ms_or_more(line: Line) -> None:
+    line.exchange(bytes.fromhex("C0 01 F0 7A 64 00 F7"), _LONG_S)
+    assert _reports(line.exchange(b"", 1.0)) == {0: (9, 11)}
+    line.exchange(bytes.fromhex("F0 7A 01 00 F7"), _LONG_S)
+    assert _reports(line.exchange(b"", 1.0)) == {0: (99, 101)}
+
+
+def the_analog_mode_switches_its_report_on_and_another_one_off(line: Line) -> None:
+    assert _reports(line.exchange(bytes.fromhex("F4 36 02"), _LONG_S)) == {0: (26, 26)}
+    assert line.exchange(bytes.fromhex("F4 36 01"), _SETTLE_S)[3:] == b""
+    assert line.exchange(b"", _LONG_S) == b""
+
+
 def an_unknown_mode_is_answered_in_words(line: Line) -> None:
     words = b"".join(bytes((code, 0)) for code in b"Unknown pin mode")
     for mode in (5, 11, 126):
@@ -141,6 +163,31 @@ def questions_in_one_burst_are_answered_in_order(line: Line) -> None:
     question = b"".join(bytes((0xF0, 0x6D, pin, 0xF7)) for pin in pins)
     answers = b"".join(b"\xf0\x6e" + _state(line, pin) + b"\xf7" for pin in pins)
     assert line.exchange(question, _LONG_S) == answers
+
+
+class _Count:
+    """A number of reports that is one of two next to each other, or between."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+
+    def __eq__(self, other: object) -> bool:
+        assert isinstance(other, tuple)
+        low, high = other
+        return low <= self.count <= high
+
+    def __repr__(self) -> str:
+        return f"{self.count} reports"
+
+
+def _reports(said: bytes) -> dict[int, _Count]:
+    """How many reports of each analog channel these bytes are, and they are nothing else."""
+    counts: dict[int, int] = {}
+    assert len(said) % 3 == 0
+    for command, low, high in zip(said[::3], said[1::3], said[2::3], strict=True):
+        assert command & 0xF0 == 0xE0 and low < 128 and high < 8
+        counts[command & 0x0F] = counts.get(command & 0x0F, 0) + 1
+    return {channel: _Count(count) for channel, count in counts.items()}
 
 
 def _modes(pin: int) -> bytes:

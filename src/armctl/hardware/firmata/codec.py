@@ -45,6 +45,7 @@ class Sysex(IntEnum):
     SERVO_CONFIG = 0x70
     STRING_DATA = 0x71
     REPORT_FIRMWARE = 0x79
+    SAMPLING_INTERVAL = 0x7A
 
 
 class PinMode(IntEnum):

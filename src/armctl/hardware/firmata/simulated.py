@@ -98,6 +98,9 @@ SERVO_PINS = tuple(pin for pin in range(PINS) if PinMode.SERVO in _capabilities(
 # The sketch, and what it sends.
 
 SERVO_FRAME_S = 0.020
+_SAMPLING_MS, _SHORTEST_SAMPLING_MS = 19, 10
+_MOST_MISSED = 50
+"""rounds of analog reports that are made up for after nobody has looked at the board for a while"""
 _TIME_SLACK_S = 1e-9
 _VERSION = (2, 3)
 _VERSION_REPORT = bytes((Command.REPORT_VERSION, *_VERSION))
@@ -111,7 +114,10 @@ _NAME_REPORT = _with_text(Sysex.REPORT_FIRMWARE, "StandardFirmata.ino", *_VERSIO
 
 
 class SimulatedFirmata:
-    """StandardFirmata on a Mega, with servos; inputs, I²C and serial pins do nothing.
+    """StandardFirmata on a Mega, with servos and analog reports; I²C and serial pins do nothing.
+
+    Nothing is connected to its inputs: the digital ones are low, and an analog channel reads what ``analog``
+    says, 0 … 1023.
 
     Bytes are taken as soon as they are fed: the line's own speed is not modelled. All servos share
     one frame of 20 ms. A sysex that is longer than the sketch's buffer crashes it, as it does in old
@@ -124,6 +130,8 @@ class SimulatedFirmata:
         self._log_length = log_length
         self._now: float | None = None
         self._pulses: dict[int, deque[Pulse]] = {}
+        self.analog = dict.fromkeys(range(PINS - _FIRST_ANALOG_PIN), 0)
+        """by channel, what it reads"""
         self.reset()
 
     def reset(self) -> None:
@@ -137,6 +145,9 @@ class SimulatedFirmata:
         self._runs_at = None if self._now is None else self._now + self._boot_s
         self._reported = False
         self._frames = 0
+        self._channels: set[int] = set()
+        """the analog channels that are reported"""
+        self._sampling_ms, self._sampled_ms = _SAMPLING_MS, 0
 
     def advance(self, now: float) -> bytes:
         """Let servo frames go by up to ``now`` [s]; the sketch reports itself once it has started."""
@@ -146,8 +157,9 @@ class SimulatedFirmata:
         if now < self._runs_at:
             return b""
         self._run_frames(now, self._runs_at)
+        reports = self._analog_reports(now - self._runs_at)
         if self._reported:
-            return b""
+            return reports
         self._reported = True
         return _VERSION_REPORT + _NAME_REPORT
 
@@ -175,6 +187,21 @@ class SimulatedFirmata:
                 log.append(Pulse(started + frame * SERVO_FRAME_S, self._servos[pin].width_us))
         self._frames = due
 
+    def _analog_reports(self, ran_s: float) -> bytes:
+        """What the sketch's rounds of sampling send, up to so long after its start."""
+        now_ms = math.floor(1000 * ran_s + _TIME_SLACK_S)
+        rounds = max(0, math.ceil((now_ms - self._sampled_ms) / self._sampling_ms) - 1)
+        self._sampled_ms += rounds * self._sampling_ms
+        if self._crashed:
+            return b""
+        values = [(channel, self.analog[channel]) for channel in sorted(self._channels)]
+        one = b"".join(
+            bytes((Command.ANALOG_MESSAGE | channel, *split_14_bits(value)))
+            for channel, value in values
+            if self._modes[_FIRST_ANALOG_PIN + channel] == PinMode.ANALOG
+        )
+        return one * min(rounds, _MOST_MISSED)
+
     def _obey(self, message: SketchMessage) -> bytes:
         data = message.data
         match message.command:
@@ -187,12 +214,15 @@ class SimulatedFirmata:
             case Command.SYSTEM_RESET:
                 for pin in range(PINS):
                     self._set_mode(pin, _mode_after_reset(pin))
+                self._channels.clear()
+            case Command.REPORT_ANALOG:
+                self._report_analog(message.channel, data[0] != 0)
             case Command.SET_PIN_MODE:
                 return self._set_mode(data[0], data[1])
             case Command.ANALOG_MESSAGE:
                 self._analog_write(message.channel, data[0] | data[1] << 7)
             case _:
-                pass  # digital pins and reports: nothing here depends on them
+                pass  # digital pins and their reports: no input ever changes
         return b""
 
     def _obey_sysex(self, kind: int, data: bytes) -> bytes:
@@ -213,6 +243,8 @@ class SimulatedFirmata:
                 for place, byte in enumerate(data[1:4]):
                     value |= byte << 7 * place
                 self._analog_write(data[0], (value + 0x8000) % 0x10000 - 0x8000)  # an int of 16 bits
+            case Sysex.SAMPLING_INTERVAL if len(data) > 1:
+                self._sampling_ms = max(_SHORTEST_SAMPLING_MS, data[0] + (data[1] << 7))
             case Sysex.SERVO_CONFIG if len(data) > 4 and data[0] in self._servos:
                 self._servos[data[0]].attach(data[1] + (data[2] << 7), data[3] + (data[4] << 7))
                 self._on.add(data[0])
@@ -226,6 +258,8 @@ class SimulatedFirmata:
             return b""
         if mode != PinMode.SERVO:
             self._on.discard(pin)
+        if pin >= _FIRST_ANALOG_PIN:
+            self._report_analog(pin - _FIRST_ANALOG_PIN, mode == PinMode.ANALOG)
         self._values[pin] = 0
         if mode not in tuple(PinMode):
             return _with_text(Sysex.STRING_DATA, "Unknown pin mode")
@@ -235,6 +269,9 @@ class SimulatedFirmata:
                 self._servos[pin].attach()
                 self._on.add(pin)
         return b""
+
+    def _report_analog(self, channel: int, on: bool) -> None:
+        (self._channels.add if on else self._channels.discard)(channel)
 
     def _analog_write(self, pin: int, value: int) -> None:
         if pin < PINS and self._modes[pin] in (PinMode.SERVO, PinMode.PWM):
