@@ -101,6 +101,7 @@ def test_beyond_its_ends_it_holds_them() -> None:
         ([0.0, 0.0], np.zeros((1, 2, 1)), "must rise"),
         ([0.0, np.nan], np.zeros((1, 2, 1)), "finite"),
         ([0.0, 1.0], np.full((1, 2, 1), np.inf), "finite"),
+        ([0.0, 1.0], np.zeros((1, 13, 1)), "13 coefficients, 12 at most"),
     ],
 )
 def test_what_is_no_polynomial_is_refused(breaks: list[float], coefficients: np.ndarray, text: str) -> None:

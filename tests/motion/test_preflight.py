@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -13,6 +14,8 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
 from armctl.motion import (
     JoinedTrajectory,
+    PathTrajectory,
+    PiecewisePolynomial,
     PointToPoint,
     ProfileName,
     Sample,
@@ -144,6 +147,25 @@ def test_in_a_joined_motion_the_time_counts_from_the_whole_start() -> None:
 )
 def test_a_foreign_trajectory_is_sampled(motion: Sine, found: str) -> None:
     assert any(found in text for text in texts(motion))
+
+
+def test_a_motion_of_too_many_samples_is_refused_before_they_are_made() -> None:
+    with pytest.raises(InputError, match="a motion of 11 parts that needs more than 40000 samples"):
+        preflight(ROBOT, JoinedTrajectory([Sine(1e-6, 4.0)] * 11))
+
+
+def test_the_peaks_of_a_long_path_with_a_long_law_need_little_memory() -> None:
+    count = 5000
+    begins, aside = np.arange(count + 1.0), np.array([1e-3, 0, 0, 0, 0])
+    zigzag = [[HOME + (k % 2) * aside, (1 - 2 * (k % 2)) * aside] for k in range(count)]
+    path = PiecewisePolynomial(begins, zigzag)
+    law = PiecewisePolynomial(begins, [[[at], [1.0], [0.0], [0.0]] for at in begins[:-1]])
+    tracemalloc.start()
+    try:
+        assert np.isinf(PathTrajectory(path, law).peaks.acceleration[0])
+        assert tracemalloc.get_traced_memory()[1] < 32 << 20
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_piece_of_a_blended_motion_need_not_rest() -> None:

@@ -17,6 +17,8 @@ _NEGLIGIBLE = 1e-14
 """A coefficient that is a smaller share of the largest one counts as 0."""
 _JUMP = 1e-6
 """A smaller share of the largest value is no jump."""
+MOST_COEFFICIENTS = 12
+"""of a piece: a spline has 4, a law of least jerk 6; extremes of one of degree 1,000 take minutes"""
 
 
 class PiecewisePolynomial:
@@ -26,10 +28,18 @@ class PiecewisePolynomial:
     """
 
     def __init__(self, breaks: ArrayLike, coefficients: ArrayLike) -> None:
-        """Copies breaks (k + 1,), rising, and coefficients (k, degree + 1, n), lowest power first."""
+        """Copies breaks (k + 1,), rising, and coefficients (k, degree + 1, n), lowest power first.
+
+        ``InputError``: they do not fit, are not finite, or a piece has more than ``MOST_COEFFICIENTS``.
+        """
         x, c = as_numbers(breaks, "breaks"), as_numbers(coefficients, "coefficients")
         if x.ndim != 1 or c.ndim != 3 or len(c) == 0 or len(x) != len(c) + 1 or c.shape[1] == 0:
             raise InputError(f"breaks of shape {x.shape} do not fit coefficients of shape {c.shape}")
+        if c.shape[1] > MOST_COEFFICIENTS:
+            raise InputError(
+                f"a piece of a polynomial has {c.shape[1]} coefficients, {MOST_COEFFICIENTS} at most; "
+                "make it of more pieces of a lower degree"
+            )
         if not (np.isfinite(c).all() and np.isfinite(x).all()):
             raise InputError("the breaks and coefficients of a polynomial must be finite numbers")
         if not (x[1:] > x[:-1]).all():
@@ -170,6 +180,18 @@ class PiecewisePolynomial:
         widths = np.power(np.diff(self.breaks)[:, None], np.arange(float(size)))
         unit = self.coefficients * widths[:, :, None]
         return _bernstein(size) @ unit, unit
+
+
+def largest_by_order(c: FloatArray, orders: int) -> list[FloatArray]:
+    """What the derivatives 1 … ``orders`` of polynomials over 0 … 1 never go above, without sign.
+
+    ``c``: (degree + 1, ...) coefficients, lowest power first; a bound (...) for each order, Bernstein's.
+    """
+    found: list[FloatArray] = []
+    for _ in range(orders):
+        c = _derived(c) if len(c) > 1 else np.zeros_like(c)
+        found.append(np.abs(np.tensordot(_bernstein(len(c)), c, axes=1)).max(axis=0))
+    return found
 
 
 def _derived(c: FloatArray) -> FloatArray:

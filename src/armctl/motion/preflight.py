@@ -24,7 +24,7 @@ from armctl.robot import Robot
 
 _TRAVEL = math.radians(6)
 """No joint moves farther between two samples, as far as the peaks of the motion are known."""
-_MOST = 4000
+_MOST, _MOST_IN_ALL = 4000, 40_000
 _FINEST_S = 1e-3
 _FEWEST = 32
 _LOOKS, _NARROWED = 17, 3
@@ -153,6 +153,7 @@ class SampledMotion:
         parts = trajectory.leaves() if isinstance(trajectory, JoinedTrajectory) else [(trajectory, 0.0)]
         times, speeds = list[FloatArray](), list[FloatArray]()
         states: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+        left = _MOST_IN_ALL
         for part, begins in parts:
             duration, speed = part.duration, peaks_of(part).speed
             if not (math.isfinite(duration) and duration >= 0):
@@ -162,6 +163,12 @@ class SampledMotion:
                 count = max(2 * math.ceil(0.5 * travel), 2)
             else:
                 count = min(max(math.ceil(duration / _FINEST_S), _FEWEST), _MOST)
+            left -= count - 2  # the fewest
+            if left < 0:
+                raise InputError(
+                    f"a motion of {len(parts)} parts that needs more than {_MOST_IN_ALL} samples is too long "
+                    "to check; join fewer"
+                )
             time = np.linspace(0.0, duration, count + 1) if duration else np.zeros(1)
             state = part.sample(time)
             times.append(begins + time)

@@ -12,7 +12,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.target import as_numbers
 from armctl.motion.jerk_limited import jerk_limited_law
-from armctl.motion.polynomial import PiecewisePolynomial, quintic
+from armctl.motion.polynomial import PiecewisePolynomial, largest_by_order, quintic
 from armctl.motion.profiles import ProfileName, checked_duration, checked_profile, lasting_s, law_over
 from armctl.motion.time_optimal import PathLimits, PathRates, fastest_rates, time_optimal_law
 from armctl.motion.trajectory import KnowsPeaks, Peaks, Sample, Trajectory, as_times
@@ -25,6 +25,10 @@ _SECTIONS, _SECTIONINGS = 32, 6
 """where a slice begins is sought in so many parts of the duration, that often: to a billionth of it"""
 _INTERVALS = 12_000
 """about so many intervals are enough for the longest path"""
+_CROSSED_AT_ONCE = 1 << 10
+"""breaks that are sought at once"""
+_NUMBERS_AT_ONCE = 1 << 18
+"""so many coefficients of polynomials q(s(t)) are in memory at once"""
 _STANDS = 1e-6
 """of the largest rate: what is less counts as standing still, where the slope of a path jumps"""
 _AT_BREAK = 1e-8
@@ -125,7 +129,8 @@ class PathTrajectory(KnowsPeaks):
         if not jumps.any():
             return np.array([False] * len(self.start), dtype=np.bool_)
         time, breaks = self._crossings()[1:-1], self.law.breaks
-        nearest = breaks[np.abs(time[:, None] - breaks).argmin(axis=1)]
+        after = np.clip(breaks.searchsorted(time), 1, len(breaks) - 1)
+        nearest = np.where(time - breaks[after - 1] <= breaks[after] - time, breaks[after - 1], breaks[after])
         time = np.where(np.abs(time - nearest) <= _AT_BREAK * self.duration, nearest, time)
         rates = np.abs(self.law.derivatives(time, 1)[1, :, 0])
         moves = rates > _STANDS * self.law.derivative().bound_by_piece().max()
@@ -155,35 +160,41 @@ class PathTrajectory(KnowsPeaks):
         moves = (np.diff(s) > 0) & (np.diff(np.append(time, self.duration)) > 0)
         begins = np.append(np.flatnonzero(moves), len(time))
         begins[0] = 0
-        law = self.law.cut(np.append(time, self.duration)[begins])
-        path = self.path.cut(s[begins])
-        widths = np.diff(law.breaks)[:, None, None]
-        powers = np.arange(1.0, law.coefficients.shape[1])
-        inner: FloatArray = law.coefficients[:, 1:] * widths ** powers[:, None]
-        unit = path.coefficients[:, -1:]
-        for power in range(path.coefficients.shape[1] - 2, -1, -1):  # Horner's rule
-            product = np.zeros((len(unit), unit.shape[1] + inner.shape[1], path.n))
-            for j in range(inner.shape[1]):
-                product[:, j + 1 : j + 1 + unit.shape[1]] += unit * inner[:, j : j + 1]
-            product[:, 0] += path.coefficients[:, power]
-            unit = product
-        curve = PiecewisePolynomial(np.arange(len(unit) + 1.0), unit)
-        found: list[FloatArray] = []
-        for order in range(1, 4):
-            curve = curve.derivative()
-            found.append((curve.bound_by_piece() / widths[:, 0] ** order).max(axis=0))
-        return found
+        seams, places = np.append(time, self.duration)[begins], s[begins]
+        found = np.zeros((3, self.path.n))
+        powers = np.arange(1.0, self.law.coefficients.shape[1])
+        size = (self.path.coefficients.shape[1] - 1) * len(powers) + 1
+        at_once = max(_NUMBERS_AT_ONCE // (size * self.path.n), 1)
+        for first in range(0, len(seams) - 1, at_once):
+            slices = slice(first, first + at_once + 1)
+            law, path = self.law.cut(seams[slices]), self.path.cut(places[slices])
+            widths = np.diff(law.breaks)[:, None]
+            inner: FloatArray = law.coefficients[:, 1:] * widths[:, :, None] ** powers[:, None]
+            unit = path.coefficients[:, -1:]
+            for power in range(path.coefficients.shape[1] - 2, -1, -1):  # Horner's rule
+                product = np.zeros((len(unit), unit.shape[1] + inner.shape[1], path.n))
+                for j in range(inner.shape[1]):
+                    product[:, j + 1 : j + 1 + unit.shape[1]] += unit * inner[:, j : j + 1]
+                product[:, 0] += path.coefficients[:, power]
+                unit = product
+            for order, largest in enumerate(largest_by_order(unit.swapaxes(0, 1), 3), 1):
+                found[order - 1] = np.maximum(found[order - 1], (largest / widths**order).max(axis=0))
+        return list(found)
 
     def _crossings(self) -> FloatArray:
         """(k + 1,) when each break of the path is passed [s], the law never turns back."""
         breaks = self.path.breaks
-        low, width = np.zeros(len(breaks)), self.duration
-        for _ in range(_SECTIONINGS):
-            width /= _SECTIONS
-            inner = low[:, None] + width * np.arange(1, _SECTIONS)
-            before = self.law(inner.ravel())[:, 0].reshape(inner.shape) < breaks[:, None]
-            low = low + width * np.count_nonzero(before, axis=1)
-        return np.concatenate([[0.0], low[1:-1] + width, [self.duration]])
+        passed = [np.zeros(0)]
+        for first in range(1, len(breaks) - 1, _CROSSED_AT_ONCE):
+            sought = breaks[first : min(first + _CROSSED_AT_ONCE, len(breaks) - 1)]
+            low, width = np.zeros(len(sought)), self.duration
+            for _ in range(_SECTIONINGS):
+                width /= _SECTIONS
+                inner = low[:, None] + width * np.arange(1, _SECTIONS)
+                before = self.law(inner.ravel())[:, 0].reshape(inner.shape) < sought[:, None]
+                low = low + width * np.count_nonzero(before, axis=1)
+            passed.append(low + width)
+        return np.concatenate([[0.0], *passed, [self.duration]])
 
 
 _SPLINES: dict[ProfileName, int] = {"s-curve": 2, "quintic": 3}
