@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import ParamSpec
 
@@ -29,7 +29,7 @@ from armctl.runtime.commands import (
 from armctl.runtime.core import Core
 from armctl.runtime.dispatch import dispatch
 from armctl.runtime.last_pose import PoseFolder
-from armctl.runtime.planner import planner
+from armctl.runtime.planner import Openers, Planner, planner
 from armctl.runtime.snapshot import AxisHoming, Snapshot
 
 P = ParamSpec("P")
@@ -57,7 +57,7 @@ class Controller:
         """Wire it up; it runs once it is started.
 
         ``open_driver`` gives a driver, not opened yet, for a port as the user names it. ``rate_hz``: ticks a
-        second, 10 … 200, else ``InputError``. ``executor`` plans motions; None: a thread of its own.
+        second, 10 … 200, else ``InputError``. ``executor`` plans and opens lines; None: threads of its own.
         ``published`` is called behind each tick with its snapshot, once that and its answers are given.
         ``pin``: the teacher's, see ``ControlDesk``.
         ``black_boxes``: the folder where the last minute is saved at every fault; None: it is not.
@@ -70,11 +70,12 @@ class Controller:
         self._clock = clock
         self._period = 1.0 / rate_hz
         self._own_executor = executor is None
-        self._executor = executor or ThreadPoolExecutor(1, thread_name_prefix="armctl-planner")
+        self._executor = executor or Planner()
         self._published = published
         self._wake = threading.Event()
         plan = planner(self._executor, self._wake.set)
-        self._core = Core(robot, open_driver, plan, self._period, pin, poses)
+        open_line = planner(executor or Openers(), self._wake.set)
+        self._core = Core(robot, open_driver, plan, self._period, pin, poses, open_line)
         self._black_box = BlackBox(robot, self._period, clock.now, black_boxes)
         self._recording = True
         self._lock = threading.Lock()

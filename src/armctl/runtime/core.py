@@ -32,7 +32,7 @@ from armctl.runtime.gate import Gate
 from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.last_pose import PoseFolder, PoseWatch
 from armctl.runtime.mover import GripperMover, PathMover
-from armctl.runtime.planner import Pending, Submit, result_of
+from armctl.runtime.planner import LONGEST_PLAN_S, Pending, Submit, result_of
 from armctl.runtime.snapshot import BOARD_REPORTS, POWERED, Doing, EventLog, Need, Notices, State, unmet
 
 SLOWEST = 0.05
@@ -57,9 +57,12 @@ class Core:
         period: float,
         pin: str = "",
         poses: PoseFolder | None = None,
+        open_line: Submit | None = None,
     ) -> None:
+        """``submit`` has motions planned elsewhere, and ``open_line`` (None: the same) has lines opened."""
         self.robot = robot
         self.submit = submit
+        self._open_line = submit if open_line is None else open_line
         self.log = EventLog()
         self.notices = Notices(self.log)
         self.desk = ControlDesk(self.log, pin)
@@ -144,7 +147,7 @@ class Core:
         if self.board is not None:
             self.disconnect("to connect again")
         self._port = port
-        future = self.submit(Board, self.robot, self._open_driver, port)
+        future = self._open_line(Board, self.robot, self._open_driver, port)
         self._opening = Pending(order, order.label, future)
         self._enter(State.DISCONNECTED, f"opening {port} ({order.origin.who})")
         self._take_board(now)
@@ -248,13 +251,13 @@ class Core:
 
     def await_edit(self, order: Order, label: str, future: Future[None], take: Callable[[Any], None]) -> None:
         """Take an edit over once it is checked; an earlier one that is still being checked is refused."""
-        if self._edit is not None:
-            self._edit.order.ticket.end(StateError("another edit came after it"))
+        self._drop_edit(StateError("another edit came after it"))
         self._edit = Pending(order, label, future, take=take)
 
     def take_planned(self, now: float) -> None:
         """Take over the open board, begin the motion that is planned, take over the edit that is checked."""
         self._take_board(now)
+        self._drop_what_takes_too_long(now)
         motion, edit = self._motion, self._edit
         if motion is not None and motion.future.done():
             self._motion = None
@@ -283,6 +286,16 @@ class Core:
                 edit.order.ticket.end()
             except ArmctlError as error:
                 self.refuse(edit.order, edit.label, error)
+
+    def _drop_what_takes_too_long(self, now: float) -> None:
+        """Whatever hangs the planner, the arm can be asked for something else."""
+        for pending, drop in ((self._motion, self.drop_motion), (self._edit, self._drop_edit)):
+            if pending is None or pending.future.done():
+                continue
+            if now - pending.order.given_at > LONGEST_PLAN_S:
+                error = StateError(f"planning took longer than {LONGEST_PLAN_S:.0f} s; make it smaller")
+                drop(error)
+                self.refuse(pending.order, pending.label, error)
 
     def refuse(self, order: Order, label: str, error: ArmctlError) -> None:
         """Answer an order that cannot be carried out."""
@@ -387,6 +400,13 @@ class Core:
             self._motion.future.cancel()
             self._motion.order.ticket.end(error)
             self._motion = None
+
+    def _drop_edit(self, error: ArmctlError) -> None:
+        """Refuse the edit that is being checked."""
+        if self._edit is not None:
+            self._edit.future.cancel()
+            self._edit.order.ticket.end(error)
+            self._edit = None
 
     def fault(self, error: ArmctlError) -> None:
         """Something broke: send nothing more, and say why."""
@@ -590,9 +610,7 @@ class Core:
         """Drop all that runs or waits; why a board that moves by itself may go on, None: it does not."""
         self.stopped_motion = self.motion
         self.drop_motion(error)
-        if self._edit is not None:
-            self._edit.order.ticket.end(error)
-            self._edit = None
+        self._drop_edit(error)
         goes_on: ArmctlError | None = None
         activity, self.activity = self.activity, None
         try:

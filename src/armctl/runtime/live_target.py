@@ -97,7 +97,10 @@ class Follower(Led):
             self._stale = False
             here = self._servo.q.copy()
             kept = self._pitch, self._rotation
-            self._solving = self._submit(live_goal, self._robot, self._clear, here, self._target, *kept)
+            try:
+                self._solving = self._submit(live_goal, self._robot, self._clear, here, self._target, *kept)
+            except ArmctlError as error:
+                self._note, self._stale = str(error), True
         if self._solving is None or not self._solving.done():
             return
         solving, self._solving = self._solving, None

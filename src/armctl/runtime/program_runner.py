@@ -312,18 +312,25 @@ class ProgramFeed:
                 self._over = self._state.ended
                 if self._over or self._enough():
                     return
-                self._future = self._submit(plan_next, self._robot, self._source, self._state)
+                try:
+                    self._future = self._submit(plan_next, self._robot, self._source, self._state)
+                except ArmctlError as cause:
+                    self._fail(cause)
+                    return
             if not self._future.done():
                 return
             future, self._future = self._future, None
             try:
                 steps, state = result_of(future)
             except ArmctlError as cause:
-                self._failure = cause
-                self._over = True
+                self._fail(cause)
                 return
             self._take_in(steps, state)
             self._drop_outdated()
+
+    def _fail(self, cause: ArmctlError) -> None:
+        """Nothing more can be planned."""
+        self._failure, self._over = cause, True
 
     def _take_in(self, steps: list[PlannedStep], state: PlanState) -> None:
         self._ready.extend(steps)
