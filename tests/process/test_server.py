@@ -38,7 +38,6 @@ from armctl.process.records import (
 )
 from armctl.program import MoveStep, Program, WaitStep
 from armctl.runtime import (
-    Arrive,
     LockControl,
     MoveGripper,
     MoveJoints,
@@ -167,8 +166,6 @@ def test_who_watches_stops_the_arm_and_nothing_else(operator: Client) -> None:
         now = operator.until(lambda now: now.control.operates(guest.id))
         assert not now.control.operates(operator.id)
         operator.does(TakeControl())
-        guest.does(Arrive("visitor\n\x1b[31m" + "x" * 200))
-        guest.until(lambda now: any(one.name.startswith("visitor") for one in now.control.parties))
     operator.until(lambda now: len(now.control.parties) == 1)
 
 
@@ -406,10 +403,10 @@ def test_what_takes_long_to_decode_holds_up_nobodys_stop(
     program = Program(robot="uzuner", name="some", steps=(WaitStep(seconds=0.01),) * 300)
     with Client.remote(operator.address, watch=True) as other:
         monkeypatch.setattr(Codec, "command", slow)
-        asked = other.ask(RunProgram(program))
+        asked = operator.ask(RunProgram(program))
         assert begun.wait(20)
         try:
-            assert operator.outcome(operator.stop()) is None
+            assert other.outcome(other.stop()) is None
         finally:
             go_on.set()
-        assert other.outcome(asked) is not None
+        assert operator.outcome(asked) is not None

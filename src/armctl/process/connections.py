@@ -20,16 +20,14 @@ from websockets.protocol import OPEN
 from websockets.server import ServerProtocol
 
 from armctl.errors import InputError
+from armctl.process.limits import source_of
 from armctl.process.link import hands_of
-from armctl.process.records import MOST_BYTES
+from armctl.process.records import MOST_BYTES, MOST_ELSE, MOST_OF_PROGRAM
 
 _WIRE = logging.getLogger("armctl.process.wire")
 _WIRE.setLevel(logging.ERROR)  # a client that hangs up is no news
 _READ_BYTES = 64 * 1024
 _PING_S, _LINGER_S = 0.25, 0.5
-MOST_MESSAGE = 4 * 1024 * 1024
-"""bytes of one websocket message"""
-
 MOST_UNSENT = 16 * 1024 * 1024
 """bytes that wait for a client that does not read"""
 
@@ -39,6 +37,8 @@ class Connection(Protocol):
 
     alive: Callable[[int], None]
     """called when the line gives a sign of life, with the number of frames that are no record"""
+    admit: Callable[[int], Awaitable[None]]
+    """awaited where a record has more than ``MOST_ELSE`` bytes, with those that are there; may refuse it"""
 
     async def receive(self) -> bytes:
         """The next record; ``EOFError``: the connection has ended. Never waits for its reader."""
@@ -57,6 +57,11 @@ def _nobody(_: int) -> None:
     """Nobody wants to know of signs of life yet."""
 
 
+async def _nothing_large(_: int) -> None:
+    """Nobody has said who it is yet."""
+    raise InputError(f"a first record of more than {MOST_ELSE >> 10} KiB is no hello")
+
+
 class StreamConnection:
     """One on the local socket: each record has its length in front, four bytes, the highest first.
 
@@ -66,6 +71,7 @@ class StreamConnection:
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader, self._writer = reader, writer
         self.alive: Callable[[int], None] = _nobody
+        self.admit: Callable[[int], Awaitable[None]] = _nothing_large
 
     async def receive(self) -> bytes:
         """The next record."""
@@ -74,6 +80,8 @@ class StreamConnection:
                 self.alive(1)
             if size > MOST_BYTES:
                 raise InputError(f"a record of {size} bytes is too large; {MOST_BYTES} at most")
+            if size > MOST_ELSE:
+                await self.admit(size)
             return await self._reader.readexactly(size)
         except (asyncio.IncompleteReadError, OSError) as cause:
             raise EOFError from cause
@@ -106,10 +114,13 @@ class WebSocketConnection:
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader, self._writer = reader, writer
-        self._protocol = ServerProtocol(max_size=MOST_MESSAGE, logger=_WIRE)
+        self._protocol = ServerProtocol(max_size=MOST_OF_PROGRAM, logger=_WIRE)
         self._messages: deque[bytes] = deque()
         self._parts = bytearray()
+        self._held = 0
+        """about so many bytes of the message that is not whole yet"""
         self.alive: Callable[[int], None] = _nobody
+        self.admit: Callable[[int], Awaitable[None]] = _nothing_large
 
     async def open(self, request: bytes) -> None:
         """Answer its request."""
@@ -137,6 +148,9 @@ class WebSocketConnection:
                 raise EOFError  # it pings, and does not read the answers
             for event in events:
                 self._take(event)
+            self._held = len(self._parts) if events else self._held + len(data)
+            if self._held > MOST_ELSE:
+                await self.admit(self._held)
             self.alive(len(events) - len(self._messages))
             if not self._messages and (not data or self._protocol.state is not OPEN):
                 raise EOFError
@@ -177,7 +191,7 @@ class WebSocketConnection:
 
     def _take(self, event: object) -> None:
         if isinstance(event, Frame) and event.opcode in (Opcode.TEXT, Opcode.BINARY, Opcode.CONT):
-            self._parts += event.data  # bounded: the protocol refuses what is larger than MOST_MESSAGE
+            self._parts += event.data  # bounded: the protocol refuses what is larger than a program
             if event.fin:
                 self._messages.append(bytes(self._parts))
                 self._parts.clear()
@@ -205,15 +219,16 @@ async def _read_out(reader: asyncio.StreamReader) -> None:
                 pass
 
 
-Attend = Callable[[Connection, bool], Awaitable[None]]
-"""serves a client until its connection ends; True: it has shown its token at the door of the page server"""
+Attend = Callable[[Connection, bool, str], Awaitable[None]]
+"""serves a client until its connection ends; True: it has shown its token at the door of the page server; and
+which computer it comes from, as far as is known"""
 
 
 async def attend_stream(attend: Attend, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
     """Serve one client of the local socket."""
     stream = StreamConnection(reader, writer)
     try:
-        await attend(stream, False)
+        await attend(stream, False, "")
         await stream.finish()
     finally:
         stream.close()
@@ -221,13 +236,14 @@ async def attend_stream(attend: Attend, reader: asyncio.StreamReader, writer: as
 
 async def attend_websocket(attend: Attend, line: socket.socket, request: bytes) -> None:
     """Serve one client of a websocket that is handed over with its request."""
+    source = source_of(line.getpeername())
     reader, writer = await asyncio.open_connection(sock=line)
     websocket = WebSocketConnection(reader, writer)
     pings: asyncio.Task[None] | None = None
     try:
         await websocket.open(request)
         pings = asyncio.create_task(websocket.ping())
-        await attend(websocket, True)
+        await attend(websocket, True, source)
         await websocket.finish()
     except (EOFError, WebSocketException):
         _WIRE.debug("a websocket was broken off", exc_info=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import gc
 import sys
 from collections.abc import Callable
 from typing import Self
@@ -10,6 +12,7 @@ from armctl.boards import ANY_BOARD, Boards
 from armctl.process.registry import holder
 from armctl.robot import Robot
 from armctl.runtime import (
+    ArmLink,
     Command,
     Controller,
     MonotonicClock,
@@ -93,3 +96,30 @@ class Host:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+# Garbage: what lives from the start is never looked at. What is young is looked at often, a little at a time:
+# 200,000 objects take 40 to 130 ms, some ticks, 3,000 take 0.1. What lives on is looked at once a minute, and
+# what has lived for long while the arm stands.
+
+_LOOK_EVERY_S, _OLD_EVERY_S = 0.1, 60.0
+_MOST_YOUNG = 3_000
+
+
+async def collect_at_rest(arm: ArmLink) -> None:
+    """Collect garbage in place of Python's own collector: while the arm moves, only what is young."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    now = asyncio.get_running_loop().time
+    looked_at = now()
+    try:
+        while True:
+            await asyncio.sleep(_LOOK_EVERY_S)
+            if gc.get_count()[0] > _MOST_YOUNG:
+                gc.collect(0)
+            if now() - looked_at > _OLD_EVERY_S:
+                gc.collect(1 if arm.snapshot.busy else 2)
+                looked_at = now()
+    finally:
+        gc.enable()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
-from typing import Any, Union, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Union, cast, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
@@ -16,25 +16,43 @@ from armctl.kinematics import Chain, Target
 from armctl.kinematics.chain import DHRow, Place, TurnLimit
 from armctl.kinematics.target import as_numbers
 from armctl.motion import Trajectory
-from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.motion.profiles import PointToPoint
-from armctl.motion.timing import PathTrajectory
-from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory
+from armctl.process.trajectories import Motion, built, carried
 from armctl.program import Program
 from armctl.program.program import MOST_STEPS
 from armctl.robot import Robot
-from armctl.runtime import Command, Event, Follow, ProgramProgress, Snapshot
+from armctl.runtime import (
+    Arrive,
+    Command,
+    Event,
+    Follow,
+    FollowTarget,
+    Leave,
+    MoveTo,
+    ProgramProgress,
+    RunProgram,
+    Snapshot,
+    UpdateProgram,
+)
+from armctl.runtime.commands import ControlCommand
+from armctl.runtime.snapshot import printable
 from armctl.version import __version__
 
 MOST_BYTES = 8 * 1024 * 1024
-"""of one record: a program of the largest allowed number of steps is a quarter of it"""
-MOST_PIECES = 20_000
-"""of one curve of a trajectory"""
+"""of one record of who owns the arm: a program of the largest allowed number of steps is a quarter of it"""
+MOST_OF_PROGRAM = 4 * 1024 * 1024
+"""bytes of a client's program, or trajectory: 20,000 steps are 2.4 MiB, 100 s of samples 3"""
+MOST_ELSE = 256 * 1024
+"""bytes of a client's other records"""
+_MOST_OF_CONTROL = 4 * 1024
+_LONGEST_STEP = 16 * 1024
+"""bytes of a step of a program"""
 BEAT_S = 0.1
 """how often a client gives a sign of life"""
 SILENCE_S = 0.9
 """A client that is silent for so long counts as lost. The server looks every 0.1 s: STOP comes within 1 s."""
 
+Number = Annotated[int, msgspec.Meta(ge=-(2**53), le=2**53)]
+"""that a client chooses, so that its answer can be told from others"""
 _LONGEST_TEXT = 2000
 """letters of an error"""
 _NO_PROGRAM = Program(robot="")
@@ -68,6 +86,8 @@ class Trust(Request, frozen=True):
     secret: str
     relays: bool = False
     """what comes behind it is somebody else's, with no more rights than over the network"""
+    source: str = ""
+    """whose: which computer it comes from"""
     adopts: bool = False
     """takes over an arm process that nobody owns any more; else refused"""
 
@@ -75,7 +95,7 @@ class Trust(Request, frozen=True):
 class Ask(Request, frozen=True):
     """A command; answered by ``Answer`` records with its number."""
 
-    id: int
+    id: Number
     command: Any
     """a ``Command``: decoded by its own tag"""
     who: str = ""
@@ -92,7 +112,7 @@ class _Asked(Ask, frozen=True, tag="ask"):
 class Stop(Request, frozen=True):
     """STOP; answered when the arm is at rest."""
 
-    id: int
+    id: Number
     who: str = ""
     note: str = ""
 
@@ -108,7 +128,7 @@ class End(Request, frozen=True):
 class Recall(Request, frozen=True):
     """Give the last minute; answered by ``Recalled``."""
 
-    id: int
+    id: Number
 
 
 FromClient = Trust | Hello | Ask | Stop | Beat | End | Recall
@@ -123,7 +143,7 @@ class Welcome(Record, frozen=True):
     version: str
     you: str
     """the id that ``Snapshot.control`` knows this client by"""
-    robot: dict[str, Any]
+    robot: Any
     """the arm as it is calibrated, see ``robot_of``"""
     silence_s: float = SILENCE_S
     """a client that is silent for longer while the arm moves at its command is lost, and the arm stops"""
@@ -174,98 +194,6 @@ class Refused(Record, frozen=True):
 
 
 FromArm = Welcome | Seen | Logged | Running | Answer | Recalled | Refused
-
-
-# Trajectories: curves as numbers.
-
-
-class Curve(msgspec.Struct, frozen=True):
-    """A ``PiecewisePolynomial``."""
-
-    breaks: list[float]
-    coefficients: list[list[list[float]]]
-
-    @classmethod
-    def of(cls, curve: PiecewisePolynomial) -> Curve:
-        """As numbers."""
-        return cls(curve.breaks.tolist(), curve.coefficients.tolist())
-
-    def built(self) -> PiecewisePolynomial:
-        """The curve; ``InputError`` where the numbers are none."""
-        if len(self.coefficients) > MOST_PIECES:
-            raise InputError(f"a curve of {len(self.coefficients)} pieces; {MOST_PIECES} at most")
-        return PiecewisePolynomial(self.breaks, np.array(self.coefficients, dtype=np.float64))
-
-
-class Straight(msgspec.Struct, frozen=True, tag="straight"):
-    """A ``PointToPoint``."""
-
-    start: list[float]
-    end: list[float]
-    duration: float
-    way: Curve | None
-
-
-class Path(msgspec.Struct, frozen=True, tag="path"):
-    """A ``PathTrajectory``: ``curve`` (n,) [rad] over s, ``law`` s over time [s]."""
-
-    curve: Curve
-    law: Curve
-
-
-class Slowed(msgspec.Struct, frozen=True, tag="slowed"):
-    """A ``SlowedTrajectory``."""
-
-    motion: Straight | Path | Slowed | Joined
-    factor: float
-
-
-class Joined(msgspec.Struct, frozen=True, tag="joined"):
-    """A ``JoinedTrajectory``."""
-
-    parts: list[Straight | Path | Slowed | Joined]
-
-
-Motion = Straight | Path | Slowed | Joined
-
-
-def carried(trajectory: Trajectory) -> Motion:
-    """A trajectory as numbers; one of the caller's own class by its samples."""
-    match trajectory:
-        case PointToPoint():
-            way = None if trajectory.way is None else Curve.of(trajectory.way)
-            return Straight(trajectory.start.tolist(), trajectory.end.tolist(), trajectory.duration, way)
-        case PathTrajectory():
-            return Path(Curve.of(trajectory.path), Curve.of(trajectory.law))
-        case SlowedTrajectory():
-            return Slowed(carried(trajectory.inner), trajectory.factor)
-        case JoinedTrajectory():
-            return Joined([carried(part) for part in trajectory.parts])
-        case _:
-            return carried(PathTrajectory.sampled(trajectory))
-
-
-def built(motion: Motion) -> Trajectory:
-    """The trajectory; ``InputError`` where the numbers are none."""
-    match motion:
-        case Straight(start, end, duration, way):
-            if not (math.isfinite(duration) and duration >= 0):
-                raise InputError(f"a motion lasts 0 s or longer, not {duration}")
-            q = [np.array(ends, dtype=np.float64) for ends in (start, end)]
-            if q[0].shape != q[1].shape or not np.isfinite(q).all():
-                raise InputError("a motion needs finite joint angles at both ends")
-            for ends in q:
-                ends.flags.writeable = False
-            curve = None if way is None else way.built()
-            if curve is not None and curve.n != len(q[0]):
-                raise InputError(f"a motion of {len(q[0])} joints has a curve of {curve.n}")
-            return PointToPoint(q[0], q[1], duration, curve)
-        case Path(curve, law):
-            return PathTrajectory(curve.built(), law.built())
-        case Slowed(inner, factor):
-            return SlowedTrajectory(built(inner), factor)
-        case Joined(parts):
-            return JoinedTrajectory([built(part) for part in parts])
 
 
 # The arm itself, as numbers and words.
@@ -343,8 +271,6 @@ def _arrived(kind: type, value: Any) -> Any:
             return read_only(as_numbers(value, "this"))
         except InputError as cause:  # msgspec says where
             raise ValueError(str(cause)) from cause
-    if kind is Trajectory:
-        return built(msgspec.convert(value, Motion))
     raise NotImplementedError(f"a {kind} does not travel")
 
 
@@ -358,27 +284,79 @@ def commands() -> tuple[type[Command], ...]:
     return tuple(kind for kind in _all_kinds(Command) if not kind.__subclasses__())
 
 
+HOUSE = Arrive, Leave
+"""commands of the house alone: the page server gives them for its pages, the arm process for its clients"""
+
+
+def asked_of_clients() -> tuple[type[Command], ...]:
+    """Every kind of command that a client may send."""
+    return tuple(kind for kind in commands() if kind not in HOUSE)
+
+
+def tag_of(kind: type[Command]) -> str:
+    """What names a kind of command in a record."""
+    return str(kind.__struct_config__.tag)
+
+
+_PROGRAMS = frozenset(map(tag_of, (RunProgram, UpdateProgram)))
+_AIMED = frozenset(map(tag_of, (MoveTo, FollowTarget)))
+CONTROL = frozenset(tag_of(kind) for kind in commands() if issubclass(kind, ControlCommand))
+"""tags of the commands that are everybody's"""
+BIG = _PROGRAMS | {tag_of(Follow)}
+"""tags of the commands that may be larger than ``MOST_ELSE``"""
+
+
+class _Tagged(msgspec.Struct):
+    """As much of a command as tells its kind; the rest is passed over."""
+
+    command: str
+
+
+class _Steps(msgspec.Struct):
+    steps: list[msgspec.Raw] = []
+
+
+class _WithProgram(msgspec.Struct):
+    """A command with a program, its steps not decoded."""
+
+    program: _Steps
+
+
+class _Followed(
+    msgspec.Struct, frozen=True, tag_field="command", tag=tag_of(Follow), forbid_unknown_fields=True
+):
+    """A ``Follow`` as it arrives: its trajectory as numbers."""
+
+    trajectory: Motion
+    motion: str = ""
+
+
 class Codec:
     """Records to bytes and back, as msgpack or as JSON; a connection uses one."""
 
-    def __init__(self, *, json: bool = False) -> None:
+    def __init__(self, *, json: bool = False, house: bool = True) -> None:
+        """``house``: it reads the commands of the house, too."""
         self.json = json
         wire: Any = msgspec.json if json else msgspec.msgpack
         self._encode = wire.Encoder(enc_hook=_plain).encode
         arriving = _union([_Asked if kind is Ask else kind for kind in get_args(FromClient)])
         self._from_client = wire.Decoder(arriving).decode
         self._from_arm = wire.Decoder(FromArm, dec_hook=_arrived).decode
-        self._commands = _union(commands())
+        kinds = commands() if house else asked_of_clients()
+        self._tags = frozenset(map(tag_of, kinds))
+        self._commands = _union([_Followed if kind is Follow else kind for kind in kinds])
         self._command = wire.Decoder(self._commands, dec_hook=_arrived).decode
+        self._tagged = wire.Decoder(_Tagged).decode
+        self._with_program = wire.Decoder(_WithProgram).decode
         self._anything = wire.Decoder().decode
 
     @classmethod
-    def of(cls, data: bytes) -> Codec:
+    def of(cls, data: bytes, *, house: bool = False) -> Codec:
         """The one that a client speaks whose first record this is."""
-        return cls(json=data.lstrip()[:1] == b"{")
+        return cls(json=data.lstrip()[:1] == b"{", house=house)
 
-    def encode(self, record: Record) -> bytes:
-        """A record as bytes."""
+    def encode(self, record: Record | Mapping[str, object]) -> bytes:
+        """A record as bytes, or the arm itself (``robot_record``)."""
         if isinstance(record, Ask) and isinstance(record.command, Follow):
             motion: Any = carried(record.command.trajectory)
             command = msgspec.structs.replace(record.command, trajectory=motion)
@@ -392,17 +370,43 @@ class Codec:
         except (msgspec.MsgspecError, UnicodeError, RecursionError) as cause:
             raise InputError(f"a record that cannot be read: {cause}") from cause
 
+    def kind(self, record: Ask) -> str:
+        """The tag of the command of an ``Ask``, which is not decoded; ``InputError``: it is no command."""
+        try:
+            tag = self._tagged(record.command).command
+        except (msgspec.MsgspecError, UnicodeError, RecursionError) as cause:
+            raise InputError(f"a command that cannot be read: {cause}") from cause
+        if tag not in self._tags:
+            raise InputError(f"a command that cannot be read: Invalid value '{printable(tag[:40])}'")
+        return tag
+
     def command(self, record: Ask) -> Command:
         """The command of an ``Ask``, every value checked; ``ArmctlError`` says what is wrong with it."""
+        tag = self.kind(record)
         try:
+            if tag in _PROGRAMS:
+                self._count_steps(record)
             try:
                 command = self._command(record.command)
             except msgspec.ValidationError:  # unless its target is an object
+                if tag not in _AIMED:
+                    raise
                 positional = _positional(self._anything(record.command))
                 command = msgspec.convert(positional, self._commands, dec_hook=_arrived)
+            if isinstance(command, _Followed):
+                command = Follow(built(command.trajectory), motion=command.motion)
         except (msgspec.MsgspecError, ValueError, TypeError, OverflowError, RecursionError) as cause:
             raise InputError(f"a command that cannot be read: {cause}") from cause
         return _checked(command)
+
+    def _count_steps(self, record: Ask) -> None:
+        """Refuse (``ProgramError``) more steps, or a larger one, than a program has; none is decoded."""
+        steps = self._with_program(record.command).program.steps
+        if len(steps) > MOST_STEPS:
+            raise ProgramError(f"it has {len(steps)} steps; a program has {MOST_STEPS} at most")
+        for k, step in enumerate(steps, 1):
+            if len(bytes(step)) > _LONGEST_STEP:
+                raise ProgramError(f"step {k} is larger than {_LONGEST_STEP >> 10} KiB; no step is")
 
     def from_arm(self, data: bytes | str) -> FromArm:
         """What the arm process says; ``InputError`` where it is of another version."""
@@ -440,9 +444,14 @@ def _checked(command: Command) -> Command:
             changes[name] = Target.of(value.point, value.pitch, value.roll, value.rotation)
         elif isinstance(value, float) and not math.isfinite(value):
             raise InputError(f"{name} must be a finite number, got {value}")
-        elif isinstance(value, Program) and len(value.steps) > MOST_STEPS:  # they are checked where it begins
-            raise ProgramError(f"it has {len(value.steps)} steps; a program has {MOST_STEPS} at most")
     return msgspec.structs.replace(command, **changes) if changes else command
+
+
+def most_bytes(tag: str) -> int:
+    """How large a client's record may be that asks for a kind of command."""
+    if tag in CONTROL:
+        return _MOST_OF_CONTROL
+    return MOST_OF_PROGRAM if tag in BIG else MOST_ELSE
 
 
 # Errors keep their class where a program may catch it.
@@ -506,7 +515,7 @@ def schema() -> bytes:
             return {"type": "object"}  # filled in below
         return {"type": "array", "description": "numbers, or arrays of them; null: not known"}
 
-    kinds = [*get_args(FromClient), *get_args(FromArm), *commands(), *get_args(Motion)]
+    kinds = [*get_args(FromClient), *get_args(FromArm), *asked_of_clients(), *get_args(Motion)]
     _, parts = msgspec.json.schema_components(kinds, schema_hook=array, ref_template="#/$defs/{name}")
     parts["Ask"]["properties"]["command"] = {"$ref": "#/command"}
     positional = parts["Target"]
@@ -521,12 +530,14 @@ def schema() -> bytes:
     parts["Follow"]["properties"]["trajectory"] = {
         "anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in get_args(Motion)]
     }
+    rows = {"type": "array", "items": {"type": "array", "items": {"type": "number"}}}
+    parts["Curve"]["properties"]["coefficients"]["items"] = rows
     said = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": f"armctl {__version__}: records of the WebSocket API",
         "from_client": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in get_args(FromClient)]},
         "from_arm": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in get_args(FromArm)]},
-        "command": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in commands()]},
+        "command": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in asked_of_clients()]},
         "$defs": parts,
     }
     return msgspec.json.encode(said)

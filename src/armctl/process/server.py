@@ -1,56 +1,48 @@
-"""The arm process: one arm, served to clients on a local socket and on websockets that are handed over."""
+"""The arm process: one arm, served to clients on a local socket and on websockets that are handed over.
+
+Who asks is known before what is asked is decoded: a command of who may not command is refused by its tag.
+"""
 
 from __future__ import annotations
 
 import asyncio
-import gc
 import hmac
 import itertools
 import logging
 import os
 from collections import deque
-from collections.abc import Awaitable, Callable
-from concurrent.futures import Future
+from collections.abc import Callable, Coroutine
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.hardware.boards import board_type
+from armctl.process.client import Client, command_of
 from armctl.process.connections import Connection, Hands, attend_stream
-from armctl.process.host import Host
+from armctl.process.host import Host, collect_at_rest
+from armctl.process.limits import Meter, Traffic, who_gives_way
+from armctl.process.outbox import Broadcast
 from armctl.process.records import (
     SILENCE_S,
-    Answer,
     Ask,
-    Beat,
     Codec,
-    End,
     FromClient,
     Hello,
-    Logged,
-    Recall,
-    Recalled,
-    Record,
     Refused,
-    Running,
-    Seen,
-    Stop,
     Trust,
     Welcome,
-    answer,
     in_short,
-    light,
-    new_events,
     robot_record,
 )
 from armctl.process.registry import Note, likeness, remove, write_note
 from armctl.robot import Robot
-from armctl.runtime import ArmLink, Arrive, Command, Event, Leave, Origin, Snapshot, Ticket
+from armctl.runtime import ArmLink, Command, Leave, Origin, Snapshot
 from armctl.runtime.black_box import packed
-from armctl.runtime.commands import MovingCommand
-from armctl.runtime.snapshot import printable, stands_as_before
+from armctl.runtime.snapshot import stands_as_before
 from armctl.system import on_end
 from armctl.version import __version__
 
@@ -60,17 +52,13 @@ _OWNER_S = 60.0
 """how long who started it may take to come"""
 _HOLD_S = 600.0
 """how long the arm is held for somebody to take it over, where it would drop"""
-_MOST_OPEN = 256
-"""commands of one client that wait for their end"""
-_MOST_UNREAD = 4096
-"""answers that a client does not read; then it is shut out"""
 _MOST_CLIENTS = 64
+_MOST_UNNAMED = 64
+"""connections that have not said hello yet"""
 _MOST_A_SECOND = 1000
 """records of one client; more are a flood"""
-_BIG = 4 * 1024
-"""A record of more bytes is decoded beside the others: 64 KiB of curves take 0.1 s, STOP came so late."""
-_MOST_WAITING = 16 * 1024 * 1024
-"""bytes of one client that wait for that"""
+_MOST_ARRIVALS_A_SECOND = 100
+"""connections from one computer"""
 _HELLO_S = 10.0
 """how long a connection may take to say hello"""
 _GONE_S = 30.0
@@ -94,9 +82,24 @@ class Server:
         self._clients: set[Client] = set()
         self._ids = itertools.count(1)
         self._loop = asyncio.get_running_loop()
+        self.broadcast = Broadcast()
+        self.waiting = 0
+        """bytes of clients that are no owners, which wait to be decoded"""
+        self._large: Client | None = None
+        """the only one of them of whom a large record is in memory"""
+        self._unnamed: dict[Connection, str] = {}
+        """connections that have not said hello, and where they come from; the oldest first"""
+        self._arrivals: deque[tuple[float, str]] = deque()
+        """connections of the last second"""
+        self._traffic = Traffic(self._loop.time)
+        self._decoder = ThreadPoolExecutor(1, thread_name_prefix="armctl-decoder")
+        self._decodes = asyncio.Lock()
+        self._packing: asyncio.Task[bytes] | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._robot: dict[bool, bytes] = {}
+        """the arm as a record, as msgpack and as JSON"""
         self._told: Snapshot | None = None
         self._moved_at = 0.0
-        self._encoded: dict[bool, tuple[Snapshot, bytes]] = {}
         self._note: tuple[Path, Note] | None = None
         self._held_until: float | None = None
         """nobody owns the arm, and it is held until then"""
@@ -143,43 +146,45 @@ class Server:
     def _wake_clients(self) -> None:
         self._keep_note()
         for client in self._clients:
-            client.wake.set()
+            client.outbox.wake.set()
 
-    def encoded(self, codec: Codec, snapshot: Snapshot) -> bytes:
-        """A snapshot as bytes, once for all clients that speak alike."""
-        known = self._encoded.get(codec.json)
-        if known is None or known[0] is not snapshot:
-            known = self._encoded[codec.json] = (snapshot, codec.encode(Seen(light(snapshot))))
-        return known[1]
-
-    async def attend(self, line: Connection, let_in: bool) -> None:
+    async def attend(self, line: Connection, let_in: bool, source: str = "") -> None:
         """Serve one client until its connection ends.
 
         ``let_in``: it has shown its token at the door; else it has to know the secret of this process.
+        ``source``: which computer it comes from, see ``source_of``.
         """
         client: Client | None = None
         codec = Codec()
+        self._await_hello(line, source)
         try:
             async with asyncio.timeout(_HELLO_S):
+                if let_in:
+                    self._count_arrival(source)
                 data, trust = await line.receive(), None
                 if not let_in:
                     trust = self._trusted(codec.from_client(data))
+                    source = trust.source or source
                     data = await line.receive()
-                codec = Codec.of(data)
+                owns = trust is not None and not trust.relays
+                codec = Codec.of(data, house=owns)
                 hello = codec.from_client(data)
             if not isinstance(hello, Hello):
                 raise InputError("the first record must be a hello")
-            if len(self._clients) >= _MOST_CLIENTS:
-                raise StateError(f"{_MOST_CLIENTS} clients are connected already; close one")
-            owns = trust is not None and not trust.relays
+            client = Client(self, codec, line, hello, next(self._ids), owns=owns, source=source)
+            if not owns:
+                self._make_room(client)
             if trust is not None and trust.adopts:
                 self._adopt(hello)
             if owns:
                 self._wanted_until = None
-            client = Client(self, codec, line, hello, next(self._ids), owns=owns)
-            robot = robot_record(self.arm.robot)
+            self._unnamed.pop(line, None)
             self._clients.add(client)
-            await line.send(codec.encode(Welcome(__version__, client.id, robot, self.silence_s)))
+            robot = self._robot.get(codec.json)
+            if robot is None:
+                robot = self._robot[codec.json] = codec.encode(robot_record(self.arm.robot))
+            welcome = Welcome(__version__, client.id, msgspec.Raw(robot), self.silence_s)
+            await client.outbox.send(codec.encode(welcome))
             client.begin()
             while True:
                 client.take(await line.receive())
@@ -192,11 +197,84 @@ class Server:
             with suppress(EOFError, ConnectionError):
                 await line.send(codec.encode(Refused(in_short(refusal))))
         finally:
+            self._unnamed.pop(line, None)
             if client in self._clients:
                 self._clients.remove(client)
                 client.leave()
                 if client.owns and not any(one.owns for one in self._clients):
                     self._orphan(client.name)
+
+    def _await_hello(self, line: Connection, source: str) -> None:
+        """Somebody has connected, and says nothing yet; of many the one that has waited longest has to go."""
+        if len(self._unnamed) >= _MOST_UNNAMED:
+            sources = list(self._unnamed.values())
+            crowd = max(sources, key=sources.count)
+            longest = next(one for one, where in self._unnamed.items() if where == crowd)
+            del self._unnamed[longest]
+            longest.abort()
+        self._unnamed[line] = source
+
+    def _count_arrival(self, source: str) -> None:
+        now = self._loop.time()
+        while self._arrivals and now - self._arrivals[0][0] > 1.0:
+            self._arrivals.popleft()
+        self._arrivals.append((now, source))
+        if sum(one == source for _, one in self._arrivals) > _MOST_ARRIVALS_A_SECOND:
+            raise StateError(
+                f"more than {_MOST_ARRIVALS_A_SECOND} connections in a second from "
+                f"{source or 'one computer'}; wait a moment"
+            )
+
+    def _make_room(self, newcomer: Client) -> None:
+        """Have somebody give its place to a newcomer, where all are taken (``StateError``: nobody does)."""
+        if len(self._clients) < _MOST_CLIENTS:
+            return
+        guests = sorted((one for one in self._clients if not one.owns), key=lambda one: one.number)
+        free = [one for one in guests if one is not self.mover and not self._operates(one)]
+        leaver = who_gives_way(free, newcomer.source, newcomer.name)
+        if leaver is None:
+            same = sum(one.source == newcomer.source for one in guests)
+            here = f", {same} of them from {newcomer.source}" if newcomer.source and same else ""
+            raise StateError(f"{len(self._clients)} clients are connected already{here}; close one")
+        self._clients.discard(leaver)
+        leaver.leave()
+        leaver.shut_out(f"all {_MOST_CLIENTS} places are taken, and others have fewer of them; close some")
+
+    def _operates(self, client: Client) -> bool:
+        return self.arm.snapshot.control.operates(client.id)
+
+    def count(self, meter: Meter, records: int, size: int) -> None:
+        """Count what a client sends; ``InputError``: it is too much."""
+        self._traffic.count(meter, records, size, _MOST_A_SECOND)
+
+    def hold_large(self, client: Client) -> None:
+        """A large record of a client comes in, who may command; that of another one has to go."""
+        before, self._large = self._large, client
+        if before is not None and before is not client:
+            before.shut_out("another client operates the arm now, and sends a large record; send it again")
+
+    def release_large(self, client: Client) -> None:
+        """It is decoded, or its client is gone."""
+        if self._large is client:
+            self._large = None
+
+    async def decoded(self, codec: Codec, record: Ask, *, rests: bool) -> Command | ArmctlError:
+        """The command of a large record, decoded beside the event loop, one at a time.
+
+        ``rests``: so long as that took nothing else is decoded, so that half of the time is the arm's.
+        """
+        async with self._decodes:
+            began = self._loop.time()
+            command = await self._loop.run_in_executor(self._decoder, command_of, codec, record)
+            if rests:
+                await asyncio.sleep(self._loop.time() - began)
+        return command
+
+    async def last_minute(self) -> bytes:
+        """The last minute of the arm, packed beside the event loop, once for all who ask at the same time."""
+        if self._packing is None or self._packing.done():
+            self._packing = self._loop.create_task(asyncio.to_thread(lambda: packed(self.arm.black_box())))
+        return await asyncio.shield(self._packing)
 
     def _orphan(self, owner: str) -> None:
         """Nobody owns the arm any more: end, or hold it where it would drop."""
@@ -214,8 +292,8 @@ class Server:
         arm.stop(Origin("arm process", f"{gone}; the arm is held for {_HOLD_S / 60:.0f} min, then it drops"))
         for party in snapshot.control.parties:
             arm.submit(Leave(gone), Origin(party.id))
-        for client in self._clients:
-            client.line.abort()
+        for client in tuple(self._clients):
+            client.shut_out(f"{gone}; connect again once somebody has taken the arm over")
         self._keep_note()
 
     def _adopt(self, hello: Hello) -> None:
@@ -256,260 +334,15 @@ class Server:
                 if not client.owns and now - client.heard_at > _GONE_S:
                     client.line.abort()
 
-
-class Client:
-    """One connection."""
-
-    def __init__(
-        self, server: Server, codec: Codec, line: Connection, hello: Hello, number: int, *, owns: bool
-    ) -> None:
-        self.name = " ".join(printable(hello.name).split())[:40] or "program"
-        self.id, self.owns, self.line = f"{self.name}, program {number}", owns, line
-        self.wake = asyncio.Event()
-        """there is something to send"""
-        self._server, self._codec, self._hello = server, codec, hello
-        self._loop = asyncio.get_running_loop()
-        self.heard_at = self._loop.time()
-        self._answers: deque[Answer | Recalled] = deque()
-        self._open = self._taken = 0
-        self._waiting: deque[tuple[bytes, int]] = deque()
-        """records that wait for their turn to be decoded, and how often STOP was pressed before each"""
-        self._recalling = self._gone = False
-        self._second = 0.0
-        self._told: Event | None = None
-        self._running: Running | None = None
-        self._seen: Snapshot | None = None
-        self._tasks: set[asyncio.Task[None]] = set()
-        line.alive = self._alive
-
-    def begin(self) -> None:
-        """It is let in: say so to the arm, and send it what happens."""
-        if not self.owns:  # who owns the arm speaks for its pages
-            self._server.arm.submit(Arrive(self.name, self._hello.watch), Origin(self.id))
-        self._begin(self._feed())
-        self.wake.set()
-
-    def leave(self) -> None:
-        """Its connection is gone: what moves at its command is stopped."""
-        self._gone = True
-        for task in self._tasks:
-            task.cancel()
-        if not self.owns:
-            self._server.arm.submit(Leave("its connection is gone"), Origin(self.id))
-        if self._server.mover is self:
-            self.stop("its connection is gone")
-
-    def stop(self, why: str) -> None:
-        """Stop what moves at its command."""
-        self._server.mover = None
-        if self._server.arm.snapshot.busy:
-            self._server.arm.stop(Origin(self.name, why))
-
-    def _alive(self, frames: int) -> None:
-        """A sign of life that its line gives by itself."""
-        self._count(frames)
-        if not self._hello.beats:
-            self.heard_at = self._loop.time()
-
-    def _count(self, frames: int) -> None:
-        now = self._loop.time()
-        if now - self._second > 1.0:
-            self._second, self._taken = now, 0
-        self._taken += frames
-        if self._taken > _MOST_A_SECOND:
-            raise InputError(f"more than {_MOST_A_SECOND} records in a second; send less")
-
-    def take(self, data: bytes) -> None:
-        """Carry out one record, or let it wait behind a big one; STOP never waits."""
-        self._count(1)
-        self.heard_at = self._loop.time()
-        if len(data) <= _BIG:
-            record = self._codec.from_client(data)
-            if not self._waiting or isinstance(record, Stop | Beat):
-                self._carry_out(record, self._command(record))
-                return
-        self._waiting.append((data, self._server.stops))
-        if sum(len(one) for one, _ in self._waiting) > _MOST_WAITING:
-            raise InputError(f"more than {_MOST_WAITING} bytes wait to be read; send less")
-        if len(self._waiting) == 1:
-            self._begin(self._take_waiting())
-
-    async def _take_waiting(self) -> None:
-        """Decode big records beside the event loop, one after the other."""
-
-        def decoded(data: bytes) -> tuple[FromClient, Command | ArmctlError | None]:
-            record = self._codec.from_client(data)
-            return record, self._command(record)
-
-        try:
-            while self._waiting:
-                data, stops = self._waiting[0]
-                record, command = await asyncio.to_thread(decoded, data)
-                if isinstance(command, MovingCommand) and stops != self._server.stops:
-                    command = StateError("stopped before it began")
-                self._carry_out(record, command)
-                self._waiting.popleft()
-        except ArmctlError as refusal:
-            _LOGGER.warning("%s: %s", self.name, refusal)
-            await self.line.send(self._codec.encode(Refused(in_short(refusal))))
-            self.line.abort()
-
-    def _command(self, record: FromClient) -> Command | ArmctlError | None:
-        """The command of an ``Ask``, or what is wrong with it."""
-        if not isinstance(record, Ask):
-            return None
-        try:
-            return self._codec.command(record)
-        except ArmctlError as refusal:
-            return refusal
-
-    def _origin(self, who: str, note: str) -> Origin:
-        return Origin(who or self.name, note) if self.owns else Origin(self.id)
-
-    def _carry_out(self, record: FromClient, command: Command | ArmctlError | None) -> None:
-        arm = self._server.arm
-        match record:
-            case Ask(number, _, who, note):
-                if self._open >= _MOST_OPEN:
-                    command = StateError(f"{self._open} commands wait for their end already; wait for them")
-                if not isinstance(command, Command):
-                    self._put(answer(number, command))
-                    return
-                ticket = arm.submit(command, self._origin(who, note))
-                if isinstance(command, MovingCommand):
-                    ticket.accepted.add_done_callback(self._began)
-                self._follow(number, ticket)
-            case Stop(number, who, note):
-                self._server.stops += 1
-                self._follow(number, arm.stop(self._origin(who, note)))
-            case End():
-                if not self.owns:
-                    raise InputError("only who started the arm may end it")
-                self._server.ended.set()
-            case Recall(number):
-                if self._recalling:
-                    self._put(answer(number, StateError("the last minute is on its way already")))
-                else:
-                    self._recalling = True
-                    self._begin(self._recall(number))
-            case Beat():
-                pass
-            case Trust() | Hello():
-                raise InputError("a hello comes once, at the beginning")
-
-    def _began(self, accepted: Future[None]) -> None:
-        if accepted.exception() is None:
-            self._loop.call_soon_threadsafe(self._moves)
-
-    def _moves(self) -> None:
-        self._server.mover = self
-        if self._gone:
-            self.stop("its connection is gone")
-
-    def _follow(self, number: int, ticket: Ticket) -> None:
-        """Send both answers of a ticket; they come from the controller's thread."""
-        self._open += 1
-
-        def accepted(future: Future[None]) -> None:
-            if future.exception() is None:
-                self._loop.call_soon_threadsafe(self._put, answer(number, None, accepted=True))
-
-        def finished(future: Future[None]) -> None:
-            self._loop.call_soon_threadsafe(self._close, answer(number, future.exception()))
-
-        ticket.accepted.add_done_callback(accepted)
-        ticket.finished.add_done_callback(finished)
-
-    def _close(self, last: Answer) -> None:
-        self._open -= 1
-        self._put(last)
-
-    async def _recall(self, number: int) -> None:
-        """Send the last minute, packed beside the event loop."""
-        try:
-            content = await asyncio.to_thread(lambda: packed(self._server.arm.black_box()))
-        except ArmctlError as cause:
-            self._put(answer(number, cause))
-        else:
-            self._put(Recalled(number, content))
-        finally:
-            self._recalling = False
-
-    def _put(self, record: Answer | Recalled) -> None:
-        self._answers.append(record)
-        self.wake.set()
-        if len(self._answers) > _MOST_UNREAD:
-            self.line.abort()
-
-    def _begin(self, work: Awaitable[None]) -> None:
-        task = asyncio.ensure_future(work)
+    def spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        """Run something beside the connections."""
+        task = self._loop.create_task(work)
         self._tasks.add(task)
-        task.add_done_callback(self._task_ended)
+        task.add_done_callback(self._tasks.discard)
 
-    def _task_ended(self, task: asyncio.Task[None]) -> None:
-        self._tasks.discard(task)
-        defect = None if task.cancelled() else task.exception()
-        if defect is not None:  # else its client would wait for answers for ever
-            _LOGGER.error("%s: serving it failed", self.name, exc_info=defect)
-            self.line.abort()
-
-    async def _feed(self) -> None:
-        """Send what is new: the newest snapshot, and behind it the answers that belong to it."""
-        encode = self._codec.encode
-        with suppress(EOFError, ConnectionError):  # who receives from it learns that, too
-            while True:
-                await self.wake.wait()
-                self.wake.clear()
-                answers = [self._answers.popleft() for _ in range(len(self._answers))]
-                snapshot = self._server.arm.snapshot
-                if snapshot is not self._seen:
-                    self._seen = snapshot
-                    for record in self._changes(snapshot):
-                        await self.line.send(encode(record))
-                    await self.line.send(self._server.encoded(self._codec, snapshot))
-                for one in answers:
-                    await self.line.send(encode(one))
-
-    def _changes(self, snapshot: Snapshot) -> list[Record]:
-        changes: list[Record] = []
-        events = new_events(snapshot.events, self._told)
-        if events:
-            self._told = events[-1]
-            changes.append(Logged(events))
-        progress, told = snapshot.program, self._running
-        if progress is not None and (
-            told is None or told.running is not progress.running or told.coming is not progress.coming
-        ):
-            self._running = Running(progress.running, progress.coming)
-            changes.append(self._running)
-        return changes
-
-
-# Garbage: what lives from the start is never looked at. What is young is looked at often, a little at a time:
-# 200,000 objects take 40 to 130 ms, some ticks, 3,000 take 0.1. What lives on is looked at once a minute, and
-# what has lived for long while the arm stands.
-
-_LOOK_EVERY_S, _OLD_EVERY_S = 0.1, 60.0
-_MOST_YOUNG = 3_000
-
-
-async def collect_at_rest(arm: ArmLink) -> None:
-    """Collect garbage in place of Python's own collector: while the arm moves, only what is young."""
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    now = asyncio.get_running_loop().time
-    looked_at = now()
-    try:
-        while True:
-            await asyncio.sleep(_LOOK_EVERY_S)
-            if gc.get_count()[0] > _MOST_YOUNG:
-                gc.collect(0)
-            if now() - looked_at > _OLD_EVERY_S:
-                gc.collect(1 if arm.snapshot.busy else 2)
-                looked_at = now()
-    finally:
-        gc.enable()
+    def close(self) -> None:
+        """Decode nothing more."""
+        self._decoder.shutdown(wait=False, cancel_futures=True)
 
 
 async def serve_arm(

@@ -94,15 +94,8 @@ class ControlDesk:
 
     def require(self, id: str) -> None:
         """Refuse (``StateError``) what only the operator may command; a lock without one counts, too."""
-        operator = self.control.operator
-        if operator is None:
-            if self.control.locked:
-                raise StateError("the teacher has locked control; give the teacher's PIN")
-            if self.control.party(id) is not None:  # it watches
-                raise StateError("nobody operates the arm; take control first")
-            return
-        if operator.id != id:
-            raise StateError(f"{operator.name} operates the arm; take control first")
+        if (why := self.control.refusal(id)) is not None:
+            raise StateError(why)
 
     def _is_pin(self, id: str, pin: str, now: float) -> bool:
         if not pin:

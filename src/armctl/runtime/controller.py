@@ -19,6 +19,7 @@ from armctl.runtime.clock import Clock
 from armctl.runtime.commands import (
     Answer,
     Command,
+    ControlCommand,
     HeldCommand,
     MovingCommand,
     Order,
@@ -108,13 +109,18 @@ class Controller:
         self._thread.start()
 
     def submit(self, command: Command, origin: Origin | None = None) -> Ticket:
-        """Ask for something at the next tick, which this brings forward; ``origin`` is for the log."""
+        """Ask for something at the next tick; ``origin`` is for the log.
+
+        What moves the arm brings the tick forward. What everybody may say does not: else a watcher's flood
+        would be a flood of ticks.
+        """
         with self._lock:
             if self._closed:
                 return Ticket.ended(StateError("the controller is closed"))
             order = self._order(command, origin)
             self._orders.append(order)
-        self._wake.set()
+        if not isinstance(command, ControlCommand):
+            self._wake.set()
         return order.ticket
 
     def stop(self, origin: Origin | None = None) -> Ticket:

@@ -39,7 +39,7 @@ SLOWEST = 0.05
 """the smallest speed override"""
 JOG_GAP_S = 0.2
 """A jog that was held during a STOP must be let go for this long before it moves the arm again."""
-_SAME_PRESS_S = 0.5
+_SAME_PRESS_S, _SAME_REFUSAL_S = 0.5, 2.0
 _UNSENT_S = 1.0
 """so long the end of a motion waits for the line"""
 _READ_INTERVAL_S = 0.02
@@ -298,8 +298,10 @@ class Core:
                 self.refuse(pending.order, pending.label, error)
 
     def refuse(self, order: Order, label: str, error: ArmctlError) -> None:
-        """Answer an order that cannot be carried out."""
-        self.log.warn(f"{label} ({order.origin.who}) refused: {error}")
+        """Answer an order that cannot be carried out; the log tells the same once in a while."""
+        words = f"{label} ({order.origin.who}) refused: {error}"
+        if not self.log.said(words, _SAME_REFUSAL_S):
+            self.log.warn(words)
         order.ticket.end(error)
 
     def pause(self, who: str) -> None:

@@ -216,6 +216,17 @@ class Control:
         party = self.party(id)
         return party is not None and party.operates
 
+    def refusal(self, id: str) -> str | None:
+        """Why this one may not command the arm, and what to do; None: it may."""
+        operator = self.operator
+        if operator is not None:
+            return None if operator.id == id else f"{operator.name} operates the arm; take control first"
+        if self.locked:
+            return "the teacher has locked control; give the teacher's PIN"
+        if self.party(id) is not None:  # it watches
+            return "nobody operates the arm; take control first"
+        return None
+
 
 @dataclass(frozen=True, slots=True)
 class Event:
