@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,10 +22,21 @@ from armctl.errors import BoardError, PortError, StateError
 from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
 from armctl.hardware.simulation import BoardServer
+from armctl.motion import plan_joints
 from armctl.process import Host, Link, registry, start_arm
 from armctl.process.link import LocalLine
 from armctl.robot import load_robot
-from armctl.runtime import Connect, Enable, MonotonicClock, MoveJoints, SetSpeed, State, channel_settings
+from armctl.runtime import (
+    Connect,
+    Enable,
+    Follow,
+    MonotonicClock,
+    MoveJoints,
+    SetSpeed,
+    State,
+    channel_settings,
+)
+from armctl.system import start_apart
 
 SCORBOT = load_robot("scorbot")
 AWAY = ROBOT.pose("home") + np.array([1.2, 0, 0, 0, 0])
@@ -167,6 +179,40 @@ def test_a_signal_ends_the_arm_process_in_order(folder: Path, moving: Link, numb
         "Connect again"
     )
     assert list(folder.iterdir()) == []
+
+
+HANGS = """
+import threading
+from armctl.runtime import dispatch
+
+def hangs(*_):
+    threading.Event().wait()
+
+dispatch.checked_trajectory = hangs
+"""
+
+
+def test_an_arm_process_ends_though_a_plan_hangs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: Path
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text(HANGS)
+    monkeypatch.syspath_prepend(tmp_path)
+    started: list[subprocess.Popen[bytes]] = []
+
+    def noted(*args: Any) -> subprocess.Popen[bytes]:
+        started.append(start_apart(*args))
+        return started[0]
+
+    monkeypatch.setattr("armctl.process.start.start_apart", noted)
+    link = start_arm(ROBOT, name="test")
+    for command in (Connect("sim"), Enable(HOME)):
+        link.submit(command).result(10)
+    link.submit(Follow(plan_joints(ROBOT, HOME, AWAY)))
+    until(lambda: link.snapshot.busy, "it is being planned")
+    os.kill(the_only_one(folder).pid, signal.SIGTERM)
+    until(lambda: started[0].poll() is not None, "it has ended")
+    assert started[0].returncode == 0
+    link.close()
 
 
 def test_a_killed_arm_process_is_told_and_refuses(folder: Path, moving: Link) -> None:

@@ -63,6 +63,8 @@ _HELLO_S = 10.0
 """how long a connection may take to say hello"""
 _GONE_S = 30.0
 """A client that gives no sign of life for so long is shut out: there is room for a number of them only."""
+_CLOSING_S = 12.0
+"""how long bringing the arm to rest and closing its line may take; a client waits for 15 s"""
 _AT_REST_S, _SETTLED_S = 0.2, 1.0
 """how often clients are told of an arm that stands as before, so long after it moved; else every tick"""
 
@@ -165,6 +167,8 @@ class Server:
                 if not let_in:
                     trust = self._trusted(codec.from_client(data))
                     source = trust.source or source
+                    if trust.relays:
+                        self._count_arrival(source)
                     data = await line.receive()
                 owns = trust is not None and not trust.relays
                 codec = Codec.of(data, house=owns)
@@ -392,10 +396,15 @@ async def serve_arm(
         await server.ended.wait()
         listener.close()
     finally:
-        await asyncio.to_thread(arm.close)
+        try:
+            async with asyncio.timeout(_CLOSING_S):
+                await asyncio.to_thread(arm.close)
+        except TimeoutError:
+            _LOGGER.error("the arm is not closed within %g s; its process ends", _CLOSING_S)
         server.leave_socket()
         if address is not None:
             remove(address)  # also where it was not noted yet
+        server.close()
         # last: whose connection ends, knows that all of this is over
         for task in (*chores, *connections):
             task.cancel()

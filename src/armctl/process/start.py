@@ -11,6 +11,7 @@ import platform
 import secrets
 import struct
 import sys
+import traceback
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -142,7 +143,16 @@ def main() -> None:
             sys.stdout.close()
 
     address = None if start.folder is None else start.folder / f"arm-{os.getpid()}.sock"
-    with begin_log("arm"):
-        asyncio.run(
-            serve_arm(start.robot, start.board, start.rate_hz, address, start.secret, ready, start.pin)
-        )
+    arm = serve_arm(start.robot, start.board, start.rate_hz, address, start.secret, ready, start.pin)
+    status = 1
+    try:
+        with begin_log("arm"):
+            asyncio.Runner().run(arm)
+        status = 0
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        # The arm stands and its line is closed. Python would wait for threads that plan or decode.
+        with suppress(OSError, ValueError):
+            sys.stderr.flush()
+        os._exit(status)
