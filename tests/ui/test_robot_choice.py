@@ -57,7 +57,7 @@ class FakeController:
     said: list[tuple[str, Command]] = field(default_factory=list[tuple[str, Command]])
 
     def submit(self, command: Command, origin: Origin) -> Ticket:
-        assert origin is PAGE or isinstance(command, ControlCommand)
+        assert origin == PAGE or isinstance(command, ControlCommand)
         self.commands.append(command)
         self.said.append((origin.who, command))
         if isinstance(command, Arrive):
@@ -429,6 +429,47 @@ def test_an_arm_whose_process_is_gone_is_opened_anew(rig: Rig) -> None:
     rig.opened["uzuner"].ended = True
     rig.arm(board=None, state=State.FAULT, powered=False)
     assert asyncio.run(rig.desk.needs_reopening("sim"))
+
+
+def test_a_process_that_is_gone_is_started_again_once_for_all_who_ask_and_not_connected(rig: Rig) -> None:
+    asyncio.run(rig.desk.revive("vision"))
+    assert rig.told == []  # it is there
+    people = (Party("vision, program 1", "vision"), Party("page 7", "Bob", True))
+    rig.desk.pages.append("page 7")
+    rig.opened["uzuner"].ended = True
+    rig.arm(board=None, state=State.FAULT, powered=False, control=Control(people))
+
+    async def all_ask() -> None:
+        await asyncio.gather(*(rig.desk.revive(who) for who in ("vision", "one", "another")))
+
+    asyncio.run(all_ask())
+    (change,) = rig.told
+    assert change.did == "started a new arm process for" and change.who == "vision"
+    assert change.not_connected is not None and "press Connect" in change.not_connected
+    new = rig.opened["uzuner"]
+    assert not new.ended
+    assert [type(one) for one in new.commands] == [Arrive, SetSpeed]
+    assert {who for who, _ in new.said} == {"page 7"}  # who operated does so again, and says how fast
+
+
+def test_a_process_that_cannot_be_started_again_is_not_tried_at_each_hello(rig: Rig) -> None:
+    rig.opened["uzuner"].ended = True
+    rig.arm(board=None, state=State.FAULT, powered=False)
+    tried: list[str] = []
+
+    def fails(controller: FakeController) -> None:
+        tried.append("")
+        raise BoardError("no more processes")
+
+    rig.on_open = fails
+
+    async def ask_twice() -> None:
+        for _ in range(2):
+            with pytest.raises(BoardError, match="no more processes"):
+                await rig.desk.revive("vision")
+
+    asyncio.run(ask_twice())
+    assert len(tried) == 1
 
 
 @pytest.mark.parametrize("by_teacher", [False, True])

@@ -28,7 +28,7 @@ from armctl.hardware.boards import board_type
 from armctl.hardware.ports import list_ports
 from armctl.process import start_arm
 from armctl.robot import Robot, hidden_robots, load_robot, robot_title, shipped_robots, user_robots
-from armctl.runtime import Connect, Event, Origin, wall_time
+from armctl.runtime import ArmLink, Connect, Event, Origin, wall_time
 from armctl.ui import (
     App,
     CalibrationInForce,
@@ -100,7 +100,8 @@ def serve(
             LOG.info("removed %s, which a killed save had left", path)
     open_console = partial(_open_console, asked=port, pin=pin)
     switches: list[RobotSwitch] = []
-    sockets = {API_PATH: api_door(lambda: switches[0].console.controller if switches else None)}
+    present_arm = partial(_present_arm, switches)
+    sockets = {API_PATH: api_door(present_arm, lambda who: switches[0].revive(who))}
     with ThreadPoolExecutor(1) as opener:  # the arm process starts while the page server does
         opening = opener.submit(open_console, robot, port)
         try:
@@ -140,6 +141,11 @@ def serve(
             app.close()
     finally:
         robots.close()
+
+
+def _present_arm(switches: list[RobotSwitch]) -> ArmLink | None:
+    """The arm that is served now; None before it has been opened."""
+    return switches[0].console.controller if switches else None
 
 
 def _say_more(server: GuardedServer) -> None:

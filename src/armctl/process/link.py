@@ -302,8 +302,8 @@ class Link:
         hand_over(local.address, local.secret, line, request)
         return True
 
-    async def relay(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-        """Another connection to the same arm process, for the records of somebody else."""
+    async def relay(self, source: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+        """Another connection to the same arm process, for somebody else's records, see ``source_of``."""
         local = self._line
         if not isinstance(local, LocalLine):
             raise StateError("the arm is far away itself; connect to its own console")
@@ -311,7 +311,7 @@ class Link:
             reader, writer = await asyncio.open_unix_connection(local.address)
         else:
             reader, writer = await asyncio.open_connection(*local.address)
-        data = self._codec.encode(Trust(local.secret, relays=True))
+        data = self._codec.encode(Trust(local.secret, relays=True, source=source))
         writer.write(len(data).to_bytes(4) + data)
         return reader, writer
 

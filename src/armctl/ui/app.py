@@ -130,7 +130,8 @@ class App:
             try:
                 page.rebuild()
                 if change.did == RESTARTED:
-                    text = "A new arm process was started. Press Enable again."
+                    then = "Enable again" if change.not_connected is None else "Connect, then Enable"
+                    text = f"A new arm process was started. Press {then}."
                     page.session.notify("Robot", text, "yellow")
                 elif not page.session.operates:
                     text = f"{change.who} {change.did} {change.title}: this page shows it now."

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from armctl.boards import SIMULATED
-from armctl.errors import InputError, StateError
+from armctl.errors import ArmctlError, InputError, StateError
 from armctl.hardware import Source
 from armctl.runtime import (
     Arrive,
@@ -28,6 +28,7 @@ from armctl.ui.console import Console
 LOG = logging.getLogger("armctl.ui")
 RESTARTED = "started a new arm process for"
 _LOG_LINES = 200
+_REVIVED_AGAIN_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +69,9 @@ class RobotSwitch:
         self.pages: list[str] = []
         """the pages that are open, in the order in which they came"""
         self._open = open_console
+        self._reviving: asyncio.Task[None] | None = None
+        self._not_revived: tuple[float, ArmctlError] | None = None
+        """when the arm process could not be started again, and why"""
         self._tell: Callable[[RobotChange], None] | None = None
 
     def on_change(self, tell: Callable[[RobotChange], None]) -> None:
@@ -133,10 +137,46 @@ class RobotSwitch:
         if connect:
             await _finished(self.console, Connect(port), origin)
 
+    async def revive(self, who: str) -> None:
+        """Start the process of the present arm again where it is gone, for ``who``: nothing is connected.
+
+        Errors as ``change``; after one, nobody tries again for some seconds.
+        """
+        now = asyncio.get_running_loop().time
+        if self._not_revived is not None and now() - self._not_revived[0] < _REVIVED_AGAIN_S:
+            raise self._not_revived[1]
+        if self._reviving is None:
+            self._reviving = asyncio.create_task(self._revive(who))
+        reviving = self._reviving
+        try:
+            await asyncio.shield(reviving)
+        except ArmctlError as refusal:
+            self._not_revived = now(), refusal
+            raise
+        finally:
+            if reviving.done() and self._reviving is reviving:
+                self._reviving = None
+
+    async def _revive(self, who: str) -> None:
+        if self.console.controller.ended:
+            self.require_reopenable()
+            await self._replace(
+                self.present, self.console.default_port, Origin(who), lambda: None, again=True
+            )
+
     async def _replace(
-        self, choice: RobotChoice, port: str, origin: Origin, permit: Callable[[], None]
+        self,
+        choice: RobotChoice,
+        port: str,
+        origin: Origin,
+        permit: Callable[[], None],
+        *,
+        again: bool = False,
     ) -> None:
-        """Put a new console in place of the present one; what fails before that changes nothing."""
+        """Put a new console in place of the present one; what fails before that changes nothing.
+
+        ``again``: its process is gone, and somebody wants to use the arm who is no page.
+        """
         began, left, reopen = wall_time(), self.console, choice == self.present
         self.opening = choice
         try:
@@ -145,8 +185,14 @@ class RobotSwitch:
                 await self._carry_control(opened, left)
                 speed = left.controller.snapshot.speed
                 if opened.controller.snapshot.speed != speed:
-                    await _finished(opened, SetSpeed(speed), origin)
-                not_connected = None if reopen else await _connect(opened, left, origin)
+                    operator = opened.controller.snapshot.control.operator
+                    by = origin if operator is None or operator.id == origin.who else Origin(operator.id)
+                    await _finished(opened, SetSpeed(speed), by)
+                if again:
+                    title = opened.robot.title
+                    not_connected = f"{title} is not connected, as its process was gone; press Connect"
+                else:
+                    not_connected = None if reopen else await _connect(opened, left, origin)
                 # ask again: the present arm may have begun to move meanwhile
                 permit()
                 require_replaceable(left.controller.snapshot, reopen=reopen)
