@@ -69,11 +69,11 @@ def served(
         thread.join()
 
 
-def websocket(address: Address) -> ClientConnection:
+def websocket(address: Address, source: str = "127.0.0.1") -> ClientConnection:
     """A websocket whose other end the arm process has been handed, as the page server does it."""
     assert isinstance(address, Path)
     with socket.create_server(("127.0.0.1", 0)) as door:
-        ours = socket.create_connection(door.getsockname())
+        ours = socket.create_connection(door.getsockname(), source_address=(source, 0))
         theirs, _ = door.accept()
 
     def give() -> None:
@@ -96,8 +96,8 @@ def websocket(address: Address) -> ClientConnection:
 class WebSocketLine:
     """A websocket as a line."""
 
-    def __init__(self, address: Address, *, text: bool = False) -> None:
-        self.socket, self._text = websocket(address), text
+    def __init__(self, address: Address, *, text: bool = False, source: str = "127.0.0.1") -> None:
+        self.socket, self._text = websocket(address, source), text
 
     def send(self, data: bytes) -> None:
         self.socket.send(data, text=self._text)
@@ -126,9 +126,17 @@ class Client:
         self.snapshot = self.hear(Seen).snapshot
 
     @classmethod
-    def remote(cls, address: Address, name: str = "c", *, json: bool = False, watch: bool = False) -> Client:
-        """One on a websocket."""
-        client = cls(WebSocketLine(address, text=json), name, json=json, watch=watch)
+    def remote(
+        cls,
+        address: Address,
+        name: str = "c",
+        *,
+        json: bool = False,
+        watch: bool = False,
+        source: str = "127.0.0.1",
+    ) -> Client:
+        """One on a websocket, from an address of this computer."""
+        client = cls(WebSocketLine(address, text=json, source=source), name, json=json, watch=watch)
         client.address = address
         return client
 
