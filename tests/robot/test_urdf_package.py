@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import io
-import itertools
-import math
 import os
 import zipfile
 from pathlib import Path
@@ -234,7 +232,6 @@ def test_what_comes_through_a_page_stays_in_a_folder_of_its_own(
         add_to_package(place, "arm.urdf", b"")
     with pytest.raises(RobotFileError, match="only meshes"):
         add_to_package(tmp_path, "upper.stl", b"")
-    macro = '<robot xmlns:xacro="http://ros.org/xacro"><xacro:include filename="x"/></robot>'
     monkeypatch.setattr(packages, "MOST_FILES", 3)
     add_to_package(place, "upper.stl", MESH.encode())  # in place of the one that is there
     with pytest.raises(RobotFileError, match=r"lower\.stl: an arm from a page has 3 files"):
@@ -242,11 +239,6 @@ def test_what_comes_through_a_page_stays_in_a_folder_of_its_own(
     monkeypatch.setattr(packages, "_MOST_NAMESAKES", 3)
     with pytest.raises(RobotFileError, match="holds 2 arms 'My_arm_1': delete some of them"):
         install_package("My arm (1).urdf", text.encode(), robots)
-    place = install_package("arm.xacro", macro.encode(), robots)
-    with pytest.raises(
-        RobotFileError, match="needs <xacro:include>, which armctl does not expand for a page"
-    ):
-        load_robot(place)
 
 
 @pytest.mark.parametrize("way", ["/", "../outside/", "link/"])
@@ -268,7 +260,7 @@ def test_a_side_file_from_a_page_names_one_of_its_own_folder(tmp_path: Path) -> 
     files = {"a.armctl.toml": 'format = 1\nurdf = "sub/arm.urdf"', "sub/arm.urdf": arm_text(tmp_path)}
     place = install_package("a.zip", zipped(dict(files)), tmp_path / "robots")
     source = UrdfSource.at(place)
-    assert source.from_page and source.side_path == place / "a.armctl.toml"
+    assert source.folder == place and source.side_path == place / "a.armctl.toml"
     assert load_robot(place).n == 3
 
 
@@ -281,125 +273,6 @@ def test_a_side_file_names_no_side_file(tmp_path: Path, named: str) -> None:
         (folder / "sub/b.armctl.toml").write_text('format = 1\nurdf = ".."')
     with pytest.raises(RobotFileError, match="names a side file"):
         load_robot(folder / "a.armctl.toml")
-
-
-# xacro.
-
-XACRO = """<robot name="${name}_arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
-  <xacro:arg name="height" default="0.1"/><xacro:arg name="unused"/>
-  <xacro:property name="name" value="my"/>
-  <xacro:property name="length" value="0.2"/>
-  <xacro:property name="half" value="${length / 2}"/>
-  <xacro:property name="count" value="2"/>
-  <xacro:property name="block"><origin xyz="0 0 0"/></xacro:property>
-  <xacro:macro name="unused" params="a b"><link name="${a}"/><xacro:unused a="1" b="2"/></xacro:macro>
-  <link name="base"/><link name="link${count - 1}"/><link name="tool0"/>
-  <joint name="j" type="revolute">
-    <parent link="base"/><child link="link1"/><axis xyz="0 0 1"/>
-    <origin xyz="0 ${-half} $(arg height)" rpy="${pi/2} ${radians(30)} 0"/>
-    <limit lower="${-pi}" upper="${2 * count * half * 10}" effort="-1" velocity="-1"/>
-  </joint>
-  <joint name="end" type="fixed"><parent link="link1"/><child link="tool0"/>
-    <origin xyz="0 0 ${(length + half) * 2 ** count % 1}"/></joint>
-</robot>"""
-
-
-def test_plain_properties_and_unused_macros_are_expanded(tmp_path: Path) -> None:
-    (tmp_path / "arm.urdf.xacro").write_text(XACRO)
-    robot = load_robot(tmp_path / "arm.urdf.xacro")
-    assert robot.title == "my_arm"
-    assert robot.limits == pytest.approx(np.array([[-math.pi, 4.0]]))
-    assert robot.joints[0].stall_torque is None and robot.joints[0].speed == pytest.approx(math.radians(60))
-    T = robot.forward([0.0])
-    # Ry(30°) Rx(90°) of (0, 0, 0.2): (0, -0.2, 0)
-    assert T[:3, 3] == pytest.approx([0, -0.1 - 0.2, 0.1], abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("expression", "says"),
-    [
-        ("${none}", r"\$\{none\}: there is no such property"),
-        ("${1/0}", "cannot be computed: division by zero"),
-        ("${9**9**9}", "cannot be computed: "),
-        ("${'a' * 100}", "cannot be computed: "),
-        ("${1 +}", "cannot be computed: "),
-        ("${(-8) ** 0.5}", "cannot be computed: no number comes of it"),
-        ("${a}", "its properties are made of each other"),
-        ("${round(1, -999999999)}", "cannot be computed: round goes to 15 places"),
-        ("$(arg wide)", r"\$\(arg wide\): a text of more than 1000 characters"),
-        ("$(arg height)" * 20, "make more than 50 characters"),
-        ("${1}" * 20, "more than 12 expressions are computed"),
-        ("$(arg none)", "the file gives it no default"),
-        ("${" + "1+" * 600 + "1}", "an expression of more than 1000 characters"),
-        ("${__import__('os').getcwd()}", "needs .*, which the package xacro expands"),
-        ("$(find pkg)", r"needs \$\(find …\), which the package xacro expands"),
-        ("<xacro:if value='1'/>", "needs <xacro:if>"),
-        ("<xacro:property name='length' value='0.3'/>", "needs the property length, which changes"),
-        ("<xacro:unused a='1' b='2'/>", "needs the macro unused"),
-    ],
-)
-def test_what_cannot_be_expanded_is_said(
-    tmp_path: Path, expression: str, says: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("armctl.robot.urdf.xacro.find_spec", lambda name: None)
-    monkeypatch.setattr("armctl.robot.urdf.xacro._MOST_MADE", 50 if "50" in says else 4_000_000)
-    if "12" in says:
-        monkeypatch.setattr("armctl.robot.urdf.xacro._MOST_EVALUATED", 12)
-    more = (
-        expression
-        if expression.startswith("<")
-        else f"<material name='{expression.replace(chr(39), '&quot;')}'/>"
-    )
-    a = '<xacro:property name="a" value="${b}"/><xacro:property name="b" value="${a}"/>'
-    a += f'<xacro:arg name="wide" default="{"$(arg height)" * 400}"/>'
-    (tmp_path / "arm.xacro").write_text(XACRO.replace("</robot>", f"{a}{more}</robot>"))
-    with pytest.raises(RobotFileError, match=says) as refused:
-        load_robot(tmp_path / "arm.xacro")
-    assert "\n" not in str(refused.value)
-
-
-def test_what_doubles_at_every_step_is_made_once(tmp_path: Path) -> None:
-    names = [f"p{k}" for k in range(40)]
-    pairs = itertools.pairwise(names)
-    text = "".join(f'<xacro:property name="{b}" value="${{{a} + {a} - {a}}}"/>' for a, b in pairs)
-    text += '<xacro:property name="p0" value="1"/><material name="${p39}"/>'
-    (tmp_path / "arm.xacro").write_text(XACRO.replace("</robot>", f"{text}</robot>"))
-    assert load_robot(tmp_path / "arm.xacro").n == 1
-
-
-FAKE = """
-import sys
-from xml.dom import minidom
-def process_file(name):
-    from ament_index_python.packages import get_package_share_directory as find
-    text = open(name).read()
-    if "FAIL" in text:
-        raise ValueError("a macro\\nfailed")
-    if "FIND" in text:
-        find("nowhere")
-    place = find("my_arm_support")
-    return minidom.parseString(open(place + "/expanded.urdf").read())
-"""
-
-
-def test_the_package_does_the_rest_in_a_process_of_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A stand-in for it, which is found as the real one is."""
-    (tmp_path / "site").mkdir()
-    (tmp_path / "site/xacro.py").write_text(FAKE)
-    monkeypatch.syspath_prepend(str(tmp_path / "site"))
-    folder = tmp_path / "my_arm"
-    (folder / "urdf").mkdir(parents=True)
-    (folder / "expanded.urdf").write_text(arm_text(tmp_path))
-    file = folder / "urdf/arm.xacro"
-    macro = '<robot xmlns:xacro="http://ros.org/xacro"><xacro:include filename="x"/>{}</robot>'
-    file.write_text(macro.format(""))
-    assert load_robot(file).n == 3
-    for fault, says in (("FAIL", "xacro: a macro failed"), ("FIND", r"\$\(find nowhere\): no folder above")):
-        file.write_text(macro.format(f"<!-- {fault} -->"))
-        with pytest.raises(RobotFileError, match=says):
-            load_robot(file)
 
 
 # The side file.

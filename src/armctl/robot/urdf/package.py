@@ -43,13 +43,17 @@ _ZIPS = DocumentKind(RobotFileError, most_bytes=MOST_PACKED_BYTES)
 _SMALL_TEXTS = DocumentKind(RobotFileError, most_bytes=1 << 20)
 _UNPACKED = ".armctl-unpacked"
 """A folder with this file in it was unpacked: what lies outside is none of its arm's business."""
-_FROM_PAGE = b"from a page"
-_TAKEN = {*ARM_SUFFIXES, *SUFFIXES, ".toml", ".xml", ".yaml", ".yml"}
+_TAKEN = {*ARM_SUFFIXES, *SUFFIXES, ".gazebo", ".toml", ".trans", ".transmission", ".xml", ".yaml", ".yml"}
 """files of a zip file that are unpacked; others have no use here"""
 _URI = re.compile(r"(?P<scheme>[a-z]{2,}):/{1,2}(?P<rest>.*)", re.IGNORECASE | re.DOTALL)
 _INCLUDED = re.compile(rb"""<xacro:include\s[^<>]*?\bfilename\s*=\s*["'](?:[^"'<>]*/)?([^"'/<>]+)["']""")
 _LEVELS = 8
 """folders above the file in which packages are looked for"""
+_PACKAGE_LEVELS = 3
+"""folders between a file and that of its own package, at most"""
+_PACKAGE = re.compile(r"[A-Za-z0-9][\w.-]*")
+_PARTS = {"description", "model", "models", "robot", "robots", "urdf", "xacro"}
+"""folders of a package in which a xacro file lies"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +66,6 @@ class UrdfSource:
     """the side file"""
     folder: Path | None = None
     """the unpacked folder that it may not look out of; None: it may"""
-
-    @property
-    def from_page(self) -> bool:
-        """Whether it came through a page: nothing in it is run."""
-        return self.folder is not None and (self.folder / _UNPACKED).read_bytes() == _FROM_PAGE
 
     @classmethod
     def at(cls, path: Path) -> UrdfSource:
@@ -117,11 +116,24 @@ class UrdfSource:
                 return place
         return self._of_that_name(PurePosixPath(inner).name)
 
+    @property
+    def roots(self) -> list[Path]:
+        """The folders below which the files lie that a xacro file of the arm may read."""
+        if self.folder is not None:
+            return [self.folder.resolve()]
+        return [_own_package(self.file.absolute()).resolve(), _own_package(self.file.resolve())]
+
     def package(self, name: str) -> Path | None:
-        """The folder of a ROS package; None where there is none."""
-        return next(
-            (place for place in self._packages(name) if place.is_dir() and self._allowed(place)), None
-        )
+        """The folder of a ROS package, with a package.xml unless it is of this arm; None where there is none.
+
+        Any folder above may be called as a file wants it to be, and is no package for that.
+        """
+        roots = self.roots
+        for place in self._packages(name) if _PACKAGE.fullmatch(name) else ():
+            own = any(place.resolve().is_relative_to(root) for root in roots)
+            if place.is_dir() and self._allowed(place) and (own or (place / "package.xml").is_file()):
+                return place
+        return None
 
     def _above(self) -> list[Path]:
         above = list(self.file.absolute().parents)[:_LEVELS]
@@ -156,6 +168,13 @@ class UrdfSource:
             return None
         found = [path for path in walk(self.folder) if path.name == name and self._allowed(path)]
         return found[0] if len(found) == 1 else None
+
+
+def _own_package(file: Path) -> Path:
+    """The folder of the package that a file belongs to, as far as can be told."""
+    folder, *above = file.parents[: _PACKAGE_LEVELS + 1]
+    found = next((place for place in (folder, *above) if (place / "package.xml").is_file()), None)
+    return found or (above[0] if above and folder.name in _PARTS else folder)
 
 
 def _package_name(path: Path) -> str | None:
@@ -309,7 +328,7 @@ def _is_taken(name: str) -> bool:
     return not hidden and path.suffix.lower() in _TAKEN
 
 
-def write_folder(place: Path, files: Mapping[str, bytes], *, from_page: bool = False) -> None:
+def write_folder(place: Path, files: Mapping[str, bytes]) -> None:
     """Write files into a new folder, which appears all at once; one that is there already stays as it is."""
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -320,7 +339,7 @@ def write_folder(place: Path, files: Mapping[str, bytes], *, from_page: bool = F
                 path = building / name
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(content)
-            (building / _UNPACKED).write_bytes(_FROM_PAGE if from_page else b"")
+            (building / _UNPACKED).touch()
             building.chmod(0o755)
             building.rename(place)
         except BaseException:
@@ -346,7 +365,7 @@ def install_package(name: str, content: bytes, folder: Path) -> Path:
     place = next((place for place in places if not place.exists()), None)
     if place is None:
         raise RobotFileError(f"{folder} holds {_MOST_NAMESAKES - 1} arms {stem[:40]!r}: delete some of them")
-    write_folder(place, files, from_page=True)
+    write_folder(place, files)
     return place
 
 

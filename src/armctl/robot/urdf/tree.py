@@ -12,23 +12,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar, cast
 from xml.etree import ElementTree
-from xml.parsers import expat
 
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.documents import DocumentKind
 from armctl.errors import RobotFileError
 from armctl.kinematics.chain import frame_along
 from armctl.robot.parts import Color, Shape
-from armctl.robot.urdf.package import UrdfSource, arm_stem
+from armctl.robot.urdf.package import UrdfSource
+from armctl.robot.urdf.reading import URDF_FILES, parse_xml
 from armctl.robot.urdf.rounding import Rounding, exact_axis, exact_rotation
-from armctl.robot.urdf.xacro import BeyondPlainError, expand, expanded_by_package, is_xacro
+from armctl.robot.urdf.xacro import expand, is_xacro
 
 T = TypeVar("T")
-URDF_FILES = DocumentKind(RobotFileError, most_bytes=4 * 1024 * 1024)
-_PART_BYTES = 64 * 1024
-"""handed to the XML parser at once, which lets no other thread run meanwhile"""
 KINDS = ("revolute", "continuous", "fixed", "prismatic", "planar", "floating")
 LARGEST = 1e6
 """no number of a URDF file, in metres, radians, kg or N·m, is larger than this"""
@@ -193,19 +189,16 @@ class UrdfTree:
         return [joint.settled() for joint in way]
 
 
-def read_urdf_file(source: UrdfSource) -> UrdfTree:
-    """Read a file into links and joints, xacro expanded; a refusal names the element."""
-    root = _parsed(URDF_FILES.read(source.file))
+def read_urdf_file(source: UrdfSource, arguments: Mapping[str, str] | None = None) -> UrdfTree:
+    """Read a file into links and joints, xacro expanded; a refusal names the element.
+
+    ``arguments``: values of what ``<xacro:arg>`` declares, by name.
+    """
+    root = parse_xml(URDF_FILES.read(source.file), source.file)
+    if root.tag != "robot":
+        raise RobotFileError(f"the root element is <{root.tag}>, a URDF file has <robot>")
     if is_xacro(root):
-        try:
-            expand(root)
-        except BeyondPlainError as beyond:
-            if source.from_page:
-                raise RobotFileError(
-                    f"needs {beyond}, which armctl does not expand for a page; expand it first: "
-                    f"xacro {source.file.name} > {arm_stem(source.file)}.urdf"
-                ) from beyond
-            root = _parsed(expanded_by_package(source.file, str(beyond)))
+        root = expand(root, source, arguments or {})
     colors = {
         material.get("name", ""): color
         for material in root.findall("material")
@@ -214,38 +207,6 @@ def read_urdf_file(source: UrdfSource) -> UrdfTree:
     links = _by_name(root, "link", lambda element, _: _link(element, colors))
     joints = _by_name(root, "joint", _joint)
     return UrdfTree(source.file, root.get("name", ""), links, list(joints.values()))
-
-
-def _parsed(content: bytes) -> ElementTree.Element:
-    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        # as ROS reads them: prefixes are part of the names, and many files do not declare theirs
-        for name, meaning in attributes.items():
-            if name.startswith("xmlns:") and name != "xmlns:xacro" and "xacro" in meaning:
-                raise RobotFileError(f'{name}="{meaning}": call the prefix of xacro "xacro"')
-        builder.start(tag, attributes)
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = builder.end
-    parser.CharacterDataHandler = builder.data
-    parser.StartDoctypeDeclHandler = _refuse_document_type
-    parser.buffer_text = True
-    try:
-        for begin in range(0, len(content), _PART_BYTES):
-            parser.Parse(content[begin : begin + _PART_BYTES], False)
-        parser.Parse(b"", True)
-    except (expat.ExpatError, ValueError, LookupError) as cause:  # LookupError: an unknown encoding
-        raise RobotFileError(f"is not XML: {cause}") from cause
-    root = builder.close()
-    if root.tag != "robot":
-        raise RobotFileError(f"the root element is <{root.tag}>, a URDF file has <robot>")
-    return root
-
-
-def _refuse_document_type(name: str, *_: object) -> None:
-    """URDF has none, and its entities can grow without bound or name other files."""
-    raise RobotFileError(f"holds a document type ({name!r}); a URDF file has none, take it out")
 
 
 def _by_name(

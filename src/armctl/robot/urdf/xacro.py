@@ -1,285 +1,391 @@
-"""xacro files: plain properties, arithmetic, arguments and unused macros here; anything more by the package.
+"""xacro files expanded: macros, blocks, properties, conditions and includes, by an interpreter of our own.
 
-The package ``xacro`` evaluates Python expressions, so it runs in a process of its own, with a time limit, and
-never on files that came through a page.
+It gives the tree that the package ``xacro`` gives, and runs no code: expressions are a language of their own
+(``xacro_expression``), files are read from the arm's own folders only (``reading``), and all of it is paid
+from one ``Budget``, so any file ends. Nothing is mutated: what is read stays as it is, and a new tree is made
+of it. What a file prints (``xacro.warning``) is left out.
 """
 
 from __future__ import annotations
 
-import ast
-import math
-import operator
-import os
 import re
-import subprocess
-import sys
-import types
-from collections.abc import Callable, Mapping
-from importlib.util import find_spec
-from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree
+from collections import ChainMap
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TypeAlias, cast
 
 from armctl.errors import RobotFileError
+from armctl.robot.urdf.package import UrdfSource
+from armctl.robot.urdf.reading import ArmFiles, Element
+from armctl.robot.urdf.xacro_expression import Budget
+from armctl.robot.urdf.xacro_functions import shown
+from armctl.robot.urdf.xacro_properties import Scope, Texts, is_name, truth
 
-Value = int | float | str
 _XACRO = "xacro:"
-_HOLE = re.compile(r"\$\$\{|\$\$\(|\$\{(?P<expression>[^{}]*)\}|\$\((?P<call>[^()]*)\)")
-_LARGEST = 1e12
-"""no number of an expression grows beyond"""
-_LONGEST = 1000
-"""characters of an expression, and of what a property or an argument stands for"""
-_MOST_MADE, _MOST_EVALUATED = 4_000_000, 100_000
-"""characters that all holes of a file may make, and expressions that are computed for them"""
-_MOST_DIGITS = 15
-"""places to which ``round`` goes"""
-_DEEPEST = 50
-"""properties that are made of properties"""
-_TIMEOUT_S = 60.0
-_OPERATORS: Mapping[type[ast.AST], str] = {
-    ast.Add: "add",
-    ast.Sub: "sub",
-    ast.Mult: "mul",
-    ast.Div: "truediv",
-    ast.FloorDiv: "floordiv",
-    ast.Mod: "mod",
-    ast.Pow: "pow",
-    ast.USub: "neg",
-    ast.UAdd: "pos",
-}
-"""names in the module ``operator``"""
+_DEEPEST = 60
+"""macros and includes inside of each other"""
+_ELEMENT_STEPS = 10
+"""what making an element costs"""
+_ASIDE = frozenset({"gazebo", "ros2_control", "transmission"})
+"""elements that no arm is made of: what needs a package that is not there stays in them as it is written"""
+_MOST_PARAMETERS = 500
+_PARAMETER = re.compile(r"\s*(?:(?P<name>[^\s:=]+)\s*:?=\s*(?P<passed>\^\|?)?|(?P<only>\S+))")
 
 
-def _rounded(value: float, digits: int = 0) -> float:
-    if abs(digits) > _MOST_DIGITS:
-        raise OverflowError(f"round goes to {_MOST_DIGITS} places at most")
-    return round(value, digits) if digits else round(value)
+@dataclass(frozen=True, slots=True)
+class Macro:
+    """A macro as it is defined."""
+
+    element: Element
+    parameters: tuple[str, ...]
+    defaults: Mapping[str, tuple[bool, str | None]]
+    """by parameter: whether it is passed through from the caller, and the text where it is not"""
 
 
-_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
-    **{name: getattr(math, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sqrt")},
-    **{name: getattr(math, name) for name in ("radians", "degrees", "hypot", "fabs")},
-    "abs": abs,
-    "min": min,
-    "max": max,
-    "round": _rounded,
-}
-_CONSTANTS: Mapping[str, Value] = {"pi": math.pi, "tau": math.tau, "e": math.e}
+Macros: TypeAlias = ChainMap[str, "Macro | Macros"]
+"""macros by name, and namespaces of them"""
 
 
-class BeyondPlainError(Exception):
-    """It takes the package; the text says what for."""
-
-
-def is_xacro(root: ElementTree.Element) -> bool:
+def is_xacro(root: Element) -> bool:
     """Whether a file has anything for xacro to do."""
-    return any(_name(element) or _holes(element) for element in root.iter())
+    return any(_name(one) or _holes(one) for one in cast("Iterable[Element]", root.iter()))
 
 
-def _holes(element: ElementTree.Element) -> bool:
+def _holes(element: Element) -> bool:
     return any("${" in text or "$(" in text for text in (*element.attrib.values(), element.text or ""))
 
 
-def _name(element: ElementTree.Element) -> str | None:
+def _name(element: Element) -> str | None:
     """``property`` of ``<xacro:property>``; None for what is no element of xacro."""
     return element.tag.removeprefix(_XACRO) if element.tag.startswith(_XACRO) else None
 
 
-def expand(root: ElementTree.Element) -> None:
-    """Expand a file in place that holds plain properties and arguments, arithmetic and unused macros only.
+def expand(root: Element, source: UrdfSource, arguments: Mapping[str, str]) -> Element:
+    """The tree that a xacro file stands for; a refusal names the line, and the file if it is an included one.
 
-    ``BeyondPlainError``: it holds more; the tree is then half done. ``RobotFileError``: an expression
-    cannot be read.
+    ``arguments``: values of what ``<xacro:arg>`` declares, by name; the file's defaults stand for others.
     """
-    used = {_name(element) for top in root if _name(top) != "macro" for element in top.iter()}
-    for element in root:
-        if _name(element) == "macro" and element.get("name", "").removeprefix(_XACRO) in used:
-            raise BeyondPlainError(f"the macro {element.get('name')}")
-    names: dict[str, str] = {}
-    arguments: dict[str, str] = {}
-    for element in list(root):
-        match _name(element):
-            case None:
-                continue
-            case "property" if element.get("name") and (value := element.get("value")) is not None:
-                if names.setdefault(element.get("name", ""), value) != value:
-                    raise BeyondPlainError(f"the property {element.get('name')}, which changes")
-            case "property" if len(element) and element.get("name") and not element.get("default"):
-                pass  # a block: what inserts it is refused below
-            case "arg" if element.get("name"):
-                if (default := element.get("default")) is not None:
-                    arguments[element.get("name", "")] = default
-            case "macro":
-                pass
-            case other:
-                raise BeyondPlainError(f"<xacro:{other}>")
-        root.remove(element)
-    inside = next((name for element in root.iter() if (name := _name(element)) is not None), None)
-    if inside is not None:
-        raise BeyondPlainError(f"<xacro:{inside}>")
-    values = _Values(names, arguments)
-    for element in root.iter():
-        for key, text in element.attrib.items():
-            element.set(key, values.filled(text))
-        if element.text:
-            element.text = values.filled(element.text)
+    expansion = _Expansion(source, arguments)
+    try:
+        return expansion.whole(root)
+    except RecursionError as cause:
+        raise RobotFileError(f"{expansion.where()}it is nested too deep") from cause
+    except RobotFileError as refusal:
+        raise RobotFileError(f"{expansion.where()}{refusal}") from refusal
 
 
-class _Values:
-    """The properties of a file, evaluated when they are asked for."""
+class _Expansion:
+    def __init__(self, source: UrdfSource, arguments: Mapping[str, str]) -> None:
+        self._budget = Budget()
+        self._files = ArmFiles(source, self._budget)
+        self._texts = Texts(self._files, self._budget, arguments)
+        self._main = source.file
+        self._depth = 0
+        self._at: Element | None = None
+        """what is being expanded"""
 
-    def __init__(self, names: Mapping[str, str], arguments: Mapping[str, str]) -> None:
-        self._names, self._arguments = names, arguments
-        self._depth = self._made = self._evaluations = 0
-        self._texts: dict[str, str | None] = {}
-        """properties and arguments as they were made; None: it is being made"""
+    def where(self) -> str:
+        """Where the expansion has come to."""
+        if self._at is None:
+            return ""
+        file = "" if self._at.file == self._main else f"{self._at.file.name}, "
+        return f"{file}line {self._at.line}: "
 
-    def filled(self, text: str) -> str:
-        """The text with what its holes stand for."""
-
-        def value(match: re.Match[str]) -> str:
-            if match["expression"] is not None:
-                return counted(str(self._evaluated(match["expression"])))
-            if match["call"] is None:
-                return match[0][1:]
-            command, _, name = match["call"].strip().partition(" ")
-            if command != "arg":
-                raise BeyondPlainError(f"$({command} …)")
-            if name.strip() not in self._arguments:
-                raise RobotFileError(f"$(arg {name.strip()}): the file gives it no default")
-            return counted(self._nested(f"$(arg {name.strip()})", self._arguments[name.strip()]))
-
-        def counted(made: str) -> str:
-            self._made += len(made)
-            if self._made > _MOST_MADE:
-                raise RobotFileError(f"its properties and arguments make more than {_MOST_MADE} characters")
-            return made
-
-        return _HOLE.sub(value, text)
-
-    def _nested(self, key: str, text: str) -> str:
-        """What a property or an argument stands for, made once; ``key`` is how it is written."""
-        if key in self._texts and (made := self._texts[key]) is not None:
-            return made
-        self._depth += 1
-        if self._depth > _DEEPEST or key in self._texts:
-            raise RobotFileError(f"{text!r}: its properties are made of each other")
-        self._texts[key] = None
-        made = self.filled(text)
-        if len(made) > _LONGEST:
-            raise RobotFileError(f"{key}: a text of more than {_LONGEST} characters")
-        self._texts[key] = made
-        self._depth -= 1
+    def whole(self, root: Element) -> Element:
+        """The tree of the main file."""
+        made = self._copied(root, ChainMap(), Scope(self._texts, None))
+        space = root.get("xacro:targetNamespace")
+        if space:
+            made.set("xmlns", space)
         return made
 
-    def _property(self, name: str) -> Value:
-        if name not in self._names:
-            if name in _CONSTANTS:
-                return _CONSTANTS[name]
-            raise RobotFileError(f"${{{name}}}: there is no such property")
-        text = self._nested(f"${{{name}}}", self._names[name])
-        for read in (int, float):
-            try:
-                return read(text)
-            except ValueError:
-                continue
-        return text
+    def _copied(self, element: Element, macros: Macros, scope: Scope) -> Element:
+        """An element that is none of xacro, with its texts filled and what is inside expanded."""
+        self._at = element
+        made = self._empty(element, element.tag)
+        aside = element.tag in _ASIDE
+        self._texts.lenient += aside
+        for key, text in element.attrib.items():
+            if key != "xmlns:xacro" and not key.startswith(_XACRO):
+                made.set(key, self._texts.text(text, scope))
+        self._expand_inside(element, made, macros, scope)
+        self._texts.lenient -= aside
+        return made
 
-    def _evaluated(self, expression: str) -> Value:
-        where = f"${{{expression}}}"
-        self._evaluations += 1
-        if self._evaluations > _MOST_EVALUATED:
-            raise RobotFileError(f"more than {_MOST_EVALUATED} expressions are computed for it")
-        if len(expression) > _LONGEST:
-            raise RobotFileError(f"an expression of more than {_LONGEST} characters: {expression[:40]}…")
-        try:
-            return self._value(ast.parse(expression.strip(), mode="eval").body, where)
-        except (SyntaxError, ArithmeticError, TypeError, ValueError, RecursionError, MemoryError) as cause:
-            raise RobotFileError(f"{where}: cannot be computed: {cause}") from cause
+    def _empty(self, like: Element, tag: str) -> Element:
+        self._budget.spend(_ELEMENT_STEPS)
+        made = Element(tag)
+        made.file, made.line = like.file, like.line
+        return made
 
-    def _value(self, node: ast.expr, where: str) -> Value:
-        match node:
-            case ast.Constant(value=int() | float() | str() as value):
-                found: Value = value
-            case ast.Name(id=name):
-                found = self._property(name)
-            case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATORS:
-                found = _applied(op, self._value(operand, where))
-            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
-                one, other = self._value(left, where), self._value(right, where)
-                if isinstance(one, str) or isinstance(other, str):
-                    if type(op) is not ast.Add:
-                        raise TypeError(f"{one!r} and {other!r} are not both numbers")
-                elif type(op) is ast.Pow and (abs(one) > _LARGEST or abs(other) > 64):
-                    raise OverflowError("a power beyond 64")
-                found = _applied(op, one, other)
-            case ast.Call(func=ast.Name(id=name) | ast.Attribute(value=ast.Name(id="math"), attr=name),
-                          args=arguments, keywords=[]) if name in _FUNCTIONS:  # fmt: skip
-                found = _FUNCTIONS[name](*(self._value(one, where) for one in arguments))
-            case ast.Attribute(value=ast.Name(id="math"), attr=name) if name in _CONSTANTS:
-                found = _CONSTANTS[name]
+    def _expand_inside(self, element: Element, into: Element, macros: Macros, scope: Scope) -> None:
+        """Expand the text and the children of an element into another one."""
+        self._at = element
+        self._write(into, element.text, scope)
+        for child in cast("list[Element]", list(element)):
+            self._expand_element(child, into, macros, scope)
+            self._at = element
+            self._write(into, child.tail, scope)
+
+    def _write(self, into: Element, text: str | None, scope: Scope | None) -> None:
+        """Add a text at the end of an element; blank ones are of no use to anybody."""
+        if not text or text.isspace():
+            return
+        if scope is not None:
+            text = self._texts.text(text, scope)
+        last = into[-1] if len(into) else None
+        before = (into.text if last is None else last.tail) or ""
+        self._budget.spend(1 + (len(before) + len(text) >> 6))
+        if last is None:
+            into.text = before + text
+        else:
+            last.tail = before + text
+
+    def _move(self, from_: Element, into: Element) -> None:
+        """Move what is inside of an element to the end of another one."""
+        self._write(into, from_.text, None)
+        into.extend(from_)
+
+    def _expand_element(self, element: Element, into: Element, macros: Macros, scope: Scope) -> None:
+        self._at = element
+        self._budget.spend(2)
+        match _name(element):
+            case None:
+                into.append(self._copied(element, macros, scope))
+            case "property":
+                self._define_property(element, scope)
+            case "macro":
+                self._budget.spend(len(element.get("params", "")) >> 2)
+                name, macro = _macro(element)
+                macros[name] = macro
+            case "arg":
+                name = _required(element, "name")
+                self._texts.declare(name, element.get("default"), scope)
+            case "if" | "unless" as kind:
+                written = _required(element, "value")
+                if truth(self._texts.value(written, scope), written) is (kind == "if"):
+                    made = self._empty(element, element.tag)
+                    self._expand_inside(element, made, macros, scope)
+                    self._move(made, into)
+            case "insert_block":
+                self._insert_block(_required(element, "name"), into, macros, scope)
+            case "include":
+                self._include(element, into, macros, scope)
+            case "element":
+                self._expand_element(self._renamed(element, scope), into, macros, scope)
+            case "attribute":
+                name, value = (self._texts.text(_required(element, key), scope) for key in ("name", "value"))
+                if not name:
+                    raise RobotFileError("<xacro:attribute>: its name is empty")
+                into.set(name, value)
+            case "call":
+                name = self._texts.text(_required(element, "macro"), scope)
+                self._call(name, element, into, macros, scope)
+            case name:
+                self._call(name, element, into, macros, scope)
+
+    def _define_property(self, element: Element, scope: Scope) -> None:
+        name = self._texts.text(_required(element, "name"), scope)
+        if not is_name(name):
+            raise RobotFileError(
+                f'<xacro:property name="{shown(name)}">: a name has letters, digits and _ only, and '
+                "is no word of Python"
+            )
+        value, default = element.get("value"), element.get("default")
+        written = element.get("remove", "false")
+        remove = truth(self._texts.value(written, scope), written)
+        if (value is not None) + (default is not None) + remove > 1:
+            raise RobotFileError(f'<xacro:property name="{name}">: one of value, default and remove')
+        if remove:
+            scope.remove(name)
+            return
+        if default is not None:
+            if name in scope:
+                return
+            value = default
+        written = element.get("lazy_eval", "true")
+        lazy = truth(self._texts.value(written, scope), written)
+        target: Scope | None = scope
+        match element.get("scope"):
+            case "global":
+                target, lazy = scope.outermost(), False
+            case "parent":
+                target, lazy = scope.callers(), False
             case _:
-                raise BeyondPlainError(where)
-        if type(found) not in (int, float, bool, str):
-            raise ValueError("no number comes of it")
-        if len(found) > _LONGEST if isinstance(found, str) else not abs(found) <= _LARGEST:
-            raise OverflowError("it grows too large")
-        return found
+                pass
+        if target is None:
+            raise RobotFileError(f'<xacro:property name="{name}" scope="parent">: stands in no macro')
+        if value is None:
+            target.set_block(f"**{name}", element)
+        else:
+            target.set(name, value if lazy else self._texts.value(value, scope), lazy=lazy)
+
+    def _renamed(self, element: Element, scope: Scope) -> Element:
+        """``<xacro:element xacro:name="link" …>`` as ``<link …>``."""
+        name = self._texts.text(_required(element, "xacro:name"), scope)
+        if not name:
+            raise RobotFileError("<xacro:element>: its name is empty")
+        made = self._empty(element, name)
+        made.attrib.update({key: text for key, text in element.attrib.items() if key != "xacro:name"})
+        made.text = element.text
+        made.extend(element)
+        return made
+
+    def _insert_block(self, name: str, into: Element, macros: Macros, scope: Scope) -> None:
+        many, one = scope.block(f"**{name}"), scope.block(f"*{name}")
+        if many is not None:
+            made = self._empty(many, many.tag)
+            self._expand_inside(many, made, macros, scope)
+            self._move(made, into)
+        elif one is not None:
+            into.append(self._copied(one, macros, scope))
+        else:
+            raise RobotFileError(f'<xacro:insert_block name="{shown(name)}">: there is no such block')
+
+    def _include(self, element: Element, into: Element, macros: Macros, scope: Scope) -> None:
+        name = self._texts.text(_required(element, "filename"), scope)
+        space = element.get("ns")
+        if space:
+            space = self._texts.text(space, scope)
+            macros[space], around = ChainMap(), scope
+            macros, scope = cast("Macros", macros[space]), Scope(self._texts, around, namespace=True)
+            around.set(space, scope)
+        for path in self._files.named(name):
+            if truth(element.get("optional", "false"), "optional") and not path.is_file():
+                continue
+            self._enter()
+            try:
+                root = self._files.xml(path)
+            except RobotFileError as refusal:
+                raise RobotFileError(f'<xacro:include filename="{shown(name)}">: {refusal}') from refusal
+            self._files.stack.append(path)
+            made = self._empty(root, root.tag)
+            self._expand_inside(root, made, macros, scope)
+            self._files.stack.pop()
+            self._depth -= 1
+            self._move(made, into)
+            _lift_namespaces(into, {**root.attrib, **made.attrib})
+
+    def _enter(self) -> None:
+        self._depth += 1
+        if self._depth > _DEEPEST:
+            raise RobotFileError(f"macros and includes are nested more than {_DEEPEST} deep")
+
+    def _call(self, name: str, element: Element, into: Element, macros: Macros, scope: Scope) -> None:
+        """Expand a call of a macro: its parameters, its blocks, then its body."""
+        self._enter()
+        own_macros, around, macro = _found(name, macros, scope)
+        own, missing = Scope(self._texts, around), list(macro.parameters)
+        for key, text in element.attrib.items():
+            if key == "macro" and element.tag == "xacro:call":
+                continue
+            if key not in missing or key.startswith("*"):
+                raise RobotFileError(f"<{element.tag}>: the macro {name} has no parameter {shown(key)!r}")
+            missing.remove(key)
+            own.set(key, self._texts.value(text, scope))
+        blocks = self._empty(element, element.tag)
+        self._expand_inside(element, blocks, macros, scope)
+        self._at = element
+        given = cast("list[Element]", list(blocks))
+        for key in [key for key in missing if key.startswith("*")]:
+            if not given:
+                raise RobotFileError(f"<{element.tag}>: the macro {name} needs the block {key.lstrip('*')!r}")
+            missing.remove(key)
+            own.set_block(key, given.pop(0))
+        if given:
+            raise RobotFileError(f"<{element.tag}>: the macro {name} has no use for <{given[0].tag}>")
+        for key in missing:
+            own.set(key, self._default(name, macro, key, scope))
+        made = self._empty(macro.element, macro.element.tag)
+        self._expand_inside(macro.element, made, own_macros.new_child(), own)
+        self._at = element
+        self._depth -= 1
+        self._move(made, into)
+        _lift_namespaces(into, {**macro.element.attrib, **made.attrib})
+
+    def _default(self, name: str, macro: Macro, key: str, scope: Scope) -> object:
+        """What a parameter is that a call does not give."""
+        passed, text = macro.defaults.get(key, (False, None))
+        if passed:
+            try:
+                return scope.get(key)
+            except KeyError:
+                pass
+        if text is None:
+            raise RobotFileError(f"the macro {name} needs the parameter {key!r}")
+        return self._texts.value(text, scope)
 
 
-def _applied(op: ast.AST, *values: Value) -> Any:
-    function: Callable[..., Any] = getattr(operator, _OPERATORS[type(op)])
-    return function(*values)
+def _required(element: Element, key: str) -> str:
+    value = element.get(key)
+    if value is None:
+        raise RobotFileError(f"<{element.tag}>: the attribute {key!r} is missing")
+    return value
 
 
-# By the package.
+def _lift_namespaces(into: Element, attributes: Mapping[str, str]) -> None:
+    """Declarations of XML namespaces hold for where their content has come to."""
+    for key, value in attributes.items():
+        if key.startswith("xmlns:") and key != "xmlns:xacro":
+            into.attrib.setdefault(key, value)
 
 
-def expanded_by_package(file: Path, why: str) -> bytes:
-    """The URDF of a xacro file, by the package ``xacro``; refuses in one line."""
-    if find_spec("xacro") is None:
+# Macros.
+
+
+def _found(name: str, macros: Macros, scope: Scope) -> tuple[Macros, Scope, Macro]:
+    """The macro of a name, with the macros and the properties that its body sees."""
+    macro = macros.get(name)
+    for space in name.split(".")[:-1] if macro is None else ():
+        inner = macros.get(space)
+        try:
+            properties = scope.get(space)
+        except KeyError:
+            break
+        if not isinstance(inner, ChainMap) or not isinstance(properties, Scope):
+            break
+        macros, scope = inner, properties
+    else:
+        macro = macro or macros.get(name.rpartition(".")[2])
+    if not isinstance(macro, Macro):
+        raise RobotFileError(f"<xacro:{shown(name)}>: there is no such macro")
+    return macros, scope, macro
+
+
+def _macro(element: Element) -> tuple[str, Macro]:
+    name, written = _required(element, "name").removeprefix(_XACRO), element.get("params", "")
+    if name == "call" or "." in name:
         raise RobotFileError(
-            f"needs {why}, which the package xacro expands: pip install xacro; or expand it where "
-            f"ROS is: xacro {file.name} > {file.name.split('.')[0]}.urdf"
+            f'<xacro:macro name="{shown(name)}">: a macro is not called call, and has no dot'
         )
-    command = [sys.executable, "-P", "-m", "armctl.robot.urdf.xacro", str(file.absolute())]
-    try:
-        # armctl is found where we find it
-        paths = os.environ | {"PYTHONPATH": os.pathsep.join(os.path.abspath(entry) for entry in sys.path)}
-        done = subprocess.run(command, capture_output=True, timeout=_TIMEOUT_S, check=False, env=paths)
-    except subprocess.TimeoutExpired as cause:
-        raise RobotFileError(f"xacro has not ended within {_TIMEOUT_S:.0f} s") from cause
-    if done.returncode:
-        lines = done.stderr.decode(errors="replace").strip().splitlines() or ["no reason given"]
-        raise RobotFileError(f"xacro: {lines[-1]}")
-    return done.stdout
+    parameters: list[str] = []
+    defaults: dict[str, tuple[bool, str | None]] = {}
+    match = _PARAMETER.match(written)
+    while match is not None:
+        if len(parameters) >= _MOST_PARAMETERS:
+            raise RobotFileError(
+                f'<xacro:macro name="{shown(name)}">: more than {_MOST_PARAMETERS} parameters'
+            )
+        parameters.append(match["name"] or match["only"])
+        end = match.end()
+        if match["name"]:
+            end = _end_of_default(written, match.end())
+            defaults[match["name"]] = match["passed"] is not None, written[match.end() : end] or None
+        match = _PARAMETER.match(written, end)
+    return name, Macro(element, tuple(parameters), defaults)
 
 
-def _main(file: Path, missing: list[str]) -> None:
-    """The process of its own: print the expanded file; ``missing`` gets what is said of a package."""
-    from armctl.robot.urdf.package import UrdfSource
-
-    source = UrdfSource(file)
-
-    def find(name: str) -> str:
-        place = source.package(name)
-        if place is None:
-            missing.append(f"$(find {name}): no folder above the file holds a package of that name")
-            raise RobotFileError(missing[-1])
-        return str(place.absolute())
-
-    if find_spec("ament_index_python") is None:  # where ROS is not, packages are looked for as for meshes
-        package, module = types.ModuleType("ament_index_python"), types.ModuleType("packages")
-        vars(module)["get_package_share_directory"] = find
-        sys.modules |= {"ament_index_python": package, "ament_index_python.packages": module}
-    from importlib import import_module
-
-    print(import_module("xacro").process_file(str(file)).toxml())  # noqa: T201
-
-
-if __name__ == "__main__":
-    not_found: list[str] = []
-    try:
-        _main(Path(sys.argv[1]), not_found)
-    except Exception as failed:  # xacro wraps what is raised, in several lines
-        sys.exit(" ".join([*not_found, str(failed)][0].split()) or type(failed).__name__)
+def _end_of_default(text: str, begin: int) -> int:
+    for opening, closing in (("${", "}"), ("$(", ")")):
+        end = begin
+        while text.startswith(opening, begin) and (end := text.find(closing, end) + 1):
+            if end == len(text) or text[end].isspace():
+                return end
+    end = begin
+    while end < len(text) and not text[end].isspace():
+        if text[end] in "'\"":
+            end = text.find(text[end], end + 1)
+            if end < 0:
+                raise RobotFileError(f'params="{shown(text)}": a quote is not closed')
+        end += 1
+    return end
