@@ -25,12 +25,12 @@ from armctl.runtime import (
     Controller,
     board,
     clock,
-    control,
     controller,
     core,
     jog,
     last_pose,
     live_target,
+    pin,
     power,
 )
 from armctl.ui import app
@@ -76,7 +76,8 @@ NUMBERS = {
     "sure": board._SURE_READINGS,
     "servo interval": power._INTERVAL_S,
     "tolerance": math.degrees(power.ADOPT_TOLERANCE_RAD),
-    "pin": control._PIN_PAUSE_S,
+    "pin": pin.FIRST_WAIT_S,
+    "pin at most": pin.LONGEST_WAIT_S,
     "program bytes": PROGRAM_FILES.most_bytes,
     "robot bytes": ROBOT_FILES.most_bytes,
     "urdf bytes": URDF_FILES.most_bytes,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -42,11 +43,13 @@ from armctl.runtime import (
     MoveGripper,
     MoveJoints,
     MoveTo,
+    RememberWrongPins,
     RunProgram,
     SetSpeed,
     State,
     TakeControl,
     UpdateProgram,
+    WrongPins,
 )
 from armctl.runtime.black_box import unpacked
 
@@ -180,12 +183,34 @@ def test_the_teachers_pin_opens_every_lock(tmp_path: Path) -> None:
         teacher.does(LockControl(True, "4711"))
         with pytest.raises(StateError, match="the teacher has locked control"):
             pupil.does(TakeControl())
-        with pytest.raises(StateError, match="that is not the teacher's PIN"):
-            pupil.does(TakeControl("1"))
-        with pytest.raises(StateError, match="wait a moment before the next PIN"):
-            pupil.does(TakeControl("4711"))
+        guess, right = pupil.ask(TakeControl("1")), pupil.ask(TakeControl("4711"))
+        assert "before the next PIN" in str(pupil.outcome(right))  # at once, unlike that of the guess
+        assert "that is not the teacher's PIN" in str(pupil.outcome(guess))
+        (told,) = pupil.snapshot.control.wrong_pins
+        assert told == WrongPins("pupil", "programs at 127.0.0.1", 1)
+        teacher.does(LockControl(False, "4711"))
         pupil.until(lambda now: now.control.operates(teacher.id))
         assert b"4711" not in b"".join(Codec().encode(one) for one in (*pupil.seen, *teacher.seen))
+
+
+def test_a_client_that_guesses_does_not_delay_the_right_pin_of_others(tmp_path: Path) -> None:
+    with served(tmp_path, pin="4711") as address, ExitStack() as stack:
+        guesser = stack.enter_context(Client.remote(address, "guesser"))
+        late: list[float] = []
+        for k in range(50):
+            for _ in range(4):
+                guesser.ask(TakeControl(str(k)))
+            with Client.remote(address, "teacher", watch=True) as teacher:
+                begun = time.monotonic()
+                teacher.does(LockControl(True, "4711"))
+                late.append(time.monotonic() - begun)
+        assert max(late) < 1.0
+
+
+def test_only_its_own_console_tells_an_arm_of_wrong_pins(operator: Client) -> None:
+    with pytest.raises(StateError, match="only the console of this arm"):
+        operator.does(RememberWrongPins((WrongPins("Ann", "pages at 10.0.0.9", 1000),)))
+    assert operator.snapshot.control.wrong_pins == ()
 
 
 @pytest.mark.parametrize(

@@ -154,25 +154,6 @@ def test_the_teachers_pin_takes_control_and_locks_it(classroom: Rig) -> None:
     assert not any("4711" in text for text in classroom.texts)
 
 
-def test_a_wrong_pin_is_logged_and_the_next_has_to_wait(classroom: Rig) -> None:
-    fails(ask(classroom, TakeControl("1"), BEN).finished, "that is not the teacher's PIN")
-    fails(ask(classroom, TakeControl("4711"), BEN).finished, "wait a moment")
-    assert "Ben has given a wrong PIN" in classroom.texts
-    classroom.run(2.5)
-    ask(classroom, TakeControl("4711"), BEN).result(0)
-
-
-def test_who_has_given_the_pin_does_not_wait_for_others_who_guess_it(classroom: Rig) -> None:
-    teacher = Origin("page 3")
-    ask(classroom, Arrive("Teacher"), teacher)
-    ask(classroom, LockControl(True, "4711"), teacher).result(0)
-    fails(ask(classroom, TakeControl("1"), BEN).finished, "that is not the teacher's PIN")
-    fails(ask(classroom, TakeControl("4711"), BEN).finished, "wait a moment")
-    ask(classroom, TakeControl("4711"), teacher).result(0)
-    fails(ask(classroom, LockControl(False, "1"), teacher).finished, "that is not the teacher's PIN")
-    fails(ask(classroom, LockControl(False, "4711"), teacher).finished, "wait a moment")
-
-
 def test_what_a_client_says_stands_in_the_log_in_one_short_line(two: Rig) -> None:
     ask(two, Arrive("A\x1b]0;n\x07n"), ANNA)
     ask(two, Leave("\x1b[2J" + "x" * 100_000), ANNA)

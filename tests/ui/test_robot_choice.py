@@ -27,10 +27,12 @@ from armctl.runtime import (
     LockControl,
     Origin,
     Party,
+    RememberWrongPins,
     SetSpeed,
     Snapshot,
     State,
     Ticket,
+    WrongPins,
 )
 from armctl.ui import CalibrationInForce, Console, RobotChoice, RobotSwitch
 from armctl.ui.robot_switch import RobotChange, release_first, require_replaceable
@@ -485,6 +487,17 @@ def test_who_operates_and_a_lock_go_over_to_the_new_arm(rig: Rig, by_teacher: bo
     pin = rig.desk.console.pin if by_teacher else ""
     said = [one for one in rig.opened["mico"].commands if isinstance(one, ControlCommand)]
     assert said == [Arrive("Bob"), Arrive("Ann", watch=True), LockControl(True, pin)]
+
+
+def test_wrong_pins_are_counted_on_by_the_new_arm_and_pages_keep_their_source(rig: Rig) -> None:
+    guessed = (WrongPins("Bob", "pages at 10.0.0.7", 60),)
+    rig.arm(control=Control((Party("page 7", "Bob", True),), pin=True, wrong_pins=guessed))
+    rig.desk.pages += ["page 7"]
+    rig.desk.sources["page 7"] = "pages at 10.0.0.7"
+    rig.change("mico")
+    said = [one for one in rig.opened["mico"].commands if isinstance(one, ControlCommand)]
+    assert said == [RememberWrongPins(guessed), Arrive("Bob")]
+    assert rig.desk.origin("page 7") == Origin("page 7", source="pages at 10.0.0.7")
 
 
 def test_a_page_that_comes_or_goes_while_the_arm_is_changed_is_told_to_the_new_arm(rig: Rig) -> None:

@@ -121,7 +121,8 @@ class Client:
     def begin(self) -> None:
         """It is let in: say so to the arm, and send it what happens."""
         if not self.owns:  # who owns the arm speaks for its pages
-            ticket = self._server.arm.submit(Arrive(self.name, self._hello.watch), Origin(self.id))
+            party = Origin(self.id, source=f"programs at {self.source}" if self.source else "")
+            ticket = self._server.arm.submit(Arrive(self.name, self._hello.watch), party)
             self._settle(ticket)
             ticket.finished.add_done_callback(self._arrived)
         self._begin(self.outbox.feed(lambda: self._server.arm.snapshot))
@@ -288,14 +289,14 @@ class Client:
         self._waiting.clear()
         self._waiting_bytes = 0
 
-    def _origin(self, who: str, note: str) -> Origin:
-        return Origin(who or self.name, note) if self.owns else Origin(self.id)
+    def _origin(self, who: str, note: str, source: str = "") -> Origin:
+        return Origin(who or self.name, note, source) if self.owns else Origin(self.id)
 
     def _carry_out(self, ask: Ask, command: Command | ArmctlError) -> None:
         if not isinstance(command, Command):
             self.outbox.put(answer(ask.id, command))
             return
-        ticket = self._server.arm.submit(command, self._origin(ask.who, ask.note))
+        ticket = self._server.arm.submit(command, self._origin(ask.who, ask.note, ask.source))
         if isinstance(command, MovingCommand):
             ticket.accepted.add_done_callback(self._began)
         elif isinstance(command, ControlCommand):

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar, cast
 
 from armctl.errors import InputError
+from armctl.runtime.pin import near
 
 MOST_BYTES_A_SECOND = 8 * 1024 * 1024
 """of one client"""
@@ -22,21 +23,13 @@ MOST_CONTROL_A_SECOND = 20
 
 
 def source_of(peer: object) -> str:
-    """Which computer a connection comes from, by what its socket says; empty: not known.
-
-    A computer may choose among all addresses of its network of IPv6 (/64): they count as one.
-    """
+    """Which computer a connection comes from, by what its socket says; empty: not known."""
     host = str(cast("tuple[object, ...]", peer)[0]) if isinstance(peer, tuple) and peer else ""
     try:
-        address = ipaddress.ip_address(host.partition("%")[0])
+        ipaddress.ip_address(host.partition("%")[0])
     except ValueError:
         return ""
-    if isinstance(address, ipaddress.IPv6Address):
-        if address.ipv4_mapped is not None:
-            return str(address.ipv4_mapped)
-        if not address.is_loopback:
-            return str(ipaddress.ip_network((address, 64), strict=False))
-    return str(address)
+    return near(host)
 
 
 @dataclass(eq=False)

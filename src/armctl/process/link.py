@@ -261,11 +261,11 @@ class Link:
 
     def submit(self, command: Command, origin: Origin | None = None) -> Ticket:
         """Ask for something; what cannot be sent is refused by the ticket."""
-        return self._ask(lambda number, who, note: Ask(number, command, who, note), origin)
+        return self._ask(lambda number, by: Ask(number, command, by.who, by.note, by.source), origin)
 
     def stop(self, origin: Origin | None = None) -> Ticket:
         """STOP: drops what was asked for before it; the ticket is ``finished`` when the arm is at rest."""
-        return self._ask(Stop, origin)
+        return self._ask(lambda number, by: Stop(number, by.who, by.note), origin)
 
     def black_box(self) -> Recording:
         """The last minute of the arm; ``BoardError``: the arm process does not give it."""
@@ -337,10 +337,10 @@ class Link:
                     process.wait()
         self._end("closed")
 
-    def _ask(self, record: Callable[[int, str, str], Record], origin: Origin | None) -> Ticket:
+    def _ask(self, record: Callable[[int, Origin], Record], origin: Origin | None) -> Ticket:
         origin = Origin() if origin is None else origin
         number = next(self._numbers)
-        asked, stops = record(number, origin.who, origin.note), self._stops
+        asked, stops = record(number, origin), self._stops
         try:
             data = self._codec.encode(asked)  # without the lock: STOP does not wait for a big program
         except ArmctlError as refusal:  # a trajectory that cannot be carried

@@ -29,6 +29,7 @@ from armctl.runtime import (
     Leave,
     MoveTo,
     ProgramProgress,
+    RememberWrongPins,
     RunProgram,
     Snapshot,
     UpdateProgram,
@@ -101,6 +102,8 @@ class Ask(Request, frozen=True):
     who: str = ""
     """whom a trusted client speaks for; empty: itself"""
     note: str = ""
+    source: str = ""
+    """where whom it speaks for comes from"""
 
 
 class _Asked(Ask, frozen=True, tag="ask"):
@@ -284,7 +287,7 @@ def commands() -> tuple[type[Command], ...]:
     return tuple(kind for kind in _all_kinds(Command) if not kind.__subclasses__())
 
 
-HOUSE = Arrive, Leave
+HOUSE = Arrive, Leave, RememberWrongPins
 """commands of the house alone: the page server gives them for its pages, the arm process for its clients"""
 
 

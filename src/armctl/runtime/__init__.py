@@ -26,6 +26,7 @@ from armctl.runtime.commands import (
     Origin,
     Pause,
     Release,
+    RememberWrongPins,
     Resume,
     RunProgram,
     SetSpeed,
@@ -48,6 +49,7 @@ from armctl.runtime.snapshot import (
     ProgramProgress,
     Snapshot,
     State,
+    WrongPins,
     unmet,
 )
 
@@ -89,6 +91,7 @@ __all__ = [
     "ProgramProgress",
     "Recording",
     "Release",
+    "RememberWrongPins",
     "Resume",
     "RunProgram",
     "SetSpeed",
@@ -98,6 +101,7 @@ __all__ = [
     "TakeControl",
     "Ticket",
     "UpdateProgram",
+    "WrongPins",
     "black_boxes",
     "channel_settings",
     "unmet",

@@ -17,7 +17,7 @@ from armctl.motion import Profile, Trajectory
 from armctl.program import Program
 from armctl.robot import Robot
 from armctl.runtime.black_box import Recording
-from armctl.runtime.snapshot import Snapshot
+from armctl.runtime.snapshot import Snapshot, WrongPins
 
 Frame = Literal["base", "tool"]
 
@@ -114,6 +114,12 @@ class LockControl(ControlCommand, frozen=True):
 
     locked: bool
     pin: str = ""
+
+
+class RememberWrongPins(ControlCommand, frozen=True):
+    """Go on counting the wrong PINs of the arm that this one takes the place of."""
+
+    wrong_pins: tuple[WrongPins, ...] = ()
 
 
 class MoveJoints(MovingCommand, frozen=True):
@@ -225,6 +231,8 @@ class Origin:
     who: str = "library"
     note: str = ""
     """why, where it is no request of its own but what has to follow from something else"""
+    source: str = ""
+    """where it comes from, as the server knows it; empty: not known. Read where somebody arrives"""
 
     def __str__(self) -> str:
         return f"{self.who}: {self.note}" if self.note else self.who

@@ -5,17 +5,17 @@ STOP is everybody's and is not asked about here.
 
 from __future__ import annotations
 
-import hmac
-import math
 from dataclasses import replace
 
 from armctl.errors import StateError
-from armctl.runtime.snapshot import Control, EventLog, Party, printable
+from armctl.runtime.commands import Origin, Ticket
+from armctl.runtime.pin import PinGuard
+from armctl.runtime.snapshot import Control, EventLog, Party, WrongPins, printable
 
 MOST_PARTIES = 100
 LONGEST_NAME = 60
-_PIN_PAUSE_S = 2.0
-"""after a wrong PIN no other one is looked at for so long: a PIN is short"""
+_EACH_LOGGED = 5
+"""wrong PINs of one name; from then on only each time that their number has doubled"""
 
 
 class ControlDesk:
@@ -23,15 +23,12 @@ class ControlDesk:
 
     def __init__(self, log: EventLog, pin: str = "") -> None:
         """``pin``: the teacher's, who can always take and lock control; empty: there is none."""
-        self._log, self._pin = log, pin
-        self._pin_from = -math.inf
-        self._teachers: set[str] = set()
-        """who has given the PIN: they do not wait for others who guess it"""
+        self._log, self._pins = log, PinGuard(pin)
         self.control = Control(pin=bool(pin))
 
-    def arrive(self, id: str, name: str, *, watch: bool) -> None:
+    def arrive(self, origin: Origin, name: str, now: float, *, watch: bool) -> None:
         """Somebody is there, or has another name; it operates when nobody does, unless it only watches."""
-        control = self.control
+        control, id = self.control, origin.who
         name = " ".join(printable(name).split())[:LONGEST_NAME] or id
         known = control.party(id)
         if known is not None:
@@ -41,33 +38,37 @@ class ControlDesk:
             return
         if len(control.parties) >= MOST_PARTIES:
             raise StateError(f"{MOST_PARTIES} pages and programs are there already; close one")
+        self._pins.arrive(id, origin.source, now)
         first = control.operator is None and not control.locked and not watch
         self.control = replace(control, parties=(*control.parties, Party(id, name, first)))
         if first:
             self._log.add(f"{name} operates the arm")
 
-    def leave(self, id: str, why: str) -> bool:
+    def leave(self, id: str, why: str, now: float) -> bool:
         """Somebody is gone; whether it operated. Then control is free, unless the teacher locked it."""
         control, party = self.control, self.control.party(id)
         if party is None:
             return False
         locked = control.locked and (control.by_teacher or not party.operates)
         parties = tuple(one for one in control.parties if one.id != id)
-        self._teachers.discard(id)
+        self._pins.leave(id, now)
         self.control = replace(control, parties=parties, locked=locked)
         if party.operates:
             self._log.add(f"{party.name} no longer operates: {why}; control is free", "warning")
         return party.operates
 
-    def take(self, id: str, pin: str, now: float) -> None:
-        """Somebody takes control; ``StateError`` where it is locked."""
-        control, party = self.control, self.control.party(id)
+    def take(self, origin: Origin, pin: str, now: float, ticket: Ticket) -> bool:
+        """Somebody takes control; ``StateError`` where it is locked. False: a wrong PIN, answered later."""
+        control, id = self.control, origin.who
+        party = control.party(id)
         if party is None:
             raise StateError(f"{id} has not said that it is there")
         before = control.operator
         if before is party:
-            return
-        teacher = self._is_pin(id, pin, now)
+            return True
+        if pin and not self._is_pin(origin, pin, now, ticket):
+            return False
+        teacher = bool(pin)
         if control.locked and not teacher:
             whom = "the teacher has" if control.by_teacher or before is None else f"{before.name} has"
             pin_too = ", or give the teacher's PIN" if control.pin else ""
@@ -76,11 +77,14 @@ class ControlDesk:
         self.control = replace(control, parties=parties)
         lost = "" if before is None else f"; {before.name} watches now"
         self._log.warn(f"{party.name} has taken control of the arm{lost}")
+        return True
 
-    def lock(self, id: str, locked: bool, pin: str, now: float) -> None:
-        """The operator, or who knows the PIN, locks control or opens the lock."""
-        control = self.control
-        teacher = self._is_pin(id, pin, now)
+    def lock(self, origin: Origin, locked: bool, pin: str, now: float, ticket: Ticket) -> bool:
+        """The operator, or who knows the PIN, locks control or opens it. False: as ``take``."""
+        control, id = self.control, origin.who
+        if pin and not self._is_pin(origin, pin, now, ticket):
+            return False
+        teacher = bool(pin)
         if not teacher:
             if control.by_teacher and control.locked:
                 raise StateError("the teacher has locked control; only the teacher's PIN opens it")
@@ -91,26 +95,39 @@ class ControlDesk:
         who = id if party is None else party.name
         what = "locked" if locked else "unlocked"
         self._log.add(f"control was {what} ({who}{', with the PIN' if teacher else ''})")
+        return True
 
     def require(self, id: str) -> None:
         """Refuse (``StateError``) what only the operator may command; a lock without one counts, too."""
         if (why := self.control.refusal(id)) is not None:
             raise StateError(why)
 
-    def _is_pin(self, id: str, pin: str, now: float) -> bool:
-        if not pin:
-            return False
-        if now < self._pin_from and id not in self._teachers:
-            raise StateError("wait a moment before the next PIN")
-        party = self.control.party(id)
-        if not (self._pin and hmac.compare_digest(pin.encode(), self._pin.encode())):
-            self._pin_from = now + _PIN_PAUSE_S
-            self._teachers.discard(id)
-            self._log.warn(f"{id if party is None else party.name} has given a wrong PIN")
-            raise StateError("that is not the teacher's PIN")
-        if party is not None:
-            self._teachers.add(id)
-        return True
+    def remember(self, wrong_pins: tuple[WrongPins, ...], now: float) -> None:
+        """Go on counting the wrong PINs of the arm before this one."""
+        self._pins.remember(wrong_pins, now)
+
+    def tick(self, now: float) -> None:
+        """Answer the wrong PINs whose time has come."""
+        wrong_pins = self._pins.tick(now)
+        if wrong_pins != self.control.wrong_pins:
+            self.control = replace(self.control, wrong_pins=wrong_pins)
+
+    def close(self) -> None:
+        """Answer all of them."""
+        self._pins.close()
+
+    def _is_pin(self, origin: Origin, pin: str, now: float, ticket: Ticket) -> bool:
+        """Whether this is the PIN; see ``PinGuard.accepts``."""
+        party = self.control.party(origin.who)
+        name = origin.who if party is None else party.name
+        if self._pins.accepts(origin, name, pin, now, ticket):
+            return True
+        told = self._pins.told(origin.who, name)
+        if told.count <= _EACH_LOGGED or not told.count & (told.count - 1):
+            often = f": {told.count} in the last hour" if told.count > 1 else ""
+            where = f" ({told.source})" if told.source else ""
+            self._log.warn(f"{name} has given a wrong PIN{where}{often}")
+        return False
 
     def _change(self, old: Party, new: Party) -> None:
         parties = tuple(new if one is old else one for one in self.control.parties)

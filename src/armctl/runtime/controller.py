@@ -161,6 +161,7 @@ class Controller:
         self._guarded(core.take_planned, now)
         self._guarded(core.observe, now)
         self._guarded(core.settle, now)
+        self._guarded(core.desk.tick, now)
         for text, level in self._black_box.results():
             core.log.add(text, level)
         self._guarded(core.keep_pose, now)
@@ -305,6 +306,7 @@ class Controller:
         for order in orders:
             order.ticket.end(StateError("the controller is closed"))
         self._core.poses.close()
+        self._core.desk.close()
         self._core.disconnect("closed")
         self._publish(self._clock.now())
         give(self._answers)

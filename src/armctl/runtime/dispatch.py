@@ -103,16 +103,18 @@ def _carry_out(core: Core, order: c.Order, now: float) -> bool:
         case c.Jog() | c.JogTool():
             _jog(core, order.command, order, now)
         case c.Arrive(name, watch):
-            core.desk.arrive(who, name, watch=watch)
+            core.desk.arrive(order.origin, name, now, watch=watch)
         case c.Leave(why):
             party = core.desk.control.party(who)
-            operated = core.desk.leave(who, why)
+            operated = core.desk.leave(who, why, now)
             if operated and party is not None and core.busy and core.state is not State.PAUSED:
                 core.stop(c.Origin(party.name, why))
         case c.TakeControl(pin):
-            core.desk.take(who, pin, now)
+            return core.desk.take(order.origin, pin, now, order.ticket)
         case c.LockControl(locked, pin):
-            core.desk.lock(who, locked, pin, now)
+            return core.desk.lock(order.origin, locked, pin, now, order.ticket)
+        case c.RememberWrongPins(wrong_pins):
+            core.desk.remember(wrong_pins, now)
         case c.FollowTarget(target):
             _follow_target(core, target, order, now)
         case _:

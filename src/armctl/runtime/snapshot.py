@@ -190,6 +190,18 @@ class Party:
 
 
 @dataclass(frozen=True, slots=True)
+class WrongPins:
+    """Who has guessed the teacher's PIN."""
+
+    name: str
+    """what it was called then"""
+    source: str
+    """where it came from, as the server knows it ("programs at 192.168.1.20"); empty: not known"""
+    count: int
+    """in the last hour"""
+
+
+@dataclass(frozen=True, slots=True)
 class Control:
     """Who is there, and who operates."""
 
@@ -201,6 +213,8 @@ class Control:
     """the lock was set with the teacher's PIN, and only that opens it"""
     pin: bool = False
     """there is a teacher's PIN"""
+    wrong_pins: tuple[WrongPins, ...] = ()
+    """who has guessed it in the last hour, the newest first (bounded)"""
 
     @property
     def operator(self) -> Party | None:

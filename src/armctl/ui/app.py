@@ -13,6 +13,7 @@ import viser
 
 from armctl.errors import ArmctlError
 from armctl.runtime import Arrive, Leave, Origin, Snapshot
+from armctl.runtime.pin import near
 from armctl.ui.console import Console, page_name
 from armctl.ui.guard import GuardedServer
 from armctl.ui.page import Page
@@ -101,12 +102,14 @@ class App:
             LOG.exception("%s could not be built", who)
             self._pages.pop(client.client_id, None)
             raise
-        await self._arrive(who)
+        address = self.server.address_of(client.client_id)
+        await self._arrive(who, f"pages at {near(address)}" if address else "")
 
-    async def _arrive(self, who: str) -> None:
+    async def _arrive(self, who: str, source: str) -> None:
         """Tell the arm that a page is there; a page of an arm that does not answer is shown all the same."""
         self.robots.pages.append(who)
-        ticket = self._console.controller.submit(Arrive(who), Origin(who))
+        self.robots.sources[who] = source
+        ticket = self._console.controller.submit(Arrive(who), self.robots.origin(who))
         with suppress(ArmctlError, TimeoutError):
             await asyncio.wait_for(asyncio.wrap_future(ticket.finished), _ARRIVING_S)
 
@@ -114,6 +117,7 @@ class App:
         """A page is gone: what moves at its command is stopped, and control is free."""
         if who in self.robots.pages:
             self.robots.pages.remove(who)
+            self.robots.sources.pop(who, None)
         self._console.controller.submit(Leave(why), Origin(who))
 
     def _draw_arm(self) -> None:
@@ -162,7 +166,9 @@ class App:
         if controller.snapshot.busy:
             LOG.warning("%s does not answer", who)
             controller.submit(Leave("the operator's page does not answer"), Origin(who))
-            controller.submit(Arrive(who, watch=True), Origin(who))  # it may come back, and take control
+            controller.submit(
+                Arrive(who, watch=True), self.robots.origin(who)
+            )  # it may come back, and take control
 
     async def _draw(self) -> None:
         frame = 0

@@ -18,6 +18,7 @@ from armctl.runtime import (
     Leave,
     LockControl,
     Origin,
+    RememberWrongPins,
     SetSpeed,
     Snapshot,
     State,
@@ -68,6 +69,8 @@ class RobotSwitch:
         """what the present arm is being changed for"""
         self.pages: list[str] = []
         """the pages that are open, in the order in which they came"""
+        self.sources: dict[str, str] = {}
+        """by page, where it comes from: for the count of wrong PINs"""
         self._open = open_console
         self._reviving: asyncio.Task[None] | None = None
         self._not_revived: tuple[float, ArmctlError] | None = None
@@ -227,14 +230,21 @@ class RobotSwitch:
             if control.party(page) is None:
                 known = before.party(page)
                 name = page if known is None else known.name
-                self.console.controller.submit(Arrive(name, watch=control.operator is not None), Origin(page))
+                arriving = Arrive(name, watch=control.operator is not None)
+                self.console.controller.submit(arriving, self.origin(page))
+
+    def origin(self, page: str) -> Origin:
+        """A page, as it is introduced to an arm."""
+        return Origin(page, source=self.sources.get(page, ""))
 
     async def _carry_control(self, opened: Console, left: Console) -> None:
-        """The pages keep their names and their operator, and a lock."""
+        """The pages keep their names, their operator and a lock; who guesses the PIN does not begin anew."""
         control = left.controller.snapshot.control
+        if control.wrong_pins:
+            await _finished(opened, RememberWrongPins(control.wrong_pins), Origin("console"))
         pages = [party for party in control.parties if party.id in self.pages]
         for party in sorted(pages, key=lambda party: not party.operates):
-            await _finished(opened, Arrive(party.name, watch=not party.operates), Origin(party.id))
+            await _finished(opened, Arrive(party.name, watch=not party.operates), self.origin(party.id))
         if control.locked and pages:
             who = next((party.id for party in pages if party.operates), pages[0].id)
             pin = opened.pin if control.by_teacher else ""

@@ -266,6 +266,12 @@ class GuardedServer(viser.ViserServer):
         ids = [number for number, one in tuple(live.items()) if one is connection]
         return self.get_clients().get(ids[0]) if ids else None
 
+    def address_of(self, client_id: int) -> str:
+        """The address that a client comes from; empty: it is gone."""
+        live = self._websock_server._live_connections  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
+        connection = live.get(client_id)
+        return "" if connection is None else str(connection.remote_address[0])
+
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refuse: a public tunnel would let anybody drive the arm."""
         del verbose

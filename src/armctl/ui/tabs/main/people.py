@@ -16,6 +16,7 @@ _NOTE = "Everybody may press STOP. A page that does not answer for a second lose
 
 _TYPED_S = 0.7
 """a pause after which a name counts as typed"""
+_MOST_GUESSERS = 8
 
 
 class People:
@@ -78,4 +79,9 @@ def people_html(control: Control, me: str) -> str:
     if control.locked:
         whose = "the teacher" if control.by_teacher else "the operator"
         lines.append(f"<div>Control is locked by {whose}.</div>")
+    if control.wrong_pins:
+        lines.append("<div>Wrong PINs in the last hour:</div>")
+    for one in control.wrong_pins[:_MOST_GUESSERS]:
+        where = f"<span style='opacity:.65'> · {escape(one.source)}</span>" if one.source else ""
+        lines.append(f"<div><b>{escape(one.name)}</b>: {one.count}{where}</div>")
     return "".join(lines)
