@@ -30,7 +30,7 @@ def test_every_line_of_the_controllers_log_with_time_and_offset(tmp_path: Path) 
     at = datetime.fromisoformat(told[0][1])
     assert at.utcoffset() == datetime.now().astimezone().utcoffset()
     assert abs(datetime.now().astimezone() - at) < timedelta(minutes=5)
-    assert path.stat().st_mode & 0o777 == 0o644 and path.parent.stat().st_mode & 0o777 == 0o700
+    assert path.stat().st_mode & 0o777 == 0o600 and path.parent.stat().st_mode & 0o777 == 0o700
 
 
 @pytest.mark.logs_a_defect

@@ -340,17 +340,20 @@ def not_written(path: Path, cause: OSError) -> str:
     return f"{path}: cannot be written: {cause.strerror or cause}{f'; {advice}' if advice else ''}"
 
 
-def write_atomically(path: Path, content: bytes, *, keep: bool = False) -> None:
+def write_atomically(path: Path, content: bytes, *, keep: bool = False, private: bool = False) -> None:
     """Write a file beside ``path`` and let it take its place in one step; the mode of an old file stays.
 
-    A symbolic link is replaced, not followed. With ``keep`` the version before is kept as ``NAME~``. After
-    an ``OSError`` what was there before is there still; so it is where that is no regular file.
+    ``private``: it is for this user alone, whatever the mode before. A symbolic link is replaced, not
+    followed. With ``keep`` the version before is kept as ``NAME~``. After an ``OSError`` what was there
+    before is there still; so it is where that is no regular file.
     """
     mode = 0o644
     if path.exists():
         before = path.stat()
         require_regular(before)  # the version before a pipe could be read for ever
         mode = stat.S_IMODE(before.st_mode)
+    if private:
+        mode = 0o600  # as it is made: there is no moment at which others can read it
     written = _beside(path, content, mode)
     try:
         if keep and path.exists():

@@ -14,10 +14,14 @@ import sys
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
+from io import TextIOWrapper
 from logging.handlers import QueueHandler, QueueListener, RotatingFileHandler
 from pathlib import Path
+from typing import cast
 
 import platformdirs
+
+from armctl.system import open_private, private_folder
 
 _FILE_BYTES, _ROTATED = 1 << 20, 1
 """a process's log is rotated at this size, into so many files beside it"""
@@ -44,7 +48,7 @@ def begin(name: str, where: Path | None = None) -> Generator[Path | None]:
     where = folder() if where is None else where
     path = where / f"{datetime.now():%Y%m%d-%H%M%S}-{name}-{os.getpid()}.log"
     try:
-        where.mkdir(mode=0o700, parents=True, exist_ok=True)
+        private_folder(where)
         file = _LogFile(path)
         _sweep(where)
     except OSError as cause:
@@ -140,6 +144,11 @@ class _LogFile(RotatingFileHandler):
         super().__init__(path, maxBytes=_FILE_BYTES, backupCount=_ROTATED, encoding="utf-8")
         self.setFormatter(_Format())
         self._complained = False
+
+    def _open(self) -> TextIOWrapper:
+        """Open the file, for this user alone."""
+        opened = open(self.baseFilename, self.mode, encoding=self.encoding, opener=open_private)
+        return cast("TextIOWrapper", opened)
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write a record."""

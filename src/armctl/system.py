@@ -1,4 +1,4 @@
-"""What differs between operating systems: terminals, groups, processes, signals.
+"""What differs between operating systems: terminals, groups, rights of files, processes, signals.
 
 armctl is developed and tested on Linux. Where a system lacks something, the function here says what happens
 instead. No other module imports ``fcntl``, ``grp``, ``pty``, ``pwd``, ``termios`` or ``tty``.
@@ -15,6 +15,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Literal
+
+import platformdirs
 
 _PSEUDO_TERMINAL = re.compile(r"/dev/(pts/|ttys)\d+")
 """names on Linux and on macOS"""
@@ -94,6 +96,43 @@ def joined_since_login(group: str) -> bool:
     except (ImportError, KeyError):
         return False
     return user in entry.gr_mem and entry.gr_gid not in os.getgroups()
+
+
+# What armctl keeps of its user (logs, last poses, black boxes, reports) is for this user alone: names of
+# people and computers, links and tokens may be in it. Robots, programs and calibrations are shared.
+
+_OTHERS = 0o077
+"""the rights of group and others"""
+
+
+def open_private(path: str, flags: int) -> int:
+    """An ``opener`` for ``open``: the file is this user's alone, also where it was there and others' too."""
+    descriptor = os.open(path, flags, 0o600)
+    found = os.fstat(descriptor)
+    if hasattr(os, "fchmod") and _is_open_to_others(found):  # Windows has other rights
+        os.fchmod(descriptor, found.st_mode & ~_OTHERS)
+    return descriptor
+
+
+def private_folder(folder: Path) -> None:
+    """Have a folder of armctl's state that only this user may enter; ``OSError``: it cannot be made.
+
+    One that is there already is closed to others, with the files in it, and armctl's folder above it.
+    """
+    state = platformdirs.user_state_path("armctl")
+    for missing in reversed([one for one in folder.parents if not one.exists()]):
+        missing.mkdir(mode=0o700, exist_ok=True)
+    folder.mkdir(mode=0o700, exist_ok=True)
+    ours = [folder, state] if folder.is_relative_to(state) else [folder]
+    for path in (*ours, *(Path(one) for one in os.scandir(folder) if one.is_file(follow_symlinks=False))):
+        with suppress(OSError):  # swept meanwhile, or a disk without rights
+            found = path.stat()
+            if _is_open_to_others(found):
+                path.chmod(found.st_mode & 0o777 & ~_OTHERS)
+
+
+def _is_open_to_others(found: os.stat_result) -> bool:
+    return bool(found.st_mode & _OTHERS) and found.st_uid == user_number()
 
 
 # Processes and signals

@@ -145,9 +145,9 @@ class SlowDisk:
         self.goes_on.set()
         write = last_pose.write_atomically
 
-        def written(*args: object) -> None:
+        def written(*args: object, **options: object) -> None:
             assert self.goes_on.wait(20.0)
-            write(*args)
+            write(*args, **options)
 
         monkeypatch.setattr(last_pose, "write_atomically", written)
 
@@ -270,7 +270,7 @@ def test_a_file_that_makes_no_sense_is_no_pose(tmp_path: Path, content: bytes) -
 def test_a_disk_that_takes_nothing_is_a_warning_and_no_fault(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(*_: object) -> None:
+    def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
@@ -287,7 +287,7 @@ def test_a_disk_that_takes_nothing_is_a_warning_and_no_fault(
 
 
 def test_a_disk_that_becomes_full_leaves_no_old_pose(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> None:
+    def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
     rig = held(tmp_path)

@@ -50,7 +50,7 @@ def doctor(port: str, robot: str | None, file: Path | None, as_json: bool) -> in
     text = _report(f"port {port}, robot {name or 'not named'}", findings)
     if file is not None:
         try:
-            write_atomically(file, report(robot, checkup=text))
+            write_atomically(file, report(robot, checkup=text), private=True)
         except OSError as cause:
             raise InputError(f"{file}: the report cannot be written: {cause.strerror}") from cause
     if as_json:

@@ -29,6 +29,7 @@ from armctl.hardware.ports import list_ports
 from armctl.process import start_arm
 from armctl.robot import Robot, hidden_robots, load_robot, robot_title, shipped_robots, user_robots
 from armctl.runtime import ArmLink, Connect, Event, Origin, wall_time
+from armctl.system import open_private, private_folder
 from armctl.ui import (
     App,
     CalibrationInForce,
@@ -173,9 +174,9 @@ def _kept_link(server: GuardedServer) -> Generator[None]:
     """While it runs, a server's link stands in a file that only this user can read."""
     path, kept = _link_file(server.get_port()), False
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        private_folder(path.parent)
         path.unlink(missing_ok=True)
-        with open(path, "x", opener=lambda name, flags: os.open(name, flags, 0o600)) as file:
+        with open(path, "x", opener=open_private) as file:
             file.write(server.links[0])
         kept = True
     except OSError as cause:

@@ -15,7 +15,7 @@ from armctl.boards import AUTOMATIC, split_kind
 from armctl.errors import ArmProcessError
 from armctl.process.records import robot_record
 from armctl.robot import Robot
-from armctl.system import user_number, whose
+from armctl.system import open_private, user_number, whose
 
 _LOGGER = logging.getLogger("armctl.process")
 _FILES = (".sock", ".hand", ".json", ".new")
@@ -69,7 +69,7 @@ def write_note(address: Path, note: Note) -> None:
     new = address.with_suffix(".new")
     try:
         new.unlink(missing_ok=True)
-        with open(new, "xb", opener=lambda name, flags: os.open(name, flags, 0o600)) as file:
+        with open(new, "xb", opener=open_private) as file:
             file.write(msgspec.json.encode(note))
         new.replace(address.with_suffix(".json"))
     except OSError as cause:

@@ -43,6 +43,7 @@ from armctl.program import Program
 from armctl.robot import Robot
 from armctl.runtime.clock import wall_time
 from armctl.runtime.snapshot import Event, Snapshot, State
+from armctl.system import private_folder
 
 LENGTH_S = 60.0
 _ROWS_A_PERIOD = 2
@@ -375,10 +376,10 @@ def saved_recordings(folder: Path | None = None) -> list[Path]:
 
 def save_recording(recording: Recording, folder: Path) -> Path:
     """Save it in a file of its own, whole or not at all; of many the oldest go."""
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    private_folder(folder)
     robot = _UNSAFE.sub("_", recording.robot)[:40]
     path = folder / f"fault-{recording.wall(recording.clock_s):%Y%m%d-%H%M%S}-{robot}-{os.getpid()}.zip"
-    write_atomically(path, packed(recording))
+    write_atomically(path, packed(recording), private=True)
     for old in [one for one in saved_recordings(folder) if one != path][_KEPT - 1 :]:
         old.unlink(missing_ok=True)
     return path

@@ -19,6 +19,7 @@ from armctl.hardware import BoardIdentity
 from armctl.robot import Robot
 from armctl.runtime.clock import wall_time
 from armctl.runtime.snapshot import LastPose, State
+from armctl.system import private_folder
 
 _MOVING_INTERVAL_S = 0.5
 """how often the pose of a moving arm is written: a crash in motion leaves it that old"""
@@ -136,8 +137,8 @@ class PoseFolder:
     def _write(self, path: Path, content: bytes) -> str | None:
         """Why it could not be written, in words. What is there then is old, and goes."""
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(path, content)
+            private_folder(path.parent)
+            write_atomically(path, content, private=True)
             return None
         except OSError as error:
             problem = f"the last pose of the arm cannot be kept ({path}: {error.strerror})"

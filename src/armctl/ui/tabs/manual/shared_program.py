@@ -21,6 +21,7 @@ from armctl.documents import has_ended, not_written, write_atomically
 from armctl.errors import ProgramError
 from armctl.program import Blocks, Program, encode_program, load_program, save_program
 from armctl.runtime import ProgramProgress, Snapshot, wall_time
+from armctl.system import private_folder
 from armctl.ui.console import Console
 
 _NAME = re.compile(r"\w[\w .+-]{0,60}")
@@ -237,8 +238,8 @@ def _write(path: Path, program: Program | None) -> None:
         _delete(path)
         return
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, encode_program(program).encode())
+        private_folder(path.parent)
+        write_atomically(path, encode_program(program).encode(), private=True)
     except OSError as cause:
         raise ProgramError(not_written(path, cause)) from cause
 
