@@ -90,6 +90,10 @@ class Errors:
             raise found[0]
 
 
+class LimitError(ArmctlError):
+    """Work that takes more time or memory than it may."""
+
+
 class InputError(ArmctlError):
     """A value that nobody can work with: not finite, wrong shape, unknown name."""
 

@@ -7,6 +7,7 @@ instead. No other module imports ``fcntl``, ``grp``, ``pty``, ``pwd``, ``termios
 from __future__ import annotations
 
 import asyncio
+import math
 import os
 import re
 import signal
@@ -167,6 +168,29 @@ def start_apart(arguments: Sequence[str], environment: dict[str, str]) -> subpro
         process_group=0,
         creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # the same for Windows
     )  # fmt: skip
+
+
+def priority_below() -> None:
+    """Let other processes go first (nice 10)."""
+    if hasattr(os, "nice"):
+        os.nice(10)
+
+
+def bound_this_process(seconds: float, most_bytes: int) -> None:
+    """End this process when it takes more processor time, and give it no more memory; Windows: neither."""
+    with suppress(ImportError):
+        import resource
+
+        for what, most in ((resource.RLIMIT_CPU, math.ceil(seconds)), (resource.RLIMIT_AS, most_bytes)):
+            _, hard = resource.getrlimit(what)
+            most = most if hard == resource.RLIM_INFINITY else min(most, hard)
+            resource.setrlimit(what, (most, hard))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def ended_by_time(code: int) -> bool:
+    """Whether a process has this exit code because its processor time was over."""
+    return hasattr(signal, "SIGXCPU") and code == -signal.SIGXCPU
 
 
 def ending_signals() -> tuple[signal.Signals, ...]:

@@ -108,7 +108,7 @@ def test_a_check_of_a_long_program_says_how_far_it_is_and_can_be_cancelled(
         go_on.set()
         await checking
 
-    monkeypatch.setattr("armctl.ui.tabs.manual.program_run.check_program", check)
+    monkeypatch.setattr("armctl.ui.tabs.manual.program_run.check_program_apart", check)
     bench.put(HOME)
     with pytest.raises(StateError, match="the check was cancelled"):
         asyncio.run(cancel())
@@ -133,7 +133,7 @@ def test_what_is_being_checked_is_not_checked_a_second_time(
         begun[0].set()
         assert await first is await second
 
-    monkeypatch.setattr("armctl.ui.tabs.manual.program_run.check_program", check)
+    monkeypatch.setattr("armctl.ui.tabs.manual.program_run.check_program_apart", check)
     bench.put(HOME)
     asyncio.run(twice())
     assert len(begun) == 1
@@ -146,7 +146,7 @@ def test_a_check_that_was_cancelled_can_be_asked_for_again(
     def refused(*_: object, **__: object) -> list[Finding]:
         raise StateError("the check was cancelled")
 
-    monkeypatch.setattr("armctl.ui.tabs.manual.program_run.check_program", refused)
+    monkeypatch.setattr("armctl.ui.tabs.manual.program_run.check_program_apart", refused)
     bench.put(HOME)
     with pytest.raises(StateError):
         asyncio.run(bench.run.check())

@@ -27,6 +27,7 @@ from armctl.errors import ArmctlError, ServerError, with_help
 from armctl.hardware.boards import board_type
 from armctl.hardware.ports import list_ports
 from armctl.process import start_arm
+from armctl.process.heavy_work import worked_out
 from armctl.robot import Robot, hidden_robots, load_robot, robot_title, shipped_robots, user_robots
 from armctl.runtime import ArmLink, Connect, Event, Origin, wall_time
 from armctl.system import open_private, private_folder
@@ -42,7 +43,7 @@ from armctl.ui import (
 from armctl.ui.api import PATH as API_PATH
 from armctl.ui.api import api_door
 from armctl.ui.guard import GuardedServer, encryption, guarded_server
-from armctl.ui.scene.arm_figure import MOST_DRAWN, MOST_GHOSTLY, drawn_solids
+from armctl.ui.scene.arm_figure import MOST_DRAWN, MOST_GHOSTLY, keep_drawn
 
 LOG = logging.getLogger("armctl.cli.serve")
 _TAKEN_OVER = (
@@ -201,10 +202,10 @@ def _link_of_another(refusal: ServerError, port: int) -> str:
 
 def _open_console(name: str, port: str, asked: str, pin: str) -> Console:
     """An arm, not connected yet, as calibrated with the board on a port; ``asked`` stays on offer."""
-    calibration = CalibrationInForce.of(load_robot(name).with_body(), port)
+    robot, drawn = worked_out(load_robot(name), (MOST_DRAWN, MOST_GHOSTLY))
+    keep_drawn(robot.shapes, drawn)  # or the pages' event loop would wait for the files
+    calibration = CalibrationInForce.of(robot, port)
     robot = calibration.robot
-    for most in (MOST_DRAWN, MOST_GHOSTLY):  # here, not on the pages' event loop
-        drawn_solids(robot.shapes, most)
     _ = robot.inverse_kinematics  # takes a while, and may be refused: here, before a page waits for it
     link = start_arm(
         robot, calibration.board or NO_BOARD, name="console", beats=False, logs=True, pin=pin, port=port

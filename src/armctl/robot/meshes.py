@@ -6,8 +6,10 @@ Whatever is wrong with one is a ``RobotFileError`` in one line; the arm can do w
 from __future__ import annotations
 
 import io
+import logging
 import math
 import re
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,9 +20,10 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.documents import DocumentKind
 from armctl.errors import RobotFileError
-from armctl.robot.parts import Shape
-from armctl.robot.solids import Solid, block, drum
+from armctl.robot.parts import Color, Shape
+from armctl.robot.solids import Solid, block, decimated, drum, welded
 
+_LOG = logging.getLogger("armctl.robot")
 MESHES = DocumentKind(RobotFileError, most_bytes=64 << 20)
 SUFFIXES = (".stl", ".obj", ".ply", ".dae", ".glb")
 MOST_TRIANGLES = 2_000_000
@@ -72,6 +75,31 @@ class ArmSolids:
             raise RobotFileError(f"{name}: beyond the {MOST_OF_ARM} triangles that an arm may have")
         self._left -= len(solid.faces)
         return solid
+
+
+Drawn = tuple[tuple[int, Color | None, Solid], ...]
+"""link, colour and mesh of each shape"""
+_FEWEST_DRAWN = 300
+"""triangles of a mesh below which it is not made coarser"""
+
+
+def coarse_solids(shapes: Sequence[Shape], most: int) -> Drawn:
+    """Shapes as they are drawn, made coarser where an arm has more than ``most`` triangles.
+
+    One that cannot be read is left out.
+    """
+    arm = ArmSolids()
+    solids: list[tuple[Shape, Solid]] = []
+    for shape in shapes:
+        try:
+            solids.append((shape, welded(arm.solid_of(shape))))
+        except RobotFileError as problem:
+            _LOG.warning("a shape is not drawn: %s", problem)
+    share = min(1.0, most / max(1, sum(len(solid.faces) for _, solid in solids)))
+    return tuple(
+        (shape.link, shape.color, decimated(solid, max(_FEWEST_DRAWN, int(share * len(solid.faces)))))
+        for shape, solid in solids
+    )
 
 
 def _ball(radius: float) -> Solid:

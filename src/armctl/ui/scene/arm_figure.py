@@ -5,19 +5,17 @@ Rows give a bar along each a and d, a drum on each joint axis, a gripper or a ti
 
 from __future__ import annotations
 
-import logging
 import os
-from functools import lru_cache
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
-from armctl.errors import RobotFileError
 from armctl.kinematics import quaternion_wxyz
 from armctl.robot import Robot
-from armctl.robot.meshes import ArmSolids
+from armctl.robot.meshes import Drawn, coarse_solids
 from armctl.robot.parts import Color, Shape
 from armctl.robot.shape import (
     FINGER,
@@ -31,9 +29,7 @@ from armctl.robot.shape import (
     tool_length,
     width,
 )
-from armctl.robot.solids import Solid, beam, block, decimated, drum, grown, spike, tube, welded
-
-LOG = logging.getLogger("armctl.ui")
+from armctl.robot.solids import Solid, beam, block, drum, grown, spike, tube
 
 
 def send_pose(node: viser.SceneNodeHandle) -> None:
@@ -67,46 +63,55 @@ def add_solid(
 
 MOST_DRAWN, MOST_GHOSTLY = 30_000, 8_000
 """triangles of an arm (0.8 MB for each page), and of a ghost, of which a page may have many"""
-_FEWEST_DRAWN = 300
-"""triangles of a mesh below which it is not made coarser"""
+_KEPT = 8
+"""drawings: those of four arms"""
 
 
-def drawn_solids(
-    shapes: tuple[Shape, ...], most: int = MOST_DRAWN
-) -> tuple[tuple[int, Color | None, Solid], ...]:
-    """Link, colour and mesh of each shape, made coarser where the arm has more than ``most`` triangles.
+class _Drawings:
+    """The drawings of some arms, as every page and every ghost asks for them, and reading takes seconds."""
 
-    One that cannot be read any more is left out. Kept for some arms, as every page and every ghost asks for
-    it, and reading takes up to a second; read anew where a file has changed.
-    """
-    return _drawn_solids(shapes, most, tuple(_stamp(shape.file) for shape in shapes))
+    def __init__(self) -> None:
+        self._kept: dict[tuple[tuple[Shape, ...], int], tuple[object, Drawn]] = {}
+
+    def of(self, shapes: tuple[Shape, ...], most: int, *, anew: bool) -> Drawn:
+        known = self._kept.get((shapes, most))
+        if known is None or (anew and known[0] != _stamps(shapes)):
+            return self.keep(shapes, most, coarse_solids(shapes, most))
+        return known[1]
+
+    def keep(self, shapes: tuple[Shape, ...], most: int, drawn: Drawn) -> Drawn:
+        self._kept.pop((shapes, most), None)
+        while len(self._kept) >= _KEPT:
+            del self._kept[next(iter(self._kept))]
+        self._kept[shapes, most] = _stamps(shapes), drawn
+        return drawn
+
+
+_DRAWINGS = _Drawings()
+
+
+def drawn_solids(shapes: tuple[Shape, ...], most: int = MOST_DRAWN) -> Drawn:
+    """As ``coarse_solids``, kept; read anew where a file has changed. May take seconds."""
+    return _DRAWINGS.of(shapes, most, anew=True)
+
+
+def keep_drawn(shapes: tuple[Shape, ...], drawn: Mapping[int, Drawn]) -> None:
+    """Keep drawings by their number of triangles: the pages draw an arm as it was when it was opened."""
+    for most, one in drawn.items():
+        _DRAWINGS.keep(shapes, most, one)
+
+
+def _stamps(shapes: tuple[Shape, ...]) -> tuple[tuple[int, int] | None, ...]:
+    """What changes with the files: their times and sizes; None: there is none."""
+    return tuple(_stamp(shape.file) for shape in shapes)
 
 
 def _stamp(file: str) -> tuple[int, int] | None:
-    """What changes with a file: its time and size; None: there is none."""
     try:
         status = os.stat(file)
     except (OSError, ValueError):
         return None
     return status.st_mtime_ns, status.st_size
-
-
-@lru_cache(maxsize=8)
-def _drawn_solids(
-    shapes: tuple[Shape, ...], most: int, _stamps: tuple[tuple[int, int] | None, ...]
-) -> tuple[tuple[int, Color | None, Solid], ...]:
-    arm = ArmSolids()
-    solids: list[tuple[Shape, Solid]] = []
-    for shape in shapes:
-        try:
-            solids.append((shape, welded(arm.solid_of(shape))))
-        except RobotFileError as problem:
-            LOG.warning("a shape is not drawn: %s", problem)
-    share = min(1.0, most / max(1, sum(len(solid.faces) for _, solid in solids)))
-    return tuple(
-        (shape.link, shape.color, decimated(solid, max(_FEWEST_DRAWN, int(share * len(solid.faces)))))
-        for shape, solid in solids
-    )
 
 
 _TOOL_COLOR: Color = (90, 90, 95)
@@ -207,7 +212,8 @@ class ArmFigure:
     def _draw_shapes(self) -> set[int]:
         """Draw what the arm's file shows of its links; which links that are."""
         look, meshed = self._robot.look, set[int]()
-        solids = drawn_solids(self._robot.shapes, MOST_DRAWN if self._opacity is None else MOST_GHOSTLY)
+        most = MOST_DRAWN if self._opacity is None else MOST_GHOSTLY
+        solids = _DRAWINGS.of(self._robot.shapes, most, anew=False)
         frames = {
             link: i for i, (link, T) in enumerate(self._robot.chain.places) if np.array_equal(T, np.eye(4))
         }

@@ -14,7 +14,8 @@ import viser
 from armctl.errors import InputError, StateError, out_of_range
 from armctl.kinematics import roll_pitch_yaw
 from armctl.motion import usual_pitch
-from armctl.program import CommentStep, Program, SpeedStep, Step, WaitStep, check_program
+from armctl.process.heavy_work import check_program_apart
+from armctl.program import CommentStep, Program, SpeedStep, Step, WaitStep
 from armctl.program import steps as registry
 from armctl.program.program import PLACES, Change, add, delete, duplicate, move, repeat
 from armctl.program.steps import LONGEST_WAIT_S, MOST_REPEATS, SLOWEST_PERCENT
@@ -60,7 +61,16 @@ class ProgramEditor:
         runs = await self._take_over(lambda: self._shared.edit(changed))
         self.select(selected)
         if runs:  # say before the next pass that the arm would stop in it: only Run checks a program
-            found = await asyncio.to_thread(check_program, changed, self._session.console.robot)
+
+            def progress(_: int, __: int) -> None:
+                if self._shared.program is not changed or self._session.closed:
+                    raise StateError("the program was edited again")
+
+            robot = self._session.console.robot
+            try:
+                found = await asyncio.to_thread(check_program_apart, changed, robot, progress=progress)
+            except StateError:  # that edit is checked, too
+                return
             error = next((finding for finding in found if finding.severity == "error"), None)
             if error is not None and self._shared.program is changed:
                 text = f"{error}; edit it, or Undo"

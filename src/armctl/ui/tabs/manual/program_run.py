@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, ProgramError, StateError
 from armctl.motion.preflight import Finding, not_checked
+from armctl.process.heavy_work import check_program_apart
 from armctl.program import Cursor, Program
-from armctl.program.check import check_program
 from armctl.runtime import Need, Pause, Resume, RunProgram, Snapshot, State
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_editor import EMPTY, ProgramEditor
@@ -31,6 +31,11 @@ class _Check:
     program: Program
     begin: tuple[float, ...] | None
     findings: asyncio.Task[list[Finding]]
+    cancelled: threading.Event
+
+
+class _OutdatedError(StateError):
+    """What was being checked is no longer the program."""
 
 
 class ProgramRun:
@@ -45,8 +50,6 @@ class ProgramRun:
         """what the verdict is about"""
         self._progress: tuple[int, int] | None = None
         """how many steps of a long check are done, and how many there are"""
-        self._cancelled = threading.Event()
-        """of the checks that run now"""
         self._stepping: tuple[Program, Cursor, int] | None = None
         gui = session.gui
         self._times = gui.add_number("Times N", initial_value=3, min=1, max=_MOST_LOOPS, step=1)
@@ -82,7 +85,10 @@ class ProgramRun:
 
     async def check(self) -> list[Finding]:
         """Check the program from where the arm stands, and show the verdict; refused without steps."""
-        return await self._check(self._program(), self._session.snapshot.q_command)
+        try:
+            return await self._check(self._program(), self._session.snapshot.q_command)
+        except _OutdatedError:
+            return []  # who has edited it knows
 
     async def _on_run(self) -> None:
         first, button = self._editor.selected if self._from_row.value else 0, self._run.value
@@ -99,8 +105,8 @@ class ProgramRun:
         await self._session.submit(RunProgram(program, None if button == "Loop" else often, first))
 
     async def _on_cancel(self) -> None:
-        self._cancelled.set()
-        self._cancelled = threading.Event()
+        if self._newest is not None:
+            self._newest.cancelled.set()
 
     def _empty(self, _: Snapshot) -> str | None:
         return None if self._shared.program.steps else EMPTY
@@ -118,7 +124,11 @@ class ProgramRun:
         if newest is None or newest.program is not program or newest.begin != begin:
             self._verdict.show(muted("Checking …"))
             self._verdict.visible = True
-            newest = self._newest = _Check(program, begin, asyncio.create_task(self._find(program, start)))
+            if newest is not None:
+                newest.cancelled.set()
+            cancelled = threading.Event()
+            finding = asyncio.create_task(self._find(program, start, cancelled))
+            newest = self._newest = _Check(program, begin, finding, cancelled)
         try:
             return await newest.findings
         except BaseException:
@@ -126,18 +136,23 @@ class ProgramRun:
                 self._newest = None
             raise
 
-    async def _find(self, program: Program, start: FloatArray | None) -> list[Finding]:
+    async def _find(
+        self, program: Program, start: FloatArray | None, cancelled: threading.Event
+    ) -> list[Finding]:
         robot = self._session.console.robot
-        cancelled = self._cancelled
 
         def progress(done: int, steps: int) -> None:
             """Called by the worker thread."""
             if cancelled.is_set() or self._session.closed:
                 raise StateError("the check was cancelled")
+            if self._shared.program.steps is not program.steps:
+                raise _OutdatedError(f"{program.name} was edited while it was checked; check it again")
             self._progress = (done, steps)
 
         try:
-            findings = await asyncio.to_thread(check_program, program, robot, start=start, progress=progress)
+            findings = await asyncio.to_thread(
+                check_program_apart, program, robot, start=start, progress=progress
+            )
         except BaseException:
             self._verdict.visible = False
             raise

@@ -15,7 +15,8 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.kinematics import Target
 from armctl.motion.preflight import preflight
-from armctl.program import Program, check_program
+from armctl.process.heavy_work import check_program_apart
+from armctl.program import Program
 from armctl.program.rehearsal import Rehearsal, rehearse, rehearse_pose
 from armctl.runtime import FollowTarget, Snapshot, State
 from armctl.runtime.joint_servo import KeepClear
@@ -139,7 +140,7 @@ class TwinControl:
             title, findings = f"go to {chosen}", preflight(robot, plan.trajectory)
             return f"go-to-{chosen}", twin_file(robot, title, plan, findings, progress=progress)
         plan = planned_for_file(robot, chosen, q, opening)
-        findings = check_program(
+        findings = check_program_apart(
             chosen, robot, start=q, progress=lambda done, count: progress(0.5 * done / count)
         )
         page = program_file(robot, chosen, plan, findings, lambda share: progress(0.5 + 0.5 * share))

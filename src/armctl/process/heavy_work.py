@@ -1,0 +1,161 @@
+"""What would take the page server seconds, done apart: long checks of programs, and arms with meshes.
+
+An arm crosses as in ``records``, a program as its struct, a drawing as arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from armctl.apart import Tell, apart
+from armctl.arrays import FloatArray
+from armctl.errors import InputError, LimitError, RobotFileError
+from armctl.motion.preflight import Finding
+from armctl.process.records import robot_of, robot_record
+from armctl.program import Program
+from armctl.program.check import check_program
+from armctl.robot import Robot
+from armctl.robot.meshes import Drawn, coarse_solids
+from armctl.robot.solids import Solid
+
+_CHECK_S, _ARM_S = 600.0, 120.0
+"""processor time of a check, and of an arm"""
+_AT_ONCE, _AT_ONCE_MESHED = 100, 8
+"""A program of so many steps is checked here: that takes less than the start of a process."""
+_TOLD = 200
+"""how often it is told how far a check is"""
+
+Progress = Callable[[int, int], None]
+
+
+class _Asked(msgspec.Struct):
+    robot: dict[str, Any]
+    program: Program
+    start: list[float] | None
+    payload_kg: float | None
+
+
+def check_program_apart(
+    program: Program,
+    robot: Robot,
+    *,
+    start: FloatArray | None = None,
+    payload_kg: float | None = None,
+    progress: Progress | None = None,
+) -> list[Finding]:
+    """As ``check_program``; blocks, but keeps no other thread waiting.
+
+    ``progress`` is called ten times a second at least, so that what it raises ends the check at once.
+    """
+    few = _AT_ONCE_MESHED if robot.shapes else _AT_ONCE
+
+    def here() -> list[Finding]:
+        return check_program(program, robot, start=start, payload_kg=payload_kg, progress=progress)
+
+    if len(program.steps) <= few:
+        return here()
+    begin = None if start is None else np.asarray(start, dtype=np.float64).tolist()
+    request = msgspec.msgpack.encode(_Asked(robot_record(robot), program, begin, payload_kg))
+
+    done = (0, len(program.steps))
+
+    def told(content: bytes) -> None:
+        nonlocal done
+        done = msgspec.msgpack.decode(content, type=tuple[int, int])
+        look()
+
+    def look() -> None:
+        if progress is not None:
+            progress(*done)
+
+    try:
+        found = apart(f"{__name__}:do_check", request, seconds=_CHECK_S, told=told, look=look)
+    except InputError:  # made in Python, with values that no file holds
+        return here()
+    return msgspec.msgpack.decode(found, type=list[Finding])
+
+
+def do_check(request: bytes, tell: Tell) -> bytes:
+    """The ``Work`` of ``check_program_apart``."""
+    try:
+        asked = msgspec.msgpack.decode(request, type=_Asked)
+    except msgspec.MsgspecError as cause:
+        raise InputError(str(cause)) from cause
+    often = max(1, len(asked.program.steps) // _TOLD)
+    last = 0
+
+    def progress(done: int, steps: int) -> None:
+        nonlocal last
+        if done - last >= often:
+            last = done
+            tell(msgspec.msgpack.encode((done, steps)))
+
+    found = check_program(
+        asked.program,
+        robot_of(asked.robot),
+        start=asked.start,
+        payload_kg=asked.payload_kg,
+        progress=progress,
+    )
+    return msgspec.msgpack.encode(found)
+
+
+class _Piece(msgspec.Struct, array_like=True):
+    """Of a ``Drawn``."""
+
+    link: int
+    color: tuple[int, int, int] | None
+    vertices: bytes
+    faces: bytes
+
+
+class _Worked(msgspec.Struct):
+    capsules: list[dict[str, Any]]
+    assumed: tuple[str, ...]
+    drawn: list[list[_Piece]]
+
+
+def worked_out(robot: Robot, sizes: Sequence[int]) -> tuple[Robot, Mapping[int, Drawn]]:
+    """The arm with its body, and its drawings of so many triangles each; blocks.
+
+    ``RobotFileError``: its meshes take too long, or too much memory.
+    """
+    if all(shape.kind != "mesh" for shape in robot.shapes):
+        return robot.with_body(), {most: coarse_solids(robot.shapes, most) for most in sizes}
+    request = msgspec.msgpack.encode((robot_record(robot), list(sizes)))
+    try:
+        content = apart(f"{__name__}:do_work_out", request, seconds=_ARM_S)
+    except LimitError as cause:
+        raise RobotFileError(
+            f"the meshes of {robot.title}: {cause}; make them coarser, or leave out those that are too large"
+        ) from cause
+    worked = msgspec.msgpack.decode(content, type=_Worked)
+    body = robot_of({**robot_record(robot), "capsules": worked.capsules})
+    drawn = {most: tuple(map(_solid, pieces)) for most, pieces in zip(sizes, worked.drawn, strict=True)}
+    return replace(robot, capsules=body.capsules, assumed=worked.assumed), drawn
+
+
+def do_work_out(request: bytes, tell: Tell) -> bytes:
+    """The ``Work`` of ``worked_out``."""
+    del tell
+    record, sizes = msgspec.msgpack.decode(request, type=tuple[dict[str, Any], list[int]])
+    robot = robot_of(record).with_body()
+    drawn = [
+        [
+            _Piece(link, color, solid.vertices.tobytes(), solid.faces.astype(np.int64).tobytes())
+            for link, color, solid in coarse_solids(robot.shapes, most)
+        ]
+        for most in sizes
+    ]
+    return msgspec.msgpack.encode(_Worked(robot_record(robot)["capsules"], robot.assumed, drawn))
+
+
+def _solid(piece: _Piece) -> tuple[int, tuple[int, int, int] | None, Solid]:
+    vertices = np.frombuffer(piece.vertices, np.float64).reshape(-1, 3)
+    faces = np.frombuffer(piece.faces, np.int64).reshape(-1, 3)
+    return piece.link, piece.color, Solid(vertices.copy(), faces.copy())
