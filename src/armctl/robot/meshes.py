@@ -20,6 +20,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.documents import DocumentKind
 from armctl.errors import RobotFileError
+from armctl.robot.mesh_text import read_obj, read_stl_text, require_bounded_dae, require_bounded_ply
 from armctl.robot.parts import Color, Shape
 from armctl.robot.solids import Solid, block, decimated, drum, welded
 
@@ -171,8 +172,17 @@ def _read(path: Path, suffix: str) -> Solid:
             return _binary_stl(content, count)
     if suffix == ".dae" and not content.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<"):
         raise RobotFileError("is not XML")  # pycollada would unpack a zip file
-    if suffix == ".glb":
-        _require_bounded(content)
+    match suffix:
+        case ".stl":
+            return _checked(*read_stl_text(content, MOST_TRIANGLES))
+        case ".obj":
+            return _checked(*read_obj(content, MOST_TRIANGLES))
+        case ".ply":
+            require_bounded_ply(content, MOST_TRIANGLES)
+        case ".dae":
+            require_bounded_dae(content, MOST_TRIANGLES)
+        case _:
+            _require_bounded(content)
     return _by_trimesh(content, suffix)
 
 

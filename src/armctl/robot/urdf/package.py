@@ -296,6 +296,10 @@ def zip_files(content: bytes) -> dict[str, bytes]:
                 kind = stat.S_IFMT(entry.external_attr >> 16)
                 if entry.is_dir() or kind not in (0, stat.S_IFREG) or not _is_taken(name):
                     continue
+                if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                    raise RobotFileError(
+                        f"{name} is packed in an uncommon way; pack it as zip programs do (deflate)"
+                    )
                 if entry.flag_bits & 1:
                     raise RobotFileError(f"the zip file is encrypted ({name}); unpack it first")
                 with packed.open(entry) as stream:

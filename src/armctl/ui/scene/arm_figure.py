@@ -77,6 +77,7 @@ class _Drawings:
         known = self._kept.get((shapes, most))
         if known is None or (anew and known[0] != _stamps(shapes)):
             return self.keep(shapes, most, coarse_solids(shapes, most))
+        self._kept[shapes, most] = self._kept.pop((shapes, most))  # the newest: what is shown stays
         return known[1]
 
     def keep(self, shapes: tuple[Shape, ...], most: int, drawn: Drawn) -> Drawn:
