@@ -6,7 +6,7 @@ import ast
 import re
 import sys
 import tomllib
-from importlib.metadata import packages_distributions
+from importlib.metadata import packages_distributions, version
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -46,3 +46,24 @@ def test_every_file_and_folder_that_the_architecture_names_is_there() -> None:
     there = {f"/{path.relative_to(ROOT).as_posix()}{'/' if path.is_dir() else ''}" for path in paths}
     assert len(named) > 30
     assert not [name for name in named if not any(path.endswith(f"/{name}") for path in there)]
+
+
+INSIDES = {"viser", "websockets", "rich", "pyserial", "msgspec", "trimesh", "pycollada"}
+"""of which armctl uses more than what is documented, or reads files of strangers with"""
+
+
+def test_dependencies_whose_insides_are_used_have_an_upper_bound() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"].values()
+    lines = [*project["dependencies"], *(line for group in extras for line in group)]
+    bounded = {re.split(r"[^\w-]", line)[0] for line in lines if re.search(r"==|<\d", line)}
+    assert bounded >= INSIDES
+
+
+def test_what_is_installed_is_within_the_bounds() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for line in project["dependencies"]:
+        name = re.split(r"[^\w-]", line)[0]
+        if (most := re.search(r"<(\d+(?:\.\d+)*)", line)) is not None:
+            have = tuple(int(part) for part in version(name).split(".")[:3])
+            assert have < tuple(int(part) for part in most[1].split(".")), line
