@@ -158,6 +158,22 @@ def test_a_motion_is_finished_once_its_last_setpoint_has_gone_out(moving: Rig) -
     assert (moving.now.state, moving.now.cause) == (State.HOLDING, "move finished")
 
 
+def test_a_motion_that_was_stopped_while_it_waited_leaves_the_next_its_time(moving: Rig) -> None:
+    moving.driver.sent = False
+    moving.until(lambda snapshot: snapshot.progress == 1.0)
+    moving.run(0.5)
+    moving.stops()
+    moving.driver.sent = True
+    moving.run(2.0)
+    moving.do(MoveJoints(REST))
+    moving.driver.sent = False
+    moving.until(lambda snapshot: snapshot.progress == 1.0)
+    moving.run(0.5)
+    moving.driver.sent = True
+    moving.rests()
+    assert moving.now.cause == "move finished"
+
+
 def test_a_line_that_takes_no_setpoints_is_a_fault_and_no_finished_motion(moving: Rig) -> None:
     moving.driver.sent = False
     moving.until(lambda snapshot: snapshot.state is State.FAULT)

@@ -535,7 +535,6 @@ class Core:
             not monitor.reading.sent or self._dropped or monitor.doubts or monitor.read_at < self._wrote_at
         )
         if self.board is None or self.gate.q is None or not waits:
-            self._unsent_since = None
             return True
         if self._unsent_since is None:
             self._unsent_since = now
@@ -591,7 +590,7 @@ class Core:
 
     def _end(self, activity: Activity) -> None:
         ticket, self._ticket, self.activity = self._ticket, None, None
-        self._pausing = False
+        self._pausing, self._unsent_since = False, None
         self.notices.clear("activity")
         stopped, self.stopped_by = self.stopped_by, ""
         error = activity.error
