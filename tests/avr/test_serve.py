@@ -43,6 +43,7 @@ def test_armctl_s_driver_opens_the_real_image_s_port(make_avr: MakeAvr, tmp_path
         deadline = clock.now() + PATIENCE_S
         while not widths and clock.now() < deadline:
             clock.wait_until(clock.now() + 0.02, threading.Event())
+            driver.read()  # which sends what waits
             with server.inspect():
                 widths = [pulse.width_us for pulse in meter.take()]
         driver.release()
