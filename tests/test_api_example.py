@@ -59,7 +59,8 @@ def test_under_tls_records_are_relayed(tmp_path: Path, monkeypatch: pytest.Monke
 def test_whoever_says_hello_starts_an_arm_process_again_that_was_killed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, encrypted: bool
 ) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    (tmp_path / "run").mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
     words = ["--port", "sim"]
     if encrypted:
         certificate, key = tmp_path / "cert.pem", tmp_path / "key.pem"

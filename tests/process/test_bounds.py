@@ -18,7 +18,15 @@ from websockets.exceptions import ConnectionClosed
 
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.motion import plan_joints
-from armctl.process.limits import MOST_BYTES_A_SECOND, Meter, Traffic, source_of, who_gives_way
+from armctl.process.limits import (
+    MOST_BYTES_A_SECOND,
+    MOST_BYTES_WATCHING,
+    Arrivals,
+    Meter,
+    Traffic,
+    source_of,
+    who_gives_way,
+)
 from armctl.process.link import LocalLine
 from armctl.process.records import MOST_ELSE, Answer, Ask, Codec, Hello, Recall, Recalled, Stop, Trust, schema
 from armctl.program import MoveStep, Program, WaitStep
@@ -341,25 +349,33 @@ def test_who_operates_is_asked_about_so_often(operator: Client) -> None:
         assert guest.outcome(guest.stop()) is None
 
 
-def test_all_together_send_so_much_and_who_sends_most_goes() -> None:
-    now, shut_out = [0.0], list[str]()
+def test_a_client_sends_so_much_in_a_second_and_all_that_watch_so_much_together() -> None:
+    now = [0.0]
     traffic = Traffic(lambda: now[0])
-    meters = [Meter(lambda _, name=name: shut_out.append(name)) for name in "abcd"]
-    for meter, records in zip(meters, (90, 100, 100, 5), strict=True):
-        traffic.count(meter, records, 1, 100)
-    assert shut_out == []
-    traffic.count(meters[3], 10, 1, 100)
-    assert shut_out == ["b"]
-    with pytest.raises(InputError, match="more than 100 records in a second; send less"):
-        traffic.count(meters[2], 1, 1, 100)
+
+    def sends(meter: Meter, records: int, size: int = 1, *, operates: bool = False) -> None:
+        traffic.count(meter, records, size, 1000, operates=operates)
+
+    floods = [Meter() for _ in range(4)]
+    for meter in floods[:3]:
+        sends(meter, 1000)
+    with pytest.raises(InputError, match="more than 1000 records in a second; send less"):
+        sends(floods[0], 1)
+    little, operator = Meter(), Meter()
+    sends(little, 300)  # who sends little goes on, and who operates
+    sends(operator, 1000, MOST_BYTES_A_SECOND, operates=True)
+    with pytest.raises(InputError, match="all that do not operate the arm together send too much"):
+        sends(floods[3], 301)  # who comes anew to flood does not get far
     now[0] = 1.0
-    traffic.count(meters[2], 100, MOST_BYTES_A_SECOND, 100)
-    for meter in meters[:2]:
-        traffic.count(meter, 1, MOST_BYTES_A_SECOND, 100)
-    traffic.count(meters[3], 1, 2, 100)
-    assert len(shut_out) == 2
+    for meter in floods[:2]:
+        sends(meter, 1, MOST_BYTES_WATCHING)
+    with pytest.raises(InputError, match="more than 1 MiB in a second; send less"):
+        sends(floods[0], 1)
+    sends(little, 1, 128 << 10)
+    with pytest.raises(InputError, match="together send too much"):
+        sends(little, 1)
     with pytest.raises(InputError, match="more than 8 MiB in a second; send less"):
-        traffic.count(meters[0], 1, MOST_BYTES_A_SECOND, 100)
+        sends(operator, 1, MOST_BYTES_A_SECOND + 1, operates=True)
 
 
 class Seated:
@@ -437,6 +453,13 @@ def test_connections_that_say_nothing_take_no_places(
 
 
 def test_a_computer_connects_so_often(arm_at: Address, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("armctl.process.server._MOST_ARRIVALS_A_SECOND", 0)
-    line = WebSocketLine(arm_at)
-    assert "connections in a second from 127.0.0.1; wait a moment" in refusal(line, Codec())
+    now = [0.0]
+    arrivals = Arrivals(lambda: now[0])
+    assert [arrivals.take("a") for _ in range(121)] == [True] * 120 + [False]
+    assert arrivals.take("b")
+    now[0] = 1.0
+    assert [arrivals.take("a") for _ in range(11)] == [True] * 10 + [False]
+    monkeypatch.setattr("armctl.process.limits._AT_ONCE", 0.0)
+    line, codec = WebSocketLine(arm_at, text=True, source="127.0.0.1"), Codec(json=True)
+    line.send(codec.encode(Hello("again")))
+    assert "too many connections from this computer" in refusal(line, codec)

@@ -7,11 +7,10 @@ import logging
 from collections import deque
 from collections.abc import Awaitable, Coroutine
 from concurrent.futures import Future
-from contextlib import suppress
 from typing import Any, Protocol
 
 from armctl.errors import ArmctlError, InputError, StateError
-from armctl.process.connections import Connection
+from armctl.process.connections import Connection, nobody, nothing_large
 from armctl.process.limits import MOST_CONTROL_A_SECOND, Meter
 from armctl.process.outbox import Broadcast, Outbox
 from armctl.process.records import (
@@ -59,7 +58,7 @@ class House(Protocol):
     waiting: int
     """bytes of clients that are no owners, which wait to be decoded"""
 
-    def count(self, meter: Meter, records: int, size: int) -> None:
+    def count(self, client: Client, records: int, size: int) -> None:
         """Count what a client sends; ``InputError``: it is too much."""
         ...
 
@@ -105,7 +104,7 @@ class Client:
         self._server, self._codec, self._hello = server, codec, hello
         self._loop = asyncio.get_running_loop()
         self.heard_at = self._loop.time()
-        self._meter = Meter(self.shut_out)
+        self.meter = Meter()
         self._open = 0
         self._settling = 0
         """what it has said about who operates, and is not answered yet"""
@@ -115,6 +114,7 @@ class Client:
         self._waiting_bytes = 0
         self._recalled_at = -_RECALL_EVERY_S
         self._recalling = self._gone = self._shut = False
+        self._goodbye = asyncio.Event()
         self._tasks: set[asyncio.Task[None]] = set()
         line.alive, line.admit = self._alive, self._admit
 
@@ -137,6 +137,7 @@ class Client:
             task.cancel()
         self._forget_waiting()
         self._server.release_large(self)
+        self.line.alive, self.line.admit = nobody, nothing_large  # a circle less
         if not self.owns:
             self._server.arm.submit(Leave("its connection is gone"), Origin(self.id))
         if self._server.mover is self:
@@ -156,14 +157,27 @@ class Client:
         self._forget_waiting()
         _LOGGER.warning("%s: %s", self.name, why)
 
-        async def goodbye() -> None:
-            with suppress(EOFError, ConnectionError, TimeoutError):
-                async with asyncio.timeout(_GOODBYE_S):
-                    await self.line.send(self._codec.encode(Refused(why)))
-                    await asyncio.sleep(_GOODBYE_S)
-            self.line.abort()
+        self._server.spawn(self._say_goodbye(why))
 
-        self._server.spawn(goodbye())
+    async def _say_goodbye(self, why: str) -> None:
+        try:
+            async with asyncio.timeout(_GOODBYE_S):
+                await self.line.send(self._codec.encode(Refused(why)))
+                await asyncio.sleep(_GOODBYE_S)
+        except (EOFError, OSError, RuntimeError, TimeoutError):  # its connection ends already
+            _LOGGER.debug("%s: nobody reads why it is shut out", self.name)
+        finally:
+            self.line.abort()
+            self._goodbye.set()
+
+    @property
+    def ended(self) -> bool:
+        """It is shut out: nothing more is read from it."""
+        return self._shut
+
+    async def said_goodbye(self) -> None:
+        """Wait until it had the time to read why it is shut out."""
+        await self._goodbye.wait()
 
     def _arrived(self, finished: Future[None]) -> None:
         refusal = finished.exception()
@@ -172,7 +186,7 @@ class Client:
 
     def _alive(self, frames: int) -> None:
         """A sign of life that its line gives by itself."""
-        self._server.count(self._meter, frames, 0)
+        self._server.count(self, frames, 0)
         if not self._hello.beats:
             self.heard_at = self._loop.time()
 
@@ -189,7 +203,7 @@ class Client:
         """Carry out one record, or let it wait behind a big one; STOP never waits."""
         if self._shut:
             return
-        self._server.count(self._meter, 1, len(data))
+        self._server.count(self, 1, len(data))
         self.heard_at = self._loop.time()
         record = self._codec.from_client(data)
         arm = self._server.arm
@@ -217,7 +231,7 @@ class Client:
             self._require_admissible(kind, size)
             control = kind in CONTROL
             if not self._waiting and (control or not self._settling):
-                self._require_maycommand_of(kind, ask.who)
+                self._require_may_command(kind, ask.who)
                 if size <= _BIG:
                     self._carry_out(ask, command_of(self._codec, ask))
                     return
@@ -242,13 +256,13 @@ class Client:
         if self._waiting_bytes + size > _MOST_WAITING or self._server.waiting + size > _MOST_WAITING_IN_ALL:
             raise StateError("too many bytes wait to be read already; wait for the answers")
         if kind in CONTROL:
-            self._meter.control += 1
-            if self._meter.control > MOST_CONTROL_A_SECOND:
+            self.meter.control += 1
+            if self.meter.control > MOST_CONTROL_A_SECOND:
                 raise StateError(
                     f"more than {MOST_CONTROL_A_SECOND} a second about who operates; wait a moment"
                 )
 
-    def _require_maycommand_of(self, kind: str, who: str) -> None:
+    def _require_may_command(self, kind: str, who: str) -> None:
         """Refuse (``StateError``) the commands of who may not command, as the controller would."""
         if kind in CONTROL:
             return
@@ -264,7 +278,7 @@ class Client:
                 await self._until_settled()
             command: Command | ArmctlError
             try:
-                self._require_maycommand_of(kind, ask.who)
+                self._require_may_command(kind, ask.who)
                 if size <= _BIG:
                     command = command_of(self._codec, ask)
                 else:

@@ -28,6 +28,9 @@ _WIRE = logging.getLogger("armctl.process.wire")
 _WIRE.setLevel(logging.ERROR)  # a client that hangs up is no news
 _READ_BYTES = 64 * 1024
 _PING_S, _LINGER_S = 0.25, 0.5
+_MOST_READ_OUT = 128 * 1024
+_MOST_UNREAD = 64 * 1024
+"""bytes that the system keeps of a client's flood before it has to wait; else it takes megabytes"""
 MOST_UNSENT = 16 * 1024 * 1024
 """bytes that wait for a client that does not read"""
 
@@ -53,11 +56,11 @@ class Connection(Protocol):
         ...
 
 
-def _nobody(_: int) -> None:
+def nobody(_: int) -> None:
     """Nobody wants to know of signs of life yet."""
 
 
-async def _nothing_large(_: int) -> None:
+async def nothing_large(_: int) -> None:
     """Nobody has said who it is yet."""
     raise InputError(f"a first record of more than {MOST_ELSE >> 10} KiB is no hello")
 
@@ -70,8 +73,8 @@ class StreamConnection:
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader, self._writer = reader, writer
-        self.alive: Callable[[int], None] = _nobody
-        self.admit: Callable[[int], Awaitable[None]] = _nothing_large
+        self.alive: Callable[[int], None] = nobody
+        self.admit: Callable[[int], Awaitable[None]] = nothing_large
 
     async def receive(self) -> bytes:
         """The next record."""
@@ -119,8 +122,8 @@ class WebSocketConnection:
         self._parts = bytearray()
         self._held = 0
         """about so many bytes of the message that is not whole yet"""
-        self.alive: Callable[[int], None] = _nobody
-        self.admit: Callable[[int], Awaitable[None]] = _nothing_large
+        self.alive: Callable[[int], None] = nobody
+        self.admit: Callable[[int], Awaitable[None]] = nothing_large
 
     async def open(self, request: bytes) -> None:
         """Answer its request."""
@@ -186,8 +189,11 @@ class WebSocketConnection:
         await _read_out(self._reader)
 
     def close(self) -> None:
-        """End it."""
+        """End it, and keep nothing of what came: the garbage collector looks at it late."""
         self._writer.close()
+        self._messages.clear()
+        self._parts.clear()
+        self._reader = asyncio.StreamReader()
 
     def _take(self, event: object) -> None:
         if isinstance(event, Frame) and event.opcode in (Opcode.TEXT, Opcode.BINARY, Opcode.CONT):
@@ -212,11 +218,15 @@ def _write_eof(writer: asyncio.StreamWriter) -> None:
 
 
 async def _read_out(reader: asyncio.StreamReader) -> None:
-    """Read what still comes: closed with input unread, it would be reset, and what was sent last lost."""
+    """Read what still comes: closed with input unread, it would be reset, and what was sent last lost.
+
+    Not the whole of a flood: that would cost as much as serving it.
+    """
+    left = _MOST_READ_OUT
     with suppress(TimeoutError, OSError):
         async with asyncio.timeout(_LINGER_S):
-            while await reader.read(_READ_BYTES):
-                pass
+            while left > 0 and (data := await reader.read(_READ_BYTES)):
+                left -= len(data)
 
 
 Attend = Callable[[Connection, bool, str], Awaitable[None]]
@@ -281,6 +291,7 @@ class Hands:
             return
         line = socket.socket(fileno=descriptors[0])
         line.setblocking(False)
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _MOST_UNREAD)
         task = asyncio.create_task(attend_websocket(self._attend, line, request))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)

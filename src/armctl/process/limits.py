@@ -14,10 +14,14 @@ from typing import Protocol, TypeVar, cast
 from armctl.errors import InputError
 from armctl.runtime.pin import near
 
-MOST_BYTES_A_SECOND = 8 * 1024 * 1024
-"""of one client"""
-_IN_ALL = 3
-"""so many times as much as one client may send, all of them may send together"""
+MOST_BYTES_A_SECOND, MOST_BYTES_WATCHING = 8 * 1024 * 1024, 1024 * 1024
+"""of the client that operates, of another one"""
+_IN_ALL = 3, 2 * 1024 * 1024
+"""Those that do not operate together: so many times the records of one, and bytes, in a second."""
+_NOT_MUCH = 300, 128 * 1024
+"""records and bytes of one that goes on where all together send too much"""
+_AT_ONCE, _REFILL_PER_S, _MOST_SOURCES = 120.0, 10.0, 1000
+"""connections of one computer, at once and each second after that; computers that are remembered"""
 MOST_CONTROL_A_SECOND = 20
 """commands of one client about who operates"""
 
@@ -36,49 +40,67 @@ def source_of(peer: object) -> str:
 class Meter:
     """What one client has sent in the present second."""
 
-    shut_out: Callable[[str], None]
-    """ends its connection, and says why"""
+    second: int = -1
     records: int = 0
     size: int = 0
-    second: int = -1
     control: int = 0
     """commands about who operates"""
 
 
 class Traffic:
-    """Counts what clients send, second by second, each alone and all together."""
+    """Counts what clients send, second by second, each alone and those together that do not operate."""
 
     def __init__(self, now: Callable[[], float]) -> None:
         """``now``: a clock [s]."""
         self._now = now
-        self._all: dict[Meter, None] = {}
-        """those that have sent something in the present second"""
-        self._second = -1
+        self._all = Meter()
 
-    def count(self, meter: Meter, records: int, size: int, most: int) -> None:
+    def count(self, meter: Meter, records: int, size: int, most: int, *, operates: bool) -> None:
         """Count records, and their bytes; ``most`` records a second are allowed.
 
-        ``InputError``: this client sends more. Where all together send too much, whoever sends most is shut
-        out.
+        ``InputError``: it is too much, of this client or of all together and not little of this one. So who
+        floods anew after each connection does not get far, and who sends little goes on.
         """
         second = int(self._now())
-        if second != self._second:
-            self._second = second
-            self._all.clear()
-        if meter.second != second:
-            meter.second, meter.records, meter.size, meter.control = second, 0, 0, 0
-        self._all[meter] = None
+        for one in (meter, self._all):
+            if one.second != second:
+                one.second, one.records, one.size, one.control = second, 0, 0, 0
         meter.records += records
         meter.size += size
         if meter.records > most:
             raise InputError(f"more than {most} records in a second; send less")
-        if meter.size > MOST_BYTES_A_SECOND:
-            raise InputError(f"more than {MOST_BYTES_A_SECOND >> 20} MiB in a second; send less")
-        for what, limit in (("records", _IN_ALL * most), ("size", _IN_ALL * MOST_BYTES_A_SECOND)):
-            if sum(getattr(one, what) for one in self._all) > limit:
-                largest = max(self._all, key=lambda one: getattr(one, what))
-                del self._all[largest]
-                largest.shut_out("all programs together send too much, and this one most; send less")
+        most_bytes = MOST_BYTES_A_SECOND if operates else MOST_BYTES_WATCHING
+        if meter.size > most_bytes:
+            raise InputError(f"more than {most_bytes >> 20} MiB in a second; send less")
+        if operates:
+            return
+        self._all.records += records
+        self._all.size += size
+        factor, bytes_in_all = _IN_ALL
+        if (self._all.records > factor * most and meter.records > _NOT_MUCH[0]) or (
+            self._all.size > bytes_in_all and meter.size > _NOT_MUCH[1]
+        ):
+            raise InputError("all that do not operate the arm together send too much; send less")
+
+
+class Arrivals:
+    """Bounds how often each computer connects: a whole class may come at once, but not again and again."""
+
+    def __init__(self, now: Callable[[], float]) -> None:
+        """``now``: a clock [s]."""
+        self._now = now
+        self._left: dict[str, tuple[float, float]] = {}
+        """how often a computer may connect, and when [s] that was"""
+
+    def take(self, source: str) -> bool:
+        """Count a connection; whether it may be served."""
+        now = self._now()
+        left, at = self._left.pop(source, (_AT_ONCE, now))
+        left = min(_AT_ONCE, left + _REFILL_PER_S * (now - at))
+        self._left[source] = (left - 1.0 if left >= 1.0 else left), now
+        if len(self._left) > _MOST_SOURCES:
+            del self._left[next(iter(self._left))]
+        return left >= 1.0
 
 
 class Seat(Protocol):

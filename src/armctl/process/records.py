@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
+from functools import cache
 from typing import Annotated, Any, Union, cast, get_args, get_origin, get_type_hints
 
 import msgspec
@@ -356,7 +357,7 @@ class Codec:
     @classmethod
     def of(cls, data: bytes, *, house: bool = False) -> Codec:
         """The one that a client speaks whose first record this is."""
-        return cls(json=data.lstrip()[:1] == b"{", house=house)
+        return _codec(is_json(data), house)
 
     def encode(self, record: Record | Mapping[str, object]) -> bytes:
         """A record as bytes, or the arm itself (``robot_record``)."""
@@ -417,6 +418,17 @@ class Codec:
             return self._from_arm(data)
         except msgspec.MsgspecError as cause:
             raise InputError(f"the arm process speaks another version of this program: {cause}") from cause
+
+
+def is_json(data: bytes) -> bool:
+    """Whether a record is JSON; else it is msgpack."""
+    return data.lstrip()[:1] == b"{"
+
+
+@cache
+def _codec(json: bool, house: bool) -> Codec:
+    """One for all connections that speak alike: making it takes longer than a small record."""
+    return Codec(json=json, house=house)
 
 
 def _union(kinds: Sequence[type]) -> Any:

@@ -10,7 +10,6 @@ import hmac
 import itertools
 import logging
 import os
-from collections import deque
 from collections.abc import Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -24,7 +23,7 @@ from armctl.hardware.boards import board_type
 from armctl.process.client import Client, command_of
 from armctl.process.connections import Connection, Hands, attend_stream
 from armctl.process.host import Host, collect_at_rest
-from armctl.process.limits import Meter, Traffic, who_gives_way
+from armctl.process.limits import Arrivals, Traffic, who_gives_way
 from armctl.process.outbox import Broadcast
 from armctl.process.records import (
     SILENCE_S,
@@ -57,8 +56,6 @@ _MOST_UNNAMED = 64
 """connections that have not said hello yet"""
 _MOST_A_SECOND = 1000
 """records of one client; more are a flood"""
-_MOST_ARRIVALS_A_SECOND = 100
-"""connections from one computer"""
 _HELLO_S = 10.0
 """how long a connection may take to say hello"""
 _GONE_S = 30.0
@@ -91,8 +88,7 @@ class Server:
         """the only one of them of whom a large record is in memory"""
         self._unnamed: dict[Connection, str] = {}
         """connections that have not said hello, and where they come from; the oldest first"""
-        self._arrivals: deque[tuple[float, str]] = deque()
-        """connections of the last second"""
+        self._arrivals = Arrivals(self._loop.time)
         self._traffic = Traffic(self._loop.time)
         self._decoder = ThreadPoolExecutor(1, thread_name_prefix="armctl-decoder")
         self._decodes = asyncio.Lock()
@@ -157,25 +153,24 @@ class Server:
         ``source``: which computer it comes from, see ``source_of``.
         """
         client: Client | None = None
-        codec = Codec()
+        codec = Codec.of(b"", house=True)
         self._await_hello(line, source)
         try:
             async with asyncio.timeout(_HELLO_S):
-                if let_in:
-                    self._count_arrival(source)
                 data, trust = await line.receive(), None
                 if not let_in:
                     trust = self._trusted(codec.from_client(data))
                     source = trust.source or source
-                    if trust.relays:
-                        self._count_arrival(source)
                     data = await line.receive()
                 owns = trust is not None and not trust.relays
                 codec = Codec.of(data, house=owns)
+                if not owns and not self._arrivals.take(source):
+                    raise StateError("too many connections from this computer in a short time; wait a moment")
                 hello = codec.from_client(data)
             if not isinstance(hello, Hello):
                 raise InputError("the first record must be a hello")
             client = Client(self, codec, line, hello, next(self._ids), owns=owns, source=source)
+            self.count(client, 1, len(data))
             if not owns:
                 self._make_room(client)
             if trust is not None and trust.adopts:
@@ -190,8 +185,9 @@ class Server:
             welcome = Welcome(__version__, client.id, msgspec.Raw(robot), self.silence_s)
             await client.outbox.send(codec.encode(welcome))
             client.begin()
-            while True:
+            while not client.ended:
                 client.take(await line.receive())
+            await client.said_goodbye()
         except (EOFError, ConnectionError):
             pass
         except TimeoutError:
@@ -218,17 +214,6 @@ class Server:
             longest.abort()
         self._unnamed[line] = source
 
-    def _count_arrival(self, source: str) -> None:
-        now = self._loop.time()
-        while self._arrivals and now - self._arrivals[0][0] > 1.0:
-            self._arrivals.popleft()
-        self._arrivals.append((now, source))
-        if sum(one == source for _, one in self._arrivals) > _MOST_ARRIVALS_A_SECOND:
-            raise StateError(
-                f"more than {_MOST_ARRIVALS_A_SECOND} connections in a second from "
-                f"{source or 'one computer'}; wait a moment"
-            )
-
     def _make_room(self, newcomer: Client) -> None:
         """Have somebody give its place to a newcomer, where all are taken (``StateError``: nobody does)."""
         if len(self._clients) < _MOST_CLIENTS:
@@ -247,9 +232,10 @@ class Server:
     def _operates(self, client: Client) -> bool:
         return self.arm.snapshot.control.operates(client.id)
 
-    def count(self, meter: Meter, records: int, size: int) -> None:
+    def count(self, client: Client, records: int, size: int) -> None:
         """Count what a client sends; ``InputError``: it is too much."""
-        self._traffic.count(meter, records, size, _MOST_A_SECOND)
+        operates = client.owns or self._operates(client)
+        self._traffic.count(client.meter, records, size, _MOST_A_SECOND, operates=operates)
 
     def hold_large(self, client: Client) -> None:
         """A large record of a client comes in, who may command; that of another one has to go."""

@@ -43,7 +43,8 @@ def dispatch(core: Core, order: c.Order, now: float) -> None:
         if _carry_out(core, order, now):
             order.ticket.end()
     except ArmctlError as error:
-        core.refuse(order, order.label, error)
+        # without where it came from, which leads back to the order: a flood of refusals is no garbage then
+        core.refuse(order, order.label, error.with_traceback(None))
         if isinstance(error, BoardError) and core.board is not None:
             core.fault(error)
 
