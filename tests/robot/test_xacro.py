@@ -307,7 +307,21 @@ def test_arguments_of_the_caller_go_before_the_defaults_of_the_file(tmp_path: Pa
     assert "gripper" in read_urdf_file(UrdfSource.at(file), {"tool": "gripper"}).links
 
 
-# What may be read.
+# What may be run, and read.
+
+WALK = (
+    """[f for l in [[]] for _ in [l.append(g.gi_frame.f_back.f_back.f_back for g in l)] for f in l[0]][0]"""
+)
+
+
+def test_no_author_of_a_file_runs_code(tmp_path: Path) -> None:
+    """The walk through frames that the package's filter of names lets pass, as a user loads the file."""
+    owned = tmp_path / "owned"
+    walk = f"${{{WALK}.f_builtins['open']('{owned}', 'w').name}}"
+    content = f'<xacro:macro name="m" params="a"><link name="${{a}}"/></xacro:macro><xacro:m a="{walk}"/>'
+    with pytest.raises(RobotFileError, match=r"line 1: .*cannot be computed"):
+        load_robot(write(tmp_path, {"arm.xacro": content}))
+    assert not owned.exists()
 
 
 @pytest.mark.parametrize(
@@ -350,6 +364,16 @@ def test_no_file_outside_is_read(tmp_path: Path, name: str, reads: str, folder: 
         by_armctl(file)
     assert "told" not in str(refused.value)
     assert refused.match("leads out of the folder|no folder above|cannot be read: |holds no such|'secret'")
+
+
+def test_links_to_the_files_of_a_package_lead_back_into_it(tmp_path: Path) -> None:
+    """As a workspace of ROS has them, whose installed files are links to the sources."""
+    source = write(tmp_path, {f"src/{name}": content for name, content in FILES["includes"].items()})
+    installed = tmp_path / "install/share/my_arm"
+    for name in FILES["includes"]:
+        (installed / name).parent.mkdir(parents=True, exist_ok=True)
+        (installed / name).symlink_to(tmp_path / "src" / name)
+    assert by_armctl(installed / "arm.xacro") == by_armctl(source)
 
 
 def test_a_package_that_only_a_simulator_needs_may_be_missing(tmp_path: Path) -> None:

@@ -139,6 +139,8 @@ class ArmFiles:
                 found = [entry.name for _, entry in zip(range(MOST_FILES), entries, strict=False)]
         except OSError:
             return []
+        if len(found) == MOST_FILES:
+            raise RobotFileError(f'"{shown(name)}": the folder holds {MOST_FILES} files or more')
         self._budget.spend(len(found))
         names = [one for one in found if not one.startswith(".") and fnmatch.fnmatchcase(one, pattern)]
         return [self.place(f"{folder}/{one}" if folder else one) for one in sorted(names)]
