@@ -94,8 +94,8 @@ def test_others_go_first() -> None:
 
 def test_its_processor_time_is_bounded() -> None:
     told: list[bytes] = []
-    with pytest.raises(LimitError, match="more than 1 s of the processor"):
-        apart(work("runs_for_ever"), b"", seconds=1, told=told.append)
+    with pytest.raises(LimitError, match="more than 4 s of the processor"):  # it begins with imports
+        apart(work("runs_for_ever"), b"", seconds=4, told=told.append)
     ends(int(told[0]))
 
 

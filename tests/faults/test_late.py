@@ -130,3 +130,28 @@ def test_a_motion_that_is_called_finished_has_gone_out(bench: Bench, delay_s: fl
             dict(zip(output_map(bench.robot).channels, bench.outputs(), strict=True))
         )
         assert np.abs(stands - goal).max() < _END_RAD
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.03, 0.06])
+def test_after_a_stop_no_servo_comes_on(bench: Bench, delay_s: float) -> None:
+    if bench.kind == "encoder":
+        return  # its motors come on all at once, before Enable is answered
+    if delay_s:
+        bench.trouble(f"delay={delay_s}:1")
+        bench.run(1.0)
+    for ticks in range(1, 20):
+        watch = PlantWatch(bench)
+        bench.controller.submit(Enable(bench.robot.pose("rest")), TEST)
+        for _ in range(ticks):
+            watch.tick(asked=True)
+        stop = bench.controller.stop(TEST)
+        while not stop.finished.done():
+            watch.tick(asked=True)
+        for _ in range(round(2 * delay_s / TICK)):  # what is on the line already arrives
+            watch.tick(asked=True)
+        for _ in range(round(1.5 / TICK)):
+            watch.tick(asked=False)
+        back_off(bench)
+        if delay_s:
+            bench.trouble(f"delay={delay_s}:1")
+            bench.run(0.3)

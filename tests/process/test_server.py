@@ -15,7 +15,7 @@ import pytest
 from tests.process.kit import HOME, ROBOT, SECRET, Address, Client, WebSocketLine, served, websocket
 from websockets.exceptions import ConnectionClosed
 
-from armctl.errors import StateError
+from armctl.errors import InputError, StateError
 from armctl.kinematics import Target
 from armctl.process import connections
 from armctl.process.link import Link, LocalLine
@@ -208,7 +208,7 @@ def test_a_client_that_guesses_does_not_delay_the_right_pin_of_others(tmp_path: 
 
 
 def test_only_its_own_console_tells_an_arm_of_wrong_pins(operator: Client) -> None:
-    with pytest.raises(StateError, match="only the console of this arm"):
+    with pytest.raises(InputError, match="remember-wrong-pins"):
         operator.does(RememberWrongPins((WrongPins("Ann", "pages at 10.0.0.9", 1000),)))
     assert operator.snapshot.control.wrong_pins == ()
 
@@ -345,7 +345,7 @@ def test_a_big_record_that_is_wrong_ends_the_connection_in_words(arm_at: Address
 
 
 def test_the_frames_of_a_websocket(arm_at: Address) -> None:
-    with Client.remote(arm_at, json=True, watch=True) as client:
+    with Client.remote(arm_at, json=True) as client:
         line = client.line
         assert isinstance(line, WebSocketLine)
         beat = client.codec.encode(Stop(77)).decode()

@@ -20,6 +20,7 @@ import pytest
 from tests.robot.xacro_kit import by_armctl, robot
 
 from armctl.errors import RobotFileError
+from armctl.robot import load_robot
 
 COUNT = 1000
 SECRET = "swordfish"
@@ -437,3 +438,29 @@ def test_a_hostile_file_is_refused_after_a_bounded_number_of_calls(arm: Path) ->
         finally:
             sys.setprofile(None)
         assert calls < MOST_CALLS, text
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        "[x[0] % x[1] for x in [map(int, ['f'*100000, 'f'*50000], [16, 16])] for i in range(100)]",
+        "len(python.set([i*(2**61-1) for i in range(1, 10000)]))",
+        "[int('f'*100000, 16)]",
+        "(2**59) * (2**59)",
+    ],
+)
+def test_whole_numbers_that_take_long_are_refused(tmp_path: Path, expression: str) -> None:
+    file = tmp_path / "arm.urdf.xacro"
+    file.write_text(
+        '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+        f'<xacro:property name="p" value="${{{expression}}}"/><link name="${{p}}"/></robot>'
+    )
+    with pytest.raises(RobotFileError, match="a whole number of more than 18 digits"):
+        load_robot(file)
+
+
+def test_a_file_of_very_many_elements_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_text(f'<robot name="a">{"<a/>" * 200_000}</robot>')
+    with pytest.raises(RobotFileError, match="more than 100000 elements"):
+        load_robot(file)

@@ -174,6 +174,20 @@ def test_a_motion_that_was_stopped_while_it_waited_leaves_the_next_its_time(movi
     assert moving.now.cause == "move finished"
 
 
+def test_a_gripper_has_arrived_once_its_last_setpoint_has_gone_out(holding: Rig) -> None:
+    holding.driver.sent = False
+    gripping = holding.do(MoveGripper(0.6))
+    holding.run(0.8)
+    assert not gripping.finished.done()
+    holding.driver.sent = True
+    holding.tick()
+    gripping.result(0)
+    holding.driver.sent = False
+    gripping = holding.do(MoveGripper(0.5))
+    holding.until(lambda snapshot: snapshot.state is State.FAULT)
+    fails(gripping.finished, "has not taken the last setpoints", BoardError)
+
+
 def test_a_line_that_takes_no_setpoints_is_a_fault_and_no_finished_motion(moving: Rig) -> None:
     moving.driver.sent = False
     moving.until(lambda snapshot: snapshot.state is State.FAULT)

@@ -83,6 +83,10 @@ class House(Protocol):
         ...
 
 
+_SETTLING_S = 0.2
+"""so long a large record waits until it is known who operates; a controller takes a tick for that"""
+
+
 class Client:
     """One connection."""
 
@@ -194,7 +198,12 @@ class Client:
         """``size`` bytes of a record are there, more than most have: only who may command sends it."""
         if self.owns:
             return
-        await self._until_settled()
+        try:
+            async with asyncio.timeout(_SETTLING_S):  # a STOP may come behind it
+                await self._until_settled()
+        except TimeoutError as cause:
+            words = f"a record of {size} bytes or more while a PIN of yours waits; wait for its answer first"
+            raise InputError(words) from cause
         if (why := self._server.arm.snapshot.control.refusal(self.id)) is not None:
             raise InputError(f"a record of {size} bytes or more; {MOST_ELSE} at most, as {why}")
         self._server.hold_large(self)
@@ -263,8 +272,12 @@ class Client:
                 )
 
     def _require_may_command(self, kind: str, who: str) -> None:
-        """Refuse (``StateError``) the commands of who may not command, as the controller would."""
-        if kind in CONTROL:
+        """Refuse (``StateError``) the commands of who may not command, as the controller would.
+
+        Who owns the arm speaks for many pages. Its commands are not judged ahead: the controller does it, in
+        their order.
+        """
+        if kind in CONTROL or self.owns:
             return
         party = self._origin(who, "").who
         if (why := self._server.arm.snapshot.control.refusal(party)) is not None:
@@ -313,8 +326,8 @@ class Client:
         ticket = self._server.arm.submit(command, self._origin(ask.who, ask.note, ask.source))
         if isinstance(command, MovingCommand):
             ticket.accepted.add_done_callback(self._began)
-        elif isinstance(command, ControlCommand):
-            self._settle(ticket)
+        elif isinstance(command, ControlCommand) and not self.owns:
+            self._settle(ticket)  # pages do not wait for each other: the controller judges them
         self._follow(ask.id, ticket)
 
     def _settle(self, ticket: Ticket) -> None:

@@ -28,7 +28,7 @@ _WIRE = logging.getLogger("armctl.process.wire")
 _WIRE.setLevel(logging.ERROR)  # a client that hangs up is no news
 _READ_BYTES = 64 * 1024
 _PING_S, _LINGER_S = 0.25, 0.5
-_MOST_READ_OUT = 128 * 1024
+_READ_OUT_EVERY_S = 0.02
 _MOST_UNREAD = 64 * 1024
 """bytes that the system keeps of a client's flood before it has to wait; else it takes megabytes"""
 MOST_UNSENT = 16 * 1024 * 1024
@@ -220,13 +220,12 @@ def _write_eof(writer: asyncio.StreamWriter) -> None:
 async def _read_out(reader: asyncio.StreamReader) -> None:
     """Read what still comes: closed with input unread, it would be reset, and what was sent last lost.
 
-    Not the whole of a flood: that would cost as much as serving it.
+    Slowly: to read the whole of a flood would cost as much as serving it.
     """
-    left = _MOST_READ_OUT
     with suppress(TimeoutError, OSError):
         async with asyncio.timeout(_LINGER_S):
-            while left > 0 and (data := await reader.read(_READ_BYTES)):
-                left -= len(data)
+            while await reader.read(_READ_BYTES):
+                await asyncio.sleep(_READ_OUT_EVERY_S)
 
 
 Attend = Callable[[Connection, bool, str], Awaitable[None]]

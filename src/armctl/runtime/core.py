@@ -230,7 +230,7 @@ class Core:
     ) -> None:
         """Begin a motion from standstill; ``motion`` is its name."""
         self.activity, self._ticket, self.motion = activity, ticket, motion
-        self._pausing = False
+        self._pausing, self._unsent_since = False, None
         self._ticks.restart(now)
         self._enter(State.MOVING, f"{activity.label} ({who})")
 
@@ -474,8 +474,6 @@ class Core:
         if q is not None or opening is not None:
             self.board.write(q, opening)
             self._wrote_at = now
-        if gripping:
-            self.gripper.settle()
 
     def _after_gap(self, gap_s: float, now: float) -> None:
         """Nothing ran for ``gap_s``: what moved, stands and does not go on; the board is read first."""
@@ -548,6 +546,9 @@ class Core:
     def settle(self, now: float) -> None:
         """Draw the conclusions of a tick: what has ended, what stands, what is refused."""
         activity = self.activity
+        if self.gripper.arrived and self._on_the_wire(now):
+            self.gripper.settle()
+            self._unsent_since = None
         if activity is not None:
             if activity.begun and self._ticket is not None:
                 self._ticket.accept()

@@ -241,6 +241,11 @@ class GripperMover:
         self._held = False
         self._answer(error)
 
+    @property
+    def arrived(self) -> bool:
+        """The goal of a command is reached, and it is not answered yet."""
+        return self.goal is None and self._ticket is not None
+
     def settle(self) -> None:
         """Answer the command whose goal is reached."""
         if self.goal is None:

@@ -78,6 +78,22 @@ class _Guesser:
     wrong: int = 0
     last_at: float = -math.inf
 
+    def clear(self) -> None:
+        """Its wrong PINs count no more."""
+        self.wrong = 0
+
+    def guessed(self, now: float) -> float:
+        """It has given a wrong PIN; how long it waits for that [s]."""
+        self.wrong += 1
+        self.last_at = now
+        wait = min(FIRST_WAIT_S * 2.0 ** min(self.wrong - 1, 30), LONGEST_WAIT_S)
+        self.may_at = now + wait
+        return wait
+
+    def wait_until(self, at: float) -> None:
+        """Its next PIN is judged no earlier than that."""
+        self.may_at = max(self.may_at, at)
+
 
 class PinGuard:
     """Judges PINs. Only the controller's thread uses it."""
@@ -118,17 +134,14 @@ class PinGuard:
         if now < guesser.may_at:
             raise StateError(f"wait {_duration(guesser.may_at - now)} before the next PIN")
         if now - guesser.last_at > FORGOTTEN_S:
-            guesser.wrong = 0
+            guesser.clear()
         if hmac.compare_digest(_digest(pin), self._pin):
-            guesser.wrong = 0
+            guesser.clear()
             return True
-        guesser.wrong += 1
-        guesser.last_at = now
         self._charge(guesser.source, now)
-        wait = min(FIRST_WAIT_S * 2.0 ** min(guesser.wrong - 1, 30), LONGEST_WAIT_S)
-        guesser.may_at = now + wait
+        wait = guesser.guessed(now)
         if guesser.wrong > OWN_TRIES:
-            guesser.may_at = max(guesser.may_at, self._newcomers_from(guesser.source, now))
+            guesser.wait_until(self._newcomers_from(guesser.source, now))
         unpaid = self._sources[guesser.source].unpaid(now)
         self._late.append((now + min(max(wait, unpaid * _ANSWER_EACH_S), LATEST_ANSWER_S), id, ticket))
         self._tell(name, guesser.source, 1, now)

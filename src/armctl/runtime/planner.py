@@ -1,12 +1,12 @@
 """What takes long is done off the controller thread: planning, and opening a line.
 
 A plan may take minutes, and Python cannot kill a thread. So a plan that nobody waits for any more is left:
-another thread plans what is asked for next, and the one that was left ends at its next line of Python.
+another thread plans what is asked for next, and the one that was left ends with its plan. It is not
+interrupted: an exception from outside could strike it while it holds a lock that others need.
 """
 
 from __future__ import annotations
 
-import ctypes
 import logging
 import threading
 from collections import deque
@@ -59,10 +59,6 @@ class Submit(Protocol):
         ...
 
 
-class _LeftError(BaseException):
-    """Raised in a thread that was left; no ``except Exception`` keeps it."""
-
-
 class _Plan(Future[Any]):
     """A plan; ``cancel`` leaves it, where it has begun already."""
 
@@ -112,16 +108,13 @@ class Planner(Executor):
         """Leave the thread that works at ``plan``, if one does; whether it did."""
         with self._changed:
             thread = self._thread
-            if self._running is not plan or thread is None or thread.ident is None:
+            if self._running is not plan or thread is None:
                 return False
             self._left.append(thread)
             self._thread = self._running = None
             if self._waiting and not self._closed:
                 self._thread = threading.Thread(target=self._run, name="armctl-planner", daemon=True)
                 self._thread.start()
-            ctypes.pythonapi.PyThreadState_SetAsyncExc(
-                ctypes.c_ulong(thread.ident), ctypes.py_object(_LeftError)
-            )
         plan.set_exception(StateError("planning was dropped; ask for it again"))
         return True
 
@@ -140,27 +133,22 @@ class Planner(Executor):
 
     def _run(self) -> None:
         me = threading.current_thread()
-        try:
-            while (plan := self._next(me)) is not None:
-                result: Any = None
-                error: BaseException | None = None
-                try:
-                    result = plan.work()
-                except _LeftError:
+        while (plan := self._next(me)) is not None:
+            result: Any = None
+            error: BaseException | None = None
+            try:
+                result = plan.work()
+            except BaseException as broken:  # whatever it is, who waits for it learns it
+                error = broken
+            with self._changed:
+                if self._thread is not me:
                     return
-                except BaseException as broken:  # whatever it is, who waits for it learns it
-                    error = broken
-                with self._changed:
-                    if self._thread is not me:
-                        return
-                    self._running = None
-                if error is None:
-                    plan.set_result(result)
-                else:
-                    plan.set_exception(error)
-                plan = result = error = None  # not to be kept until there is another one
-        except _LeftError:
-            return
+                self._running = None
+            if error is None:
+                plan.set_result(result)
+            else:
+                plan.set_exception(error)
+            plan = result = error = None  # not to be kept until there is another one
 
     def _next(self, me: threading.Thread) -> _Plan | None:
         """The next plan; None: this thread was left, or the planner is closed."""

@@ -275,6 +275,8 @@ class Enabling:
 
     def _conclude(self) -> None:
         """It was ended while the board goes on: say what is on."""
+        if not self.done:
+            self._board.hold()  # what still waits to be switched on must not come on later
         if not self.done and self._seen_on.any() and not self._seen_on.all():
             on = ", ".join(
                 joint.title

@@ -240,8 +240,6 @@ class RobotSwitch:
     async def _carry_control(self, opened: Console, left: Console) -> None:
         """The pages keep their names, their operator and a lock; who guesses the PIN does not begin anew."""
         control = left.controller.snapshot.control
-        if control.wrong_pins:
-            await _finished(opened, RememberWrongPins(control.wrong_pins), Origin("console"))
         pages = [party for party in control.parties if party.id in self.pages]
         for party in sorted(pages, key=lambda party: not party.operates):
             await _finished(opened, Arrive(party.name, watch=not party.operates), self.origin(party.id))
@@ -249,6 +247,8 @@ class RobotSwitch:
             who = next((party.id for party in pages if party.operates), pages[0].id)
             pin = opened.pin if control.by_teacher else ""
             await _finished(opened, LockControl(True, pin), Origin(who))
+        if control.wrong_pins:  # last: who is there already does not wait for others who guess
+            await _finished(opened, RememberWrongPins(control.wrong_pins), Origin("console"))
 
 
 async def _connect(opened: Console, left: Console, origin: Origin) -> str | None:

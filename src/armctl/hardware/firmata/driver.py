@@ -166,8 +166,13 @@ class FirmataDriver:
         )
 
     def stop(self) -> None:
-        """Hold: the board goes on with what it was sent last, so all there is to do is to send no more."""
-        self._stream.clear()
+        """Hold: the board goes on with what it was sent last, so all there is to do is to send no more.
+
+        Pins that were to be switched on stay off.
+        """
+        self._stream.drop(self._watch, all_of_it=True)
+        self._watch.give_up()
+        self._stream.take_expired()  # nobody asks for it any more
         self._take(self._firmata.receive())
 
     def home(self) -> None:

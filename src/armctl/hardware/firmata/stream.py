@@ -125,6 +125,13 @@ class PinWatch:
         for number, pulse_us in pulses.items():
             self._pins[number].kept_us = pulse_us
 
+    def give_up(self) -> None:
+        """Try no pin again that is off."""
+        for pin in self._pins.values():
+            pin.attempts = _ATTACH_ATTEMPTS
+            if not pin.on:
+                pin.doubtful = False
+
     def dropped(self, number: int) -> None:
         """What was to be sent to a pin has waited for too long. It is left where the board has it."""
         pin = self._pins[number]
@@ -219,9 +226,9 @@ class PinWatch:
             pin = self._pins[number]
             if not pin.on:
                 pin.contradictions, pin.agreements, pin.seen_on, pin.other_us = 0, 0, False, None
-                pin.attempts += 1
-                if pin.attempts == 1:
-                    pin.tried_at = now
+                again = pin.doubtful and pin.attempts < _ATTACH_ATTEMPTS
+                pin.attempts = pin.attempts + 1 if again else 1
+                pin.tried_at = pin.tried_at if again else now
             goal = (pulses if wanted is None else wanted).get(number, pin.pulse_us)
             # On the way there it is sent again and again, each time from where it is by then.
             pin.doubtful = goal is not None and goal != pulse_us

@@ -36,6 +36,10 @@ _NODE_STEPS, _PLACE_STEPS, _PACKAGE_STEPS = 100, 100, 2000
 _WILD = frozenset("*?[")
 
 
+_MOST_ELEMENTS = 100_000
+"""of one file: each takes half a kilobyte of memory"""
+
+
 class Element(ElementTree.Element):
     """An element that knows where it is written."""
 
@@ -50,11 +54,14 @@ class MissingPackageError(RobotFileError):
 def parse_xml(content: bytes, file: Path) -> Element:
     """The root element of an XML file; refuses document types and what is nested too deep."""
     builder, parser = ElementTree.TreeBuilder(element_factory=Element), expat.ParserCreate()
-    depth, literal = 0, False
+    depth, count, literal = 0, 0, False
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
+        nonlocal depth, count
         depth += 1
+        count += 1
+        if count > _MOST_ELEMENTS:
+            raise RobotFileError(f"has more than {_MOST_ELEMENTS} elements; an arm has some hundred")
         if depth > _DEEPEST:
             raise RobotFileError(
                 f"line {parser.CurrentLineNumber}: more than {_DEEPEST} elements in each other"

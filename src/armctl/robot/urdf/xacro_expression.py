@@ -28,7 +28,6 @@ from armctl.robot.urdf.xacro_functions import (
 
 MOST_STEPS = 1_000_000
 """what one file may cost, in steps of about a microsecond"""
-_LARGEST_INT = 10**300
 _MOST_BITS = 1000
 """of a power of whole numbers"""
 _DEEPEST = 150
@@ -142,8 +141,7 @@ class Expressions:
             case bool() | float() | None | Function():
                 pass
             case int():
-                if not -_LARGEST_INT < value < _LARGEST_INT:
-                    raise OverflowError("a whole number of more than 300 digits")
+                weight(value)
             case str():
                 if len(value) > LONGEST:
                     raise OverflowError(f"a text of more than {LONGEST} characters")

@@ -61,6 +61,10 @@ def shown(text: str) -> str:
     return line if len(line) <= _MOST_SHOWN else f"{line[:_MOST_SHOWN]}…"
 
 
+LARGEST_INT = 2**60
+"""whole numbers from here on are refused: large ones take long to compute with, and many hash alike"""
+
+
 def weight(value: Value) -> int:
     """Parts of a value as often as it prints them, with their characters; refuses too many."""
     count, waiting = 0, [value]
@@ -76,6 +80,8 @@ def weight(value: Value) -> int:
             waiting.extend(cast("Iterable[Any]", one))
         elif isinstance(one, range):
             count += len(one)
+        elif isinstance(one, int) and not -LARGEST_INT < one < LARGEST_INT:
+            raise OverflowError("a whole number of more than 18 digits")
         elif not isinstance(one, int | float | Function | None):
             raise TypeError(f"a {type(one).__name__.lower()} is no value of a robot file")
         if count + len(waiting) > MOST_PARTS:
