@@ -12,7 +12,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.process.kit import HOME, ROBOT, SECRET, Address, Client, WebSocketLine, served, websocket
+from tests.process.kit import (
+    HOME,
+    PATIENCE_S,
+    ROBOT,
+    SECRET,
+    Address,
+    Client,
+    WebSocketLine,
+    served,
+    websocket,
+)
 from websockets.exceptions import ConnectionClosed
 
 from armctl.errors import InputError, StateError
@@ -39,10 +49,12 @@ from armctl.process.records import (
 )
 from armctl.program import MoveStep, Program, WaitStep
 from armctl.runtime import (
+    Arrive,
     LockControl,
     MoveGripper,
     MoveJoints,
     MoveTo,
+    Origin,
     RememberWrongPins,
     RunProgram,
     SetSpeed,
@@ -205,6 +217,21 @@ def test_a_client_that_guesses_does_not_delay_the_right_pin_of_others(tmp_path: 
                 teacher.does(LockControl(True, "4711"))
                 late.append(time.monotonic() - begun)
         assert max(late) < 1.0
+
+
+def test_a_page_that_guesses_holds_up_no_other_page_of_its_console(tmp_path: Path) -> None:
+    """The answer to its wrong PIN is late; what others ask for meanwhile is not."""
+    with served(tmp_path, pin="4711") as address:
+        console = Link(LocalLine(address, SECRET), "console", ROBOT)
+        try:
+            for page in ("page 1", "page 2", "page 3"):
+                console.submit(Arrive(page), Origin(page)).result(PATIENCE_S)
+            guesses = [console.submit(TakeControl("0"), Origin("page 2"))]
+            for ask, page in ((SetSpeed(0.5), "page 1"), (TakeControl("4711"), "page 3")):
+                console.submit(ask, Origin(page)).result(PATIENCE_S)
+                assert not guesses[0].finished.done()
+        finally:
+            console.close()
 
 
 def test_only_its_own_console_tells_an_arm_of_wrong_pins(operator: Client) -> None:
