@@ -37,7 +37,6 @@ class Identity:
 
     firmware: FirmwareReport
     capabilities: CapabilityReport
-    fresh: bool  # whether it started while the line was open: it has driven no servo yet
 
 
 class FirmataLine:
@@ -65,12 +64,12 @@ class FirmataLine:
         ``BoardTimeoutError`` without an answer, ``BoardProtocolError`` where it is not in Firmata.
         """
         self._transport.discard_input()
-        fresh = self._await_version(ask_after_s)
+        self._await_version(ask_after_s)
         firmware = self._ask(codec.FIRMWARE_QUERY, FirmwareReport, "its firmware")
         # The board answers in order: whatever it said of itself while starting lies before this answer.
         capabilities = self._ask(codec.CAPABILITY_QUERY, CapabilityReport, "its pins' capabilities")
         self._identified = True
-        return Identity(firmware, capabilities, fresh)
+        return Identity(firmware, capabilities)
 
     def pin_state(self, pin: int, wait_s: float) -> PinState:
         """Ask for the state of a pin; ``BoardTimeoutError`` where it does not come within ``wait_s``."""
@@ -107,17 +106,17 @@ class FirmataLine:
         for data in pieces(self._transport, wait_s, self._now):
             yield from self._parse(data)
 
-    def _await_version(self, ask_after_s: float) -> bool:
-        """Wait for a version report: the parser is between two messages then. Whether it came unasked."""
-        wait_s, left_s, asked = ask_after_s, _OPEN_S, False
+    def _await_version(self, ask_after_s: float) -> None:
+        """Wait for a version report: the parser is between two messages then."""
+        wait_s, left_s = ask_after_s, _OPEN_S
         while left_s > 0.0:
             for reply in self.listen(min(wait_s, left_s)):
                 if isinstance(reply, VersionReport):
-                    return not asked
+                    return
             left_s -= wait_s
             if left_s > 0.0:
                 self.send(codec.VERSION_QUERY)
-                wait_s, asked = _ASK_AGAIN_S, True
+                wait_s = _ASK_AGAIN_S
         if not self._received:
             raise BoardTimeoutError(
                 f"{self.name}: no answer within {_OPEN_S:g} s. Is it an Arduino with StandardFirmata? If "
