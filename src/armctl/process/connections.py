@@ -28,7 +28,8 @@ _WIRE = logging.getLogger("armctl.process.wire")
 _WIRE.setLevel(logging.ERROR)  # a client that hangs up is no news
 _READ_BYTES = 64 * 1024
 _PING_S, _LINGER_S = 0.25, 0.5
-_READ_OUT_EVERY_S = 0.02
+_READ_AT_ONCE, _READ_SLOWLY_S = 128 * 1024, 0.004
+_FLOODS_WAIT, _FLOOD_WAITS_S = 32, 3.0
 _MOST_UNREAD = 64 * 1024
 """bytes that the system keeps of a client's flood before it has to wait; else it takes megabytes"""
 MOST_UNSENT = 16 * 1024 * 1024
@@ -181,19 +182,26 @@ class WebSocketConnection:
         """End it at once."""
         self._writer.transport.abort()
 
-    async def finish(self) -> None:
-        """Say goodbye, behind what was sent, once the other end has had the time to read it."""
+    async def finish(self) -> bool:
+        """Say goodbye, behind what was sent, once the other end has had the time to read it.
+
+        Whether it goes on sending all the same.
+        """
         if self._protocol.state is OPEN:
             self._protocol.send_close(1000)
             self._write()
-        await _read_out(self._reader)
+        return await _read_out(self._reader)
 
     def close(self) -> None:
         """End it, and keep nothing of what came: the garbage collector looks at it late."""
         self._writer.close()
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing more is read, and nothing is kept of what came."""
         self._messages.clear()
         self._parts.clear()
-        self._reader = asyncio.StreamReader()
+        self._protocol, self._reader = ServerProtocol(), asyncio.StreamReader()
 
     def _take(self, event: object) -> None:
         if isinstance(event, Frame) and event.opcode in (Opcode.TEXT, Opcode.BINARY, Opcode.CONT):
@@ -217,15 +225,22 @@ def _write_eof(writer: asyncio.StreamWriter) -> None:
             writer.write_eof()
 
 
-async def _read_out(reader: asyncio.StreamReader) -> None:
+async def _read_out(reader: asyncio.StreamReader) -> bool:
     """Read what still comes: closed with input unread, it would be reset, and what was sent last lost.
 
-    Slowly: to read the whole of a flood would cost as much as serving it.
+    A flood is read slowly, as it would cost as much as serving it. Whether it still comes at the end.
     """
-    with suppress(TimeoutError, OSError):
-        async with asyncio.timeout(_LINGER_S):
-            while await reader.read(_READ_BYTES):
-                await asyncio.sleep(_READ_OUT_EVERY_S)
+    size = 0
+    with suppress(OSError):
+        try:
+            async with asyncio.timeout(_LINGER_S):
+                while data := await reader.read(_READ_BYTES):
+                    size += len(data)
+                    if size > _READ_AT_ONCE:
+                        await asyncio.sleep(_READ_SLOWLY_S)
+        except TimeoutError:
+            return size > _READ_AT_ONCE
+    return False
 
 
 Attend = Callable[[Connection, bool, str], Awaitable[None]]
@@ -243,8 +258,14 @@ async def attend_stream(attend: Attend, reader: asyncio.StreamReader, writer: as
         stream.close()
 
 
-async def attend_websocket(attend: Attend, line: socket.socket, request: bytes) -> None:
-    """Serve one client of a websocket that is handed over with its request."""
+async def attend_websocket(
+    attend: Attend, line: socket.socket, request: bytes, floods: asyncio.Semaphore
+) -> None:
+    """Serve one client of a websocket that is handed over with its request.
+
+    One that is shut out and goes on sending has to wait, instead of connecting anew at once: so many
+    ``floods`` wait at a time.
+    """
     source = source_of(line.getpeername())
     reader, writer = await asyncio.open_connection(sock=line)
     websocket = WebSocketConnection(reader, writer)
@@ -253,7 +274,12 @@ async def attend_websocket(attend: Attend, line: socket.socket, request: bytes) 
         await websocket.open(request)
         pings = asyncio.create_task(websocket.ping())
         await attend(websocket, True, source)
-        await websocket.finish()
+        if await websocket.finish() and not floods.locked():
+            async with floods:
+                copy = line.dup()
+                websocket.close()
+                await asyncio.sleep(_FLOOD_WAITS_S)
+                copy.close()
     except (EOFError, WebSocketException):
         _WIRE.debug("a websocket was broken off", exc_info=True)
     finally:
@@ -270,6 +296,7 @@ class Hands:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.bind(str(hands_of(address)))
+        self._floods = asyncio.Semaphore(_FLOODS_WAIT)
         self._tasks: set[asyncio.Task[None]] = set()
         asyncio.get_running_loop().add_reader(self._socket, self._take)
 
@@ -291,6 +318,6 @@ class Hands:
         line = socket.socket(fileno=descriptors[0])
         line.setblocking(False)
         line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _MOST_UNREAD)
-        task = asyncio.create_task(attend_websocket(self._attend, line, request))
+        task = asyncio.create_task(attend_websocket(self._attend, line, request, self._floods))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
