@@ -496,7 +496,7 @@ def test_wrong_pins_are_counted_on_by_the_new_arm_and_pages_keep_their_source(ri
     rig.desk.sources["page 7"] = "pages at 10.0.0.7"
     rig.change("mico")
     said = [one for one in rig.opened["mico"].commands if isinstance(one, ControlCommand)]
-    assert said == [RememberWrongPins(guessed), Arrive("Bob")]
+    assert said == [Arrive("Bob"), RememberWrongPins(guessed)]
     assert rig.desk.origin("page 7") == Origin("page 7", source="pages at 10.0.0.7")
 
 
