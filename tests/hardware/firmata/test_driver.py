@@ -54,7 +54,7 @@ def test_the_bytes_of_a_whole_session(clock: ManualClock):
         around,  # the one that was right last is asked last
         "f0 6f 09 5d 0b f7",  # 1501, and nothing for the pin that stays
         around,
-        f"{off_22} {off_9}",
+        f"{off_22} f5 16 00 {off_9} f5 09 00",  # and low
         f"f0 6d 32 f7 {questions}",
         f"f0 6d 33 f7 {questions}",
         around,

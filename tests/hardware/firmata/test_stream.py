@@ -228,7 +228,7 @@ BUFFER = 64
 OWN_SERVOS, SHARED_SERVOS = (2, 3), (2, 4)
 LED = 13
 ATTACHED = "f0 70 09 68 07 50 0f f7 f0 6f 09 5c 0b f7"
-SPARE = "f0 70 0d 68 07 50 0f f7 f0 6f 0d 5c 0b f7 f4 0d 01"
+SPARE = "f0 70 0d 68 07 50 0f f7 f0 6f 0d 5c 0b f7 f4 0d 01 f5 0d 00"
 
 
 def table_of(*pins: int) -> ChannelTable:

@@ -89,6 +89,12 @@ def pin_mode(pin: int, mode: PinMode) -> bytes:
     return bytes((Command.SET_PIN_MODE, pin, mode))
 
 
+def pin_low(pin: int) -> bytes:
+    """Set a pin low that is an output; sketches before protocol 2.5 ignore it."""
+    _check("pin", pin, 0, _MAX_PIN)
+    return bytes((Command.SET_DIGITAL_PIN, pin, 0))
+
+
 def servo_config(pin: int, minimum_us: int, maximum_us: int) -> bytes:
     """Attach a servo with pulses limited to a range [µs].
 

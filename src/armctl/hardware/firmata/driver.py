@@ -186,7 +186,9 @@ class FirmataDriver:
         self._take(line.receive())
         # The sketch gives a freed servo to the pin attached next, with the last width it sent. Freed
         # highest first and attached lowest first, each pin gets its own again.
-        request = b"".join(codec.pin_mode(pin, PinMode.OUTPUT) for pin in reversed(self._table.channels))
+        # A sketch from 2.5 on leaves a pin high that it frees in the middle of a pulse.
+        pins = self._table.channels[::-1]
+        request = b"".join(codec.pin_mode(pin, PinMode.OUTPUT) + codec.pin_low(pin) for pin in pins)
         still_on: Sequence[int] = ()
         for _ in range(_RELEASE_ATTEMPTS):
             self._stream.send(request)

@@ -440,7 +440,8 @@ class Attacher:
         request = _setting(pin, pulse_us, table, pin)
         if self._spare is not None:
             spare = _setting(self._spare, pulse_us, table, pin)
-            return spare + codec.pin_mode(self._spare, PinMode.OUTPUT) + request, 0
+            off = codec.pin_mode(self._spare, PinMode.OUTPUT) + codec.pin_low(self._spare)
+            return spare + off + request, 0
         return (request, 0) if kept else self._held(request, now)
 
     def _held(self, request: bytes, now: float) -> tuple[bytes, int]:
