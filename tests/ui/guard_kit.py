@@ -84,6 +84,11 @@ class RawPage:
     def introduce(self) -> None:
         self.say("ViewerCameraMessage", **CAMERA)
 
+    def operate(self) -> None:
+        """Open the console's page on an arm that is enabled, and wait until it operates: that comes last."""
+        self.introduce()
+        self.read_until(b"the arm is enabled already")
+
     def set(self, uuid: object, value: object) -> None:
         self.say("GuiUpdateMessage", uuid=uuid, updates={"value": value})
 

@@ -22,8 +22,7 @@ def outlines() -> dict[str, str]:
         served_arm(Path(folder)) as served,
         RawPage(served.app.server.get_port()) as raw,
     ):
-        raw.introduce()
-        raw.read_until(b"Download report")
+        raw.operate()
         (page,) = served.app._pages.values()
 
         async def built() -> dict[str, str]:

@@ -33,8 +33,7 @@ def test_garbage_for_every_control_gives_at_most_a_refusal(
             arrived.set()
 
     with served_arm(tmp_path) as served, RawPage(served.app.server.get_port()) as page:
-        page.introduce()
-        page.read_until(b"Download report")
+        page.operate()
         (client,) = served.app.server.get_clients().values()
         handles = tuple(client.gui._gui_input_handle_from_uuid.values())
         (speed,) = (handle for handle in handles if getattr(handle, "label", "") == "Speed %")
@@ -75,8 +74,7 @@ def test_a_page_that_cannot_be_built_does_not_operate(tmp_path: Path) -> None:
         port = served.app.server.get_port()
         with RawPage(port) as broken, RawPage(port) as page:
             broken.say("ViewerCameraMessage", **{**CAMERA, "image_height": 0})
-            page.introduce()
-            page.read_until(b"Download report")
+            page.operate()
             (built,) = served.app._pages
             operator = served.now.control.operator
             assert operator is not None and operator.id == page_name(built)
@@ -84,8 +82,7 @@ def test_a_page_that_cannot_be_built_does_not_operate(tmp_path: Path) -> None:
 
 def test_a_target_out_of_this_world_ends_the_live_target(tmp_path: Path) -> None:
     with served_arm(tmp_path) as served, RawPage(served.app.server.get_port()) as page:
-        page.introduce()
-        page.read_until(b"Download report")
+        page.operate()
         (client,) = served.app.server.get_clients().values()
         handles = client.gui._gui_input_handle_from_uuid.values()
         (switch,) = (handle for handle in handles if getattr(handle, "label", "") == "Live target")
@@ -111,8 +108,7 @@ def test_what_a_page_does_beside_its_callbacks_is_logged_when_it_fails(
         session.close()
 
     with served_arm(tmp_path) as served, RawPage(served.app.server.get_port()) as page:
-        page.introduce()
-        page.read_until(b"Download report")
+        page.operate()
         (session,) = (page.session for page in served.app._pages.values())
         asyncio.run_coroutine_threadsafe(spawn(), served.app.server.get_event_loop()).result(PATIENCE_S)
     ours = [record for record in caplog.records if record.name.startswith("armctl")]
