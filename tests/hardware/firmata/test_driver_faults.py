@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from itertools import pairwise
 
@@ -140,6 +141,23 @@ def test_a_garbled_answer_never_moves_anything(session, board, faults, seed: int
     assert {pulse.width_us for pulse in board.pulses(9)} == {1500}
     assert {pulse.width_us for pulse in board.pulses(22)} == {1600}
     assert session.frame(ON).positions == ON
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_minute_of_garbled_answers_gives_nothing_up(connect, seed: int):
+    board = SimulatedFirmata()
+    session = connect(FaultyModel(board, seed, [trouble("garble-reply:0.05@2")]))
+    session.switch_on(ON)
+    pulse_us, told = 1500.0, 0
+    for frame in range(3000):
+        pulse_us = 1600.0 + 100.0 * math.sin(frame / 40)
+        try:
+            session.frame({9: pulse_us, 22: 1600.0})
+        except (BoardTimeoutError, BoardProtocolError):
+            told += 1
+    steps = [abs(after.width_us - before.width_us) for before, after in pairwise(board.pulses(9))]
+    assert max(steps[100:]) <= 6
+    assert told
 
 
 def test_a_broken_message_says_so(session, faults):

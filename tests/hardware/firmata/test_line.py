@@ -6,7 +6,7 @@ import pytest
 from tests.hardware.lines import LoopTransport
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
-from armctl.hardware.firmata.codec import PinState
+from armctl.hardware.firmata.codec import PinState, VersionReport
 from armctl.hardware.firmata.line import FirmataLine
 from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.runtime.clock import ManualClock
@@ -158,6 +158,13 @@ def test_after_a_restart_nothing_more_is_sent(clock: ManualClock):
         with pytest.raises(BoardError, match=r"the board has restarted .* connect again"):
             call()
     assert len(transport.bursts) == count
+
+
+def test_another_version_than_before_is_a_garbled_message(clock: ManualClock):
+    line, transport = line_to(SimulatedFirmata(), clock)
+    line.identify(ask_after_s=0.2)
+    transport._received += bytes.fromhex("f9 01 04")
+    assert line.receive() == [VersionReport(1, 4)]
 
 
 class BreakingTransport(LoopTransport):

@@ -225,7 +225,8 @@ class ReplyParser:
                 replies += _decode(bytes(raw[1:]))
             elif byte & _COMMAND_BIT:
                 replies += [Malformed(bytes(raw))] if raw else []
-                self._raw = bytearray((byte,) if _length(byte) else ())
+                name_report = bytes(raw) == _START and byte == Command.REPORT_VERSION  # with one bit wrong
+                self._raw = bytearray((byte,) if _length(byte) and not name_report else ())
             elif raw:
                 raw.append(byte)
                 if len(raw) == _length(raw[0]):
@@ -259,8 +260,8 @@ def _decode(body: bytes) -> list[Reply]:
         # Pin, mode, and the value in as many 7-bit bytes as it needs, low one first.
         value = sum(byte << 7 * place for place, byte in enumerate(data[2:]))
         return [PinState(data[0], data[1], value)]
-    if kind == Sysex.STRING_DATA and even:
-        return [BoardText(_text(data))]
+    if kind == Sysex.STRING_DATA and even and (text := _text(data)).isprintable():
+        return [BoardText(text)]
     return [Malformed(body)] if kind is None or kind in _DECODED else []
 
 

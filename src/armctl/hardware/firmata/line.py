@@ -53,6 +53,7 @@ class FirmataLine:
         self._transport = transport
         self._now = now
         self._parser = ReplyParser()
+        self._version: VersionReport | None = None
         self._identified = False
         self._received = b""
         self._lost: str | None = None
@@ -112,6 +113,7 @@ class FirmataLine:
         while left_s > 0.0:
             for reply in self.listen(min(wait_s, left_s)):
                 if isinstance(reply, VersionReport):
+                    self._version = reply
                     return
             left_s -= wait_s
             if left_s > 0.0:
@@ -147,7 +149,8 @@ class FirmataLine:
         if not self._identified:
             self._received = (self._received + data)[-_KEPT:]
         # The version is never asked for once the board is known; a board that starts tells it by itself.
-        elif any(isinstance(reply, VersionReport) for reply in replies):
+        # Another one than before is a garbled message.
+        elif self._version in replies:
             raise self.lose(
                 "the board has restarted (reset button, or its supply broke down): its servos "
                 "are off and the arm may have dropped; check the supply, then connect again"

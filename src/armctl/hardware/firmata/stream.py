@@ -16,6 +16,8 @@ from armctl.hardware.firmata.codec import PinMode, PinState
 
 _CERTAIN = 2
 """answers carry no checksum: one alone does not prove that a pin is on or off, or what its width is"""
+_GONE = 3
+"""in a row they prove that a pin is not as it was seen before, which gives the arm up"""
 _ATTACH_ATTEMPTS = 3
 _ATTACHING_S = 1.0
 """so long after it was switched on first a pin may be tried again: it must not come on when nobody waits"""
@@ -144,7 +146,9 @@ class PinWatch:
     def switched_off(self) -> tuple[int, ...]:
         """The pins that the board has off for certain while they should be on."""
         return tuple(
-            number for number, pin in self._pins.items() if pin.on and pin.contradictions >= _CERTAIN
+            number
+            for number, pin in self._pins.items()
+            if pin.on and pin.contradictions >= (_GONE if pin.seen_on else _CERTAIN)
         )
 
     @property
@@ -301,7 +305,7 @@ class PinWatch:
                 if pin.on and pin.contradictions >= _CERTAIN and again:
                     pin.on, pin.doubtful, pin.held_us, pin.contradictions = False, True, None, 0
                 return None
-            if pin.contradictions < _CERTAIN:
+            if pin.contradictions < _GONE:
                 return None
             return (
                 f"pin {state.pin} is {'still on' if on else 'no longer on'} at the board, though armctl "
