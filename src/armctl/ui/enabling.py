@@ -81,7 +81,7 @@ def show_typed(
         return
     problem.show("")
     there = seen_moving is not None and bool(np.abs(q - seen_moving).max() <= _ROUNDED_RAD)
-    session.ghost.show(q, owner, label="moving when last seen" if there else None)
+    session.ghost.show(q, owner, label="was moving" if there else None)
 
 
 class EnableButton:

@@ -204,7 +204,9 @@ class ArmFigure:
         """Write words at the tool point; None: nothing."""
         if words is not None and (self._label is None or self._label.text != words):
             self.say(None)
-            self._label = self._scene.add_label(f"{self._name}/{self._tool}/words", words)
+            self._label = self._scene.add_label(
+                f"{self._name}/{self._tool}/words", words, anchor="bottom-center"
+            )
             send_pose(self._label)
         elif words is None and self._label is not None:
             self._label.remove()
