@@ -17,6 +17,7 @@ from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.continuum import moving_joints
 from armctl.kinematics.energy import FROM_START, Criterion, EnergyModel, checked_criterion, energies
+from armctl.kinematics.from_start import Continuum
 from armctl.kinematics.target import Target, as_numbers, elevation
 
 THERE_M = 1e-7
@@ -29,6 +30,8 @@ _SAME_TIME = 9
 """decimals of a time that count [s]"""
 _SAME_TORQUE = 12
 """decimals of a sum of squared torques that count, by the least one"""
+_GAIN = 1e-6
+"""by what share a solution must be better than all of the list to be taken beside it"""
 _ALIGNED = 1e-9
 """sine of the angle up to which a roll axis is along the approach axis"""
 
@@ -36,6 +39,10 @@ _ALIGNED = 1e-9
 Choice = str | Callable[[FloatArray, FloatArray | None], ArrayLike]
 """A named criterion, or one of your own: of the solutions (k, n) [rad] and the start (n,) [rad], or None
 where none is given, it makes k energies. The least is chosen; infinity excludes one."""
+
+
+Further = Callable[[Criterion, FloatArray], FloatArray]
+"""By a criterion and from a start (n,) [rad], further solutions (m, n), the one of least travel among them."""
 
 
 class Listed(Protocol):
@@ -82,7 +89,7 @@ class Solutions:
         reason: str | Callable[[], str] | None = None,
         nearest_q: FloatArray | None = None,
         incomplete_reason: str | None = None,
-        travel: Callable[[FloatArray], FloatArray] | None = None,
+        further: Further | None = None,
     ) -> None:
         """What a solver found.
 
@@ -96,12 +103,11 @@ class Solutions:
             reason: why there is none, or what finds that out (a search may take long); None when solved.
             nearest_q: (n,) configuration that comes nearest where there is no solution [rad].
             incomplete_reason: why solutions may be missing, in words; None where a look at the list decides.
-            travel: from a start (n,) [rad], further solutions (m, n) of a continuum, the one of least travel
-                among them.
+            further: solutions of a continuum by a criterion ``FROM_START``.
         """
         self.arm, self.target, self._q, self._index = arm, target, q, branch_index
         self.free_joint, self.least_rotation = free_joint, least_rotation
-        self._reason, self.travel, self._missing = reason, travel, incomplete_reason
+        self._reason, self.further, self._missing = reason, further, incomplete_reason
         self.nearest_q = None if nearest_q is None else lock(nearest_q)
 
     @cached_property
@@ -289,10 +295,9 @@ class Solutions:
     def best(self, criterion: Choice = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
         """The configuration (n,) [rad] of least energy by one of ``energy.CRITERIA``, or your own ``Choice``.
 
-        Over a continuum ``least-rotation`` and ``least-travel`` are exact where the arm's family can do it,
-        not only the best of the list. ``shortest-time`` is the best of the list and of the rows that those
-        two consider. The criteria ``FROM_START`` need ``start`` (n,) [rad], where the arm stands; the others
-        only check it. Raises ``UnreachableError``: there is no solution, or none that the criterion admits;
+        Over a continuum ``least-rotation``, ``least-travel`` and ``shortest-time`` are not only the best of the
+        list: they are exact where the arm's family can do it, and else continued from the best. The criteria
+        ``FROM_START`` need ``start`` (n,) [rad], where the arm stands; the others only check it. Raises ``UnreachableError``: there is no solution, or none that the criterion admits;
         ``InputError``: no such criterion, a start that is missing, or one that is no configuration.
         """
         own = not isinstance(criterion, str) and callable(criterion)
@@ -307,8 +312,10 @@ class Solutions:
         q = self.q
         if name is not None:
             q = self.taken(q, name, begin)
-            if name in FROM_START and begin is not None and self.travel is not None:
-                q = np.concatenate([self.taken(self.travel(begin), name, begin), q])
+            if name in FROM_START and begin is not None:
+                if self.further is not None:
+                    q = np.concatenate([self.taken(self.further(name, begin), name, begin), q])
+                q = np.concatenate([q, self._continued(name, q, begin)])
         energy = self.energies(criterion, begin) if name is None else self._energies(name, q, begin)
         i = int(self._ranked(name, energy, q, begin)[0])
         if energy[i] == math.inf:
@@ -316,6 +323,29 @@ class Solutions:
             which = "the only solution" if len(self) == 1 else f"all {len(self)} solutions"
             raise UnreachableError(f"{said} excludes {which}")
         return q[i].copy()
+
+    def _continued(self, name: Criterion, q: FloatArray, start: FloatArray) -> FloatArray:
+        """Solutions (m, n) that are better by a criterion ``FROM_START`` than the best of ``q`` (k, n)."""
+        arm = self.arm
+        exact = self.further is not None and (name == "least-travel" or self.target.rotation is not None)
+        none = np.empty((0, arm.chain.n))
+        if exact or arm.limits is None:
+            return none
+        energy = self._energies(name, q, start)
+        best = q[int(energy.argmin())]
+        limits = arm.limits.copy()
+        for joint in (self.free_roll, None if self.target.roll is None else arm.roll_joint):
+            if joint is not None:
+                limits[joint] = best[joint]
+        up = np.array([0.0, 0.0, 1.0]) if arm.up is None else arm.up
+        continuum = Continuum(arm.chain, limits, self.target, up)
+        if continuum.spare < 1:
+            return none
+        if name == "least-travel":
+            found = continuum.least_travel(q, start, 1.0 / arm.energy.speed_limits)
+        else:
+            found = continuum.shortest_time(q, start, arm.energy)
+        return found[self._energies(name, found, start) < energy.min() * (1.0 - _GAIN)]
 
     def turned_off(self, q: FloatArray) -> str | None:
         """How a configuration (n,) [rad] misses the rotation that was asked for; None where it does not."""

@@ -16,7 +16,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import TWO_PI, each_once, images, rest_angle
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.energy import Criterion, EnergyModel
 from armctl.kinematics.numeric.solver import NumericSolver
 from armctl.kinematics.offset_roll.geometry import OffsetRoll, recognise_offset_roll
 from armctl.kinematics.offset_roll.roll_sweep import Place, RollSweep
@@ -160,14 +160,14 @@ class OffsetRollSolver(InverseKinematics):
     def _rolled(self, target: Target, roll: float, step: float) -> Solutions:
         """The answer with the roll joint held at an angle [rad]."""
         inner = self._at(roll).solve(target._replace(roll=None), step)
-        least, travel, nearest = inner.least_rotation, inner.travel, inner.nearest_q
+        least, further, nearest = inner.least_rotation, inner.further, inner.nearest_q
 
         def optimum() -> FloatArray | None:
             found = None if least is None else least()
             return None if found is None else np.append(found, roll)
 
-        def travelled(start: FloatArray) -> FloatArray:
-            q = np.empty((0, self.chain.n - 1)) if travel is None else travel(start[:-1])
+        def with_roll(criterion: Criterion, start: FloatArray) -> FloatArray:
+            q = np.empty((0, self.chain.n - 1)) if further is None else further(criterion, start[:-1])
             return np.column_stack([q, np.full(len(q), roll)])
 
         return Solutions(
@@ -179,7 +179,7 @@ class OffsetRollSolver(InverseKinematics):
             least_rotation=None if least is None else optimum,
             reason=inner.reason,
             nearest_q=None if nearest is None else np.append(nearest, roll),
-            travel=None if travel is None else travelled,
+            further=None if further is None else with_roll,
         )
 
     # The roll is free.
@@ -195,13 +195,13 @@ class OffsetRollSolver(InverseKinematics):
             found = self._sweep.candidates(place, zero, ones, step, rows.q)
             return found[int(np.abs(found).sum(axis=1).argmin())].copy()
 
-        def travel(start: FloatArray) -> FloatArray:
+        def further(_: Criterion, start: FloatArray) -> FloatArray:
             return self._sweep.candidates(place, start, 1.0 / self.energy.speed_limits, step, rows.q)
 
         reason = f"{rows.left_out} more differ by whole turns" if rows.left_out else None
         return Solutions(
             self._arm, target, rows.q, rows.branch, free_joint=self.geometry.joint, least_rotation=optimum,
-            incomplete_reason=reason, travel=travel,
+            incomplete_reason=reason, further=further,
         )  # fmt: skip
 
     def _doubly_free(self, target: Target, step: float) -> Solutions:
@@ -218,12 +218,12 @@ class OffsetRollSolver(InverseKinematics):
         def optimum() -> FloatArray | None:
             return self._least_over_rolls(target, np.zeros(self.chain.n), np.ones(self.chain.n), roll)[0]
 
-        def travel(start: FloatArray) -> FloatArray:
+        def further(_: Criterion, start: FloatArray) -> FloatArray:
             return self._least_over_rolls(target, start, 1.0 / self.energy.speed_limits, roll)
 
         return Solutions(
             self._arm, target, found.q, found.branch_index, free_joint=found.free_joint,
-            least_rotation=optimum, incomplete_reason=reason, travel=travel,
+            least_rotation=optimum, incomplete_reason=reason, further=further,
         )  # fmt: skip
 
     def _reaches(self, target: Target, roll: float) -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, all_images, images
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.energy import Criterion, EnergyModel, energies
 from armctl.kinematics.numeric.solver import NumericSolver
 from armctl.kinematics.redundant.locked import JOINTS, Found, IndexArray, LockedArm
 from armctl.kinematics.samples import checked_step, grid_values
@@ -101,7 +101,7 @@ class RedundantSolver(InverseKinematics):
         return Solutions(
             self._arm, target, q, branch.astype(np.int8), free_joint=self._locked.joint,
             least_rotation=partial(self._least_rotation, pose, found, step), incomplete_reason=reason,
-            travel=partial(self._travel, pose, found, step),
+            further=partial(self._further, pose, found, step),
         )  # fmt: skip
 
     def _with(self, pose: FloatArray, found: Found, q: FloatArray) -> Found:
@@ -276,13 +276,15 @@ class RedundantSolver(InverseKinematics):
         least = turned.min(initial=np.inf)
         return q[int(turned.argmin())] if least <= np.abs(found.q).sum(axis=1).min() else None
 
-    def _travel(self, pose: FloatArray, found: Found, step: float, start: FloatArray) -> FloatArray:
-        """(m, 7) those of least travel from ``start`` (7,), as near to it as whole turns allow [rad]."""
+    def _further(
+        self, pose: FloatArray, found: Found, step: float, criterion: Criterion, start: FloatArray
+    ) -> FloatArray:
+        """(m, 7) the best by a criterion from ``start`` (7,), as near to it as whole turns allow [rad]."""
 
-        def travel(q: FloatArray) -> FloatArray:
-            return (np.abs(self._toward(q, start) - start) / self.energy.speed_limits).sum(axis=1)
+        def cost(q: FloatArray) -> FloatArray:
+            return energies(criterion, self._toward(q, start), self.energy, (), start)
 
-        return self._toward(self._refined(pose, found, step, travel), start)
+        return self._toward(self._refined(pose, found, step, cost), start)
 
     def _toward(self, q: FloatArray, start: FloatArray) -> FloatArray:
         """Configurations (m, 7) at the images inside the limits nearest to ``start`` (7,) [rad]."""

@@ -15,11 +15,11 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.energy import Criterion, EnergyModel
 from armctl.kinematics.numeric.descent import Starts, come_nearest
 from armctl.kinematics.numeric.goals import PositionGoal
 from armctl.kinematics.samples import checked_step
-from armctl.kinematics.solutions import Solutions, SolvedArm, all_needs, needs, too_far, too_near
+from armctl.kinematics.solutions import Further, Solutions, SolvedArm, all_needs, needs, too_far, too_near
 from armctl.kinematics.solver import InverseKinematics, held_roll, roll_angles
 from armctl.kinematics.spherical_shoulder.geometry import (
     SPHERICAL_BRANCHES,
@@ -160,16 +160,16 @@ class SphericalShoulderSolver(InverseKinematics):
             found = least_rotation(swivels)
             return None if found is None else self._with_roll(found[None], roll)[0]
 
-        def travel(start: FloatArray) -> FloatArray:
+        def further(_: Criterion, start: FloatArray) -> FloatArray:
             weights = (1.0 / self.energy.speed_limits[:3]).tolist()
             return self._with_roll(least_candidates(swivels, start[:3].tolist(), weights), roll)
 
         if len(q):
-            return self._solved(target, q, optimum, travel, free=self.free_joint)
+            return self._solved(target, q, optimum, further, free=self.free_joint)
         single = optimum()  # a sliver between two grid values, or a single configuration
         if single is None:
             return self._without(target, swivels, roll)
-        return self._solved(target, single[None], optimum, travel)
+        return self._solved(target, single[None], optimum, further)
 
     def _without(self, target: Target, swivels: Sequence[Swivel], roll: float) -> Solutions:
         """Refuses, unless the nearest point is the target after all."""
@@ -224,12 +224,12 @@ class SphericalShoulderSolver(InverseKinematics):
         target: Target,
         q: FloatArray,
         optimum: Callable[[], FloatArray | None] | None = None,
-        travel: Callable[[FloatArray], FloatArray] | None = None,
+        further: Further | None = None,
         free: int | None = None,
     ) -> Solutions:
         q = q[:, : self.chain.n]
         index = spherical_branch_index(self.geometry, q)
-        return Solutions(self._arm, target, q, index, free_joint=free, least_rotation=optimum, travel=travel)
+        return Solutions(self._arm, target, q, index, free_joint=free, least_rotation=optimum, further=further)
 
     def _refused(self, target: Target, reason: str, nearest: FloatArray) -> Solutions:
         """With the roll joint as near as its limits allow to what was asked for."""

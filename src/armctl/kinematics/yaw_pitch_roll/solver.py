@@ -22,7 +22,7 @@ from armctl.kinematics.angles import (
     quaternion_wxyz,
 )
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.energy import Criterion, EnergyModel
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step
 from armctl.kinematics.solutions import BatchSolutions, Solutions, SolvedArm
 from armctl.kinematics.solver import NO_ROLL, InverseKinematics, held_roll, roll_angles
@@ -216,7 +216,7 @@ class YawPitchRollSolver(InverseKinematics):
             found = None if self._least is None else self._least.solve(branches, z)
             return None if found is None else self._with_roll(found, roll)
 
-        def travel(start: FloatArray) -> FloatArray:
+        def further(_: Criterion, start: FloatArray) -> FloatArray:
             q = self.least_candidates(target, start, 1.0 / self.energy.speed_limits)
             q[:, 4:] = roll
             return q
@@ -225,7 +225,7 @@ class YawPitchRollSolver(InverseKinematics):
         if len(index):
             free = self.free_joint
             return Solutions(
-                self._arm, target, q.T, index, free_joint=free, least_rotation=optimum, travel=travel
+                self._arm, target, q.T, index, free_joint=free, least_rotation=optimum, further=further
             )
         single = optimum()  # a sliver between two grid values, or a single stretched configuration
         if single is None:
@@ -234,7 +234,7 @@ class YawPitchRollSolver(InverseKinematics):
         turn = self.geometry.yaw_sign * float(single[0])
         front = x * math.cos(turn) + y * math.sin(turn) >= 0.0
         name = branch_index(front, bend_sense(self.geometry.plane_angle(2, float(single[3]))))
-        return Solutions(self._arm, target, [single.tolist()], [name], least_rotation=optimum, travel=travel)
+        return Solutions(self._arm, target, [single.tolist()], [name], least_rotation=optimum, further=further)
 
     def least_candidates(self, target: Target, start: FloatArray, weights: FloatArray) -> FloatArray:
         """Configurations (m, n) on a position among which Σ weight · |θ - start| is least, exact.
