@@ -17,7 +17,7 @@ from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.continuum import moving_joints
 from armctl.kinematics.energy import FROM_START, Criterion, EnergyModel, checked_criterion, energies
-from armctl.kinematics.from_start import Continuum
+from armctl.kinematics.on_target import OnTarget
 from armctl.kinematics.target import Target, as_numbers, elevation
 
 THERE_M = 1e-7
@@ -338,7 +338,7 @@ class Solutions:
             if joint is not None:
                 limits[joint] = best[joint]
         up = np.array([0.0, 0.0, 1.0]) if arm.up is None else arm.up
-        continuum = Continuum(arm.chain, limits, self.target, up)
+        continuum = OnTarget(arm.chain, limits, self.target, up)
         if continuum.spare < 1:
             return none
         if name == "least-travel":

@@ -25,6 +25,7 @@ from armctl.kinematics.numeric.goals import (
     pitch_goal,
     tool_motion,
 )
+from armctl.kinematics.on_target import OnTarget
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step
 from armctl.kinematics.solutions import (
     THERE_M,
@@ -103,6 +104,8 @@ _REFINED = 48
 """how many of the best are refined where the goal can only be approached"""
 _FEW = 4
 """how many are refined of those that meet a goal"""
+_ONE_WAY = 0.05
+"""configurations this near to each other lead to one nearest orientation [rad]"""
 _BEGUN, _HELD = 12, 64
 """from how many of a continuum a least sum of turns is looked for; and choices of joints that are held"""
 _DOWNHILL, _ROUNDED, _STANDS = 3, 0.01, 0.03
@@ -292,7 +295,13 @@ class NumericSolver(InverseKinematics):
         if len(q) == 0:
             return q
         best = q[np.argsort(wish.cost(tool_motion(self.chain, q))[0], kind="stable")[:_REFINED]]
-        return self._holding(order, come_nearest_holding(self.chain, order, wish, best, box))
+        if not (isinstance(order, PositionGoal) and isinstance(wish, RotationGoal)):
+            return self._holding(order, come_nearest_holding(self.chain, order, wish, best, box))
+        near = come_nearest_holding(self.chain, order, wish, best, box, roughly=True)
+        near = near[np.argsort(wish.cost(tool_motion(self.chain, near))[0], kind="stable")]
+        near = near[distinct(near, _ONE_WAY)[:_FEW]]
+        on_point = OnTarget(self.chain, box, Target.of(order.point), np.array([0.0, 0.0, 1.0]))
+        return self._holding(order, np.vstack([best, on_point.nearest_rotation(near, wish.rotation)]))
 
     def _holding(self, order: Goal, q: FloatArray) -> FloatArray:
         """Those of ``q`` that meet an order, each once."""

@@ -285,7 +285,7 @@ class OffsetRollSolver(InverseKinematics):
             q = np.array([one for one, _ in found])
             kept: list[int] = each_once(q, _SAME).tolist()
             return Solutions(self._arm, target, q[kept], [found[i][1] for i in kept])
-        nearest = self._numeric.solve(self._local(target), DEFAULT_STEP)
+        nearest = self._numeric.approach(self._local(target), DEFAULT_STEP)
         if not nearest.success:
             return self._without(target, DEFAULT_STEP)
         index = [self._branch_of(q) for q in nearest.q]

@@ -16,7 +16,7 @@ from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel, energies
 from armctl.kinematics.numeric.solver import NumericSolver
 from armctl.kinematics.redundant.locked import JOINTS, Found, IndexArray, LockedArm
-from armctl.kinematics.samples import checked_step, grid_values
+from armctl.kinematics.samples import DEFAULT_STEP, checked_step, grid_values
 from armctl.kinematics.solutions import Solutions, SolvedArm
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.target import Target
@@ -29,12 +29,19 @@ _BESIDE = np.linspace(-1.0, 1.0, 33)
 """angles about one that a search has found, in steps of the sweep"""
 _STEEP = 64.0
 """a joint turns by no more than this times the free joint where a short run is looked for"""
-_FAR, _HALVINGS = 8.0, 16
+_FAR, _HALVINGS = 1.1, 16
 """how many steps a joint may turn from a row to the next one, and how often a step is halved for that"""
+_LISTED = math.radians(0.2)
+"""the step of a list where none is asked for, and the least one by which short runs are looked for: rows lie
+within 2 mrad of what is between them [rad]"""
 _MET_M, _MET_RAD = 1e-10, 1e-9
 """what rounding may leave of a pose; what misses more is no solution"""
-_MOST_ROWS = 500_000
+_MOST_ROWS = 50_000
 """images by whole turns are listed up to so many configurations"""
+_TURNED_OVER = 0, 1, 2, 4
+"""the branch itself, and those with another wrist, shoulder or elbow"""
+_MOST_MAXIMA = 256
+"""so many are looked at more closely: that bounds the time of any pose"""
 _MINIMA, _SECTIONS, _FINEST = 32, 8, 1e-13
 """how many minima of the list are refined, into how many parts each way, how fine [rad]"""
 
@@ -66,26 +73,27 @@ class RedundantSolver(InverseKinematics):
     def solve(self, target: Target, step: float, start: FloatArray | None = None) -> Solutions:
         """All solutions of a whole pose, the free joint in steps of ``step`` [rad], and as ``start`` has it.
 
-        The ends of each run of solutions are listed, too, and more where another joint turns far in a step. A
-        pose that has none is approached by search: the
-        position is met exactly, and the orientation as nearly as the search finds.
+        The ends of each run of solutions are listed, too, and more where another joint turns farther in a
+        step. ``DEFAULT_STEP``, which is made for quicker families, stands for 0.2°. A pose that has none is
+        approached by search: the position is met exactly, and the orientation as nearly as the search finds.
         Raises ``InputError``: ``step`` is not a positive number, or too small for a list.
         """
-        step = checked_step(step)
+        step = _LISTED if step == DEFAULT_STEP else checked_step(step)
         if target.rotation is None:
             return self._search.solve(target, step, start)
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = target.rotation, target.position
         angles = self._grid(step, start)
-        found = self._listed(pose, angles, step)
+        coarse = angles if step >= _LISTED else self._grid(_LISTED, start)
+        short = self._short_runs(pose, coarse, max(step, _LISTED))
+        found = self._listed(pose, np.append(angles, short), step)
         if start is not None:
             found = self._with(pose, found, start)
         if len(found.q) == 0:  # none, or all of them between two angles of the sweep
             searched = self._search.solve(target, step, start)
             about = searched.q[:, self._locked.joint, None] + step * _BESIDE
             if searched.success:
-                angles = np.unique(np.append(angles, self._in_turn(about.ravel(), angles[0])))
-                found = self._listed(pose, angles, step)
+                found = self._listed(pose, np.append(angles, self._in_turn(about.ravel(), angles[0])), step)
             if len(found.q) == 0:
                 return searched
         title = self.titles[self._locked.joint]
@@ -130,8 +138,8 @@ class RedundantSolver(InverseKinematics):
         return angles
 
     def _listed(self, pose: FloatArray, angles: FloatArray, step: float) -> Found:
-        """What the angles (k,), rising, have, and the ends between them; along each branch."""
-        angles = np.unique(np.append(angles, self._short_runs(pose, angles, step)))
+        """What the angles (k,) have, and the ends between them; along each branch."""
+        angles = np.unique(angles)
         found = self._locked.solve(pose, angles, self.limits)
         has = np.zeros((len(LockedArm.branch_names), len(angles)), dtype=np.bool_)
         has[found.branch, found.row] = True
@@ -203,9 +211,15 @@ class RedundantSolver(InverseKinematics):
         between = np.max([((1.0 - s) * one + s * other).min(axis=1) for s in _BETWEEN], axis=0)
         most = np.maximum(one.min(axis=1), other.min(axis=1))
         hidden = (between > most) & (np.minimum(one, other).min(axis=1) < -LIMIT_TOLERANCE)
+        beside = np.maximum(least[edge, last], least[edge, last + 1])
+        # where a branch ends another begins, and may end within the step
+        beside, last = np.tile(beside, len(_TURNED_OVER)), np.tile(last, len(_TURNED_OVER))
+        edge = np.concatenate([edge ^ other for other in _TURNED_OVER])
+        room = np.concatenate([least[branch, row], between[hidden], beside])
         lane, first = np.append(lane[hidden], edge), np.append(first[hidden], last)
         centres = angles[row], 0.5 * (angles[first] + angles[first + 1])
-        return np.concatenate([branch, lane]), np.concatenate(centres)
+        most = np.argsort(-room, kind="stable")[:_MOST_MAXIMA]
+        return np.concatenate([branch, lane])[most], np.concatenate(centres)[most]
 
     def _room(self, pose: FloatArray, angles: FloatArray) -> tuple[IndexArray, IndexArray, FloatArray]:
         """Of all solutions for angles (k,): branch, index of the angle (m,), and what is left to the limits.

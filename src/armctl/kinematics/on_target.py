@@ -1,7 +1,7 @@
-"""Least travel and shortest time over a continuum: the best of some solutions, continued downhill.
+"""The best of a continuum of solutions: the best of some of them, continued downhill.
 
-Both are smooth problems once they are written with more unknowns (sequential quadratic programming, SLSQP of
-scipy, D. Kraft, 1988). Travel: each joint turns by ``p - m``, neither negative, and Σ (p + m) / speed is
+By sequential quadratic programming (SLSQP of scipy; D. Kraft, 1988). Least travel and shortest time become
+smooth with more unknowns. Travel: each joint turns by ``p - m``, neither negative, and Σ (p + m) / speed is
 least. Time: a time T is least in which every joint can make its way, |q - start| ≤ way(T).
 """
 
@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,8 +36,25 @@ _SINGULAR = 1e-9
 _ROUNDING = 1e-14
 
 
+class _Problem(NamedTuple):
+    """Unknowns x, of which ``zero + turns x`` is the configuration."""
+
+    begin: Callable[[FloatArray], FloatArray]
+    """x of a configuration (n,)"""
+    cost: Callable[[FloatArray], tuple[float, FloatArray]]
+    """and its slope"""
+    bounds: FloatArray
+    """(k, 2) of x"""
+    zero: FloatArray
+    """(n,)"""
+    turns: FloatArray
+    """(n, k)"""
+    others: tuple[dict[str, Any], ...] = ()
+    """what must not be negative"""
+
+
 @dataclass(frozen=True, eq=False)
-class Continuum:
+class OnTarget:
     """The configurations of an arm inside its limits that meet a target. Immutable."""
 
     chain: Chain
@@ -64,9 +81,11 @@ class Continuum:
         def begin(q: FloatArray) -> FloatArray:
             return np.append(np.maximum(q - start, 0.0), np.maximum(start - q, 0.0))
 
+        slope = np.append(weights, weights)
         return self._continued(
-            q, np.abs(q - start) @ weights, start, begin, np.append(weights, weights), bounds, both, ()
-        )
+            self._seeds(q, np.abs(q - start) @ weights, start), start,
+            _Problem(begin, lambda x: (float(slope @ x), slope), bounds, start, both),
+        )  # fmt: skip
 
     def shortest_time(self, q: FloatArray, start: FloatArray, model: EnergyModel) -> FloatArray:
         """Configurations (m, n) [rad] of shorter motions from a start (n,), continued from the best of (k, n)."""
@@ -87,41 +106,53 @@ class Continuum:
             ways = speed, 2.0 * acceleration * x[n]
             return np.vstack([np.column_stack([sense * one, most]) for most in ways for sense in (-1.0, 1.0)])
 
+        slope = np.append(np.zeros(n), 1.0)
+        bounds = np.vstack([self.limits, [0.0, math.inf]])
         return self._continued(
-            q, times(q), start, lambda q: np.append(q, times(q)), np.append(np.zeros(n), 1.0),
-            np.vstack([self.limits, [0.0, math.inf]]), np.eye(n, n + 1),
-            ({"type": "ineq", "fun": room, "jac": slopes},), zero=np.zeros(n),
+            self._seeds(q, times(q), start), start,
+            _Problem(
+                lambda q: np.append(q, times(q)), lambda x: (float(x[n]), slope), bounds, np.zeros(n),
+                np.eye(n, n + 1), ({"type": "ineq", "fun": room, "jac": slopes},),
+            ),
         )  # fmt: skip
 
-    def _continued(
-        self, q: FloatArray, cost: FloatArray, start: FloatArray, begin: Callable[[FloatArray], FloatArray],
-        slope: FloatArray, bounds: FloatArray, turns: FloatArray,
-        others: Sequence[dict[str, Any]], zero: FloatArray | None = None,
-    ) -> FloatArray:  # fmt: skip
-        """(m, n) where the least of ``slope`` x is found, from the best of ``q`` (k, n) by their ``cost``.
+    def nearest_rotation(self, q: FloatArray, rotation: FloatArray) -> FloatArray:
+        """Configurations (m, n) [rad] that turn the tool as nearly as can be to a rotation (3, 3).
 
-        Of unknowns x inside ``bounds`` the configuration is ``zero + turns x``, with zero the start unless it
-        is given.
+        Each continued from one of (k, n).
         """
-        zero = start if zero is None else zero
+
+        def cost(x: FloatArray) -> tuple[float, FloatArray]:
+            """One less the cosine of the angle."""
+            off = self.chain.forward(x)[:3, :3] @ rotation.T
+            return (3.0 - float(np.trace(off))) / 2.0, _skew(off) @ self.chain.jacobian(x)[3:]
+
+        n = self.chain.n
+        problem = _Problem(lambda x: x, cost, self.limits, np.zeros(n), np.eye(n))
+        return self._continued(list(q), None, problem)
+
+    def _continued(
+        self, seeds: Sequence[FloatArray], start: FloatArray | None, problem: _Problem
+    ) -> FloatArray:
+        """(m, n) where the least cost of a problem is found on the target, from some configurations (n,)."""
         minimize = import_module("scipy.optimize").minimize  # takes long to import, and few need it
+        zero, turns = problem.zero, problem.turns
         met = {
             "type": "eq",
             "fun": lambda x: self._rows(zero + turns @ x)[0],
             "jac": lambda x: self._rows(zero + turns @ x)[1] @ turns,
         }
         found: list[FloatArray] = []
-        for one in self._seeds(q, cost, start):
-            x = np.clip(begin(one), *bounds.T)
+        for one in seeds:
             answer = minimize(
-                lambda x: float(slope @ x), x, jac=lambda _: slope, method="SLSQP",
-                bounds=bounds.tolist(), constraints=(met, *others),
+                problem.cost, np.clip(problem.begin(one), *problem.bounds.T), jac=True, method="SLSQP",
+                bounds=problem.bounds.tolist(), constraints=(met, *problem.others),
                 options={"maxiter": _ROUNDS, "ftol": _PRECISION},
             )  # fmt: skip
             there = self._polished(zero + turns @ np.asarray(answer.x, dtype=np.float64), start)
             if there is not None:
                 found.append(there)
-        return np.reshape(found, (-1, len(start)))
+        return np.reshape(found, (-1, self.chain.n))
 
     def _seeds(self, q: FloatArray, cost: FloatArray, start: FloatArray) -> list[FloatArray]:
         """The best of some configurations (k, n), not near to each other; and the start itself."""
@@ -132,14 +163,15 @@ class Continuum:
             order = order[np.abs(q[order] - seeds[-1]).max(axis=1) > _APART]
         return [*seeds, np.clip(start, *self.limits.T)]
 
-    def _polished(self, q: FloatArray, start: FloatArray) -> FloatArray | None:
+    def _polished(self, q: FloatArray, start: FloatArray | None) -> FloatArray | None:
         """Brought onto the target, if it is near: joints at a limit, or where they started, stay if they can."""
         low, high = self.limits.T
         q = np.clip(q, low, high)
         inside = (q > low + _MOVED) & (q < high - _MOVED)
-        away = np.abs(q - start) > _MOVED
+        begin = np.full(len(q), math.inf) if start is None else np.clip(start, low, high)
+        away = np.abs(q - begin) > _MOVED
         for free in (inside & away, inside | (low < high)):
-            there = np.where(away, q, np.clip(start, low, high))
+            there = np.where(away, q, begin)
             for _ in range(_POLISH):
                 r, J = self._rows(there)
                 if np.abs(r).max() < _ROUNDING:
@@ -157,7 +189,7 @@ class Continuum:
         rows, slopes = [T[:3, 3] - target.position], [J[:3]]
         if target.rotation is not None:
             off = T[:3, :3] @ target.rotation.T
-            rows.append(0.5 * np.array([off[2, 1] - off[1, 2], off[0, 2] - off[2, 0], off[1, 0] - off[0, 1]]))
+            rows.append(_skew(off))
             slopes.append(J[3:])
         elif target.pitch is not None:
             approach = T[:3, 2]
@@ -166,3 +198,9 @@ class Continuum:
             rows.append(wish @ approach - (0.0 if target.up is not None else math.sin(target.pitch)))
             slopes.append(wish @ turned)
         return np.concatenate(rows), np.concatenate(slopes)
+
+
+def _skew(matrix: FloatArray) -> FloatArray:
+    """(3,) of a rotation (3, 3): its axis, the sine of its angle long."""
+    m = matrix
+    return 0.5 * np.array([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
