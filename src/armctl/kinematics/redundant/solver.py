@@ -268,12 +268,16 @@ class RedundantSolver(InverseKinematics):
 
         What is clipped at a limit may miss the pose: a run ends before that.
         """
-        found = self._locked.solve(pose, angles, self.limits)
-        own = found.branch == branch[found.row]
-        at_limit = own & ((found.q == self.limits[:, 0]) | (found.q == self.limits[:, 1])).any(axis=1)
-        if at_limit.any():
-            own[at_limit] = self._meets(pose, found.q[at_limit])
-        return found.row[own], found.q[own]
+        each, of = np.unique(angles, return_inverse=True)  # one for all of its branches
+        found = self._locked.solve(pose, each, self.limits)
+        place = np.full((len(each), len(LockedArm.branch_names)), -1)
+        place[found.row, found.branch] = np.arange(len(found.q))
+        places = place[of, branch]
+        has: IndexArray = np.flatnonzero(places >= 0)
+        q = found.q[places[has]]
+        at_limit = np.flatnonzero(((q == self.limits[:, 0]) | (q == self.limits[:, 1])).any(axis=1))
+        missed = at_limit[~self._meets(pose, q[at_limit])]
+        return np.delete(has, missed), np.delete(q, missed, axis=0)
 
     def _meets(self, pose: FloatArray, q: FloatArray) -> NDArray[np.bool_]:
         """Which configurations (m, 7) meet a pose: near a singular one rounding may take it off."""
