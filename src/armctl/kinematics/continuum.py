@@ -27,7 +27,11 @@ _NULL = 1e-5
 _STEPS = 1e-3, 3e-5
 """along a null direction [rad], the second where limits leave no more; there what is isolated misses the
 target by about the square"""
-_ROUNDS = 4
+_ROUNDS, _NEARER = 24, 0.8
+"""to come back by, and what is left of the miss by each: across two null directions that do not depend on each
+other, steps only halve what is left"""
+_FAINT = 1e-9
+"""the share of the greatest singular value below which no step is taken"""
 _MET = 1e-4
 """how near to the target counts as on it: a share of the square of the step, in [m] and [rad]"""
 _MOVES = 0.02
@@ -79,17 +83,23 @@ def _moved(
 
     Whatever the limits.
     """
-    x, length = q + step, float(np.linalg.norm(step))
+    x = begun = q + step
+    length = float(np.linalg.norm(step))
     ahead = step / length
+    least = math.inf
     for _ in range(_ROUNDS):
         r, J = _rows(chain, target, up, x[None], q[None])
-        off = np.append(r[0], ahead @ (x - q) - length)
+        missed = float(np.abs(r).max())
+        if missed < _MET * length**2:
+            aside = float(np.abs(x - q).max())
+            return x - q if 0.1 * length < aside < 10.0 * length else None
+        if missed > _NEARER * least:
+            return None
+        least = missed if x is not begun else math.inf
         across = np.vstack([J[0][:, free], ahead[free]])
         x = x.copy()
-        x[free] -= np.linalg.pinv(across, rcond=_NULL) @ off
-    aside = float(np.abs(x - q).max())
-    met = np.abs(_rows(chain, target, up, x[None], q[None])[0]).max() < _MET * length**2
-    return x - q if met and 0.1 * length < aside < 10.0 * length else None
+        x[free] -= np.linalg.pinv(across, rcond=_FAINT) @ np.append(r[0], ahead @ (x - q) - length)
+    return None
 
 
 def _rows(

@@ -309,13 +309,10 @@ class Solutions:
             exact = self.least_rotation()
             if exact is not None:
                 return exact
-        q = self.q
-        if name is not None:
-            q = self.taken(q, name, begin)
-            if name in FROM_START and begin is not None:
-                if self.further is not None:
-                    q = np.concatenate([self.taken(self.further(name, begin), name, begin), q])
-                q = np.concatenate([q, self._continued(name, q, begin)])
+        if name in FROM_START and begin is not None:
+            q = self._from_start(name, begin)
+        else:
+            q = self.q if name is None else self.taken(self.q, name, begin)
         energy = self.energies(criterion, begin) if name is None else self._energies(name, q, begin)
         i = int(self._ranked(name, energy, q, begin)[0])
         if energy[i] == math.inf:
@@ -324,27 +321,34 @@ class Solutions:
             raise UnreachableError(f"{said} excludes {which}")
         return q[i].copy()
 
+    def _from_start(self, name: Criterion, start: FloatArray) -> FloatArray:
+        """Solutions (m, n) with the best by a criterion ``FROM_START`` among them."""
+        exact = name == "least-travel" or self.target.rotation is not None
+        further = None if self.further is None else self.taken(self.further(name, start), name, start)
+        if further is not None and len(further) and exact:
+            return further
+        q = self.taken(self.q, name, start)
+        q = q if further is None else np.concatenate([further, q])
+        return np.concatenate([q, self._continued(name, q, start)])
+
     def _continued(self, name: Criterion, q: FloatArray, start: FloatArray) -> FloatArray:
-        """Solutions (m, n) that are better by a criterion ``FROM_START`` than the best of ``q`` (k, n)."""
+        """Solutions (m, n) of a continuum that are better by a criterion than the best of ``q`` (k, n)."""
         arm = self.arm
-        exact = self.further is not None and (name == "least-travel" or self.target.rotation is not None)
-        none = np.empty((0, arm.chain.n))
-        if exact or arm.limits is None:
-            return none
+        if arm.limits is None:
+            return np.empty((0, arm.chain.n))
         energy = self._energies(name, q, start)
-        best = q[int(energy.argmin())]
         limits = arm.limits.copy()
         for joint in (self.free_roll, None if self.target.roll is None else arm.roll_joint):
             if joint is not None:
-                limits[joint] = best[joint]
+                limits[joint] = q[int(energy.argmin()), joint]
         up = np.array([0.0, 0.0, 1.0]) if arm.up is None else arm.up
-        continuum = OnTarget(arm.chain, limits, self.target, up)
-        if continuum.spare < 1:
-            return none
+        on_target = OnTarget(arm.chain, limits, self.target, up)
+        if on_target.spare < 1:
+            return q[:0]
         if name == "least-travel":
-            found = continuum.least_travel(q, start, 1.0 / arm.energy.speed_limits)
+            found = on_target.least_travel(q, start, 1.0 / arm.energy.speed_limits)
         else:
-            found = continuum.shortest_time(q, start, arm.energy)
+            found = on_target.shortest_time(q, start, arm.energy)
         return found[self._energies(name, found, start) < energy.min() * (1.0 - _GAIN)]
 
     def turned_off(self, q: FloatArray) -> str | None:
