@@ -34,6 +34,8 @@ _FAINT = 1e-9
 """the share of the greatest singular value below which no step is taken"""
 _MET = 1e-4
 """how near to the target counts as on it: a share of the square of the step, in [m] and [rad]"""
+_MISFIT = 4e-9
+"""how far an arm may be from what its family takes it for [m], [rad]"""
 _MOVES = 0.02
 """the share of the largest movement from which a joint counts as moving"""
 _UNMET = 1e-6
@@ -66,6 +68,17 @@ def moving_joints(
                     size = np.abs(moved)
                     return tuple(np.flatnonzero(size > _MOVES * size.max()).tolist())
     return ()
+
+
+def uncertainties(
+    chain: Chain, limits: FloatArray, target: Target, q: FloatArray, held: Collection[int], up: FloatArray
+) -> FloatArray:
+    """How far (k,) rounding, and axes that a family takes as parallel, may carry solutions (k, n) [rad]."""
+    free = [k for k in np.flatnonzero(limits[:, 0] < limits[:, 1]).tolist() if k not in held]
+    if len(q) == 0 or not free:
+        return np.zeros(len(q))
+    sizes = np.linalg.svd(_rows(chain, target, up, q, q)[1][:, :, free], compute_uv=False)
+    return _MISFIT / np.maximum(sizes[:, -1], math.sqrt(_MISFIT))
 
 
 def _combined(null: FloatArray) -> Iterator[FloatArray]:

@@ -15,9 +15,10 @@ from armctl.arrays import FloatArray, lock
 from armctl.errors import InputError, UnreachableError
 from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.continuum import moving_joints
+from armctl.kinematics.continuum import moving_joints, uncertainties
 from armctl.kinematics.energy import FROM_START, Criterion, EnergyModel, checked_criterion, energies
 from armctl.kinematics.on_target import OnTarget
+from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.target import Target, as_numbers, elevation
 
 THERE_M = 1e-7
@@ -30,6 +31,8 @@ _SAME_TIME = 9
 """decimals of a time that count [s]"""
 _SAME_TORQUE = 12
 """decimals of a sum of squared torques that count, by the least one"""
+_BESIDE, _LISTED = 1e-4, 1e-6
+"""how far beyond its limits an arm is solved for what rounding may have taken there; which two are one [rad]"""
 _GAIN = 1e-6
 """by what share a solution must be better than all of the list to be taken beside it"""
 _ALIGNED = 1e-9
@@ -53,6 +56,14 @@ class Listed(Protocol):
     def __array__(self) -> NDArray[Any]: ...
 
 
+class _Solver(Protocol):
+    def solve(self, target: Target, step: float, start: FloatArray | None = None) -> Solutions: ...
+
+
+SolverOf = Callable[[Chain, FloatArray, EnergyModel, Sequence[str]], _Solver | None]
+"""Of a chain, its limits (n, 2) [rad], its energy model and the titles of its joints."""
+
+
 class SolvedArm(NamedTuple):
     """What all solutions of one arm share."""
 
@@ -70,6 +81,8 @@ class SolvedArm(NamedTuple):
     """of the joints, for messages"""
     up: FloatArray | None = None
     """(3,) what a pitch is measured against; None: z of the base frame"""
+    solver_of: SolverOf | None = None
+    """makes the solver of the same arm inside other limits; None where it searches"""
 
 
 class Solutions:
@@ -140,15 +153,21 @@ class Solutions:
 
         A swept joint, and a roll that is free by itself, do not count.
         """
-        arm, (_, _, roll, _) = self.arm, self.target
-        if self._missing is not None or not self.success or arm.limits is None:
+        if self._missing is not None or self.arm.limits is None:
             return self._missing
-        if arm.chain.coupling is not None:
+        return self._moving(self.arm.limits) or self._at_a_limit(self.arm.limits)
+
+    def _held(self) -> list[int]:
+        """Joints of which any angle counts as the same solution, or that are given one."""
+        given = self.arm.roll_joint if self.target.roll is not None else None
+        return [k for k in (self.free_joint, self.free_roll, given) if k is not None]
+
+    def _moving(self, limits: FloatArray) -> str | None:
+        """Which joints may move while the target is met, in words."""
+        arm = self.arm
+        if not self.success or arm.chain.coupling is not None:
             return None
-        given = arm.roll_joint if roll is not None else None
-        held = [k for k in (self.free_joint, self.free_roll, given) if k is not None]
-        up = np.array([0.0, 0.0, 1.0]) if arm.up is None else arm.up
-        moving = moving_joints(arm.chain, arm.limits, self.target, self.q, held, up)
+        moving = moving_joints(arm.chain, limits, self.target, self.q, self._held(), self._up)
         if not moving:
             return None
         names = [arm.titles[k] if arm.titles else f"joint {k + 1}" for k in moving]
@@ -156,6 +175,38 @@ class Solutions:
             return f"{names[0]} may turn while the tool stays: of a continuum some are listed"
         joints = f"{', '.join(names[:-1])} and {names[-1]}"
         return f"{joints} may turn together while the tool stays: of a continuum some are listed"
+
+    def _at_a_limit(self, limits: FloatArray) -> str | None:
+        """Which solution rounding may have taken beyond the limits (n, 2), in words.
+
+        The arm is solved inside limits that are a little wider. How far rounding carries a solution depends on
+        how nearly singular it is.
+        """
+        arm = self.arm
+        if arm.solver_of is None or self.free_joint is not None:
+            return None
+        wide = np.where(np.ptp(limits, axis=1)[:, None] > 0.0, limits + [-_BESIDE, _BESIDE], limits)
+        solver = arm.solver_of(arm.chain, wide, arm.energy, arm.titles)
+        found = None if solver is None else solver.solve(self.target, DEFAULT_STEP)
+        if found is None or found.free_joint is not None:
+            return None
+        q = found.q[found.residual_rad < _TURNED]
+        held = self._held()
+        beyond = np.abs(q - np.clip(q, *limits.T))
+        beyond[:, held] = 0.0
+        known = uncertainties(arm.chain, limits, self.target, q, held, self._up)
+        counted = np.delete(np.arange(arm.chain.n), held)
+        for i in np.flatnonzero(beyond.max(axis=1, initial=0.0) <= known):
+            apart = np.abs(self.q - q[i])[:, counted].max(axis=1, initial=0.0)
+            if apart.min(initial=math.inf) > max(_LISTED, known[i]):
+                title = arm.titles[int(beyond[i].argmax())]
+                return f"a solution with {title} at its limit may be missing: rounding decides about it"
+        return None
+
+    @property
+    def _up(self) -> FloatArray:
+        """(3,) what a pitch is measured against."""
+        return np.array([0.0, 0.0, 1.0]) if self.arm.up is None else self.arm.up
 
     @property
     def complete(self) -> bool:
@@ -217,7 +268,7 @@ class Solutions:
             return ", whatever the orientation,"
         if self.target.pitch is None or self.nearest_q is None:
             return ""
-        up = np.array([0.0, 0.0, 1.0]) if self.arm.up is None else self.arm.up
+        up = self._up
         aim = self.arm.chain.forward(self.nearest_q)[:3, 2]
         rise = float(aim @ up)
         pitch = math.atan2(rise, float(np.linalg.norm(aim - rise * up)))  # exact near 90°, too
@@ -341,8 +392,7 @@ class Solutions:
         for joint in (self.free_roll, None if self.target.roll is None else arm.roll_joint):
             if joint is not None:
                 limits[joint] = q[int(energy.argmin()), joint]
-        up = np.array([0.0, 0.0, 1.0]) if arm.up is None else arm.up
-        on_target = OnTarget(arm.chain, limits, self.target, up)
+        on_target = OnTarget(arm.chain, limits, self.target, self._up)
         if on_target.spare < 1:
             return q[:0]
         if name == "least-travel":

@@ -32,7 +32,7 @@ from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.goals import rotation_vectors, tool_motion
 from armctl.kinematics.numeric.solver import NumericSolver
 from armctl.kinematics.samples import checked_step
-from armctl.kinematics.solutions import Solutions, SolvedArm
+from armctl.kinematics.solutions import Solutions, SolvedArm, SolverOf
 from armctl.kinematics.solver import RollJoint, held_roll
 from armctl.kinematics.target import Target
 
@@ -114,11 +114,14 @@ class WholePoses:
         titles: Sequence[str],
         branch_names: tuple[str, ...],
         roll: RollJoint | None,
+        solver_of: SolverOf,
     ) -> None:
         self._arguments = chain, limits, energy, titles
         self._limits, self._roll = limits, roll
         joint = None if roll is None else roll.index
-        self.arm = SolvedArm(branch_names, chain, energy, (), limits, joint, titles=tuple(titles))
+        self.arm = SolvedArm(
+            branch_names, chain, energy, (), limits, joint, titles=tuple(titles), solver_of=solver_of
+        )
 
     @cached_property
     def _search(self) -> NumericSolver:

@@ -67,7 +67,7 @@ class GeneralSixSolver(InverseKinematics):
     def __init__(self, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> None:
         super().__init__(chain, limits, energy, titles, roll_joint=roll_joint(chain))
         self._names = tuple(f"way {i + 1}" for i in range(_MOST))
-        self._answers = WholePoses(chain, limits, energy, titles, self._names, self._roll)
+        self._answers = WholePoses(chain, limits, energy, titles, self._names, self._roll, self.of)
         self._loop = Loop(chain)
 
     @classmethod

@@ -81,7 +81,7 @@ class OffsetRollSolver(InverseKinematics):
         self.pitch_joints = geometry.plane.pitch_joints
         self._arm = SolvedArm(
             BRANCHES, chain, energy, self.pitch_joints, limits, geometry.joint, roll_moves_tip=True,
-            titles=self.titles, up=geometry.plane.frame[:, 2],
+            titles=self.titles, up=geometry.plane.frame[:, 2], solver_of=self.of,
         )  # fmt: skip
         self._sweep = RollSweep(geometry, limits)
         self._at = lru_cache(_CACHED)(self._held)

@@ -128,7 +128,9 @@ class ParallelLinkageSolver(InverseKinematics):
     ) -> None:
         super().__init__(chain, limits, energy, titles, roll_joint=None if linkage.roll_axis is None else 3)
         self._linkage, self._plane = linkage, linkage.plane
-        self._arm = SolvedArm(BRANCHES, chain, energy, (), limits, self.roll_joint)
+        self._arm = SolvedArm(
+            BRANCHES, chain, energy, (), limits, self.roll_joint, titles=self.titles, solver_of=self.of
+        )
         z = chain.forward(np.zeros(chain.n))[:3, 2]
         self._pitch = math.atan2(z[2], math.hypot(z[0], z[1]))
 

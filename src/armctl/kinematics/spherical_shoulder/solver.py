@@ -74,7 +74,9 @@ class SphericalShoulderSolver(InverseKinematics):
         roll = 4 if chain.n > 4 else None
         super().__init__(chain, limits, energy, titles, free_joint=free, roll_joint=roll)
         self.geometry = geometry
-        self._arm = SolvedArm(SPHERICAL_BRANCHES, chain, energy, (), limits, roll, titles=self.titles)
+        self._arm = SolvedArm(
+            SPHERICAL_BRANCHES, chain, energy, (), limits, roll, titles=self.titles, solver_of=self.of
+        )
         roll_limits = None if self._roll is None else (self._roll.low, self._roll.high)
         self._orientation = ToolOrientation(chain, geometry, limits, roll_limits)
 

@@ -57,7 +57,7 @@ class ThreeParallelSolver(InverseKinematics):
         self._names = branch_names(geometry)
         usual = geometry.exact and geometry.first == 1 and geometry.meet[0]
         self._one_pose = OnePose(geometry) if usual else None
-        self._answers = WholePoses(chain, limits, energy, titles, self._names, self._roll)
+        self._answers = WholePoses(chain, limits, energy, titles, self._names, self._roll, self.of)
         self._reach = float(np.abs(geometry.points).max() + np.linalg.norm(geometry.links, axis=1).sum())
 
     @classmethod

@@ -91,7 +91,7 @@ class YawPitchRollSolver(InverseKinematics):
         self._base: tuple[float, float] = tuple(limits[0].tolist())
         self._arm = SolvedArm(
             BRANCHES, chain, energy, geometry.pitch_joints, limits, geometry.roll_joint,
-            titles=self.titles, up=geometry.frame[:, 2],
+            titles=self.titles, up=geometry.frame[:, 2], solver_of=self.of,
         )  # fmt: skip
         self._planar = PlanePostures(geometry, limits)
         self._pose = pose_function(geometry, limits) if compiled else None
