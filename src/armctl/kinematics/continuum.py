@@ -38,6 +38,8 @@ _MISFIT = 4e-9
 """how far an arm may be from what its family takes it for [m], [rad]"""
 _MOVES = 0.02
 """the share of the largest movement from which a joint counts as moving"""
+_PUSHED = 1e-4
+"""the share of the step by which rounding may push a joint over its limit"""
 _UNMET = 1e-6
 """a rotation missed by more is one that the arm can only come near to [rad]"""
 
@@ -64,7 +66,7 @@ def moving_joints(
                 moved = _moved(chain, target, up, q[i], step, free)
                 if moved is None:
                     break
-                if (np.abs(q[i] + moved - middle) <= half + LIMIT_TOLERANCE).all():
+                if (np.abs(q[i] + moved - middle) <= half + max(_PUSHED * length, LIMIT_TOLERANCE)).all():
                     size = np.abs(moved)
                     return tuple(np.flatnonzero(size > _MOVES * size.max()).tolist())
     return ()
