@@ -68,6 +68,8 @@ class Robot(ArrayRecord):
     """the kind of board that drives it"""
     board_settings: object = None
     """what else the robot file tells the board's driver; only the board reads it"""
+    left_out: tuple[str, ...] = ()
+    """joints of its file that move and are none of the arm's, by their names there"""
     named_links: tuple[str, ...] = ()
     """what each link of a parallel linkage is called after; empty: each after its joint"""
     limits: FloatArray = field(init=False)

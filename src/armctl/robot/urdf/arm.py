@@ -22,11 +22,12 @@ from armctl.kinematics.yaw_pitch_roll.geometry import recognise
 from armctl.robot.meshes import unreadable
 from armctl.robot.parts import JERK_UP_S, MOST_JOINTS, Joint, Shape
 from armctl.robot.robot import BODY_ASSUMED, Robot
+from armctl.robot.urdf.chain import ArmChain, arm_chain, arm_way, require_solvable
 from armctl.robot.urdf.package import UrdfSource, arm_stem
 from armctl.robot.urdf.rounding import Rounding
 from armctl.robot.urdf.side_file import SideFile, ToolEntry, applied, read_side_file
-from armctl.robot.urdf.tool import UrdfTool, suggested_tool
-from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, read_urdf_file
+from armctl.robot.urdf.tool import UrdfTool, about_beside, about_tool, left_out, suggested_tool
+from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, is_free, read_urdf_file
 
 ASSUMED_SPEED = math.radians(60)
 """[rad/s]"""
@@ -72,7 +73,7 @@ def load_urdf(path: Path, wanted: str | None) -> Robot:
         if link is not None and link not in tree.links:
             some = ", ".join(list(tree.links)[:_MOST_NAMED]) + ", …" * (len(tree.links) > _MOST_NAMED)
             raise RobotFileError(f"there is no link {link!r}; it has {some}")
-        tool = suggested_tool(tree) if link is None else UrdfTool(link, "")
+        tool = suggested_tool(tree) if link is None else UrdfTool(link)
         robot, endless = _robot(source, tree, tool, approach or side.tool.approach, side)
         if document is None or source.side_path is None:
             return robot
@@ -105,8 +106,8 @@ def _robot(
     source: UrdfSource, tree: UrdfTree, tool: UrdfTool, approach: str, side: SideFile
 ) -> tuple[Robot, list[str]]:
     """The arm as the file has it, with the tool of the side file; and the names of its continuous joints."""
-    way = tree.way(tool.link)
-    moving = [joint for joint in way if joint.kind != "fixed"]
+    way = arm_way(tree, tool.link)
+    moving = [joint for joint in way if is_free(joint)]
     if not moving:
         raise RobotFileError(f"no joint turns between {tree.root} and {tool.link}")
     if len(moving) > MOST_JOINTS:
@@ -116,18 +117,21 @@ def _robot(
     sign, column = AXES[approach]
     turn = frame_along(np.eye(3)[column] * (-1.0 if sign else 1.0))
     turn[:3, 3] = np.array(side.tool.offset_mm) / 1000
-    chain = _chain(way, turn)
+    arm = arm_chain(tree, way, turn)
+    chain = arm.chain
     names = _distinct(_plain(joint.name, "joint") for joint in moving)
     joints = tuple(_joint(joint, name) for joint, name in zip(moving, names, strict=True))
     home = np.array([rest_angle(joint.lower, joint.upper) for joint in joints])
-    carried = _carried(tree, way, chain)
+    carried = _carried(tree, way, arm)
     shapes, missing = _shapes(source, tree, carried) if side.body == "meshes" else ((), ())
     turned = "" if approach == "z" else f", whose {approach} axis is taken for the tool's z"
     offset = ", ".join(f"{value:g}" for value in side.tool.offset_mm)
     offset = f", the tool point at ({offset}) mm" if any(side.tool.offset_mm) else ""
     title = tree.name or arm_stem(source.file)
     assumed = [
-        *_about_tool(tree, tool, names, chain, approach),
+        *about_tool(tree, tool, way),
+        *about_beside(tree, way),
+        *_about_approach(tree, tool, names, chain, approach),
         *_about_fixed(way),
         *_about_joints(moving, names, side),
         *_about_poses(side),
@@ -146,20 +150,11 @@ def _robot(
         gravity=GravityModel(chain, tuple(_bodies(tree, carried))),
         floor_z=0.0,
         shapes=shapes,
+        left_out=left_out(tree, way),
+        named_links=() if chain.coupling is None else tuple(_title(joint.name) for joint in arm.links),
     )
+    require_solvable(robot, way)
     return robot, [name for name, joint in zip(names, moving, strict=True) if joint.kind == "continuous"]
-
-
-def _chain(way: Sequence[UrdfJoint], turn: FloatArray) -> Chain:
-    """The chain of the joints from the root to the tool link, whose frame is moved by ``turn`` (4, 4)."""
-    origins: list[FloatArray] = []
-    ahead = np.eye(4)
-    for joint in way:
-        ahead = ahead @ joint.origin
-        if joint.kind != "fixed":
-            origins.append(ahead)
-            ahead = np.eye(4)
-    return Chain.from_joints(origins, [joint.axis for joint in way if joint.kind != "fixed"], ahead @ turn)
 
 
 def _joint(joint: UrdfJoint, name: str) -> Joint:
@@ -177,15 +172,15 @@ def _joint(joint: UrdfJoint, name: str) -> Joint:
     )
 
 
-def _carried(tree: UrdfTree, way: Sequence[UrdfJoint], chain: Chain) -> dict[str, Place]:
-    """Which joint carries each link (-1: none), and where in its frame; what is off the chain at its zero."""
-    frames = chain.frames(np.zeros(chain.n))
+def _carried(tree: UrdfTree, way: Sequence[UrdfJoint], arm: ArmChain) -> dict[str, Place]:
+    """Which link of the chain carries each link (-1: none), and where; what is off the chain at its zero."""
+    frames = arm.chain.frames(np.zeros(arm.chain.n))
     poses, carrier = {tree.root: np.eye(4)}, {tree.root: -1}
     on_way = {joint.name: joint for joint in way}
     for written in tree.below(tree.root):
         joint = on_way.get(written.name, written)
         poses[joint.child] = poses[joint.parent] @ joint.origin
-        carrier[joint.child] = carrier[joint.parent] + (joint.name in on_way and joint.kind != "fixed")
+        carrier[joint.child] = arm.link_of.get(joint.name, carrier[joint.parent])
     inverse = np.linalg.inv(frames).astype(np.float64)
     return {name: Place(carrier[name], inverse[carrier[name] + 1] @ poses[name]) for name in tree.links}
 
@@ -280,15 +275,14 @@ def _title(name: str) -> str:
 # ``Robot.assumed``: what the file leaves open, and what armctl takes instead, a sentence each.
 
 
-def _about_tool(
+def _about_approach(
     tree: UrdfTree, tool: UrdfTool, names: Sequence[str], chain: Chain, approach: str
 ) -> Iterable[str]:
+    """Which way the tool points, and what its pitch is measured from."""
+    if chain.coupling is not None:
+        return  # rods keep the hand at its pitch
     file, beside = tree.path.name, recognise_offset_roll(chain)
     geometry = recognise(chain) if beside is None else beside.plane
-    if tool.why:
-        left_out = ", ".join(tool.left_out)
-        out = f"; taken for the gripper's own and left out: {left_out}" if left_out else ""
-        yield f"the tool is the link {tool.link}, {tool.why}{out} (another: {file}#LINK)"
     ahead, rolls = _ahead(chain)
     if ahead is not None and approach == "z":  # frames of ROS often have x ahead, where armctl takes z
         along = chain.forward(np.zeros(chain.n))[:3, :3].T @ ahead

@@ -1,24 +1,26 @@
-"""Which link of a URDF file is the tool, as far as its joints and names give it away."""
+"""Which link of a URDF file is the tool, and which joints stand beside the arm."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from armctl.errors import UnclearArmError
-from armctl.robot.urdf.tree import UrdfJoint, UrdfTree
+import numpy as np
 
-TOOL_NAMES = ("tool0", "tcp", "tool", "ee_link", "end_effector", "gripper_base")
-"""what the tool link is called by custom, wherever in the file it is; the surest first"""
-_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
-_TOOL_WORDS = {"tool", "tcp", "ee", "effector", "eef", "grasp", "gripperframe"}
-"""the customary names count in other names too: ``ee_gripper_link``"""
-_SENSOR = {"camera", "cam", "imu", "sensor", "optical"}
-_FINGER = {"finger", "fingers", "jaw", "jaws", "claw", "claws", "knuckle", "pincer"}
-_STILL = {"fixed", "static"}
-_GRIPPER = {"gripper", "grip"}
-_ARM = {"roll", "rotate", "rotation", "rot", "pitch", "yaw", "wrist", "pan", "tilt", "twist", "arm", "to"}
+from armctl.errors import UnclearArmError
+from armctl.robot.urdf.joints import ArmEnds, arm_ends
+from armctl.robot.urdf.names import (
+    customary_tools,
+    is_hand,
+    is_sensor,
+    is_tool_frame,
+    unlikely,
+)
+from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, is_free
+
+_TURNING = ("revolute", "continuous")
+_SAME = 1e-9
+"""how far apart two axes may be that are one: sine, and metres"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,135 +28,159 @@ class UrdfTool:
     """The tool link, and why it is that one."""
 
     link: str
-    why: str
-    left_out: tuple[str, ...] = ()
-    """joints that turn, and are taken for the gripper's own"""
+    why: str = ""
+    """empty: it was named"""
+    perhaps_jaw: tuple[str, str] | None = None
+    """as in ``ArmEnds``"""
 
 
 def suggested_tool(tree: UrdfTree) -> UrdfTool:
-    """The link that is most likely the tool.
+    """The link that is most likely the tool; refuses to choose where the file leaves that open.
 
-    One with a customary name. Without one, the arm follows the moving joints from the root. It ends where
-    none is left, or at a gripper: at a link with several moving joints that slide or follow each other, or
-    whose joints are the gripper's own by their names. From there it goes on over fixed joints, to the link
-    that has a name as tool frames have, else to the last one that is no camera. Refuses to choose of several.
+    It is one with a customary name, if the arm reaches it. Else it hangs on what the last joint of the arm
+    carries: the link that has a name as tool frames have, the hand that carries the fingers, or the last bare
+    frame. Else it is what the last joint carries: a part that is fixed to that may be a cover.
     """
-    if tools := customary_tools(tree.links):
-        link = _only(tree, tools)
-        own = tuple(joint.name for joint in tree.below(link) if _turns(joint))
-        return UrdfTool(link, "which has a customary name", own)
-    end = _end_of_motion(tree)
-    left_out = tuple(joint.name for joint in tree.below(end) if _turns(joint))
-    fixed = list(_fixed_below(tree, end))
-    frames = [link for link in fixed if is_tool_frame(link)]
-    last = [link for link in frames if not set(_fixed_below(tree, link)) & set(frames)]
-    if last:
-        return UrdfTool(_only(tree, last), "which has a name as tool frames have", left_out)
-    leaves = [link for link in fixed if not tree.children(link) and not _words(link) & _SENSOR]
-    if leaves:
-        return UrdfTool(_only(tree, leaves), "the last one", left_out)
-    return UrdfTool(end, "which the last joint of the arm moves", left_out)
-
-
-def customary_tools(links: Iterable[str]) -> list[str]:
-    """The links with the surest of ``TOOL_NAMES`` that any has, also behind a prefix (``left_tool0``)."""
-    links = list(links)
-    for name in TOOL_NAMES:
-        behind = tuple(f"{mark}{name}" for mark in "_-/.")
-        tools = [link for link in links if link == name] or [link for link in links if link.endswith(behind)]
-        if tools:
-            return tools
-    return []
-
-
-def is_tool_frame(link: str) -> bool:
-    """True where a link's name is one that tool frames have: ``ee_gripper_link``, ``gripper_frame_link``."""
-    words = _words(link)
-    usual = bool(words & _TOOL_WORDS) or {"gripper", "frame"} <= words
-    return usual and not words & (_SENSOR | _FINGER)
-
-
-def _fixed_below(tree: UrdfTree, link: str) -> Iterator[str]:
-    """The links that a link carries with no moving joint in between."""
-    waiting = [link]
-    while waiting:
-        fixed = [joint.child for joint in tree.children(waiting.pop(0)) if joint.kind == "fixed"]
-        yield from fixed
-        waiting += fixed
-
-
-def _end_of_motion(tree: UrdfTree) -> str:
-    """The link that the last moving joint of the arm carries."""
-    link = tree.root
-    while True:
-        branches = {joint.child: [joint, *tree.below(joint.child)] for joint in tree.children(link)}
-        moving = {
-            child: movers
-            for child, joints in branches.items()
-            if (movers := [joint for joint in joints if joint.kind != "fixed"])
-        }
-        arms = [c for c, joints in moving.items() if any(_turns(j) and not _is_gripper(j) for j in joints)]
-        if all(map(_only_gripper, moving.values())) or _are_fingers(moving, arms):
-            return link
-        if len(arms) > 1:
-            ends = [joint.child for arm in arms for joint in branches[arm] if not tree.children(joint.child)]
-            raise _unclear(tree, ends)
-        (link,) = arms or moving
-
-
-def _only_gripper(moving: list[UrdfJoint]) -> bool:
-    """True when all that moves in a branch is the gripper's own, or follows that."""
-    free = [joint for joint in moving if joint.mimics is None]
-    return bool(free) and all(map(_is_gripper, free))
-
-
-def _are_fingers(moving: dict[str, list[UrdfJoint]], arms: list[str]) -> bool:
-    if len(moving) < 2 or not arms:
-        return len(moving) > 1
-    names = {joint.name for joints in moving.values() for joint in joints}
-    first = [joint for child, joints in moving.items() for joint in joints if joint.child == child]
-    return len(arms) == 1 and any(joint.mimics in names for joint in first)
-
-
-def _turns(joint: UrdfJoint) -> bool:
-    return joint.kind in ("revolute", "continuous") and joint.mimics is None
-
-
-def _is_gripper(joint: UrdfJoint) -> bool:
-    """True where a joint's name or its link's says that it opens the gripper.
-
-    A link called gripper says nothing: the wrist carries it. So does a joint ``gripper_roll`` or
-    ``wrist_to_gripper``, and a ``Wrist_Roll`` that carries the ``Fixed_Jaw``.
-    """
-    own, carried = _words(joint.name), _words(joint.child)
-    if own & _FINGER:
-        return True
-    return not (own & _ARM or carried & _STILL) and bool(carried & _FINGER or own & _GRIPPER)
-
-
-def _words(name: str) -> set[str]:
-    """``leftJaw_link1`` as left, jaw, link."""
-    return {word.lower() for word in _WORD.findall(name)}
-
-
-def _only(tree: UrdfTree, links: list[str]) -> str:
+    arm = arm_ends(tree)
+    if named := _customary(tree, arm):
+        return UrdfTool(named, "which has a customary name")
+    if arm.why:
+        raise _unclear(tree, [link for end in arm.links for link in _tools(tree, end)[0]], arm.why)
+    links, why = _tools(tree, arm.links[0])
     if len(links) > 1:
         raise _unclear(tree, links)
+    return UrdfTool(links[0], why, arm.perhaps_jaw)
+
+
+def left_out(tree: UrdfTree, way: Sequence[UrdfJoint]) -> tuple[str, ...]:
+    """The joints that move of their own and are none of the arm's: of a lift, a gripper, or beside it."""
+    held = [
+        joint for joint in tree.route(way[-1].child) if joint.kind not in _TURNING and joint.kind != "fixed"
+    ]
+    return tuple(one.name for one in (*held, *_own(tree, way), *_beside(tree, way)) if one.mimics is None)
+
+
+def about_tool(tree: UrdfTree, tool: UrdfTool, way: Sequence[UrdfJoint]) -> Iterator[str]:
+    """The tool link, what is left out beyond it, and a last joint that may be a jaw."""
+    file = tree.path.name
+    if tool.why:
+        own = ", ".join(joint.name for joint in _own(tree, way) if is_free(joint))
+        out = f"; taken for the gripper's own and left out: {own}" if own else ""
+        yield f"the tool is the link {tool.link}, {tool.why}{out} (another: {file}#LINK)"
+    if tool.perhaps_jaw is not None:
+        joint, link = tool.perhaps_jaw
+        yield (
+            f"{joint} is the last of the arm's {sum(map(is_free, way))} joints; it may be a jaw as well "
+            f"({file}#{link} ends the arm ahead of it)"
+        )
+
+
+def about_beside(tree: UrdfTree, way: Sequence[UrdfJoint]) -> Iterator[str]:
+    """The joints off the way to the tool, and those of them that share an axis with a joint of the arm."""
+    beside = _beside(tree, way)
+    if beside:
+        some = [joint.name + (f" (follows {joint.mimics})" if joint.mimics else "") for joint in beside]
+        file = tree.path.name
+        yield f"beside the arm and left out: {', '.join(some)} (an arm with one of them: {file}#LINK)"
+    for joint in beside:
+        for other in way:
+            if joint.kind in _TURNING and is_free(other) and _on_one_axis(tree, joint, other):
+                yield (
+                    f"{joint.name} turns about the axis of {other.name}; if both are servos that drive one "
+                    "joint, connect both to its output: armctl has one output for each joint"
+                )
+
+
+def _own(tree: UrdfTree, way: Sequence[UrdfJoint]) -> list[UrdfJoint]:
+    """The joints that move beyond the last one of the arm."""
+    end = [joint.child for joint in way if joint.kind != "fixed"][-1]
+    on_way = {joint.name for joint in way}
+    return [one for one in tree.below(end) if one.kind != "fixed" and one.name not in on_way]
+
+
+def _beside(tree: UrdfTree, way: Sequence[UrdfJoint]) -> list[UrdfJoint]:
+    """The joints that move ahead of the end of the arm, and are not on the way there."""
+    known = {joint.name for joint in (*way, *_own(tree, way))}
+    return [one for one in tree.below(tree.root) if one.kind != "fixed" and one.name not in known]
+
+
+def _on_one_axis(tree: UrdfTree, one: UrdfJoint, other: UrdfJoint) -> bool:
+    """Whether two joints on one body share an axis."""
+    if one.parent not in tree.body(other.parent) and other.parent not in tree.body(one.parent):
+        return False
+    T, U = tree.pose(one.child), tree.pose(other.child)
+    axis = T[:3, :3] @ one.axis
+    apart = np.cross(axis, np.array([U[:3, :3] @ other.axis, U[:3, 3] - T[:3, 3]]))
+    return bool(np.abs(apart).max() < _SAME)
+
+
+def _customary(tree: UrdfTree, arm: ArmEnds) -> str | None:
+    """The link with a customary name that the arm reaches; refuses where there are several.
+
+    The name counts ahead of the last joint, too, which is the gripper's own then. Where more of the arm lies
+    beyond it, or it stands beside the arm, the name may mislead.
+    """
+    named = customary_tools(tree.links)
+    bodies = {link for end in arm.links for link in tree.body(end)}
+    if here := [link for link in named if link in bodies]:
+        return _only(tree, here)
+    most = max(_count(tree, end) for end in arm.links)
+    ahead = {joint.parent for end in arm.links for joint in tree.route(end)}
+    last = [link for link in named if _count(tree, link) >= most - (not ahead.isdisjoint(tree.body(link)))]
+    if last and most:
+        return _only(tree, last)
+    if elsewhere := [link for link in named if _count(tree, link)]:
+        tools = [link for end in arm.links for link in _tools(tree, end)[0][:1]]
+        why = f"{', '.join(elsewhere)} has the name of a tool, but the arm goes another way or on from there"
+        raise _unclear(tree, [*tools, *elsewhere], why)
+    return None
+
+
+def _count(tree: UrdfTree, link: str) -> int:
+    return sum(map(is_free, tree.route(link)))
+
+
+def _tools(tree: UrdfTree, end: str) -> tuple[list[str], str]:
+    """The links that may be the tool where the last joint of the arm carries ``end``, and why."""
+    drawn = any(link.visual for link in tree.links.values())
+    fixed = [link for link in tree.body(end)[1:] if not (drawn and _only_collides(tree, link))]
+    frames = [link for link in fixed if is_tool_frame(link)]
+    if frames:
+        return _last(tree, frames), "which has a name as tool frames have"
+    hands = [link for link in fixed if is_hand(link)] or _carry_fingers(tree, end)
+    if len(hands) == 1:
+        return hands, "the hand"
+    bare = [link for link in fixed if not tree.links[link].is_solid and not is_sensor(link)]
+    if bare := _last(tree, bare):
+        return bare if len(bare) == 1 else [end, *sorted(bare, key=unlikely)], "the last frame"
+    return [end], "which the last joint of the arm moves"
+
+
+def _only_collides(tree: UrdfTree, name: str) -> bool:
+    link = tree.links[name]
+    return bool(link.collision and not link.visual)
+
+
+def _last(tree: UrdfTree, links: Sequence[str]) -> list[str]:
+    """Those of several links with none of them behind it."""
+    return [link for link in links if not set(tree.body(link)[1:]) & set(links)]
+
+
+def _carry_fingers(tree: UrdfTree, end: str) -> list[str]:
+    """The link that carries all of several joints which move."""
+    parents = [joint.parent for joint in tree.exits(end)]
+    return [parents[0]] if len(parents) > 1 and len(set(parents)) == 1 else []
+
+
+def _only(tree: UrdfTree, links: Sequence[str]) -> str:
+    if len(links) > 1:
+        raise _unclear(tree, sorted(links, key=unlikely))
     return links[0]
 
 
-def _unclear(tree: UrdfTree, links: list[str]) -> UnclearArmError:
-    links = sorted(links, key=_unlikely)
-    error = UnclearArmError(
-        f"several links could be the tool: {', '.join(links)}; name one: {tree.path.name}#{links[0]}"
-    )
+def _unclear(tree: UrdfTree, links: Sequence[str], why: str = "") -> UnclearArmError:
+    links = list(dict.fromkeys(links))
+    which = f"several links could be the tool: {', '.join(links)}" if len(links) > 1 else "the arm is unclear"
+    error = UnclearArmError(f"{which}{f' ({why})' if why else ''}; name one: {tree.path.name}#{links[0]}")
     error.links = links
     return error
-
-
-def _unlikely(link: str) -> int:
-    """How little a name is that of a tool."""
-    if is_tool_frame(link):
-        return 0
-    words = _words(link)
-    return 4 if words & _SENSOR else 1 if words & _GRIPPER else 2 if words & _FINGER else 3

@@ -56,6 +56,10 @@ class UrdfJoint:
     effort: float
     mimics: str | None
     """the joint that this one follows"""
+    multiplier: float
+    """how far it turns by a turn of that joint"""
+    offset: float
+    """its angle where that joint is at zero"""
     rounding: Rounding
     """how origin and axis differ from what is written"""
     held: str | None = None
@@ -63,7 +67,7 @@ class UrdfJoint:
 
     def settled(self) -> UrdfJoint:
         """The joint with the limits that it has in an arm, or fixed at the one angle that they leave it."""
-        if self.kind == "fixed":
+        if self.kind == "fixed" or self.mimics is not None:  # what it follows has limits
             return self
         if self.kind == "continuous":
             return replace(self, limits=(-math.pi, math.pi))
@@ -84,12 +88,15 @@ class UrdfJoint:
             )
         if lower < upper:
             return self
-        turn, rounding = exact_rotation(["0", "0", repr(lower)])
+        held = f"{self.name} at {math.degrees(lower):.1f}°, as both limits are the same"
+        return replace(self.turned(lower), kind="fixed", held=held)
+
+    def turned(self, angle: float) -> UrdfJoint:
+        """The joint with its zero where it stands at an angle [rad]."""
+        turn, rounding = exact_rotation(["0", "0", repr(angle)])
         along, place = frame_along(self.axis), np.eye(4)
         place[:3, :3] = along[:3, :3] @ turn @ along[:3, :3].T
-        rounding = self.rounding + rounding
-        held = f"{self.name} at {math.degrees(lower):.1f}°, as both limits are the same"
-        return replace(self, kind="fixed", origin=self.origin @ place, rounding=rounding, held=held)
+        return replace(self, origin=self.origin @ place, rounding=self.rounding + rounding)
 
     def at_rest(self) -> UrdfJoint:
         """A joint below the arm that slides or floats (a rail, a lift, a mobile base), fixed near zero."""
@@ -99,6 +106,11 @@ class UrdfJoint:
             place[:3, 3] = along * self.axis
         held = f"{self.name} at {1000 * along:.4g} mm, which moves the base and is no joint of the arm"
         return replace(self, kind="fixed", origin=self.origin @ place, held=held)
+
+
+def is_free(joint: UrdfJoint) -> bool:
+    """True where a joint turns, and follows no other."""
+    return joint.kind in ("revolute", "continuous") and joint.mimics is None
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +126,11 @@ class UrdfLink:
     problems: tuple[str, ...] = ()
     """why shapes of it were passed over"""
 
+    @property
+    def is_solid(self) -> bool:
+        """False for a bare frame."""
+        return bool(self.visual or self.collision or self.mass_kg)
+
 
 class UrdfTree:
     """The links of a file, hung up by its root; refuses what is no tree."""
@@ -122,6 +139,7 @@ class UrdfTree:
         self.path, self.name, self.links = path, name, links
         self._children: dict[str, list[UrdfJoint]] = {link: [] for link in links}
         self._into: dict[str, UrdfJoint] = {}
+        self._poses: dict[str, FloatArray] = {}
         if not links:
             raise RobotFileError("there is no <link>")
         for joint in joints:
@@ -134,6 +152,7 @@ class UrdfTree:
                 f"there are several root links ({', '.join(roots)}); join them by a fixed joint"
             )
         self.root = roots[0]
+        self._poses[self.root] = np.eye(4)
         lost = set(links) - {self.root, *(joint.child for joint in self.below(self.root))}
         if lost:
             raise RobotFileError(f"the joints form a loop: {', '.join(sorted(lost))}")
@@ -161,32 +180,31 @@ class UrdfTree:
             yield joint
             waiting += self._children[joint.child]
 
-    def way(self, tool: str) -> list[UrdfJoint]:
-        """The joints from the root link to a link, fixed ones too; refuses one that slides or follows.
+    def body(self, link: str) -> list[str]:
+        """A link, and those that hang on it by fixed joints, the nearest first."""
+        body = [link]
+        for one in body:
+            body += [joint.child for joint in self._children[one] if joint.kind == "fixed"]
+        return body
 
-        What slides or floats ahead of the first joint that turns is taken as at rest.
-        """
-        way: list[UrdfJoint] = []
-        link = tool
+    def exits(self, link: str) -> list[UrdfJoint]:
+        """The joints that a link and its ``body`` carry and that move."""
+        return [one for part in self.body(link) for one in self._children[part] if one.kind != "fixed"]
+
+    def pose(self, link: str) -> FloatArray:
+        """(4, 4) of a link in the root frame, all joints at zero."""
+        if link not in self._poses:
+            joint = self._into[link]
+            self._poses[link] = self.pose(joint.parent) @ joint.origin
+        return self._poses[link]
+
+    def route(self, link: str) -> list[UrdfJoint]:
+        """The joints from the root link to a link, fixed ones too, as they are written."""
+        route: list[UrdfJoint] = []
         while link != self.root:
-            way.insert(0, self._into[link])
-            link = way[0].parent
-        for k, joint in enumerate(way):
-            where = f'<joint name="{joint.name}">'
-            if joint.kind not in ("revolute", "continuous", "fixed"):
-                if joint.mimics is None and all(one.kind == "fixed" for one in way[:k]):
-                    way[k] = joint.at_rest()
-                    continue
-                raise RobotFileError(
-                    f'{where}: type="{joint.kind}": the chain of an arm holds revolute, continuous and fixed '
-                    f"joints; an arm that ends ahead of it is named as {self.path.name}#{joint.parent}"
-                )
-            if joint.mimics is not None and joint.kind != "fixed":
-                raise RobotFileError(
-                    f'{where}: follows the joint "{joint.mimics}"; in a URDF file every joint of an arm is '
-                    "free. Rods that keep a hand level: Main, Your own arm, or armctl new --build palletiser"
-                )
-        return [joint.settled() for joint in way]
+            route.insert(0, self._into[link])
+            link = route[0].parent
+        return route
 
 
 def read_urdf_file(source: UrdfSource, arguments: Mapping[str, str] | None = None) -> UrdfTree:
@@ -308,6 +326,7 @@ def _joint(element: ElementTree.Element, name: str) -> UrdfJoint:
     origin, turned = _origin(element)
     axis, leaned = _axis(element)
     limit, lower, upper, speed, effort = element.find("limit"), 0.0, 0.0, 0.0, 0.0
+    mimic = element.find("mimic")
     if limit is not None:
         if kind != "continuous":  # whose limits say nothing
             lower, upper = (_numbers(limit, key, 1, 0.0)[0] for key in ("lower", "upper"))
@@ -322,7 +341,9 @@ def _joint(element: ElementTree.Element, name: str) -> UrdfJoint:
         limits=None if limit is None else (lower, upper),
         speed=speed,
         effort=effort,
-        mimics=None if element.find("mimic") is None else _attribute_of(element, "mimic", "joint"),
+        mimics=None if mimic is None else _attribute_of(element, "mimic", "joint"),
+        multiplier=1.0 if mimic is None else _numbers(mimic, "multiplier", 1, 1.0)[0],
+        offset=0.0 if mimic is None else _numbers(mimic, "offset", 1, 0.0)[0],
         rounding=turned + leaned,
     )
 

@@ -1,0 +1,144 @@
+"""The chain of an arm: the joints from the root of its file to the tool link.
+
+What slides or floats ahead of the first joint that turns is held at rest. Where rods keep a hand level, the
+file has joints that follow others (``<mimic>``). Two of them on one axis are one link that turns by both.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armctl.arrays import FloatArray
+from armctl.errors import InputError, RobotFileError
+from armctl.kinematics import Chain
+from armctl.robot.robot import Robot
+from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, is_free
+
+_SAME = 1e-9
+"""how far apart two axes may be that are one: sine, and metres"""
+_ALONG = math.cos(math.radians(1))
+"""cosine of the angle up to which two axes are along each other"""
+
+
+@dataclass(frozen=True, slots=True)
+class ArmChain:
+    """A chain, and which link of it each joint of the file turns."""
+
+    chain: Chain
+    links: tuple[UrdfJoint, ...]
+    """of each link, the joint that turns it"""
+    link_of: Mapping[str, int]
+    """by the names of the joints"""
+
+
+def arm_way(tree: UrdfTree, tool: str) -> list[UrdfJoint]:
+    """The joints from the root link to a link, fixed ones too, as an arm has them; refuses what slides."""
+    way = tree.route(tool)
+    for k, joint in enumerate(way):
+        if joint.kind in ("revolute", "continuous", "fixed"):
+            continue
+        if joint.mimics is None and all(one.kind == "fixed" for one in way[:k]):
+            way[k] = joint.at_rest()
+            continue
+        raise RobotFileError(
+            f'<joint name="{joint.name}">: type="{joint.kind}": the chain of an arm holds revolute, '
+            "continuous and fixed joints; an arm that ends ahead of it is named as "
+            f"{tree.path.name}#{joint.parent}, and if the joint never moves, make it fixed"
+        )
+    _refuse_lift(tree, way)
+    return [joint.settled() for joint in _following(way)]
+
+
+def _refuse_lift(tree: UrdfTree, way: Sequence[UrdfJoint]) -> None:
+    """Refuse to hold still what alone moves the tool along the axes of all joints: the lift of a SCARA."""
+    axes = [tree.pose(joint.child)[:3, :3] @ joint.axis for joint in way if joint.kind != "fixed"]
+    for joint in tree.route(way[-1].child) if axes else ():
+        along = tree.pose(joint.child)[:3, :3] @ joint.axis
+        if joint.kind == "prismatic" and min(abs(float(along @ axis)) for axis in axes) > _ALONG:
+            raise RobotFileError(
+                f'<joint name="{joint.name}">: type="prismatic": it slides along the axes of all joints that '
+                "turn, as in a SCARA. Without it the tool stays in a plane, and armctl moves only joints "
+                'that turn. If it really stays where it is, make it type="fixed" at that height'
+            )
+
+
+def _following(way: Sequence[UrdfJoint]) -> Iterator[UrdfJoint]:
+    """The joints; those that follow others as they follow a joint of their own."""
+    joints = {joint.name: joint for joint in way}
+    for joint in way:
+        if joint.kind == "fixed" or joint.mimics is None:
+            yield joint
+            continue
+        factor, offset, leader, seen = joint.multiplier, joint.offset, joints.get(joint.mimics), {joint.name}
+        while leader is not None and leader.mimics is not None and leader.name not in seen:
+            seen.add(leader.name)
+            offset += factor * leader.offset
+            factor *= leader.multiplier
+            leader = joints.get(leader.mimics)
+        if leader is None or not is_free(leader):
+            raise RobotFileError(
+                f'<joint name="{joint.name}">: follows the joint "{joint.mimics}", which does not turn on '
+                "the way to the tool; take its <mimic> out, or make it fixed"
+            )
+        yield replace(joint.turned(offset), mimics=leader.name, multiplier=factor, offset=0.0)
+
+
+def arm_chain(tree: UrdfTree, way: Sequence[UrdfJoint], turn: FloatArray) -> ArmChain:
+    """The chain of the joints from the root to the tool link, whose frame is moved by ``turn`` (4, 4)."""
+    names = [joint.name for joint in way if is_free(joint)]
+    links: list[UrdfJoint] = []
+    origins: list[FloatArray] = []
+    rows: list[FloatArray] = []
+    link_of: dict[str, int] = {}
+    ahead = np.eye(4)
+    for joint in way:
+        ahead = ahead @ joint.origin
+        if joint.kind == "fixed":
+            continue
+        row = np.zeros(len(names))
+        row[names.index(joint.mimics or joint.name)] = joint.multiplier
+        if links and (sense := _shared_axis(tree, links[-1], joint, ahead)):
+            links.pop()
+            row += sense * rows.pop()
+            ahead = origins.pop() @ ahead
+        links.append(joint)
+        origins.append(ahead)
+        rows.append(row)
+        link_of[joint.name] = len(links) - 1
+        ahead = np.eye(4)
+    chain = Chain.from_joints(origins, [joint.axis for joint in links], ahead @ turn)
+    if len(links) > len(names):
+        chain = Chain(chain.segments, chain.tail, coupling=rows)
+    return ArmChain(chain, tuple(links), link_of)
+
+
+def _shared_axis(tree: UrdfTree, joint: UrdfJoint, other: UrdfJoint, T: FloatArray) -> int:
+    """1 or -1 where two joints that follow others turn about one axis, in one sense or in both; else 0.
+
+    ``T`` (4, 4) is the frame of the second in that of the first. Between them is nothing that can be seen.
+    """
+    if joint.mimics is None or other.mimics is None:
+        return 0
+    if any(tree.links[link].is_solid for link in tree.body(joint.child)):
+        return 0
+    axis = T[:3, :3] @ other.axis
+    apart = max(np.linalg.norm(np.cross(joint.axis, axis)), np.linalg.norm(np.cross(joint.axis, T[:3, 3])))
+    return 0 if apart > _SAME else int(np.sign(joint.axis @ axis))
+
+
+def require_solvable(robot: Robot, way: Sequence[UrdfJoint]) -> None:
+    """Refuse rods that no solver takes, by the name of the joint that follows."""
+    if robot.chain.coupling is None:
+        return
+    try:
+        robot.inverse_kinematics  # noqa: B018
+    except InputError as cause:
+        joint = next(one for one in way if one.mimics is not None and one.kind != "fixed")
+        raise RobotFileError(
+            f'<joint name="{joint.name}">: follows the joint "{joint.mimics}": {cause}. If that joint has a '
+            "motor of its own, take its <mimic> out; if it does not turn, make it fixed"
+        ) from cause

@@ -1,0 +1,285 @@
+"""Which joints of a URDF file are the arm: what its tree, its geometry and its names tell.
+
+From the root, the arm follows the branch with the most joints that turn freely. One with less is beside the
+arm: a wheel, a rod, a counterweight. The arm ends where no such joint is left. Names decide where they say
+something (``names``): what opens a gripper or aims a camera does not count, as long as nothing else follows.
+
+Most names say nothing. The last joint of the tree may be a jaw then, and two branches of the same length may
+be two arms, or two fingers. Such a file is not decided here: ``ArmEnds`` has all ends that there may be.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armctl.arrays import FloatArray
+from armctl.robot.urdf.names import (
+    is_beside,
+    is_hand,
+    is_moving_part,
+    is_tool_frame,
+    opens_gripper,
+    turns_arm,
+)
+from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, is_free
+
+_MOST_FINGER_JOINTS = 3
+"""of one finger; a branch with more is an arm"""
+_FEWEST_AHEAD = 3
+"""joints of an arm ahead of a hand or a jaw"""
+_ONE_SIDED = 0.25
+"""share of the range on the smaller side of zero, below which a joint turns to one side only"""
+_PARALLEL = math.cos(math.radians(5))
+_ACROSS = math.sin(math.radians(15))
+"""cosine of the angle between two axes, above and below which they count as parallel and at right angles"""
+_NEAR = 1e-6
+"""lengths below this have no direction [m]"""
+_JAW, _PERHAPS_JAW = 2, 1
+"""signs of a jaw (``_Joints.jaw_signs``) from which on it is asked, and doubted in words"""
+_FINGERS = 4
+"""signs from which on a joint with a second one that follows it is a pair of fingers"""
+
+
+@dataclass(frozen=True, slots=True)
+class ArmEnds:
+    """Where the arm may end."""
+
+    links: tuple[str, ...]
+    """what its last joint carries, the likeliest first"""
+    why: str = ""
+    """what the file leaves open, in words; empty: the first link is the end"""
+    perhaps_jaw: tuple[str, str] | None = None
+    """the last joint and the link ahead of it, where that joint may be a jaw, but hardly is"""
+
+
+def arm_ends(tree: UrdfTree) -> ArmEnds:
+    """Where the arm of a file ends."""
+    joints = _Joints(tree, by_names=True)
+    if not joints.reach[tree.root]:  # all that turns is called a gripper, a wheel or a camera
+        joints = _Joints(tree, by_names=False)
+    return joints.ends(tree.root, ())
+
+
+class _Joints:
+    """The joints of one file, counted from their ends."""
+
+    def __init__(self, tree: UrdfTree, *, by_names: bool) -> None:
+        self._tree, self._by_names = tree, by_names
+        self.reach = dict.fromkeys(tree.links, 0)
+        """joints of an arm beyond each link, at most"""
+        for joint in reversed(list(tree.below(tree.root))):
+            self.reach[joint.parent] = max(self.reach[joint.parent], self.count(joint))
+
+    def count(self, joint: UrdfJoint) -> int:
+        """How many joints of an arm a branch has, its first joint included."""
+        beyond = self.reach[joint.child]
+        beside = self._by_names and is_beside(joint.name, joint.child)
+        return beyond + (is_free(joint) and not (beside and not beyond))
+
+    def ends(self, link: str, ahead: Sequence[UrdfJoint]) -> ArmEnds:
+        """Where the arm may end beyond a link; ``ahead``: the joints of the arm up to there."""
+        exits = self._tree.exits(link)
+        live = sorted((joint for joint in exits if self.count(joint)), key=self.count, reverse=True)
+        if not live:
+            return self._without_a_joint(link, exits, ahead)
+        most = self.count(live[0])
+        second = self.count(live[1]) if len(live) > 1 else 0
+        if most == 1 and is_free(live[0]):
+            return self._at_the_last(link, exits, live, ahead)
+        if most == 1 or second <= 1 or most >= second + 2:
+            return self._beyond(live[0], ahead)
+        return self._of_branches(link, live, ahead)
+
+    def _beyond(self, joint: UrdfJoint, ahead: Sequence[UrdfJoint]) -> ArmEnds:
+        return self.ends(joint.child, (*ahead, joint))
+
+    def _of_branches(self, link: str, live: Sequence[UrdfJoint], ahead: Sequence[UrdfJoint]) -> ArmEnds:
+        """Several branches with two joints and more: arms, or the fingers of a hand."""
+        most = self.count(live[0])
+        branches = [joint for joint in live if self.count(joint) >= max(2, most - 1)]
+        branches.sort(key=lambda joint: (not self._has_tool(joint), -self.count(joint), -self._mass(joint)))
+        ends = [end for joint in branches for end in self._beyond(joint, ahead).links]
+        fingers = most <= _MOST_FINGER_JOINTS and sum(map(is_free, ahead)) > _FEWEST_AHEAD
+        names = ", ".join(joint.name for joint in branches)
+        why = f"{names} begin branches of about as many joints: arms, fingers, or an arm and rods"
+        return ArmEnds(tuple(dict.fromkeys([link, *ends] if fingers else ends)), why)
+
+    def _at_the_last(
+        self, link: str, exits: Sequence[UrdfJoint], live: Sequence[UrdfJoint], ahead: Sequence[UrdfJoint]
+    ) -> ArmEnds:
+        """One more joint, or several beside each other with nothing behind them."""
+        followed = {joint.mimics for joint in exits}
+        signs = {joint.name: self.jaw_signs(joint, ahead) + 2 * (joint.name in followed) for joint in live}
+        if len(live) == 1:
+            (joint,) = live
+            found, jaw = self._beyond(joint, ahead), signs[joint.name]
+            if jaw >= _FINGERS and joint.name in followed:
+                return ArmEnds((link,))
+            if jaw >= _JAW and sum(map(is_free, ahead)) >= _FEWEST_AHEAD:
+                why = f"{joint.name} may be the last joint of the arm, or a jaw"
+                return ArmEnds((link, *found.links), why)
+            return replace(found, perhaps_jaw=(joint.name, link)) if jaw >= _PERHAPS_JAW else found
+        called = any(self._by_names and opens_gripper(joint.name, joint.child) for joint in exits)
+        if min(signs.values()) >= _JAW or (called and not any(self._is_called_arm(joint) for joint in live)):
+            if called or self._alike(live):
+                return ArmEnds((link,))
+        order = sorted(live, key=lambda joint: (signs[joint.name] >= _JAW, *self._slightness(joint)))
+        ends = [end for joint in order for end in self._beyond(joint, ahead).links]
+        hand = 0 if signs[order[0].name] >= _JAW else 1
+        why = f"{', '.join(joint.name for joint in order)} may be joints of the arm, fingers, or beside it"
+        return ArmEnds(tuple(dict.fromkeys([*ends[:hand], link, *ends[hand:]])), why)
+
+    def _without_a_joint(self, link: str, exits: Sequence[UrdfJoint], ahead: Sequence[UrdfJoint]) -> ArmEnds:
+        """No joint turns freely any more. One that slides may open the gripper, or make a SCARA of the arm.
+
+        One that follows others may keep the hand level.
+        """
+        called = [joint for joint in exits if opens_gripper(joint.name, joint.child)]
+        followed = {joint.mimics for joint in exits}
+        slides = [joint for joint in exits if joint.kind == "prismatic" and joint.mimics is None]
+        if len(slides) == 1 and slides[0].name not in followed and not called:
+            (slide,) = slides
+            if self._all_along(slide, ahead):
+                return self._beyond(slide, ahead)
+            why = f"{slide.name} slides, which no joint of an arm does here; it may open the gripper"
+            return ArmEnds((link,), why)
+        level = [joint for joint in exits if joint.mimics is not None and joint.kind != "prismatic"]
+        if len(level) == 1 and len(exits) == 1 and not called:
+            rods = self._followers(level[0])
+            if self._keeps_level(rods, ahead):
+                return self.ends(rods[-1].child, (*ahead, *rods))
+        return ArmEnds((link,))
+
+    def _followers(self, joint: UrdfJoint) -> list[UrdfJoint]:
+        """A joint that follows another, and those right behind it that do, too."""
+        found = [joint]
+        while len(exits := self._tree.exits(found[-1].child)) == 1 and exits[0].mimics is not None:
+            found += exits
+        return found
+
+    def _keeps_level(self, rods: Sequence[UrdfJoint], ahead: Sequence[UrdfJoint]) -> bool:
+        """Whether joints that follow undo all that the parallel joints ahead of them turn."""
+        axis = self._axis(rods[0])
+        net = {joint.name: 0.0 for joint in ahead if is_free(joint)}
+        for joint in (*ahead, *rods):
+            leader = joint.mimics or joint.name
+            if leader in net:
+                net[leader] += float(self._axis(joint) @ axis) * joint.multiplier
+        turned = [name for name in net if self._is_parallel(name, ahead, axis)]
+        return bool(turned) and all(abs(net[name]) < _NEAR for name in turned)
+
+    def _is_parallel(self, name: str, joints: Sequence[UrdfJoint], axis: FloatArray) -> bool:
+        return any(one.name == name and abs(float(self._axis(one) @ axis)) > _PARALLEL for one in joints)
+
+    def jaw_signs(self, joint: UrdfJoint, ahead: Sequence[UrdfJoint]) -> int:
+        """How much the last joint of the tree looks like a jaw; below 1: not at all.
+
+        A jaw turns to one side, at right angles to the joint that rolls it. It swings what it carries, which
+        is light, and nothing hangs on it. None of that is sure: a wrist may be built so, too.
+        """
+        free = [one for one in ahead if is_free(one)]
+        body = self._tree.body(joint.child)
+        if self._is_called_arm(joint) or any(one.mimics is None for one in self._tree.exits(joint.child)):
+            return -4
+        bare = [link for link in body[1:] if not self._tree.links[link].is_solid]
+        if any(map(is_tool_frame, body)) or (bare and self._tree.links[joint.child].is_solid):
+            return -4
+        signs = 2 * is_moving_part(joint.child)
+        if _is_one_sided(joint):
+            signs += 2 * (2 * sum(map(_is_one_sided, free)) <= len(free))
+        elif joint.kind == "continuous":
+            signs += not any(one.kind == "continuous" for one in free)
+        else:
+            signs -= _turns_far(joint)
+        signs += self._swings(joint)
+        if not free:
+            return signs
+        before = free[-1]
+        cosine = abs(float(self._axis(joint) @ self._axis(before)))
+        if cosine > _PARALLEL:
+            signs -= 2
+        elif cosine < _ACROSS:
+            signs += self._rolls(free)
+        return signs + (0.0 < joint.effort < 0.5 * before.effort)
+
+    def _is_called_arm(self, joint: UrdfJoint) -> bool:
+        return self._by_names and turns_arm(joint.name, joint.child)
+
+    def _swings(self, joint: UrdfJoint) -> int:
+        """1 where what a joint carries lies beside its axis, -1 where it lies along it, 0 if not known."""
+        arm = self._middle(joint) - self._tree.pose(joint.child)[:3, 3]
+        along = abs(float(arm @ self._axis(joint)))
+        across = math.sqrt(max(float(arm @ arm) - along * along, 0.0))
+        if max(along, across) < _NEAR:
+            return 0
+        return 1 if across > along else -1 if along > 2 * across else 0
+
+    def _middle(self, joint: UrdfJoint) -> FloatArray:
+        """(3,) centre of mass of what a joint carries, or the middle of its shapes, in the root frame."""
+        links = [(self._tree.links[name], self._tree.pose(name)) for name in self._tree.body(joint.child)]
+        start = self._tree.pose(joint.child)[:3, 3]
+        mass = sum(link.mass_kg for link, _ in links)
+        moments = [link.mass_kg * (T[:3, :3] @ link.com + T[:3, 3]) for link, T in links]
+        middle = np.sum(moments, axis=0) / mass if mass else start
+        places = [(T @ shape.pose)[:3, 3] for link, T in links for shape in link.visual or link.collision]
+        if places and np.linalg.norm(middle - start) < _NEAR:
+            middle = np.mean(places, axis=0)
+        return middle
+
+    def _rolls(self, joints: Sequence[UrdfJoint]) -> bool:
+        """Whether the last of several joints rolls what it carries: it stands ahead on its own axis."""
+        if len(joints) < 2:
+            return False
+        joint, before = joints[-1], joints[-2]
+        step = self._tree.pose(joint.child)[:3, 3] - self._tree.pose(before.child)[:3, 3]
+        step -= (step @ self._axis(before)) * self._axis(before)
+        return abs(float(step @ self._axis(joint))) > max(0.7 * float(np.linalg.norm(step)), _NEAR)
+
+    def _all_along(self, slide: UrdfJoint, ahead: Sequence[UrdfJoint]) -> bool:
+        """Whether all joints ahead turn about the direction of a slide, as those of a SCARA do."""
+        turns = [one for one in ahead if is_free(one)]
+        return bool(turns) and all(abs(self._axis(one) @ self._axis(slide)) > _PARALLEL for one in turns)
+
+    def _alike(self, joints: Sequence[UrdfJoint]) -> bool:
+        """Whether joints beside each other turn alike, as fingers do."""
+        ranges = {tuple(sorted(round(abs(end), 3) for end in one.limits or ())) for one in joints}
+        along = [abs(float(self._axis(one) @ self._axis(joints[0]))) > _PARALLEL for one in joints]
+        return len(ranges) == 1 and all(along)
+
+    def _slightness(self, joint: UrdfJoint) -> tuple[float, ...]:
+        """How little a last joint looks like one of the arm: for the order of what is offered."""
+        held = len(self._tree.body(joint.child)) + len(self._tree.exits(joint.child))
+        return -held, self._swings(joint), -joint.effort, -self._mass(joint)
+
+    def _axis(self, joint: UrdfJoint) -> FloatArray:
+        """(3,) unit vector in the root frame, all joints at zero."""
+        return self._tree.pose(joint.child)[:3, :3] @ joint.axis
+
+    def _mass(self, joint: UrdfJoint) -> float:
+        links = [joint.child, *(one.child for one in self._tree.below(joint.child))]
+        return sum(self._tree.links[link].mass_kg for link in links)
+
+    def _has_tool(self, joint: UrdfJoint) -> bool:
+        """Whether a branch has a link or joint that is called after a tool or a gripper."""
+        below = [joint, *self._tree.below(joint.child)]
+        return any(
+            is_tool_frame(one.child) or is_hand(one.child) or opens_gripper(one.name, one.child)
+            for one in below
+        )
+
+
+def _is_one_sided(joint: UrdfJoint) -> bool:
+    if joint.kind != "revolute" or joint.limits is None:
+        return False
+    lower, upper = joint.limits
+    return lower < upper and (-lower < _ONE_SIDED * upper or upper < _ONE_SIDED * -lower)
+
+
+def _turns_far(joint: UrdfJoint) -> bool:
+    """Whether a joint turns by a quarter to both sides."""
+    lower, upper = joint.limits or (0.0, 0.0)
+    return lower <= -math.pi / 2 and upper >= math.pi / 2
