@@ -43,10 +43,14 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
     kind = _kind(file)
     unknown: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+    sound = f"a sound {kind}"
     try:
         if kind == "robot":
             arm = load_robot(file).with_body()
-            assumed = arm.assumed
+            assumed, left_out = arm.assumed, arm.left_out
+            if left_out:
+                sound = f"sound as an arm of {arm.n} joints, without {', '.join(left_out)}"
             findings = list(_check_robot(arm))
         else:
             given = None if robot is None else load_robot(robot)
@@ -65,10 +69,11 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
             "findings": [_record(finding) for finding in findings],
             "not_checked": unknown,
             "assumed": assumed,
+            "left_out": left_out,
         })  # fmt: skip
     else:
         warnings = f", with {len(findings)} warning{'s' if len(findings) > 1 else ''}" if findings else ""
-        lines = [] if errors else [f"a sound {kind}{warnings}"]
+        lines = [] if errors else [f"{sound}{warnings}"]
         lines += [f"assumed: {text}" for text in assumed]
         for line in (*lines, *(f"not checked: {text}" for text in unknown)):
             click.echo(f"{file}: {line}")

@@ -40,8 +40,8 @@ _NEAR = 1e-6
 """lengths below this have no direction [m]"""
 _JAW, _PERHAPS_JAW = 2, 1
 """signs of a jaw (``_Joints.jaw_signs``) from which on it is asked, and doubted in words"""
-_FINGERS = 4
-"""signs from which on a joint with a second one that follows it is a pair of fingers"""
+_PAIR = 3
+"""signs for a joint that another one beside it follows, as fingers do, and from which on they are fingers"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ class _Joints:
         second = self.count(live[1]) if len(live) > 1 else 0
         if most == 1 and is_free(live[0]):
             return self._at_the_last(link, exits, live, ahead)
-        if most == 1 or second <= 1 or most >= second + 2:
+        if most == 1 or most >= second + 2 or (second <= 1 and not (most == 2 and len(live) > 2)):
             return self._beyond(live[0], ahead)
         return self._of_branches(link, live, ahead)
 
@@ -99,30 +99,30 @@ class _Joints:
 
     def _of_branches(self, link: str, live: Sequence[UrdfJoint], ahead: Sequence[UrdfJoint]) -> ArmEnds:
         """Several branches with two joints and more: arms, or the fingers of a hand."""
-        most = self.count(live[0])
+        most, second = map(self.count, live[:2])
         branches = [joint for joint in live if self.count(joint) >= max(2, most - 1)]
         branches.sort(key=lambda joint: (not self._has_tool(joint), -self.count(joint), -self._mass(joint)))
         ends = [end for joint in branches for end in self._beyond(joint, ahead).links]
-        fingers = most <= _MOST_FINGER_JOINTS and sum(map(is_free, ahead)) > _FEWEST_AHEAD
-        names = ", ".join(joint.name for joint in branches)
+        fingers = 1 < second <= most <= _MOST_FINGER_JOINTS and sum(map(is_free, ahead)) > _FEWEST_AHEAD
+        names = ", ".join(joint.name for joint in (branches if second > 1 else live))
         why = f"{names} begin branches of about as many joints: arms, fingers, or an arm and rods"
-        return ArmEnds(tuple(dict.fromkeys([link, *ends] if fingers else ends)), why)
+        return ArmEnds(tuple(dict.fromkeys([link, *ends] if fingers else [*ends, link])), why)
 
     def _at_the_last(
         self, link: str, exits: Sequence[UrdfJoint], live: Sequence[UrdfJoint], ahead: Sequence[UrdfJoint]
     ) -> ArmEnds:
         """One more joint, or several beside each other with nothing behind them."""
-        followed = {joint.mimics for joint in exits}
-        signs = {joint.name: self.jaw_signs(joint, ahead) + 2 * (joint.name in followed) for joint in live}
+        signs = {joint.name: self.jaw_signs(joint, ahead) for joint in live}
         if len(live) == 1:
             (joint,) = live
             found, jaw = self._beyond(joint, ahead), signs[joint.name]
-            if jaw >= _FINGERS and joint.name in followed:
+            pair = _PAIR * any(one.mimics == joint.name for one in exits)
+            if pair and jaw + pair >= _PAIR:
                 return ArmEnds((link,))
-            if jaw >= _JAW and sum(map(is_free, ahead)) >= _FEWEST_AHEAD:
+            if jaw + pair >= _JAW and sum(map(is_free, ahead)) >= _FEWEST_AHEAD:
                 why = f"{joint.name} may be the last joint of the arm, or a jaw"
-                return ArmEnds((link, *found.links), why)
-            return replace(found, perhaps_jaw=(joint.name, link)) if jaw >= _PERHAPS_JAW else found
+                return ArmEnds((link, *found.links) if jaw > 0 else (*found.links, link), why)
+            return replace(found, perhaps_jaw=(joint.name, link)) if jaw + pair >= _PERHAPS_JAW else found
         called = any(self._by_names and opens_gripper(joint.name, joint.child) for joint in exits)
         if min(signs.values()) >= _JAW or (called and not any(self._is_called_arm(joint) for joint in live)):
             if called or self._alike(live):
@@ -188,7 +188,7 @@ class _Joints:
         bare = [link for link in body[1:] if not self._tree.links[link].is_solid]
         if any(map(is_tool_frame, body)) or (bare and self._tree.links[joint.child].is_solid):
             return -4
-        signs = 2 * is_moving_part(joint.child)
+        signs = 2 * (self._by_names and (is_moving_part(joint.child) or is_hand(joint.parent)))
         if _is_one_sided(joint):
             signs += 2 * (2 * sum(map(_is_one_sided, free)) <= len(free))
         elif joint.kind == "continuous":

@@ -12,7 +12,7 @@ _TOOL_WORDS = {"tool", "tcp", "ee", "effector", "eef", "grasp", "gripperframe"}
 """the customary names count in other names too: ``ee_gripper_link``"""
 _CAMERA = {"camera", "cameras", "cam"}
 _SENSOR = _CAMERA | {"imu", "sensor", "optical"}
-_FINGER = {"finger", "fingers", "jaw", "jaws", "claw", "claws", "knuckle", "pincer"}
+_FINGER = {"finger", "fingers", "jaw", "jaws", "claw", "claws", "knuckle", "pincer", "thumb", "pinky"}
 _STILL = {"fixed", "static"}
 _MOVING = {"moving", "movable"}
 _GRIPPER = {"gripper", "grip"}

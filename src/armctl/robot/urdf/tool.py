@@ -122,12 +122,15 @@ def _customary(tree: UrdfTree, arm: ArmEnds) -> str | None:
     """
     named = customary_tools(tree.links)
     bodies = {link for end in arm.links for link in tree.body(end)}
-    if here := [link for link in named if link in bodies]:
-        return _only(tree, here)
     most = max(_count(tree, end) for end in arm.links)
-    ahead = {joint.parent for end in arm.links for joint in tree.route(end)}
-    last = [link for link in named if _count(tree, link) >= most - (not ahead.isdisjoint(tree.body(link)))]
-    if last and most:
+    ahead = {joint.child for end in arm.links for joint in tree.route(end) if joint.kind != "fixed"}
+
+    def reached(link: str) -> bool:
+        moved = [joint.child for joint in tree.route(link) if joint.kind != "fixed"]
+        fewest = max(most - 1, 1) if moved and moved[-1] in ahead else most
+        return link in bodies or _count(tree, link) >= fewest > 0
+
+    if last := [link for link in named if reached(link)]:
         return _only(tree, last)
     if elsewhere := [link for link in named if _count(tree, link)]:
         tools = [link for end in arm.links for link in _tools(tree, end)[0][:1]]
@@ -149,7 +152,7 @@ def _tools(tree: UrdfTree, end: str) -> tuple[list[str], str]:
         return _last(tree, frames), "which has a name as tool frames have"
     hands = [link for link in fixed if is_hand(link)] or _carry_fingers(tree, end)
     if len(hands) == 1:
-        return hands, "the hand"
+        return hands, "which is called a hand" if is_hand(hands[0]) else "which carries the fingers"
     bare = [link for link in fixed if not tree.links[link].is_solid and not is_sensor(link)]
     if bare := _last(tree, bare):
         return bare if len(bare) == 1 else [end, *sorted(bare, key=unlikely)], "the last frame"
