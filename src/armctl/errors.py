@@ -105,17 +105,19 @@ class RobotFileError(ArmctlError):
 
 
 class UnclearArmError(RobotFileError):
-    """A robot file, or a folder of them, that leaves open which arm or which tool link is meant."""
+    """A robot file, or a folder of them, that leaves open which arm or tool link is meant, or what size."""
 
     arms: Sequence[str] = ()
     """the files that may be meant, seen from the folder"""
     links: Sequence[str] = ()
     """the links that may be the tool, the likeliest first"""
+    arguments: Sequence[str] = ()
+    """the arguments that the xacro file needs, and that nobody gave"""
 
     def about(self, what: str) -> Self:
         """See ``ArmctlError``."""
         error = super().about(what)
-        error.arms, error.links = self.arms, self.links
+        error.arms, error.links, error.arguments = self.arms, self.links, self.arguments
         return error
 
 

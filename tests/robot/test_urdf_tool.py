@@ -163,7 +163,7 @@ def test_the_user_names_the_tool(tmp_path: Path, steps: tuple[Step, ...], link: 
         ),
         ("#base_frame", "no joint turns between base and base_frame"),
         ("#", "behind the # stands the name of the tool link"),
-        ("#gripper,", "both with a comma between; got 'gripper,'"),
+        ("#gripper,", "with commas between; got 'gripper,'"),
         ("#gripper,approach=w", "approach=AXIS (x, y, z, -x, -y, -z)"),
         ("#approach=x,approach=y", "got 'approach=x,approach=y'"),
     ],

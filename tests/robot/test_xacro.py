@@ -6,6 +6,7 @@ import io
 import itertools
 import math
 import os
+import re
 import zipfile
 from pathlib import Path
 
@@ -17,6 +18,8 @@ from tests.robot.xacro_kit import by_armctl, by_package, robot, write
 from armctl import load_robot
 from armctl.errors import RobotFileError
 from armctl.robot.urdf import UrdfSource, install_package, read_urdf_file
+from armctl.robot.urdf.reading import parse_xml
+from armctl.robot.urdf.xacro import expand
 
 YAML = """
 limits:
@@ -381,11 +384,41 @@ def test_a_package_that_only_a_simulator_needs_may_be_missing(tmp_path: Path) ->
       <xacro:property name="mesh" value="$(find my_gazebo)/m"/>
       <gazebo><a>$(arg control)</a><b c="${mesh}"/></gazebo><ros2_control d="$(find my_gazebo)/${1 + 1}"/>
       <link name="a"/>"""
-    _, _, _, ((gazebo, _), (control, _), (link, _)) = by_armctl(write(tmp_path, {"arm.xacro": content}))
-    assert gazebo[3][0][0][2] == "$(arg control)" and gazebo[3][1][0][1] == {"c": "${mesh}"}
-    assert control[1] == {"d": "$(find my_gazebo)/${1 + 1}"} and link[1] == {"name": "a"}
+    _, _, _, inside = by_armctl(write(tmp_path, {"arm.xacro": content}))
+    assert [one for one, _ in inside] == [
+        ("gazebo", {}, "", []), ("ros2_control", {}, "", []), ("link", {"name": "a"}, "", []),
+    ]  # fmt: skip
     with pytest.raises(RobotFileError, match=r"line 1: .*\$\(find my_gazebo\): no folder above"):
         by_armctl(write(tmp_path, {"arm.xacro": content.replace("gazebo>", "link>").replace("\n", "")}))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        '<gazebo><xacro:include filename="$(find nowhere)/x.xacro"/></gazebo>',
+        "<gazebo><xacro:nothing/>${1 / 0}</gazebo>",
+        "<ros2_control>${load_yaml('none.yaml').a}</ros2_control>",
+        '<xacro:include filename="$(find my_gazebo)/urdf/arm.xacro"/><xacro:arm_gazebo tf="x"/>',
+        '<xacro:include filename="a.ros2_control.xacro"/><xacro:an_ros2_control><b/></xacro:an_ros2_control>',
+        '<xacro:include filename="$(find nowhere)/transmission.xacro"/>',
+        """<xacro:macro name="m" params="file more:=$(find none)"><link name="m"/></xacro:macro>
+           <xacro:m file="$(find my_controllers)/c.yaml"/>""",
+    ],
+)
+def test_what_only_simulators_and_controllers_need_stops_nothing(tmp_path: Path, content: str) -> None:
+    file = write(tmp_path, {"arm.xacro": f"{content}<link name='a'/>"})
+    expanded = expand(parse_xml(file.read_bytes(), file), UrdfSource.at(file), {})
+    assert [link.get("name") for link in expanded.root.findall("link")][-1] == "a"
+    named = re.findall('filename="([^"]*)"', content) if "<gazebo" not in content else []
+    assert list(expanded.left_out) == named
+
+
+def test_a_package_that_the_arm_needs_is_named_where_a_macro_of_it_is_missing(tmp_path: Path) -> None:
+    content = '<xacro:include filename="$(find my_control)/arm.xacro"/><xacro:arm/>'
+    with pytest.raises(RobotFileError, match=r"<xacro:arm>: there is no such macro; .*my_control.*no folder"):
+        load_robot(write(tmp_path, {"arm.xacro": content}))
+    with pytest.raises(RobotFileError, match=r"\$\(find my_arm\): no folder above the file"):
+        load_robot(write(tmp_path, {"arm.xacro": content.replace("my_control", "my_arm")}))
 
 
 # Plain arms.

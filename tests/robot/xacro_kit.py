@@ -39,7 +39,7 @@ def write(folder: Path, files: Mapping[str, str]) -> Path:
 
 def by_armctl(file: Path, arguments: Mapping[str, str] | None = None) -> Tree:
     """The tree that armctl makes of a file."""
-    return _tree(expand(parse_xml(file.read_bytes(), file), UrdfSource.at(file), arguments or {}))
+    return _tree(expand(parse_xml(file.read_bytes(), file), UrdfSource.at(file), arguments or {}).root)
 
 
 def by_package(

@@ -78,7 +78,8 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
         for line in (*lines, *(f"not checked: {text}" for text in unknown)):
             click.echo(f"{file}: {line}")
     for finding in findings:
-        text = str(finding) if str(file) in str(finding) else f"{file}: {finding}"
+        named = str(file).partition("#")[0] in str(finding)
+        text = str(finding) if named else f"{file}: {finding}"
         click.echo(f"armctl: {'' if finding.severity == 'error' else 'warning: '}{text}", err=True)
     return REFUSED if errors else DONE
 

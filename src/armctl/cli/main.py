@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import importlib
 import os
+import re
 import sys
 from collections.abc import Sequence
 from io import TextIOWrapper
@@ -34,6 +35,8 @@ COMMANDS = {
 UNNAMED = "serve"
 """the command that is meant where none is named"""
 DONE, REFUSED, WRONG_USAGE = 0, 1, 2
+_ARGUMENT = re.compile(r"[A-Za-z_][\w.-]*:=.*", re.DOTALL)
+"""``model:=mk3``, as ROS users give arguments of launch and xacro files"""
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
@@ -45,7 +48,7 @@ class LazyGroup(click.Group):
         own = {name for parameter in self.get_params(ctx) for name in parameter.opts}
         if args and args[0].startswith("-") and args[0] not in own:
             args = [UNNAMED, *args]
-        return super().parse_args(ctx, args)
+        return super().parse_args(ctx, _with_arguments(args))
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of all commands, in the order of the table above."""
@@ -58,6 +61,27 @@ class LazyGroup(click.Group):
         module, _, attribute = COMMANDS[cmd_name].partition(":")
         command = getattr(importlib.import_module(module), attribute)
         return command if isinstance(command, click.Command) else None
+
+
+def _with_arguments(args: Sequence[str]) -> list[str]:
+    """``arm.xacro model:=mk3`` as ``arm.xacro#model:=mk3``, for each robot on the command line.
+
+    Arguments belong to the robot before them, else to the one behind.
+    """
+    given = [k for k, word in enumerate(args) if _ARGUMENT.fullmatch(word)]
+    words = list(args)
+    for k in given:
+        from armctl.robot import with_argument  # half a second that other commands may not need
+
+        for near in (*range(k - 1, 0, -1), *range(k + 1, len(args))):
+            option, _, name = words[near].rpartition("=" if words[near].startswith("--") else "\0")
+            found = None if near in given else with_argument(name, args[k])
+            if found is not None:
+                words[near] = f"{option}={found}" if option else found
+                break
+        else:
+            raise click.UsageError(f"{args[k]} is an argument of a xacro file: name that file before it")
+    return [word for k, word in enumerate(words) if k not in given]
 
 
 _COMPLETION = """\b

@@ -11,6 +11,7 @@ from armctl.robot.load import (
     urdf_path,
     user_robots,
     user_robots_folder,
+    with_argument,
 )
 from armctl.robot.outputs import FLATTEST_PER_DEG, OutputMap
 from armctl.robot.parts import Gripper, Joint
@@ -32,4 +33,5 @@ __all__ = [
     "urdf_path",
     "user_robots",
     "user_robots_folder",
+    "with_argument",
 ]

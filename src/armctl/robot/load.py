@@ -99,6 +99,14 @@ def urdf_path(name: str | Path) -> tuple[Path, str | None] | None:
     return None
 
 
+def with_argument(name: str, argument: str) -> str | None:
+    """A robot's name with one more argument (``model:=mk3``) of its xacro file; None: it is no URDF robot."""
+    if not is_urdf(name):
+        return None
+    escaped = re.sub(r"[%,#/\\]", lambda sign: f"%{ord(sign[0]):02X}", argument)
+    return f"{name}{',' if '#' in name else '#'}{escaped}"
+
+
 def robot_path(name: str) -> Path:
     """The file that a robot's name or path stands for, without the tool link of a URDF file.
 
@@ -115,13 +123,15 @@ def robot_path(name: str) -> Path:
     return Path(name.split("#")[0])
 
 
-def load_robot(name: str | Path) -> Robot:
+def load_robot(name: str | Path, arguments: Mapping[str, str | bool | int | float] | None = None) -> Robot:
     """Load a shipped robot or one of your own by its name, or one from a path.
 
     A shipped name always means the shipped robot: your own file of that name is opened by its path.
     A path leads to a robot file (``.toml``), or to an arm in URDF: a ``.urdf`` or ``.xacro`` file, a folder
     or a ``.zip`` file with one, or the side file (``.armctl.toml``) beside it. Behind these may stand the
-    tool link, and which of its axes is the approach axis: ``arm.urdf#gripper_link,approach=x``.
+    tool link, which of its axes is the approach axis, and the arguments of a xacro file:
+    ``arm.urdf#gripper_link,approach=x``, ``arm.urdf.xacro#model:=mk3``. ``arguments`` gives these, too:
+    ``{"model": "mk3"}``.
     ``RobotFileError`` names the file and what is wrong with it.
     """
     path = as_path(name, "a robot is a shipped name or the path of a robot file")
@@ -130,7 +140,9 @@ def load_robot(name: str | Path) -> Robot:
     if urdf := urdf_path(name):
         from armctl.robot.urdf import load_urdf  # 15 ms that no other robot needs
 
-        return load_urdf(*urdf)
+        return load_urdf(*urdf, arguments)
+    if arguments:
+        raise RobotFileError(f"{name}: only a xacro file has arguments, such as {next(iter(arguments))!r}")
     if path.suffix == "" and len(path.parts) == 1:
         path = robot_path(str(name))
         if path.suffix == "":

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import starmap
 from pathlib import Path
+from typing import TypeAlias
+from urllib.parse import unquote
 
 import msgspec
 import numpy as np
@@ -36,6 +38,9 @@ SPEED_UP_S = 1 / 6
 AXES = {f"{sign}{axis}": (sign, k) for sign in ("", "-") for k, axis in enumerate("xyz")}
 """the axes of a link, as ``approach=`` names them: sign and column"""
 _APPROACH = "approach="
+GIVES = ":="
+"""between the name and the value of an argument, as ROS has it"""
+ArgumentValue: TypeAlias = str | bool | int | float
 _FASTER = 1.001
 """a speed is raised by more than rounding"""
 _UNSEEN = 1e-9
@@ -54,21 +59,24 @@ _MOST_TOLD = 8
 """shapes that were passed over, told by name"""
 
 
-def load_urdf(path: Path, wanted: str | None) -> Robot:
+def load_urdf(path: Path, wanted: str | None, arguments: Mapping[str, ArgumentValue] | None = None) -> Robot:
     """The arm of a URDF or xacro file, of a zip file or folder with one, or of a side file that names one.
 
     The base frame is the root link, the tool frame the tool link, turned so that z is the approach axis, and
-    the zero of every joint that of the file. What lies off the chain is carried with it. ``wanted``: the tool
-    link, the axis of it that is taken for z, or both: ``link,approach=x``. It goes before what the side file
-    says; where neither names a link, ``suggested_tool`` does.
+    the zero of every joint that of the file. What lies off the chain is carried with it. ``wanted``: as
+    ``Wanted.of`` reads it. It goes before what the side file says; where neither names a link,
+    ``suggested_tool`` does. ``arguments`` of a xacro file go before those that ``wanted`` names.
     """
     try:
         source = UrdfSource.at(path)
         side, document = read_side_file(source.side_path)
-        link, approach = _wanted(wanted)
+        wish = Wanted.of(wanted)
+        link, approach = wish.link, wish.approach
         if link is not None:
             side = msgspec.structs.replace(side, tool=ToolEntry())
-        tree = read_urdf_file(source)
+        tree = read_urdf_file(
+            source, argument_texts({**side.arguments, **wish.arguments, **(arguments or {})})
+        )
         link = link or side.tool.link
         if link is not None and link not in tree.links:
             some = ", ".join(list(tree.links)[:_MOST_NAMED]) + ", …" * (len(tree.links) > _MOST_NAMED)
@@ -87,19 +95,44 @@ def load_urdf(path: Path, wanted: str | None) -> Robot:
         raise refusal.about(str(path)) from refusal
 
 
-def _wanted(text: str | None) -> tuple[str | None, str | None]:
-    """The tool link and the approach axis, as far as they are named."""
-    if text is None:
-        return None, None
-    parts = [part.strip() for part in text.split(",")]
-    axes = [part.removeprefix(_APPROACH) for part in parts if part.startswith(_APPROACH)]
-    links = [part for part in parts if not part.startswith(_APPROACH)]
-    if "" in parts or len(links) > 1 or len(axes) > 1 or not set(axes) <= set(AXES):
-        raise RobotFileError(
-            f"behind the # stands the name of the tool link, {_APPROACH}AXIS ({', '.join(AXES)}), "
-            f"or both with a comma between; got {text!r}"
-        )
-    return (links[0] if links else None), (axes[0] if axes else None)
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What stands behind the ``#`` of an arm's name."""
+
+    link: str | None
+    """the tool link"""
+    approach: str | None
+    """the axis of it that is taken for z"""
+    arguments: Mapping[str, str]
+    """of a xacro file, by name"""
+
+    @classmethod
+    def of(cls, text: str | None) -> Wanted:
+        """Read ``link``, ``approach=x`` and ``name:=value``, any of them, with commas between."""
+        if text is None:
+            return cls(None, None, {})
+        parts = [part.strip() for part in text.split(",")]
+        given = [part.partition(GIVES) for part in parts if GIVES in part]
+        axes = [part.removeprefix(_APPROACH) for part in parts if part.startswith(_APPROACH)]
+        links = [part for part in parts if GIVES not in part and not part.startswith(_APPROACH)]
+        arguments = {name.strip(): unquote(value) for name, _, value in given}
+        unclear = len(links) > 1 or len(axes) > 1 or len(arguments) < len(given)
+        if unclear or "" in (*parts, *arguments) or not set(axes) <= set(AXES):
+            raise RobotFileError(
+                f"behind the # stands the name of the tool link, {_APPROACH}AXIS ({', '.join(AXES)}), and "
+                f"NAME{GIVES}VALUE for each argument of a xacro file, with commas between; got {text!r}"
+            )
+        return cls(links[0] if links else None, axes[0] if axes else None, arguments)
+
+
+def argument_texts(values: Mapping[str, object]) -> dict[str, str]:
+    """The values of arguments as xacro takes them: texts, ``true`` and ``false``."""
+    for name, value in values.items():
+        if not isinstance(value, str | int | float):
+            raise RobotFileError(f"the argument {name!r} is {value!r}; it must be a text, a number or a bool")
+    return {
+        name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in values.items()
+    }
 
 
 def _robot(
@@ -129,6 +162,7 @@ def _robot(
     offset = f", the tool point at ({offset}) mm" if any(side.tool.offset_mm) else ""
     title = tree.name or arm_stem(source.file)
     assumed = [
+        *_about_arguments(tree),
         *about_tool(tree, tool, way),
         *about_beside(tree, way),
         *_about_approach(tree, tool, names, chain, approach),
@@ -273,6 +307,17 @@ def _title(name: str) -> str:
 
 
 # ``Robot.assumed``: what the file leaves open, and what armctl takes instead, a sentence each.
+
+
+def _about_arguments(tree: UrdfTree) -> Iterable[str]:
+    """Arguments that are as the file has them, and files that were left out."""
+    left = [f"{one.name}{GIVES}{one.value}" for one in tree.arguments if one.value == one.default]
+    if left:
+        more = ", …" * (len(left) > _MOST_TOLD)
+        other = f"others: armctl check {tree.path.name} NAME{GIVES}VALUE"
+        yield f"arguments as the file has them: {', '.join(left[:_MOST_TOLD])}{more} ({other})"
+    if tree.left_out:
+        yield f"left out, as only simulators and controllers need it: {', '.join(tree.left_out)}"
 
 
 def _about_approach(

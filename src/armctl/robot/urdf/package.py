@@ -14,7 +14,7 @@ import shutil
 import stat
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -134,6 +134,23 @@ class UrdfSource:
             if place.is_dir() and self._allowed(place) and (own or (place / "package.xml").is_file()):
                 return place
         return None
+
+    def callers(self, macros: Sequence[str]) -> list[str]:
+        """The xacro files of the package that call one of these macros, seen from the file's folder."""
+        call = re.compile(rb"<xacro:(?:%s)[\s/>]" % b"|".join(re.escape(name.encode()) for name in macros))
+        found: list[Path] = []
+        with suppress(RobotFileError):  # a folder of very many files
+            for path in walk(self.roots[0]):
+                if (
+                    path.suffix.lower() in ARM_SUFFIXES
+                    and not path.samefile(self.file)
+                    and self._allowed(path)
+                ):
+                    with suppress(RobotFileError):
+                        found += [path] * bool(call.search(_SMALL_TEXTS.read(path)))
+        here, others = self.file.parent.resolve(), [path.resolve() for path in found]
+        others = [path for path in others if path != self.file.resolve()]
+        return [os.path.relpath(path, here) for path in _whole_arms(others)]
 
     def _above(self) -> list[Path]:
         above = list(self.file.absolute().parents)[:_LEVELS]

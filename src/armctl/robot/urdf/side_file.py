@@ -73,6 +73,9 @@ class SideJointEntry(Strict, frozen=True):
     stall_torque_nm: Positive | None = None
 
 
+ArgumentName = Annotated[str, Meta(min_length=1, max_length=100)]
+
+
 class SideFile(Strict, frozen=True):
     """One side file, as written. The board stands in ``[board]``, as in a robot file."""
 
@@ -82,6 +85,10 @@ class SideFile(Strict, frozen=True):
     name: Name | None = None
     title: str | None = None
     source: str = ""
+    arguments: dict[ArgumentName, str | bool | int | float] = msgspec.field(
+        default_factory=dict[str, str | bool | int | float]
+    )
+    """values of what the xacro file declares by ``<xacro:arg>``"""
     tool: ToolEntry = ToolEntry()
     body: Literal["meshes", "bars"] = "meshes"
     """what is drawn and kept apart: the file's shapes, or bars from joint to joint"""

@@ -22,7 +22,8 @@ from armctl.robot.parts import Color, Shape
 from armctl.robot.urdf.package import UrdfSource
 from armctl.robot.urdf.reading import URDF_FILES, parse_xml
 from armctl.robot.urdf.rounding import Rounding, exact_axis, exact_rotation
-from armctl.robot.urdf.xacro import expand, is_xacro
+from armctl.robot.urdf.xacro import Expanded, expand, is_xacro
+from armctl.robot.urdf.xacro_properties import Argument
 
 T = TypeVar("T")
 KINDS = ("revolute", "continuous", "fixed", "prismatic", "planar", "floating")
@@ -30,6 +31,8 @@ LARGEST = 1e6
 """no number of a URDF file, in metres, radians, kg or N·m, is larger than this"""
 WIDEST = 4 * math.pi
 """no limit of a joint is farther from zero [rad]"""
+_MOST_NAMED = 6
+"""macros, or files that call them, in one refusal"""
 _NO_LIMIT = -1.0
 """what exporters write as effort or velocity where there is no limit"""
 _FASTEST = 20 * math.pi
@@ -135,8 +138,17 @@ class UrdfLink:
 class UrdfTree:
     """The links of a file, hung up by its root; refuses what is no tree."""
 
-    def __init__(self, path: Path, name: str, links: dict[str, UrdfLink], joints: Sequence[UrdfJoint]):
+    def __init__(
+        self,
+        path: Path,
+        name: str,
+        links: dict[str, UrdfLink],
+        joints: Sequence[UrdfJoint],
+        arguments: tuple[Argument, ...] = (),
+        left_out: tuple[str, ...] = (),
+    ):
         self.path, self.name, self.links = path, name, links
+        self.arguments, self.left_out = arguments, left_out
         self._children: dict[str, list[UrdfJoint]] = {link: [] for link in links}
         self._into: dict[str, UrdfJoint] = {}
         self._poses: dict[str, FloatArray] = {}
@@ -215,8 +227,14 @@ def read_urdf_file(source: UrdfSource, arguments: Mapping[str, str] | None = Non
     root = parse_xml(URDF_FILES.read(source.file), source.file)
     if root.tag != "robot":
         raise RobotFileError(f"the root element is <{root.tag}>, a URDF file has <robot>")
+    expanded: Expanded | None = None
     if is_xacro(root):
-        root = expand(root, source, arguments or {})
+        expanded = expand(root, source, arguments or {})
+        root = expanded.root
+        if root.find("link") is None and expanded.macros:
+            raise _only_macros(source, expanded)
+    elif arguments:
+        raise RobotFileError(f"it is no xacro file and has no argument {next(iter(arguments))!r}")
     colors = {
         material.get("name", ""): color
         for material in root.findall("material")
@@ -224,7 +242,22 @@ def read_urdf_file(source: UrdfSource, arguments: Mapping[str, str] | None = Non
     }
     links = _by_name(root, "link", lambda element, _: _link(element, colors))
     joints = _by_name(root, "joint", _joint)
-    return UrdfTree(source.file, root.get("name", ""), links, list(joints.values()))
+    given = ((), ()) if expanded is None else (expanded.arguments, expanded.left_out)
+    return UrdfTree(source.file, root.get("name", ""), links, list(joints.values()), *given)
+
+
+def _only_macros(source: UrdfSource, expanded: Expanded) -> RobotFileError:
+    """The refusal of a file that defines macros and calls none; names the files that call them."""
+    names = [name for name, _ in expanded.macros]
+    what = f"only defines the macro{'s' * (len(names) > 1)} {', '.join(names[:_MOST_NAMED])}"
+    if callers := source.callers(names):
+        return RobotFileError(f"{what}; open the file that calls it: {', '.join(callers[:_MOST_NAMED])}")
+    call = expanded.macros[-1][1]
+    return RobotFileError(
+        f"{what}; open the file that calls it, or write one: <robot "
+        f'xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="{source.file.name}"/>'
+        f"{call}</robot>"
+    )
 
 
 def _by_name(

@@ -16,10 +16,10 @@ from typing import TypeAlias, cast
 
 from armctl.errors import RobotFileError
 from armctl.robot.urdf.package import UrdfSource
-from armctl.robot.urdf.reading import ArmFiles, Element
+from armctl.robot.urdf.reading import ArmFiles, Element, MissingPackageError
 from armctl.robot.urdf.xacro_expression import Budget
 from armctl.robot.urdf.xacro_functions import shown
-from armctl.robot.urdf.xacro_properties import Scope, Texts, is_name, truth
+from armctl.robot.urdf.xacro_properties import Argument, Scope, Texts, is_name, truth
 
 _XACRO = "xacro:"
 _DEEPEST = 60
@@ -27,7 +27,13 @@ _DEEPEST = 60
 _ELEMENT_STEPS = 10
 """what making an element costs"""
 _ASIDE = frozenset({"gazebo", "ros2_control", "transmission"})
-"""elements that no arm is made of: what needs a package that is not there stays in them as it is written"""
+"""elements that no arm is made of: they stay empty where they cannot be expanded"""
+_NOT_OF_ARMS = frozenset(
+    "gazebo gz ign ignition isaac mujoco webots sim simulation simulator control controller controllers "
+    "transmission transmissions".split()
+)
+"""words in the names of files and macros that only simulators and controllers need"""
+_WORD = re.compile(r"[a-z]+")
 _MOST_PARAMETERS = 500
 _PARAMETER = re.compile(r"\s*(?:(?P<name>[^\s:=]+)\s*:?=\s*(?P<passed>\^\|?)?|(?P<only>\S+))")
 
@@ -41,9 +47,29 @@ class Macro:
     defaults: Mapping[str, tuple[bool, str | None]]
     """by parameter: whether it is passed through from the caller, and the text where it is not"""
 
+    def call(self, name: str) -> str:
+        """A call with what it needs, as it is written."""
+        needed = [one for one in self.parameters if one not in self.defaults]
+        values = "".join(f' {one}="VALUE"' for one in needed if not one.startswith("*"))
+        blocks = "".join(f"<{one.lstrip('*')}/>" for one in needed if one.startswith("*"))
+        return f"<xacro:{name}{values}" + (f">{blocks}</xacro:{name}>" if blocks else "/>")
+
 
 Macros: TypeAlias = ChainMap[str, "Macro | Macros"]
 """macros by name, and namespaces of them"""
+
+
+@dataclass(frozen=True, slots=True)
+class Expanded:
+    """What a xacro file stands for."""
+
+    root: Element
+    arguments: tuple[Argument, ...]
+    """that it declares, with what they stand for"""
+    left_out: tuple[str, ...]
+    """files that are not there, and that only simulators and controllers need"""
+    macros: tuple[tuple[str, str], ...]
+    """the macros of the main file, each with a call of it as it would be written"""
 
 
 def is_xacro(root: Element) -> bool:
@@ -60,18 +86,21 @@ def _name(element: Element) -> str | None:
     return element.tag.removeprefix(_XACRO) if element.tag.startswith(_XACRO) else None
 
 
-def expand(root: Element, source: UrdfSource, arguments: Mapping[str, str]) -> Element:
+def expand(root: Element, source: UrdfSource, arguments: Mapping[str, str]) -> Expanded:
     """The tree that a xacro file stands for; a refusal names the line, and the file if it is an included one.
 
     ``arguments``: values of what ``<xacro:arg>`` declares, by name; the file's defaults stand for others.
+    ``UnclearArmError``: one is needed.
     """
     expansion = _Expansion(source, arguments)
     try:
-        return expansion.whole(root)
+        expanded = expansion.whole(root)
     except RecursionError as cause:
-        raise RobotFileError(f"{expansion.where()}it is nested too deep") from cause
+        raise RobotFileError("it is nested too deep").about(expansion.where) from cause
     except RobotFileError as refusal:
-        raise RobotFileError(f"{expansion.where()}{refusal}") from refusal
+        raise refusal.about(expansion.where) from refusal
+    expansion.require_known_arguments()
+    return expanded
 
 
 class _Expansion:
@@ -81,35 +110,49 @@ class _Expansion:
         self._texts = Texts(self._files, self._budget, arguments)
         self._main = source.file
         self._depth = 0
+        self.require_known_arguments = self._texts.require_known
+        self._left_out: dict[str, str] = {}
+        """names of files that are not there, and why they are not"""
         self._at: Element | None = None
         """what is being expanded"""
 
+    @property
     def where(self) -> str:
         """Where the expansion has come to."""
         if self._at is None:
-            return ""
+            return self._main.name
         file = "" if self._at.file == self._main else f"{self._at.file.name}, "
-        return f"{file}line {self._at.line}: "
+        return f"{file}line {self._at.line}"
 
-    def whole(self, root: Element) -> Element:
+    def whole(self, root: Element) -> Expanded:
         """The tree of the main file."""
-        made = self._copied(root, ChainMap(), Scope(self._texts, None))
+        macros: Macros = ChainMap()
+        made = self._copied(root, macros, Scope(self._texts, None))
         space = root.get("xacro:targetNamespace")
         if space:
             made.set("xmlns", space)
-        return made
+        own = tuple(
+            (name, macro.call(name))
+            for name, macro in macros.items()
+            if isinstance(macro, Macro) and macro.element.file == self._main
+        )
+        return Expanded(made, self._texts.declared, tuple(self._left_out), own)
 
     def _copied(self, element: Element, macros: Macros, scope: Scope) -> Element:
         """An element that is none of xacro, with its texts filled and what is inside expanded."""
         self._at = element
-        made = self._empty(element, element.tag)
-        aside = element.tag in _ASIDE
-        self._texts.lenient += aside
-        for key, text in element.attrib.items():
-            if key != "xmlns:xacro" and not key.startswith(_XACRO):
-                made.set(key, self._texts.text(text, scope))
-        self._expand_inside(element, made, macros, scope)
-        self._texts.lenient -= aside
+        made, depth, stack = self._empty(element, element.tag), self._depth, len(self._files.stack)
+        try:
+            for key, text in element.attrib.items():
+                if key != "xmlns:xacro" and not key.startswith(_XACRO):
+                    made.set(key, self._texts.text(text, scope))
+            self._expand_inside(element, made, macros, scope)
+        except RobotFileError:
+            if element.tag not in _ASIDE or self._budget.left < 0:
+                raise
+            self._depth = depth
+            del self._files.stack[stack:]
+            return self._empty(element, element.tag)
         return made
 
     def _empty(self, like: Element, tag: str) -> Element:
@@ -243,15 +286,28 @@ class _Expansion:
             raise RobotFileError(f'<xacro:insert_block name="{shown(name)}">: there is no such block')
 
     def _include(self, element: Element, into: Element, macros: Macros, scope: Scope) -> None:
-        name = self._texts.text(_required(element, "filename"), scope)
+        written = _required(element, "filename")
+        try:
+            name = self._texts.text(written, scope)
+            paths = self._files.named(name)
+            lost = "" if all(path.is_file() for path in paths) else f'there is no file "{shown(name)}"'
+        except MissingPackageError as missing:
+            name, paths, lost = written, [], str(missing)
+        optional = truth(element.get("optional", "false"), "optional")
+        if lost and _only_for_others(written):
+            if not optional:
+                self._left_out[written] = lost
+            return
+        if lost and not paths:
+            raise MissingPackageError(lost)
         space = element.get("ns")
         if space:
             space = self._texts.text(space, scope)
             macros[space], around = ChainMap(), scope
             macros, scope = cast("Macros", macros[space]), Scope(self._texts, around, namespace=True)
             around.set(space, scope)
-        for path in self._files.named(name):
-            if truth(element.get("optional", "false"), "optional") and not path.is_file():
+        for path in paths:
+            if optional and not path.is_file():
                 continue
             self._enter()
             try:
@@ -273,8 +329,16 @@ class _Expansion:
 
     def _call(self, name: str, element: Element, into: Element, macros: Macros, scope: Scope) -> None:
         """Expand a call of a macro: its parameters, its blocks, then its body."""
+        found = _found(name, macros, scope)
+        if found is None and self._left_out:
+            if _only_for_others(name):
+                return
+            lost = "; ".join(f"{shown(file)} was left out: {why}" for file, why in self._left_out.items())
+            raise RobotFileError(f"<xacro:{shown(name)}>: there is no such macro; {lost}")
+        if found is None:
+            raise RobotFileError(f"<xacro:{shown(name)}>: there is no such macro")
         self._enter()
-        own_macros, around, macro = _found(name, macros, scope)
+        own_macros, around, macro = found
         own, missing = Scope(self._texts, around), list(macro.parameters)
         for key, text in element.attrib.items():
             if key == "macro" and element.tag == "xacro:call":
@@ -282,7 +346,7 @@ class _Expansion:
             if key not in missing or key.startswith("*"):
                 raise RobotFileError(f"<{element.tag}>: the macro {name} has no parameter {shown(key)!r}")
             missing.remove(key)
-            own.set(key, self._texts.value(text, scope))
+            own.set(key, self._texts.held(text, scope))
         blocks = self._empty(element, element.tag)
         self._expand_inside(element, blocks, macros, scope)
         self._at = element
@@ -313,7 +377,12 @@ class _Expansion:
                 pass
         if text is None:
             raise RobotFileError(f"the macro {name} needs the parameter {key!r}")
-        return self._texts.value(text, scope)
+        return self._texts.held(text, scope)
+
+
+def _only_for_others(name: str) -> bool:
+    """Whether a file or a macro is one of simulators or controllers, by its name."""
+    return not _NOT_OF_ARMS.isdisjoint(_WORD.findall(name.lower()))
 
 
 def _required(element: Element, key: str) -> str:
@@ -333,8 +402,8 @@ def _lift_namespaces(into: Element, attributes: Mapping[str, str]) -> None:
 # Macros.
 
 
-def _found(name: str, macros: Macros, scope: Scope) -> tuple[Macros, Scope, Macro]:
-    """The macro of a name, with the macros and the properties that its body sees."""
+def _found(name: str, macros: Macros, scope: Scope) -> tuple[Macros, Scope, Macro] | None:
+    """The macro of a name, with the macros and the properties that its body sees; None: there is none."""
     macro = macros.get(name)
     for space in name.split(".")[:-1] if macro is None else ():
         inner = macros.get(space)
@@ -347,9 +416,7 @@ def _found(name: str, macros: Macros, scope: Scope) -> tuple[Macros, Scope, Macr
         macros, scope = inner, properties
     else:
         macro = macro or macros.get(name.rpartition(".")[2])
-    if not isinstance(macro, Macro):
-        raise RobotFileError(f"<xacro:{shown(name)}>: there is no such macro")
-    return macros, scope, macro
+    return (macros, scope, macro) if isinstance(macro, Macro) else None
 
 
 def _macro(element: Element) -> tuple[str, Macro]:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from keyword import iskeyword
 from typing import Any
 
-from armctl.errors import RobotFileError
+from armctl.decoding import did_you_mean
+from armctl.errors import RobotFileError, UnclearArmError
 from armctl.robot.urdf.reading import ArmFiles, Element, MissingPackageError
 from armctl.robot.urdf.xacro_expression import Budget, Expressions
 from armctl.robot.urdf.xacro_functions import FUNCTIONS, XACRO, Function, Module, Value, shown
@@ -25,6 +27,17 @@ _TAKEN = {name for name in vars(math) if not name.startswith("_")} | set(
 """names that xacro takes for defined everywhere, so that no property gets a default of that name"""
 _DEEPEST = 50
 """properties that are made of properties"""
+
+
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """What ``<xacro:arg>`` declares."""
+
+    name: str
+    value: str
+    """in force: as given, else the default"""
+    default: str | None
+    """None: it has none, or one that was not worked out, as another value was given"""
 
 
 class Scope:
@@ -47,7 +60,10 @@ class Scope:
         if name in scope.waiting:
             scope.values[name] = self._texts.made(name, scope.waiting[name], scope)
             scope.waiting.pop(name, None)
-        return scope.values[name]
+        value = scope.values[name]
+        if isinstance(value, MissingPackageError):
+            raise MissingPackageError(str(value))
+        return value
 
     def _holder(self, name: str) -> Scope | None:
         scope: Scope | None = self
@@ -137,10 +153,13 @@ class Texts:
     """What texts stand for, with the arguments of the file and the functions that read files."""
 
     def __init__(self, files: ArmFiles, budget: Budget, arguments: Mapping[str, str]) -> None:
-        self.lenient = 0
-        """above 0: what needs a package that is not there stays as it is written"""
         self._files, self._budget = files, budget
+        self._given = arguments
         self._arguments: dict[str, str | MissingPackageError] = dict(arguments)
+        self._defaults: dict[str, str | None] = {}
+        """of the arguments that are declared"""
+        self._used: dict[str, None] = {}
+        """arguments that were asked for"""
         own = {
             "load_yaml": Function("load_yaml", self._yaml),
             "abs_filename": Function("abs_filename", self._absolute),
@@ -173,14 +192,16 @@ class Texts:
             return values[0]
         return self._expressions.text(*values)
 
+    def held(self, text: str, scope: Scope) -> Value:
+        """As ``value``; what needs a package that is not there is refused where it is used."""
+        try:
+            return self.value(text, scope)
+        except MissingPackageError as missing:
+            return missing
+
     def text(self, text: str, scope: Scope) -> str:
         """What a text stands for, as it is written into the tree."""
-        try:
-            return self._expressions.text(self.value(text, scope))
-        except MissingPackageError:
-            if self.lenient:
-                return text
-            raise
+        return self._expressions.text(self.value(text, scope))
 
     def made(self, name: str, text: str, scope: Scope) -> Value:
         """What a property stands for."""
@@ -197,12 +218,34 @@ class Texts:
 
     def declare(self, name: str, default: str | None, scope: Scope) -> None:
         """An argument of the file: it stays as it was given, else it is the default."""
-        if name in self._arguments or default is None:
+        if self._defaults.get(name) is None:
+            self._defaults[name] = default if default is None or "$" not in default else None
+        if default is None or name in self._arguments:
             return
-        try:
-            self._arguments[name] = self._expressions.text(self.value(default, scope))
-        except MissingPackageError as missing:  # refused where it is used
-            self._arguments[name] = missing
+        value = self.held(default, scope)
+        if isinstance(value, MissingPackageError):
+            self._arguments[name] = value
+        else:
+            self._arguments[name] = self._defaults[name] = self._expressions.text(value)
+
+    @property
+    def declared(self) -> tuple[Argument, ...]:
+        """The arguments of the file that stand for something."""
+        return tuple(
+            Argument(name, value, default)
+            for name, default in self._defaults.items()
+            if isinstance(value := self._arguments.get(name), str)
+        )
+
+    def require_known(self) -> None:
+        """Refuse arguments that were given and that the file has no use for."""
+        known = dict.fromkeys((*self._defaults, *self._used))
+        for name in self._given:
+            if name not in known:
+                has = f"has {', '.join(known)}" if known else "has none"
+                raise RobotFileError(
+                    f"there is no argument {shown(name)!r}{did_you_mean(name, known)}; the file {has}"
+                )
 
     def _inner(self, text: str, scope: Scope) -> str:
         """What is inside of a hole, with its own holes filled."""
@@ -211,11 +254,19 @@ class Texts:
         return self._expressions.text(self.value(text, scope))
 
     def _argument(self, name: str) -> str:
+        self._used[name] = None
         value = self._arguments.get(name)
         if isinstance(value, MissingPackageError):
             raise MissingPackageError(str(value))
         if value is None:
-            raise RobotFileError(f"the argument {shown(name)!r} is needed, and the file gives it no default")
+            needed = [*(one for one in self._defaults if one not in self._arguments and one != name), name]
+            given = " ".join(f"{shown(one)}:=VALUE" for one in needed)
+            error = UnclearArmError(
+                f"the argument {shown(name)!r} is needed, and the file gives it no default; write it behind "
+                f"the file: armctl check {self._files.source.file.name} {given}"
+            )
+            error.arguments = needed
+            raise error
         return value
 
     def _absolute(self, filename: str) -> str:

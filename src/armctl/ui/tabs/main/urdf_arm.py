@@ -18,9 +18,12 @@ from armctl.motion.clearance import clear_pose, stands_clear
 from armctl.robot import Robot, load_robot, urdf_path
 from armctl.robot.urdf import (
     AXES,
+    Argument,
     SideFile,
     UrdfSource,
+    Wanted,
     add_to_package,
+    argument_texts,
     changed_side_file,
     install_package,
     read_side_file,
@@ -60,6 +63,8 @@ class _Present:
     source: UrdfSource
     side: SideFile
     links: tuple[str, ...]
+    arguments: tuple[Argument, ...]
+    """that the xacro file declares"""
 
     @classmethod
     def of(cls, name: str) -> _Present:
@@ -69,7 +74,9 @@ class _Present:
             raise InputError(f"{name} is no URDF arm")
         source = UrdfSource.at(found[0])
         side, _ = read_side_file(source.side_path)
-        return cls(name.partition("#")[0], source, side, tuple(read_urdf_file(source).links))
+        given = argument_texts({**side.arguments, **Wanted.of(found[1]).arguments})
+        tree = read_urdf_file(source, given)
+        return cls(name.partition("#")[0], source, side, tuple(tree.links), tree.arguments)
 
 
 class UrdfArm:
@@ -93,6 +100,8 @@ class UrdfArm:
             self._angles = angle_fields(gui, self._robot, self._robot.pose("rest"))
             self._take = gui.add_button_group("Rest pose", ("Use the present pose", "Find a clear one"))
             self._home = gui.add_checkbox("Home pose, too", False, hint="Home is a pose that Main goes to.")
+            self._arguments = gui.add_folder("Arguments of the xacro file", visible=False)
+            self._fields: dict[Argument, viser.GuiInputHandle[str]] = {}
             self._problem = LiveHtml(gui)
             save = gui.add_button("Save and open anew", icon=viser.Icon.DEVICE_FLOPPY, color="green")
             cancel = gui.add_button("Cancel", color="gray")
@@ -119,6 +128,12 @@ class UrdfArm:
         self._angles.fill(self._robot.pose("rest"))
         home = self._robot.pose("home")
         self._home.value = not await asyncio.to_thread(stands_clear, replace(self._robot, poses={}), home)
+        for field in self._fields.values():
+            field.remove()
+        with self._arguments:
+            offered = present.arguments[:_MOST_OFFERED]
+            self._fields = {one: self._session.gui.add_text(one.name, one.value) for one in offered}
+        self._arguments.visible = bool(self._fields)
         self._box.visible, self._begin.visible = True, False
 
     def _end(self) -> None:
@@ -153,7 +168,12 @@ class UrdfArm:
             "offset_mm": [field.value for field in self._offset],
         }
         poses = {"rest": rest, "home": rest} if self._home.value else {"rest": rest}
-        changes = {"tool": tool, "poses": poses, "floor": {"z_mm": self._floor.value}}
+        changes: dict[str, object] = {"tool": tool, "poses": poses, "floor": {"z_mm": self._floor.value}}
+        if self._fields:
+            changes["arguments"] = {
+                one.name: None if field.value == one.default else field.value
+                for one, field in self._fields.items()
+            }
         folder = session.console.files / "robots"
         path = await asyncio.to_thread(_saved, present, changes, folder)
         session.notify("Saved", str(path))
@@ -180,11 +200,19 @@ class UrdfArm:
         session.notify("Uploaded", f"{file.name} is used now, if the URDF file names it.")
         await session.reopen_arm()
 
-    async def _install(self, file: viser.UploadedFile, folder: Path, chosen: Mapping[str, str]) -> None:
+    async def _install(self, file: viser.UploadedFile, folder: Path, chosen: Mapping[str, Any]) -> None:
         session = self._session
         try:
             choice = await asyncio.to_thread(_installed, file.name, file.content, folder, chosen)
         except UnclearArmError as unclear:
+            if unclear.arguments:
+                before: dict[str, str] = chosen.get("arguments", {})
+
+                def filled(values: Mapping[str, str]) -> Coroutine[Any, Any, None]:
+                    return self._install(file, folder, {**chosen, "arguments": {**before, **values}})
+
+                self._ask_arguments(unclear.arguments, filled)
+                return
             what, options = ("arm", unclear.arms) if unclear.arms else ("link", unclear.links)
             if what in chosen:
                 raise
@@ -221,12 +249,30 @@ class UrdfArm:
                 offer(option)
             session.on(gui.add_button("Cancel", color="gray").on_click, question.close)
 
+    def _ask_arguments(
+        self, names: Sequence[str], go_on: Callable[[Mapping[str, str]], Coroutine[Any, Any, None]]
+    ) -> None:
+        """Let the page fill in what an uploaded xacro file needs."""
+        session, gui = self._session, self._session.gui
+        question = gui.add_modal("Arguments of the xacro file")
 
-def _installed(name: str, content: bytes, folder: Path, chosen: Mapping[str, str]) -> RobotChoice:
+        async def taken() -> None:
+            question.close()
+            session.require_operator()
+            await go_on({name: field.value for name, field in fields.items()})
+
+        with question:
+            gui.add_markdown("The file needs these values and gives none. Its authors say what they may be.")
+            fields = {name: gui.add_text(name, "") for name in names[:_MOST_OFFERED]}
+            session.on(gui.add_button("Open the arm", color="green").on_click, taken)
+            session.on(gui.add_button("Cancel", color="gray").on_click, question.close)
+
+
+def _installed(name: str, content: bytes, folder: Path, chosen: Mapping[str, Any]) -> RobotChoice:
     """Keep an arm in the user's folder, if it can be opened.
 
-    ``chosen``: the ``arm`` of several in the file and the tool ``link`` of several, as far as they were asked
-    for; a side file keeps them.
+    ``chosen``: the ``arm`` of several in the file, the tool ``link`` of several and the ``arguments`` of a
+    xacro file, as far as they were asked for; a side file keeps them.
     """
     place = install_package(name, content, folder)
     try:
@@ -240,8 +286,10 @@ def _installed(name: str, content: bytes, folder: Path, chosen: Mapping[str, str
         raise RobotFileError(str(refusal).replace(f"{place}/", "").replace(str(place), name)) from refusal
 
 
-def _keep_choice(place: Path, arm: str = "", link: str = "") -> None:
-    """A folder has one side file then, which names the arm and the tool link."""
+def _keep_choice(
+    place: Path, arm: str = "", link: str = "", arguments: Mapping[str, str] | None = None
+) -> None:
+    """A folder has one side file then, which names the arm, the tool link and the arguments."""
     source = UrdfSource.at(place / arm)
     side = source.side_path or place / side_path(source.file).name
     for other in [path for path in place.rglob(f"*{SIDE_SUFFIX}") if path != side]:
@@ -249,6 +297,8 @@ def _keep_choice(place: Path, arm: str = "", link: str = "") -> None:
     changes: dict[str, object] = {"urdf": Path(os.path.relpath(source.file, side.parent)).as_posix()}
     if link:
         changes["tool"] = {"link": link}
+    if arguments:
+        changes["arguments"] = arguments
     changed_side_file(side, changes)
 
 
