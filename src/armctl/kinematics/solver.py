@@ -120,6 +120,14 @@ class InverseKinematics(ABC):
         """
         raise self._has_no("batch of poses")
 
+    def reaches(self, pose: FloatArray) -> bool | None:
+        """Whether any configuration has a tool pose ``T_base_tool`` (4, 4) [m], limits not looked at.
+
+        None: only a search would tell.
+        """
+        known = self.complete and self.searches_parts  # such a family lists whole poses
+        return bool(self.solve_poses(pose[None]).found.any()) if known else None
+
     def is_swept(self, target: Target) -> bool:
         """Whether a target asks for less than the joints can do: a continuum, and no list of branches.
 

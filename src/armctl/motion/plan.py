@@ -22,6 +22,7 @@ from armctl.motion.blend import Leg, blend
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.paths.tool_path import PitchMode, TurnMode, follow, led_at_once
+from armctl.motion.paths.tool_walk import Effort
 from armctl.motion.polynomial import PiecewisePolynomial, points_apart, spline_through
 from armctl.motion.preflight import require_clear, require_robot
 from armctl.motion.profiles import PointToPoint, ProfileName, checked_profile, lasting_s
@@ -33,6 +34,8 @@ Profile = ProfileName | Literal["normal"]
 """A law for all joints together; or "normal": each joint at its own speed (takes no duration)."""
 
 
+_FREER_STEPS = 40
+"""for the question whether a curve can be followed with less asked of the tool's turn"""
 _SLOWEST = 1e-6
 """of the tool, so that it comes to an end [m/s]"""
 
@@ -274,9 +277,10 @@ def _freer(
     ]
     if whole and robot.inverse_kinematics.pitch_and_roll(q)[0] is not None:
         ways.insert(0, ("kept", "only the tool pitch kept"))
+    effort = Effort(_FREER_STEPS)
     for mode, words in ways:
         try:
-            path = led_at_once(robot, q, curve, mode)
+            path = led_at_once(robot, q, curve, mode, effort)
             if path is None:
                 continue
             require_clear(robot, PathTrajectory.fastest(robot, path, cap), tool_path=True)

@@ -24,6 +24,7 @@ from armctl.kinematics.target import Target
 _END, _SAME = 1e-9, 1e-6
 """how near to the end of a run of solutions its last one is, and which angles of the sweep are one [rad]"""
 _ANY = np.tile([-math.pi, math.pi], (JOINTS, 1))
+_EVERY_DEGREE = np.radians(np.arange(-180.0, 180.0))
 _BETWEEN = np.linspace(0.0, 1.0, 9)[1:-1]
 _BESIDE = np.linspace(-1.0, 1.0, 33)
 """angles about one that a search has found, in steps of the sweep"""
@@ -111,6 +112,10 @@ class RedundantSolver(InverseKinematics):
             least_rotation=partial(self._least_rotation, pose, found, step), incomplete_reason=reason,
             further=partial(self._further, pose, found, step),
         )  # fmt: skip
+
+    def reaches(self, pose: FloatArray) -> bool | None:
+        """See ``InverseKinematics``; by the free joint in steps of a degree."""
+        return len(self._locked.solve(pose, _EVERY_DEGREE, _ANY).q) > 0
 
     def _with(self, pose: FloatArray, found: Found, q: FloatArray) -> Found:
         """With a configuration (7,) among them that meets the pose: of a singular one not all are listed."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -13,12 +14,14 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, MotionRefusedError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Solutions, Target
 from armctl.kinematics.angles import LIMIT_TOLERANCE
+from armctl.kinematics.numeric.solver import LinkBound
 from armctl.kinematics.solutions import needs
+from armctl.kinematics.whole_pose import pose_of
 from armctl.motion.clearance import stands_clear
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
 from armctl.motion.paths.tool_pitch import PitchRows, elevations
 from armctl.motion.paths.tool_rotation import ToolRotation, TurnRows
-from armctl.motion.paths.tool_walk import TILT, ToolTask, Walk
+from armctl.motion.paths.tool_walk import TILT, Effort, ToolTask, Walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import preflight
 from armctl.motion.timing import timed
@@ -31,8 +34,8 @@ _TURNING = 1e-6
 """a turn of the tool [rad/m], and a share of the way, that count as none"""
 _SHOWN, _TOLD = 0.0005, math.radians(0.01)
 """how far off a place with one decimal of a percent is (share of the curve), and what may come of it [rad]"""
-_MOST_STARTS = 8
-"""other branches that are tried for one refusal; each takes as long as planning a line"""
+_OTHER_STEPS, _CHECKED_STEPS = 40, 10
+"""for other branches that are tried for one refusal, so that it comes at once; what a pre-flight counts as"""
 _TURNED = 1e-6
 """how far off a rotation a solution does not have it any more [rad]"""
 
@@ -90,7 +93,7 @@ def pitch_refusal(
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Attempt:
     """A curve that could not be followed."""
 
@@ -105,14 +108,20 @@ class Attempt:
     """the joints leave a choice of ways, and other ways may lead farther than the best that was found"""
     pitch: PitchRows | None
     """what is asked of the pitch, where the position decides it"""
-    lead: Callable[[FloatArray], PiecewisePolynomial | None]
-    """q(s) along the whole curve from another start (n,) [rad] inside the limits; None: there is none"""
+    lead: Callable[[FloatArray, Effort], PiecewisePolynomial | None]
+    """q(s) along the whole curve from another start (n,) [rad] inside the limits; None: none was found"""
 
     @property
     def searched(self) -> bool:
         """Whether such targets are searched for, not solved: that takes long, and some may be missing."""
         solver = self.robot.inverse_kinematics
         return not solver.complete or (solver.searches_parts and not isinstance(self.turn, ToolRotation))
+
+    @property
+    def searches(self) -> bool:
+        """Whether an answer to what has no exact solution is searched for, which takes too long here."""
+        solver = self.robot.inverse_kinematics
+        return solver.searches_parts or not solver.complete
 
     @property
     def held(self) -> str:
@@ -133,14 +142,28 @@ class Attempt:
             return Target.of(point, rotation=self.turn.at(s))
         return Target.of(point, self.turn.elevation(s))
 
-    def reached(self, s: float) -> bool:
-        """Whether any configuration has what is asked for at ``s`` [m], limits not looked at."""
-        target, solver = self.target(s), self.robot.inverse_kinematics
-        if not solver.complete or not solver.searches_parts or target.rotation is None:
-            solutions = self.solve(target)
-            if solutions.success and bool((solutions.residual_rad < _TURNED).any()):
-                return True
-        return not self.searched and bool(self.robot.branches(*target))
+    def reached(self, s: float) -> bool | None:
+        """Whether any configuration has what is asked for at ``s`` [m], limits not looked at.
+
+        None: only a search would tell, which takes too long.
+        """
+        target = self.target(s)
+        if self.searches and target.rotation is not None:
+            return self.robot.inverse_kinematics.reaches(pose_of(target.point, target.rotation))
+        if self.searched:
+            return None
+        solutions = self.solve(target)
+        if solutions.success and bool((solutions.residual_rad < _TURNED).any()):
+            return True
+        return bool(self.robot.branches(*target))
+
+    @cached_property
+    def beyond(self) -> str:
+        """Why the end of the curve is too far or too near for the links alone; empty: that is not known."""
+        why = LinkBound(self.robot.chain).violation(
+            self.curve.positions(self.curve.length), self.robot.joints[0].title
+        )
+        return f"at 100 %, {why}" if why else ""
 
     def solve(self, target: Target) -> Solutions:
         """The solutions of a target inside the limits."""
@@ -262,9 +285,10 @@ def end_refusal(tried: Attempt) -> ToolPathRefusedError | ToolPathUnreachableErr
         return ToolPathUnreachableError(f"{_where(curve, place)}: {why}", place, before)
     k = int((np.abs(last.slope) / robot.speed_limits).argmax())
     title, rate = robot.joints[k].title, math.degrees(abs(float(last.slope[k]))) / 1000.0
+    farther = f"; {tried.beyond}" if tried.beyond else ""
     return ToolPathRefusedError(
         f"{_where(curve, place)}: {tried.found}{title} would have to turn by {rate:.0f}° a mm, "
-        f"and more just beyond: a singularity; {_other_ways(tried)}",
+        f"and more just beyond: a singularity{farther}; {_other_ways(tried)}",
         replace(place, joint=k),
         before,
     )
@@ -273,9 +297,11 @@ def end_refusal(tried: Attempt) -> ToolPathRefusedError | ToolPathUnreachableErr
 def _out_of_reach(tried: Attempt, s: float) -> str | None:
     """Why no branch reaches the curve just beyond ``s`` [m], limits not looked at; None: one does."""
     curve = tried.curve
-    if tried.reached(min(curve.length, s + _BEYOND * curve.length)):
+    if tried.reached(min(curve.length, s + _BEYOND * curve.length)) is not False:
         return None
     with_it = f" with that {tried.held}" if tried.held else ""
+    if tried.searches:
+        return f"here it leaves what the arm reaches{with_it}; {tried.beyond or f'move the {curve.kind}'}"
     if tried.held == "pitch" and tried.turn is not None and tried.turn.rates(s).any():
         # farther on it is another pitch
         return f"here it leaves what the arm reaches{with_it}; move the {curve.kind}"
@@ -289,7 +315,7 @@ def _out_of_reach(tried: Attempt, s: float) -> str | None:
             if solutions.success:
                 why = tried.robot.turned_off(solutions, solutions[int(solutions.residual_rad.argmin())]) or ""
             return f"here it leaves what the arm reaches{with_it}; at {percent} %, {why}"
-        if tried.searched or percent == first:  # a search is too slow to ask it often
+        if percent == first:
             break
         percent = (percent + first) // 2
     return f"here it leaves what the arm reaches{with_it}; move the {curve.kind}"
@@ -328,15 +354,19 @@ def _other_branches(tried: Attempt) -> list[str]:
         if solutions.residual_rad[i] < _TURNED:
             starts.setdefault(str(solutions.branch[i]), solutions.q[i])
     mine = solutions.branch_of(q)
-    others = [name for name in starts if name != mine][:_MOST_STARTS]
-    return [name for name in sorted(others) if _may_be_followed(tried, starts[name])]
+    effort = Effort(_OTHER_STEPS)
+    others = [name for name in starts if name != mine]  # the nearest first
+    return sorted(name for name in others if _may_be_followed(tried, starts[name], effort))
 
 
-def _may_be_followed(tried: Attempt, start: FloatArray) -> bool:
-    """Whether the arm follows the whole curve from a start (n,) [rad], clear of all that is in the way."""
-    path = tried.lead(start)
-    if path is None or not stands_clear(tried.robot, start):
+def _may_be_followed(tried: Attempt, start: FloatArray, effort: Effort) -> bool:
+    """Whether the arm is known to follow the whole curve from a start (n,) [rad], clear of all in the way."""
+    if effort.left <= 0 or not stands_clear(tried.robot, start):
         return False
+    path = tried.lead(start, effort)
+    if path is None:
+        return False
+    effort.left -= _CHECKED_STEPS
     findings = preflight(tried.robot, timed(tried.robot, path), tool_path=True)
     return all(finding.severity != "error" for finding in findings)
 

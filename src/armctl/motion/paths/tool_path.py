@@ -23,7 +23,7 @@ from armctl.motion.paths.refusals import Attempt, end_refusal, limit_refusal, pi
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
 from armctl.motion.paths.tool_pitch import PitchRows, led_pitches, pitch_rows
 from armctl.motion.paths.tool_rotation import ToolRotation
-from armctl.motion.paths.tool_walk import ToolTask, Walk, walk
+from armctl.motion.paths.tool_walk import Effort, ToolTask, Walk, walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot
 
@@ -36,6 +36,8 @@ _PUSHES = (6.0, 30.0)
 """tried in this order: how strongly a free joint keeps away from the limits [rad/m]"""
 _DRIFTS = (0.5, 1.5, 4.0)
 """and then: by how much the free joints are led aside on the whole way, each way [rad]"""
+_TRIED_STEPS = 60
+"""for all that is tried with free joints where the least motion does not lead along the whole curve"""
 _AT_ONCE = 1e-6
 _SAME_TURN = math.radians(0.01)
 """turns nearer to each other than this count as one where there is no way to turn on [rad]"""
@@ -111,9 +113,9 @@ def follow(
     walked = _best_walk(robot, task, q)
     path, crossing = walked.path, walked.crossing
 
-    def lead(start: FloatArray) -> PiecewisePolynomial | None:
+    def lead(start: FloatArray, effort: Effort) -> PiecewisePolynomial | None:
         task, pitch = _task(robot, start, robot.forward(start), curve, turn)
-        return _whole(robot, _best_walk(robot, task, start), pitch, curve)
+        return _whole(robot, walk(task, start, only_inside=True, effort=effort), pitch, curve)
 
     tried = Attempt(robot, curve, q, walked, task.turn, chosen=task.redundant, pitch=pitch_asked, lead=lead)
     if path is not None and crossing is not None:
@@ -130,14 +132,16 @@ def follow(
     return path
 
 
-def led_at_once(robot: Robot, q: FloatArray, curve: ToolCurve, mode: PitchMode) -> PiecewisePolynomial | None:
+def led_at_once(
+    robot: Robot, q: FloatArray, curve: ToolCurve, mode: PitchMode, effort: Effort
+) -> PiecewisePolynomial | None:
     """As ``follow`` with the pitch "kept" or "free", where a short search leads along the whole curve.
 
     None where it does not: then a longer one may. ``InputError``: the arm has no pitch, or too few joints.
     """
     task, pitch_asked = _task(robot, q, robot.forward(q), curve, _Turn(False, mode))
     for tried in _tasks(robot, task, q, drifts=()):
-        path = _whole(robot, walk(tried, q, only_inside=True), pitch_asked, curve)
+        path = _whole(robot, walk(tried, q, only_inside=True, effort=effort), pitch_asked, curve)
         if path is not None:
             return path
     return None
@@ -235,14 +239,19 @@ def _task(
 def _best_walk(robot: Robot, task: ToolTask, q: FloatArray) -> Walk:
     """The least motion; where that fails and a joint is free, the attempt that leads farthest."""
     attempts: list[tuple[Walk, ToolTask]] = []
+    effort = Effort(_TRIED_STEPS) if task.redundant else None
     for tried in _tasks(robot, task, q):
-        walked = walk(tried, q, only_inside=True)
+        walked = walk(tried, q, only_inside=True, effort=effort)
         if walked.complete and walked.crossing is None:
             return walked
         attempts.append((walked, tried))
+        if effort is not None and effort.left <= 0:
+            break
     best, tried = max(attempts, key=lambda one: one[0].reach)
-    # what a joint would need is known only from the whole curve
-    return best if best.crossing is None else walk(tried, q, only_inside=False)
+    if best.crossing is not None:
+        # what a joint would need is known only from the whole curve
+        return walk(tried, q, only_inside=False)
+    return best if effort is None else walk(tried, q, only_inside=True)  # to where it ends
 
 
 def _tasks(

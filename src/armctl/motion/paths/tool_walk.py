@@ -36,10 +36,20 @@ _SHARES = np.array([0.15, 0.35, 0.5, 0.65, 0.85])
 _POWERS = np.arange(6)
 _SHARES_POWERS = _SHARES[:, None] ** _POWERS
 _DENSE = np.arange(1, 16) / 16
-_LONGEST, _SHORTEST = 1 / 2, 1e-6
-"""steps, as shares of the whole curve"""
+_LONGEST, _SHORTEST, _SHORTEST_TRIED = 1 / 2, 1e-6, 1e-4
+"""steps, as shares of the whole curve; the shortest of a walk that is only tried"""
 _FIRST, _FARTHEST = 0.2, 1.2
 """most that a joint may turn in the first step, and in any [rad]"""
+
+
+@dataclass(slots=True)
+class Effort:
+    """How many more steps may be spent on walks that are only tried: one takes about a millisecond.
+
+    Counted, not timed, so that the same question has the same answer on every machine.
+    """
+
+    left: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,15 +73,18 @@ class Walk:
         return self.knots[-1].s if self.knots else 0.0
 
 
-def walk(task: ToolTask, q_start: FloatArray, *, only_inside: bool) -> Walk:
-    """Follow a curve from ``q_start`` (n,) [rad]; ``only_inside``: at most to a knot beyond the limits."""
-    knots, complete = _walked(task, q_start, task.bounds if only_inside else None, _AIM)
+def walk(task: ToolTask, q_start: FloatArray, *, only_inside: bool, effort: Effort | None = None) -> Walk:
+    """Follow a curve from ``q_start`` (n,) [rad]; ``only_inside``: at most to a knot beyond the limits.
+
+    With an ``effort`` the walk is only tried: it is given up where a branch seems to end, or the effort does.
+    """
+    knots, complete = _walked(task, q_start, task.bounds if only_inside else None, _AIM, effort)
     path = hermite(knots) if len(knots) > 1 else None
     return Walk(knots, complete, path, None if path is None else first_crossing(path, task.bounds))
 
 
 def _walked(
-    task: ToolTask, q_start: FloatArray, bounds: FloatArray | None, aim: float
+    task: ToolTask, q_start: FloatArray, bounds: FloatArray | None, aim: float, effort: Effort | None
 ) -> tuple[list[Knot], bool]:
     """The knots, and whether they lead to the end."""
     length = task.curve.length
@@ -79,8 +92,12 @@ def _walked(
     if here is None:
         return [], False
     knots = [here]
-    step = _turning(_FIRST, here)
+    step, shortest = _turning(_FIRST, here), (_SHORTEST if effort is None else _SHORTEST_TRIED) * length
     while here.s < length:
+        if effort is not None:
+            if effort.left <= 0:
+                return knots, False
+            effort.left -= 1
         step = min(step, _LONGEST * length, _turning(_FARTHEST, here))
         left = length - here.s
         if left <= 1.001 * step:
@@ -90,7 +107,7 @@ def _walked(
         there, share = _step(task, here, ahead, aim)
         if there is None or share > 1.0:
             step = 0.5 * step if there is None else (ahead - here.s) * max(0.3, 0.85 * share ** (-1 / 6))
-            if step < _SHORTEST * length:
+            if step < shortest:
                 return knots, False
             continue
         step = (ahead - here.s) * min(2.0, 0.85 * max(share, 1e-9) ** (-1 / 6))
@@ -101,7 +118,7 @@ def _walked(
     path = hermite(knots)
     s = (path.breaks[:-1, None] + np.diff(path.breaks)[:, None] * _DENSE).ravel()
     if (task.deviation(path(s), s) > 1.0).any():  # astray between the places that a step looks at
-        return _walked(task, q_start, bounds, 0.1 * aim)
+        return _walked(task, q_start, bounds, 0.1 * aim, effort)
     return knots, True
 
 
