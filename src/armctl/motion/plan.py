@@ -34,7 +34,7 @@ Profile = ProfileName | Literal["normal"]
 """A law for all joints together; or "normal": each joint at its own speed (takes no duration)."""
 
 
-_FREER_STEPS = 40
+_FREER_STEPS = 24
 """for the question whether a curve can be followed with less asked of the tool's turn"""
 _SLOWEST = 1e-6
 """of the tool, so that it comes to an end [m/s]"""

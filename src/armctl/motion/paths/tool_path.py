@@ -23,7 +23,7 @@ from armctl.motion.paths.refusals import Attempt, end_refusal, limit_refusal, pi
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
 from armctl.motion.paths.tool_pitch import PitchRows, led_pitches, pitch_rows
 from armctl.motion.paths.tool_rotation import ToolRotation
-from armctl.motion.paths.tool_walk import Effort, ToolTask, Walk, walk
+from armctl.motion.paths.tool_walk import SHORTEST, Effort, ToolTask, Walk, walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot
 
@@ -36,8 +36,9 @@ _PUSHES = (6.0, 30.0)
 """tried in this order: how strongly a free joint keeps away from the limits [rad/m]"""
 _DRIFTS = (0.5, 1.5, 4.0)
 """and then: by how much the free joints are led aside on the whole way, each way [rad]"""
-_TRIED_STEPS = 60
-"""for all that is tried with free joints where the least motion does not lead along the whole curve"""
+_TRIED_STEPS, _LAST_STEPS = 60, 40
+"""for all that is tried with free joints where the least motion does not lead along the whole curve; and for
+the one that led farthest, once more for what is said of it"""
 _AT_ONCE = 1e-6
 _SAME_TURN = math.radians(0.01)
 """turns nearer to each other than this count as one where there is no way to turn on [rad]"""
@@ -248,10 +249,11 @@ def _best_walk(robot: Robot, task: ToolTask, q: FloatArray) -> Walk:
         if effort is not None and effort.left <= 0:
             break
     best, tried = max(attempts, key=lambda one: one[0].reach)
-    if best.crossing is not None:
-        # what a joint would need is known only from the whole curve
-        return walk(tried, q, only_inside=False)
-    return best if effort is None else walk(tried, q, only_inside=True)  # to where it ends
+    if effort is None and best.crossing is None:
+        return best
+    # what a joint would need is known only from the whole curve, and where a branch ends from short steps
+    last = None if effort is None else Effort(_LAST_STEPS, SHORTEST)
+    return walk(tried, q, only_inside=best.crossing is None, effort=last)
 
 
 def _tasks(

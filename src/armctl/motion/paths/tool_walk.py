@@ -36,7 +36,7 @@ _SHARES = np.array([0.15, 0.35, 0.5, 0.65, 0.85])
 _POWERS = np.arange(6)
 _SHARES_POWERS = _SHARES[:, None] ** _POWERS
 _DENSE = np.arange(1, 16) / 16
-_LONGEST, _SHORTEST, _SHORTEST_TRIED = 1 / 2, 1e-6, 1e-4
+_LONGEST, SHORTEST, _SHORTEST_TRIED = 1 / 2, 1e-6, 1e-4
 """steps, as shares of the whole curve; the shortest of a walk that is only tried"""
 _FIRST, _FARTHEST = 0.2, 1.2
 """most that a joint may turn in the first step, and in any [rad]"""
@@ -44,12 +44,14 @@ _FIRST, _FARTHEST = 0.2, 1.2
 
 @dataclass(slots=True)
 class Effort:
-    """How many more steps may be spent on walks that are only tried: one takes about a millisecond.
+    """How many more steps may be spent on some walks: one takes about a millisecond.
 
     Counted, not timed, so that the same question has the same answer on every machine.
     """
 
     left: int
+    shortest: float = _SHORTEST_TRIED
+    """step, as a share of the whole curve, below which a branch counts as ended"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +78,7 @@ class Walk:
 def walk(task: ToolTask, q_start: FloatArray, *, only_inside: bool, effort: Effort | None = None) -> Walk:
     """Follow a curve from ``q_start`` (n,) [rad]; ``only_inside``: at most to a knot beyond the limits.
 
-    With an ``effort`` the walk is only tried: it is given up where a branch seems to end, or the effort does.
+    With an ``effort`` the walk is given up where that ends.
     """
     knots, complete = _walked(task, q_start, task.bounds if only_inside else None, _AIM, effort)
     path = hermite(knots) if len(knots) > 1 else None
@@ -92,7 +94,7 @@ def _walked(
     if here is None:
         return [], False
     knots = [here]
-    step, shortest = _turning(_FIRST, here), (_SHORTEST if effort is None else _SHORTEST_TRIED) * length
+    step, shortest = _turning(_FIRST, here), (SHORTEST if effort is None else effort.shortest) * length
     while here.s < length:
         if effort is not None:
             if effort.left <= 0:
