@@ -34,8 +34,8 @@ Profile = ProfileName | Literal["normal"]
 """A law for all joints together; or "normal": each joint at its own speed (takes no duration)."""
 
 
-_FREER_STEPS = 24
-"""for the question whether a curve can be followed with less asked of the tool's turn"""
+_FREER_STEPS = 20
+"""for each of the questions whether a curve can be followed with less asked of the tool's turn"""
 _SLOWEST = 1e-6
 """of the tool, so that it comes to an end [m/s]"""
 
@@ -277,10 +277,9 @@ def _freer(
     ]
     if whole and robot.inverse_kinematics.pitch_and_roll(q)[0] is not None:
         ways.insert(0, ("kept", "only the tool pitch kept"))
-    effort = Effort(_FREER_STEPS)
     for mode, words in ways:
         try:
-            path = led_at_once(robot, q, curve, mode, effort)
+            path = led_at_once(robot, q, curve, mode, Effort(_FREER_STEPS))
             if path is None:
                 continue
             require_clear(robot, PathTrajectory.fastest(robot, path, cap), tool_path=True)
