@@ -192,4 +192,4 @@ def test_what_lies_on_the_floor_may_lie_there_but_its_axis_not_below_it() -> Non
     assert [f for f in preflight(standing, up) if f.kind == "floor"] == []
     # 5 mm below the floor it is the axis itself: a pose of the file does not make that right
     (finding,) = [f for f in preflight(lying(-0.005), down) if f.kind == "floor"]
-    assert (finding.part, finding.what) == ("the tool", "5.0 mm below the floor")
+    assert (finding.part, finding.what) == ("the link behind joint 3", "25.0 mm below the floor")

@@ -558,6 +558,22 @@ def motions(robot: Robot, rng: np.random.Generator) -> Iterator[tuple[Trajectory
     yield plan_spline(robot, [a, b, c], checked=False), True
 
 
+def deepest_mm(robot: Robot, motion: Trajectory) -> float:
+    """How deep any piece is below the floor that may not be [mm], at many times of a motion."""
+
+    def depths(q: FloatArray) -> FloatArray:
+        heights = [min(a[2], b[2]) for a, b in capsule_axes(robot, q)]
+        radii = [piece.radius for piece in robot.collision.capsules]
+        return 1000 * (robot.floor_z + np.append(radii, 0.0) - [*heights, tools(robot, q[None])[0, 2, 3]])
+
+    thick = 1000 * np.array([*(piece.radius for piece in robot.collision.capsules), 0.0])
+    still = np.array([piece.link < 0 for piece in robot.collision.capsules] + [False])
+    posed = np.max([depths(q) for q in robot.poses.values()], axis=0)
+    allowed = np.maximum(np.clip(posed, 0.0, thick), depths(motion.start)) + 0.5
+    found = np.array([depths(q) for q in motion.sample(np.linspace(0.0, motion.duration, 241)).q])
+    return float(np.where((found > allowed) & ~still, found, -math.inf).max())
+
+
 def check_finding(robot: Robot, motion: Trajectory, finding: Finding, payload: float) -> None:
     text = str(finding)
     assert finding.time is not None and "another branch" not in text
@@ -594,6 +610,7 @@ def check_finding(robot: Robot, motion: Trajectory, finding: Finding, payload: f
             lowest = [*lowest, tools(robot, q[None])[0, 2, 3]]
         depths = [1000 * (robot.floor_z - height) for height in lowest]
         assert min(abs(depth - number[0]) for depth in depths) <= 0.06, text
+        assert number[0] >= deepest_mm(robot, motion) - 0.2, text
     elif finding.kind == "self-collision":
         axes, pieces = capsule_axes(robot, q), robot.collision.capsules
         other = re.fullmatch(rf"{NUMBER} mm inside (.*?)(?: \({NUMBER} mm at rest\))?", finding.what)

@@ -57,12 +57,6 @@ class Floor:
             height[:] = above + links.origin[one.link][2] - one.radius
         return heights - self._robot.floor_z
 
-    def worst(self, gaps: FloatArray, slack: FloatArray) -> int:
-        """Which gap is named, by the size and the slack (k,) of each: the tool's point if it lacks any."""
-        if slack[-1] < 0.0 and self.parts[-1] == "the tool":
-            slack = np.append(np.zeros(len(slack) - 1), slack[-1])
-        return _deepest(self.parts, gaps, slack)
-
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """What is wrong where gap ``part`` is closed by ``depth_mm``, and what to do."""
         return f"{depth_mm:.1f} mm below the floor", "raise the target, or go round by a higher point"
@@ -84,10 +78,6 @@ class Obstacles:
     def gaps(self, links: LinkFrames) -> FloatArray:
         """(k, m) [m] at m configurations, negative inside an obstacle."""
         return self._model.gaps_around(links)
-
-    def worst(self, gaps: FloatArray, slack: FloatArray) -> int:
-        """As ``Floor.worst``: of those that lack most."""
-        return _deepest([(name, self._other(k)) for k, name in enumerate(self.parts)], gaps, slack)
 
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """As ``Floor.words``."""
@@ -116,10 +106,6 @@ class SelfCollision:
         """(k, m) [m] at m configurations, negative where a pair overlaps."""
         return self._model.gaps(links)
 
-    def worst(self, gaps: FloatArray, slack: FloatArray) -> int:
-        """As ``Floor.worst``: of those that lack most."""
-        return _deepest([(name, self._other(k)) for k, name in enumerate(self.parts)], gaps, slack)
-
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """As ``Floor.words``."""
         other = self._other(part)
@@ -134,12 +120,6 @@ class SelfCollision:
 
     def _other(self, part: int) -> str:
         return self._model.capsules[self._model.pairs[part][0]].part
-
-
-def _deepest(names: Sequence[object], gaps: FloatArray, slack: FloatArray) -> int:
-    """Of all gaps (k,) that are named as the one of least slack, the deepest."""
-    worst = names[int(slack.argmin())]
-    return min((k for k, name in enumerate(names) if name == worst), key=lambda k: float(gaps[k]))
 
 
 Gaps = Floor | Obstacles | SelfCollision
@@ -167,9 +147,9 @@ def touching(around: Sequence[Gaps], robot: Robot, q: FloatArray) -> Touch | Non
     links = LinkFrames.at(robot.chain, q[None])
     for source in around:
         gaps = source.gaps(links)[:, 0]
-        slack = gaps - source.closed + FLOOR_TOLERANCE_M
-        if slack.min(initial=0.0) < 0.0:
-            part = source.worst(gaps, slack)
+        lacks = gaps - source.closed + FLOOR_TOLERANCE_M < 0.0
+        if lacks.any():
+            part = int(np.where(lacks, gaps, np.inf).argmin())
             what, _ = source.words(part, -1000 * float(gaps[part]))
             return Touch(source.kind, f"{source.parts[part]}: {what}")
     return None

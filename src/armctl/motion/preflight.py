@@ -27,8 +27,10 @@ _TRAVEL = math.radians(6)
 _MOST, _MOST_IN_ALL = 4000, 40_000
 _FINEST_S = 1e-3
 _FEWEST = 32
-_LOOKS, _NARROWED = 17, 3
-"""times that are looked at, and how often, to find the worst place between two samples"""
+_LOOKS, _NARROWED, _MOST_NEAR = 17, 3, 64
+"""times that are looked at, and how often, to find the worst place between two samples, of so many"""
+_AS_DEEP_M = 5e-5
+"""how much less deep a gap may be at the time that is told"""
 
 Severity = Literal["error", "warning"]
 """error: the motion is refused. warning: it is shown, and the motion may be run."""
@@ -359,18 +361,18 @@ def gap_finding(motion: SampledMotion, source: Gaps, gaps: FloatArray) -> Findin
     """Check that gaps, (k, m) [m] at the samples, stay open; one that starts closed must not close further.
 
     With gaps g₀ and g₁ at two samples and a change of at most D (levers times joint speeds) between them, a
-    gap is at least (g₀ + g₁ - D) / 2 there. Where that does not prove it open, the interval is halved. Finds
-    the deepest gap beside the worst sample, else in the first half that shows one.
+    gap is at least (g₀ + g₁ - D) / 2 there. Where that does not prove it open, the interval is halved. Named
+    is the deepest gap of those that are closed too far at any sample, else at the first halves that show one.
     """
     if not len(gaps):
         return None
     allowed = np.minimum(gaps[:, :1], source.closed[:, None]) - FLOOR_TOLERANCE_M
     slack = gaps - allowed
-    at = int(slack.min(axis=0).argmin())
-    if slack[:, at].min() < 0.0:
-        return _deepest(motion, source, allowed, *motion.beside(at))
     speed = np.minimum(motion.speed[1:], _TOO_FAST * motion.robot.speed_limits)
     change = source.levers @ (speed * np.diff(motion.time)[:, None]).T
+    if slack.min() < 0.0:
+        block = np.vstack([motion.time[:-1], motion.time[1:], slack[:, :-1], slack[:, 1:], change])
+        return _deepest(motion, source, allowed, block)
     if (slack[:, :-1] + slack[:, 1:] - change >= -2.0 * _MISSED_M).all():  # most motions
         return None
     # one column an interval: when it begins and ends, the slacks at both, and the most they may change
@@ -387,28 +389,43 @@ def gap_finding(motion: SampledMotion, source: Gaps, gaps: FloatArray) -> Findin
             middle = 0.5 * (early[0] + early[1])
             gaps = source.gaps(LinkFrames.at(motion.robot.chain, motion.trajectory.sample(middle).q))
             slack = gaps - allowed
-            at = int(slack.min(axis=0).argmin())
-            if slack[:, at].min() < 0.0:
-                return _deepest(motion, source, allowed, early[0, at], early[1, at])
             early[2 + 2 * k :] *= 0.5
             late = early.copy()
             early[1], early[2 + k : 2 + 2 * k] = middle, slack
             late[0], late[2 : 2 + k] = middle, slack
             blocks.append(np.hstack([early, late]))
+            if slack.min() < 0.0:
+                return _deepest(motion, source, allowed, blocks[-1])
     return None
 
 
-def _deepest(motion: SampledMotion, source: Gaps, allowed: FloatArray, begin: float, end: float) -> Finding:
-    """The gap of least slack between two times [s], where there is one that lacks some."""
+def _deepest(motion: SampledMotion, source: Gaps, allowed: FloatArray, block: FloatArray) -> Finding:
+    """The deepest of the gaps that are closed too far, at some end of the intervals of ``gap_finding``."""
+    k = len(allowed)
+    begin, end, at_begin, at_end, change = np.split(block, [1, 2, 2 + k, 2 + 2 * k])
 
-    def gaps_at(time: FloatArray) -> FloatArray:
-        return source.gaps(LinkFrames.at(motion.robot.chain, motion.trajectory.sample(time).q))
+    def depths_at(time: FloatArray) -> FloatArray:
+        """(k, m) the gaps that are closed too far [m], others infinite."""
+        gaps = source.gaps(LinkFrames.at(motion.robot.chain, motion.trajectory.sample(time).q))
+        return np.where(gaps < allowed, gaps, np.inf)
 
-    when = motion.least_at(lambda time: (gaps_at(time) - allowed).min(axis=0), begin, end)
-    when, digits = motion.told(when, lambda time: bool((gaps_at(np.array([time])) < allowed).any()))
-    gaps = gaps_at(np.array([when]))
-    part = source.worst(gaps[:, 0], (gaps - allowed)[:, 0])
-    what, mend = source.words(part, -1000 * float(gaps[part, 0]))
+    # where between two samples it may be deeper than at any, the deepest first
+    slacks = np.hstack([at_begin, at_end])
+    known = float(np.where(slacks < 0.0, slacks + allowed, np.inf).min())
+    lowest = (0.5 * (at_begin + at_end - change) + allowed).min(axis=0)
+    near = np.flatnonzero(lowest <= known)
+    near = near[np.argsort(lowest[near], kind="stable")[:_MOST_NEAR]]
+    shares = np.linspace(0.0, 1.0, _LOOKS)[:, None]
+    times = (begin[0, near] + shares * (end[0, near] - begin[0, near])).ravel()
+    depths = depths_at(times)
+    part, at = map(int, np.unravel_index(depths.argmin(), depths.shape))
+    step = float((end - begin)[0, near].max()) / (_LOOKS - 1)
+    around = np.clip([times[at] - step, times[at] + step], motion.time[0], motion.time[-1])
+    when = motion.least_at(lambda time: depths_at(time)[part], *around.tolist())
+    least = min(float(depths_at(np.array([when]))[part, 0]), float(depths[part, at]))
+    when, digits = motion.told(when, lambda time: depths_at(np.array([time]))[part, 0] < least + _AS_DEEP_M)
+    depth = float(depths_at(np.array([when]))[part, 0])
+    what, mend = source.words(part, -1000 * (depth if math.isfinite(depth) else least))
     return Finding(what, when, source.parts[part], mend, source.kind, digits=digits)
 
 
