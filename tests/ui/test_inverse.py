@@ -188,7 +188,7 @@ def test_what_is_refused_is_told_of_the_pose_at_solving(server: GuardedServer) -
     page.ask(220, -196, 85)
     page.press("Solve")
     screen.refresh(page.snapshot)
-    note = "The arm has moved since: what is refused is told of the ways from where it stood."
+    note = "The arm has moved since. What is refused here was judged from where it stood."
     assert note not in page.html
     page.snapshot.q_command = HOME + 0.01
     screen.refresh(page.snapshot)

@@ -57,9 +57,18 @@ class Ghost:
         self._show_in_view()
         return another
 
+    @property
+    def seen(self) -> bool:
+        """Whether a configuration is shown, and in view."""
+        return self.q is not None and self.in_view(self._words)
+
+    def is_open(self, tab: str) -> bool:
+        """Whether this tab is known to be open."""
+        return self._tab == tab
+
     def _show_in_view(self) -> None:
         if self._figure is not None:
-            self._figure.root.visible = self.q is not None and self.in_view(self._words)
+            self._figure.root.visible = self.seen
 
     def in_view(self, tab: str | None) -> bool:
         """Whether what belongs to a tab can be seen; None: it belongs to none."""
@@ -107,8 +116,8 @@ class Preview:
 
     @property
     def taken(self) -> bool:
-        """Whether another screen shows something in place of what this one has shown last."""
-        return self._q is not None and self._ghost.owner is not self
+        """Whether another screen shows something, in view, in place of what this one has shown last."""
+        return self._q is not None and self._ghost.owner is not self and self._ghost.seen
 
     def show(self, q: FloatArray, present: FloatArray) -> None:
         """Show ``q`` (n,) [rad], unless the arm stands there now."""
@@ -124,9 +133,16 @@ class Preview:
         self._ghost.hide(self)
 
     def refresh(self, present: FloatArray) -> None:
-        """Hide the ghost once the arm, at ``present`` (n,) [rad], has come to it."""
-        if self._q is not None and np.abs(self._q - present).max() < _SAME_RAD:
+        """Hide the ghost once the arm, at ``present`` (n,) [rad], has come to it.
+
+        One that another tab's screen has taken comes back when this screen's tab is open again.
+        """
+        if self._q is None:
+            return
+        if np.abs(self._q - present).max() < _SAME_RAD:
             self.hide()
+        elif not (self.shown or self.taken) and self._ghost.is_open(self._words):
+            self._ghost.show(self._q, self, self._words)
 
 
 async def played(

@@ -8,7 +8,8 @@ from __future__ import annotations
 import asyncio
 import math
 import re
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Sequence
+from typing import Any
 
 import numpy as np
 import viser
@@ -218,6 +219,8 @@ class DraggedPoint:
 
 _SETTLE_S = 0.08
 """a page sends only the last message of 50 ms: a click that follows a digit sooner loses the digit"""
+_QUIET_S = 0.3
+"""nobody types any more"""
 _SHOW_HELD_S = 1.0
 """after an edit this young the page is sent what the server used"""
 
@@ -257,3 +260,47 @@ class EditWatch:
                 "a field was still being edited when the button was pressed; nothing was done: "
                 "look at the fields and press again"
             )
+
+    async def settle(self) -> None:
+        """Wait until nobody types any more, and make the page show what the server has."""
+        shown = math.nan
+        while shown != self._edited_at:
+            edited_at = self._edited_at
+            await asyncio.sleep(_QUIET_S)
+            if edited_at == self._edited_at:
+                self.show_held()
+                shown = edited_at
+
+
+class Following:
+    """Fields that hold where the arm stands, until somebody edits them."""
+
+    def __init__(
+        self,
+        watch: EditWatch,
+        fill: Callable[[FloatArray], None],
+        spawn: Callable[[Coroutine[Any, Any, None]], None],
+        q: FloatArray,
+    ) -> None:
+        """``fill`` puts a pose into the fields of ``watch``, which hold that at ``q`` (n,) [rad] now."""
+        self._watch, self._fill, self._spawn, self._q = watch, fill, spawn, q.copy()
+        self._moved = False
+        self.edited = False
+        """whether the fields are somebody's own and stay as they are"""
+
+    def follow(self, q: FloatArray) -> None:
+        """The arm stands at ``q`` (n,) [rad]."""
+        if not self.edited and not np.array_equal(q, self._q):
+            self._q, self._moved = q.copy(), True
+            self._fill(q)
+
+    def edit(self) -> None:
+        """Somebody has edited a field, or uses what they hold: they stay as they are from now on."""
+        if not self.edited and self._moved:
+            # a pose of the arm may have come to the page after the first key, in place of what is held here
+            self._spawn(self._watch.settle())
+        self.edited = True
+
+    def resume(self) -> None:
+        """The fields follow the arm again."""
+        self.edited, self._q = False, np.full_like(self._q, np.nan)

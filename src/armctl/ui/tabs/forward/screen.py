@@ -35,6 +35,7 @@ from armctl.ui.widgets.number_field import (
     MILLIMETRES,
     EditWatch,
     FieldArray,
+    Following,
     NumberField,
     TextEntry,
 )
@@ -47,7 +48,11 @@ PRESENT = "present pose (live)"
 SHOWN = ("angles as reference", "angles added to last position", PRESENT)
 _GO_NOTE = "Reference: each joint goes to its angle. Last position: the angles are added to where it stands."
 _SHOWN_NOTE = "Which pose the ghost and these numbers show."
-_UNEDITED = "The fields hold the pose of the arm. With respect to last position, they would be added to it."
+_UNEDITED = (
+    "The fields follow the arm until you edit them. With respect to reference, it would stay where it is. "
+    "With respect to last position, the angles would be added to it."
+)
+_SAME_RAD = 1e-6
 
 
 def resulting_pose(how: str, asked: FloatArray, present: FloatArray) -> FloatArray:
@@ -64,14 +69,15 @@ class ForwardScreen:
         self._standing = session.console.last_known.standing
         self._preview = Preview(session.ghost, "Forward")
         self._drawn: tuple[object, ...] = ()
-        self._edited = False
+        self._sent: FloatArray | None = None
+        """(n,) where the fields have sent the arm [rad]: once it is there, they follow it again"""
         gui = session.gui
         LiveHtml(gui, "Type joint angles, or a tool pose. Nothing moves until a Go button is pressed.")
         tabs = gui.add_tab_group()
         with tabs.add_tab("Angles and pose"):
             self._angles = angle_fields(gui, self._robot, session.snapshot.q_command)
             self._coupling = PoseCoupling(session, self._angles, self._on_coupled)
-            self._fill = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
+            self._fill_with = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
             self._results = LiveHtml(gui)
             self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
             LiveHtml(gui, muted(_GO_NOTE))
@@ -85,28 +91,41 @@ class ForwardScreen:
             self._velocities = VelocityForm(session)
         pose_fields = self._coupling.pose.fields
         self._watch = EditWatch([*self._angles.fields, *pose_fields, self._movement.duration])
+        self._following = Following(self._watch, self._fill, session.spawn, session.snapshot.q_command)
         for field in self._angles.fields:
             session.on(field.handle.on_update, self._on_angle)
-        session.on(self._fill.on_click, self._on_fill)
-        session.on(self._shown.on_update, self._edit)
+        session.on(self._fill_with.on_click, self._on_fill)
+        session.on(self._shown.on_update, self._draw_anew)
         session.on(absolute.on_click, lambda: self._go(REFERENCE))
         session.on(relative.on_click, lambda: self._go(LAST))
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Keep what depends on where the arm is up to date."""
+        present = self._standing(snapshot)
+        if self._sent is not None and np.abs(self._sent - present).max() < _SAME_RAD:
+            self._sent = None
+            self._following.resume()
+        self._preview.refresh(present)
         if self._session.sees("Forward"):
             self._draw(snapshot)
-        self._preview.refresh(snapshot.q_command)
+
+    def _fill(self, q: FloatArray) -> None:
+        self._angles.fill(q)
+        self._coupling.follow_angles()
 
     def _on_angle(self) -> None:
         self._coupling.follow_angles()
         self._edit()
 
     def _on_fill(self) -> None:
-        asked = self._fill.value
-        present = asked == "present pose"
-        self._angles.fill(self._standing(self._session.snapshot) if present else self._robot.pose(asked))
-        self._on_angle()
+        asked = self._fill_with.value
+        if asked == "present pose":
+            self._sent = None
+            self._following.resume()
+            self._draw_anew()
+        else:
+            self._fill(self._robot.pose(asked))
+            self._edit()
 
     def _on_coupled(self) -> None:
         """A pose was typed and the joint angles have followed: a pose is absolute, so that is shown."""
@@ -114,59 +133,90 @@ class ForwardScreen:
         self._edit()
 
     def _edit(self) -> None:
-        self._edited = True
+        self._sent = None
+        self._following.edit()
+        self._draw_anew()
+
+    def _draw_anew(self) -> None:
         self._preview.hide()  # from here on the ghost is this screen's again, whoever had it
         self._drawn = ()
         self._draw(self._session.snapshot)
 
     async def _go(self, how: str) -> None:
         self._watch.require_settled()
+        present = self._session.snapshot.q_command
+        self._following.follow(present)
         self._coupling.require_met()
-        asked, present = self._angles.array, self._session.snapshot.q_command
         profile, duration = self._movement.checked()
-        q = self._robot.check_limits(resulting_pose(how, asked, present))
+        q = self._robot.check_limits(resulting_pose(how, self._angles.array, present))
         self._preview.show(q, present)
         await self._session.submit(MoveJoints(q, duration, profile))
-        self._edited = False
+        if how == REFERENCE:
+            self._sent = q
+        else:
+            self._shown.value = SHOWN[1]  # the angles stay: the next press adds them once more
+            self._following.edit()
 
     def _draw(self, snapshot: Snapshot) -> None:
         present, shown = self._standing(snapshot), self._shown.value
-        key = (self._angles.texts, shown, present.tobytes(), self._edited)
-        if key == self._drawn:
+        self._following.follow(present)
+        preview, moving = self._preview, snapshot.state is State.MOVING
+        edited, texts, unmet = self._following.edited, self._angles.texts, self._coupling.unmet
+        key = (texts, shown, present.tobytes(), edited, moving, preview.shown, preview.taken, unmet)
+        if key == self._drawn or self._coupling.computing:
             return
         self._drawn = key
-        self._results.show(results_html(self._robot, self._angles, present, edited=self._edited))
+        q, refusal = present, None
         try:
-            q = present if shown == PRESENT else resulting_pose(shown, self._angles.array, present)
-        except ArmctlError as refusal:
-            self._preview.hide()
+            if shown != PRESENT:
+                self._coupling.require_met()
+                q = resulting_pose(shown, self._angles.array, present)
+        except ArmctlError as why:
+            refusal = why
+        if refusal is not None or shown == PRESENT:
+            preview.hide()
+        elif not preview.taken and not moving:
+            try:
+                self._robot.check_limits(q)
+            except ArmctlError:
+                preview.hide()  # no button would send the arm there
+            else:
+                preview.show(q, present)
+        ghost = shown if preview.shown else ""
+        self._results.show(
+            results_html(self._robot, self._angles, present, edited=edited, unmet=unmet, ghost=ghost)
+        )
+        if refusal is not None:
             self._pose.show(refused(str(refusal)))
             self._jacobian.show("")
             self._velocities.show(None)
             return
-        if shown == PRESENT:
-            self._preview.hide()
-        elif self._edited and not self._preview.taken and snapshot.state is not State.MOVING:
-            try:
-                self._robot.check_limits(q)
-            except ArmctlError:
-                self._preview.hide()  # no button would send the arm there
-            else:
-                self._preview.show(q, present)
         self._pose.show(pose_html(self._robot, q))
         self._jacobian.show(jacobian_html(self._robot, q))
         self._velocities.show(q)
 
 
-def results_html(robot: Robot, angles: FieldArray, present: FloatArray, *, edited: bool = True) -> str:
+def results_html(
+    robot: Robot,
+    angles: FieldArray,
+    present: FloatArray,
+    *,
+    edited: bool = True,
+    unmet: str = "",
+    ghost: str = "",
+) -> str:
     """A row for where the arm is, and one for where each button would send it.
 
     Before the fields are edited they hold the pose of the arm, which is the one with respect to reference.
+    ``unmet``: why nothing can be sent although the angles are complete. ``ghost``: which of ``SHOWN`` is
+    drawn; empty: none.
     """
     poses = {"now": present}
     problems = "" if edited else muted(_UNEDITED)
     try:
         asked = angles.array
+        if unmet:
+            raise UnreachableError(unmet)
     except ArmctlError as refusal:
         problems = refused(f"Nothing can be sent: {refusal}.")
     else:
@@ -182,7 +232,8 @@ def results_html(robot: Robot, angles: FieldArray, present: FloatArray, *, edite
         for name, q in poses.items()
     ]
     html = table(head, rows, small=True)
-    return html + (problems or muted("Both are inside the joint limits."))
+    drawn = muted(f"The ghost shows the {ghost}.") if ghost else ""
+    return html + (problems or muted("Both are inside the joint limits.")) + drawn
 
 
 # Joint rates in, tool velocity out, and the other way round, in the configuration that is shown.
@@ -351,7 +402,10 @@ class PoseCoupling:
         self.pose = PoseFields(gui, self._robot, self._before)
         self._line = LiveHtml(gui, self._pose_line(self._before))
         self._take = gui.add_button("Take nearest pose", color="orange", visible=False)
-        self._unmet = ""
+        self.unmet = ""
+        """why the pose fields and the angle fields are not the same pose; empty: they are"""
+        self.computing = False
+        """whether the joint angles for the pose fields are not known yet"""
         self._nearest: FloatArray | None = None
         self._edited: TextEntry | None = None
         self._newest = Newest()
@@ -362,16 +416,16 @@ class PoseCoupling:
 
     def require_met(self) -> None:
         """Refuse while the pose fields show another pose than the angle fields, and say why they do."""
-        if self._unmet:
+        if self.unmet:
             raise UnreachableError(
-                f"the pose fields and the joint angles are not the same pose: {self._unmet}; mend the pose, "
+                f"the pose fields and the joint angles are not the same pose: {self.unmet}; mend the pose, "
                 "take the nearest, or type a joint angle"
             )
 
     def follow_angles(self) -> None:
         """The joint angles are what counts: show their pose, if they are complete."""
         self._newest.drop()
-        self._edited, self._unmet = None, ""
+        self._edited, self.unmet, self.computing = None, "", False
         try:
             q = self._angles.array
         except ArmctlError:  # half-typed, which the screen says and refuses to use
@@ -388,12 +442,12 @@ class PoseCoupling:
             except ArmctlError:  # half-typed: those before
                 pass
         self._newest.drop()
-        self._unmet = "its joint angles are still being computed"
+        self.unmet, self.computing = "its joint angles are still being computed", True
         await self._solver.run()
 
     async def _on_hold(self) -> None:
         """Holding or not asks for no other pose, unless the present one cannot be had."""
-        if self._unmet:
+        if self.unmet:
             await self._follow_pose(self._edited or self.pose.xyz.fields[0])
 
     def _on_take(self) -> None:
@@ -424,10 +478,11 @@ class PoseCoupling:
 
     def _met(self, q: FloatArray, found: CoupledJoints | None = None) -> None:
         """Tell whether the fields are one pose, that at ``q`` (n,) [rad], or why ``found`` is not."""
-        self._unmet, self._nearest = (found.why_not, found.nearest_q) if found else ("", None)
+        self.computing = False
+        self.unmet, self._nearest = (found.why_not, found.nearest_q) if found else ("", None)
         self._take.visible = self._nearest is not None
-        why = refused(f"The joint angles stay as they are: {self._unmet}.")
-        self._line.show(why if self._unmet else self._pose_line(q))
+        why = refused(f"The joint angles stay as they are: {self.unmet}.")
+        self._line.show(why if self.unmet else self._pose_line(q))
 
     def _pose_line(self, q: FloatArray) -> str:
         if self.pose.orientation is not None:  # its fields show it

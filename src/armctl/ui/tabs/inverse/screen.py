@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from functools import partial
 
@@ -33,14 +33,18 @@ from armctl.ui.tabs.inverse.answer import (
     solve,
 )
 from armctl.ui.widgets.events import Action
-from armctl.ui.widgets.html import LiveHtml, Pager, muted, warned
-from armctl.ui.widgets.number_field import DraggedPoint, EditWatch, NumberField
+from armctl.ui.widgets.html import LiveHtml, Pager, muted, refused, warned
+from armctl.ui.widgets.number_field import DraggedPoint, EditWatch, Following, NumberField
 from armctl.ui.widgets.orientation import OrientationFields
 from armctl.ui.widgets.plots import Line, LinePlot
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
-_NOTE = "Type where the tool should be and press <b>Solve</b>. Nothing moves until a Go button is pressed."
+_NOTE = (
+    "Type where the tool should be and press <b>Solve</b>. Nothing moves until a Go button is pressed. "
+    "Until you edit the fields, they follow the arm."
+)
 _SOLVES_FIRST = "This button solves the changed fields first, then goes at once."
+_SOLVES_ANEW = "This button solves anew from where the arm stands, then goes at once."
 _BY_ROW: str = "by its row number"
 _FEW_HINT = "The least by each criterion and of each branch. All solutions follow below."
 _ALONG = "On the curve °"
@@ -67,6 +71,7 @@ class InverseScreen:
         self._mark = scene.add_icosphere("/inverse_mark", 0.006, color=_MARK_COLOR, visible=False)
         self._answer: Answer | None = None
         self._answered: tuple[str | None, ...] = ()
+        self._ghost_is_old = False
         self._newest = Newest()
         self._judging = OneAtATime(self._judge_selected)
         gui = session.gui
@@ -104,7 +109,7 @@ class InverseScreen:
             self._optimum = gui.add_button("Back to the least", color="gray", visible=False)
         with tabs.add_tab("Branches"):
             self._branches = BranchView(session, self._show_ghost)
-        session.on(fill.on_click, lambda: self._form.fill_tool(session.snapshot.q_command))
+        session.on(fill.on_click, self._on_fill)
         session.on(solve_fields.on_click, self._on_solve)
         session.on(entered.on_submit, self._on_solve)
         session.on(self._few.on_update, self._on_few)
@@ -118,14 +123,27 @@ class InverseScreen:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Tell when the result is out of date; hide the ghost once the arm has come to it."""
+        self._form.following.follow(snapshot.q_command)
         self._branches.refresh()
-        stale = self._out_of_date(snapshot) or self._judged_before(snapshot)
+        out_of_date = self._out_of_date(snapshot)
+        stale = out_of_date or self._judged_before(snapshot)
         self._stale.visible = bool(stale)
         self._stale.show(warned(stale))
-        self._solves_first.visible = self._fields_changed
+        self._solves_first.visible = bool(out_of_date)
+        self._solves_first.show(warned(_SOLVES_FIRST if self._fields_changed else _SOLVES_ANEW))
+        if self._fields_changed is not self._ghost_is_old:
+            self._ghost_is_old = self._fields_changed
+            if self._ghost_is_old:
+                self._preview.hide()  # neither button goes there before it has solved
+            else:
+                self._show_selected()
         self._preview.refresh(snapshot.q_command)
         if not self._preview.shown and not self._branches.as_ghosts:
             self._mark.visible = False
+
+    def _on_fill(self) -> None:
+        self._form.following.resume()
+        self._form.following.follow(self._session.snapshot.q_command)
 
     @property
     def _fields_changed(self) -> bool:
@@ -148,9 +166,7 @@ class InverseScreen:
         found = self._answer
         if found is None or np.abs(found.start - snapshot.q_command).max() <= _MOVED:
             return ""
-        return (
-            "The arm has moved since: what is refused is told of the ways from where it stood. Press Solve."
-        )
+        return "The arm has moved since. What is refused here was judged from where it stood. Press Solve."
 
     async def _on_solve(self) -> None:
         self._form.watch.show_held()  # nothing moves, so a lost digit only has to be seen
@@ -158,6 +174,7 @@ class InverseScreen:
 
     async def _on_nearest(self) -> None:
         if self._answer is not None and self._answer.solutions.nearest_m is not None:
+            self._form.following.edit()
             self._form.point.put(self._answer.solutions.nearest_m)
             await self._update()
 
@@ -168,7 +185,7 @@ class InverseScreen:
     async def _choose_again(self) -> None:
         """By another criterion, or with motions of another profile."""
         found = self._answer
-        if found is None:
+        if found is None or not self._answered:
             return
         is_newest, start = self._newest.begin(), self._session.snapshot.q_command
         criterion, profile = self._criterion.value, self._movement.profile
@@ -185,8 +202,14 @@ class InverseScreen:
 
     async def _update(self) -> Answer | None:
         """Solve what the fields hold and show it; None if something newer was asked for meanwhile."""
-        target, texts = self._form.target(), self._form.texts
         is_newest, start = self._newest.begin(), self._session.snapshot.q_command
+        self._form.following.follow(start)
+        self._form.following.edit()  # the answer is that of these fields
+        try:
+            target, texts = self._form.target(), self._form.texts
+        except ArmctlError as refusal:
+            self._forget(refusal)
+            raise
         criterion, profile = self._criterion.value, self._movement.profile
         found = await asyncio.to_thread(solve, self._robot, target, criterion, start, profile)
         if not is_newest():
@@ -258,9 +281,23 @@ class InverseScreen:
         if self._answer is not None and self._answer.solutions.success:
             self._select(self._answer.row_at(math.radians(self._along.value)))
 
+    def _forget(self, refusal: ArmctlError) -> None:
+        """What the fields hold cannot be solved: no answer of others stays beside them."""
+        self._answered = ()
+        self._note.visible = self._nearest.visible = self._mark.visible = False
+        self._compared.visible = self._few.visible = self._selected.visible = False
+        self._along.visible = self._optimum.visible = False
+        self._result.show(refused(f"{refusal}."))
+        self._pager.reset(0, None)
+        self._curve.clear()
+        for part in (self._list, self._curve_note):
+            part.show(muted(_NOTHING))
+        self._branches.forget()
+        self._preview.hide()
+
     def _show(self, found: Answer) -> None:
         solutions = found.solutions
-        self._answer = found
+        self._answer, self._ghost_is_old = found, False
         self._note.visible = self._stale.visible = False
         self._result.show(result_html(self._robot, found))
         self._nearest.visible = solutions.nearest_away_m > 0.0
@@ -308,6 +345,14 @@ class InverseScreen:
             self._preview.hide()
         else:
             self._preview.show(shown, self._session.snapshot.q_command)
+
+    def _show_selected(self) -> None:
+        """The ghost of the selected row; of the first one and of none, that of least energy."""
+        found, row = self._answer, self._pager.row
+        if found is None or row is None or row == 1 or not found.solutions.success:
+            self._show_ghost()
+        elif not self._branches.as_ghosts:
+            self._preview.show(found.q(row), self._session.snapshot.q_command)
 
     def _draw_list(self, found: Answer) -> None:
         count, row = len(found.solutions), self._pager.row
@@ -366,17 +411,16 @@ class TargetForm:
     """The fields, and the target coupled with them; ``dragged`` runs at every drag."""
 
     def __init__(self, session: Session, dragged: Action) -> None:
-        self._robot = session.console.robot
+        self._robot, self._dragged = session.console.robot, dragged
         gui, present = session.gui, session.snapshot.q_command
         pose = self._robot.forward(present)
         angles = self._robot.inverse_kinematics.pitch_and_roll(present)
         scene, tip = session.client.scene, pose[:3, 3]
-        self.point = DraggedPoint(gui, scene, session.on, "/inverse_target", tip, dragged)
+        self.point = DraggedPoint(gui, scene, session.on, "/inverse_target", tip, self._on_dragged)
         self._kind = self._orientation = None
         if self._robot.orients_tool:
             self._kind = gui.add_dropdown("Orientation", (ANY, PITCH_AND_ROLL, WHOLE), initial_value=ANY)
             self._orientation = OrientationFields(gui, pose[:3, :3], visible=False)
-            self._orientation.attach(session.on, lambda: None)
         self._turns: list[tuple[viser.GuiCheckboxHandle, NumberField, bool]] = []
         for name, hint, angle in zip(("pitch", "roll"), (_PITCH_HINT, _ROLL_HINT), angles, strict=True):
             has = angle is not None
@@ -387,7 +431,13 @@ class TargetForm:
         self._show = gui.add_checkbox("Show target", initial_value=False, hint=_SHOW_HINT)
         xyz = self.point.xyz.fields
         typed = () if self._orientation is None else self._orientation.fields
-        self.watch = EditWatch([*xyz, *(field for _, field, _ in self._turns), *typed])
+        turns = [field for _, field, _ in self._turns]
+        self.watch = EditWatch([*xyz, *turns, *typed])
+        self.following = Following(self.watch, self._fill_tool, session.spawn, present)
+        if self._orientation is not None:
+            self._orientation.attach(session.on, self.following.edit)
+        for field in turns:
+            session.on(field.handle.on_update, self.following.edit)
         for field in xyz:
             session.on(field.handle.on_update, self._on_typed)
         for chosen in (*(use for use, _, _ in self._turns), self._kind):
@@ -411,7 +461,7 @@ class TargetForm:
         turns = (math.radians(field.value) if self._uses(use) else None for use, field, _ in self._turns)
         return Target.of(position, *turns)
 
-    def fill_tool(self, q: FloatArray) -> None:
+    def _fill_tool(self, q: FloatArray) -> None:
         """Put the tool's pose at ``q`` (n,) [rad] into all fields."""
         pose = self._robot.forward(q)
         self.point.put(pose[:3, 3])
@@ -431,7 +481,12 @@ class TargetForm:
         """Whether pitch or roll is asked for."""
         return use.value and (self._kind is None or self._kind.value == PITCH_AND_ROLL)
 
+    def _on_dragged(self) -> Awaitable[object] | None:
+        self.following.edit()
+        return self._dragged()
+
     def _on_typed(self) -> None:
+        self.following.edit()
         try:
             self.point.target.position = Target.of(self.point.xyz.array).position
         except ArmctlError:  # half-typed: said when it is used
@@ -481,6 +536,13 @@ class BranchView:
         self._answer = found
         self._legend.visible = bool(found.verdicts)
         self._table.show(branches_html(found))
+        self._draw()
+
+    def forget(self) -> None:
+        """There is no answer any more."""
+        self._answer = None
+        self._legend.visible = False
+        self._table.show(muted(_NOTHING))
         self._draw()
 
     def refresh(self) -> None:
