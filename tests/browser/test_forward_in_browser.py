@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.browser.ghost_view import wait_for_ghost, wait_for_no_ghost
+from tests.browser.ghost_view import ghost_tip_mm, wait_for_ghost, wait_for_no_ghost
 from tests.browser.kit import Screen
 from tests.browser.served_arm import HOME, ServedArm, served_arm
 
 from armctl.robot import Robot
-from armctl.runtime import State
+from armctl.runtime import MoveJoints, State
 
 pytestmark = pytest.mark.browser
 TAB = "Forward"
@@ -24,6 +25,7 @@ _TYPE_AND_CLICK = """(box, button) => {
   }
   button.click();
 }"""
+SEQUENCES = 100 if os.environ.get("ARMCTL_LONG") else 1
 REFERENCE, LAST = "Go with respect to reference", "Go with respect to last position"
 
 
@@ -268,3 +270,75 @@ def test_fields_are_filled_and_figures_follow(page: Screen, served: ServedArm) -
     page.open_tab("Angles and pose")
     page.click("present pose")
     page.wait_until(lambda: page.value("Shoulder °") == "90", "the fields hold the present pose")
+
+
+class Sequence:
+    """What the operator and others do to one page and one arm, at random."""
+
+    def __init__(self, page: Screen, served: ServedArm, seed: int) -> None:
+        self.page, self.served, self.random = page, served, np.random.default_rng(seed)
+        self.edited = False
+
+    def another_moves(self, *, wait: bool = True) -> None:
+        base, elbow = self.random.uniform((-80, -100), (80, -40))
+        pose = [round(float(base), 2), 90.0, round(float(elbow), 2), -40.0, 0.0]
+        self.served.order(MoveJoints(np.radians(pose), 2.5, "cubic")).accepted.result(10)
+        if wait:
+            self.served.wait_for_deg(self.page, pose)
+
+    def edit(self) -> None:
+        self.edited = True
+        self.page.type_into("Base °", str(self.random.integers(-60, 60)))
+
+    def edit_while_it_moves(self) -> None:
+        self.another_moves(wait=False)
+        self.edit()
+        self.served.wait_for(self.page, State.HOLDING)
+
+    def fill_with_the_present_pose(self) -> None:
+        self.edited = False
+        self.page.click("present pose")
+
+    def reload(self) -> None:
+        self.edited = False
+        self.page.open(self.served.url, until="STOP")
+        self.page.open_tab("Forward")
+
+    def looks_true(self) -> None:
+        """What is said of the fields, what they hold and the ghost, once the page has come to rest."""
+        page, robot, present = self.page, self.served.robot, self.served.commanded_deg
+        page.pause(700)
+        said = page.page.get_by_text("The fields follow the arm until you edit them.").locator("visible=true")
+        assert (said.count() > 0) is not self.edited
+        held = angles(page, robot)
+        if not self.edited:
+            wait_for_no_ghost(page, robot)
+            assert held == pytest.approx(present, abs=0.01)
+        elif held == pytest.approx(present, abs=0.01):
+            wait_for_no_ghost(page, robot)
+        else:
+            wait_for_ghost(page, robot, np.radians(held))
+
+    def press(self) -> None:
+        page, goal = self.page, angles(self.page, self.served.robot)
+        tip = ghost_tip_mm(page, self.served.robot)
+        page.click(REFERENCE)
+        self.served.wait_for_deg(page, goal, within=0.01)
+        if tip is not None:
+            assert self.served.tool_mm == pytest.approx(tip, abs=0.1)
+        self.edited = False  # it is there: the fields follow it again
+
+
+@pytest.mark.parametrize("seed", range(SEQUENCES))
+def test_random_sequences_of_moves_edits_and_reloads(page: Screen, served: ServedArm, seed: int) -> None:
+    """What is said and drawn is what the button does."""
+    sequence = Sequence(page, served, seed)
+    ways = (
+        sequence.another_moves, sequence.edit, sequence.edit_while_it_moves,
+        sequence.fill_with_the_present_pose, sequence.reload, sequence.press,
+    )  # fmt: skip
+    for which in sequence.random.permutation(len(ways)):
+        ways[which]()
+        sequence.looks_true()
+    sequence.press()
+    assert page.errors == []

@@ -50,6 +50,9 @@ class FakePage:
     def session(self) -> Session:
         return cast(Session, self)
 
+    def sees(self, tab: str) -> bool:
+        return self.ghost.in_view(tab)
+
     def on(self, attach: Callable[..., object], action: Action) -> None:
         handle: Any = getattr(attach, "__self__", None)
         label = getattr(handle, "label", None)
@@ -60,7 +63,7 @@ class FakePage:
         """What would be refused is not looked at here."""
 
     async def submit(self, command: Command) -> None:
-        self.shown_at_sending.append(self.ghost.q)
+        self.shown_at_sending.append(self.ghost.q if self.ghost.seen else None)
         self.sent.append(command)
 
     def spawn(self, work: Coroutine[Any, Any, None]) -> None:

@@ -52,6 +52,7 @@ _UNEDITED = (
     "The fields follow the arm until you edit them. With respect to reference, it would stay where it is. "
     "With respect to last position, the angles would be added to it."
 )
+_MOVING = "The fields take the pose of the arm once it stands."
 _SAME_RAD = 1e-6
 
 
@@ -159,8 +160,9 @@ class ForwardScreen:
 
     def _draw(self, snapshot: Snapshot) -> None:
         present, shown = self._standing(snapshot), self._shown.value
-        self._following.follow(present)
         preview, moving = self._preview, snapshot.state is State.MOVING
+        if not moving:  # a field that changes all the time cannot be typed into
+            self._following.follow(present)
         edited, texts, unmet = self._following.edited, self._angles.texts, self._coupling.unmet
         key = (texts, shown, present.tobytes(), edited, moving, preview.shown, preview.taken, unmet)
         if key == self._drawn or self._coupling.computing:
@@ -185,6 +187,8 @@ class ForwardScreen:
         ghost = shown if preview.shown else ""
         self._results.show(
             results_html(self._robot, self._angles, present, edited=edited, unmet=unmet, ghost=ghost)
+            if edited or not moving
+            else muted(_MOVING)
         )
         if refusal is not None:
             self._pose.show(refused(str(refusal)))

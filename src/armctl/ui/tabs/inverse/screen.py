@@ -14,7 +14,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, UnreachableError
 from armctl.kinematics import CRITERION_TEXT, FROM_START, Target, checked_criterion
-from armctl.runtime import MoveJoints, Need, Snapshot
+from armctl.runtime import MoveJoints, Need, Snapshot, State
 from armctl.ui.newest import Newest, OneAtATime
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.ghost import THICKER, Preview, thicker
@@ -123,7 +123,8 @@ class InverseScreen:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Tell when the result is out of date; hide the ghost once the arm has come to it."""
-        self._form.following.follow(snapshot.q_command)
+        if snapshot.state is not State.MOVING:  # a field that changes all the time cannot be typed into
+            self._form.following.follow(snapshot.q_command)
         self._branches.refresh()
         out_of_date = self._out_of_date(snapshot)
         stale = out_of_date or self._judged_before(snapshot)
