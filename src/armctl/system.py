@@ -11,6 +11,7 @@ import math
 import os
 import re
 import signal
+import stat
 import subprocess
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -130,6 +131,13 @@ def private_folder(folder: Path) -> None:
             found = path.stat()
             if _is_open_to_others(found):
                 path.chmod(found.st_mode & 0o777 & ~_OTHERS)
+
+
+def is_private(path: Path) -> bool:
+    """Whether a file is this user's, and only this user may read it; ``OSError``: there is none."""
+    found = path.stat(follow_symlinks=False)
+    ours = user_number() is None or found.st_uid == user_number()
+    return stat.S_ISREG(found.st_mode) and ours and not _is_open_to_others(found)
 
 
 def _is_open_to_others(found: os.stat_result) -> bool:

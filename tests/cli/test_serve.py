@@ -9,7 +9,8 @@ from urllib.parse import urlsplit
 import pytest
 from tests.browser.serving import serving
 
-from armctl.cli.main import REFUSED, run
+from armctl.cli.main import REFUSED, WRONG_USAGE, run
+from armctl.cli.serve import stored_token
 
 
 @pytest.mark.parametrize(
@@ -45,3 +46,30 @@ def test_the_printed_link_lets_in_and_is_shown_again(
     assert list((tmp_path / "armctl").glob("link-*")) == []
     assert list((tmp_path / "run" / "armctl").iterdir()) == []  # no arm process is left
     assert (tmp_path / "stderr").read_text().count("the connection is not encrypted") == warnings
+
+
+def test_a_stored_token_is_used_where_nobody_else_can_have_read_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    (folder := tmp_path / "armctl").mkdir()
+    file, kept = folder / "token-8080", "k" * 32
+    assert stored_token(8080, new=False) != stored_token(8080, new=False)  # nothing is stored
+    file.write_text(kept)
+    file.chmod(0o600)
+    assert stored_token(8080, new=False) == kept
+    assert kept not in (stored_token(8081, new=False), stored_token(8080, new=True))
+    file.chmod(0o640)
+    assert stored_token(8080, new=False) != kept
+    file.chmod(0o600)
+    for useless in ("short", "k" * 20 + " ", "é" * 32):
+        file.write_text(useless)
+        assert stored_token(8080, new=False) != useless
+    file.unlink()
+    (folder / "elsewhere").write_text(kept)
+    file.symlink_to(folder / "elsewhere")
+    assert stored_token(8080, new=False) != kept
+
+
+def test_a_new_link_without_token_is_a_contradiction() -> None:
+    assert run(("serve", "--no-token", "--new-link")) == WRONG_USAGE

@@ -70,6 +70,18 @@ def test_who_watched_takes_control_before_it_commands_an_arm_that_nobody_operate
     ask(two, SetSpeed(0.5), BEN).result(0)
 
 
+def test_who_is_there_operates_again_if_nobody_does(two: Rig) -> None:
+    ask(two, Arrive("Ben"), BEN)
+    assert operator(two) == "Anna"  # nothing is taken from anybody
+    ask(two, LockControl(True), ANNA)
+    ask(two, Leave("it does not answer"), ANNA)
+    ask(two, Arrive("Anna", watch=True), ANNA)
+    assert operator(two) is None
+    ask(two, Arrive("Anna"), ANNA)
+    assert operator(two) == "Anna"
+    assert any("Anna operates the arm again" in event.text for event in two.now.events)
+
+
 def test_everybody_may_stop(two: Rig) -> None:
     moving = ask(two, MoveJoints(AWAY), ANNA)
     two.run(0.2)

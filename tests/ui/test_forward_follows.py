@@ -1,4 +1,4 @@
-"""Forward in random sequences of moves by others, edits and reloads: what is said and drawn is what is sent."""
+"""Forward in random sequences of moves, edits and reloads: what is said and drawn is what is sent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inverse: the fields follow the arm until they are edited, and no answer stays beside fields that are not its own."""
+"""Inverse: the fields follow the arm until they are edited; no answer stays beside fields of another."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_fields_follow_until_they_are_edited_and_again_when_filled(page: FakePag
 
 
 def test_after_a_refused_solve_no_answer_is_left(page: FakePage) -> None:
-    screen = InverseScreen(page.session)
+    InverseScreen(page.session)
     page.ask(220, -196, 85)
     page.press("Solve")
     assert "solutions inside the limits" in page.html and page.ghost.q is not None

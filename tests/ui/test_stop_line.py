@@ -196,3 +196,24 @@ def test_strangers_do_not_come_in(server: GuardedServer, stops: queue.Queue[str]
         connect(f"ws://127.0.0.1:{server.get_port()}/stop", origin=Origin("http://evil.example"))
     assert refusal.value.response.status_code == 403
     assert stops.empty()
+
+
+def test_a_page_learns_which_server_answers_and_whether_viser_has_it(
+    server: GuardedServer, stops: queue.Queue[str]
+) -> None:
+    lines = server.stop_lines
+    with line(server) as page:
+        hear(page)
+        told = say(page, page=PAGE, of="", ask=1)
+        assert told["known"] is False and told["server"]
+        lines.link(PAGE, "browser page 7")
+        assert say(page, ask=2) == told | {"known": True}
+        say(page, beat=1)
+        assert lines.is_there(PAGE) and not lines.is_there(OTHER)
+        assert (lines.page_of("browser page 7"), lines.who_is(PAGE)) == (PAGE, "browser page 7")
+        say(page, page=PAGE, of="another server", ask=3)  # loads itself anew: it is no page of this one yet
+        assert lines.who_is(PAGE) is None
+        say(page, page=PAGE, of=told["server"], ask=4)
+        assert lines.who_is(PAGE) == "browser page 7"
+        lines.unlink("browser page 7")
+        assert say(page, ask=5) == told

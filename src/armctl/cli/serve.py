@@ -22,7 +22,7 @@ from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
 from armctl.calibration import CalibrationStore
 from armctl.cli.ending import end_event
 from armctl.cli.options import ROBOT, has_display, park_option, port_option
-from armctl.documents import sweep_litter
+from armctl.documents import sweep_litter, write_atomically
 from armctl.errors import ArmctlError, ServerError, with_help
 from armctl.hardware.boards import board_type
 from armctl.hardware.ports import list_ports
@@ -30,7 +30,7 @@ from armctl.process import start_arm
 from armctl.process.heavy_work import worked_out
 from armctl.robot import Robot, hidden_robots, load_robot, robot_title, shipped_robots, user_robots
 from armctl.runtime import ArmLink, Connect, Event, Origin, wall_time
-from armctl.system import open_private, private_folder
+from armctl.system import is_private, open_private, private_folder
 from armctl.ui import (
     App,
     CalibrationInForce,
@@ -42,7 +42,7 @@ from armctl.ui import (
 )
 from armctl.ui.api import PATH as API_PATH
 from armctl.ui.api import api_door
-from armctl.ui.guard import GuardedServer, encryption, guarded_server
+from armctl.ui.guard import TOKEN, GuardedServer, encryption, guarded_server
 from armctl.ui.scene.arm_figure import MOST_DRAWN, MOST_GHOSTLY, keep_drawn
 
 LOG = logging.getLogger("armctl.cli.serve")
@@ -70,6 +70,9 @@ _TAKEN_OVER = (
 @click.option("--no-token", is_flag=True,
               help="Let every user and program of this computer open the page, without the link's token. "
                    "Refused where other computers can reach it.")  # fmt: skip
+@click.option("--new-link", is_flag=True,
+              help="Make a new link: whoever has the one before it is shut out. Without this option the link "
+                   "to a port stays the same from start to start.")  # fmt: skip
 @click.option("--pin", default="", envvar="ARMCTL_PIN", metavar="PIN",
               help="A teacher's PIN: who gives it in the page can always take and lock control. Set it as "
                    "ARMCTL_PIN, as others can see a command line.")  # fmt: skip
@@ -84,6 +87,7 @@ def serve(
     tls_cert: Path | None,
     tls_key: Path | None,
     no_token: bool,
+    new_link: bool,
     pin: str,
     no_browser: bool,
     park: bool,
@@ -94,7 +98,9 @@ def serve(
     if (tls_cert is None) is not (tls_key is None):
         raise click.UsageError("--tls-cert and --tls-key belong together: give both, or neither")
     tls = None if tls_cert is None or tls_key is None else encryption(tls_cert, tls_key)
-    token = None if no_token else secrets.token_urlsafe(24)
+    if no_token and new_link:
+        raise click.UsageError("--new-link makes a new token, and --no-token uses none: give one of them")
+    token = None if no_token else stored_token(http_port, new=new_link)
     ended = end_event()  # also while it starts: what has been started by then is ended in order
     ended.patient = False
     for folder in (user_data_path("armctl"), CalibrationStore().folder, user_state_path("armctl")):
@@ -127,7 +133,7 @@ def serve(
             connected = _connect(console, port)
             board = "the simulated board" if port == SIMULATED else port
             where = f"on {board}" if connected else "(not connected)"
-            with _kept_link(server):
+            with _kept_link(server, token if http_port else None):
                 click.echo(f"armctl: {present.title} {where}: {server.links[0]}  (Ctrl-C ends)")
                 _say_more(server)
                 ended.patient = True
@@ -170,18 +176,36 @@ def _link_file(port: int) -> Path:
     return user_state_path("armctl") / f"link-{port}"
 
 
+def _token_file(port: int) -> Path:
+    """The secret of the links to a port: they and the pages that are open outlive a restart."""
+    return user_state_path("armctl") / f"token-{port}"
+
+
+def stored_token(port: int, *, new: bool) -> str:
+    """The token of the last start on a port; another one where there is none that others cannot have read."""
+    path = _token_file(port)
+    try:
+        if not new and is_private(path) and TOKEN.fullmatch(token := path.read_text("ascii")):
+            return token
+    except (OSError, UnicodeDecodeError):  # none yet, or none that can be used
+        pass
+    return secrets.token_urlsafe(24)
+
+
 @contextmanager
-def _kept_link(server: GuardedServer) -> Generator[None]:
-    """While it runs, a server's link stands in a file that only this user can read."""
+def _kept_link(server: GuardedServer, token: str | None) -> Generator[None]:
+    """Keep the token, and while the server runs its link, in files that only this user can read."""
     path, kept = _link_file(server.get_port()), False
     try:
         private_folder(path.parent)
+        if token is not None:
+            write_atomically(_token_file(server.get_port()), token.encode(), private=True)
         path.unlink(missing_ok=True)
         with open(path, "x", opener=open_private) as file:
             file.write(server.links[0])
         kept = True
     except OSError as cause:
-        LOG.warning("the link is not kept for a second start to show it: %s: %s", path, cause.strerror)
+        LOG.warning("the link is not kept for another start: %s: %s", path, cause.strerror)
     try:
         yield
     finally:

@@ -35,6 +35,9 @@ class ControlDesk:
             if known.name != name:
                 self._log.add(f"{known.name} is called {name} now")
                 self._change(known, replace(known, name=name))
+            if control.operator is None and not (control.locked or watch):
+                self._change(known, replace(known, name=name, operates=True))
+                self._log.add(f"{name} operates the arm again")
             return
         if len(control.parties) >= MOST_PARTIES:
             raise StateError(f"{MOST_PARTIES} pages and programs are there already; close one")
@@ -130,5 +133,5 @@ class ControlDesk:
         return False
 
     def _change(self, old: Party, new: Party) -> None:
-        parties = tuple(new if one is old else one for one in self.control.parties)
+        parties = tuple(new if one.id == old.id else one for one in self.control.parties)
         self.control = replace(self.control, parties=parties)

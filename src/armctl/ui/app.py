@@ -15,6 +15,7 @@ from armctl.errors import ArmctlError
 from armctl.runtime import Arrive, Leave, Origin, Snapshot
 from armctl.runtime.pin import near
 from armctl.ui.console import Console, page_name
+from armctl.ui.control_return import ControlReturn
 from armctl.ui.guard import GuardedServer
 from armctl.ui.page import Page
 from armctl.ui.panel import set_theme
@@ -58,6 +59,10 @@ class App:
         self.server = server
         self._lines = server.stop_lines
         self._lines.attend(self._stop, self._silent, silence_s)
+        state = robots.console.state
+        self._return = ControlReturn(
+            self._lines, None if state is None else state / f"operator-{server.get_port()}"
+        )
         self._pages: dict[int, Page] = {}
         set_theme(server.gui, dark=False)
         set_lights(self.server.scene)
@@ -104,12 +109,20 @@ class App:
             raise
         address = self.server.address_of(client.client_id)
         await self._arrive(who, f"pages at {near(address)}" if address else "")
+        former = self._return.former
+        if former is not None and self._lines.page_of(who) != former.page:
+            text = (
+                f"Control is kept for {former.words} for a few seconds, as armctl was started anew. "
+                "To have it now, press Take control."
+            )
+            page.session.notify("Control", text)
 
     async def _arrive(self, who: str, source: str) -> None:
         """Tell the arm that a page is there; a page of an arm that does not answer is shown all the same."""
         self.robots.pages.append(who)
         self.robots.sources[who] = source
-        ticket = self._console.controller.submit(Arrive(who), self.robots.origin(who))
+        watch = self._return.former is not None  # control is kept for who had it
+        ticket = self._console.controller.submit(Arrive(who, watch), self.robots.origin(who))
         with suppress(ArmctlError, TimeoutError):
             await asyncio.wait_for(asyncio.wrap_future(ticket.finished), _ARRIVING_S)
 
@@ -166,9 +179,8 @@ class App:
         if controller.snapshot.busy:
             LOG.warning("%s does not answer", who)
             controller.submit(Leave("the operator's page does not answer"), Origin(who))
-            controller.submit(
-                Arrive(who, watch=True), self.robots.origin(who)
-            )  # it may come back, and take control
+            controller.submit(Arrive(who, watch=True), self.robots.origin(who))
+            self._return.fell_silent(who)
 
     async def _draw(self) -> None:
         frame = 0
@@ -176,8 +188,15 @@ class App:
             await asyncio.sleep(FRAME_S)
             self._console.controller.beat()  # from this loop: where it hangs, no page can command
             frame += 1
-            operator = self._console.controller.snapshot.control.operator
-            self._lines.watch(None if operator is None else operator.id)
+            control = self._console.controller.snapshot.control
+            self._lines.watch(None if control.operator is None else control.operator.id)
+            former = self._return.former
+            if (back := self._return.due(control, self.robots.pages)) is not None:
+                party = control.party(back)
+                name = "" if party is None else party.name
+                if former is not None and former.name and self._lines.who_is(former.page) == back:
+                    name = former.name
+                self._console.controller.submit(Arrive(name), self.robots.origin(back))
             try:
                 self._draw_frame()
             except Exception:

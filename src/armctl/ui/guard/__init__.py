@@ -2,6 +2,6 @@
 
 from armctl.ui.guard.door import SocketDoor
 from armctl.ui.guard.listening import encryption
-from armctl.ui.guard.server import GuardedServer, guarded_server
+from armctl.ui.guard.server import TOKEN, GuardedServer, guarded_server
 
-__all__ = ["GuardedServer", "SocketDoor", "encryption", "guarded_server"]
+__all__ = ["TOKEN", "GuardedServer", "SocketDoor", "encryption", "guarded_server"]

@@ -9,16 +9,35 @@
   const OPENING_MS = 3000;
   const LOST_BEATS = 10; // without an echo, before the line counts as lost
   const LATEST_MS = 5000; // a STOP that is older is not sent again
+  const ASK_BEATS = 5;
+  const LEFT_MS = 5000; // after which a page that viser has lost is loaded anew
+  const KNOCK_MS = 3000;
   const BUILDING_MS = 10000; // how long a page may take before its own STOP is named, for those who read names
   const STOP = "[data-armctl-stop]";
   const LOST =
     "Not connected: STOP does not reach the arm. Use the power switch. What is shown here is old. " +
-    "To go on, see that armctl runs, and reload the page.";
+    "To go on, see that armctl runs: then this page comes back by itself.";
+  const SHUT_OUT =
+    "armctl runs again, with a new link: STOP does not reach the arm from here. Open the link that it printed.";
   const UNANSWERED = "STOP was not confirmed. Use the power switch.";
   const began = performance.now();
-  const page = Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) =>
+  const page = keptName() ?? Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) =>
     byte.toString(16).padStart(2, "0"),
   ).join("");
+
+  // This page's name outlives its being loaded again, so that control comes back to it. In between it is kept;
+  // while the page is open it is not, as a copy of its tab would get it, too.
+  function keptName() {
+    const KEY = "armctl-page";
+    try {
+      const kept = sessionStorage.getItem(KEY);
+      sessionStorage.removeItem(KEY);
+      addEventListener("pagehide", () => sessionStorage.setItem(KEY, page));
+      return kept;
+    } catch {
+      return null; // this browser keeps nothing
+    }
+  }
 
   // viser reads this page's localStorage when the server asks: so the server learns which line is whose.
   const getItem = Storage.prototype.getItem;
@@ -57,6 +76,10 @@
   let beats = 0;
   let presses = 0;
   let press = null; // the newest STOP that is not confirmed
+  let server = null; // which one has answered
+  let known = null; // when viser had this page last
+  let shutOut = false; // the server does not take this page's link any more
+  let knocked = -Infinity;
 
   function open() {
     const opened = new WebSocket(`${location.protocol.replace("http", "ws")}//${location.host}/stop`);
@@ -68,14 +91,37 @@
       unechoed = 0;
       if ("line" in said) {
         line = opened;
-        line.send(JSON.stringify({ page }));
+        shutOut = false;
+        line.send(JSON.stringify({ page, of: server ?? "", ask: 0 }));
         if (press && performance.now() - press.at < LATEST_MS) line.send(JSON.stringify({ stop: press.number }));
       }
       if (press && said.stopped === press.number) press = null;
+      if ("server" in said) recognise(said);
     };
     opened.onclose = () => {
       if (socket === opened) lose();
     };
+  }
+
+  // Another server knows nothing of this page, and viser comes back to the same one only in a page that is
+  // looked at: the page is loaded anew.
+  function recognise(said) {
+    const now = performance.now();
+    if (said.known) known = now;
+    const another = server !== null && server !== said.server;
+    server = said.server;
+    if (another || (known !== null && now - known > LEFT_MS)) location.reload();
+  }
+
+  // A browser does not tell why a line is refused.
+  async function knock(now) {
+    knocked = now;
+    try {
+      const answer = await fetch("/", { method: "HEAD", cache: "no-store" });
+      shutOut = !line && answer.status === 401;
+    } catch {
+      shutOut = false;
+    }
   }
 
   function lose() {
@@ -86,10 +132,13 @@
   }
 
   function keepLine(now) {
-    if (!socket && now - tried > RETRY_MS) open();
+    if (!line && now - lostSince > KNOCK_MS && now - knocked > KNOCK_MS) knock(now);
+    if (!socket && now - tried > (shutOut ? KNOCK_MS : RETRY_MS)) open();
     else if (socket && !line && now - tried > OPENING_MS) lose();
     else if (line && ++unechoed > LOST_BEATS) lose();
-    if (line) line.send(JSON.stringify({ beat: ++beats, tabs: openTabs() }));
+    if (!line) return;
+    line.send(JSON.stringify({ beat: ++beats, tabs: openTabs() }));
+    if (beats % ASK_BEATS === 0) line.send(JSON.stringify({ ask: beats }));
   }
 
   // STOP.
@@ -226,7 +275,7 @@
     const unanswered = press && now - press.at > PATIENCE_MS;
     const cause = document.querySelector("[data-armctl-lost]")?.dataset.armctlLost;
     const gone = cause && cause[0].toUpperCase() + cause.slice(1);
-    const text = lost ? LOST : gone ? gone : unanswered ? UNANSWERED : "";
+    const text = lost ? (shutOut ? SHUT_OUT : LOST) : gone ? gone : unanswered ? UNANSWERED : "";
     say(words, text);
     const operator = document.querySelector("[data-armctl-watching]")?.dataset.armctlWatching;
     say(banner, operator ? `WATCHING: ${operator} operates the arm` : "");

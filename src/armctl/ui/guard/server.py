@@ -215,7 +215,8 @@ def _let_groups_be_disabled() -> None:
 
 
 _VISER_VERSION = "1.1.1"
-_TOKEN = re.compile(r"[A-Za-z0-9_-]{16,256}")
+TOKEN = re.compile(r"[A-Za-z0-9_-]{16,256}")
+"""what a token may look like"""
 
 
 class GuardedServer(viser.ViserServer):
@@ -326,7 +327,7 @@ def guarded_server(
             f"the guard is made for viser {_VISER_VERSION}, but {viser.__version__} is installed; "
             f"install viser=={_VISER_VERSION}"
         )
-    if token is not None and not _TOKEN.fullmatch(token):
+    if token is not None and not TOKEN.fullmatch(token):
         raise ServerError("the token must be 16 … 256 letters, digits, '-' or '_'")
     for name in extra_hosts:
         if not HOST_NAME.fullmatch(name):

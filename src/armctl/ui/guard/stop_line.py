@@ -2,9 +2,12 @@
 
 Every page opens one at ``/stop`` (``overlay.js``). It sends ``{"page": name}`` once, ``{"stop": n}`` for each
 press and ``{"beat": n, "tabs": [label, ...]}`` with the tabs that are open, five times a second from the
-thread that runs the page. The answers are
-``{"stopped": n}`` and ``{"beat": n}``. A page that falls silent while it operates has frozen, was closed or
-has lost its network.
+thread that runs the page. The answers are ``{"stopped": n}`` and ``{"beat": n}``. A page that falls silent
+while it operates has frozen, was closed or has lost its network.
+
+``{"ask": n}`` is answered with ``{"server": id, "known": whether viser has this page}``: where another server
+answers than before, or viser has lost the page, the page loads itself anew. So a page adds ``"of": id`` to its
+name once a server has answered.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ import asyncio
 import gzip
 import math
 import re
+import secrets
 import socket
 import threading
 from collections.abc import Callable
@@ -39,6 +43,9 @@ _AGAIN_S = 0.5
 """how soon a page that goes on being silent is reported again"""
 _FORGOTTEN_S = 10.0
 """a line that says nothing for so long is closed; its page opens another one when it wakes up"""
+_THERE_S = 0.6
+"""three beats"""
+_MOST_PAGES = 1000
 _MAX_BYTES = 256
 _NO_NAME = "a browser page"
 _ICON = re.compile(rb'<link\s+rel="icon"[^>]*>')
@@ -54,9 +61,11 @@ class _Said(msgspec.Struct, forbid_unknown_fields=True):
     """One message of a page."""
 
     page: str | None = None
+    of: str = ""
     stop: int | None = None
     beat: int | None = None
     tabs: tuple[str, ...] = ()
+    ask: int | None = None
 
 
 _DECODER = msgspec.json.Decoder(_Said)
@@ -94,9 +103,17 @@ class Heartbeats:
 
 
 async def stop_door(
-    connection: Connection, stop: Callable[[str], None], beat: Callable[[str, tuple[str, ...]], None]
+    connection: Connection,
+    stop: Callable[[str], None],
+    beat: Callable[[str, tuple[str, ...]], None],
+    introduce: Callable[[str, str], None],
+    about: Callable[[str], dict[str, object]],
 ) -> None:
-    """Serve one page's line until it ends; both are called from this loop, with the page's name."""
+    """Serve one page's line until it ends; all are called from this loop, with the page's name.
+
+    ``introduce``: a page has said its name, and by which server it was loaded. ``about``: what a page is told
+    that asks.
+    """
     gauge = FloodGauge(asyncio.get_running_loop().time)
     page = ""
     try:
@@ -107,12 +124,15 @@ async def stop_door(
             said = _DECODER.decode(raw)
             if said.page is not None:
                 page = said.page
+                introduce(page, said.of)
             if said.stop is not None:
                 stop(page)
                 await connection.send(msgspec.json.encode({"stopped": said.stop}).decode())
             if said.beat is not None:
                 beat(page, said.tabs)
                 await connection.send(msgspec.json.encode({"beat": said.beat}).decode())
+            if said.ask is not None:
+                await connection.send(msgspec.json.encode(about(page)).decode())
             if not gauge.charge(len(raw), refused=False):
                 await connection.close(CloseCode.POLICY_VIOLATION, "too many messages")
     except msgspec.DecodeError:
@@ -131,6 +151,12 @@ class StopLines:
         self._names: dict[str, str] = {}
         """what people call a page, by the name that it gave itself"""
         self._tabs: dict[str, tuple[str, ...]] = {}
+        self._heard: dict[str, float] = {}
+        """when a page has beaten last, by the name that it gave itself"""
+        self._loaded: dict[str, None] = {}
+        """the pages that were loaded by this server, as far as they have said so, the newest last"""
+        self._server = secrets.token_hex(8)
+        """tells this server from the one before it"""
         self._wires: set[socket.socket] = set()
         self._closed = False
         self._lock = threading.Lock()
@@ -163,17 +189,29 @@ class StopLines:
         """The labels of the tabs that are open on a page; empty: it has not said so."""
         return self._tabs.get(who, ())
 
+    def who_is(self, page: str) -> str | None:
+        """What people call the page which calls itself so; None: viser does not have it, or loses it soon."""
+        return self._names.get(page) if page in self._loaded else None
+
+    def page_of(self, who: str | None) -> str | None:
+        """What a page calls itself; None: it has not said so, or is gone."""
+        return next((page for page, name in self._names.items() if name == who), None)
+
+    def is_there(self, page: str) -> bool:
+        """Whether the page which calls itself so beats, on whatever line."""
+        return self._loop.time() - self._heard.get(page, -math.inf) < _THERE_S
+
     def watch(self, who: str | None) -> None:
         """This page operates: it has to give signs of life once it is linked. None: no page does."""
-        page = next((page for page, name in self._names.items() if name == who), None)
-        self._heartbeats.watch(page, self._loop.time())
+        self._heartbeats.watch(self.page_of(who), self._loop.time())
 
     async def handle(self, connection: ServerConnection) -> None:
         """Take a line that the web server has let in; returns at once, but for an encrypted one."""
         if self._stop is None:
             return  # nobody could stop anything yet; the page comes again
         if connection.transport.get_extra_info("ssl_object") is not None:
-            await stop_door(connection, self._pressed, self._beats)  # its keys stay with this loop
+            # its keys stay with this loop
+            await stop_door(connection, self._pressed, self._beats, self._introduced, self._about)
             return
         wire = connection.transport.get_extra_info("socket").dup()
         connection.transport.abort()  # lets go of the line without a word: it lives on in ``wire``
@@ -201,8 +239,23 @@ class StopLines:
         if self._stop is not None:
             self._stop(self._names.get(page, _NO_NAME))
 
+    def _introduced(self, page: str, server: str) -> None:
+        self._loaded.pop(page, None)
+        if server in ("", self._server):  # else it loads itself anew at once
+            self._loaded[page] = None
+        while len(self._loaded) > _MOST_PAGES:
+            del self._loaded[next(iter(self._loaded))]
+
+    def _about(self, page: str) -> dict[str, object]:
+        return {"server": self._server, "known": page in self._names}
+
     def _beats(self, page: str, tabs: tuple[str, ...]) -> None:
-        self._heartbeats.beat(page, self._loop.time())
+        now = self._loop.time()
+        self._heartbeats.beat(page, now)
+        self._heard.pop(page, None)
+        self._heard[page] = now
+        while now - self._heard[(oldest := next(iter(self._heard)))] > _FORGOTTEN_S:
+            del self._heard[oldest]
         if page in self._names:
             self._tabs[self._names[page]] = tabs
 
@@ -212,7 +265,7 @@ class StopLines:
             lambda: Connection(protocol, ping_interval=None, close_timeout=1), wire
         )
         try:
-            await stop_door(connection, self._pressed, self._beats)
+            await stop_door(connection, self._pressed, self._beats, self._introduced, self._about)
         except Exception:
             LOG.exception("a line for STOP failed")
         finally:
