@@ -1,4 +1,4 @@
-"""The array type of the whole package, and records of arrays."""
+"""The array type of the whole package, and values that are equal by the arrays they hold."""
 
 from __future__ import annotations
 
@@ -50,32 +50,47 @@ def content(value: Any) -> Any:
     return value
 
 
-class ArrayRecord:
-    """Base of frozen dataclasses (``eq=False``) that hold arrays.
+class ByContent:
+    """Base of immutable values that are equal, and hashed, by what they are made of.
 
-    The arrays are read-only, also in a copy and behind a pickle; two records are equal by their content.
+    Copies and what comes out of a pickle are made of it anew, so that their arrays are read-only, too.
     """
+
+    __slots__ = ()
+
+    def made_of(self) -> tuple[Any, ...]:
+        """The arguments that make an equal value."""
+        raise NotImplementedError
+
+    def __eq__(self, other: object) -> bool:
+        if self is other:
+            return True
+        if type(other) is not type(self):
+            return NotImplemented
+        ours, theirs = self.made_of(), other.made_of()
+        return all(content(one) == content(another) for one, another in zip(ours, theirs, strict=True))
+
+    def __hash__(self) -> int:
+        return hash(content(self.made_of()))
+
+    def __reduce__(self) -> tuple[Callable[..., object], tuple[object, ...]]:
+        return type(self), tuple(map(_plain, self.made_of()))
+
+
+class ArrayRecord(ByContent):
+    """Base of frozen dataclasses (``eq=False``) that hold arrays, of which they keep read-only copies."""
 
     __slots__ = ()
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     def __post_init__(self) -> None:
-        for name, value in self._given():
-            object.__setattr__(self, name, _locked(value))
+        for field in fields(self):
+            if field.init:
+                object.__setattr__(self, field.name, _locked(getattr(self, field.name)))
 
-    def _given(self) -> list[tuple[str, Any]]:
-        return [(field.name, getattr(self, field.name)) for field in fields(self) if field.init]
-
-    def __eq__(self, other: object) -> bool:
-        if type(other) is not type(self):
-            return NotImplemented
-        return all(content(mine) == content(getattr(other, name)) for name, mine in self._given())
-
-    def __hash__(self) -> int:
-        return hash(tuple(content(value) for _, value in self._given()))
-
-    def __reduce__(self) -> tuple[Callable[..., object], tuple[object, ...]]:
-        return type(self), tuple(_plain(value) for _, value in self._given())
+    def made_of(self) -> tuple[Any, ...]:
+        """See ``ByContent``."""
+        return tuple(getattr(self, field.name) for field in fields(self) if field.init)
 
 
 def _plain(value: Any) -> Any:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import copy
 import pickle
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ from armctl.motion import (
     SlowedTrajectory,
     Trajectory,
 )
+from armctl.motion.trajectory import peaks_of
 from armctl.program import MoveStep, Program
 
 A = PointToPoint.lasting([0.0, 0.0], [1.0, -1.0], 2.0)
@@ -81,11 +83,22 @@ MOTIONS: list[Trajectory] = [
 
 
 @pytest.mark.parametrize("motion", MOTIONS, ids=lambda motion: type(motion).__name__)
-def test_a_motion_can_be_pickled(motion: Trajectory) -> None:
-    other: Trajectory = pickle.loads(pickle.dumps(motion))
+def test_a_motion_is_pickled_copied_and_compared(motion: Trajectory) -> None:
     times = np.linspace(0.0, motion.duration, 7)
-    assert other.duration == motion.duration
-    assert np.array_equal(other.sample(times).q, motion.sample(times).q)
+    for other in (pickle.loads(pickle.dumps(motion)), copy.copy(motion), copy.deepcopy(motion)):
+        assert (other, hash(other), repr(other)) == (motion, hash(motion), repr(motion))
+        assert other.sample(times) == motion.sample(times)
+        assert peaks_of(other) == peaks_of(motion)
+        assert not other.start.flags.writeable
+    assert motion != SlowedTrajectory(motion, 1.5)
+    assert all(motion != another for another in MOTIONS if another is not motion)
+
+
+def test_motions_say_in_a_line_what_they_are() -> None:
+    assert repr(A) == "PointToPoint(2.000 s, from (0.0, 0.0)° to (57.3, -57.3)°)"
+    joined = JoinedTrajectory([A, B])
+    assert repr(joined) == "JoinedTrajectory(3.500 s, from (0.0, 0.0)° to (114.6, 0.0)°)"
+    assert repr(A.way) == "PiecewisePolynomial(1 piece of degree 3 over 0 … 2, 2 coordinates)"
 
 
 def test_targets_and_programs_are_pickled_and_compared() -> None:

@@ -20,7 +20,7 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from armctl.arrays import FloatArray, content
+from armctl.arrays import ByContent, FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.angles import LIMIT_TOLERANCE, half_angle_cos_sin
 from armctl.kinematics.subproblems import cross
@@ -75,7 +75,7 @@ class TurnLimit(NamedTuple):
     """of that angle, for messages"""
 
 
-class Chain:
+class Chain(ByContent):
     """A chain of n revolute joints. Immutable; safe in several threads.
 
     Frames are named ``T_base_x``: x seen from the base. Link j turns with joint j about its own z axis, or,
@@ -131,20 +131,17 @@ class Chain:
         self._place_links = [place.link for place in self.places]
         self._T_link_places = np.stack([place.T_link_frame for place in self.places])
 
-    def __eq__(self, other: object) -> bool:
-        return content(self._says) == content(other._says) if isinstance(other, Chain) else NotImplemented
+    def __repr__(self) -> str:
+        links = "" if self.coupling is None else f", {len(self.segments)} links"
+        return f"Chain({self.n} joints{links})"
 
-    def __hash__(self) -> int:
-        return hash(content(self._says))
-
-    @property
-    def _says(self) -> tuple[Any, ...]:
+    def made_of(self) -> tuple[Any, ...]:
+        """See ``ByContent``; what follows the first two is given by keywords."""
         says = self.segments, self.tail, self.places, self.rows, self.convention, self.coupling
         return (*says, self.turn_limits)
 
     def __reduce__(self) -> tuple[Callable[..., Chain], tuple[object, ...]]:
-        """Pickled and copied through the constructor, so that the arrays stay read-only."""
-        segments, tail, *says = self._says
+        segments, tail, *says = self.made_of()
         names = ("places", "rows", "convention", "coupling", "turn_limits")
         return partial(type(self), **dict(zip(names, says, strict=True))), (segments, tail)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armctl.arrays import FloatArray
+from armctl.arrays import ArrayRecord, FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.angles import LIMIT_TOLERANCE, rest_angle, whole_turns
 from armctl.kinematics.chain import Chain
@@ -64,8 +64,8 @@ _MET = 1e-6
 """how far what meets a target may be off it [m], [rad]: some families list what is nearest to a rotation"""
 
 
-@dataclass(frozen=True, slots=True)
-class Branch:
+@dataclass(frozen=True, slots=True, eq=False)
+class Branch(ArrayRecord):
     """One way to meet a target."""
 
     name: str

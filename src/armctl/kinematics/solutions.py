@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from armctl.arrays import FloatArray, lock
+from armctl.arrays import ArrayRecord, ByContent, FloatArray, content, lock
 from armctl.errors import InputError, UnreachableError
 from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.chain import Chain
@@ -84,11 +84,33 @@ class SolvedArm(NamedTuple):
     solver_of: SolverOf | None = None
     """makes the solver of the same arm inside other limits; None where it searches"""
 
+    def __eq__(self, other: object) -> bool:
+        return self is other or content(tuple(self)) == content(other)
 
-class Solutions:
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    def __hash__(self) -> int:
+        return hash(content(tuple(self)))
+
+    def __reduce__(self) -> tuple[Callable[..., SolvedArm], tuple[object, ...]]:
+        return _solved_arm, tuple(self)
+
+
+def _solved_arm(*says: Any) -> SolvedArm:
+    """Out of a pickle, with arrays that are read-only again."""
+    arm = SolvedArm(*says)
+    for array in (arm.limits, arm.up):
+        if array is not None:
+            lock(array)
+    return arm
+
+
+class Solutions(ByContent):
     """Every configuration inside the limits that answers a target, or why there is none. Immutable.
 
     ``len(solutions)``, ``solutions[0]`` and ``for q in solutions`` are about the rows (n,) [rad] of ``q``.
+    Two are equal that hold the same solutions of the same target for the same arm, and in the same order.
     """
 
     def __init__(
@@ -144,8 +166,43 @@ class Solutions:
         return self.arm.branch_names
 
     def __repr__(self) -> str:
-        found = f"{len(self)} configurations" if self.success else self.explanation
+        found = self.explanation
+        if self.success:
+            swept = "" if self.free_joint is None else f", {self._title(self.free_joint)} swept"
+            found = f"{len(self)} configuration{'' if len(self) == 1 else 's'}{swept}"
         return f"Solutions({found})"
+
+    def made_of(self) -> tuple[Any, ...]:
+        """See ``ByContent``: what was put off is worked out."""
+        arm, target, q, index, free = self.arm, self.target, self.q, self.branch_index, self.free_joint
+        return (
+            arm,
+            target,
+            q,
+            index,
+            free,
+            self.least_rotation,
+            self.reason,
+            self.nearest_q,
+            self._missing,
+            self.further,
+        )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Solutions):
+            return NotImplemented
+        return self is other or self._listed == other._listed
+
+    def __hash__(self) -> int:
+        return hash(self._listed)
+
+    @property
+    def _listed(self) -> Any:
+        """What makes two equal; the rest follows from it."""
+        return content((self.arm, self.target, self.q, self.branch_index, self.free_joint, self.nearest_q))
+
+    def _title(self, joint: int) -> str:
+        return self.arm.titles[joint] if self.arm.titles else f"joint {joint + 1}"
 
     @cached_property
     def incomplete_reason(self) -> str | None:
@@ -170,7 +227,7 @@ class Solutions:
         moving = moving_joints(arm.chain, limits, self.target, self.q, self._held(), self._up)
         if not moving:
             return None
-        names = [arm.titles[k] if arm.titles else f"joint {k + 1}" for k in moving]
+        names = [self._title(k) for k in moving]
         if len(names) == 1:
             return f"{names[0]} may turn while the tool stays: of a continuum some are listed"
         joints = f"{', '.join(names[:-1])} and {names[-1]}"
@@ -430,8 +487,8 @@ class Solutions:
         return str(self.branch[self.index_of(q)])
 
 
-@dataclass(frozen=True, eq=False)
-class BatchSolutions:
+@dataclass(frozen=True, eq=False, repr=False)
+class BatchSolutions(ArrayRecord):
     """The branches of k poses, a column a branch; the arrays are read-only."""
 
     q: FloatArray
@@ -442,8 +499,13 @@ class BatchSolutions:
     """(b,)"""
 
     def __post_init__(self) -> None:
+        """Without copies, as the arrays are large."""
         lock(self.q)
         lock(self.found)
+
+    def __repr__(self) -> str:
+        poses, branches = self.found.shape
+        return f"BatchSolutions({int(self.found.sum())} configurations of {poses} poses, {branches} branches)"
 
     @property
     def count(self) -> NDArray[np.intp]:

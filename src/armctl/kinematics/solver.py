@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar, Self
 
 import numpy as np
@@ -66,6 +66,13 @@ class InverseKinematics(ABC):
         """index of the joint that rolls the tool about its approach axis"""
         k = roll_joint
         self._roll = None if k is None else RollJoint(k, titles[k], limits[k].tolist())
+
+    def __reduce__(self) -> tuple[Callable[..., object], tuple[object, ...]]:
+        """Prepared anew where a pickle is read."""
+        return type(self).of, (self.chain, self.limits, self.energy, self.titles)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.chain.n} joints)"
 
     @classmethod
     @abstractmethod

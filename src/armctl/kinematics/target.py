@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from math import inf, pi
 from typing import Any, NamedTuple, TypeGuard
 
@@ -82,6 +82,10 @@ class Target(NamedTuple):
 
     def __hash__(self) -> int:
         return hash(content(tuple(self)))
+
+    def __reduce__(self) -> tuple[Callable[..., Target], tuple[object, ...]]:
+        """By ``of``, so that the rotation stays read-only."""
+        return Target.of, tuple(self)
 
     @classmethod
     def of(

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armctl.arrays import FloatArray
+from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.target import checked_array
@@ -23,16 +23,16 @@ _SINGULAR = 1e-6
 _SAMPLES = 16
 
 
-@dataclass(frozen=True, slots=True)
-class ToolVelocity:
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolVelocity(ArrayRecord):
     """How the tool moves, in the base frame: its point (3,) [m/s], and (3,) [rad/s]."""
 
     linear: FloatArray
     angular: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class JointRates:
+@dataclass(frozen=True, slots=True, eq=False)
+class JointRates(ArrayRecord):
     """Joint rates for a tool velocity, as far as the arm can give it."""
 
     rates: FloatArray
@@ -46,8 +46,8 @@ class JointRates:
     velocity, before scaling"""
 
 
-@dataclass(frozen=True, slots=True)
-class Freedom:
+@dataclass(frozen=True, slots=True, eq=False)
+class Freedom(ArrayRecord):
     """How freely the tool moves in a configuration."""
 
     measure: float

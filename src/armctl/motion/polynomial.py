@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from armctl.arrays import FloatArray
+from armctl.arrays import ByContent, FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.target import as_numbers
 
@@ -21,7 +21,7 @@ MOST_COEFFICIENTS = 12
 """of a piece: a spline has 4, a law of least jerk 6; extremes of one of degree 1,000 take minutes"""
 
 
-class PiecewisePolynomial:
+class PiecewisePolynomial(ByContent):
     """n coordinates, ``sum_p coefficients[i, p] * (x - breaks[i]) ** p`` in piece i. Immutable.
 
     Outside the breaks it holds the nearer end.
@@ -54,8 +54,14 @@ class PiecewisePolynomial:
         self.n = c.shape[2]
         """number of coordinates"""
 
-    def __reduce__(self) -> tuple[type[PiecewisePolynomial], tuple[FloatArray, FloatArray]]:
-        return PiecewisePolynomial, (self.breaks, self.coefficients)
+    def made_of(self) -> tuple[FloatArray, FloatArray]:
+        """See ``ByContent``."""
+        return self.breaks, self.coefficients
+
+    def __repr__(self) -> str:
+        pieces, size, n = self.coefficients.shape
+        what = f"{pieces} piece{'' if pieces == 1 else 's'} of degree {size - 1}"
+        return f"PiecewisePolynomial({what} over {self.low:.6g} … {self.high:.6g}, {n} coordinates)"
 
     def __call__(self, x: ArrayLike) -> FloatArray:
         """Values (..., n) at ``x`` (...)."""

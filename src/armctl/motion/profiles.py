@@ -22,7 +22,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armctl.arrays import FloatArray
+from armctl.arrays import FloatArray, lock
 from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics.energy import CUBIC_PEAKS, rest_to_rest_times
 from armctl.kinematics.solutions import decimals_apart
@@ -137,7 +137,7 @@ def _phases(length: float, phases: tuple[tuple[float, float, float], ...]) -> Pi
     return PiecewisePolynomial(breaks, np.array(rows)[:, :, None])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PointToPoint(KnowsPeaks):
     """A motion of all joints from rest to rest; ``plan``, ``each_for_itself`` and ``lasting`` make one."""
 
@@ -149,6 +149,15 @@ class PointToPoint(KnowsPeaks):
     """[s]; 0 for a motion that goes nowhere"""
     way: PiecewisePolynomial | None
     """(n,) way gone from the start over time [rad], monotonous; None for a motion that takes no time"""
+
+    def made_of(self) -> tuple[FloatArray, FloatArray, float, PiecewisePolynomial | None]:
+        """See ``ByContent``."""
+        return self.start, self.end, self.duration, self.way
+
+    def __post_init__(self) -> None:
+        """The ends may come out of a pickle."""
+        lock(self.start)
+        lock(self.end)
 
     @classmethod
     def lasting(

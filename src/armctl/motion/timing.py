@@ -47,8 +47,9 @@ class PathTrajectory(KnowsPeaks):
         self.start, self.end = path(path.low), path(path.high)
         self.start.flags.writeable = self.end.flags.writeable = False
 
-    def __reduce__(self) -> tuple[type[PathTrajectory], tuple[PiecewisePolynomial, PiecewisePolynomial]]:
-        return PathTrajectory, (self.path, self.law)
+    def made_of(self) -> tuple[PiecewisePolynomial, PiecewisePolynomial]:
+        """See ``ByContent``."""
+        return self.path, self.law
 
     @classmethod
     def fastest(

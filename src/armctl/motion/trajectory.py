@@ -10,13 +10,13 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armctl.arrays import FloatArray
+from armctl.arrays import ArrayRecord, ByContent, FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.target import as_numbers, checked_number
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample(ArrayRecord):
     """Joint state at one time, or at many: (..., n) rad, rad/s, rad/s², rad/s³."""
 
     q: FloatArray
@@ -24,9 +24,12 @@ class Sample:
     acceleration: FloatArray
     jerk: FloatArray
 
+    def __post_init__(self) -> None:
+        """Without copies, as one is made in every tick."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Peaks:
+class Peaks(ArrayRecord):
     """The extremes of a whole motion, exact or never passed: (n,) each."""
 
     low: FloatArray
@@ -76,10 +79,19 @@ def as_times(t: ArrayLike) -> FloatArray:
     return times
 
 
-class KnowsPeaks:
+class KnowsPeaks(ByContent):
     """Base of the trajectories that know their extremes without being sampled."""
 
     __slots__ = ()
+    duration: float
+    start: FloatArray
+    end: FloatArray
+
+    def __repr__(self) -> str:
+        ends = " to ".join(
+            f"({', '.join(f'{angle:z.1f}' for angle in np.degrees(q))})°" for q in (self.start, self.end)
+        )
+        return f"{type(self).__name__}({self.duration:.3f} s, from {ends})"
 
     @property
     def peaks(self) -> Peaks:
@@ -111,12 +123,16 @@ class JoinedTrajectory(KnowsPeaks):
                 raise InputError(
                     f"part {k} starts {np.degrees(gap):.4f}° away from where the one before it ends"
                 )
-        self.parts = tuple(parts)
+        self.parts: tuple[Trajectory, ...] = tuple(parts)
         self.start, self.end = parts[0].start, parts[-1].end
         self._ends = np.cumsum([part.duration for part in parts])
         self.starts_at = np.concatenate([[0.0], self._ends[:-1]])
         """(k,) when each part starts [s]"""
         self.duration = float(self._ends[-1])
+
+    def made_of(self) -> tuple[tuple[Trajectory, ...]]:
+        """See ``ByContent``."""
+        return (self.parts,)
 
     @property
     def peaks(self) -> Peaks:
@@ -177,6 +193,10 @@ class SlowedTrajectory(KnowsPeaks):
         self.inner, self.factor = trajectory, factor
         self.duration = factor * trajectory.duration
         self.start, self.end = trajectory.start, trajectory.end
+
+    def made_of(self) -> tuple[Trajectory, float]:
+        """See ``ByContent``."""
+        return self.inner, self.factor
 
     @property
     def peaks(self) -> Peaks:

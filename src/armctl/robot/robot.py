@@ -37,7 +37,7 @@ BODY_ASSUMED = "the body: convex hulls of the shapes"
 """how the line of ``assumed`` begins that ``with_body`` has more to say about"""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Robot(ArrayRecord):
     """One arm: joints, frames, limits, poses. Immutable, comparable, safe to use from several threads."""
 
@@ -95,6 +95,9 @@ class Robot(ArrayRecord):
 
     def __hash__(self) -> int:
         return hash((self.name, self.chain, content(self.limits)))  # a board's settings need not have one
+
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r}, {self.n} joints)"
 
     @property
     def n(self) -> int:

@@ -7,8 +7,8 @@ roll is swept; it moves the tool point, so it is a free joint as any other.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from functools import cached_property, lru_cache
+from collections.abc import Callable, Sequence
+from functools import cached_property, lru_cache, partial
 from typing import Self
 
 import numpy as np
@@ -21,7 +21,7 @@ from armctl.kinematics.numeric.solver import NumericSolver
 from armctl.kinematics.offset_roll.geometry import OffsetRoll, recognise_offset_roll
 from armctl.kinematics.offset_roll.roll_sweep import Place, RollSweep
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step
-from armctl.kinematics.solutions import Solutions, SolvedArm
+from armctl.kinematics.solutions import Further, Solutions, SolvedArm
 from armctl.kinematics.solver import InverseKinematics, held_roll
 from armctl.kinematics.subproblems import circle_angles, turn
 from armctl.kinematics.target import Target
@@ -161,25 +161,16 @@ class OffsetRollSolver(InverseKinematics):
         """The answer with the roll joint held at an angle [rad]."""
         inner = self._at(roll).solve(target._replace(roll=None), step)
         least, further, nearest = inner.least_rotation, inner.further, inner.nearest_q
-
-        def optimum() -> FloatArray | None:
-            found = None if least is None else least()
-            return None if found is None else np.append(found, roll)
-
-        def with_roll(criterion: Criterion, start: FloatArray) -> FloatArray:
-            q = np.empty((0, self.chain.n - 1)) if further is None else further(criterion, start[:-1])
-            return np.column_stack([q, np.full(len(q), roll)])
-
         return Solutions(
             self._arm,
             target,
             np.column_stack([inner.q, np.full(len(inner.q), roll)]),
             inner.branch_index,
             free_joint=inner.free_joint,
-            least_rotation=None if least is None else optimum,
+            least_rotation=None if least is None else partial(_least_with, least, roll),
             reason=inner.reason,
             nearest_q=None if nearest is None else np.append(nearest, roll),
-            further=None if further is None else with_roll,
+            further=None if further is None else partial(_further_with, further, roll),
         )
 
     # The roll is free.
@@ -189,20 +180,24 @@ class OffsetRollSolver(InverseKinematics):
         rows = self._sweep.solve(place, step)
         if len(rows.q) == 0:
             return self._without(target, step)
-
-        def optimum() -> FloatArray:
-            zero, ones = np.zeros(self.chain.n), np.ones(self.chain.n)
-            found = self._sweep.candidates(place, zero, ones, step, rows.q)
-            return found[int(np.abs(found).sum(axis=1).argmin())].copy()
-
-        def further(_: Criterion, start: FloatArray) -> FloatArray:
-            return self._sweep.candidates(place, start, 1.0 / self.energy.speed_limits, step, rows.q)
-
         reason = f"{rows.left_out} more differ by whole turns" if rows.left_out else None
         return Solutions(
-            self._arm, target, rows.q, rows.branch, free_joint=self.geometry.joint, least_rotation=optimum,
-            incomplete_reason=reason, further=further,
+            self._arm, target, rows.q, rows.branch, free_joint=self.geometry.joint,
+            least_rotation=partial(self._swept_optimum, place, step, rows.q), incomplete_reason=reason,
+            further=partial(self._swept_travel, place, step, rows.q),
         )  # fmt: skip
+
+    def _swept_optimum(self, place: Place, step: float, rows: FloatArray) -> FloatArray:
+        """(n,) that of least rotation, from the rows of a sweep on."""
+        zero, ones = np.zeros(self.chain.n), np.ones(self.chain.n)
+        found = self._sweep.candidates(place, zero, ones, step, rows)
+        return found[int(np.abs(found).sum(axis=1).argmin())].copy()
+
+    def _swept_travel(
+        self, place: Place, step: float, rows: FloatArray, _: Criterion, start: FloatArray
+    ) -> FloatArray:
+        """(m, n) among which that of least travel is."""
+        return self._sweep.candidates(place, start, 1.0 / self.energy.speed_limits, step, rows)
 
     def _doubly_free(self, target: Target, step: float) -> Solutions:
         """Position alone with three pitch joints: a surface of solutions, of which one roll is listed."""
@@ -214,17 +209,21 @@ class OffsetRollSolver(InverseKinematics):
         found = self._rolled(target, roll, step)
         title = self.titles[-1]
         reason = f"{title} is free, too: listed is what there is with it at {math.degrees(roll) + 0.0:.2f}°"
-
-        def optimum() -> FloatArray | None:
-            return self._least_over_rolls(target, np.zeros(self.chain.n), np.ones(self.chain.n), roll)[0]
-
-        def further(_: Criterion, start: FloatArray) -> FloatArray:
-            return self._least_over_rolls(target, start, 1.0 / self.energy.speed_limits, roll)
-
         return Solutions(
             self._arm, target, found.q, found.branch_index, free_joint=found.free_joint,
-            least_rotation=optimum, incomplete_reason=reason, further=further,
+            least_rotation=partial(self._optimum_over_rolls, target, roll), incomplete_reason=reason,
+            further=partial(self._travel_over_rolls, target, roll),
         )  # fmt: skip
+
+    def _optimum_over_rolls(self, target: Target, listed: float) -> FloatArray:
+        """(n,) that of least rotation; ``listed`` [rad] is the roll of the list."""
+        return self._least_over_rolls(target, np.zeros(self.chain.n), np.ones(self.chain.n), listed)[0]
+
+    def _travel_over_rolls(
+        self, target: Target, listed: float, _: Criterion, start: FloatArray
+    ) -> FloatArray:
+        """(m, n) among which that of least travel is."""
+        return self._least_over_rolls(target, start, 1.0 / self.energy.speed_limits, listed)
 
     def _reaches(self, target: Target, roll: float) -> bool:
         """Whether the arm reaches a position with the roll joint at an angle [rad]."""
@@ -386,3 +385,16 @@ class OffsetRollSolver(InverseKinematics):
         return Solutions(
             self._arm, target, (), (), reason=reason, nearest_q=self._numeric.nearest(self._local(free))
         )
+
+
+# An answer of the arm without its roll joint, which is held at an angle [rad].
+
+
+def _least_with(least: Callable[[], FloatArray | None], roll: float) -> FloatArray | None:
+    found = least()
+    return None if found is None else np.append(found, roll)
+
+
+def _further_with(further: Further, roll: float, criterion: Criterion, start: FloatArray) -> FloatArray:
+    q = further(criterion, start[:-1])
+    return np.column_stack([q, np.full(len(q), roll)])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Self
 
 import numpy as np
@@ -158,20 +158,23 @@ class SphericalShoulderSolver(InverseKinematics):
     def _swept(self, target: Target, swivels: Sequence[Swivel], roll: float, step: float) -> Solutions:
         q = self._with_roll(sweep(swivels, step), roll)
 
-        def optimum() -> FloatArray | None:
-            found = least_rotation(swivels)
-            return None if found is None else self._with_roll(found[None], roll)[0]
-
-        def further(_: Criterion, start: FloatArray) -> FloatArray:
-            weights = (1.0 / self.energy.speed_limits[:3]).tolist()
-            return self._with_roll(least_candidates(swivels, start[:3].tolist(), weights), roll)
-
+        optimum, further = partial(self._optimum, swivels, roll), partial(self._travel, swivels, roll)
         if len(q):
             return self._solved(target, q, optimum, further, free=self.free_joint)
         single = optimum()  # a sliver between two grid values, or a single configuration
         if single is None:
             return self._without(target, swivels, roll)
         return self._solved(target, single[None], optimum, further)
+
+    def _optimum(self, swivels: Sequence[Swivel], roll: float) -> FloatArray | None:
+        """(n,) that of least rotation."""
+        found = least_rotation(swivels)
+        return None if found is None else self._with_roll(found[None], roll)[0]
+
+    def _travel(self, swivels: Sequence[Swivel], roll: float, _: Criterion, start: FloatArray) -> FloatArray:
+        """(m, n) among which that of least travel is."""
+        weights = (1.0 / self.energy.speed_limits[:3]).tolist()
+        return self._with_roll(least_candidates(swivels, start[:3].tolist(), weights), roll)
 
     def _without(self, target: Target, swivels: Sequence[Swivel], roll: float) -> Solutions:
         """Refuses, unless the nearest point is the target after all."""
@@ -231,7 +234,9 @@ class SphericalShoulderSolver(InverseKinematics):
     ) -> Solutions:
         q = q[:, : self.chain.n]
         index = spherical_branch_index(self.geometry, q)
-        return Solutions(self._arm, target, q, index, free_joint=free, least_rotation=optimum, further=further)
+        return Solutions(
+            self._arm, target, q, index, free_joint=free, least_rotation=optimum, further=further
+        )
 
     def _refused(self, target: Target, reason: str, nearest: FloatArray) -> Solutions:
         """With the roll joint as near as its limits allow to what was asked for."""

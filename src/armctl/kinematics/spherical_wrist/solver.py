@@ -51,7 +51,9 @@ class SphericalWristSolver(InverseKinematics):
         super().__init__(chain, limits, energy, titles, roll_joint=roll_joint(chain))
         self.geometry = geometry
         self._closed = ClosedForm(geometry)
-        self._answers = WholePoses(chain, limits, energy, titles, branch_names(self._closed), self._roll, self.of)
+        self._answers = WholePoses(
+            chain, limits, energy, titles, branch_names(self._closed), self._roll, self.of
+        )
         self._ranges = [Range.of(*pair) for pair in geometry.order(limits.T).T.tolist()]
         self._careful = CarefulSolver(self._closed, chain, limits, titles)
         self._rough = geometry.misfit > _ROUNDING

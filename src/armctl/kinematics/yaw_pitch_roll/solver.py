@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Self
 
 import numpy as np
@@ -87,7 +87,7 @@ class YawPitchRollSolver(InverseKinematics):
             free_joint=1 if three and limits[1, 0] < limits[1, 1] else None,
             roll_joint=geometry.roll_joint,
         )
-        self.geometry = geometry
+        self.geometry, self._compiled = geometry, compiled
         self._base: tuple[float, float] = tuple(limits[0].tolist())
         self._arm = SolvedArm(
             BRANCHES, chain, energy, geometry.pitch_joints, limits, geometry.roll_joint,
@@ -103,6 +103,11 @@ class YawPitchRollSolver(InverseKinematics):
         """See ``InverseKinematics``."""
         geometry = recognise(chain)
         return None if geometry is None else cls(chain, geometry, limits, energy, titles)
+
+    def __reduce__(self) -> tuple[Callable[..., object], tuple[object, ...]]:
+        """Of its own geometry: that of an arm with a joint held is not recognised again to the last digit."""
+        make = partial(type(self), compiled=self._compiled)
+        return make, (self.chain, self.geometry, self.limits, self.energy, self.titles)
 
     @cached_property
     def _orientation(self) -> _NearestOrientation:
@@ -212,15 +217,8 @@ class YawPitchRollSolver(InverseKinematics):
         self, sweep: FreeJointSweep, target: Target, branches: list[BaseBranch],
         z: float, roll: float, step: float,
     ) -> Solutions:  # fmt: skip
-        def optimum() -> FloatArray | None:
-            found = None if self._least is None else self._least.solve(branches, z)
-            return None if found is None else self._with_roll(found, roll)
-
-        def further(_: Criterion, start: FloatArray) -> FloatArray:
-            q = self.least_candidates(target, start, 1.0 / self.energy.speed_limits)
-            q[:, 4:] = roll
-            return q
-
+        optimum = partial(self._optimum, branches, z, roll)
+        further = partial(self._travel, target, roll)
         q, index = sweep.solve(branches, z, roll, step)
         if len(index):
             free = self.free_joint
@@ -234,7 +232,20 @@ class YawPitchRollSolver(InverseKinematics):
         turn = self.geometry.yaw_sign * float(single[0])
         front = x * math.cos(turn) + y * math.sin(turn) >= 0.0
         name = branch_index(front, bend_sense(self.geometry.plane_angle(2, float(single[3]))))
-        return Solutions(self._arm, target, [single.tolist()], [name], least_rotation=optimum, further=further)
+        return Solutions(
+            self._arm, target, [single.tolist()], [name], least_rotation=optimum, further=further
+        )
+
+    def _optimum(self, branches: list[BaseBranch], z: float, roll: float) -> FloatArray | None:
+        """(n,) that of least rotation."""
+        found = None if self._least is None else self._least.solve(branches, z)
+        return None if found is None else self._with_roll(found, roll)
+
+    def _travel(self, target: Target, roll: float, _: Criterion, start: FloatArray) -> FloatArray:
+        """(m, n) among which that of least travel is."""
+        q = self.least_candidates(target, start, 1.0 / self.energy.speed_limits)
+        q[:, 4:] = roll
+        return q
 
     def least_candidates(self, target: Target, start: FloatArray, weights: FloatArray) -> FloatArray:
         """Configurations (m, n) on a position among which Σ weight · |θ - start| is least, exact.
