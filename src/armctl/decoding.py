@@ -161,9 +161,15 @@ def did_you_mean(word: object, known: Iterable[object]) -> str:
 
 
 def _nearest(word: str, known: Iterable[str]) -> str:
+    """The word that is alike, whatever its case and its dashes, underscores and spaces."""
     from difflib import get_close_matches  # 2 ms that only a refusal needs
 
-    return next(iter(get_close_matches(word, known, 1)), "")
+    plain = {_plain(one): one for one in known}
+    return next((plain[one] for one in get_close_matches(_plain(word), plain, 1)), "")
+
+
+def _plain(word: str) -> str:
+    return re.sub(r"[-_ ]", "", word.casefold())
 
 
 # A refusal of msgspec in plain words.

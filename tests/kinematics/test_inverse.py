@@ -259,7 +259,7 @@ def test_two_pitch_joints_refuse_a_pitch_that_the_position_does_not_give() -> No
         ({"position_m": [0.2, 0, math.inf]}, "finite"),
         ({"position_m": ["0.2", "0", "0.1"]}, "must be numbers"),
         ({"position_m": None}, "must be numbers"),
-        ({"position_m": [200, 0, 100_000]}, r"100000 m from the base, farther than 1000 m: is that the unit"),
+        ({"position_m": [200, 0, 100_000]}, r"100000 m from the base, farther than 1000 m; a wrong unit"),
         ({"position_m": [1e308, 1e308, 0]}, "farther than 1000 m"),
         ({"pitch": math.nan}, "pitch must be a finite number"),
         ({"pitch": "0.5"}, "pitch must be numbers"),

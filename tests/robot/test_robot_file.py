@@ -159,6 +159,9 @@ def test_a_file_from_an_editor_that_begins_with_a_mark(tmp_path: Path) -> None:
     ("name", "says"),
     [
         ("nobody", r"there is no robot 'nobody'; shipped are .*uzuner"),
+        ("UR5", r"there is no robot 'UR5'; did you mean 'ur5'\?"),
+        ("SO-101", r"there is no robot 'SO-101'; did you mean 'so101'\?"),
+        ("Open Manipulator-X", r"there is no robot .*; did you mean 'open_manipulator_x'\?"),
         (5000 * "x", r"there is no robot 'xxxxxxxx.*shipped are"),  # longer than the name of a file may be
         ("arm\0.toml", r"\\x00.*the name of a file holds no NUL"),
         ("arm\0.urdf", r"\\x00.*the name of a file holds no NUL"),

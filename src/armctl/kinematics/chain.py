@@ -14,7 +14,7 @@ import math
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -134,6 +134,14 @@ class Chain(ByContent):
     def __repr__(self) -> str:
         links = "" if self.coupling is None else f", {len(self.segments)} links"
         return f"Chain({self.n} joints{links})"
+
+    @cached_property
+    def length(self) -> float:
+        """From the base frame to the tool point, all links stretched [m]."""
+        tool = self.forward(np.zeros(self.n))[:3, 3]
+        # no joint changes how far two corners in a row are apart
+        corners = np.vstack([np.zeros(3), self.axes()[0], tool])
+        return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
 
     def made_of(self) -> tuple[Any, ...]:
         """See ``ByContent``; what follows the first two is given by keywords."""

@@ -19,7 +19,7 @@ from armctl.kinematics.continuum import moving_joints, uncertainties
 from armctl.kinematics.energy import FROM_START, Criterion, EnergyModel, checked_criterion, energies
 from armctl.kinematics.on_target import OnTarget
 from armctl.kinematics.samples import DEFAULT_STEP
-from armctl.kinematics.target import Target, as_numbers, elevation
+from armctl.kinematics.target import Target, as_numbers, degrees_hint, elevation, length_hint
 
 THERE_M = 1e-7
 """a nearest point that is so near is the target itself [m]"""
@@ -153,7 +153,18 @@ class Solutions(ByContent):
     @cached_property
     def reason(self) -> str | None:
         """Why there is none, in words; None when solved."""
+        return None if self.refusal is None else self.refusal + self._unit_hint
+
+    @cached_property
+    def refusal(self) -> str | None:
+        """The reason without a word on units, for a reason that it is a part of."""
         return self._reason() if callable(self._reason) else self._reason
+
+    @property
+    def _unit_hint(self) -> str:
+        """What to ask about the target's numbers, where they are hardly meant."""
+        hint = length_hint(math.hypot(*self.target.point), self.arm.chain.length)
+        return hint or degrees_hint(self.target.roll or 0.0)
 
     @cached_property
     def branch_index(self) -> NDArray[np.int8]:
@@ -182,7 +193,7 @@ class Solutions(ByContent):
             index,
             free,
             self.least_rotation,
-            self.reason,
+            self.refusal,
             self.nearest_q,
             self._missing,
             self.further,
@@ -311,13 +322,14 @@ class Solutions(ByContent):
     @property
     def explanation(self) -> str:
         """The reason and the nearest reachable point in one sentence [mm]; empty when solved."""
-        if self.reason is None or self.nearest_m is None:
+        if self.refusal is None or self.nearest_m is None:
             return self.reason or ""
         if not self.nearest_away_m:
-            return f"{self.reason}; the point itself can be reached"
+            return f"{self.refusal}; the point itself can be reached{self._unit_hint}"
         x, y, z = 1000.0 * self.nearest_m
         nearest = f"({x:z.1f}, {y:z.1f}, {z:z.1f}) mm, {millimetres(self.nearest_away_m)} mm away"
-        return f"{self.reason}; the nearest reachable point{self._at_the_pitch()} is {nearest}"
+        where = f"the nearest reachable point{self._at_the_pitch()}"
+        return f"{self.refusal}; {where} is {nearest}{self._unit_hint}"
 
     def _at_the_pitch(self) -> str:
         """Where the nearest configuration has the pitch that was asked for: another one may come nearer."""

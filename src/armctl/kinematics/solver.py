@@ -164,7 +164,7 @@ class InverseKinematics(ABC):
     def _besides(self, refusal: str, rest: Target, step: float, start: FloatArray | None = None) -> str:
         """Why a roll or a pitch cannot be, and what forbids the ``rest`` of the target."""
         other = self.solve(rest, step, start)
-        return refusal if other.success else f"{refusal}; besides, {other.reason}"
+        return refusal if other.success else f"{refusal}; besides, {other.refusal}"
 
     def _has_no(self, what: str) -> InputError:
         return InputError(f"arms of the family {self.family!r} have no {what}: call inverse for each target")

@@ -37,6 +37,35 @@ def require_finite(array: FloatArray, what: str, *, rows: bool = False) -> None:
     raise InputError(f"{what} must be finite numbers, got {array[row].tolist()} in row {row}")
 
 
+# Numbers that are nearly certainly of another unit. Whoever is told may have typed millimetres or metres.
+
+_UNITS = (
+    "a wrong unit? Robot and armctl.motion count in metres and radians; Arm, programs, pages and the command "
+    "line in millimetres and degrees"
+)
+_FAR, _THOUSAND = (20.0, 3000.0), 1000.0
+"""nobody means a target that is so many times as far off as the arm is long; one 1,000 times nearer, yes"""
+_TURNS = 4 * pi
+"""angles beyond are none that anybody means, where the joint does not turn so far [rad]"""
+
+
+def length_hint(away_m: float, length_m: float) -> str:
+    """``; a wrong unit? …`` for a target that is refused, where one of the other unit would be near the arm.
+
+    How far it is from the base, and how long the arm is, both [m]; empty where it is no such target.
+    """
+    low, high = (length_m * times for times in _FAR)
+    millimetres = low <= away_m <= high
+    metres = low / _THOUSAND <= _THOUSAND * away_m <= high / _THOUSAND
+    return f"; {_UNITS}" if millimetres or metres else ""
+
+
+def degrees_hint(*angles: float) -> str:
+    """The same for angles [rad] that are refused and, as degrees, would be within a turn."""
+    largest = max(map(abs, angles), default=0.0)
+    return f"; {_UNITS}" if _TURNS < largest <= 360.0 else ""
+
+
 def checked_number(value: float, what: str) -> float:
     """``value`` as one finite float. Raises ``InputError`` for text, an array, NaN or infinity."""
     if type(value) is float and math.isfinite(value):
@@ -57,7 +86,7 @@ FARTHEST = 1000.0
 """a target farther off than this is a mistake in the unit [m]"""
 _ROUNDED, _TRUE = 1e-3, 2e-14
 """how far from orthonormal a matrix may be that is taken as a rotation, and one that is taken as it is"""
-_EYE = np.eye(3)
+_EYE, _BOTTOM = np.eye(3), np.array([0.0, 0.0, 0.0, 1.0])
 _MATRIX = (3, 3)
 _FLOAT, _POINT, _ARRAY, _FARTHEST_SQUARED = np.dtype(np.float64), (3,), np.ndarray, FARTHEST**2
 
@@ -94,13 +123,28 @@ class Target(NamedTuple):
         pitch: float | None = None,
         roll: float | None = None,
         rotation: ArrayLike | None = None,
+        quaternion_wxyz: ArrayLike | None = None,
     ) -> Target:
         """Check and convert.
 
-        Raises ``InputError``: text, NaN, infinity, a wrong shape, a matrix that is no rotation, or both a
-        rotation and pitch or roll.
+        ``position_m``: (3,), or a whole pose ``T_base_tool`` (4, 4), both [m]. The orientation, if that is
+        not part of it: pitch and roll [rad], or ``rotation`` (3, 3), or a quaternion (4,) that begins with w.
+        Raises ``InputError``: text, NaN, infinity, a wrong shape, a matrix that is no rotation, or an
+        orientation that is given twice.
         """
+        if not is_point(position_m):
+            position_m, turned = _taken_apart(position_m)
+            if turned is not None:
+                if not (pitch is roll is rotation is quaternion_wxyz is None):
+                    raise InputError(
+                        "a pose (4, 4) holds the orientation: leave pitch, roll, rotation and quaternion out"
+                    )
+                rotation = turned
         point = checked_point(position_m)
+        if quaternion_wxyz is not None:
+            if rotation is not None:
+                raise InputError("give the orientation as a rotation or as a quaternion, not as both")
+            rotation = rotation_from_quaternion(quaternion_wxyz)
         if rotation is None:
             if not (type(pitch) is float and -pi <= pitch <= pi) and pitch is not None:
                 pitch = float(_within_half_turn(np.array([checked_number(pitch, "pitch")]))[0])
@@ -114,7 +158,7 @@ class Target(NamedTuple):
             matrix = rotation.copy()
             matrix.flags.writeable = False
         else:
-            matrix = read_only(checked_rotations(rotation, (3, 3), "the target rotation"))
+            matrix = read_only(checked_rotations(_not_a_quaternion(rotation), (3, 3), "the target rotation"))
         return tuple.__new__(cls, (point, None, None, matrix))  # pyright: ignore[reportUnknownMemberType]
 
     @property
@@ -126,6 +170,28 @@ class Target(NamedTuple):
     def position(self) -> FloatArray:
         """(3,) the tool point [m]; a copy."""
         return np.array(self.point)
+
+
+def _taken_apart(position_m: ArrayLike) -> tuple[FloatArray, FloatArray | None]:
+    """A position as an array; of a pose (4, 4) the position (3,) and the rotation (3, 3)."""
+    array = as_numbers(position_m, "the target position")
+    if array.shape != (4, 4):
+        return array, None
+    if np.abs(array[3] - _BOTTOM).max() < _ROUNDED:
+        return array[:3, 3].copy(), array[:3, :3]
+    if np.abs(array[:, 3] - _BOTTOM).max() < _ROUNDED:
+        raise InputError("the target pose has its position in the last row: give the transpose of it")
+    raise InputError(f"the last row of a pose (4, 4) is 0, 0, 0, 1, not {array[3].tolist()}")
+
+
+def _not_a_quaternion(rotation: ArrayLike) -> ArrayLike:
+    """``InputError`` for four numbers: nobody knows whether w comes first (ROS and scipy put it last)."""
+    if np.shape(rotation) == (4,):
+        raise InputError(
+            "the target rotation is a 3 x 3 matrix; give a quaternion as quaternion_wxyz, with w first "
+            "(ROS and scipy put w last)"
+        )
+    return rotation
 
 
 def straight_up(pitch: float) -> float | None:
@@ -163,8 +229,8 @@ def checked_point(value: ArrayLike) -> tuple[float, float, float]:
         return x, y, z
     checked_array(value, _POINT, "the target position")
     raise InputError(
-        f"the target position is {math.hypot(x, y, z):.6g} m from the base, farther than {FARTHEST:.0f} m: "
-        "is that the unit?"
+        f"the target position is {math.hypot(x, y, z):.6g} m from the base, farther than {FARTHEST:.0f} m"
+        f"; {_UNITS}"
     )
 
 
@@ -181,7 +247,7 @@ def checked_positions(value: ArrayLike) -> FloatArray:
     if len(far):
         raise InputError(
             f"{what}: row {far[0]} is {np.linalg.norm(positions[far[0]]):.6g} m from the base, "
-            f"farther than {FARTHEST:.0f} m: is that the unit?"
+            f"farther than {FARTHEST:.0f} m; {_UNITS}"
         )
     return positions
 
@@ -190,12 +256,14 @@ def rotation_of(rpy: ArrayLike | None = None, quaternion: ArrayLike | None = Non
     """``R_base_tool`` (3, 3) of roll, pitch, yaw (3,) [rad], or of a quaternion (4,); None without both.
 
     ``Rz(yaw) Ry(pitch) Rx(roll)``; w, x, y, z of any length but 0. Raises ``InputError``: both are given, a
-    wrong shape, a number that is not finite, or a quaternion of length 0.
+    wrong shape, a number that is not finite, an angle beyond a whole turn, or a quaternion of length 0.
     """
     if rpy is not None and quaternion is not None:
         raise InputError("give the orientation as roll, pitch and yaw, or as a quaternion, not as both")
     if rpy is not None:
-        return rotation_from_rpy(*checked_array(rpy, (3,), "roll, pitch and yaw").tolist())
+        angles = checked_array(rpy, (3,), "roll, pitch and yaw")
+        _require_one_turn(angles, "each of roll, pitch and yaw")
+        return rotation_from_rpy(*angles.tolist())
     return None if quaternion is None else rotation_from_quaternion(quaternion)
 
 
@@ -259,15 +327,19 @@ def checked_pitches(value: ArrayLike, count: int) -> FloatArray:
 
 def _within_half_turn(pitches: FloatArray, *, rows: bool = False) -> FloatArray:
     """The same directions, within ±pi [rad]; more than a turn is a mistake in the unit."""
-    beyond = np.flatnonzero(np.abs(pitches) > TWO_PI)
+    _require_one_turn(pitches, "a pitch", rows=rows)
+    return pitches - TWO_PI * np.rint(pitches / TWO_PI)
+
+
+def _require_one_turn(angles: FloatArray, what: str, *, rows: bool = False) -> None:
+    beyond = np.flatnonzero(np.abs(angles) > TWO_PI)
     if len(beyond):
         where = f" in row {beyond[0]}" if rows else ""
-        got = float(pitches[beyond[0]])
+        got = float(angles[beyond[0]])
         raise InputError(
-            f"a pitch lies within one turn, -360° … 360°; got {got:.6g} rad{where}, "
-            f"which is {math.degrees(got):.6g}°"
+            f"{what} lies within one turn, -360° … 360°; got {got:.6g} rad{where}, "
+            f"which is {math.degrees(got):.6g}°{degrees_hint(got)}"
         )
-    return pitches - TWO_PI * np.rint(pitches / TWO_PI)
 
 
 def checked_column(value: ArrayLike, count: int, what: str) -> FloatArray:

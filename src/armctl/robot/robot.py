@@ -27,6 +27,7 @@ from armctl.kinematics import (
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.solutions import outside as outside_words
+from armctl.kinematics.target import degrees_hint
 from armctl.kinematics.velocity import NEAR, position_leaves_orientation
 from armctl.robot.body import ArmBody, Capsule, CollisionModel, Underside, shape_capsules, undersides
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
@@ -205,6 +206,8 @@ class Robot(ArrayRecord):
         rotation: ArrayLike | None = None,
         step: float = DEFAULT_STEP,
         start: ArrayLike | None = None,
+        *,
+        quaternion_wxyz: ArrayLike | None = None,
     ) -> Solutions:
         """All configurations inside the limits that put the tool there.
 
@@ -212,17 +215,19 @@ class Robot(ArrayRecord):
         can be reached.
 
         Args:
-            position_m: (3,) tool point in the base frame [m].
+            position_m: (3,) tool point in the base frame [m]; or the whole pose ``T_base_tool`` (4, 4).
             pitch: angle of the tool's approach axis (tool z) above the horizontal [rad]; None: any. For an
                 arm of the family *yaw, parallel pitch joints, roll* the horizontal is the plane across its
                 base axis, however the arm is mounted; for others it is the base frame's x-y plane.
             roll: angle of the tool about its approach axis [rad]: the roll joint's own angle.
             rotation: (3, 3) ``R_base_tool`` instead of pitch and roll.
+            quaternion_wxyz: (4,) the same as a quaternion of any length, w first (ROS and scipy put it last).
             step: step of the swept free joint [rad], where one is free.
             start: (n,) where the arm stands [rad]; a numeric search begins there.
         """
         begin = None if start is None else self.chain.checked_one(start)
-        return self.inverse_kinematics.solve(Target.of(position_m, pitch, roll, rotation), step, begin)
+        target = Target.of(position_m, pitch, roll, rotation, quaternion_wxyz)
+        return self.inverse_kinematics.solve(target, step, begin)
 
     def branches(
         self,
@@ -230,12 +235,14 @@ class Robot(ArrayRecord):
         pitch: float | None = None,
         roll: float | None = None,
         rotation: ArrayLike | None = None,
+        *,
+        quaternion_wxyz: ArrayLike | None = None,
     ) -> tuple[Branch, ...]:
         """Every branch of a target (as for ``inverse``), with a reason where joint limits forbid it.
 
         Empty where the links do not reach, and where a joint is free, so that there is a continuum.
         """
-        return self._branch_finder.find(Target.of(position_m, pitch, roll, rotation))
+        return self._branch_finder.find(Target.of(position_m, pitch, roll, rotation, quaternion_wxyz))
 
     def turned_off(self, solutions: Solutions, q: FloatArray) -> str | None:
         """How ``q`` (n,) of some solutions misses the rotation asked for, and why; None where it does not."""
@@ -310,7 +317,7 @@ class Robot(ArrayRecord):
                 for joint, value, out in zip(self.joints, q, outside, strict=True)
                 if out
             ]
-            raise MotionRefusedError("; ".join(parts))
+            raise MotionRefusedError("; ".join(parts) + degrees_hint(*q))
         q = np.clip(q, self.limits[:, 0], self.limits[:, 1])
         if words := self.turn_words(q):
             raise MotionRefusedError("; ".join(words))

@@ -10,8 +10,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
 from armctl.kinematics import Chain
 from armctl.robot.parts import Look
 
@@ -84,10 +82,7 @@ class Bar:
 
 def reach(chain: Chain) -> float:
     """The length of the arm from its base frame to the tool point, all links stretched [m]."""
-    tool = chain.forward(np.zeros(chain.n))[:3, 3]
-    # No joint changes how far two corners in a row are apart.
-    corners = np.vstack([np.zeros(3), chain.axes()[0], tool])
-    return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
+    return chain.length
 
 
 def width(chain: Chain, look: Look) -> float:

@@ -168,7 +168,7 @@ class OffsetRollSolver(InverseKinematics):
             inner.branch_index,
             free_joint=inner.free_joint,
             least_rotation=None if least is None else partial(_least_with, least, roll),
-            reason=inner.reason,
+            reason=inner.refusal,
             nearest_q=None if nearest is None else np.append(nearest, roll),
             further=None if further is None else partial(_further_with, further, roll),
         )
@@ -375,7 +375,7 @@ class OffsetRollSolver(InverseKinematics):
         found = self._rolled(target._replace(rotation=None), roll, step)
         if found.success and target.rotation is None:
             return found  # a single configuration, or a sliver
-        reason = found.reason or "no orientation near the one asked for was found"
+        reason = found.refusal or "no orientation near the one asked for was found"
         where = f"with {self.titles[-1]} at {math.degrees(roll) + 0.0:.2f}°, where it comes nearest"
         reason = f"{where}: {reason}"
         return Solutions(self._arm, target, (), (), reason=reason, nearest_q=nearest)
