@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -20,6 +21,7 @@ from armctl.process.records import robot_of, robot_record
 from armctl.program import Program
 from armctl.program.check import check_program
 from armctl.robot import Robot
+from armctl.robot.mesh_cache import keep, kept
 from armctl.robot.meshes import Drawn, coarse_solids
 from armctl.robot.solids import Solid
 
@@ -120,16 +122,35 @@ class _Worked(msgspec.Struct):
     drawn: list[list[_Piece]]
 
 
-def worked_out(robot: Robot, sizes: Sequence[int]) -> tuple[Robot, Mapping[int, Drawn]]:
+def worked_out(
+    robot: Robot, sizes: Sequence[int] = (), progress: Progress | None = None
+) -> tuple[Robot, Mapping[int, Drawn]]:
     """The arm with its body, and its drawings of so many triangles each; blocks.
 
+    ``progress`` is called ten times a second, with how many of how many parts of the work are done; what it
+    raises ends the work. What was worked out before takes no time, and it is not called.
     ``RobotFileError``: its meshes take too long, or too much memory.
     """
     if all(shape.kind != "mesh" for shape in robot.shapes):
         return robot.with_body(), {most: coarse_solids(robot.shapes, most) for most in sizes}
+    if (known := robot.with_known_body()) is not None:
+        drawings = {most: kept(Drawn, robot.shapes, most) for most in sizes}
+        if None not in drawings.values():
+            return known, {most: drawing for most, drawing in drawings.items() if drawing is not None}
     request = msgspec.msgpack.encode((robot_record(robot), list(sizes)))
+    done = (0, robot.n + 1 + len(sizes))
+
+    def told(content: bytes) -> None:
+        nonlocal done
+        done = msgspec.msgpack.decode(content, type=tuple[int, int])
+        look()
+
+    def look() -> None:
+        if progress is not None:
+            progress(*done)
+
     try:
-        content = apart(f"{__name__}:do_work_out", request, seconds=_ARM_S)
+        content = apart(f"{__name__}:do_work_out", request, seconds=_ARM_S, told=told, look=look)
     except LimitError as cause:
         raise RobotFileError(
             f"the meshes of {robot.title}: {cause}; make them coarser, or leave out those that are too large"
@@ -142,16 +163,22 @@ def worked_out(robot: Robot, sizes: Sequence[int]) -> tuple[Robot, Mapping[int, 
 
 def do_work_out(request: bytes, tell: Tell) -> bytes:
     """The ``Work`` of ``worked_out``."""
-    del tell
     record, sizes = msgspec.msgpack.decode(request, type=tuple[dict[str, Any], list[int]])
-    robot = robot_of(record).with_body()
-    drawn = [
-        [
+    arm = robot_of(record)
+    parts = arm.n + 1 + len(sizes)
+
+    def progress(done: int, _: int) -> None:
+        tell(msgspec.msgpack.encode((done, parts)))
+
+    robot = arm.with_body(progress)
+    drawn: list[list[_Piece]] = []
+    for done, most in enumerate(sizes, arm.n + 1):
+        progress(done, parts)
+        solids = keep(Drawn, robot.shapes, most, make=partial(coarse_solids, robot.shapes, most))
+        drawn.append([
             _Piece(link, color, solid.vertices.tobytes(), solid.faces.astype(np.int64).tobytes())
-            for link, color, solid in coarse_solids(robot.shapes, most)
-        ]
-        for most in sizes
-    ]
+            for link, color, solid in solids
+        ])  # fmt: skip
     return msgspec.msgpack.encode(_Worked(robot_record(robot)["capsules"], robot.assumed, drawn))
 
 

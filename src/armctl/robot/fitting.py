@@ -7,7 +7,7 @@ quickly looked at.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
@@ -25,6 +25,7 @@ from armctl.robot.meshes import ArmSolids
 from armctl.robot.parts import Shape
 from armctl.robot.solids import Solid
 
+Progress = Callable[[int, int], None]
 _TOOL_RADIUS = 0.003
 """of the capsule to a tool point that no mesh reaches [m]"""
 MOST_PIECES = 5
@@ -68,14 +69,23 @@ class Fitted:
 
 
 def fitted_body(
-    chain: Chain, shapes: Sequence[Shape], titles: Sequence[str], bars: Sequence[Capsule]
+    chain: Chain,
+    shapes: Sequence[Shape],
+    titles: Sequence[str],
+    bars: Sequence[Capsule],
+    progress: Progress | None = None,
 ) -> ArmBody:
-    """The body of an arm from the shapes of its links; of links without any that can be read, the bars."""
+    """The body of an arm from the shapes of its links; of links without any that can be read, the bars.
+
+    ``progress`` is told how many of how many links are done.
+    """
     capsules: list[Capsule] = []
     notes: list[str] = []
     widest, where = 0.0, ""
     arm = ArmSolids()
     for link in range(-1, chain.n):
+        if progress is not None:
+            progress(link + 1, chain.n + 1)
         solids: list[Solid] = []
         for shape in shapes:
             if shape.link == link:

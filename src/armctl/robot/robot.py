@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -138,25 +138,51 @@ class Robot(ArrayRecord):
     @cached_property
     def body(self) -> ArmBody:
         """What is kept apart: capsules of the file, hulls of its shapes, or capsules round the bars."""
+        return self._worked_out(None)
+
+    def _worked_out(self, progress: Callable[[int, int], None] | None) -> ArmBody:
         if self.capsules is not None:
             return ArmBody(self.capsules)
         gripper = self.gripper is not None
         bars = shape_capsules(self.chain, self.look, self.link_titles, gripper=gripper)
         if not self.shapes:
             return ArmBody(bars)
-        from armctl.robot.fitting import fitted_body  # scipy, and seconds of work
+        from armctl.robot.mesh_cache import keep  # what reads meshes, and fits hulls to them
 
-        return fitted_body(self.chain, self.shapes, self.link_titles, bars)
+        def fit() -> ArmBody:
+            from armctl.robot.fitting import fitted_body  # scipy, and seconds of work
 
-    def with_body(self) -> Robot:
+            return fitted_body(self.chain, self.shapes, self.link_titles, bars, progress)
+
+        return keep(ArmBody, self.shapes, *self._body_of, make=fit)
+
+    @property
+    def _body_of(self) -> tuple[object, ...]:
+        """What the body depends on besides the shapes."""
+        return self.chain.made_of(), self.link_titles, self.look, self.gripper is not None
+
+    def with_body(self, progress: Callable[[int, int], None] | None = None) -> Robot:
         """The same arm with its body worked out, and what is to be said of it in ``assumed``.
 
-        Reading the files of shapes takes a second: it is done once, for all that is made of this arm.
+        Reading the files of shapes takes seconds, the first time: then it is kept. It is done once, for all
+        that is made of this arm. ``progress`` is told how many of how many links are done.
         """
         if not self.shapes or self.capsules is not None:
             return self
+        return self._with(self._worked_out(progress))
+
+    def with_known_body(self) -> Robot | None:
+        """The same, where it takes no time, because the body is kept; else None."""
+        if not self.shapes or self.capsules is not None:
+            return self
+        from armctl.robot.mesh_cache import kept
+
+        known = kept(ArmBody, self.shapes, *self._body_of)
+        return None if known is None else self._with(known)
+
+    def _with(self, body: ArmBody) -> Robot:
         assumed = tuple(text for text in self.assumed if not text.startswith(BODY_ASSUMED))
-        return replace(self, capsules=self.body.capsules, assumed=(*assumed, *self.body.notes))
+        return replace(self, capsules=body.capsules, assumed=(*assumed, *body.notes))
 
     @cached_property
     def collision(self) -> CollisionModel:
