@@ -137,7 +137,7 @@ def served_arm(folder: Path, robot: str = "uzuner", pin: str = "") -> Iterator[S
             pin=pin,
         )
 
-    def anew(name: str, port: str) -> Console:
+    def anew(name: str, port: str, _: object) -> Console:
         calibration = CalibrationInForce.of(load_robot(name), port, store)
         return console(Arm(TestHost(calibration.robot, pin=pin)), calibration)
 

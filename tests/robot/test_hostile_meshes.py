@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from armctl.apart import Tell, apart
-from armctl.errors import RobotFileError
+from armctl.errors import RobotFileError, StoppedError
 from armctl.process import heavy_work
 from armctl.robot import load_robot, meshes
 from armctl.robot.mesh_text import MOST_CORNERS, require_bounded_dae
@@ -262,14 +262,38 @@ def test_an_arm_whose_meshes_take_too_long_is_refused_and_its_process_ends(
     assert time.process_time() - begun < 1.0  # of this process
 
 
-def test_an_arm_worked_out_apart_is_the_same(tmp_path: Path) -> None:
+def test_the_work_on_meshes_ends_when_nobody_wants_it(tmp_path: Path) -> None:
+    robot = load_robot(arm_with_a_mesh(tmp_path))
+
+    def leave(*_: int) -> None:
+        raise StoppedError("left")
+
+    with pytest.raises(StoppedError, match="left"):
+        heavy_work.worked_out(robot, (1000,), leave)
+
+
+def test_an_arm_worked_out_apart_is_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "ball.stl").unlink(missing_ok=True)
     path = arm_with_a_mesh(tmp_path)
     box = "".join(f"v {x} {y} {z}\n" for x in (0, 0.1) for y in (0, 0.1) for z in (0, 0.1))
     (tmp_path / "box.obj").write_text(f"{box}f 1 2 4 3\nf 5 6 8 7\nf 1 2 6 5\nf 3 4 8 7\n")
     path.write_text(path.read_text().replace("ball.stl", "box.obj"))
     robot = load_robot(path)
-    apart_, drawn = heavy_work.worked_out(robot, (1000,))
+    told: list[tuple[int, int]] = []
+    apart_, drawn = heavy_work.worked_out(robot, (1000,), lambda *done: told.append(done))
+    assert {parts for _, parts in told} == {3}  # the base, a link, a drawing
+    assert told[-1][0] == 2
+    assert sorted(told) == told
+
+    def no_process(*_: object, **__: object) -> bytes:
+        raise AssertionError("what is kept takes no process")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(heavy_work, "apart", no_process)
+        again, drawn_again = heavy_work.worked_out(robot, (1000,))
+    assert again == apart_
+    assert np.array_equal(drawn_again[1000][0][2].vertices, drawn[1000][0][2].vertices)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "empty"))  # so that it is worked out once more
     here = robot.with_body()
     assert apart_.assumed == here.assumed
     assert apart_.capsules == here.capsules

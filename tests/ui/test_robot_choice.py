@@ -14,8 +14,9 @@ import pytest
 from tests.ui.page_kit import snapshot_of
 
 from armctl.calibration import Calibration, CalibrationStore, own_calibration
-from armctl.errors import ArmctlError, BoardError, InputError, RobotFileError, StateError
+from armctl.errors import ArmctlError, BoardError, InputError, RobotFileError, StateError, StoppedError
 from armctl.hardware import BoardIdentity, Source
+from armctl.process.heavy_work import Progress
 from armctl.robot import Robot, load_robot
 from armctl.runtime import (
     Arrive,
@@ -37,7 +38,7 @@ from armctl.runtime import (
 from armctl.ui import CalibrationInForce, Console, RobotChoice, RobotSwitch
 from armctl.ui.robot_switch import RobotChange, release_first, require_replaceable
 from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration
-from armctl.ui.tabs.main.boards import about, labelled
+from armctl.ui.tabs.main.boards import about, labelled, opening_html
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.simulation.screen import Trail
 from armctl.ui.tabs.simulation.workspace import CloudStore
@@ -81,6 +82,8 @@ class Rig:
         self.told: list[RobotChange] = []
         self.seen: list[tuple[str, list[str]]] = []
         self.opened: dict[str, FakeController] = {}
+        self.meshes = False
+        self.reading = threading.Event()
         self.may_open = threading.Event()
         self.may_open.set()
         self.on_open: Callable[[FakeController], None] = lambda controller: None
@@ -91,7 +94,11 @@ class Rig:
         self.desk.on_change(self.tell)
         self.arm(board=SIMULATED, state=State.HOLDING, powered=True, speed=0.4)
 
-    def open(self, name: str, port: str = "sim") -> Console:
+    def open(self, name: str, port: str = "sim", progress: Progress | None = None) -> Console:
+        if self.meshes and progress is not None:
+            self.reading.set()
+            while True:  # as long as it is wanted
+                progress(2, 9)
         assert self.may_open.wait(10)
         robot = self.robots[name]
         if isinstance(robot, ArmctlError):
@@ -299,6 +306,36 @@ def test_of_two_quick_choices_the_second_is_refused(rig: Rig) -> None:
     asyncio.run(choose_twice())
     assert rig.desk.present.name == "mico"
     assert "scorbot" not in rig.opened
+
+
+def test_an_arm_whose_meshes_take_long_can_be_left(rig: Rig) -> None:
+    rig.meshes = True
+
+    async def leave() -> None:
+        change = asyncio.create_task(rig.desk.change("mico", PAGE, lambda: None))
+        await asyncio.to_thread(rig.reading.wait, 10)
+        while rig.desk.progress is None:
+            await asyncio.sleep(0)
+        assert rig.desk.progress == (2, 9)
+        assert "2 of 9 parts" in opening_html("MICO", rig.desk.progress)
+        rig.desk.give_up()
+        with pytest.raises(StoppedError, match=r"MICO.* was not opened"):
+            await change
+
+    asyncio.run(leave())
+    assert rig.is_untouched()
+    assert rig.desk.progress is None
+    rig.meshes = False
+    rig.change("mico")
+    assert rig.desk.present.name == "mico"
+
+
+def test_an_arm_that_was_left_too_late_is_closed(rig: Rig) -> None:
+    rig.on_open = lambda _: rig.desk.give_up()
+    with pytest.raises(StoppedError):
+        rig.change("mico")
+    assert rig.closed == ["mico"]
+    assert rig.desk.present.name == "uzuner"
 
 
 def test_only_another_robot_of_the_list_can_be_chosen(rig: Rig) -> None:

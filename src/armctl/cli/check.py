@@ -12,6 +12,7 @@ import numpy as np
 
 from armctl.boards import setup_of
 from armctl.cli.main import DONE, REFUSED
+from armctl.cli.opening import load_whole
 from armctl.cli.options import ROBOT, json_option, print_json
 from armctl.documents import DocumentKind
 from armctl.errors import ArmctlError, BoardError, InputError
@@ -20,7 +21,7 @@ from armctl.motion.clearance import clear_pose, kept_out, touching
 from armctl.motion.preflight import Finding, not_checked, preflight
 from armctl.motion.profiles import PointToPoint
 from armctl.program import Program, check_program, open_program
-from armctl.robot import Robot, is_urdf, load_robot
+from armctl.robot import Robot, is_urdf
 from armctl.robot.shape import across_the_link
 
 _ANY = DocumentKind(InputError, most_bytes=1024 * 1024)
@@ -47,15 +48,15 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
     sound = f"a sound {kind}"
     try:
         if kind == "robot":
-            arm = load_robot(file).with_body()
+            arm = load_whole(file)
             assumed, left_out = arm.assumed, arm.left_out
             if left_out:
                 sound = f"sound as an arm of {arm.n} joints, without {', '.join(left_out)}"
             findings = list(_check_robot(arm))
         else:
-            given = None if robot is None else load_robot(robot)
+            given = None if robot is None else load_whole(robot)
             program = open_program(file, given)
-            arm = given or load_robot(program.robot)
+            arm = given or load_whole(program.robot)
             findings = check_on_terminal(program, arm)
         unknown = not_checked(arm)
     except ArmctlError as refusal:

@@ -10,11 +10,11 @@ from armctl import log_files
 from armctl.arm import Arm
 from armctl.cli.check import check_on_terminal
 from armctl.cli.ending import ends_like_ctrl_c
+from armctl.cli.opening import load_whole
 from armctl.cli.options import ROBOT, SPEED_PERCENT, park_option, port_option, pose_option
 from armctl.errors import ProgramError
 from armctl.hardware.boards import board_type
 from armctl.program import open_program
-from armctl.robot import load_robot
 
 
 @click.command()
@@ -47,9 +47,9 @@ def run(
     """
     if forever and loops is not None:
         raise click.UsageError(f"--loops {loops} or --forever, not both")
-    arm_robot = None if robot is None else load_robot(robot)
+    arm_robot = None if robot is None else load_whole(robot)
     loaded = open_program(program, arm_robot)
-    arm_robot = arm_robot or load_robot(loaded.robot)
+    arm_robot = arm_robot or load_whole(loaded.robot)
     findings = check_on_terminal(loaded, arm_robot)
     errors = [finding for finding in findings if finding.severity == "error"]
     if errors:

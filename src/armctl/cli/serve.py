@@ -9,7 +9,7 @@ import secrets
 import webbrowser
 from collections.abc import Generator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
@@ -21,13 +21,14 @@ from armctl.arm import bring_to_rest
 from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
 from armctl.calibration import CalibrationStore
 from armctl.cli.ending import end_event
+from armctl.cli.opening import MeshProgress
 from armctl.cli.options import ROBOT, has_display, park_option, port_option
 from armctl.documents import sweep_litter, write_atomically
-from armctl.errors import ArmctlError, ServerError, with_help
+from armctl.errors import ArmctlError, ServerError, StoppedError, with_help
 from armctl.hardware.boards import board_type
 from armctl.hardware.ports import list_ports
 from armctl.process import start_arm
-from armctl.process.heavy_work import worked_out
+from armctl.process.heavy_work import Progress, worked_out
 from armctl.robot import Robot, hidden_robots, load_robot, robot_title, shipped_robots, user_robots
 from armctl.runtime import ArmLink, Connect, Event, Origin, wall_time
 from armctl.system import is_private, open_private, private_folder
@@ -111,19 +112,25 @@ def serve(
     present_arm = partial(_present_arm, switches)
     sockets = {API_PATH: api_door(present_arm, lambda who: switches[0].revive(who))}
     with ThreadPoolExecutor(1) as opener:  # the arm process starts while the page server does
-        opening = opener.submit(open_console, robot, port)
+        progress = MeshProgress(robot, lambda: ended.came)
+        opening = opener.submit(open_console, robot, port, progress)
         try:
             server = guarded_server(
                 host, http_port, extra_hosts=names, token=token, tls=tls, sockets=sockets, label="armctl"
             )
         except ServerError as refusal:
-            opening.result().close()
+            progress.given_up = True
+            with suppress(StoppedError):
+                opening.result().close()
             raise ServerError(f"{refusal}{_link_of_another(refusal, http_port)}") from refusal
         try:
             console = opening.result()
         except BaseException:
+            progress.given_up = True
             server.stop()
             raise
+        finally:
+            progress.end()
     present = RobotChoice(robot, console.robot.title)
     robots = RobotSwitch(console, present, _robot_choices(present), open_console)
     switches.append(robots)
@@ -224,9 +231,9 @@ def _link_of_another(refusal: ServerError, port: int) -> str:
     )
 
 
-def _open_console(name: str, port: str, asked: str, pin: str) -> Console:
+def _open_console(name: str, port: str, progress: Progress, *, asked: str, pin: str) -> Console:
     """An arm, not connected yet, as calibrated with the board on a port; ``asked`` stays on offer."""
-    robot, drawn = worked_out(load_robot(name), (MOST_DRAWN, MOST_GHOSTLY))
+    robot, drawn = worked_out(load_robot(name), (MOST_DRAWN, MOST_GHOSTLY), progress)
     keep_drawn(robot.shapes, drawn)  # or the pages' event loop would wait for the files
     calibration = CalibrationInForce.of(robot, port)
     robot = calibration.robot

@@ -8,11 +8,11 @@ import click
 
 from armctl.cli.check import check_on_terminal
 from armctl.cli.main import DONE, REFUSED
+from armctl.cli.opening import load_whole
 from armctl.cli.options import ROBOT
 from armctl.documents import not_written, write_atomically
 from armctl.errors import InputError
 from armctl.program import open_program
-from armctl.robot import load_robot
 
 
 @click.command()
@@ -36,9 +36,9 @@ def twin(program: Path, output: Path, robot: str | None) -> int:
     if not output.is_dir() and output.suffix.lower() not in (".html", ".htm"):
         raise click.UsageError(f"--output {output}: the file is a web page; let its name end in .html")
 
-    given = None if robot is None else load_robot(robot)
+    given = None if robot is None else load_whole(robot)
     loaded = open_program(program, given)
-    arm = given or load_robot(loaded.robot)
+    arm = given or load_whole(loaded.robot)
     plan = planned_for_file(arm, loaded, arm.first_pose, None)
     findings = check_on_terminal(loaded, arm)
     page = program_file(arm, loaded, plan, findings).encode()

@@ -1,6 +1,6 @@
 """What is made of an arm's meshes, kept on disk by their content: reading and fitting them takes seconds.
 
-An entry is named by all that it is made of, the code that makes it included, so that none is ever out of date.
+An entry is named by all that it is made of, also the code that makes it, so that none is ever out of date.
 It is only data, checked as it is read. One that is damaged, or that others could have written, is made anew.
 """
 

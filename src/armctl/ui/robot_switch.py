@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from armctl.boards import SIMULATED
-from armctl.errors import ArmctlError, InputError, StateError
+from armctl.errors import ArmctlError, InputError, StateError, StoppedError
 from armctl.hardware import Source
+from armctl.process.heavy_work import Progress
 from armctl.runtime import (
     Arrive,
     Command,
@@ -61,12 +62,18 @@ class RobotSwitch:
         console: Console,
         present: RobotChoice,
         choices: Sequence[RobotChoice],
-        open_console: Callable[[str, str], Console],
+        open_console: Callable[[str, str, Progress], Console],
     ) -> None:
-        """``present`` is open already; ``open_console(name, port)`` opens another, unconnected; may block."""
+        """``present`` is open already; ``open_console(name, port, progress)`` opens another, unconnected.
+
+        It may block; it tells its progress where it takes long, and ends with what that raises.
+        """
         self.console, self.present, self.choices = console, present, tuple(choices)
         self.opening: RobotChoice | None = None
         """what the present arm is being changed for"""
+        self.progress: tuple[int, int] | None = None
+        """how many of how many parts of the work on its meshes are done; None: there is none to wait for"""
+        self._given_up = False
         self.pages: list[str] = []
         """the pages that are open, in the order in which they came"""
         self.sources: dict[str, str] = {}
@@ -85,6 +92,19 @@ class RobotSwitch:
         """Put a robot into the list, in place of one of the same name; pages see it once they are rebuilt."""
         others = [one for one in self.choices if one.name != choice.name]
         self.choices = (*others, choice)
+
+    def give_up(self) -> None:
+        """Leave the arm that is being opened; the present one stays."""
+        self._given_up = True
+
+    def _note_progress(self, done: int, parts: int) -> None:
+        """On the thread that opens the arm."""
+        self._require_wanted()
+        self.progress = done, parts
+
+    def _require_wanted(self) -> None:
+        if self._given_up and self.opening is not None:
+            raise StoppedError(f"{self.opening.title} was not opened: you left it")
 
     def close(self) -> None:
         """End the present arm."""
@@ -181,10 +201,12 @@ class RobotSwitch:
         ``again``: its process is gone, and somebody wants to use the arm who is no page.
         """
         began, left, reopen = wall_time(), self.console, choice == self.present
-        self.opening = choice
+        self.opening, self.progress, self._given_up = choice, None, False
         try:
-            opened = await asyncio.to_thread(self._open, choice.name, port)
+            opened = await asyncio.to_thread(self._open, choice.name, port, self._note_progress)
+            self.progress = None
             try:
+                self._require_wanted()
                 await self._carry_control(opened, left)
                 speed = left.controller.snapshot.speed
                 if opened.controller.snapshot.speed != speed:
@@ -218,7 +240,7 @@ class RobotSwitch:
             finally:
                 await asyncio.to_thread(left.close)  # frees its line, so that the new arm may use it
         finally:
-            self.opening = None
+            self.opening = self.progress = None
 
     def _settle_pages(self, left: Console) -> None:
         """Tell the new arm of pages that came or went after their names were carried over."""

@@ -29,12 +29,19 @@ class RobotChooser:
         session.needs(None, self._list, also=partial(not_replaceable, reopen=False))
         self._about = about(session.console.robot)
         self._text = LiveHtml(session.gui, self._about)
+        self._leave = session.gui.add_button("Stop opening", visible=False)
+        session.on(self._leave.on_click, self._on_leave)
         session.on(self._list.on_update, self._on_choose)
 
     def refresh(self, _: Snapshot) -> None:
-        """Tell that the robot is being changed."""
-        opening = self._robots.opening
-        self._text.show(self._about if opening is None else f"Opening {escape(opening.title)} …")
+        """Tell that the robot is being changed, and offer to leave it where that takes long."""
+        opening, progress = self._robots.opening, self._robots.progress
+        self._leave.visible = progress is not None
+        self._text.show(self._about if opening is None else opening_html(opening.title, progress))
+
+    def _on_leave(self) -> None:
+        self._session.require_operator()
+        self._robots.give_up()
 
     async def _on_choose(self) -> None:
         session = self._session
@@ -43,6 +50,17 @@ class RobotChooser:
         finally:
             if not session.closed:  # refused, or asked: this page still shows the present robot
                 self._list.value = self._present
+
+
+def opening_html(title: str, progress: tuple[int, int] | None) -> str:
+    """That an arm is being opened; ``progress``: how many of how many parts of its meshes are read."""
+    if progress is None:
+        return f"Opening {escape(title)} …"
+    done, parts = progress
+    return (
+        f"Opening {escape(title)}: reading its meshes, {done} of {parts} parts done. "
+        "The first time this takes some seconds."
+    )
 
 
 def labelled(choices: Sequence[RobotChoice]) -> dict[str, str]:
