@@ -102,7 +102,7 @@ def test_what_is_assumed_of_a_urdf_is_told(
     path.write_text(URDF, encoding="utf-8")
     status, out, _ = call(capsys, f"{path}{behind}")
     assert status == DONE and "a sound robot" in out
-    assert (": assumed: the tool is the link arm/hand, the last one" in out) == told
+    assert (": assumed: the tool is the link arm/hand, which is called a hand" in out) == told
     status, out, _ = call(capsys, f"{path}{behind}", "--json")
     assert "accelerations: full speed within 1/6 s" in json.loads(out)["assumed"]
 

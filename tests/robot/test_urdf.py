@@ -189,14 +189,23 @@ def test_the_arm_ends_at_the_tool(tmp_path: Path, parts: tuple[Step, ...], tool:
 @pytest.mark.parametrize(
     ("parts", "says"),
     [
-        ((part("c", "x", "fixed"), part("c", "y", "fixed")), "could be the tool: c, x, y; name one: arm.urdf#c"),
-        ((part("world", "left"), part("left", "hand")), "several links could be the tool: hand, c (j_left, j_a "),
+        (
+            (part("c", "x", "fixed"), part("c", "y", "fixed")),
+            "could be the tool: c, x, y; name one: arm.urdf#c",
+        ),
+        (
+            (part("world", "left"), part("left", "hand")),
+            "several links could be the tool: hand, c (j_left, j_a ",
+        ),
         ((part("c", "l_tcp", "fixed"), part("b", "r_tcp", "fixed")), "could be the tool: l_tcp, r_tcp"),
         ((part("c", "quill", "prismatic"),), 'name="j_quill">: type="prismatic": the chain of an arm holds'),
         ((part("c", "d", "floating"), part("d", "tool0", "fixed")), 'name="j_d">: type="floating"'),
         ((part("c", "d", "planar"), part("d", "tool0", "fixed")), 'name="j_d">: type="planar"'),
         ((part("c", "d", "revolute", "j_b"), part("d", "tool0", "fixed")), 'j_d">: follows the joint "j_b"'),
-        ((part("world", "rail", "prismatic", "j_b"), part("rail", "tool0")), "could be the tool: c, tool0 (tool0"),
+        (
+            (part("world", "rail", "prismatic", "j_b"), part("rail", "tool0")),
+            "could be the tool: c, tool0 (tool0",
+        ),
     ],
 )
 def test_where_no_chain_is_clear(tmp_path: Path, parts: tuple[Step, ...], says: str) -> None:

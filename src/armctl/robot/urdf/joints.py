@@ -29,19 +29,21 @@ from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, is_free
 
 _MOST_FINGER_JOINTS = 3
 """of one finger; a branch with more is an arm"""
-_FEWEST_AHEAD = 3
-"""joints of an arm ahead of a hand or a jaw"""
+_FEWEST_AHEAD, _MOST_JOINTS = 3, 7
+"""joints of an arm ahead of a hand or a jaw, and of a whole arm, as arms mostly are"""
 _ONE_SIDED = 0.25
 """share of the range on the smaller side of zero, below which a joint turns to one side only"""
+_NARROW = 0.7
+"""share of the usual range of the joints ahead, below which one is narrow"""
 _PARALLEL = math.cos(math.radians(5))
 _ACROSS = math.sin(math.radians(15))
 """cosine of the angle between two axes, above and below which they count as parallel and at right angles"""
 _NEAR = 1e-6
 """lengths below this have no direction [m]"""
-_JAW, _PERHAPS_JAW = 2, 1
+_JAW, _PERHAPS_JAW = 3, -1
 """signs of a jaw (``_Joints.jaw_signs``) from which on it is asked, and doubted in words"""
 _PAIR = 3
-"""signs for a joint that another one beside it follows, as fingers do, and from which on they are fingers"""
+"""signs of a jaw for a joint that another one beside it follows, as fingers do"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +56,14 @@ class ArmEnds:
     """what the file leaves open, in words; empty: the first link is the end"""
     perhaps_jaw: tuple[str, str] | None = None
     """the last joint and the link ahead of it, where that joint may be a jaw, but hardly is"""
+    signs: int = 0
+    """of a jaw, for that joint"""
+
+    @property
+    def all(self) -> tuple[str, ...]:
+        """The links, and that ahead of what may be a jaw."""
+        ahead = () if self.perhaps_jaw is None else self.perhaps_jaw[1:]
+        return (*ahead, *self.links) if self.signs > 0 else (*self.links, *ahead)
 
 
 def arm_ends(tree: UrdfTree) -> ArmEnds:
@@ -102,34 +112,42 @@ class _Joints:
         most, second = map(self.count, live[:2])
         branches = [joint for joint in live if self.count(joint) >= max(2, most - 1)]
         branches.sort(key=lambda joint: (not self._has_tool(joint), -self.count(joint), -self._mass(joint)))
-        ends = [end for joint in branches for end in self._beyond(joint, ahead).links]
+        found = [self._beyond(joint, ahead) for joint in branches]
+        ends = [end for one in found for end in one.all]
         fingers = 1 < second <= most <= _MOST_FINGER_JOINTS and sum(map(is_free, ahead)) > _FEWEST_AHEAD
+        here = [link] if any(map(is_free, ahead)) else []
         names = ", ".join(joint.name for joint in (branches if second > 1 else live))
         why = f"{names} begin branches of about as many joints: arms, fingers, or an arm and rods"
-        return ArmEnds(tuple(dict.fromkeys([link, *ends] if fingers else [*ends, link])), why)
+        return ArmEnds(tuple(dict.fromkeys([link, *ends] if fingers else [*ends, *here])), why)
 
     def _at_the_last(
         self, link: str, exits: Sequence[UrdfJoint], live: Sequence[UrdfJoint], ahead: Sequence[UrdfJoint]
     ) -> ArmEnds:
         """One more joint, or several beside each other with nothing behind them."""
-        signs = {joint.name: self.jaw_signs(joint, ahead) for joint in live}
+        twins = {
+            one.name for one in live if any(one is not other and self._alike(one, other) for other in live)
+        }
+        signs = {one.name: self.jaw_signs(one, ahead) + 2 * (one.name in twins) for one in live}
         if len(live) == 1:
             (joint,) = live
             found, jaw = self._beyond(joint, ahead), signs[joint.name]
-            pair = _PAIR * any(one.mimics == joint.name for one in exits)
-            if pair and jaw + pair >= _PAIR:
+            followers = [one for one in exits if one.mimics == joint.name]
+            pair = _PAIR if followers else 0
+            if jaw >= 0 and any(self._alike(joint, one) for one in followers):
                 return ArmEnds((link,))
-            if jaw + pair >= _JAW and sum(map(is_free, ahead)) >= _FEWEST_AHEAD:
-                why = f"{joint.name} may be the last joint of the arm, or a jaw"
-                return ArmEnds((link, *found.links) if jaw > 0 else (*found.links, link), why)
-            return replace(found, perhaps_jaw=(joint.name, link)) if jaw + pair >= _PERHAPS_JAW else found
+            if sum(map(is_free, ahead)) < _FEWEST_AHEAD or jaw + pair < _PERHAPS_JAW:
+                return found
+            if jaw + pair < _JAW:
+                return replace(found, perhaps_jaw=(joint.name, link), signs=jaw)
+            why = f"{joint.name} may be the last joint of the arm, or a jaw"
+            return ArmEnds((link, *found.links) if jaw > 0 else (*found.links, link), why)
         called = any(self._by_names and opens_gripper(joint.name, joint.child) for joint in exits)
-        if min(signs.values()) >= _JAW or (called and not any(self._is_called_arm(joint) for joint in live)):
-            if called or self._alike(live):
-                return ArmEnds((link,))
-        order = sorted(live, key=lambda joint: (signs[joint.name] >= _JAW, *self._slightness(joint)))
+        called = called and not any(self._is_called_arm(joint) for joint in live)
+        if called or (min(signs.values()) >= _JAW and len(twins) == len(live)):
+            return ArmEnds((link,))
+        order = sorted(live, key=lambda joint: (signs[joint.name], *self._slightness(joint)))
         ends = [end for joint in order for end in self._beyond(joint, ahead).links]
-        hand = 0 if signs[order[0].name] >= _JAW else 1
+        hand = 0 if signs[order[0].name] > 1 else 1
         why = f"{', '.join(joint.name for joint in order)} may be joints of the arm, fingers, or beside it"
         return ArmEnds(tuple(dict.fromkeys([*ends[:hand], link, *ends[hand:]])), why)
 
@@ -176,7 +194,7 @@ class _Joints:
         return any(one.name == name and abs(float(self._axis(one) @ axis)) > _PARALLEL for one in joints)
 
     def jaw_signs(self, joint: UrdfJoint, ahead: Sequence[UrdfJoint]) -> int:
-        """How much the last joint of the tree looks like a jaw; below 1: not at all.
+        """How much the last joint of the tree looks like a jaw; below ``_PERHAPS_JAW``: not at all.
 
         A jaw turns to one side, at right angles to the joint that rolls it. It swings what it carries, which
         is light, and nothing hangs on it. None of that is sure: a wrist may be built so, too.
@@ -189,34 +207,30 @@ class _Joints:
         if any(map(is_tool_frame, body)) or (bare and self._tree.links[joint.child].is_solid):
             return -4
         signs = 2 * (self._by_names and (is_moving_part(joint.child) or is_hand(joint.parent)))
-        if _is_one_sided(joint):
-            signs += 2 * (2 * sum(map(_is_one_sided, free)) <= len(free))
-        elif joint.kind == "continuous":
-            signs += not any(one.kind == "continuous" for one in free)
-        else:
-            signs -= _turns_far(joint)
-        signs += self._swings(joint)
+        signs += _range_signs(joint, free) + self._swings(joint)
         if not free:
             return signs
         before = free[-1]
         cosine = abs(float(self._axis(joint) @ self._axis(before)))
         if cosine > _PARALLEL:
-            signs -= 2
+            signs -= 1
         elif cosine < _ACROSS:
             signs += self._rolls(free)
-        return signs + (0.0 < joint.effort < 0.5 * before.effort)
+        signs += joint.effort < 0.5 * before.effort
+        signs += self._mass(joint) < 0.25 * self._mass_of_body(before.child)
+        return signs + 3 * (len(free) >= _MOST_JOINTS)
 
     def _is_called_arm(self, joint: UrdfJoint) -> bool:
         return self._by_names and turns_arm(joint.name, joint.child)
 
     def _swings(self, joint: UrdfJoint) -> int:
-        """1 where what a joint carries lies beside its axis, -1 where it lies along it, 0 if not known."""
+        """1 where what a joint carries lies beside its axis, -2 where it lies along it, 0 if not known."""
         arm = self._middle(joint) - self._tree.pose(joint.child)[:3, 3]
         along = abs(float(arm @ self._axis(joint)))
         across = math.sqrt(max(float(arm @ arm) - along * along, 0.0))
         if max(along, across) < _NEAR:
             return 0
-        return 1 if across > along else -1 if along > 2 * across else 0
+        return 1 if across > along else -2 if along > 2 * across else 0
 
     def _middle(self, joint: UrdfJoint) -> FloatArray:
         """(3,) centre of mass of what a joint carries, or the middle of its shapes, in the root frame."""
@@ -244,11 +258,12 @@ class _Joints:
         turns = [one for one in ahead if is_free(one)]
         return bool(turns) and all(abs(self._axis(one) @ self._axis(slide)) > _PARALLEL for one in turns)
 
-    def _alike(self, joints: Sequence[UrdfJoint]) -> bool:
-        """Whether joints beside each other turn alike, as fingers do."""
-        ranges = {tuple(sorted(round(abs(end), 3) for end in one.limits or ())) for one in joints}
-        along = [abs(float(self._axis(one) @ self._axis(joints[0]))) > _PARALLEL for one in joints]
-        return len(ranges) == 1 and all(along)
+    def _alike(self, one: UrdfJoint, other: UrdfJoint) -> bool:
+        """Whether two joints beside each other turn alike, as fingers and wheels do."""
+        ranges = [sorted(abs(end) for end in joint.limits or ()) for joint in (one, other)]
+        along = abs(float(self._axis(one) @ self._axis(other)))
+        same_mass = math.isclose(self._mass(one), self._mass(other), rel_tol=0.1)
+        return one.kind == other.kind and np.allclose(*ranges) and along > _PARALLEL and same_mass
 
     def _slightness(self, joint: UrdfJoint) -> tuple[float, ...]:
         """How little a last joint looks like one of the arm: for the order of what is offered."""
@@ -262,6 +277,9 @@ class _Joints:
     def _mass(self, joint: UrdfJoint) -> float:
         links = [joint.child, *(one.child for one in self._tree.below(joint.child))]
         return sum(self._tree.links[link].mass_kg for link in links)
+
+    def _mass_of_body(self, link: str) -> float:
+        return sum(self._tree.links[part].mass_kg for part in self._tree.body(link))
 
     def _has_tool(self, joint: UrdfJoint) -> bool:
         """Whether a branch has a link or joint that is called after a tool or a gripper."""
@@ -279,7 +297,13 @@ def _is_one_sided(joint: UrdfJoint) -> bool:
     return lower < upper and (-lower < _ONE_SIDED * upper or upper < _ONE_SIDED * -lower)
 
 
-def _turns_far(joint: UrdfJoint) -> bool:
-    """Whether a joint turns by a quarter to both sides."""
+def _range_signs(joint: UrdfJoint, others: Sequence[UrdfJoint]) -> int:
+    """What the range of a last joint says of it, held against those ahead of it."""
+    if joint.kind == "continuous":
+        return int(not any(one.kind == "continuous" for one in others))
     lower, upper = joint.limits or (0.0, 0.0)
-    return lower <= -math.pi / 2 and upper >= math.pi / 2
+    widths = sorted(one.limits[1] - one.limits[0] for one in others if one.kind == "revolute" and one.limits)
+    narrow = bool(widths) and upper - lower < _NARROW * widths[len(widths) // 2]
+    if _is_one_sided(joint):
+        return narrow + 2 * (2 * sum(map(_is_one_sided, others)) <= len(others))
+    return -2 if lower <= -math.pi / 2 and upper >= math.pi / 2 else int(narrow)
