@@ -142,7 +142,9 @@ def _robot(
     way = arm_way(tree, tool.link)
     moving = [joint for joint in way if is_free(joint)]
     if not moving:
-        raise RobotFileError(f"no joint turns between {tree.root} and {tool.link}")
+        others = [joint.name for joint in tree.below(tree.root) if is_free(joint)]
+        taken = f"; {', '.join(others[:_MOST_TOLD])}, …: an arm with them is named as {tree.path.name}#LINK"
+        raise RobotFileError(f"no joint turns between {tree.root} and {tool.link}{taken if others else ''}")
     if len(moving) > MOST_JOINTS:
         raise RobotFileError(
             f"{len(moving)} joints turn between {tree.root} and {tool.link}; an arm has {MOST_JOINTS} at most"

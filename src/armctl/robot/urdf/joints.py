@@ -68,17 +68,14 @@ class ArmEnds:
 
 def arm_ends(tree: UrdfTree) -> ArmEnds:
     """Where the arm of a file ends."""
-    joints = _Joints(tree, by_names=True)
-    if not joints.reach[tree.root]:  # all that turns is called a gripper, a wheel or a camera
-        joints = _Joints(tree, by_names=False)
-    return joints.ends(tree.root, ())
+    return _Joints(tree).ends(tree.root, ())
 
 
 class _Joints:
     """The joints of one file, counted from their ends."""
 
-    def __init__(self, tree: UrdfTree, *, by_names: bool) -> None:
-        self._tree, self._by_names = tree, by_names
+    def __init__(self, tree: UrdfTree) -> None:
+        self._tree = tree
         self.reach = dict.fromkeys(tree.links, 0)
         """joints of an arm beyond each link, at most"""
         for joint in reversed(list(tree.below(tree.root))):
@@ -87,7 +84,7 @@ class _Joints:
     def count(self, joint: UrdfJoint) -> int:
         """How many joints of an arm a branch has, its first joint included."""
         beyond = self.reach[joint.child]
-        beside = self._by_names and is_beside(joint.name, joint.child)
+        beside = is_beside(joint.name, joint.child)
         return beyond + (is_free(joint) and not (beside and not beyond))
 
     def ends(self, link: str, ahead: Sequence[UrdfJoint]) -> ArmEnds:
@@ -141,7 +138,7 @@ class _Joints:
                 return replace(found, perhaps_jaw=(joint.name, link), signs=jaw)
             why = f"{joint.name} may be the last joint of the arm, or a jaw"
             return ArmEnds((link, *found.links) if jaw > 0 else (*found.links, link), why)
-        called = any(self._by_names and opens_gripper(joint.name, joint.child) for joint in exits)
+        called = any(opens_gripper(joint.name, joint.child) for joint in exits)
         called = called and not any(self._is_called_arm(joint) for joint in live)
         if called or (min(signs.values()) >= _JAW and len(twins) == len(live)):
             return ArmEnds((link,))
@@ -206,7 +203,7 @@ class _Joints:
         bare = [link for link in body[1:] if not self._tree.links[link].is_solid]
         if any(map(is_tool_frame, body)) or (bare and self._tree.links[joint.child].is_solid):
             return -4
-        signs = 2 * (self._by_names and (is_moving_part(joint.child) or is_hand(joint.parent)))
+        signs = 2 * (is_moving_part(joint.child) or is_hand(joint.parent))
         signs += _range_signs(joint, free) + self._swings(joint)
         if not free:
             return signs
@@ -221,7 +218,7 @@ class _Joints:
         return signs + 3 * (len(free) >= _MOST_JOINTS)
 
     def _is_called_arm(self, joint: UrdfJoint) -> bool:
-        return self._by_names and turns_arm(joint.name, joint.child)
+        return turns_arm(joint.name, joint.child)
 
     def _swings(self, joint: UrdfJoint) -> int:
         """1 where what a joint carries lies beside its axis, -2 where it lies along it, 0 if not known."""
