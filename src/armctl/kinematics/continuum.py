@@ -28,8 +28,8 @@ _STEPS = 1e-3, 3e-5
 """along a null direction [rad], the second where limits leave no more; there what is isolated misses the
 target by about the square"""
 _ROUNDS, _NEARER = 24, 0.8
-"""to come back by, and what is left of the miss by each: across two null directions that do not depend on each
-other, steps only halve what is left"""
+"""to come back by, and what is left of the miss by each: with two null directions that do not depend on each
+other, a step may only halve how far off the right one the arm is"""
 _FAINT = 1e-9
 """the share of the greatest singular value below which no step is taken"""
 _MET = 1e-4

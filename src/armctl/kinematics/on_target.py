@@ -72,7 +72,7 @@ class OnTarget:
         return int(np.count_nonzero(self.limits[:, 0] < self.limits[:, 1])) - asked
 
     def least_travel(self, q: FloatArray, start: FloatArray, weights: FloatArray) -> FloatArray:
-        """Configurations (m, n) [rad] of less Σ weight |q - start| (n,), continued from the best of (k, n)."""
+        """Configurations (m, n) [rad] of less Σ weight |q - start|, continued from the best of (k, n)."""
         low, high = self.limits.T - start
         bounds = np.stack([np.append(np.maximum(low, 0.0), np.maximum(-high, 0.0)),
                            np.append(np.maximum(high, 0.0), np.maximum(-low, 0.0))], axis=1)  # fmt: skip
@@ -88,7 +88,7 @@ class OnTarget:
         )  # fmt: skip
 
     def shortest_time(self, q: FloatArray, start: FloatArray, model: EnergyModel) -> FloatArray:
-        """Configurations (m, n) [rad] of shorter motions from a start (n,), continued from the best of (k, n)."""
+        """Configurations (m, n) [rad] of a shorter motion from a start, continued from the best of (k, n)."""
         n = len(start)
         speed, acceleration = model.speed_limits / CUBIC_PEAKS[0], model.acceleration_limits / CUBIC_PEAKS[1]
 
@@ -164,7 +164,7 @@ class OnTarget:
         return [*seeds, np.clip(start, *self.limits.T)]
 
     def _polished(self, q: FloatArray, start: FloatArray | None) -> FloatArray | None:
-        """Brought onto the target, if it is near: joints at a limit, or where they started, stay if they can."""
+        """Brought onto the target, if it is near: joints at a limit or at the start stay if they can."""
         low, high = self.limits.T
         q = np.clip(q, low, high)
         inside = (q > low + _MOVED) & (q < high - _MOVED)

@@ -32,7 +32,7 @@ _SAME_TIME = 9
 _SAME_TORQUE = 12
 """decimals of a sum of squared torques that count, by the least one"""
 _BESIDE, _LISTED = 1e-4, 1e-6
-"""how far beyond its limits an arm is solved for what rounding may have taken there; which two are one [rad]"""
+"""how far beyond its limits an arm is solved for what rounding took there; which solutions are one [rad]"""
 _GAIN = 1e-6
 """by what share a solution must be better than all of the list to be taken beside it"""
 _ALIGNED = 1e-9
@@ -45,7 +45,7 @@ where none is given, it makes k energies. The least is chosen; infinity excludes
 
 
 Further = Callable[[Criterion, FloatArray], FloatArray]
-"""By a criterion and from a start (n,) [rad], further solutions (m, n), the one of least travel among them."""
+"""By a criterion and from a start (n,) [rad], solutions (m, n): the one of least travel is among them."""
 
 
 class Listed(Protocol):
@@ -247,13 +247,15 @@ class Solutions(ByContent):
     def _at_a_limit(self, limits: FloatArray) -> str | None:
         """Which solution rounding may have taken beyond the limits (n, 2), in words.
 
-        The arm is solved inside limits that are a little wider. How far rounding carries a solution depends on
-        how nearly singular it is.
+        The arm is solved inside limits that are a little wider. How far rounding carries a solution depends
+        on how nearly singular it is.
         """
         arm = self.arm
         if arm.solver_of is None or self.free_joint is not None:
             return None
-        wide = np.where(np.ptp(limits, axis=1)[:, None] > 0.0, limits + [-_BESIDE, _BESIDE], limits)
+        wide = np.where(
+            np.ptp(limits, axis=1)[:, None] > 0.0, limits + _BESIDE * np.array([-1.0, 1.0]), limits
+        )
         solver = arm.solver_of(arm.chain, wide, arm.energy, arm.titles)
         found = None if solver is None else solver.solve(self.target, DEFAULT_STEP)
         if found is None or found.free_joint is not None:
@@ -415,10 +417,11 @@ class Solutions(ByContent):
     def best(self, criterion: Choice = "least-rotation", start: ArrayLike | None = None) -> FloatArray:
         """The configuration (n,) [rad] of least energy by one of ``energy.CRITERIA``, or your own ``Choice``.
 
-        Over a continuum ``least-rotation``, ``least-travel`` and ``shortest-time`` are not only the best of the
-        list: they are exact where the arm's family can do it, and else continued from the best. The criteria
-        ``FROM_START`` need ``start`` (n,) [rad], where the arm stands; the others only check it. Raises ``UnreachableError``: there is no solution, or none that the criterion admits;
-        ``InputError``: no such criterion, a start that is missing, or one that is no configuration.
+        Over a continuum ``least-rotation``, ``least-travel`` and ``shortest-time`` are not only the best of
+        the list: they are exact where the arm's family can do it, and else continued from the best. The
+        criteria ``FROM_START`` need ``start`` (n,) [rad], where the arm stands; the others only check it.
+        Raises ``UnreachableError``: there is no solution, or none that the criterion admits; ``InputError``:
+        no such criterion, a start that is missing, or one that is no configuration.
         """
         own = not isinstance(criterion, str) and callable(criterion)
         name = None if own else checked_criterion(criterion)
