@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.kinematics.kit import planar_arms, random_q, solver_of
+from tests.kinematics.kit import chain_of, planar_arms, random_planar_arm, random_q, rotation_about, solver_of
+from tests.kinematics.six_joints import GENERAL, THREE_PARALLEL, beside_a_wrist
 from tests.kinematics.test_offset_roll import so101
 
 from armctl import load_robot
-from armctl.kinematics import Target
+from armctl.arrays import FloatArray
+from armctl.kinematics import Chain, Target
 from armctl.kinematics.angles import all_images
 
 STEP = math.radians(2.0)
@@ -102,3 +106,83 @@ def test_all_images_are_inside_the_limits_and_bounded() -> None:
     wide = all_images(np.zeros((1, 1)), np.array([[-1e6, 1e6]]))
     assert len(wide.q) == 33
     assert wide.left_out > 300_000
+
+
+def test_an_arm_stretched_straight_up_is_a_continuum() -> None:
+    """Two directions move nothing at first; along one of all their sums the arm may go on."""
+    robot = load_robot(Path(__file__).with_name("stretched.urdf"))
+    for q in random_q(np.random.default_rng(0), robot.limits, 5):
+        q[[1, 2, 4]] = math.pi
+        T = robot.forward(q)
+        found = robot.inverse(T[:3, 3], rotation=T[:3, :3])
+        assert found.success and not found.complete
+        assert "may turn together" in (found.incomplete_reason or "")
+
+
+def nearly_one_of_a_family(rng: np.random.Generator) -> Chain:
+    """An arm whose tool is beside, or one of whose axes is turned or shifted, by 1e-12 to 1e-5 m or rad."""
+    six = [arm.chain for arm in (*THREE_PARALLEL.values(), *GENERAL.values(), beside_a_wrist(0.0))]
+    if rng.random() < 0.5:
+        chain = chain_of(random_planar_arm(rng), "standard", roll=rng.random() < 0.6, rng=rng)
+    else:
+        chain = six[rng.integers(len(six))]
+    size, what = 10 ** rng.uniform(-12, -5), rng.integers(3)
+    segments, tail = [one.copy() for one in chain.segments], chain.tail.copy()
+    joint = rng.integers(1, len(segments))
+    if what == 0:
+        tail[:3, 3] += tail[:3, :3] @ (size * np.array([0.6, 0.8, 0.0]))
+    elif what == 1:
+        segments[joint][:3, :3] @= rotation_about(rng.normal(size=3), size)
+    else:
+        segments[joint][:3, 3] += size * rng.normal(size=3)
+    return Chain(segments, tail)
+
+
+def at_limits(rng: np.random.Generator, n: int) -> tuple[FloatArray, FloatArray]:
+    """Limits (n, 2), many of them half a turn, and a configuration (n,) with joints at them [rad]."""
+    middle, half = rng.uniform(-1.0, 1.0, n), rng.uniform(0.6, 3.1, n)
+    limits = np.stack([middle - half, middle + half], axis=1)
+    limits[rng.random(n) < 0.4] = -math.pi, math.pi
+    q = rng.uniform(*limits.T)
+    at = np.flatnonzero(rng.random(n) < 0.5)
+    q[at] = limits[at, rng.integers(0, 2, len(at))]
+    return limits, q
+
+
+def test_what_rounding_takes_beyond_a_limit_is_not_called_complete() -> None:
+    """The configuration that made the pose is listed at all its images, or the list is said to lack some."""
+    lacking = 0
+    for seed in range(120):
+        rng = np.random.default_rng([4, seed])
+        chain = nearly_one_of_a_family(rng)
+        limits, q = at_limits(rng, chain.n)
+        T = chain.forward(q)
+        found = solver_of(chain, limits).solve(Target.of(T[:3, 3], rotation=T[:3, :3]), STEP)
+        turned = [
+            [
+                a
+                for a in (angle - 2.0 * math.pi, angle, angle + 2.0 * math.pi)
+                if low - 1e-12 <= a <= high + 1e-12
+            ]
+            for angle, (low, high) in zip(q, limits, strict=True)
+        ]
+        for image in itertools.product(*turned):
+            away = np.abs(found.q - image).max(axis=1).min(initial=math.inf)
+            assert away < 2e-5 or not found.complete, (seed, image)
+            lacking += away >= 2e-5
+    assert lacking
+
+
+@pytest.mark.parametrize("name", ["uzuner", "humanoid", "parol6", "ur5", "uarm"])
+def test_exact_limits_of_exact_arms_are_complete(name: str) -> None:
+    """A joint at its limit is no doubt where nothing else is."""
+    arm = load_robot(name)
+    rng = np.random.default_rng(9)
+    for joint in range(min(arm.n, 3)):
+        q = 0.5 * rng.uniform(*arm.limits.T) + 0.25 * arm.limits.sum(axis=1)
+        q[joint] = arm.limits[joint, joint % 2]
+        if not arm.chain.keeps_turns(q):
+            continue
+        T = arm.forward(q)
+        found = arm.inverse(T[:3, 3], rotation=T[:3, :3])
+        assert found.success and found.complete, found.incomplete_reason

@@ -5,19 +5,22 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from tests.kinematics.kit import plain_forward, random_q, solver_of
 
+from armctl import load_robot
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics import Chain, DHRow, Target
 from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.numeric.goals import rotation_vectors
-from armctl.kinematics.redundant.locked import LockedArm
+from armctl.kinematics.redundant.locked import Found, LockedArm
 from armctl.kinematics.redundant.solver import RedundantSolver, _repeated
+from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.solutions import Solutions
 
 Arm = tuple[Chain, FloatArray]
@@ -209,6 +212,59 @@ def test_the_least_rotation_is_exact_over_the_continuum(name: str) -> None:
         start = q + 0.3 * np.sin(np.arange(7.0))
         travel = [np.abs(one - start).sum() for one in (coarse.best("least-travel", start), *fine.q)]
         assert travel[0] <= min(travel[1:]) + 1e-7  # where a run ends rounding takes the last digits
+
+
+@pytest.mark.parametrize("name", ["panda", "iiwa"])
+def test_the_shortest_time_is_that_of_a_fine_list_at_least(name: str) -> None:
+    arm = ARMS[name]
+    inverse, chain, limits = solver(arm), *arm
+    for q in random_q(np.random.default_rng(6), limits, 20 if LONG else 2):
+        target, start = pose_of(chain, q), np.clip(q + 0.4 * np.cos(np.arange(7.0)), *limits.T)
+        fine = inverse.solve(target, math.radians(0.05))
+        times = fine.energies("shortest-time", start)
+        for step in (STEP, DEFAULT_STEP):
+            found = inverse.solve(target, step)
+            best = found.best("shortest-time", start)
+            way = np.abs(best - start)  # all speeds and accelerations are 1
+            time = np.maximum(1.5 * way, np.sqrt(6.0 * way)).max()
+            assert time <= times.min() + 1e-7
+            T = plain_forward(chain, best)
+            assert np.linalg.norm(T[:3, 3] - target.position) < 1e-9
+
+
+def tight(seed: int) -> Arm:
+    """A random arm with little room for each joint."""
+    chain, limits = random_arm(seed)
+    rng = np.random.default_rng([seed, 1])
+    middle, half = rng.uniform(*limits.T), rng.uniform(0.5, 1.6, 7)
+    return chain, np.stack(
+        [np.maximum(middle - half, limits[:, 0]), np.minimum(middle + half, limits[:, 1])], 1
+    )
+
+
+def test_tight_limits_cost_no_more_than_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is on the list lies within 2 mrad of a row, the list is short, and the work is bounded."""
+    robot = load_robot(Path(__file__).with_name("tight_wrist.urdf"))
+    solved: list[int] = []
+    plain = LockedArm.solve
+
+    def counted(self: LockedArm, pose: FloatArray, angles: FloatArray, limits: FloatArray) -> Found:
+        solved.append(len(angles))
+        return plain(self, pose, angles, limits)
+
+    monkeypatch.setattr(LockedArm, "solve", counted)
+    cases: list[tuple[Arm, FloatArray]] = []
+    for arm, seed, count in (
+        ((robot.chain, robot.limits), 1, 8),
+        *((tight(seed), seed, 3) for seed in range(30 if LONG else 4)),
+    ):
+        cases += [(arm, q) for q in random_q(np.random.default_rng(seed), arm[1], count)]
+    for arm, q in cases:
+        solved.clear()
+        found = solver(arm).solve(pose_of(arm[0], q), DEFAULT_STEP)
+        assert nearest(found, q) < 2e-3
+        assert len(found) < 5000
+        assert sum(solved) < 40_000
 
 
 def test_where_the_sweep_finds_nothing_the_search_leads_to_the_list() -> None:
