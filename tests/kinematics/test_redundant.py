@@ -261,7 +261,8 @@ def test_tight_limits_cost_no_more_than_others(monkeypatch: pytest.MonkeyPatch) 
         cases += [(arm, q) for q in random_q(np.random.default_rng(seed), arm[1], count)]
     for arm, q in cases:
         solved.clear()
-        found = solver(arm).solve(pose_of(arm[0], q), DEFAULT_STEP)
+        T = arm[0].forward(q)
+        found = solver(arm).solve(Target.of(T[:3, 3], rotation=T[:3, :3]), DEFAULT_STEP)
         assert nearest(found, q) < 2e-3
         assert len(found) < 5000
         assert sum(solved) < 40_000

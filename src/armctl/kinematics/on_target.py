@@ -20,7 +20,7 @@ from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import CUBIC_PEAKS, EnergyModel, rest_to_rest_times
 from armctl.kinematics.target import Target
 
-_BEGUN = 4
+_BEGUN = 8
 """how many of the best are continued"""
 _APART = 0.2
 """those nearer to each other lead to the same [rad]"""
