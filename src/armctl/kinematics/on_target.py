@@ -8,6 +8,7 @@ least. Time: a time T is least in which every joint can make its way, |q - start
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -74,18 +75,15 @@ class OnTarget:
     def least_travel(self, q: FloatArray, start: FloatArray, weights: FloatArray) -> FloatArray:
         """Configurations (m, n) [rad] of less Σ weight |q - start|, continued from the best of (k, n)."""
         low, high = self.limits.T - start
-        bounds = np.stack([np.append(np.maximum(low, 0.0), np.maximum(-high, 0.0)),
-                           np.append(np.maximum(high, 0.0), np.maximum(-low, 0.0))], axis=1)  # fmt: skip
+        least, most = np.append(low, -high), np.append(high, -low)
+        bounds = np.maximum(np.stack([least, most], axis=1), 0.0)
         both = np.hstack([np.eye(len(start)), -np.eye(len(start))])
 
         def begin(q: FloatArray) -> FloatArray:
             return np.append(np.maximum(q - start, 0.0), np.maximum(start - q, 0.0))
 
-        slope = np.append(weights, weights)
-        return self._continued(
-            self._seeds(q, np.abs(q - start) @ weights, start), start,
-            _Problem(begin, lambda x: (float(slope @ x), slope), bounds, start, both),
-        )  # fmt: skip
+        problem = _Problem(begin, _linear(np.append(weights, weights)), bounds, start, both)
+        return self._continued(self._seeds(q, np.abs(q - start) @ weights, start), start, problem)
 
     def shortest_time(self, q: FloatArray, start: FloatArray, model: EnergyModel) -> FloatArray:
         """Configurations (m, n) [rad] of a shorter motion from a start, continued from the best of (k, n)."""
@@ -95,6 +93,9 @@ class OnTarget:
         def times(q: FloatArray) -> FloatArray:
             limits = model.speed_limits, model.acceleration_limits
             return rest_to_rest_times(np.abs(q - start), CUBIC_PEAKS, *limits).max(axis=-1)
+
+        def begin(q: FloatArray) -> FloatArray:
+            return np.append(q, times(q))
 
         def room(x: FloatArray) -> FloatArray:
             way, time = x[:n] - start, x[n]
@@ -106,15 +107,15 @@ class OnTarget:
             ways = speed, 2.0 * acceleration * x[n]
             return np.vstack([np.column_stack([sense * one, most]) for most in ways for sense in (-1.0, 1.0)])
 
-        slope = np.append(np.zeros(n), 1.0)
-        bounds = np.vstack([self.limits, [0.0, math.inf]])
-        return self._continued(
-            self._seeds(q, times(q), start), start,
-            _Problem(
-                lambda q: np.append(q, times(q)), lambda x: (float(x[n]), slope), bounds, np.zeros(n),
-                np.eye(n, n + 1), ({"type": "ineq", "fun": room, "jac": slopes},),
-            ),
-        )  # fmt: skip
+        problem = _Problem(
+            begin,
+            _linear(np.append(np.zeros(n), 1.0)),
+            np.vstack([self.limits, [0.0, math.inf]]),
+            np.zeros(n),
+            np.eye(n, n + 1),
+            ({"type": "ineq", "fun": room, "jac": slopes},),
+        )
+        return self._continued(self._seeds(q, times(q), start), start, problem)
 
     def nearest_rotation(self, q: FloatArray, rotation: FloatArray) -> FloatArray:
         """Configurations (m, n) [rad] that turn the tool as nearly as can be to a rotation (3, 3).
@@ -128,7 +129,7 @@ class OnTarget:
             return (3.0 - float(np.trace(off))) / 2.0, _skew(off) @ self.chain.jacobian(x)[3:]
 
         n = self.chain.n
-        problem = _Problem(lambda x: x, cost, self.limits, np.zeros(n), np.eye(n))
+        problem = _Problem(np.copy, cost, self.limits, np.zeros(n), np.eye(n))
         return self._continued(list(q), None, problem)
 
     def _continued(
@@ -136,12 +137,16 @@ class OnTarget:
     ) -> FloatArray:
         """(m, n) where the least cost of a problem is found on the target, from some configurations (n,)."""
         minimize = import_module("scipy.optimize").minimize  # takes long to import, and few need it
+        warnings.filterwarnings("ignore", "Values in x were outside bounds")  # by rounding, and clipped
         zero, turns = problem.zero, problem.turns
-        met = {
-            "type": "eq",
-            "fun": lambda x: self._rows(zero + turns @ x)[0],
-            "jac": lambda x: self._rows(zero + turns @ x)[1] @ turns,
-        }
+
+        def missed(x: FloatArray) -> FloatArray:
+            return self._rows(zero + turns @ x)[0]
+
+        def slopes(x: FloatArray) -> FloatArray:
+            return self._rows(zero + turns @ x)[1] @ turns
+
+        met = {"type": "eq", "fun": missed, "jac": slopes}
         found: list[FloatArray] = []
         for one in seeds:
             answer = minimize(
@@ -149,7 +154,8 @@ class OnTarget:
                 bounds=problem.bounds.tolist(), constraints=(met, *problem.others),
                 options={"maxiter": _ROUNDS, "ftol": _PRECISION},
             )  # fmt: skip
-            there = self._polished(zero + turns @ np.asarray(answer.x, dtype=np.float64), start)
+            x = np.asarray(answer.x, dtype=np.float64)
+            there = self._polished(zero + turns @ x, start) if np.isfinite(x).all() else None
             if there is not None:
                 found.append(there)
         return np.reshape(found, (-1, self.chain.n))
@@ -171,13 +177,13 @@ class OnTarget:
         begin = np.full(len(q), math.inf) if start is None else np.clip(start, low, high)
         away = np.abs(q - begin) > _MOVED
         for free in (inside & away, inside | (low < high)):
-            there = np.where(away, q, begin)
+            there: FloatArray = np.where(away, q, begin)
             for _ in range(_POLISH):
                 r, J = self._rows(there)
                 if np.abs(r).max() < _ROUNDING:
                     break
-                there = there - free * (np.linalg.pinv(J * free, rcond=_SINGULAR) @ r)
-                there = np.clip(there, low, high)
+                step = np.asarray(np.linalg.pinv(J * free, rcond=_SINGULAR) @ r, dtype=np.float64)
+                there = np.clip(there - free * step, low, high)
             if np.abs(self._rows(there)[0]).max() < _MET:
                 return there
         return None
@@ -204,3 +210,12 @@ def _skew(matrix: FloatArray) -> FloatArray:
     """(3,) of a rotation (3, 3): its axis, the sine of its angle long."""
     m = matrix
     return 0.5 * np.array([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
+
+
+def _linear(slope: FloatArray) -> Callable[[FloatArray], tuple[float, FloatArray]]:
+    """The cost ``slope`` x."""
+
+    def cost(x: FloatArray) -> tuple[float, FloatArray]:
+        return float(slope @ x), slope
+
+    return cost
