@@ -135,7 +135,7 @@ def main() -> None:
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     # What takes a while: here, before a motion waits for it, or a tick.
     _ = start.robot.inverse_kinematics
-    import_module("scipy.linalg")
+    import_module("scipy.optimize")  # and scipy.linalg with it
 
     def ready(address: str) -> None:
         with suppress(BrokenPipeError):  # who started it is gone: nobody will come
