@@ -1,8 +1,8 @@
 """Random lines of the tool: ``python -m benchmarks.lines [FILE_OR_NAME…]`` plans them on robot files.
 
-Without an argument: all shipped arms, and four of seven joints. Each line is 100 mm long and begins at a random
-configuration that stands clear. The table gives the processor time of those that can be planned and of those
-that are refused, the sentence included.
+Without an argument: all shipped arms, and four of seven joints. Each line is 100 mm long and begins at a
+random configuration that stands clear. The table gives the processor time of those that can be planned and of
+those that are refused, the sentence included.
 """
 
 from __future__ import annotations

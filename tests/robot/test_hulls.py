@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -161,6 +162,9 @@ def test_what_only_capsules_touch_may_be_done(tmp_path: Path) -> None:
     assert sum(bool(by_capsules) and not by_hulls for by_hulls, by_capsules in both) >= 5
     assert all(by_capsules for by_hulls, by_capsules in both if by_hulls)
     told = [what for by_hulls, _ in both for what in by_hulls]
+    assert told and all(re.fullmatch(r"(touches|0\.\d mm from) the .*", what) for what in told)
+    unknown = replace(robot, capsules=tuple(replace(one, surface=None) for one in robot.body.capsules))
+    told = [what for goal in goals for what in touches(unknown, goal)]
     assert told and all(what.endswith(", by convex hulls") for what in told)
     assert not any("hulls" in what for _, by_capsules in both for what in by_capsules)
 

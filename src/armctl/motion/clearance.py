@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import LinkFrames
 from armctl.robot import Robot
+from armctl.robot.surfaces import CLEAR_M
 
 FLOOR_TOLERANCE_M = 5e-4
 """How far a part may dip below the floor, or into anything else: less than a servo arm can tell."""
@@ -32,6 +33,10 @@ class Floor:
     """
 
     kind: ClassVar[Literal["floor"]] = "floor"
+    missed_m: ClassVar[float] = 1e-3
+    """how much deeper a dip between two samples may be before it is sure to be found"""
+    most_near: ClassVar[int] = 64
+    """intervals between samples in which the deepest place is looked for"""
 
     def __init__(self, robot: Robot) -> None:
         self._robot, self._undersides = robot, robot.undersides
@@ -66,6 +71,8 @@ class Obstacles:
     """Gaps between the pieces that joints move and the obstacles of the robot file."""
 
     kind: ClassVar[Literal["obstacle"]] = "obstacle"
+    missed_m: ClassVar[float] = 1e-3
+    most_near: ClassVar[int] = 64
 
     def __init__(self, robot: Robot) -> None:
         self._model, self._obstacles = robot.collision, robot.obstacles
@@ -95,6 +102,8 @@ class SelfCollision:
     """Gaps between the arm's pieces (``Robot.collision``), each named by the one nearer to the tool."""
 
     kind: ClassVar[Literal["self-collision"]] = "self-collision"
+    missed_m: ClassVar[float] = 0.5e-3
+    most_near: ClassVar[int] = 4  # surfaces take a millisecond each time
 
     def __init__(self, robot: Robot) -> None:
         self._model = robot.collision
@@ -109,13 +118,17 @@ class SelfCollision:
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """As ``Floor.words``."""
         other = self._other(part)
+        mend = f"choose another target, or go round by a point farther from {other}"
+        if self._model.by_surface[part]:
+            distance_mm = 1000 * CLEAR_M - depth_mm
+            return f"{distance_mm:.1f} mm from {other}" if distance_mm > 0.0 else f"touches {other}", mend
         at_rest = -1000 * float(self.closed[part])
         fitted = any(self._model.capsules[i].hull is not None for i in self._model.pairs[part])
         return (
             f"{depth_mm:.1f} mm inside {other}"
             + (BY_HULLS if fitted else "")
             + (f" ({at_rest:.1f} mm at rest)" if at_rest > 0 else ""),
-            f"choose another target, or go round by a point farther from {other}",
+            mend,
         )
 
     def _other(self, part: int) -> str:

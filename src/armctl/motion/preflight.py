@@ -27,8 +27,8 @@ _TRAVEL = math.radians(6)
 _MOST, _MOST_IN_ALL = 4000, 40_000
 _FINEST_S = 1e-3
 _FEWEST = 32
-_LOOKS, _NARROWED, _MOST_NEAR = 17, 3, 64
-"""times that are looked at, and how often, to find the worst place between two samples, of so many"""
+_LOOKS, _NARROWED = 17, 3
+"""times that are looked at, and how often, to find the worst place between two samples"""
 _AS_DEEP_M = 5e-5
 """how much less deep a gap may be at the time that is told"""
 
@@ -349,8 +349,6 @@ def _rest_findings(motion: SampledMotion) -> Iterator[Finding]:
 
 # Does the arm keep clear of the floor, of obstacles and of itself over the whole motion?
 
-_MISSED_M = 1e-3
-"""How much deeper a dip between two samples may be before it is sure to be found."""
 _TOO_FAST = 2.0
 """times the speed limits: a motion beyond is refused for its speed, and nothing else is proven of it"""
 _BLOCK = 4096
@@ -373,7 +371,7 @@ def gap_finding(motion: SampledMotion, source: Gaps, gaps: FloatArray) -> Findin
     if slack.min() < 0.0:
         block = np.vstack([motion.time[:-1], motion.time[1:], slack[:, :-1], slack[:, 1:], change])
         return _deepest(motion, source, allowed, block)
-    if (slack[:, :-1] + slack[:, 1:] - change >= -2.0 * _MISSED_M).all():  # most motions
+    if (slack[:, :-1] + slack[:, 1:] - change >= -2.0 * source.missed_m).all():  # most motions
         return None
     # one column an interval: when it begins and ends, the slacks at both, and the most they may change
     k = len(gaps)
@@ -381,7 +379,7 @@ def gap_finding(motion: SampledMotion, source: Gaps, gaps: FloatArray) -> Findin
     while blocks:
         block = blocks.pop()
         _, at_begin, at_end, change = np.split(block, [2, 2 + k, 2 + 2 * k])
-        doubtful = np.flatnonzero((0.5 * (at_begin + at_end - change) < -_MISSED_M).any(axis=0))
+        doubtful = np.flatnonzero((0.5 * (at_begin + at_end - change) < -source.missed_m).any(axis=0))
         if len(doubtful) > _BLOCK:
             blocks += [block[:, doubtful[_BLOCK:]], block[:, doubtful[:_BLOCK]]]
         elif len(doubtful):
@@ -410,11 +408,12 @@ def _deepest(motion: SampledMotion, source: Gaps, allowed: FloatArray, block: Fl
         return np.where(gaps < allowed, gaps, np.inf)
 
     # where between two samples it may be deeper than at any, the deepest first
-    slacks = np.hstack([at_begin, at_end])
-    known = float(np.where(slacks < 0.0, slacks + allowed, np.inf).min())
+    slacks = np.minimum(at_begin, at_end)
+    known = np.where(slacks < 0.0, slacks + allowed, np.inf).min(axis=0)
     lowest = (0.5 * (at_begin + at_end - change) + allowed).min(axis=0)
-    near = np.flatnonzero(lowest <= known)
-    near = near[np.argsort(lowest[near], kind="stable")[:_MOST_NEAR]]
+    lowest[int(known.argmin())] = -np.inf
+    near = np.flatnonzero(lowest <= known.min())
+    near = near[np.argsort(lowest[near], kind="stable")[: source.most_near]]
     shares = np.linspace(0.0, 1.0, _LOOKS)[:, None]
     times = (begin[0, near] + shares * (end[0, near] - begin[0, near])).ravel()
     depths = depths_at(times)

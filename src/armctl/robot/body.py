@@ -18,6 +18,7 @@ from armctl.kinematics.subproblems import dot
 from armctl.robot.hulls import Hull, HullPairs
 from armctl.robot.parts import Look, Obstacle
 from armctl.robot.shape import FINGER, PALM, TIP_LENGTH, TIP_RADIUS, bars, reach, tool_length, width
+from armctl.robot.surfaces import CLEAR_M, Surface, SurfacePairs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,6 +37,8 @@ class Capsule(ArrayRecord):
     """what a user calls it"""
     hull: Hull | None = None
     """what is kept apart instead, inside the capsule, where the piece was fitted to shapes"""
+    surface: Surface | None = None
+    """what is inside the hull: it decides where hulls overlap"""
 
     @property
     def corners(self) -> FloatArray:
@@ -204,6 +207,9 @@ class CollisionModel:
     Left out are pairs of one link or of neighbours, which the joint's own limits keep apart, and pairs that
     touch in every one of 512 configurations spread over the limits: they meet in a joint, and no motion could
     mend that. Pairs that touch in the home or the rest pose only may overlap as deep as there.
+
+    Where the hulls of a pair overlap, its surfaces are looked at, if both are known and do not cut each other
+    at rest. Their gap is their distance less ``CLEAR_M``; where they cut each other, that of the hulls.
     """
 
     chain: Chain
@@ -236,9 +242,19 @@ class CollisionModel:
             if outer.link - inner.link > 1
         )
         samples = np.concatenate([poses, joint_samples(limits, _SAMPLES)])
-        gaps = cls(chain, ordered, apart, np.zeros(len(apart))).gaps(LinkFrames.at(chain, samples))
+        model = cls(chain, ordered, apart, np.zeros(len(apart)))
+        links = LinkFrames.at(chain, samples)
+        gaps = model.gaps_of_hulls(links)
         always = np.max(gaps, axis=1, initial=-math.inf) <= 0.0
-        closed = np.minimum(gaps[:, : len(poses)].min(axis=1), 0.0)[~always]
+        for pair in np.flatnonzero(always).tolist():
+            for at in range(len(samples)) if model.by_surface[pair] else ():
+                if model.by_surfaces(links, gaps, np.array([pair]), np.array([at]))[0] > 0.0:
+                    always[pair] = False
+                    break
+        pair, at = np.nonzero((gaps[:, : len(poses)] < 0.0) & model.by_surface[:, None])
+        resting = gaps[:, : len(poses)].copy()
+        resting[pair, at] = model.by_surfaces(links, gaps, pair, at)
+        closed = np.minimum(resting.min(axis=1), 0.0)[~always]
         pairs = tuple(apart[k] for k in np.flatnonzero(~always).tolist())
         touching = tuple(apart[k] for k in np.flatnonzero(always).tolist())
         return cls(chain, ordered, pairs, closed, touching, obstacles)
@@ -289,6 +305,32 @@ class CollisionModel:
 
     def gaps(self, links: LinkFrames) -> FloatArray:
         """Gaps between the pairs: (k, m) [m], negative where they overlap; above ``NEAR_M`` lower bounds."""
+        out = self.gaps_of_hulls(links)
+        pair, at = np.nonzero((out < 0.0) & self.by_surface[:, None])
+        if len(pair):
+            out[pair, at] = self.by_surfaces(links, out, pair, at)
+        return out
+
+    @cached_property
+    def by_surface(self) -> NDArray[np.bool_]:
+        """(k,) pairs whose surfaces decide where their hulls overlap."""
+        known = np.array([None not in (c.hull, c.surface) for c in self.capsules], dtype=np.bool_)
+        first, second = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
+        return known[first] & known[second] & (self.closed > -CLEAR_M)
+
+    def by_surfaces(
+        self, links: LinkFrames, gaps: FloatArray, pair: NDArray[np.intp], at: NDArray[np.intp]
+    ) -> FloatArray:
+        """Gaps (m,) [m] of pairs at configurations, where ``gaps`` (k, ...) of their hulls are negative."""
+        if not len(pair):
+            return np.empty(0)
+        i, j = np.array(self.pairs, dtype=np.intp)[pair].T
+        pose = links.relative(self._links[i], self._links[j], at)
+        apart, hulls = self._surfaces.distances(i, j, *pose), gaps[pair, at]
+        return np.where(apart > 0.0, np.maximum(apart - CLEAR_M, hulls), np.minimum(hulls, -CLEAR_M))
+
+    def gaps_of_hulls(self, links: LinkFrames) -> FloatArray:
+        """As ``gaps``, without a look at surfaces."""
         starts, spans = self._placed(links)
         first, second = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
         middles = starts + 0.5 * spans
@@ -333,6 +375,10 @@ class CollisionModel:
     def _hulls(self) -> HullPairs:
         """Of the capsules, and behind them of the obstacles."""
         return HullPairs([*(one.as_hull for one in self.capsules), *map(_box_hull, self.obstacles)])
+
+    @cached_property
+    def _surfaces(self) -> SurfacePairs:
+        return SurfacePairs([one.surface for one in self.capsules])
 
     @cached_property
     def _fitted(self) -> NDArray[np.bool_]:

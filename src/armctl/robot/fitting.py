@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
 from typing import Any, Self, cast
@@ -24,6 +24,7 @@ from armctl.robot.hulls import Hull, distances
 from armctl.robot.meshes import ArmSolids
 from armctl.robot.parts import Shape
 from armctl.robot.solids import Solid
+from armctl.robot.surfaces import Surface, comparable
 
 Progress = Callable[[int, int], None]
 _TOOL_RADIUS = 0.003
@@ -66,6 +67,8 @@ class Fitted:
     radius: float
     hull: Hull
     """inside it"""
+    surface: Surface | None = None
+    """inside that"""
 
 
 def fitted_body(
@@ -100,12 +103,16 @@ def fitted_body(
         found, gap = fit(solids)
         if gap > widest:
             widest, where = gap, name
-        capsules += [Capsule(link, one.start, one.end, one.radius, name, one.hull) for one in found]
+        capsules += [
+            Capsule(link, one.start, one.end, one.radius, name, one.hull, one.surface) for one in found
+        ]
     fitted = [one for one in capsules if all(one is not bar for bar in bars)]
     if fitted:
         count = f"{len(fitted)} convex hull{'' if len(fitted) == 1 else 's'}"
         text = f"the body: {count} of the meshes; the largest gap is {1000 * widest:.0f} mm ({where})"
         notes.insert(0, text)
+        if not comparable():
+            notes.append("where hulls of links overlap, they decide; for the meshes: pip install python-fcl")
         capsules += _to_tool(chain, fitted)
     return ArmBody(tuple(capsules), tuple(notes))
 
@@ -138,7 +145,10 @@ def fit(solids: Sequence[Solid]) -> tuple[list[Fitted], float]:
             break
         i, best = max(halves, key=lambda one: pieces[one[0]].volume - sum(half.volume for half in one[1]))
         pieces[i : i + 1] = best
-    found = [contain(piece.triangles.reshape(-1, 3)) for piece in pieces]
+    found = [
+        replace(contain(piece.triangles.reshape(-1, 3)), surface=Surface.of(piece.triangles))
+        for piece in pieces
+    ]
     return found, _largest_gap([one.hull for one in found], corners)
 
 

@@ -34,9 +34,9 @@ T = TypeVar("T")
 MOST_BYTES, MOST_OF_ONE = 256 << 20, 32 << 20
 """of all entries together, beyond which the oldest ones go, and of one"""
 _MARK = b"armctl meshes\n"
-_MADE_BY = ("mesh_cache", "meshes", "mesh_text", "solids", "fitting", "hulls", "body")
+_MADE_BY = ("mesh_cache", "meshes", "mesh_text", "solids", "surfaces", "fitting", "hulls", "body")
 """the modules of this folder that decide what an entry holds"""
-_LIBRARIES = ("numpy", "scipy", "trimesh", "pycollada")
+_LIBRARIES = ("numpy", "scipy", "trimesh", "pycollada", "python-fcl")
 _DTYPES = ("<f8", "<i8")
 _LOG = logging.getLogger("armctl.robot")
 

@@ -149,7 +149,7 @@ class Attempt:
         """
         target = self.target(s)
         if self.searches and target.rotation is not None:
-            return self.robot.inverse_kinematics.reaches(pose_of(target.point, target.rotation))
+            return self.robot.inverse_kinematics.reaches(pose_of(target.position, target.rotation))
         if self.searched:
             return None
         solutions = self.solve(target)
