@@ -118,7 +118,10 @@ def test_run_drives_a_program_on_a_device(
                 held.append(int.from_bytes(port.read(2), "little") / 4)
     pulses = [1479.93 + 9 * 5, 781.795 + 1000, 1446.45 - 800, 1482.95 - 600, 1501.6 + 100, 1250]
     assert held == pytest.approx(pulses, abs=0.126)
-    assert "short, 2 steps" in capsys.readouterr().out
+    said = capsys.readouterr()
+    assert "short, 2 steps" in said.out
+    for number in (1, 2):
+        assert said.err.count(f"pass {number}, step 1 of 2: move ") == 1  # once, as it begins
 
 
 @pytest.mark.parametrize(

@@ -68,6 +68,8 @@ def test_what_enable_will_do(
     assert said in enable_note(replace(snapshot, powered=powered, homing=homing), board)
     lost = replace(snapshot, state=State.FAULT, board=None)
     assert "then press Connect" in enable_note(lost, "encoder")
+    again = "The board is plugged in again (/dev/ttyACM1). Press Connect in Main."
+    assert again in enable_note(lost, "encoder", "/dev/ttyACM1")
     there = replace(lost, board=BoardIdentity("encoder board", "/dev/ttyACM0"))
     assert "Connect" not in enable_note(there, "encoder")
     assert "the line above says what to do" in enable_note(replace(there, unreachable=True), board)

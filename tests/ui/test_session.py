@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -11,6 +12,7 @@ import pytest
 from tests.ui.page_kit import snapshot_of
 from viser import GuiEvent
 
+from armctl.errors import InputError
 from armctl.hardware import BoardIdentity
 from armctl.robot import load_robot
 from armctl.runtime import AxisHoming, Control, Doing, MoveJoints, Need, Party, Snapshot, State, Ticket
@@ -49,7 +51,7 @@ class Bench:
             gui=server.gui, scene=server.scene, client_id=6, add_notification=self._notify
         )
         controller = SimpleNamespace(snapshot=self.snapshot, ended=False, submit=lambda *_: self.ticket)
-        self.console = SimpleNamespace(robot=ROBOT, controller=controller, unsaved=[])
+        self.console = SimpleNamespace(robot=ROBOT, controller=controller, unsaved=[], savers=[])
 
         async def change(name: str, *_: object) -> None:
             self.changed_to.append(name)
@@ -192,15 +194,38 @@ def test_a_robot_is_changed_at_once_only_where_nothing_is_lost(server: GuardedSe
     asyncio.run(session.change_robot("scorbot"))
     assert bench.changed_to == ["mico"]
     (question,) = server.gui._modal_handle_from_uuid.values()
-    text, stay, _ = question._children.values()
+    text, _, stay, _ = question._children.values()
     assert "'pick' (3 steps)" in cast(Any, text).content
     press(session, stay)
     assert (bench.changed_to, question.closed) == (["mico"], True)
     asyncio.run(session.change_robot("scorbot"))
     (question,) = server.gui._modal_handle_from_uuid.values()
-    _, _, change = question._children.values()
+    *_, change = question._children.values()
     press(session, change)
     assert bench.changed_to == ["mico", "scorbot"]
+    assert not server.gui._modal_handle_from_uuid
+
+
+def test_what_is_not_saved_is_saved_before_the_change_or_nothing_is_changed(server: GuardedServer) -> None:
+    bench, saved = Bench(server), list[str]()
+    bench.console.unsaved.append(lambda: "The program 'pick' (3 steps) is not saved.")
+
+    async def save() -> Path | None:
+        if not saved:
+            saved.append("tried")
+            raise InputError("the disk is full")
+        saved.append("pick")
+        return Path("pick.toml")
+
+    bench.console.savers.append(save)
+    asyncio.run(bench.session.change_robot("scorbot"))
+    (question,) = server.gui._modal_handle_from_uuid.values()
+    _, button, *_ = question._children.values()
+    press(bench.session, button)
+    assert (bench.changed_to, question.closed) == ([], False)
+    assert bench.shown == ["Refused"]
+    press(bench.session, button)
+    assert (bench.changed_to, saved) == (["scorbot"], ["tried", "pick"])
     assert not server.gui._modal_handle_from_uuid
 
 

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from typing import Any, cast
 
+import msgspec
 import pytest
 
 from armctl.errors import ProgramError
@@ -121,6 +122,26 @@ def test_it_knows_how_it_stands_to_the_program_that_the_arm_runs(desk: SharedPro
     assert desk.relation(running(desk.program, desk.program)) == "running"
     desk.undo()
     assert desk.relation(running(before, before)) == "running"
+
+
+def test_a_sample_or_a_loaded_program_is_unsaved_once_it_is_changed(tmp_path: Path) -> None:
+    desk = SharedProgram("uzuner", tmp_path)
+    sample = program(WAIT)
+    desk.put(sample, kept=True)
+    assert desk.unsaved_words() is None and asyncio.run(desk.save_as_it_is()) is None
+    desk.edit(program(WAIT, WAIT))
+    assert desk.unsaved_words() is not None
+    path = asyncio.run(desk.save_as_it_is())
+    assert path == tmp_path / f"{sample.name}.toml" and desk.unsaved_words() is None
+    desk.put(program(WAIT, WAIT, WAIT))  # it comes from elsewhere, as by an upload
+    assert desk.unsaved_words() is not None
+
+
+def test_a_program_of_another_origin_takes_the_place_of_none(tmp_path: Path) -> None:
+    first, second = SharedProgram("uzuner", tmp_path), SharedProgram("uzuner", tmp_path)
+    for desk, file in ((first, "untitled.toml"), (second, "untitled 2.toml")):
+        desk.edit(msgspec.structs.replace(program(WAIT), name="untitled"))
+        assert asyncio.run(desk.save_as_it_is()) == tmp_path / file
 
 
 # What survives a crash.

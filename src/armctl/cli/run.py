@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from threading import Event, Thread
 
 import click
 
@@ -15,6 +18,9 @@ from armctl.cli.options import ROBOT, SPEED_PERCENT, park_option, port_option, p
 from armctl.errors import ProgramError
 from armctl.hardware.boards import board_type
 from armctl.program import open_program
+from armctl.runtime import ProgramProgress
+
+_LOOK_S = 0.01
 
 
 @click.command()
@@ -27,6 +33,7 @@ from armctl.program import open_program
               help="Speed override, 5 … 100 percent.")  # fmt: skip
 @pose_option
 @park_option
+@click.option("--quiet", is_flag=True, help="Do not tell the steps as they begin.")
 def run(
     program: Path,
     robot: str | None,
@@ -36,6 +43,7 @@ def run(
     speed: float,
     pose: str | list[float] | None,
     park: bool,
+    quiet: bool,
 ) -> None:
     """Run PROGRAM (.toml, or .csv with --robot) on the arm.
 
@@ -62,10 +70,44 @@ def run(
         if any(not axis.homed for axis in arm.snapshot.homing):
             click.echo("homing: axis by axis, the arm moves to its home switches; keep clear", err=True)
         arm.enable(pose)
-        arm.run(loaded, None if forever else loops or 1)
+        with nullcontext() if quiet else _told_steps(arm):
+            arm.run(loaded, None if forever else loops or 1)
         x, y, z = arm.position_mm
         steps = "1 step" if len(loaded.steps) == 1 else f"{len(loaded.steps)} steps"
         click.echo(
             f"done: {loaded.name}, {steps}; the tool is at ({x:z.1f}, {y:z.1f}, {z:z.1f}) mm"
             + (f"; the {board.power} go off now" if board.off_when_left else "")
         )
+
+
+@contextmanager
+def _told_steps(arm: Arm) -> Generator[None]:
+    """A line on stderr for each step of a program as it begins; one that is over at once may be left out."""
+    ended = Event()
+
+    def tell() -> None:
+        told: tuple[int, int] | None = None
+        while not ended.wait(_LOOK_S):
+            progress = arm.snapshot.program
+            if progress is None or progress.loop == progress.loops:  # the last pass is over
+                continue
+            if told != (told := (progress.loop, progress.step)):
+                click.echo(_step_words(progress), err=True)
+
+    teller = Thread(target=tell, name="armctl-steps", daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        teller.join()
+
+
+def _step_words(progress: ProgramProgress) -> str:
+    """One line for the step that runs: its place, its kind, its values, its note."""
+    step = progress.running.steps[progress.step]
+    words = " · ".join(text for text in (step.describe(), step.note) if text)
+    where = f"step {progress.step + 1} of {progress.steps}"
+    if progress.loops != 1:
+        where = f"pass {progress.loop + 1}, {where}"
+    return f"{where}: {step.title or step.kind} {words}".rstrip()

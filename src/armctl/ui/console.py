@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol, Self, TypeVar, cast
@@ -166,6 +166,10 @@ class Console:
         default_factory=list[Callable[[], str | None]], init=False
     )
     """each says what would be lost with this arm, in a sentence, or None"""
+    savers: list[Callable[[], Awaitable[Path | None]]] = field(
+        default_factory=list[Callable[[], Awaitable[Path | None]]], init=False
+    )
+    """each saves what would be lost; gives the file, or None where nothing would be"""
     _shared: dict[type[Shared], Shared] = field(default_factory=dict[type[Shared], Shared], init=False)
 
     @property

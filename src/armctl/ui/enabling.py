@@ -11,6 +11,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.hardware.boards import board_type
 from armctl.runtime import Enable, Need, Snapshot, State
+from armctl.ui.port_watch import PortWatch
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence
 from armctl.ui.widgets.joint_angles import angle_fields
@@ -30,6 +31,7 @@ _MOTORS_NOTE = "Enable switches the motors on; they hold the arm where it stands
 _LOST_NOTE = (
     "The board is lost. Check its cable and its power, then press Connect in Main. Nothing moves by itself."
 )
+_BACK_NOTE = "The board is plugged in again ({}). Press Connect in Main. Nothing moves by itself."
 _UNREACHABLE_NOTE = "The arm does not answer; the line above says what to do. Nothing goes on by itself."
 _MOTORS_HOLD = "The motors are on and hold the arm where it stands; Release switches them off."
 _UNHOMED_NOTE = (
@@ -38,12 +40,12 @@ _UNHOMED_NOTE = (
 )
 
 
-def enable_note(snapshot: Snapshot, board: str) -> str:
-    """What Enable will do, or what must be done before."""
+def enable_note(snapshot: Snapshot, board: str, back_on: str | None = None) -> str:
+    """What Enable will do, or what must be done before; ``back_on``: the port where a lost board is again."""
     if snapshot.unreachable:
         return _UNREACHABLE_NOTE
     if snapshot.state is State.FAULT and snapshot.board is None:
-        return _LOST_NOTE
+        return _LOST_NOTE if back_on is None else _BACK_NOTE.format(back_on)
     if not board_type(board).homing:
         if snapshot.powered:
             return _TAKE_OVER_NOTE
@@ -89,6 +91,8 @@ class EnableButton:
 
     def __init__(self, session: Session) -> None:
         self._session = session
+        self._ports = session.console.shared(PortWatch)
+        self._told_back_on: str | None = None
         gui = session.gui
         command = session.command("Enable", self._on_enable, "Switch the outputs on")
         self._box = gui.add_folder(None)
@@ -104,7 +108,12 @@ class EnableButton:
         self._question.refresh(snapshot)
         holds = snapshot.powered and snapshot.state is not State.OFF
         self._box.visible = not (holds or self._question.asked)
-        self._note.show(muted(enable_note(snapshot, self._session.console.robot.board)))
+        back_on = self._ports.back_on
+        self._note.show(muted(enable_note(snapshot, self._session.console.robot.board, back_on)))
+        if back_on != self._told_back_on:
+            self._told_back_on = back_on
+            if back_on is not None:
+                self._session.notify("Board", _BACK_NOTE.format(back_on), "yellow")
 
     async def _on_enable(self) -> None:
         """Where nobody knows how the arm stands, the operator is asked first."""

@@ -15,7 +15,7 @@ from typing import Any, Literal, Protocol
 
 import viser
 
-from armctl.errors import ArmctlError, with_help
+from armctl.errors import ArmctlError
 from armctl.robot import Robot
 from armctl.runtime import Command, ControlCommand, Need, Origin, Snapshot, Ticket, unmet
 from armctl.ui.console import page_name
@@ -204,7 +204,7 @@ class Session:
                 await result
         except ArmctlError as refusal:
             if not self.closed:
-                self.refuse(with_help(refusal))
+                self.refuse(str(refusal))
         except Exception:
             if self.closed:  # it has met widgets that went with the page or the arm
                 LOG.debug("an action outlived its page", exc_info=True)
@@ -273,7 +273,7 @@ class Session:
         words = [text for unsaved in self.console.unsaved if (text := unsaved()) is not None]
         if words and name != self.robots.present.name:
             self.require_operator()
-            self._ask_first(f"{' '.join(words)} Save it first: **Manual → Serial motion → Files**.", name)
+            self._ask_first(" ".join(words), name)
         else:
             await self._change_robot(name)
 
@@ -282,6 +282,7 @@ class Session:
         question = self.gui.add_modal("Change the robot?")
         with question:
             self.gui.add_markdown(text)
+            save = self.gui.add_button("Save and change")
             stay = self.gui.add_button("Stay with this robot")
             change = self.gui.add_button("Change without saving", color="orange")
 
@@ -293,7 +294,15 @@ class Session:
             end()
             await self._change_robot(name)
 
+        async def save_first() -> None:
+            self.require_operator()
+            for save_all in self.console.savers:
+                if (path := await save_all()) is not None:
+                    self.notify("Saved", str(path))
+            await go_on()
+
         self._end_question = end
+        self.on(save.on_click, save_first)
         self.on(stay.on_click, end)
         self.on(change.on_click, go_on)
 
@@ -305,7 +314,7 @@ class Session:
         try:
             await self.robots.reopen(self.origin, self.require_operator, port)
         except ArmctlError as refusal:
-            self.refuse(with_help(refusal))
+            self.refuse(str(refusal))
 
     def spawn(self, work: Coroutine[Any, Any, None]) -> None:
         """Run something beside the callbacks; it ends with the page, and what it raises is logged."""
@@ -324,7 +333,7 @@ class Session:
         try:
             await asyncio.wrap_future(ticket.finished)
         except ArmctlError as broken:
-            self.notify("Not finished", self.with_names(with_help(broken)), "yellow")
+            self.notify("Not finished", self.with_names(str(broken)), "yellow")
 
     async def find_line(self, link: Callable[[str, str], None], lost: Callable[[int], None]) -> None:
         """Ask the page which line for STOP is its own: ``link(line, who)``, which then watches for its beats.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import viser
@@ -24,6 +25,7 @@ from armctl.runtime import (
     State,
 )
 from armctl.ui.console import PortChoice
+from armctl.ui.port_watch import PortWatch
 from armctl.ui.session import Disableable, Session
 from armctl.ui.tabs.main.boards import RobotChooser, board_html, homing_html, ports_html
 from armctl.ui.tabs.main.own_arm import OwnArm
@@ -57,6 +59,9 @@ class MainScreen:
         labels = tuple(self._choices)
         chosen = next((c.label for c in self._choices.values() if c.port == console.default_port), labels[0])
         self._asked_to_disconnect = -math.inf
+        self._watched = console.shared(PortWatch)
+        self._offered: str | None = None
+        """the port that was chosen for the operator, as the lost board is there again"""
         tabs = gui.add_tab_group()
         with tabs.add_tab("Arm"):
             self._first = FirstSteps(session)
@@ -103,16 +108,32 @@ class MainScreen:
         self._urdf.refresh(snapshot)
         self._line.options = tuple(one for one in _LINES if snapshot.state in _LINES[one])
         self._homing.visible = bool(snapshot.homing)
+        self._offer_board_again()
         if self._session.sees("Main"):
             self._homed.show(homing_html(snapshot))
             self._ports.show(ports_html(self._choices.values()))
             self._board.show(board_html(snapshot))
 
+    def _list(self, choices: Sequence[PortChoice]) -> None:
+        self._choices = {choice.label: choice for choice in choices}
+        self._port.options = tuple(self._choices)
+
+    def _offer_board_again(self) -> None:
+        """Choose the port where the board that was lost is plugged in again, for Connect."""
+        back_on = self._watched.back_on
+        if back_on == self._offered:
+            return
+        self._offered = back_on
+        if back_on is not None:
+            self._list(self._watched.choices)
+            self._port.value = next(
+                (one.label for one in self._choices.values() if one.port == back_on), self._port.value
+            )
+
     async def _on_line(self) -> None:
         match self._line.value:
             case "Rescan":
-                self._choices = {choice.label: choice for choice in self._session.console.list_ports()}
-                self._port.options = tuple(self._choices)
+                self._list(self._session.console.list_ports())
             case "Disconnect":
                 await self._disconnect()
             case _:

@@ -91,7 +91,7 @@ class ProgramFiles:
         if name in SAMPLES and name not in self._shared.saved():
             sample = await asyncio.to_thread(sample_program, name, robot)
             self._session.require_operator()
-            self._shared.put(sample)
+            self._shared.put(sample, kept=True)
         else:
             await self._shared.load(name)
         await self._tell_findings(name)

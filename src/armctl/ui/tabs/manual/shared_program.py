@@ -45,7 +45,7 @@ class SharedProgram:
         self._undo: list[Program] = []
         self._redo: list[Program] = []
         self._filed: Program | None = None
-        """as it was saved or loaded last"""
+        """as it was saved or loaded last, from a file or as a sample"""
         self._relation: tuple[tuple[Program, Program, Program], Relation] | None = None
         """the last answer, and what it is about: to compare 20,000 steps takes 5 ms"""
 
@@ -63,6 +63,7 @@ class SharedProgram:
         if shared.kept is not None:
             console.frame_listeners.append(shared.keep)
         console.unsaved.append(shared.unsaved_words)
+        console.savers.append(shared.save_as_it_is)
         return shared
 
     def relation(self, progress: ProgramProgress | None) -> Relation | None:
@@ -124,18 +125,32 @@ class SharedProgram:
         self.version += 1
         return path
 
+    async def save_as_it_is(self) -> Path | None:
+        """Save under its own name, or a free one where that is another program's; None: it is saved."""
+        if not self.unsaved:
+            return None
+        name, saved = self.program.name, self.saved()
+        if self._filed is None or self._filed.name != name:
+            names = (name, *(f"{name} {number}" for number in range(2, len(saved) + 3)))
+            name = next(one for one in names if one not in saved)
+        return await self.save(name)
+
     async def load(self, name: str) -> None:
         """Edit a saved program; refused if it is not there or cannot be read, or as ``put``."""
         program = await asyncio.to_thread(load_program, self._path(name))
-        self.put(program)
-        self._filed = program
+        self.put(program, kept=True)
 
-    def put(self, program: Program) -> None:
-        """Edit a program that comes from elsewhere; refused if it is another robot's, or as ``edit``."""
+    def put(self, program: Program, *, kept: bool = False) -> None:
+        """Edit a program that comes from elsewhere; refused if it is another robot's, or as ``edit``.
+
+        ``kept``: it can be had again, as a sample can: as it is it need not be saved.
+        """
         if program.robot != self.program.robot:
             ours = self.program.robot
             raise ProgramError(f"the program is for the robot {program.robot!r}, this one is {ours!r}")
         self.edit(program)
+        if kept:
+            self._filed = program
 
     def _path(self, name: str) -> Path:
         if not _NAME.fullmatch(name):
