@@ -15,7 +15,7 @@ from armctl.hardware.findings import Verdict
 from armctl.hardware.ports import PortChecks
 from armctl.hardware.probe import Probed, approach, probe
 
-FREE = PortChecks(lambda _device: True, lambda _device: None, lambda _device: None)
+FREE = PortChecks(lambda _device: True, lambda _device: None, lambda _device: (), tuple)
 
 
 def probed(avr: Avr, label: str | None) -> Probed:

@@ -11,10 +11,14 @@ import pytest
 
 from armctl.hardware.access import (
     MODEM_MANAGER_NOTE,
+    SUSPEND_NOTE,
     UDEV_RULES_NAME,
+    braille_note,
     modem_manager_note,
     permission_hint,
     program_using,
+    suspend_note,
+    taken_devices,
     udev_rules,
 )
 from armctl.hardware.boards import board_types
@@ -67,6 +71,10 @@ def test_the_udev_rules_cover_every_board_that_the_listing_knows():
         assert 'TAG+="uaccess"' in line
         assert 'ENV{ID_MM_DEVICE_IGNORE}="1"' in line  # ModemManager keeps away
         assert 'MODE="0660"' in line  # never the whole world
+    awake = [line for line in udev_rules().splitlines() if line.endswith('ATTR{power/control}="on"')]
+    assert len(awake) == len(rules)  # the devices of the same chips are never suspended
+    for line, port in zip(awake, rules, strict=True):
+        assert port.replace("ATTRS", "ATTR").startswith(line.removesuffix('ATTR{power/control}="on"'))
     assert UDEV_RULES_NAME.split("-")[0] < "73"  # before the rules that hand the tag on
     assert UDEV_RULES_NAME in udev_rules()  # its own install line
 
@@ -132,3 +140,81 @@ def test_modem_manager_matters_where_it_runs_and_no_udev_rule_covers_the_port(pr
     assert modem_manager_note(DEVICE, proc, tmp_path) is None
     record.write_text("S:arm\nE:ID_MM_CANDIDATE=1\n")
     assert modem_manager_note(DEVICE, proc, tmp_path) == MODEM_MANAGER_NOTE
+
+
+# brltty and autosuspend, found in a made-up /sys and in udev's files.
+
+
+@pytest.fixture
+def sysfs(tmp_path: Path) -> Path:
+    """A CH340 with its port ttyUSB0, an Arduino with ttyACM0, and a CP2102 without a port."""
+    folder = tmp_path / "sys"
+    for place, vendor, product, port in (
+        ("1-1", "1a86", "7523", "ttyUSB0"),
+        ("1-2", "2341", "0042", "tty/ttyACM0"),
+        ("1-3", "10c4", "ea60", ""),
+    ):
+        usb = folder / "devices/pci/usb1" / place
+        interface = usb / f"{place}:1.0"
+        for one in (interface / port, usb / "power", folder / "bus/usb/devices"):
+            one.mkdir(parents=True, exist_ok=True)
+        for name, text in (("idVendor", vendor), ("idProduct", product), ("serial", f"S-{place}")):
+            (usb / name).write_text(f"{text}\n")
+        (usb / "power/control").write_text("on\n")
+        (usb / "power/autosuspend_delay_ms").write_text("2000\n")
+        (folder / "bus/usb/devices" / place).symlink_to(usb)
+        if port:
+            tty = folder / "class/tty" / Path(port).name
+            tty.mkdir(parents=True)
+            (tty / "device").symlink_to(interface if "/" in port else interface / port)
+    (folder / "class/tty/ttyS0").mkdir()
+    return folder
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> tuple[Path, Path]:
+    """udev's two folders of rules: the user's, which is empty, and that of the packages."""
+    own, packages = tmp_path / "etc", tmp_path / "lib"
+    own.mkdir()
+    packages.mkdir()
+    (packages / "85-brltty.rules").write_text(
+        '# Device: 10C4:EA60\n# ENV{PRODUCT}=="10c4/ea60/*", ENV{BRLTTY_BRAILLE_DRIVER}="bm"\n'
+        '# Device: 1A86:7523\nENV{PRODUCT}=="1a86/7523/*", ENV{BRLTTY_BRAILLE_DRIVER}="bm", GOTO="run"\n'
+    )
+    (packages / "60-serial.rules").write_text('ENV{PRODUCT}=="2341/42/*"\n')
+    return own, packages
+
+
+def test_brltty_is_named_where_its_rules_name_the_chip(sysfs: Path, folders: tuple[Path, Path]):
+    note = braille_note("/dev/ttyUSB0", folders, sysfs)
+    assert note is not None
+    assert str(folders[1] / "85-brltty.rules") in note
+    assert "sudo apt remove brltty" in note
+    assert "sudo ln -sf /dev/null /etc/udev/rules.d/85-brltty.rules" in note
+    for device in ("/dev/ttyACM0", "/dev/ttyS0", "/dev/ttyUSB7"):
+        assert braille_note(device, folders, sysfs) is None
+    # what the note advises ends it
+    (folders[0] / "85-brltty.rules").symlink_to("/dev/null")
+    assert braille_note("/dev/ttyUSB0", folders, sysfs) is None
+
+
+def test_a_device_without_a_port_that_brltty_takes(sysfs: Path, folders: tuple[Path, Path]):
+    assert list(taken_devices(folders, sysfs)) == []  # only a comment names the CP2102
+    rules = folders[1] / "90-brltty-usb-generic.rules"
+    rules.write_text('ENV{PRODUCT}=="10c4/ea60/*", GOTO="brltty_usb_run"\n')
+    (taken,) = taken_devices(folders, sysfs)  # the CH340 has its port
+    assert (taken.place, taken.vendor, taken.product, taken.serial_number) == ("1-3", 0x10C4, 0xEA60, "S-1-3")
+    assert str(rules) in taken.why
+    assert "plug the board in again" in taken.why
+    assert list(taken_devices(folders, sysfs / "missing")) == []
+
+
+def test_a_device_that_may_be_suspended(sysfs: Path):
+    assert suspend_note("/dev/ttyUSB0", sysfs) is None
+    power = sysfs / "bus/usb/devices/1-1/power"
+    (power / "control").write_text("auto\n")
+    assert suspend_note("/dev/ttyUSB0", sysfs) == SUSPEND_NOTE
+    assert "armctl ports --udev" in SUSPEND_NOTE
+    assert suspend_note("/dev/ttyACM0", sysfs) is None
+    (power / "autosuspend_delay_ms").write_text("-1000\n")
+    assert suspend_note("/dev/ttyUSB0", sysfs) is None

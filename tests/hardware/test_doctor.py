@@ -28,7 +28,7 @@ from armctl.runtime.clock import ManualClock
 
 MICRO = MaestroModel.MICRO_6.label
 CHANNELS = [ChannelSettings(channel, 1000.0, 2000.0) for channel in range(4)]
-FREE = PortChecks(lambda _device: True, lambda _device: None, lambda _device: None)
+FREE = PortChecks(lambda _device: True, lambda _device: None, lambda _device: (), tuple)
 
 
 @pytest.fixture
@@ -276,10 +276,10 @@ def refuse(baud: int) -> LoopTransport:
 @pytest.mark.parametrize(
     ("listing", "checks", "check", "words"),
     [
-        ({}, PortChecks(lambda _: False, FREE.used_by, FREE.note), "permission", "may not open"),
+        ({}, PortChecks(lambda _: False, FREE.used_by, FREE.notes), "permission", "may not open"),
         (
             {},
-            PortChecks(FREE.may_open, lambda _: "minicom (process 8)", FREE.note),
+            PortChecks(FREE.may_open, lambda _: "minicom (process 8)", FREE.notes),
             "other programs",
             "minicom (process 8) has it open",
         ),
@@ -299,6 +299,13 @@ def test_a_port_that_is_no_use(clock: ManualClock, device: str, listing, checks,
 def test_a_port_that_is_not_there(clock: ManualClock, name: str):
     port, *_ = examine(patient(name, info=None), refuse, clock.now)
     assert (port.seen, port.verdict) == (f"{name} does not exist", Verdict.FAILED)
+
+
+def test_a_board_without_a_port_is_told_where_the_port_is_not_there(clock: ManualClock):
+    taken = listed("USB 1-3", usable=False, why_not="brltty takes it", missing=True)
+    port, other, *_ = examine(patient("/dev/ttyUSB99", info=None, missing=[taken]), refuse, clock.now)
+    assert (port.check, other.check, other.verdict) == ("port", "other programs", Verdict.FAILED)
+    assert other.seen == "USB 1-3: brltty takes it"
 
 
 def test_a_socket_that_does_not_open(clock: ManualClock):

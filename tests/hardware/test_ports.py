@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 from serial.tools.list_ports_common import ListPortInfo
 
 from armctl.errors import PortError
+from armctl.hardware.access import TakenDevice
 from armctl.hardware.ports import PortChecks, find_board, list_ports
 from armctl.hardware.transport import PortInfo, describe_port
 
@@ -27,8 +29,12 @@ def ports(
     may_open: bool = True,
     used_by: str | None = None,
     note: str | None = None,
+    taken: Sequence[TakenDevice] = (),
 ) -> list[PortInfo]:
-    checks = PortChecks(lambda _device: may_open, lambda _device: used_by, lambda _device: note)
+    notes = () if note is None else (note,)
+    checks = PortChecks(
+        lambda _device: may_open, lambda _device: used_by, lambda _device: notes, lambda: taken
+    )
     return list_ports(lambda: found, by_id, checks)
 
 
@@ -109,6 +115,22 @@ def test_modem_manager_is_mentioned_for_boards_only():
     )
     assert (board.usable, board.notes) == (True, ("ModemManager is running",))
     assert unknown.notes == ()
+
+
+def test_a_board_that_brltty_has_taken_is_listed_and_no_port_to_choose():
+    ours = TakenDevice("1-1.2", 0x1A86, 0x7523, "A7", "brltty takes it; run this")
+    others = TakenDevice("1-3", 0x0BDA, 0x0001, None, "brltty takes it")
+    (found,) = ports(taken=(ours, others))
+    assert (found.device, found.kind, found.serial_number) == (
+        "USB 1-1.2",
+        "Arduino or clone (USB-serial)",
+        "A7",
+    )
+    assert (found.usable, found.missing, found.why_not) == (False, True, ours.why)
+    with pytest.raises(PortError, match=r"plugged in cannot be used: USB 1-1\.2: brltty takes it; run this"):
+        find_board([found], "firmata")
+    other = ports(listed("/dev/ttyACM3", 0x2341, 0x0042), taken=(ours,))
+    assert find_board(other, "firmata").device == "/dev/ttyACM3"
 
 
 @pytest.fixture

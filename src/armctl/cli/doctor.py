@@ -83,7 +83,8 @@ def _examined(port: str, robot: Robot | None) -> Sequence[Finding]:
             if port == AUTOMATIC:
                 device = find_board(listing, expected).device
             kind = named.kind if named else expected
-            patient = Patient(device, describe_port(device, listing), kind, channels)
+            missing = [one for one in listing if one.missing]
+            patient = Patient(device, describe_port(device, listing), kind, channels, missing=missing)
         return examine(patient, lambda baud: SerialTransport(device, baud=baud), now)
 
 

@@ -1,9 +1,14 @@
-"""Who may open a device and which program has it open (``/proc``); opening it would reset an Arduino."""
+"""Who may open a device, which program has it open, and what of this computer may disturb a board.
+
+All of it is read from ``/proc``, ``/sys`` and udev's files: opening the device would reset an Arduino.
+"""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
@@ -37,6 +42,11 @@ def udev_rules() -> str:
 
 PROC = Path("/proc")
 UDEV_DATABASE = Path("/run/udev/data")
+UDEV_FOLDERS = tuple(
+    Path(folder) / "udev/rules.d" for folder in ("/etc", "/run", "/usr/local/lib", "/usr/lib", "/lib")
+)
+"""where rules are, the folder that counts most first"""
+SYSFS = Path("/sys")
 
 _MODEM_MANAGER = "ModemManager"
 _IGNORED = ("E:ID_MM_DEVICE_IGNORE=1", "E:ID_MM_PORT_IGNORE=1")
@@ -67,6 +77,114 @@ def modem_manager_note(device: str, proc: Path = PROC, database: Path = UDEV_DAT
             return None
     running = any(_name(process) == _MODEM_MANAGER for process in proc.glob("[0-9]*"))
     return MODEM_MANAGER_NOTE if running else None
+
+
+# brltty, the service for Braille displays, takes USB-to-serial chips that such displays are made with, too.
+
+
+@dataclass(frozen=True, slots=True)
+class TakenDevice:
+    """A USB device that has no serial port, because brltty has taken it."""
+
+    place: str
+    """as the kernel calls it, e.g. 1-1.2"""
+    vendor: int
+    product: int
+    serial_number: str | None
+    why: str
+
+
+def taken_devices(folders: Sequence[Path] = UDEV_FOLDERS, sysfs: Path = SYSFS) -> Iterator[TakenDevice]:
+    """Those that one of brltty's udev rules names, and that have no serial port."""
+    for device in sorted((sysfs / "bus/usb/devices").glob("*")):
+        numbers = _numbers(device)
+        if numbers is None or any(device.glob("*:*/tty*")):
+            continue
+        rule = braille_rule(*numbers, folders)
+        if rule is not None:
+            why = f"it has no serial port: brltty, the service for Braille displays, takes it ({rule})"
+            serial = _text(device / "serial") or None
+            yield TakenDevice(device.name, *numbers, serial, f"{why}; {_without_brltty(rule)}")
+
+
+def braille_rule(vendor: int, product: int, folders: Sequence[Path] = UDEV_FOLDERS) -> Path | None:
+    """The file of udev rules by which brltty starts for a device with these USB numbers; None: there is none.
+
+    A file hides those of its name in the folders behind it.
+    """
+    rules: dict[str, Path] = {}
+    for folder in folders:
+        for path in sorted(folder.glob("*brltty*.rules")):
+            rules.setdefault(path.name, path)
+    wanted = f'"{vendor:x}/{product:x}/'
+    for path in rules.values():
+        lines = _text(path).lower().splitlines()
+        if any(wanted in line and not line.lstrip().startswith("#") for line in lines):
+            return path
+    return None
+
+
+def braille_note(device: str, folders: Sequence[Path] = UDEV_FOLDERS, sysfs: Path = SYSFS) -> str | None:
+    """What to know where brltty may take the port of ``device`` away."""
+    usb = _usb_device(device, sysfs)
+    numbers = None if usb is None else _numbers(usb)
+    rule = None if numbers is None else braille_rule(*numbers, folders)
+    if rule is None:
+        return None
+    what = f"brltty, the service for Braille displays, may take this port away ({rule} names its chip)"
+    return f"{what}; {_without_brltty(rule)}"
+
+
+def _without_brltty(rule: Path) -> str:
+    return (
+        "if you use no Braille display, run `sudo apt remove brltty` (or, to keep it, "
+        f"`sudo ln -sf /dev/null /etc/udev/rules.d/{rule.name} && sudo udevadm control --reload`), "
+        "then plug the board in again"
+    )
+
+
+# USB devices that are idle may be suspended; some boards do not come back from it.
+
+SUSPEND_NOTE = (
+    "Linux may suspend this USB device while it is idle (TLP and powertop switch that on); if the board is "
+    "lost or restarts by itself, install the udev rules (`armctl ports --udev`), which keep it awake"
+)
+
+
+def suspend_note(device: str, sysfs: Path = SYSFS) -> str | None:
+    """What to know where the kernel may suspend the USB device behind ``device``."""
+    usb = _usb_device(device, sysfs)
+    if usb is None or _text(usb / "power/control") != "auto":
+        return None
+    never = _text(usb / "power/autosuspend_delay_ms").startswith("-")
+    return None if never else SUSPEND_NOTE
+
+
+def port_notes(device: str) -> tuple[str, ...]:
+    """All that may disturb the board behind ``device``, and what to do."""
+    notes = (modem_manager_note(device), braille_note(device), suspend_note(device))
+    return tuple(note for note in notes if note is not None)
+
+
+def _usb_device(device: str, sysfs: Path) -> Path | None:
+    """The folder of the USB device that a serial port belongs to; None: it belongs to none."""
+    port = (sysfs / "class/tty" / os.path.basename(os.path.realpath(device)) / "device").resolve()
+    return next((one for one in (port, *port.parents) if (one / "idVendor").is_file()), None)
+
+
+def _numbers(usb: Path) -> tuple[int, int] | None:
+    try:
+        return int(_text(usb / "idVendor"), 16), int(_text(usb / "idProduct"), 16)
+    except ValueError:
+        return None
+
+
+def _text(path: Path) -> str:
+    """Of a file; empty where it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""
 
 
 def _open_files(process: Path) -> set[str]:

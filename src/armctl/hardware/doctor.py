@@ -41,6 +41,7 @@ class Patient:
     channels: Sequence[ChannelSettings] = ()  # what the robot file needs, in the board's unit
     checks: PortChecks = field(default_factory=PortChecks)
     simulated: bool = False  # whether a simulated board is behind it
+    missing: Sequence[PortInfo] = ()  # boards that are plugged in without a port
 
     @property
     def listing(self) -> str | None:
@@ -84,7 +85,8 @@ def _port(patient: Patient) -> list[Finding]:
         return [ok("port", "a network address: neither permission nor other programs can be checked")]
     if not os.path.exists(port):  # a Path raises where it may not look
         advice = "plug the board in; `armctl ports` lists what is there"
-        return [failed("port", f"{port} does not exist", advice)]
+        taken = [failed("other programs", f"{one.device}: {one.why_not}") for one in patient.missing]
+        return [failed("port", f"{port} does not exist", advice), *taken]
     findings = [ok("port", _NO_USB if info is None else _listed(info))]
     if checks.may_open(port):
         findings.append(ok("permission", "this user may read and write it"))

@@ -13,7 +13,7 @@ from serial.tools.list_ports import comports
 from serial.tools.list_ports_common import ListPortInfo
 
 from armctl.errors import NoBoardError
-from armctl.hardware.access import modem_manager_note, permission_hint, program_using
+from armctl.hardware.access import TakenDevice, permission_hint, port_notes, program_using, taken_devices
 from armctl.hardware.board_type import ANY_PRODUCT, BoardType
 from armctl.hardware.boards import board_type, board_types
 from armctl.hardware.transport import UNKNOWN, PortInfo, resolved
@@ -45,7 +45,8 @@ class PortChecks:
 
     may_open: Callable[[str], bool] = may_open
     used_by: Callable[[str], str | None] = program_using
-    note: Callable[[str], str | None] = modem_manager_note
+    notes: Callable[[str], tuple[str, ...]] = port_notes
+    taken: Callable[[], Iterable[TakenDevice]] = taken_devices
 
 
 _SYSTEM = PortChecks()
@@ -74,9 +75,8 @@ def list_ports(
             why_not = f"no permission to open it; {permission_hint(device)}"
         elif why_not is None and (program := checks.used_by(device)) is not None:
             why_not = f"in use by another program: {program}; close that and try again"
-        # For boards only: to an unknown device ModemManager may well be meant to talk.
-        note = None if kind == UNKNOWN else checks.note(device)
-        notes = () if note is None else (note,)
+        # For boards only: an unknown device may well be a modem, or a Braille display.
+        notes = () if kind == UNKNOWN else checks.notes(device)
         usable = why_not is None
         ports.append(PortInfo(device, kind, description, serial_number, usable, why_not, name, notes))
 
@@ -97,6 +97,11 @@ def list_ports(
             found = _BY_ID_SERIAL.search(name)
             interface = _interface(name, _BY_ID_INTERFACE, 16)
             add(device, kind, Path(name).name, found[1] if found else None, name, interface)
+    for one in checks.taken():
+        kind = listing_of(one.vendor, one.product)
+        if kind != UNKNOWN:
+            device = f"USB {one.place}"
+            ports.append(PortInfo(device, kind, kind, one.serial_number, False, one.why, missing=True))
     return sorted(ports, key=lambda port: (_rank(port.kind), not port.usable, port.device))
 
 

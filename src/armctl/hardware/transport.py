@@ -244,6 +244,7 @@ class PortInfo:
     why_not: str | None  # what speaks against it, and what to do; None when usable
     stable_name: str | None = None  # a name below ``/dev/serial/by-id`` that survives replugging
     notes: tuple[str, ...] = ()  # what to know about a port that can be used
+    missing: bool = False  # the board is plugged in, and has no port that could be opened
 
 
 def describe_port(name: str, ports: Sequence[PortInfo]) -> PortInfo | None:
