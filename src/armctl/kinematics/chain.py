@@ -241,7 +241,7 @@ class Chain(ByContent):
         """The same, whatever its links turn by."""
         if not self.turn_limits:
             return self
-        segments, tail, places, rows, convention, coupling, _ = self._says
+        segments, tail, places, rows, convention, coupling, _ = self.made_of()
         return Chain(segments, tail, places=places, rows=rows, convention=convention, coupling=coupling)
 
     def with_last_held(self, angle: float) -> Chain:

@@ -16,10 +16,11 @@ from dataclasses import replace
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 from armctl.arrays import content
@@ -153,7 +154,8 @@ def _sweep(newest: Path) -> None:
 
 def _plain(value: object) -> object:
     if isinstance(value, np.ndarray):
-        array = np.ascontiguousarray(value).astype(_DTYPES[value.dtype.kind in "iu"])
+        given = cast("NDArray[Any]", value)
+        array = np.ascontiguousarray(given).astype(_DTYPES[given.dtype.kind in "iu"])
         return array.dtype.str, array.shape, array.tobytes()
     raise TypeError(f"{value!r} is not kept")
 
