@@ -75,6 +75,16 @@ def test_ik_takes_pitch_and_roll(capsys: pytest.CaptureFixture[str]) -> None:
     assert record["best_deg"][4] == pytest.approx(-20)
 
 
+@pytest.mark.parametrize(("name", "alone"), [("uzuner", False), ("al5d", True)])
+def test_ik_says_where_the_payload_alone_counts(
+    capsys: pytest.CaptureFixture[str], name: str, alone: bool
+) -> None:
+    _, _, err = call(capsys, "ik", name, "200", "0", "100", "--choose", "least-torque")
+    assert ("the payload of 0.3 kg alone counts" in err) is alone
+    _, _, err = call(capsys, "ik", name, "200", "0", "100")
+    assert err == ""
+
+
 @pytest.mark.parametrize(
     ("point", "says"),
     [

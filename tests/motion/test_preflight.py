@@ -360,6 +360,8 @@ def test_an_overloaded_arm_may_be_brought_in() -> None:
 
 def test_what_is_not_known_is_said_and_not_invented() -> None:
     assert not_checked(ROBOT) == ()
+    (first, *_) = not_checked(load_robot("al5d"))
+    assert "al5d gives no masses; loads and least-torque count the payload of 0.3 kg alone" in first
     assert "no stall torque of any joint" in not_checked(MICO)[0]
     assert of_kind("torque", MICO, (0, -100, 30, 0), (0, 0, 0, 0), payload_kg=50.0) == []
     bare = replace(ROBOT, gravity=replace(ROBOT.gravity, bodies=()))

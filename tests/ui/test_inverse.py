@@ -226,6 +226,11 @@ def test_loads_are_shown_in_percent_of_the_stall_torques_or_in_newton_metres(nam
     assert found.unit == unit
     assert found.energy[found.order[0]] == pytest.approx(load)
     assert list_row(found, 1)[-1] == f"{load:.3f}"
+    assert ("The file gives no masses of links: the payload of" in result_html(robot, found)) is (
+        name == "ar4"
+    )
+    by_rotation = solve(robot, found.solutions.target, "least-rotation", home)
+    assert "no masses" not in result_html(robot, by_rotation)
 
 
 def test_torques_are_not_compared_where_no_mass_is_known() -> None:

@@ -52,6 +52,13 @@ class GravityModel:
         """Whether any mass is known; else every torque is zero, and says nothing."""
         return any(body.mass_kg for body in self.bodies) or self.payload_kg > 0.0
 
+    @property
+    def leaves_out(self) -> str:
+        """Text for what torques and loads are told without; empty: every link has its mass."""
+        if self.bodies or not self.payload_kg:
+            return ""
+        return f"the file gives no masses of links: the payload of {self.payload_kg:g} kg alone counts"
+
     def torque(self, q: FloatArray) -> FloatArray:
         """Torque (..., n) [N·m] that each joint must hold against gravity at ``q`` (..., n) [rad].
 

@@ -538,7 +538,9 @@ def not_checked(robot: Robot) -> tuple[str, ...]:
     """What the pre-flight cannot judge: the file gives no figures for it, or parts touch all the time."""
     touching = robot.collision.notes
     if not robot.gravity.bodies:
-        return (f"gravity torque: the file of {robot.name} gives no masses", *touching)
+        why = f"the file of {robot.name} gives no masses"
+        alone = f"; loads and least-torque count the payload of {robot.gravity.payload_kg:g} kg alone"
+        return (f"gravity torque: {why}{alone if robot.gravity.weighs else ''}", *touching)
     unknown = [joint.title for joint in robot.joints if joint.stall_torque is None]
     if not unknown:
         return touching

@@ -277,6 +277,8 @@ def result_html(robot: Robot, found: Answer) -> str:
     if np.abs(row_1 - best).max() >= _SAME_RAD:
         least = found.energy_text(row_1)
         text += muted(f"The exact least: it lies between two rows of the list (row 1: {least}).")
+    if found.criterion == "least-torque" and (left_out := solutions.arm.energy.gravity.leaves_out):
+        text += muted(f"{_capital(left_out)}.")
     text += way_html(found.way_refused)
     if found.instead is not None:
         text += muted(f"The arm may go to row {found.instead} instead: select it under List.")
