@@ -297,3 +297,37 @@ def test_a_refused_line_of_an_arm_without_a_pitch_is_refused_in_words() -> None:
     tool = arm.forward(start)[:3, 3]
     with pytest.raises((MotionRefusedError, UnreachableError)):
         plan_line(arm, start, 3 * tool, orientation="kept")
+
+
+def test_a_refusal_names_another_solution_that_the_arm_may_go_to() -> None:
+    rng, named = np.random.default_rng(3), 0
+    for robot in map(load_robot, ("ur5", "so101")):
+        start, targets = robot.pose("home"), 0
+        while targets < 20:
+            q = rng.uniform(*np.clip(robot.limits, -np.pi, np.pi).T)
+            try:
+                plan_joints(robot, start, q)
+            except MotionRefusedError:
+                continue
+            targets += 1  # it can be reached, and gone to
+            T = robot.forward(q)
+            target = Target.of(T) if robot.orients_tool else Target.of(T[:3, 3])
+            try:
+                plan_target(robot, start, target)
+            except MotionRefusedError as refusal:
+                instead = np.array(refusal.instead)
+                angle = f"({np.degrees(instead[0]):.2f}, "
+                assert f"another solution can be gone to: {angle}" in str(refusal)
+                np.testing.assert_allclose(robot.forward(instead)[:3, 3], T[:3, 3], atol=1e-7)
+                assert not plan_joints(robot, start, instead).duration == 0
+                named += 1
+    assert named >= 3
+
+
+def test_where_every_solution_is_refused_none_is_named() -> None:
+    robot = load_robot("ur5")
+    T = robot.forward(np.array([0.3, -1.2, 1.2, -1.0, -1.0, 0.3]))
+    with pytest.raises(MotionRefusedError, match="shortest possible duration") as refused:
+        plan_target(robot, robot.pose("home"), Target.of(T), duration_s=0.001)
+    assert refused.value.instead == ()
+    assert "another solution" not in str(refused.value)

@@ -7,7 +7,7 @@ shortest that the limits allow; ``checked`` runs the pre-flight, without it the 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Literal
 
@@ -79,10 +79,67 @@ def plan_target(
     """Plan a motion of the tool to a target and check it; ``choose`` as in ``Arm.go``.
 
     Raises as ``plan_joints``, and ``UnreachableError`` where there is no solution, with the reason and the
-    nearest point.
+    nearest point. Where the arm may go to another solution instead, a ``MotionRefusedError`` names it.
     """
     end = solve(robot, start, target, choose)
-    return plan_joints(robot, start, end, duration_s, profile, checked=checked)
+
+    def planned(q: FloatArray) -> Trajectory:
+        return plan_joints(robot, start, q, duration_s, profile, checked=checked)
+
+    def is_refused(q: FloatArray) -> bool:
+        try:
+            planned(q)
+        except MotionRefusedError:
+            return True
+        return False
+
+    try:
+        return planned(end)
+    except MotionRefusedError as refusal:
+        rows = _admitted(robot, start, target, choose)
+        possible = first_possible(rows, is_refused, known=(end,))
+        if possible is not None:
+            angles = ", ".join(f"{angle:z.2f}" for angle in np.degrees(rows[possible]).tolist())
+            refusal.instead = rows[possible].tolist()
+            refusal.args = (f"{refusal}; another solution can be gone to: ({angles})°",)
+        raise
+
+
+def _admitted(robot: Robot, start: ArrayLike, target: Target, choose: Choice) -> FloatArray:
+    """All configurations (k, n) [rad] that a criterion admits for a target, the best first."""
+    begin = robot.chain.checked_one(start)
+    solutions = robot.inverse_kinematics.solve(target, DEFAULT_STEP, begin)
+    energy = solutions.energies(choose, begin)
+    order, q = np.argsort(energy, kind="stable"), solutions.q
+    if isinstance(choose, str):
+        name = checked_criterion(choose)
+        order, q = solutions.order(name, begin), solutions.taken(q, name, begin)
+    meets = np.isfinite(energy) & (solutions.residual_rad <= _TURNED)
+    return q[order[meets[order]]]
+
+
+_ANOTHER_RAD, _MOST_TRIED, _MOST_LOOKED_AT = 0.2, 24, 2000
+"""configurations that differ by less are not tried one by one, and no more than so many of so many"""
+_TURNED = 1e-6
+"""rotations that differ by less are the same [rad]"""
+
+
+def first_possible(
+    q: FloatArray, is_refused: Callable[[FloatArray], bool], known: Sequence[FloatArray] = ()
+) -> int | None:
+    """Index of the first of configurations ``q`` (k, n) [rad] to which the arm may go; None: none was found.
+
+    Only some are tried, which differ from each other and from the ``known`` ones, which are refused.
+    """
+    tried, most = list(known), len(known) + _MOST_TRIED
+    for row in range(0, len(q), 1 + len(q) // _MOST_LOOKED_AT):
+        if all(np.abs(q[row] - other).max() > _ANOTHER_RAD for other in tried):
+            if not is_refused(q[row]):
+                return row
+            tried.append(q[row])
+            if len(tried) == most:
+                break
+    return None
 
 
 def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: Choice) -> FloatArray:

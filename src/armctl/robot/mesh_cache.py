@@ -35,8 +35,6 @@ T = TypeVar("T")
 MOST_BYTES, MOST_OF_ONE = 256 << 20, 32 << 20
 """of all entries together, beyond which the oldest ones go, and of one"""
 _MARK = b"armctl meshes\n"
-_MADE_BY = ("mesh_cache", "meshes", "mesh_text", "solids", "surfaces", "fitting", "hulls", "body")
-"""the modules of this folder that decide what an entry holds"""
 _LIBRARIES = ("numpy", "scipy", "trimesh", "pycollada", "python-fcl")
 _DTYPES = ("<f8", "<i8")
 _LOG = logging.getLogger("armctl.robot")
@@ -88,8 +86,8 @@ def _of_file(file: str) -> tuple[str, bytes]:
 def _code() -> bytes:
     """What tells this version of the code from another one."""
     sums = hashlib.sha256()
-    for module in _MADE_BY:
-        sums.update(Path(__file__).with_name(f"{module}.py").read_bytes())
+    for module in sorted(Path(__file__).parent.glob("*.py")):
+        sums.update(module.read_bytes())
     for library in _LIBRARIES:
         with suppress(PackageNotFoundError):
             sums.update(f"{library} {version(library)};".encode())

@@ -14,6 +14,7 @@ from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target
 from armctl.kinematics.energy import EnergyModel, energies
 from armctl.motion import FLOOR_TOLERANCE_M, Profile, plan_joints
 from armctl.motion.figure import color_of
+from armctl.motion.plan import first_possible
 from armctl.robot import Robot
 from armctl.ui.widgets.html import fixed, muted, numbers, refused, strong, table, warned
 from armctl.ui.widgets.plots import Line, Picture, thinned
@@ -39,8 +40,6 @@ _SWEPT_MEND = (
     "This leaves joints free, so there are infinitely many solutions. To see the branches, "
     "ask for more of the tool's orientation above, then press Solve."
 )
-_ANOTHER_RAD, _MOST_TRIED, _MOST_LOOKED_AT = 0.2, 24, 2000
-"""rows that differ by less are not judged one by one, and no more than so many of so many"""
 _MOST_POINTS = 1000
 """of an energy curve"""
 
@@ -201,15 +200,11 @@ def answer(
 def _first_possible(found: Answer, few: Sequence[Representative]) -> int | None:
     """The first row to which the arm may go, of some that differ from each other and of the ``few``."""
     possible = min((one.row for one in few if not one.refused), default=len(found.order) + 1)
-    tried: list[FloatArray] = []
-    for row in range(1, possible, 1 + possible // _MOST_LOOKED_AT):
-        q = found.q(row)
-        if all(np.abs(q - other).max() > _ANOTHER_RAD for other in tried):
-            if not found.ways.refused(q):
-                return row
-            tried.append(q)
-            if len(tried) == _MOST_TRIED:
-                break
+    before = found.solutions.q[found.order[: possible - 1]]
+    taken = found.solutions.taken(before, found.criterion, found.start)
+    row = first_possible(taken, lambda q: bool(found.ways.refused(q)))
+    if row is not None:
+        return row + 1
     return possible if possible <= len(found.order) else None
 
 
