@@ -260,3 +260,21 @@ def test_a_cover_on_the_last_link_is_not_the_tool(tmp_path: Path) -> None:
 
 def test_a_customary_name_in_the_middle_of_an_arm_is_asked_for(tmp_path: Path) -> None:
     assert asked_of(tmp_path, *ARM, Step("t", "fixed", "l2", "tool0")) == ["hand", "tool0"]
+
+
+@pytest.mark.parametrize("kind", ["revolute", "fixed"])
+def test_a_very_deep_file_is_an_answer_too(tmp_path: Path, kind: str) -> None:
+    deep = [Step(f"d{k}", kind, f"p{k}", f"p{k + 1}", "0 0 0.01") for k in range(3000)]
+    arm = [Step("turn", "revolute", "base", "p0"), *deep]
+    if kind == "fixed":
+        assert arm_of(tmp_path, *arm).n == 1
+    else:
+        with pytest.raises(RobotFileError, match="an arm has 64 at most"):
+            arm_of(tmp_path, *arm)
+
+
+def test_a_file_of_a_gripper_is_no_arm(tmp_path: Path) -> None:
+    knuckle = Step("finger_joint", "revolute", "base", "left_knuckle")
+    with pytest.raises(RobotFileError, match="no joint turns between base and base; finger_joint"):
+        arm_of(tmp_path, knuckle)
+    assert arm_of(tmp_path, knuckle, behind="#left_knuckle").n == 1

@@ -143,7 +143,8 @@ def _robot(
     moving = [joint for joint in way if is_free(joint)]
     if not moving:
         others = [joint.name for joint in tree.below(tree.root) if is_free(joint)]
-        taken = f"; {', '.join(others[:_MOST_TOLD])}, …: an arm with them is named as {tree.path.name}#LINK"
+        names = ", ".join(others[:_MOST_TOLD]) + ", …" * (len(others) > _MOST_TOLD)
+        taken = f"; {names} look like a gripper or wheels; an arm with them is named: {tree.path.name}#LINK"
         raise RobotFileError(f"no joint turns between {tree.root} and {tool.link}{taken if others else ''}")
     if len(moving) > MOST_JOINTS:
         raise RobotFileError(

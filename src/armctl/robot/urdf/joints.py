@@ -89,17 +89,18 @@ class _Joints:
 
     def ends(self, link: str, ahead: Sequence[UrdfJoint]) -> ArmEnds:
         """Where the arm may end beyond a link; ``ahead``: the joints of the arm up to there."""
-        exits = self._tree.exits(link)
-        live = sorted((joint for joint in exits if self.count(joint)), key=self.count, reverse=True)
-        if not live:
-            return self._without_a_joint(link, exits, ahead)
-        most = self.count(live[0])
-        second = self.count(live[1]) if len(live) > 1 else 0
-        if most == 1 and is_free(live[0]):
-            return self._at_the_last(link, exits, live, ahead)
-        if most == 1 or most >= second + 2 or (second <= 1 and not (most == 2 and len(live) > 2)):
-            return self._beyond(live[0], ahead)
-        return self._of_branches(link, live, ahead)
+        while True:  # a file may be deeper than Python's stack
+            exits = self._tree.exits(link)
+            live = sorted((joint for joint in exits if self.count(joint)), key=self.count, reverse=True)
+            if not live:
+                return self._without_a_joint(link, exits, ahead)
+            most = self.count(live[0])
+            second = self.count(live[1]) if len(live) > 1 else 0
+            if most == 1 and is_free(live[0]):
+                return self._at_the_last(link, exits, live, ahead)
+            if most > 1 and most < second + 2 and (second > 1 or (most == 2 and len(live) > 2)):
+                return self._of_branches(link, live, ahead)
+            link, ahead = live[0].child, (*ahead, live[0])
 
     def _beyond(self, joint: UrdfJoint, ahead: Sequence[UrdfJoint]) -> ArmEnds:
         return self.ends(joint.child, (*ahead, joint))

@@ -19,6 +19,8 @@ from armctl.robot.urdf.names import (
 from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, is_free
 
 _TURNING = ("revolute", "continuous")
+_MOST_NAMED = 40
+"""links in one refusal"""
 _SAME = 1e-9
 """how far apart two axes may be that are one: sine, and metres"""
 
@@ -82,9 +84,11 @@ def about_beside(tree: UrdfTree, way: Sequence[UrdfJoint]) -> Iterator[str]:
         some = [joint.name + (f" (follows {joint.mimics})" if joint.mimics else "") for joint in beside]
         file = tree.path.name
         yield f"beside the arm and left out: {', '.join(some)} (an arm with one of them: {file}#LINK)"
+    carriers = tree.carriers()
     for joint in beside:
         for other in way:
-            if joint.kind in _TURNING and is_free(other) and _on_one_axis(tree, joint, other):
+            together = is_free(other) and carriers[joint.parent] == carriers[other.parent]
+            if joint.kind in _TURNING and together and _on_one_axis(tree, joint, other):
                 yield (
                     f"{joint.name} turns about the axis of {other.name}; if both are servos that drive one "
                     "joint, connect both to its output: armctl has one output for each joint"
@@ -105,9 +109,7 @@ def _beside(tree: UrdfTree, way: Sequence[UrdfJoint]) -> list[UrdfJoint]:
 
 
 def _on_one_axis(tree: UrdfTree, one: UrdfJoint, other: UrdfJoint) -> bool:
-    """Whether two joints on one body share an axis."""
-    if one.parent not in tree.body(other.parent) and other.parent not in tree.body(one.parent):
-        return False
+    """Whether two joints share an axis, all others at zero."""
     T, U = tree.pose(one.child), tree.pose(other.child)
     axis = T[:3, :3] @ one.axis
     apart = np.cross(axis, np.array([U[:3, :3] @ other.axis, U[:3, 3] - T[:3, 3]]))
@@ -120,27 +122,24 @@ def _customary(tree: UrdfTree, arm: ArmEnds) -> str | None:
     The name counts ahead of the last joint, too, which is the gripper's own then. Where more of the arm lies
     beyond it, or it stands beside the arm, the name may mislead.
     """
-    named = customary_tools(tree.links)
-    bodies = {link for end in arm.links for link in tree.body(end)}
-    most = max(_count(tree, end) for end in arm.links)
+    named, carriers = customary_tools(tree.links), tree.carriers()
+    count = {tree.root: 0}
+    for joint in tree.below(tree.root):
+        count[joint.child] = count[joint.parent] + is_free(joint)
+    most = max(count[end] for end in arm.links)
     ahead = {joint.child for end in arm.links for joint in tree.route(end) if joint.kind != "fixed"}
 
     def reached(link: str) -> bool:
-        moved = [joint.child for joint in tree.route(link) if joint.kind != "fixed"]
-        fewest = max(most - 1, 1) if moved and moved[-1] in ahead else most
-        return link in bodies or _count(tree, link) >= fewest > 0
+        fewest = max(most - 1, 1) if carriers[link] in ahead else most
+        return carriers[link] in arm.links or count[link] >= fewest > 0
 
     if last := [link for link in named if reached(link)]:
         return _only(tree, last)
-    if elsewhere := [link for link in named if _count(tree, link)]:
+    if elsewhere := [link for link in named if count[link]]:
         tools = [link for end in arm.links for link in _tools(tree, end)[0][:1]]
         why = f"{', '.join(elsewhere)} has the name of a tool, but the arm goes another way or on from there"
         raise _unclear(tree, [*tools, *elsewhere], why)
     return None
-
-
-def _count(tree: UrdfTree, link: str) -> int:
-    return sum(map(is_free, tree.route(link)))
 
 
 def _tools(tree: UrdfTree, end: str) -> tuple[list[str], str]:
@@ -166,7 +165,12 @@ def _only_collides(tree: UrdfTree, name: str) -> bool:
 
 def _last(tree: UrdfTree, links: Sequence[str]) -> list[str]:
     """Those of several links with none of them behind it."""
-    return [link for link in links if not set(tree.body(link)[1:]) & set(links)]
+    passed: set[str] = set()
+    for link in links:
+        while (joint := tree.into(link)) is not None and joint.kind == "fixed" and joint.parent not in passed:
+            link = joint.parent
+            passed.add(link)
+    return [link for link in links if link not in passed]
 
 
 def _carry_fingers(tree: UrdfTree, end: str) -> list[str]:
@@ -183,7 +187,8 @@ def _only(tree: UrdfTree, links: Sequence[str]) -> str:
 
 def _unclear(tree: UrdfTree, links: Sequence[str], why: str = "") -> UnclearArmError:
     links = list(dict.fromkeys(links))
-    which = f"several links could be the tool: {', '.join(links)}" if len(links) > 1 else "the arm is unclear"
+    some = ", ".join(links[:_MOST_NAMED]) + ", …" * (len(links) > _MOST_NAMED)
+    which = f"several links could be the tool: {some}" if len(links) > 1 else "the arm is unclear"
     error = UnclearArmError(f"{which}{f' ({why})' if why else ''}; name one: {tree.path.name}#{links[0]}")
     error.links = links
     return error

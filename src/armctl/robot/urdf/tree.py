@@ -184,11 +184,14 @@ class UrdfTree:
         """The joints that a link carries."""
         return self._children[link]
 
+    def into(self, link: str) -> UrdfJoint | None:
+        """The joint that carries a link; None for the root."""
+        return self._into.get(link)
+
     def below(self, link: str) -> Iterator[UrdfJoint]:
         """Every joint further from the root than a link, parents first."""
         waiting = list(self._children[link])
-        while waiting:
-            joint = waiting.pop(0)
+        for joint in waiting:
             yield joint
             waiting += self._children[joint.child]
 
@@ -199,24 +202,34 @@ class UrdfTree:
             body += [joint.child for joint in self._children[one] if joint.kind == "fixed"]
         return body
 
+    def carriers(self) -> dict[str, str]:
+        """Of each link, the first one of the ``body`` that it is part of."""
+        carriers = {self.root: self.root}
+        for joint in self.below(self.root):
+            carriers[joint.child] = carriers[joint.parent] if joint.kind == "fixed" else joint.child
+        return carriers
+
     def exits(self, link: str) -> list[UrdfJoint]:
         """The joints that a link and its ``body`` carry and that move."""
         return [one for part in self.body(link) for one in self._children[part] if one.kind != "fixed"]
 
     def pose(self, link: str) -> FloatArray:
         """(4, 4) of a link in the root frame, all joints at zero."""
-        if link not in self._poses:
-            joint = self._into[link]
-            self._poses[link] = self.pose(joint.parent) @ joint.origin
-        return self._poses[link]
+        route: list[UrdfJoint] = []
+        while link not in self._poses:
+            route.append(self._into[link])
+            link = route[-1].parent
+        for joint in reversed(route):
+            self._poses[joint.child] = self._poses[joint.parent] @ joint.origin
+        return self._poses[route[0].child if route else link]
 
     def route(self, link: str) -> list[UrdfJoint]:
         """The joints from the root link to a link, fixed ones too, as they are written."""
         route: list[UrdfJoint] = []
         while link != self.root:
-            route.insert(0, self._into[link])
-            link = route[0].parent
-        return route
+            route.append(self._into[link])
+            link = route[-1].parent
+        return route[::-1]
 
 
 def read_urdf_file(source: UrdfSource, arguments: Mapping[str, str] | None = None) -> UrdfTree:
