@@ -237,6 +237,15 @@ def test_a_second_servo_on_one_axis_is_told(tmp_path: Path) -> None:
     assert any("lift_2 turns about the axis of lift" in text for text in robot.assumed)
 
 
+def test_rods_that_turn_by_themselves_raise_a_doubt(tmp_path: Path) -> None:
+    rod = Step("Revolute 9", "revolute", "l1", "part_9", "-0.03 0 0.06", axis="0 1 0")
+    robot = arm_of(tmp_path, *ARM, rod, Step("Revolute 3", "revolute", "l2", "part_3", axis="0 -1 0"))
+    assert robot.joint_names == NAMES
+    assert any(
+        text.startswith("Revolute 9, Revolute 3: parallel to joints of the arm") for text in robot.assumed
+    )
+
+
 def test_links_of_collision_shapes_only_are_no_tools(tmp_path: Path) -> None:
     path = written(
         tmp_path / "arm.urdf", (*ARM, Step("f", "fixed", "hand", "flange"), Step("s", "fixed", "hand", "sc"))

@@ -258,10 +258,10 @@ class _Joints:
 
     def _alike(self, one: UrdfJoint, other: UrdfJoint) -> bool:
         """Whether two joints beside each other turn alike, as fingers and wheels do."""
-        ranges = [sorted(abs(end) for end in joint.limits or ()) for joint in (one, other)]
+        ranges = [sorted(round(abs(end), 3) for end in joint.limits or ()) for joint in (one, other)]
         along = abs(float(self._axis(one) @ self._axis(other)))
         same_mass = math.isclose(self._mass(one), self._mass(other), rel_tol=0.1)
-        return one.kind == other.kind and np.allclose(*ranges) and along > _PARALLEL and same_mass
+        return one.kind == other.kind and ranges[0] == ranges[1] and along > _PARALLEL and same_mass
 
     def _slightness(self, joint: UrdfJoint) -> tuple[float, ...]:
         """How little a last joint looks like one of the arm: for the order of what is offered."""

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from armctl.arrays import FloatArray
 from armctl.errors import UnclearArmError
 from armctl.robot.urdf.joints import ArmEnds, arm_ends
 from armctl.robot.urdf.names import (
     customary_tools,
+    is_beside,
     is_hand,
     is_sensor,
     is_tool_frame,
@@ -21,6 +23,8 @@ from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, is_free
 _TURNING = ("revolute", "continuous")
 _MOST_NAMED = 40
 """links in one refusal"""
+_PARALLEL = 0.996
+"""cosine from which on two axes count as parallel"""
 _SAME = 1e-9
 """how far apart two axes may be that are one: sine, and metres"""
 
@@ -84,6 +88,20 @@ def about_beside(tree: UrdfTree, way: Sequence[UrdfJoint]) -> Iterator[str]:
         some = [joint.name + (f" (follows {joint.mimics})" if joint.mimics else "") for joint in beside]
         file = tree.path.name
         yield f"beside the arm and left out: {', '.join(some)} (an arm with one of them: {file}#LINK)"
+    axes = [_axis(tree, joint) for joint in way if is_free(joint)]
+    rods = [
+        joint.name
+        for joint in beside
+        if is_free(joint)
+        and joint.kind == "revolute"
+        and not is_beside(joint.name, joint.child)
+        and sum(abs(float(_axis(tree, joint) @ axis)) > _PARALLEL for axis in axes) > 1
+    ]
+    if rods:
+        yield (
+            f"{', '.join(rods)}: parallel to joints of the arm; where rods close a loop with them, some joints of "
+            "the arm follow others, which a URDF file says with <mimic>"
+        )
     carriers = tree.carriers()
     for joint in beside:
         for other in way:
@@ -110,10 +128,14 @@ def _beside(tree: UrdfTree, way: Sequence[UrdfJoint]) -> list[UrdfJoint]:
 
 def _on_one_axis(tree: UrdfTree, one: UrdfJoint, other: UrdfJoint) -> bool:
     """Whether two joints share an axis, all others at zero."""
-    T, U = tree.pose(one.child), tree.pose(other.child)
-    axis = T[:3, :3] @ one.axis
-    apart = np.cross(axis, np.array([U[:3, :3] @ other.axis, U[:3, 3] - T[:3, 3]]))
+    step = tree.pose(other.child)[:3, 3] - tree.pose(one.child)[:3, 3]
+    apart = np.cross(_axis(tree, one), np.array([_axis(tree, other), step]))
     return bool(np.abs(apart).max() < _SAME)
+
+
+def _axis(tree: UrdfTree, joint: UrdfJoint) -> FloatArray:
+    """(3,) unit vector in the root frame, all joints at zero."""
+    return tree.pose(joint.child)[:3, :3] @ joint.axis
 
 
 def _customary(tree: UrdfTree, arm: ArmEnds) -> str | None:
@@ -188,7 +210,9 @@ def _only(tree: UrdfTree, links: Sequence[str]) -> str:
 def _unclear(tree: UrdfTree, links: Sequence[str], why: str = "") -> UnclearArmError:
     links = list(dict.fromkeys(links))
     some = ", ".join(links[:_MOST_NAMED]) + ", …" * (len(links) > _MOST_NAMED)
-    which = f"several links could be the tool: {some}" if len(links) > 1 else "the arm is unclear"
-    error = UnclearArmError(f"{which}{f' ({why})' if why else ''}; name one: {tree.path.name}#{links[0]}")
+    one = len(links) == 1
+    which = f"the arm may end at {some}" if one else f"several links could be the tool: {some}"
+    name = f"name {'it' if one else 'one'}: {tree.path.name}#{links[0]}"
+    error = UnclearArmError(f"{which}{f' ({why})' if why else ''}; {name}")
     error.links = links
     return error
