@@ -35,6 +35,8 @@ _ONE_SIDED = 0.25
 """share of the range on the smaller side of zero, below which a joint turns to one side only"""
 _NARROW = 0.7
 """share of the usual range of the joints ahead, below which one is narrow"""
+_WIDEST_JAW = math.radians(120)
+"""range up to which a jaw may open"""
 _PARALLEL = math.cos(math.radians(5))
 _ACROSS = math.sin(math.radians(15))
 """cosine of the angle between two axes, above and below which they count as parallel and at right angles"""
@@ -178,7 +180,7 @@ class _Joints:
         return found
 
     def _keeps_level(self, rods: Sequence[UrdfJoint], ahead: Sequence[UrdfJoint]) -> bool:
-        """Whether joints that follow undo all that the parallel joints ahead of them turn."""
+        """Whether joints that follow undo all that two parallel joints behind a yaw joint turn."""
         axis = self._axis(rods[0])
         net = {joint.name: 0.0 for joint in ahead if is_free(joint)}
         for joint in (*ahead, *rods):
@@ -186,7 +188,7 @@ class _Joints:
             if leader in net:
                 net[leader] += float(self._axis(joint) @ axis) * joint.multiplier
         turned = [name for name in net if self._is_parallel(name, ahead, axis)]
-        return bool(turned) and all(abs(net[name]) < _NEAR for name in turned)
+        return len(turned) == 2 and len(net) == 3 and all(abs(net[name]) < _NEAR for name in turned)
 
     def _is_parallel(self, name: str, joints: Sequence[UrdfJoint], axis: FloatArray) -> bool:
         return any(one.name == name and abs(float(self._axis(one) @ axis)) > _PARALLEL for one in joints)
@@ -301,7 +303,7 @@ def _range_signs(joint: UrdfJoint, others: Sequence[UrdfJoint]) -> int:
         return int(not any(one.kind == "continuous" for one in others))
     lower, upper = joint.limits or (0.0, 0.0)
     widths = sorted(one.limits[1] - one.limits[0] for one in others if one.kind == "revolute" and one.limits)
-    narrow = bool(widths) and upper - lower < _NARROW * widths[len(widths) // 2]
+    narrow = bool(widths) and upper - lower < min(_NARROW * widths[len(widths) // 2], _WIDEST_JAW)
     if _is_one_sided(joint):
         return narrow + 2 * (2 * sum(map(_is_one_sided, others)) <= len(others))
     return -2 if lower <= -math.pi / 2 and upper >= math.pi / 2 else int(narrow)
