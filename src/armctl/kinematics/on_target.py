@@ -21,10 +21,9 @@ from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import CUBIC_PEAKS, EnergyModel, rest_to_rest_times
 from armctl.kinematics.target import Target
 
-_BEGUN = 8
-"""how many of the best are continued"""
-_APART = 0.2
-"""those nearer to each other lead to the same [rad]"""
+_BEGUN = (4, 0.2), (12, 1.0)
+"""how many of the best are continued, and how far they are from each other [rad]: a few of the very best, and
+then some of other kinds"""
 _ROUNDS, _PRECISION = 60, 1e-11
 """of a search, and what its last round still gained"""
 _POLISH = 6
@@ -164,9 +163,13 @@ class OnTarget:
         """The best of some configurations (k, n), not near to each other; and the start itself."""
         seeds: list[FloatArray] = []
         order = np.argsort(cost, kind="stable")
-        while len(order) and len(seeds) < _BEGUN:
-            seeds.append(q[order[0]])
-            order = order[np.abs(q[order] - seeds[-1]).max(axis=1) > _APART]
+        for count, apart in _BEGUN:
+            rest = order
+            for one in seeds:
+                rest = rest[np.abs(q[rest] - one).max(axis=1) > apart]
+            while len(rest) and len(seeds) < count:
+                seeds.append(q[rest[0]])
+                rest = rest[np.abs(q[rest] - seeds[-1]).max(axis=1) > apart]
         return [*seeds, np.clip(start, *self.limits.T)]
 
     def _polished(self, q: FloatArray, start: FloatArray | None) -> FloatArray | None:
