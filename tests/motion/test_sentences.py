@@ -40,9 +40,10 @@ EACH = int(os.environ.get("ARMCTL_SENTENCES", "1000")) if LONG else 5
 NUMBER = r"-?\d+(?:\.\d+)?"
 NEEDS = re.compile(rf"(.+?) needs ({NUMBER})°(?: or ({NUMBER})°)?, its limits are ({NUMBER})° … ({NUMBER})°")
 NEAREST = re.compile(
-    rf"; the nearest reachable point( with that pitch)? is "
-    rf"\(({NUMBER}), ({NUMBER}), ({NUMBER})\) mm, (\S+) mm away$"
+    rf"; (?:inside the joint limits )?the nearest reachable point( with that pitch)? is "
+    rf"\(({NUMBER}), ({NUMBER}), ({NUMBER})\) mm, (\S+) mm away(?:, where (.*))?$"
 )
+HOLDS = re.compile(rf"(.+) is at its limit of ({NUMBER})°")
 
 
 def joint_of(robot: Robot, title: str) -> int:
@@ -124,12 +125,28 @@ def check_target(asked: Asked) -> None:
         if robot.inverse_kinematics.complete:
             if not held:
                 assert asked.away(robot.limits, pitched=False) >= away - shown, text
+                check_holding(asked, found[6] or "", away, text)
         text = text[: found.start()]
     if text.endswith("; the point itself can be reached"):
         assert asked.away(robot.limits, pitched=False, until=1e-6) < 1e-6, text
         text = text.removesuffix("; the point itself can be reached")
     for reason in text.split("; besides, "):
         check_reason(asked, reason)
+
+
+def check_holding(asked: Asked, said: str, away: float, text: str) -> None:
+    """Without the limits that are said to hold the tool off it comes nearer; without such, links do."""
+    robot, wide = asked.robot, asked.robot.limits.copy()
+    for holds in said.split(" and ") if said else ():
+        way = HOLDS.fullmatch(holds)
+        assert way is not None, text
+        k = joint_of(robot, way[1])
+        assert any(degrees_near(float(way[2]), bound) for bound in robot.limits[k]), text
+        wide[k] += [-0.1, 0.1]
+    if said:
+        assert asked.away(wide, pitched=False) < away - 1e-6, text
+    elif found := re.match(rf"too far by ({NUMBER}) mm: the target would be", text):
+        assert abs(1000 * away - float(found[1])) <= 0.11, text  # one figure for one thing
 
 
 def wide_open(robot: Robot) -> FloatArray:

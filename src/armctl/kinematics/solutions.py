@@ -25,6 +25,9 @@ THERE_M = 1e-7
 """a nearest point that is so near is the target itself [m]"""
 _TURNED = 1e-6
 """rotations that differ by less are the same [rad]"""
+_WITH_PITCH = " with that pitch"
+_ON_LIMIT, _LEVER = 1e-6, 1e-3
+"""so near to a limit a joint is at it [rad]; what a turn must bring at least to count as nearer [m/rad]"""
 _SEEN_MM = 0.05
 """what one decimal shows as more than 0.0 [mm]"""
 _SAME_TIME = 9
@@ -330,8 +333,30 @@ class Solutions(ByContent):
             return f"{self.refusal}; the point itself can be reached{self._unit_hint}"
         x, y, z = 1000.0 * self.nearest_m
         nearest = f"({x:z.1f}, {y:z.1f}, {z:z.1f}) mm, {millimetres(self.nearest_away_m)} mm away"
-        where = f"the nearest reachable point{self._at_the_pitch()}"
-        return f"{self.refusal}; {where} is {nearest}{self._unit_hint}"
+        pitched = self._at_the_pitch()
+        holding = "" if pitched == _WITH_PITCH else self._holding_limits()
+        inside = "inside the joint limits " if holding else ""
+        where = f"{inside}the nearest reachable point{pitched}"
+        return f"{self.refusal}; {where} is {nearest}{holding}{self._unit_hint}"
+
+    def _holding_limits(self) -> str:
+        """Which joints stand at limits, beyond which the tool would come nearer to the target, in words."""
+        arm, q, point = self.arm, self.nearest_q, self.nearest_m
+        if q is None or point is None or arm.limits is None or arm.chain.coupling is not None:
+            return ""
+        away = point - self.target.position
+        nearer = -(arm.chain.jacobian(q)[:3].T @ away) / np.linalg.norm(away)
+        if self.target.roll is not None and arm.roll_joint is not None:
+            nearer[arm.roll_joint] = 0.0
+        low, high = arm.limits.T
+        held = (low < high) & (
+            ((q <= low + _ON_LIMIT) & (nearer < -_LEVER)) | ((q >= high - _ON_LIMIT) & (nearer > _LEVER))
+        )
+        words = [
+            f"{arm.titles[j] if arm.titles else f'joint {j + 1}'} is at its limit of {math.degrees(q[j]):z.2f}°"
+            for j in np.flatnonzero(held).tolist()
+        ]
+        return f", where {' and '.join(words)}" if words else ""
 
     def _at_the_pitch(self) -> str:
         """Where the nearest configuration has the pitch that was asked for: another one may come nearer."""
@@ -343,7 +368,7 @@ class Solutions(ByContent):
         aim = self.arm.chain.forward(self.nearest_q)[:3, 2]
         rise = float(aim @ up)
         pitch = math.atan2(rise, float(np.linalg.norm(aim - rise * up)))  # exact near 90°, too
-        return " with that pitch" if abs(pitch - elevation(self.target.pitch)) < _TURNED else ""
+        return _WITH_PITCH if abs(pitch - elevation(self.target.pitch)) < _TURNED else ""
 
     @property
     def nearest_away_m(self) -> float:
