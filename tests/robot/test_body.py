@@ -11,15 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.arms import FIVE
 from tests.motion.arm_kit import axis_points, brute_gap, random_arm
+from tests.motion.sentence_kit import apart, tools
 from tests.robot.test_urdf_tool import JAW, PROP
 from tests.robot.urdf_kit import Step, written
 
 from armctl.arrays import FloatArray
-from armctl.errors import RobotFileError
+from armctl.errors import MotionRefusedError, RobotFileError, UnreachableError
 from armctl.kinematics.chain import LinkFrames
-from armctl.robot import Robot, load_robot, robots_folder
+from armctl.motion import plan_line
+from armctl.robot import Robot, load_robot, robots_folder, shipped_robots
 from armctl.robot.body import NEAR_M, box_distance, segment_box_distance, segment_distance, undersides
-from armctl.robot.shape import reach
+from armctl.robot.shape import FINGER, TIP_LENGTH, bars, reach, tool_length, width
 
 ARMS = [*map(load_robot, FIVE), *map(random_arm, range(4))]
 
@@ -246,3 +248,43 @@ def test_a_straight_arm_is_as_long_as_its_links(tmp_path: Path) -> None:
         Step("end", "fixed", "two", "tool0", "0 0 0.3"),
     )
     assert reach(load_robot(written(tmp_path / "arm.urdf", steps)).chain) == pytest.approx(0.6, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_an_arm_is_drawn_in_one_piece(name: str) -> None:
+    """From the base to where the hand begins, in any pose: each bar touches one of those before it."""
+    robot = load_robot(name)
+    gripper = robot.gripper is not None
+    q = np.random.default_rng(3).uniform(*robot.limits.T)
+    frames = robot.frames(q)
+    found = [
+        tuple(
+            frames[bar.frame][:3, :3] @ np.array(end) + frames[bar.frame][:3, 3]
+            for end in (bar.start, bar.end)
+        )
+        for bar in bars(robot.chain, tool_length(robot.chain, robot.look, gripper=gripper))
+        if bar.length > 1e-9
+    ]
+    T = tools(robot, q[None])[0]
+    size = FINGER[2] * reach(robot.chain) if gripper else TIP_LENGTH * width(robot.chain, robot.look)
+    found.append((T[:3, 3] - size * T[:3, 2], T[:3, 3]))
+    touching = {0}
+    for _ in found:
+        touching |= {
+            k for k, one in enumerate(found) if any(apart(one, found[other]) < 1e-9 for other in touching)
+        }
+    assert touching == set(range(len(found)))
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_a_line_can_begin_at_home(name: str) -> None:
+    robot = load_robot(name)
+    home, good = robot.pose("home"), 0
+    for way in (*np.eye(3), *-np.eye(3)):
+        try:
+            plan_line(robot, home, robot.forward(home)[:3, 3] + 0.01 * way)
+        except (MotionRefusedError, UnreachableError) as refusal:
+            assert "stands in a singularity" not in str(refusal)
+        else:
+            good += 1
+    assert good >= 3

@@ -113,8 +113,11 @@ def _bars_of_rows(chain: Chain, shorten: float) -> Iterator[Bar]:
             yield Bar(i, f"a{i}", before, (0, 0, 0), (row.a_m, 0, 0))
             yield Bar(i + 1, f"d{i}", link, (0, 0, -row.d_m), (0, 0, d - row.d_m))
         else:
+            # where the hand takes from d, what lies along a is moved to where d ends now
+            back = d - row.d_m
+            y, z = back * math.sin(row.alpha_rad), back * math.cos(row.alpha_rad)
             yield Bar(i, f"d{i}", before, (0, 0, 0), (0, 0, d))
-            yield Bar(i + 1, f"a{i}", link, (-row.a_m, 0, 0), (0, 0, 0))
+            yield Bar(i + 1, f"a{i}", link, (-row.a_m, y, z), (0, y, z))
 
 
 def _bars_of_joints(chain: Chain, shorten: float) -> Iterator[Bar]:
