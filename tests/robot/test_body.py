@@ -257,11 +257,12 @@ def test_an_arm_is_drawn_in_one_piece(name: str) -> None:
     gripper = robot.gripper is not None
     q = np.random.default_rng(3).uniform(*robot.limits.T)
     frames = robot.frames(q)
+
+    def placed(frame: int, end: tuple[float, float, float]) -> FloatArray:
+        return frames[frame][:3, :3] @ np.array(end) + frames[frame][:3, 3]
+
     found = [
-        tuple(
-            frames[bar.frame][:3, :3] @ np.array(end) + frames[bar.frame][:3, 3]
-            for end in (bar.start, bar.end)
-        )
+        (placed(bar.frame, bar.start), placed(bar.frame, bar.end))
         for bar in bars(robot.chain, tool_length(robot.chain, robot.look, gripper=gripper))
         if bar.length > 1e-9
     ]

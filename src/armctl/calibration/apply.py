@@ -314,6 +314,7 @@ def differences(robot: Robot, joint: str, fit: JointFit) -> tuple[str, ...]:
     stands, told = math.degrees(fit.angle(fit.centre)), math.degrees((fit.centre - own.zero) / own.per_rad)
     if abs(stands - told) > _TOLD_DEG:
         words.append(
-            f"{title} stands at {stands:.1f}° where {robot.name} says {told:.1f}° ({stands - told:+.1f}°)"
+            f"{title} stands at {stands:.1f}° where {robot.name} says {told:.1f}° "
+            f"({round(stands, 1) - round(told, 1):+.1f}°)"
         )
     return tuple(words)

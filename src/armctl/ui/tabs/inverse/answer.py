@@ -349,10 +349,11 @@ def comparison_html(found: Answer) -> str:
     if len(rows) < 2:
         return ""
     what = "load" if model.gravity.bodies else "payload's load"
+    digits = 3 if model.stall_torque is None else 1  # N·m, or percents
     heads = ["", "row", "Σ|θ| °", "time s", f"{what} {_unit('least-torque', model)}", "verdict"]
     figures = [
         ["least " + ", ".join(one.names), str(one.row), fixed(one.rotation_deg, 1), fixed(one.time_s, 2),
-         fixed(one.load, 3), "refused" if one.refused else "possible"]
+         fixed(one.load, digits), "refused" if one.refused else "possible"]
         for one in rows
     ]  # fmt: skip
     if not any(one.load for one in rows):  # the file of the arm gives no masses

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -62,7 +63,7 @@ class GraphView:
         self._limits = gui.add_dropdown("Limits", LIMITS, hint=_LIMITS_HINT)
         self._cursor_box = gui.add_folder(None, visible=False)
         with self._cursor_box:
-            self._time = gui.add_slider("Time s", 0.0, 1.0, 0.01, initial_value=0.0)
+            self._time = gui.add_slider("Time s", 0.0, 1.0, 0.001, initial_value=0.0)
             self._play = gui.add_button(_PLAY[0], icon=_PLAY[1], color="gray")
             self._speed = gui.add_slider("Play speed %", *_SPEEDS, initial_value=100, hint=_SPEED_HINT)
             self._where = LiveHtml(gui)
@@ -97,7 +98,8 @@ class GraphView:
         time = np.linspace(0.0, shown.trajectory.duration, _PATH_POINTS)
         self._path.show(segments(shown.robot.forward(shown.trajectory.sample(time).q)[:, :3, 3]))
         self._time.value = 0.0
-        self._time.max = self._time.value = max(round(shown.trajectory.duration, 2), 0.01)
+        end = max(math.ceil(1000 * shown.trajectory.duration - 1e-9), 1) / 1000  # never before the true end
+        self._time.max = self._time.value = end
         self._cursor_box.visible = True
         self._go(shown, self._time.value)
 
@@ -148,7 +150,7 @@ class GraphView:
             with self._session.client.atomic():
                 if draw:
                     drawn = clock()
-                    self._time.value = min(round(time, 2), self._time.max)
+                    self._time.value = self._time.max if time >= end else round(time, 3)
                 self._go(shown, time, draw=draw)
         self._halt()
 
