@@ -196,10 +196,11 @@ class BlackBox:
             self._commands.append(line)
         finished.add_done_callback(answered)
 
-    def tick(self, snapshot: Snapshot) -> None:
-        """A tick is over, and this is what came of it."""
+    def tick(self, snapshot: Snapshot, pace_s: float | None = None) -> None:
+        """A tick is over, and this is what came of it; ``pace_s`` after the one before, if not the period."""
         before, now = self._last, snapshot.stamp
-        late = max(0.0, now - self._ticked_s - self._period_s) if before is not None else 0.0
+        pace_s = self._period_s if pace_s is None else pace_s
+        late = max(0.0, now - self._ticked_s - pace_s) if before is not None else 0.0
         took, self._ticked_s = self._now() - now, now
         with self._lock:
             same = now - self._began_s < self._period_s / _ROWS_A_PERIOD

@@ -278,6 +278,8 @@ class Monitor:
         self.read_at = -np.inf
         """when the last reading was taken (controller clock) [s]"""
         self._answers: deque[tuple[float, int, int]] = deque()
+        self._asked = self._lost = 0
+        """sums of ``_answers``"""
         self._dropped: tuple[str, ...] = ()
         self._delays: deque[tuple[float, float]] = deque()
         self._outage_ended: float | None = None
@@ -339,16 +341,18 @@ class Monitor:
     def _count_answers(self, now: float, asked: int, lost: int) -> None:
         """Say how many of the last seconds' questions got no answer, where these are many."""
         self._answers.append((now, asked, lost))
+        self._asked, self._lost = self._asked + asked, self._lost + lost
         while now - self._answers[0][0] > _RATE_S:
-            self._answers.popleft()
+            _, asked_then, lost_then = self._answers.popleft()
+            self._asked, self._lost = self._asked - asked_then, self._lost - lost_then
         if lost:
             self._outage_ended = None
         elif self._outage_ended is not None and now - self._outage_ended > _OUTAGE_OVER_S:
             self._outage_ended = None
             self._answers.clear()
             self._answers.append((now, asked, 0))
-        lost_now, lost = lost, sum(one[2] for one in self._answers)
-        rate = lost / max(_FEWEST_ASKED, sum(one[1] for one in self._answers))
+            self._asked, self._lost = asked, 0
+        rate = self._lost / max(_FEWEST_ASKED, self._asked)
         words = (
             f"the board does not answer {100 * rate:.0f} % of the questions in time: check cable, USB hub, "
             "baud rate"
@@ -356,7 +360,7 @@ class Monitor:
         if rate >= _RATE_SHOWN:
             self._notices.set("unanswered", words, until=now + _RATE_S)
         # What was lost in an outage that is over stops no motion.
-        self.unreliable = words if rate >= _RATE_TOO_HIGH and lost_now else None
+        self.unreliable = words if rate >= _RATE_TOO_HIGH and lost else None
 
     def take_dropped(self) -> tuple[str, ...]:
         """Titles of what was dropped since this was asked last, as it could not be sent in its time."""

@@ -36,6 +36,9 @@ from armctl.runtime.snapshot import AxisHoming, Snapshot
 P = ParamSpec("P")
 _LOGGER = logging.getLogger("armctl.runtime")
 _RATES_HZ = (10.0, 200.0)
+_RESTING_S, _CALM_TICKS = 0.08, 50
+"""From tick to tick where nothing is powered or moves, after so many ticks of that. STOP and what moves the arm
+wake the thread at all times. At 50 ticks a second a process that does nothing takes 6 % of a core, so 1.5 %."""
 _STOPPING_S = 5.0
 """How long ``close`` waits for a moving arm to come to rest."""
 
@@ -85,6 +88,8 @@ class Controller:
         self._answers: list[Answer] = []
         self._number = 0
         self._tick = 0
+        self._pace = self._period
+        """the time from tick to tick now [s]"""
         self._closing = threading.Event()
         self._closed = False
         self._ended = threading.Event()
@@ -167,7 +172,7 @@ class Controller:
         self._guarded(core.keep_pose, now)
         self._guarded(self._publish, now)  # first: who waits for an answer finds its snapshot
         give(self._answers)
-        self._note(self._black_box.tick, self._snapshot)
+        self._note(self._black_box.tick, self._snapshot, self._pace)
         if self._published is not None:
             self._guarded(self._published, self._snapshot)
 
@@ -193,6 +198,7 @@ class Controller:
     def _run(self) -> None:
         deadline = self._clock.now()
         ends: float | None = None
+        calm = 0
         try:
             while True:
                 woken = self._clock.wait_until(deadline, self._wake)
@@ -205,9 +211,12 @@ class Controller:
                         break
                 self.tick()
                 now = self._clock.now()
+                calm = calm + 1 if self._core.resting else 0
+                self._pace = max(self._period, _RESTING_S) if calm > _CALM_TICKS else self._period
                 if not woken or now >= deadline:
                     # Missed ticks are skipped, not made up for.
-                    deadline = max(deadline + self._period, now)
+                    deadline = max(deadline + self._pace, now)
+                deadline = min(deadline, now + self._pace)  # what has begun does not wait as at rest
             self._shut()
         finally:
             self._ended.set()

@@ -121,6 +121,14 @@ class Core:
         return self.activity is not None or self._motion is not None or self.gripper.goal is not None
 
     @property
+    def resting(self) -> bool:
+        """Nothing is powered, moves, or is about to: the board is only looked at."""
+        if self.state not in (State.OFF, State.DISCONNECTED) or self.powered or self.busy:
+            return False
+        waits = self._opening is not None or self._edit is not None or self.leaving is not None
+        return not (waits or self._stopping or self.monitor.doubts or self.monitor.homes)
+
+    @property
     def powered(self) -> bool:
         """The board has said that pulses are on."""
         return bool(self.monitor.reading.on.any())
