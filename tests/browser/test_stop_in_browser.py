@@ -188,3 +188,25 @@ def test_a_page_without_its_line_says_so_and_stops_through_the_other(page: Scree
     page.entry("Speed %").click()
     page.page.keyboard.press("Escape")
     served.wait_for(page, State.HOLDING)
+
+
+def test_a_browser_without_webgl_is_told_what_to_do_and_stops_the_arm(
+    screen: Screen, served: ServedArm
+) -> None:
+    screen.page.add_init_script(
+        "const context = HTMLCanvasElement.prototype.getContext;"
+        "HTMLCanvasElement.prototype.getContext = function (kind, ...more) {"
+        "  return /webgl/.test(kind) ? null : context.call(this, kind, ...more); };"
+    )
+    screen.page.goto(served.url)
+    try:
+        expect(screen.page.locator("#armctl-bar p")).to_contain_text("draws no 3D (WebGL)", timeout=20_000)
+        stop = screen.page.locator("#armctl-bar button")
+        stop.wait_for()
+        screen.wait_until(
+            lambda: stop.click() is None and any("STOP (" in one.text for one in served.now.events),
+            "STOP reaches the arm",
+        )
+        screen.screenshot("no-webgl")
+    finally:
+        screen.page.close()  # the script would stay in this window

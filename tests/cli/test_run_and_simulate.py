@@ -121,7 +121,7 @@ def test_run_drives_a_program_on_a_device(
     said = capsys.readouterr()
     assert "short, 2 steps" in said.out
     for number in (1, 2):
-        assert said.err.count(f"pass {number}, step 1 of 2: {joints}") == 1  # once, as it begins
+        assert said.err.count(f"pass {number}, step 1 of 2: pose 5, 100, ") == 1  # once, as it begins
 
 
 @pytest.mark.parametrize(

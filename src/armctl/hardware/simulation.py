@@ -145,7 +145,7 @@ class BoardServer(Generic[Model]):
     """
 
     def __init__(
-        self, model: Model, now: Callable[[], float], *, link: Path | None = None, tick_s: float = 0.01
+        self, model: Model, now: Callable[[], float], *, link: Path | None = None, tick_s: float = 0.025
     ) -> None:
         self._model = model
         self._now = now

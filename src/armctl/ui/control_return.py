@@ -58,7 +58,7 @@ class ControlReturn:
         self._silent.add(who)
 
     def due(self, control: Control, pages: Sequence[str]) -> str | None:
-        """Which of the ``pages``, in the order in which they came, gets control now; to be asked all the time."""
+        """Which of the ``pages``, in the order in which they came, gets control now; asked at each frame."""
         operator = control.operator
         if operator is not None:
             if operator.id not in self._silent:

@@ -231,8 +231,8 @@ _ADVICE_ON_TOKEN = (
     "Open the whole link that armctl printed when it started. It ends in ?token=… and stands in the terminal "
     "where armctl runs, in the line that begins with “armctl:”.",
     "The link stays the same from start to start, unless armctl is started with --new-link. If that line "
-    "cannot be seen any more, start armctl once more in another terminal, as the same user: it shows the link "
-    "of the one that runs.",
+    "cannot be seen any more, start armctl once more in another terminal, as the same user: it shows the "
+    "link of the one that runs.",
 )
 _BEARER = (
     "A program brings the token as “Authorization: Bearer …” or as ?token=…; armctl prints it at its start."

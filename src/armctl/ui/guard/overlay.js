@@ -20,6 +20,9 @@
   const SHUT_OUT =
     "armctl runs again, with a new link: STOP does not reach the arm from here. Open the link that it printed.";
   const UNANSWERED = "STOP was not confirmed. Use the power switch.";
+  const NO_3D =
+    "This browser draws no 3D (WebGL), and the console needs it. STOP works here all the same. " +
+    "Switch on hardware acceleration in the browser's settings, or open the link in another browser or on another computer.";
   const began = performance.now();
   const page = keptName() ?? Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) =>
     byte.toString(16).padStart(2, "0"),
@@ -59,6 +62,7 @@
   }
 
   // Shadows are for a graphics card: they take two thirds of the pictures a second without one.
+  const draws = document.createElement("canvas").getContext("webgl2") !== null;
   function drawnBy() {
     const gl = document.createElement("canvas").getContext("webgl2");
     const told = gl?.getExtension("WEBGL_debug_renderer_info");
@@ -275,7 +279,7 @@
     const unanswered = press && now - press.at > PATIENCE_MS;
     const cause = document.querySelector("[data-armctl-lost]")?.dataset.armctlLost;
     const gone = cause && cause[0].toUpperCase() + cause.slice(1);
-    const text = lost ? (shutOut ? SHUT_OUT : LOST) : gone ? gone : unanswered ? UNANSWERED : "";
+    const text = lost ? (shutOut ? SHUT_OUT : LOST) : gone ? gone : unanswered ? UNANSWERED : draws ? "" : NO_3D;
     say(words, text);
     const operator = document.querySelector("[data-armctl-watching]")?.dataset.armctlWatching;
     say(banner, operator ? `WATCHING: ${operator} operates the arm` : "");

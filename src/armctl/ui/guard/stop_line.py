@@ -6,7 +6,7 @@ thread that runs the page. The answers are ``{"stopped": n}`` and ``{"beat": n}`
 while it operates has frozen, was closed or has lost its network.
 
 ``{"ask": n}`` is answered with ``{"server": id, "known": whether viser has this page}``: where another server
-answers than before, or viser has lost the page, the page loads itself anew. So a page adds ``"of": id`` to its
+answers than before, or viser has lost the page, the page loads itself anew. So it adds ``"of": id`` to its
 name once a server has answered.
 """
 
