@@ -107,6 +107,18 @@ def test_what_is_assumed_of_a_urdf_is_told(
     assert "accelerations: full speed within 1/6 s" in json.loads(out)["assumed"]
 
 
+def test_an_arm_that_left_joints_out_is_not_called_a_sound_robot(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "bench.urdf"
+    slide = '<joint name="slide" type="prismatic"><parent link="rail"/><child link="base"/></joint>'
+    path.write_text(URDF.replace("</robot>", f'<link name="rail"/>{slide}</robot>'), encoding="utf-8")
+    status, out, _ = call(capsys, str(path))
+    assert status == DONE
+    assert "bench.urdf: sound as an arm of 1 joint, without slide" in out and "a sound robot" not in out
+    assert json.loads(call(capsys, str(path), "--json")[1])["left_out"] == ["slide"]
+
+
 def test_the_case_of_a_suffix_does_not_matter(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = tmp_path / "MINE.CSV"
     path.write_text("step,do,note\n1,comment,nothing\n")

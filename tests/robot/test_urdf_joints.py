@@ -33,7 +33,7 @@ def arm_of(tmp_path: Path, *steps: Step, behind: str = "") -> Robot:
 def asked_of(tmp_path: Path, *steps: Step) -> list[str]:
     with pytest.raises(UnclearArmError) as unclear:
         arm_of(tmp_path, *steps)
-    assert f"name one: arm.urdf#{unclear.value.links[0]}" in str(unclear.value)
+    assert str(unclear.value).endswith(f": arm.urdf#{unclear.value.links[0]}")
     return list(unclear.value.links)
 
 
@@ -242,9 +242,7 @@ def test_rods_that_turn_by_themselves_raise_a_doubt(tmp_path: Path) -> None:
     rod = Step("Revolute 9", "revolute", "l1", "part_9", "-0.03 0 0.06", axis="0 1 0")
     robot = arm_of(tmp_path, *ARM, rod, Step("Revolute 3", "revolute", "l2", "part_3", axis="0 -1 0"))
     assert robot.joint_names == NAMES
-    assert any(
-        text.startswith("Revolute 9, Revolute 3: parallel to joints of the arm") for text in robot.assumed
-    )
+    assert any(text.startswith("Revolute 9, Revolute 3: parallel to joints") for text in robot.assumed)
 
 
 def test_links_of_collision_shapes_only_are_no_tools(tmp_path: Path) -> None:

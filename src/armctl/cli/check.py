@@ -51,7 +51,7 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
             arm = load_whole(file)
             assumed, left_out = arm.assumed, arm.left_out
             if left_out:
-                sound = f"sound as an arm of {arm.n} joints, without {', '.join(left_out)}"
+                sound = f"sound as an arm of {arm.n} joint{'s' * (arm.n > 1)}, without {', '.join(left_out)}"
             findings = list(_check_robot(arm))
         else:
             given = None if robot is None else load_whole(robot)

@@ -99,8 +99,8 @@ def about_beside(tree: UrdfTree, way: Sequence[UrdfJoint]) -> Iterator[str]:
     ]
     if rods:
         yield (
-            f"{', '.join(rods)}: parallel to joints of the arm; where rods close a loop with them, some joints of "
-            "the arm follow others, which a URDF file says with <mimic>"
+            f"{', '.join(rods)}: parallel to joints of the arm; where rods close a loop with them, some "
+            "joints of the arm follow others, which a URDF file says with <mimic>"
         )
     carriers = tree.carriers()
     for joint in beside:
