@@ -51,11 +51,12 @@ class Result:
     def reason(self) -> str:
         """The refusal without its names and numbers."""
         text = re.sub(
-            r"^\S*/\S*: |\b\S+\.(xacro|urdf|yaml|yml|xml)\b(, line \d+)?: |line \d+: ", "", self.said
+            r"^\S*/\S*: |\b\S+\.(?i:xacro|urdf|yaml|yml|xml)\b(, line \d+)?: |line \d+: ", "", self.said
         )
         text = re.sub(r"\"[^\"]*\"|'[^']*'|\$\([^)]*\)|\$\{[^}]*\}", "…", text)
         text = re.sub(r"-?\d+(\.\d+)?(e[-+]?\d+)?|\S*/\S*", "…", text)
-        text = re.split(r"the tool: |between |it has |; name one", text)[0]
+        text = re.split("the tool: |between |it has |; ", text)[0]
+        text = re.sub(r"\b(macros?) .*", r"\1 …", text)
         return text[:_LONG]
 
 
