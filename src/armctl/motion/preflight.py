@@ -102,6 +102,7 @@ def preflight(
     - Singularities of the tool point, at the samples: an error where a ``tool_path`` needs the direction that
       is lost, else a warning.
     - Gravity torque (with ``payload_kg`` instead of the robot file's) against stall torque, at the samples.
+      The ``effort`` of a URDF file only warns.
     Raises ``InputError``: the trajectory has another number of joints, or a value that is not finite.
     """
     require_robot(robot)
@@ -511,16 +512,22 @@ def _torque_findings(motion: SampledMotion, links: LinkFrames, payload_kg: float
         least = allowed if over else _WARM * stall
         when, digits = motion.told(float(motion.time[at]), partial(_holds_more, motion, gravity, j, least))
         most = _torque_at(motion, gravity, j, when)
+        what = f"its stall torque of {stall:.2f} N·m"
+        mend = "do not stay there for long: the motor gets hot"
+        if joint.torque_is_effort:  # which simulators need, and many files make up
+            what = f"the effort of {stall:.3g} N·m that its URDF file gives"
+            mend = (
+                f"if the motor is another one, write its stall_torque_nm of {joint.name} into the side file"
+            )
+        elif over:
+            mend = "keep the load nearer to the joint, or take a lighter one"
         yield Finding(
-            f"gravity loads it with {most:.2f} N·m, "
-            f"{100 * most / stall:.0f} % of its stall torque of {stall:.2f} N·m",
+            f"gravity loads it with {most:.2f} N·m, {100 * most / stall:.0f} % of {what}",
             when,
             joint.title,
-            "keep the load nearer to the joint, or take a lighter one"
-            if over
-            else "do not stay there for long: the motor gets hot",
+            mend,
             "torque",
-            "error" if over else "warning",
+            "error" if over and not joint.torque_is_effort else "warning",
             digits=digits,
         )
 

@@ -29,6 +29,8 @@ class Joint:
     """largest jerk [rad/s³]; kept by the profiles that know one (s-curve, quintic)"""
     stall_torque: float | None
     """[N·m]; None where the source gives none"""
+    torque_is_effort: bool = False
+    """True: that is the ``effort`` of a URDF file, which often is a placeholder and forbids nothing"""
 
 
 @dataclass(frozen=True, slots=True)

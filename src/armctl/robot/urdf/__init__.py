@@ -1,6 +1,6 @@
 """Arms from URDF files: the file's tree, its tool, its meshes, and what is said beside it."""
 
-from armctl.robot.urdf.arm import AXES, Wanted, argument_texts, load_urdf
+from armctl.robot.urdf.arm import load_urdf
 from armctl.robot.urdf.package import UrdfSource, add_to_package, install_package, side_path
 from armctl.robot.urdf.side_file import (
     SIDE_SUFFIX,
@@ -11,6 +11,7 @@ from armctl.robot.urdf.side_file import (
     read_side_file,
 )
 from armctl.robot.urdf.tree import read_urdf_file
+from armctl.robot.urdf.wanted import AXES, Wanted, argument_texts
 from armctl.robot.urdf.xacro_properties import Argument
 
 __all__ = [

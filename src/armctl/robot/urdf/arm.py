@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import starmap
 from pathlib import Path
-from typing import TypeAlias
-from urllib.parse import unquote
 
 import msgspec
 import numpy as np
@@ -19,6 +17,7 @@ from armctl.errors import RobotFileError
 from armctl.kinematics import Body, Chain, GravityModel
 from armctl.kinematics.angles import rest_angle
 from armctl.kinematics.chain import Place, frame_along
+from armctl.kinematics.families import has_closed_form
 from armctl.kinematics.offset_roll.geometry import recognise_offset_roll
 from armctl.kinematics.yaw_pitch_roll.geometry import recognise
 from armctl.robot.meshes import unreadable
@@ -30,17 +29,12 @@ from armctl.robot.urdf.rounding import Rounding
 from armctl.robot.urdf.side_file import SideFile, ToolEntry, applied, read_side_file
 from armctl.robot.urdf.tool import UrdfTool, about_beside, about_tool, left_out, suggested_tool
 from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, is_free, read_urdf_file
+from armctl.robot.urdf.wanted import AXES, EXACT, GIVES, ArgumentValue, Wanted, argument_texts
 
 ASSUMED_SPEED = math.radians(60)
 """[rad/s]"""
 SPEED_UP_S = 1 / 6
 """time from rest to full speed [s]"""
-AXES = {f"{sign}{axis}": (sign, k) for sign in ("", "-") for k, axis in enumerate("xyz")}
-"""the axes of a link, as ``approach=`` names them: sign and column"""
-_APPROACH = "approach="
-GIVES = ":="
-"""between the name and the value of an argument, as ROS has it"""
-ArgumentValue: TypeAlias = str | bool | int | float
 _FASTER = 1.001
 """a speed is raised by more than rounding"""
 _UNSEEN = 1e-9
@@ -74,9 +68,9 @@ def load_urdf(path: Path, wanted: str | None, arguments: Mapping[str, ArgumentVa
         link, approach = wish.link, wish.approach
         if link is not None:
             side = msgspec.structs.replace(side, tool=ToolEntry())
-        tree = read_urdf_file(
-            source, argument_texts({**side.arguments, **wish.arguments, **(arguments or {})})
-        )
+        side = msgspec.structs.replace(side, exact=side.exact or wish.exact)
+        given = {**side.arguments, **wish.arguments, **(arguments or {})}
+        tree = read_urdf_file(source, argument_texts(given))
         link = link or side.tool.link
         if link is not None and link not in tree.links:
             some = ", ".join(list(tree.links)[:_MOST_NAMED]) + ", …" * (len(tree.links) > _MOST_NAMED)
@@ -95,51 +89,11 @@ def load_urdf(path: Path, wanted: str | None, arguments: Mapping[str, ArgumentVa
         raise refusal.about(str(path)) from refusal
 
 
-@dataclass(frozen=True, slots=True)
-class Wanted:
-    """What stands behind the ``#`` of an arm's name."""
-
-    link: str | None
-    """the tool link"""
-    approach: str | None
-    """the axis of it that is taken for z"""
-    arguments: Mapping[str, str]
-    """of a xacro file, by name"""
-
-    @classmethod
-    def of(cls, text: str | None) -> Wanted:
-        """Read ``link``, ``approach=x`` and ``name:=value``, any of them, with commas between."""
-        if text is None:
-            return cls(None, None, {})
-        parts = [part.strip() for part in text.split(",")]
-        given = [part.partition(GIVES) for part in parts if GIVES in part]
-        axes = [part.removeprefix(_APPROACH) for part in parts if part.startswith(_APPROACH)]
-        links = [part for part in parts if GIVES not in part and not part.startswith(_APPROACH)]
-        arguments = {name.strip(): unquote(value) for name, _, value in given}
-        unclear = len(links) > 1 or len(axes) > 1 or len(arguments) < len(given)
-        if unclear or "" in (*parts, *arguments) or not set(axes) <= set(AXES):
-            raise RobotFileError(
-                f"behind the # stands the name of the tool link, {_APPROACH}AXIS ({', '.join(AXES)}), and "
-                f"NAME{GIVES}VALUE for each argument of a xacro file, with commas between; got {text!r}"
-            )
-        return cls(links[0] if links else None, axes[0] if axes else None, arguments)
-
-
-def argument_texts(values: Mapping[str, object]) -> dict[str, str]:
-    """The values of arguments as xacro takes them: texts, ``true`` and ``false``."""
-    for name, value in values.items():
-        if not isinstance(value, str | int | float):
-            raise RobotFileError(f"the argument {name!r} is {value!r}; it must be a text, a number or a bool")
-    return {
-        name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in values.items()
-    }
-
-
 def _robot(
     source: UrdfSource, tree: UrdfTree, tool: UrdfTool, approach: str, side: SideFile
 ) -> tuple[Robot, list[str]]:
     """The arm as the file has it, with the tool of the side file; and the names of its continuous joints."""
-    way = arm_way(tree, tool.link)
+    way = arm_way(tree, tool.link, exact=side.exact)
     moving = [joint for joint in way if is_free(joint)]
     if not moving:
         others = [joint.name for joint in tree.below(tree.root) if is_free(joint)]
@@ -170,6 +124,7 @@ def _robot(
         *about_beside(tree, way),
         *_about_approach(tree, tool, names, chain, approach),
         *_about_fixed(way),
+        *_about_noise(tree, tool, chain, turn),
         *_about_joints(moving, names, side),
         *_about_poses(side),
         *_about_shapes(tree, way, shapes, missing, side),
@@ -206,6 +161,7 @@ def _joint(joint: UrdfJoint, name: str) -> Joint:
         acceleration=speed / SPEED_UP_S,
         jerk=speed / SPEED_UP_S / JERK_UP_S,
         stall_torque=joint.effort or None,
+        torque_is_effort=bool(joint.effort),
     )
 
 
@@ -381,11 +337,7 @@ def _about_fixed(way: Sequence[UrdfJoint]) -> Iterable[str]:
     """Joints that are held where they are, and right angles that were rounded."""
     if held := [joint.held for joint in way if joint.held is not None]:
         yield f"fixed: {'; '.join(held)}"
-    total, shift, reach = Rounding(), 0.0, 0.0
-    for joint in reversed(way):
-        total += joint.rounding
-        shift += joint.rounding.shift * reach
-        reach += float(np.linalg.norm(joint.origin[:3, 3]))
+    total, shift = _rounding(way)
     if shift < _UNSEEN:
         return
     parts: list[str] = []
@@ -394,7 +346,38 @@ def _about_fixed(way: Sequence[UrdfJoint]) -> Iterable[str]:
         parts.append(f"{_count(len(total.quarters), 'angle')} written as rounded quarter turns ({kinds})")
     if total.zeros:
         parts.append(f"{_count(total.zeros, 'number')} below 1e-6 written for zero")
+    if total.noise:
+        parts.append(f"what is nearly right ({_noisy(total)})")
     yield f"exact: {' and '.join(parts)}; the tool moves by at most {1000 * shift:.2g} mm"
+
+
+def _rounding(way: Sequence[UrdfJoint]) -> tuple[Rounding, float]:
+    """What was rounded on the way to the tool, and how far that moves the tool, at most [m]."""
+    total, shift, reach = Rounding(), 0.0, 0.0
+    for joint in reversed(way):
+        total = joint.rounding + total
+        shift += joint.rounding.shift * reach + joint.rounding.moved
+        reach += float(np.linalg.norm(joint.origin[:3, 3]))
+    return total, shift
+
+
+def _noisy(rounding: Rounding) -> str:
+    return ", ".join(rounding.noise[:_MOST_TOLD]) + ", …" * (len(rounding.noise) > _MOST_TOLD)
+
+
+def _about_noise(tree: UrdfTree, tool: UrdfTool, chain: Chain, turn: FloatArray) -> Iterable[str]:
+    """Angles that are nearly right, where they cost the closed form."""
+    way = arm_way(tree, tool.link, exact=True)
+    total, shift = _rounding(way)
+    if not total.noise or chain.coupling is not None or has_closed_form(chain):
+        return
+    if not has_closed_form(arm_chain(tree, way, turn).chain):
+        return
+    yield (
+        f"off a right angle by a little: {_noisy(total)}. So no closed form fits the arm: solutions are "
+        "searched, which is slower and may miss some. If right angles are meant, write exact = true into the "
+        f"side file (or {tree.path.name}#{EXACT}yes): the tool moves by at most {1000 * shift:.2g} mm"
+    )
 
 
 def _count(count: int, what: str) -> str:
@@ -408,7 +391,15 @@ def _about_joints(moving: Sequence[UrdfJoint], names: Sequence[str], side: SideF
     def silent(name: str, key: str) -> bool:
         return name not in said or getattr(said[name], key) is None
 
-    endless = [name for name, joint in pairs if joint.kind == "continuous" and silent(name, "limit_deg")]
+    endless = [
+        name
+        for name, joint in pairs
+        if joint.kind == "continuous" and joint.limits == (-math.pi, math.pi) and silent(name, "limit_deg")
+    ]
+    if told := [
+        joint.limits_told for name, joint in pairs if joint.limits_told and silent(name, "limit_deg")
+    ]:
+        yield f"limits: {'; '.join(told)} (limit_deg in the side file sets others)"
     if endless:
         yield f"limits of ±180° of the continuous joints: {', '.join(endless)}"
     if slow := [name for name, joint in pairs if joint.speed == 0 and silent(name, "speed_deg_s")]:

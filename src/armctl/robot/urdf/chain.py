@@ -35,9 +35,12 @@ class ArmChain:
     """by the names of the joints"""
 
 
-def arm_way(tree: UrdfTree, tool: str) -> list[UrdfJoint]:
-    """The joints from the root link to a link, fixed ones too, as an arm has them; refuses what slides."""
-    way = tree.route(tool)
+def arm_way(tree: UrdfTree, tool: str, *, exact: bool = False) -> list[UrdfJoint]:
+    """The joints from the root link to a link, fixed ones too, as an arm has them; refuses what slides.
+
+    ``exact``: nearly right angles are taken as right.
+    """
+    way = [joint.without_noise() if exact else joint for joint in tree.route(tool)]
     for k, joint in enumerate(way):
         if joint.kind in ("revolute", "continuous", "fixed"):
             continue

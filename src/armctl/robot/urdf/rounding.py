@@ -15,14 +15,19 @@ from decimal import Decimal
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics import rotation_from_rpy
+from armctl.kinematics import roll_pitch_yaw, rotation_from_rpy
 
 _QUARTER = math.pi / 2
+_UNSEEN_M = 1e-9
 _NOISE = 1e-6
 """angles [rad] and components of unit vectors below this are a rounded zero"""
 _FEWEST_DECIMALS = 4
 """that a rounded quarter turn has: 1.57 may be meant"""
 _MOST_QUARTERS = 4
+NOISY = math.radians(0.1)
+"""angles this near to right ones are noise of CAD programs, or 1.57, where the user says so [rad]"""
+NOISY_M = 5e-5
+"""the same of offsets near to zero [m]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +40,19 @@ class Rounding:
     """numbers that are a rounded zero"""
     shift: float = 0.0
     """how far a point one metre off is moved by it, at most [m]"""
+    moved: float = 0.0
+    """how far every point is moved by it, besides [m]"""
+    noise: tuple[str, ...] = ()
+    """joints that were noisy, with the angle or the length"""
 
     def __add__(self, other: Rounding) -> Rounding:
-        return Rounding(self.quarters + other.quarters, self.zeros + other.zeros, self.shift + other.shift)
+        return Rounding(
+            self.quarters + other.quarters,
+            self.zeros + other.zeros,
+            self.shift + other.shift,
+            self.moved + other.moved,
+            self.noise + other.noise,
+        )
 
 
 def exact_angle(text: str) -> float:
@@ -76,3 +91,31 @@ def exact_axis(axis: FloatArray) -> tuple[FloatArray, Rounding]:
     exact /= np.linalg.norm(exact)
     # turning about the other axis: the way there, the turn, the way back
     return exact, Rounding((), int(noise.sum()), 2 * float(np.linalg.norm(exact - axis)))
+
+
+def without_noise(name: str, origin: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray, Rounding]:
+    """Origin (4, 4) and axis (3,) of a joint with what is within ``NOISY`` of right angles taken as right."""
+    exact, direction = origin.copy(), axis.copy()
+    exact[:3, :3] = _square(origin[:3, :3])
+    exact[:3, 3][np.abs(origin[:3, 3]) < NOISY_M] = 0.0
+    direction[np.abs(axis) < NOISY] = 0.0
+    if np.any(axis):
+        direction /= np.linalg.norm(direction)
+    turn = float(np.linalg.norm(exact[:3, :3] - origin[:3, :3])) / math.sqrt(2)
+    leans = float(np.linalg.norm(direction - axis))
+    moved = float(np.linalg.norm(exact[:3, 3] - origin[:3, 3]))
+    if turn < _NOISE and leans < _NOISE and moved < _UNSEEN_M:
+        return origin, axis, Rounding()
+    angle = max(turn, float(np.linalg.norm(exact[:3, :3] @ direction - origin[:3, :3] @ axis)))
+    size = f"{math.degrees(angle):.2g}°" if angle >= _NOISE else f"{1000 * moved:.2g} mm"
+    return exact, direction, Rounding((), 0, turn + 2 * leans, moved, (f"{name} {size}",))
+
+
+def _square(rotation: FloatArray) -> FloatArray:
+    """A rotation near to quarter turns as these; of another one, each of roll, pitch and yaw that is near."""
+    nearest = np.rint(rotation)
+    if np.linalg.norm(nearest - rotation) < math.sqrt(2) * NOISY and np.linalg.det(nearest) == 1.0:
+        return nearest
+    angles = roll_pitch_yaw(rotation)
+    quarters = _QUARTER * np.rint(angles / _QUARTER)
+    return rotation_from_rpy(*np.where(np.abs(angles - quarters) < NOISY, quarters, angles).tolist())

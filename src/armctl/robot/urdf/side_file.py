@@ -89,6 +89,8 @@ class SideFile(Strict, frozen=True):
         default_factory=dict[str, str | bool | int | float]
     )
     """values of what the xacro file declares by ``<xacro:arg>``"""
+    exact: bool = False
+    """whether angles within 0.1° of right ones are taken as right"""
     tool: ToolEntry = ToolEntry()
     body: Literal["meshes", "bars"] = "meshes"
     """what is drawn and kept apart: the file's shapes, or bars from joint to joint"""
@@ -235,6 +237,7 @@ def _joint(joint: Joint, entry: SideJointEntry, endless: bool) -> Joint:
         acceleration=acceleration,
         jerk=jerk if entry.jerk_deg_s3 is None else math.radians(entry.jerk_deg_s3),
         stall_torque=entry.stall_torque_nm or joint.stall_torque,
+        torque_is_effort=joint.torque_is_effort and entry.stall_torque_nm is None,
     )
 
 

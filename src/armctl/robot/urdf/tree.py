@@ -21,7 +21,7 @@ from armctl.kinematics.chain import frame_along
 from armctl.robot.parts import Color, Shape
 from armctl.robot.urdf.package import UrdfSource
 from armctl.robot.urdf.reading import URDF_FILES, parse_xml
-from armctl.robot.urdf.rounding import Rounding, exact_axis, exact_rotation
+from armctl.robot.urdf.rounding import Rounding, exact_axis, exact_rotation, without_noise
 from armctl.robot.urdf.xacro import Expanded, expand, is_xacro
 from armctl.robot.urdf.xacro_properties import Argument
 
@@ -30,11 +30,13 @@ KINDS = ("revolute", "continuous", "fixed", "prismatic", "planar", "floating")
 LARGEST = 1e6
 """no number of a URDF file, in metres, radians, kg or N·m, is larger than this"""
 WIDEST = 4 * math.pi
-"""no limit of a joint is farther from zero [rad]"""
+"""a limit farther from zero is none [rad]"""
+_ROUNDED = 0.05
+"""by which whole turns are rounded [rad]"""
+_DEGREES = 720.0
+"""a limit between ``WIDEST`` and this is likely one in degrees, unless it is of whole half turns"""
 _MOST_NAMED = 6
 """macros, or files that call them, in one refusal"""
-_NO_LIMIT = -1.0
-"""what exporters write as effort or velocity where there is no limit"""
 _FASTEST = 20 * math.pi
 """a velocity beyond ten turns a second stands for no limit, too [rad/s]"""
 
@@ -67,30 +69,54 @@ class UrdfJoint:
     """how origin and axis differ from what is written"""
     held: str | None = None
     """where a joint that moves was taken as fixed, and why, to be shown; ``origin`` has it in"""
+    limits_told: str | None = None
+    """how its limits differ from what is written, or from what is usual, to be shown"""
+
+    def without_noise(self) -> UrdfJoint:
+        """The joint with right angles where the file's are nearly right."""
+        origin, axis, rounding = without_noise(self.name, self.origin, self.axis)
+        return replace(self, origin=origin, axis=axis, rounding=self.rounding + rounding)
 
     def settled(self) -> UrdfJoint:
         """The joint with the limits that it has in an arm, or fixed at the one angle that they leave it."""
         if self.kind == "fixed" or self.mimics is not None:  # what it follows has limits
             return self
+        turn = (-math.pi, math.pi)
         if self.kind == "continuous":
-            return replace(self, limits=(-math.pi, math.pi))
+            lower, upper = self.limits or turn
+            if not -WIDEST <= lower < upper <= WIDEST or upper - lower > 2 * math.pi - _ROUNDED:
+                return replace(self, limits=turn)
+            told = f"{self.name}, a continuous joint, keeps to the limits that its file gives"
+            return replace(self, limits_told=f"{told}, {_degrees(lower)} … {_degrees(upper)}")
         where = f'<joint name="{self.name}">'
         if self.limits is None:
             raise RobotFileError(f"{where}: <limit> is missing; a revolute joint needs lower and upper")
-        lower, upper = self.limits
+        lower, upper = (math.copysign(WIDEST, one) if _is_widest(one) else one for one in self.limits)
         where = f"{where}: <limit lower={lower} upper={upper}>"
-        if not -WIDEST <= lower <= upper <= WIDEST:
-            degrees = " (they look like degrees)" if max(abs(lower), abs(upper)) > WIDEST else ""
+        if _is_in_degrees(lower) or _is_in_degrees(upper):
             raise RobotFileError(
-                f"{where}: the lower limit comes first, both in radians within ±{WIDEST:.2f}{degrees}"
+                f"{where}: both are in radians; these look like degrees. More than two turns are "
+                'type="continuous"'
             )
+        if lower > upper:
+            raise RobotFileError(f"{where}: the lower limit comes first")
+        if lower < -WIDEST or upper > WIDEST:
+            told = f"{self.name}, with limits of {lower:g} … {upper:g} rad in the file"
+            if lower < -WIDEST and upper > WIDEST:
+                told += ", is taken as continuous"
+                return replace(self, kind="continuous", limits=turn, limits_told=told)
+            kept = (
+                (lower, lower + turn[1] - turn[0]) if upper > WIDEST else (upper + turn[0] - turn[1], upper)
+            )
+            told += f", keeps to one turn, {_degrees(kept[0])} … {_degrees(kept[1])}"
+            return replace(self, limits=kept, limits_told=told).settled()
         if lower == upper == 0.0:  # exporters write that where the limits were never filled in
             raise RobotFileError(
                 f"{where}: both are 0, which is also what is read where they are not written; write the "
                 'angles that the joint may take, or make it type="fixed" if it does not turn'
             )
         if lower < upper:
-            return self
+            return replace(self, limits=(lower, upper))
         held = f"{self.name} at {math.degrees(lower):.1f}°, as both limits are the same"
         return replace(self.turned(lower), kind="fixed", held=held)
 
@@ -374,8 +400,7 @@ def _joint(element: ElementTree.Element, name: str) -> UrdfJoint:
     limit, lower, upper, speed, effort = element.find("limit"), 0.0, 0.0, 0.0, 0.0
     mimic = element.find("mimic")
     if limit is not None:
-        if kind != "continuous":  # whose limits say nothing
-            lower, upper = (_numbers(limit, key, 1, 0.0)[0] for key in ("lower", "upper"))
+        lower, upper = _limit(limit, "lower", kind), _limit(limit, "upper", kind)
         speed, effort = _rating(limit, "velocity", _FASTEST), _rating(limit, "effort", LARGEST)
     return UrdfJoint(
         name=name,
@@ -394,12 +419,50 @@ def _joint(element: ElementTree.Element, name: str) -> UrdfJoint:
     )
 
 
+def _limit(limit: ElementTree.Element, key: str, kind: str) -> float:
+    """0 where it is not written; what is no number, or more than any, is infinite: there is none."""
+    none = -math.inf if key == "lower" else math.inf
+    try:
+        value = _number(limit, key, 0.0)
+    except RobotFileError:
+        if kind != "continuous":  # which needs none
+            raise
+        return none
+    if math.isnan(value):
+        return none
+    return value if abs(value) <= LARGEST else math.copysign(math.inf, value)
+
+
+def _is_widest(limit: float) -> bool:
+    return abs(abs(limit) - WIDEST) < _ROUNDED
+
+
+def _is_in_degrees(limit: float) -> bool:
+    half_turns = abs(limit) / math.pi
+    whole = abs(half_turns - round(half_turns)) * math.pi < _ROUNDED if math.isfinite(half_turns) else True
+    return WIDEST < abs(limit) <= _DEGREES and (limit.is_integer() or not whole)
+
+
+def _degrees(angle: float) -> str:
+    return f"{math.degrees(angle):.4g}°"
+
+
 def _rating(limit: ElementTree.Element, key: str, most: float) -> float:
-    """0 where none is written, or what stands for none: -1, or more than any joint has."""
-    value = _numbers(limit, key, 1, 0.0, most=math.inf)[0]
-    if value < 0 and value != _NO_LIMIT:
-        raise RobotFileError("<limit>: velocity and effort are not negative (but -1 stands for no limit)")
+    """0 where none is written, or what stands for none: nothing, below 0, or more than any joint has."""
+    value = _number(limit, key, 0.0) if limit.get(key, "").strip() else 0.0
     return value if 0 <= value <= most else 0.0
+
+
+def _number(element: ElementTree.Element, key: str, default: float) -> float:
+    """One number of an attribute, also one that is not finite."""
+    if element.get(key) is None:
+        return default
+    with _inside(element):
+        text = _attribute(element, key)
+        try:
+            return float(text.replace("_", "x"))  # Python reads 1_5 as 15
+        except ValueError:
+            raise RobotFileError(f'{key}="{text}": must be a number') from None
 
 
 def _origin(element: ElementTree.Element) -> tuple[FloatArray, Rounding]:
@@ -441,10 +504,8 @@ def _attribute_of(element: ElementTree.Element, tag: str, key: str) -> str:
         return _attribute(found, key)
 
 
-def _numbers(
-    element: ElementTree.Element, key: str, count: int, default: float | None = None, most: float = LARGEST
-) -> list[float]:
-    """``count`` numbers of an attribute, within ±``most``."""
+def _numbers(element: ElementTree.Element, key: str, count: int, default: float | None = None) -> list[float]:
+    """``count`` numbers of an attribute, within ±``LARGEST``."""
     if default is not None and element.get(key) is None:
         return [default] * count
     with _inside(element):
@@ -453,8 +514,7 @@ def _numbers(
             values = [] if "_" in text else [float(part) for part in text.split()]  # Python reads 1_5 as 15
         except ValueError:
             values = []
-        if len(values) != count or not all(abs(value) <= most for value in values):
+        if len(values) != count or not all(abs(value) <= LARGEST for value in values):
             needed = "a number" if count == 1 else f"{count} numbers"
-            within = "" if math.isinf(most) else f" within ±{most:.0e}"
-            raise RobotFileError(f'{key}="{text}": must be {needed}{within}')
+            raise RobotFileError(f'{key}="{text}": must be {needed} within ±{LARGEST:.0e}')
     return values

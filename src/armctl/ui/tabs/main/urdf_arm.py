@@ -49,6 +49,10 @@ _QUESTIONS = {
     "link": ("Which link is the tool?", "The arm ends there. Joints that lead to other links are left out."),
 }
 """title and text for what an uploaded file leaves open"""
+_EXACT_HINT = (
+    "Angles within 0.1° of right ones are taken as right: noise of CAD programs, or 1.57 for 90°. The values "
+    "assumed (under the list of robots) say by how much the tool moves."
+)
 _MOST_OFFERED = 40
 _AS_FOUND = "(as armctl finds it)"
 _NO_LINKS: tuple[str, ...] = (_AS_FOUND,)
@@ -65,6 +69,8 @@ class _Present:
     links: tuple[str, ...]
     arguments: tuple[Argument, ...]
     """that the xacro file declares"""
+    exact: bool
+    """whether nearly right angles are taken as right"""
 
     @classmethod
     def of(cls, name: str) -> _Present:
@@ -74,9 +80,10 @@ class _Present:
             raise InputError(f"{name} is no URDF arm")
         source = UrdfSource.at(found[0])
         side, _ = read_side_file(source.side_path)
-        given = argument_texts({**side.arguments, **Wanted.of(found[1]).arguments})
-        tree = read_urdf_file(source, given)
-        return cls(name.partition("#")[0], source, side, tuple(tree.links), tree.arguments)
+        wish = Wanted.of(found[1])
+        tree = read_urdf_file(source, argument_texts({**side.arguments, **wish.arguments}))
+        exact = side.exact or wish.exact
+        return cls(name.partition("#")[0], source, side, tuple(tree.links), tree.arguments, exact)
 
 
 class UrdfArm:
@@ -100,6 +107,7 @@ class UrdfArm:
             self._angles = angle_fields(gui, self._robot, self._robot.pose("rest"))
             self._take = gui.add_button_group("Rest pose", ("Use the present pose", "Find a clear one"))
             self._home = gui.add_checkbox("Home pose, too", False, hint="Home is a pose that Main goes to.")
+            self._exact = gui.add_checkbox("Right angles are exact", False, hint=_EXACT_HINT)
             self._arguments = gui.add_folder("Arguments of the xacro file", visible=False)
             self._fields: dict[Argument, viser.GuiInputHandle[str]] = {}
             self._problem = LiveHtml(gui)
@@ -128,6 +136,7 @@ class UrdfArm:
         self._angles.fill(self._robot.pose("rest"))
         home = self._robot.pose("home")
         self._home.value = not await asyncio.to_thread(stands_clear, replace(self._robot, poses={}), home)
+        self._exact.value = present.exact
         for field in self._fields.values():
             field.remove()
         with self._arguments:
@@ -169,6 +178,7 @@ class UrdfArm:
         }
         poses = {"rest": rest, "home": rest} if self._home.value else {"rest": rest}
         changes: dict[str, object] = {"tool": tool, "poses": poses, "floor": {"z_mm": self._floor.value}}
+        changes["exact"] = self._exact.value or None
         if self._fields:
             changes["arguments"] = {
                 one.name: None if field.value == one.default else field.value
