@@ -29,6 +29,20 @@ from armctl.system import whose
 T = TypeVar("T")
 
 
+LFS_POINTER = "is a Git LFS pointer, not the file itself; run git lfs pull where it was cloned"
+_LFS_MARK = b"version https://git-lfs.github.com/spec/"
+
+
+def is_lfs_pointer(path: Path) -> bool:
+    """Whether a regular file only says where Git keeps what it should hold."""
+    try:
+        require_regular(os.stat(path))
+        with open(path, "rb", opener=_open_at_once) as stream:
+            return stream.read(len(_LFS_MARK)) == _LFS_MARK
+    except OSError:
+        return False
+
+
 def as_path(value: str | Path, what: str) -> Path:
     """``value`` as a path; ``InputError`` says ``what`` it has to be."""
     if not isinstance(value, str | os.PathLike):  # pyright: ignore[reportUnnecessaryIsInstance]
@@ -69,6 +83,8 @@ class DocumentKind:
             why = cause.strerror if isinstance(cause, OSError) else str(cause)
             raise self.error(f"cannot be read: {why}") from cause
         self._check_size(len(content))  # the files of /proc have no size, and others may grow
+        if content.startswith(_LFS_MARK):
+            raise self.error(LFS_POINTER)
         return content
 
     def _check_size(self, size: int) -> None:

@@ -174,7 +174,7 @@ def volume(solid: Solid) -> float:
         ("a.stl", binary_stl(Solid(BOX.vertices * math.nan, BOX.faces)), "no finite numbers"),
         ("a.obj", b"v 0 0 0\nf 1 2 9\n", r"a\.obj: "),
         ("a.obj", b"nothing", r"a\.obj: "),
-        ("a.step", b"x", r"is not one of \.stl, \.obj, \.ply, \.dae, \.glb"),
+        ("a.step", b"x", r"is not one of \.stl, \.obj, \.ply, \.dae, \.glb, \.gltf"),
         ("a.dae", b"PK\x03\x04", "is not XML|takes pycollada"),
     ],
 )
@@ -188,7 +188,7 @@ def test_what_is_no_mesh_is_refused_in_one_line(tmp_path: Path, name: str, conte
 def test_sizes_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.stl"
     path.write_bytes(binary_stl(BOX))
-    with pytest.raises(RobotFileError, match=r'is 325 m large.*scale="0\.001 0\.001 0\.001"'):
+    with pytest.raises(RobotFileError, match=r'a\.stl is 325 m large.*scale="1 1 1"'):
         solid_of(Shape("mesh", (1e3, 1e3, 1e3), np.eye(4), str(path)))
     monkeypatch.setattr(meshes, "MOST_TRIANGLES", 11)
     with pytest.raises(RobotFileError, match="holds 12 triangles; 11 at most"):
@@ -398,7 +398,7 @@ def test_meshes_that_are_missing_for_one_reason_are_told_in_one_line(tmp_path: P
         text = text.replace(f'<link name="{link}"/>', mesh.format(link))
     path.write_text(text)
     told = [one for one in load_robot(path).assumed if one.startswith("passed over")]
-    kinds = "is not one of .stl, .obj, .ply, .dae, .glb"
+    kinds = "is not one of .stl, .obj, .ply, .dae, .glb, .gltf"
     assert told == [f"passed over: base.step {kinds}; the same with 2 more: upper.step, lower.step"]
 
 

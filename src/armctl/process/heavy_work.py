@@ -132,9 +132,10 @@ def worked_out(
     ``RobotFileError``: its meshes take too long, or too much memory.
     """
     if all(shape.kind != "mesh" for shape in robot.shapes):
-        return robot.with_body(), {most: coarse_solids(robot.shapes, most) for most in sizes}
+        robot = robot.with_body()
+        return robot, {most: coarse_solids(robot.shapes, most) for most in sizes}
     if (known := robot.with_known_body()) is not None:
-        drawings = {most: kept(Drawn, robot.shapes, most) for most in sizes}
+        drawings = {most: kept(Drawn, known.shapes, most) for most in sizes}
         if None not in drawings.values():
             return known, {most: drawing for most, drawing in drawings.items() if drawing is not None}
     request = msgspec.msgpack.encode((robot_record(robot), list(sizes)))

@@ -57,6 +57,8 @@ class ArmBody:
 
     capsules: tuple[Capsule, ...]
     notes: tuple[str, ...] = ()
+    unused: tuple[int, ...] = ()
+    """which of the arm's shapes could not be read, or have another unit"""
 
 
 def capsule(

@@ -21,8 +21,9 @@ from armctl.errors import RobotFileError
 from armctl.kinematics import Chain
 from armctl.robot.body import ArmBody, Capsule, link_name
 from armctl.robot.hulls import Hull, distances
-from armctl.robot.meshes import ArmSolids
+from armctl.robot.meshes import ArmSolids, extent, too_large
 from armctl.robot.parts import Shape
+from armctl.robot.shape import reach
 from armctl.robot.solids import Solid
 from armctl.robot.surfaces import Surface, comparable
 
@@ -52,6 +53,8 @@ _BESIDE = 0.2
 _CLOSE_M, _COARSE = 5e-4, 0.015
 """No more corners are added where none is farther outside, in metres or of the size of the hull; the margin
 makes up for those left out."""
+_LARGEST, _SMALLEST = 20.0, 0.005
+"""A mesh beyond so many lengths of the arm has another unit; so have all where none is larger than this."""
 _FLAT_M = 1e-7
 """A hull that is no thicker has no inside."""
 
@@ -83,28 +86,21 @@ def fitted_body(
     ``progress`` is told how many of how many links are done.
     """
     capsules: list[Capsule] = []
-    notes: list[str] = []
+    found, notes = _readable(shapes, reach(chain))
     widest, where = 0.0, ""
-    arm = ArmSolids()
     for link in range(-1, chain.n):
         if progress is not None:
             progress(link + 1, chain.n + 1)
-        solids: list[Solid] = []
-        for shape in shapes:
-            if shape.link == link:
-                try:
-                    solids.append(arm.solid_of(shape))
-                except RobotFileError as problem:
-                    notes.append(f"passed over: {problem}")
+        solids = [solid for k, solid in found.items() if shapes[k].link == link]
         name = link_name(link, titles)
         if not solids:
             capsules += [bar for bar in bars if bar.link == link]
             continue
-        found, gap = fit(solids)
+        pieces, gap = fit(solids)
         if gap > widest:
             widest, where = gap, name
         capsules += [
-            Capsule(link, one.start, one.end, one.radius, name, one.hull, one.surface) for one in found
+            Capsule(link, one.start, one.end, one.radius, name, one.hull, one.surface) for one in pieces
         ]
     fitted = [one for one in capsules if all(one is not bar for bar in bars)]
     if fitted:
@@ -114,7 +110,30 @@ def fitted_body(
         if not comparable():
             notes.append("where hulls of links overlap, they decide; for the meshes: pip install python-fcl")
         capsules += _to_tool(chain, fitted)
-    return ArmBody(tuple(capsules), tuple(notes))
+    unused = tuple(k for k in range(len(shapes)) if k not in found)
+    return ArmBody(tuple(capsules), tuple(notes), unused)
+
+
+def _readable(shapes: Sequence[Shape], size: float) -> tuple[dict[int, Solid], list[str]]:
+    """The shapes that can be read and fit an arm of this size [m], by index; why others are passed over."""
+    arm, found, notes, sizes = ArmSolids(), dict[int, Solid](), list[str](), list[float]()
+    for k, shape in enumerate(shapes):
+        try:
+            solid = arm.solid_of(shape)
+            beside = extent(Solid(solid.vertices - shape.pose[:3, 3], solid.faces))
+            if shape.kind == "mesh" and beside > _LARGEST * size:
+                raise RobotFileError(f"{too_large(shape, beside)} (the arm is {size:.2g} m long)")
+            found[k] = solid
+            sizes += [beside] * (shape.kind == "mesh")
+        except RobotFileError as problem:
+            notes.append(f"passed over: {problem}")
+    if len(sizes) == len(found) > 1 and max(sizes) < _SMALLEST * size:
+        notes.append(
+            f"passed over: all meshes, as the largest is {1000 * max(sizes):.2g} mm large, and the arm is "
+            f"{size:.2g} m long; see what scale= their <mesh> has"
+        )
+        found = {}
+    return found, list(dict.fromkeys(notes))
 
 
 def _to_tool(chain: Chain, fitted: Sequence[Capsule]) -> list[Capsule]:

@@ -79,6 +79,8 @@ def _name(kind: type, shapes: Sequence[Shape], says: object) -> str | None:
 
 def _of_file(file: str) -> tuple[str, bytes]:
     path = Path(file)
+    if path.suffix.lower() == ".gltf":
+        raise RobotFileError("keeps its points in other files")
     return path.name, hashlib.sha256(MESHES.read(path)).digest()
 
 

@@ -1,4 +1,4 @@
-"""Meshes of other people's files, read within bounds: STL, OBJ, PLY and GLB, and DAE with pycollada.
+"""Meshes of other people's files, read within bounds: STL, OBJ, PLY, GLB and glTF, DAE with pycollada.
 
 Whatever is wrong with one is a ``RobotFileError`` in one line; the arm can do without it.
 """
@@ -12,29 +12,25 @@ import re
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import msgspec
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.documents import DocumentKind
+from armctl.documents import LFS_POINTER, DocumentKind, is_lfs_pointer
 from armctl.errors import RobotFileError
+from armctl.robot.gltf import packed, require_bounded_glb
 from armctl.robot.mesh_text import read_obj, read_stl_text, require_bounded_dae, require_bounded_ply
 from armctl.robot.parts import Color, Shape
 from armctl.robot.solids import Solid, block, decimated, drum, welded
 
 _LOG = logging.getLogger("armctl.robot")
 MESHES = DocumentKind(RobotFileError, most_bytes=64 << 20)
-SUFFIXES = (".stl", ".obj", ".ply", ".dae", ".glb")
+SUFFIXES = (".stl", ".obj", ".ply", ".dae", ".glb", ".gltf")
 MOST_TRIANGLES = 2_000_000
 """of one file"""
 MOST_OF_ARM = 4_000_000
 """triangles of all meshes of an arm"""
-_MOST_PIECES, _DEEPEST = 1000, 32
-"""of one GLB file; how many may hang below each other, as trimesh's time grows with the cube of that"""
-_LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_")
-"""extensions of GLB files that change no shape"""
 _SMALLEST_M = 1e-9
 FARTHEST_M = 100.0
 """No point of a mesh is farther from its link; files in millimetres without a scale are refused by that."""
@@ -56,7 +52,7 @@ def solid_of(shape: Shape) -> Solid:
         case "sphere":
             solid = _ball(shape.size[0])
         case "mesh":
-            solid = _scaled(read_mesh(Path(shape.file)), shape.size)
+            solid = _scaled(read_mesh(Path(shape.file)), shape)
     T = shape.pose
     return Solid(solid.vertices @ T[:3, :3].T + T[:3, 3], solid.faces)
 
@@ -121,16 +117,26 @@ def _ball(radius: float) -> Solid:
     return Solid(outer * vertices.reshape(-1, 3), faces)
 
 
-def _scaled(solid: Solid, factors: tuple[float, ...]) -> Solid:
-    faces = solid.faces if math.prod(factors) > 0 else solid.faces[:, ::-1]  # a mirrored one is inside out
-    vertices = solid.vertices * np.array(factors)
-    farthest = float(np.abs(vertices).max())
-    if farthest > FARTHEST_M:
-        raise RobotFileError(
-            f"is {farthest:.0f} m large; if its unit is the millimetre, the URDF file needs "
-            'scale="0.001 0.001 0.001"'
-        )
-    return _with_surface(Solid(vertices, faces))
+def _scaled(solid: Solid, shape: Shape) -> Solid:
+    faces = solid.faces if math.prod(shape.size) > 0 else solid.faces[:, ::-1]  # a mirrored one is inside out
+    scaled = Solid(solid.vertices * np.array(shape.size), faces)
+    if extent(scaled) > FARTHEST_M:
+        raise RobotFileError(too_large(shape, extent(scaled)))
+    return _with_surface(scaled)
+
+
+def extent(solid: Solid) -> float:
+    """How far its farthest point is from the origin, along an axis [m]."""
+    return float(np.abs(solid.vertices).max())
+
+
+def too_large(shape: Shape, size: float) -> str:
+    """Text for a mesh whose unit is likely the millimetre."""
+    scale = " ".join(f"{0.001 * factor:g}" for factor in shape.size)
+    return (
+        f"{Path(shape.file).name} is {size:.3g} m large; if its unit is the millimetre, write "
+        f'scale="{scale}" into its <mesh>'
+    )
 
 
 def _with_surface(solid: Solid) -> Solid:
@@ -142,10 +148,12 @@ def _with_surface(solid: Solid) -> Solid:
 
 
 def unreadable(path: Path) -> str | None:
-    """Why a mesh of this kind or size is not read, without opening it; None: it may be."""
+    """Why a mesh of this kind or size is not read, by its name and first bytes; None: it may be."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         return f"is not one of {', '.join(SUFFIXES)}"
+    if is_lfs_pointer(path):
+        return LFS_POINTER
     if suffix == ".dae" and find_spec("collada") is None:
         return "is a DAE file, which takes pycollada: pip install pycollada"
     if path.stat().st_size > MESHES.most_bytes:
@@ -181,8 +189,11 @@ def _read(path: Path, suffix: str) -> Solid:
             require_bounded_ply(content, MOST_TRIANGLES)
         case ".dae":
             require_bounded_dae(content, MOST_TRIANGLES)
+        case ".gltf":
+            content, suffix = packed(content, path.parent, MESHES), ".glb"
+            require_bounded_glb(content, MOST_TRIANGLES, MESHES.most_bytes)
         case _:
-            _require_bounded(content)
+            require_bounded_glb(content, MOST_TRIANGLES, MESHES.most_bytes)
     return _by_trimesh(content, suffix)
 
 
@@ -194,93 +205,6 @@ def _binary_stl(content: bytes, count: int) -> Solid:
     _require_count(count)
     corners = np.frombuffer(content, _STL, count, _BINARY_STL)["corners"].astype(np.float64)
     return _checked(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
-
-
-_Number = Annotated[int, msgspec.Meta(ge=0)]
-
-
-class _Accessor(msgspec.Struct, rename="camel"):
-    count: _Number
-    buffer_view: _Number | None = None
-
-
-class _View(msgspec.Struct, rename="camel"):
-    byte_length: _Number
-
-
-class _Buffer(msgspec.Struct):
-    uri: str = "data:"
-
-
-class _Primitive(msgspec.Struct):
-    attributes: dict[str, _Number]
-    indices: _Number | None = None
-
-    @property
-    def used(self) -> list[int]:
-        points = self.attributes["POSITION"]
-        return [points] if self.indices is None else [points, self.indices]
-
-
-class _Mesh(msgspec.Struct):
-    primitives: list[_Primitive]
-
-
-class _Node(msgspec.Struct):
-    mesh: _Number | None = None
-    children: list[_Number] = []
-
-
-class _Scene(msgspec.Struct, rename="camel"):
-    """What bounds the size of a GLB file once it is read (glTF 2.0, section 5)."""
-
-    buffers: list[_Buffer] = []
-    buffer_views: list[_View] = []
-    accessors: list[_Accessor] = []
-    meshes: list[_Mesh] = []
-    nodes: list[_Node] = []
-    extensions_required: list[str] = []
-
-    def count(self, accessor: int) -> int:
-        return self.accessors[accessor].count
-
-    @property
-    def is_deep(self) -> bool:
-        """Whether pieces hang too far below each other, or in a circle."""
-        above = {child: k for k, node in enumerate(self.nodes) for child in node.children}
-        below = set(above)
-        for _ in range(_DEEPEST):
-            below = {child for child in below if above[child] in below}
-        return bool(below)
-
-
-def _require_bounded(glb: bytes) -> None:
-    """Refuse a GLB file that is larger once it is read: what it holds may be drawn in many places."""
-    end = 20 + int.from_bytes(glb[12:16], "little")
-    try:
-        scene = msgspec.json.decode(glb[20:end], type=_Scene)
-        points = [sum(max(map(scene.count, one.used)) for one in mesh.primitives) for mesh in scene.meshes]
-        drawn = sum(points[node.mesh] for node in scene.nodes if node.mesh is not None)
-    except LookupError as cause:
-        raise RobotFileError("refers to parts that are not there") from cause
-    except (msgspec.MsgspecError, RecursionError) as cause:
-        raise RobotFileError(f"cannot be read: {cause}") from cause
-    if needed := [name for name in scene.extensions_required if not name.startswith(_LOOKS)]:
-        raise RobotFileError(f"needs {', '.join(needed)}; export it without")
-    if not all(buffer.uri.startswith("data:") for buffer in scene.buffers):
-        raise RobotFileError("keeps its points in other files; export it as one GLB file")
-    if any(one.buffer_view is None for one in scene.accessors):
-        raise RobotFileError("is compressed; export it without compression")
-    pieces = len(scene.nodes) + sum(len(mesh.primitives) for mesh in scene.meshes)
-    # corners, their normals and textures, and the corners again
-    read = sum(one.count for one in scene.accessors) + sum(points)
-    copied = sum(view.byte_length for view in scene.buffer_views)
-    if scene.is_deep:
-        raise RobotFileError(f"has more than {_DEEPEST} pieces below each other; export it as one mesh")
-    if pieces > _MOST_PIECES or max(drawn, read / 4) > 3 * MOST_TRIANGLES or copied > MESHES.most_bytes:
-        raise RobotFileError(
-            f"is too large once it is read; {MOST_TRIANGLES} triangles and {_MOST_PIECES} pieces at most"
-        )
 
 
 def _by_trimesh(content: bytes, suffix: str) -> Solid:

@@ -182,7 +182,8 @@ class Robot(ArrayRecord):
 
     def _with(self, body: ArmBody) -> Robot:
         assumed = tuple(text for text in self.assumed if not text.startswith(BODY_ASSUMED))
-        return replace(self, capsules=body.capsules, assumed=(*assumed, *body.notes))
+        shapes = tuple(shape for k, shape in enumerate(self.shapes) if k not in body.unused)
+        return replace(self, capsules=body.capsules, assumed=(*assumed, *body.notes), shapes=shapes)
 
     @cached_property
     def collision(self) -> CollisionModel:

@@ -1,7 +1,14 @@
 """Arms from URDF files: the file's tree, its tool, its meshes, and what is said beside it."""
 
 from armctl.robot.urdf.arm import load_urdf
-from armctl.robot.urdf.package import UrdfSource, add_to_package, install_package, side_path
+from armctl.robot.urdf.package import (
+    ARM_SUFFIXES,
+    MESH_FILES,
+    UrdfSource,
+    add_to_package,
+    install_package,
+    side_path,
+)
 from armctl.robot.urdf.side_file import (
     SIDE_SUFFIX,
     SideFile,
@@ -15,7 +22,9 @@ from armctl.robot.urdf.wanted import AXES, Wanted, argument_texts
 from armctl.robot.urdf.xacro_properties import Argument
 
 __all__ = [
+    "ARM_SUFFIXES",
     "AXES",
+    "MESH_FILES",
     "SIDE_SUFFIX",
     "Argument",
     "SideFile",

@@ -231,7 +231,8 @@ def _found(source: UrdfSource, shapes: Iterable[Shape]) -> tuple[list[Shape], li
         if shape.kind != "mesh":
             here.append(shape)
         elif (path := source.find(shape.file)) is None:
-            lacking.append((shape.file, "is not found"))
+            near = source.near(shape.file)
+            lacking.append((shape.file, f"is not found, but {near} is there" if near else "is not found"))
         elif (why := unreadable(path)) is not None:
             lacking.append((path.name, why))
         else:

@@ -16,7 +16,7 @@ import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote
 from xml.etree import ElementTree
@@ -43,12 +43,16 @@ _ZIPS = DocumentKind(RobotFileError, most_bytes=MOST_PACKED_BYTES)
 _SMALL_TEXTS = DocumentKind(RobotFileError, most_bytes=1 << 20)
 _UNPACKED = ".armctl-unpacked"
 """A folder with this file in it was unpacked: what lies outside is none of its arm's business."""
-_TAKEN = {*ARM_SUFFIXES, *SUFFIXES, ".gazebo", ".toml", ".trans", ".transmission", ".xml", ".yaml", ".yml"}
+MESH_FILES = (*SUFFIXES, ".bin")
+"""meshes, and what .gltf files keep beside themselves"""
+_TAKEN = {*ARM_SUFFIXES, *MESH_FILES, ".gazebo", ".toml", ".trans", ".transmission", ".xml", ".yaml", ".yml"}
 """files of a zip file that are unpacked; others have no use here"""
 _URI = re.compile(r"(?P<scheme>[a-z]{2,}):/{1,2}(?P<rest>.*)", re.IGNORECASE | re.DOTALL)
 _INCLUDED = re.compile(rb"""<xacro:include\s[^<>]*?\bfilename\s*=\s*["'](?:[^"'<>]*/)?([^"'/<>]+)["']""")
 _LEVELS = 8
 """folders above the file in which packages are looked for"""
+_MOST_NEAR = 4
+"""files that are named instead of one that is not there"""
 _PACKAGE_LEVELS = 3
 """folders between a file and that of its own package, at most"""
 _PACKAGE = re.compile(r"[A-Za-z0-9][\w.-]*")
@@ -66,6 +70,8 @@ class UrdfSource:
     """the side file"""
     folder: Path | None = None
     """the unpacked folder that it may not look out of; None: it may"""
+    _files: list[Path] = field(default_factory=list[Path], repr=False, compare=False)
+    """meshes of the folder or the clone, once they were looked for"""
 
     @classmethod
     def at(cls, path: Path) -> UrdfSource:
@@ -97,12 +103,38 @@ class UrdfSource:
         return replace(found, side_path=side, folder=folder or found.folder)
 
     def find(self, uri: str) -> Path | None:
-        """The file that a mesh's ``filename`` means; None: there is none, or it is out of bounds."""
+        """The file that a mesh's ``filename`` means; None: there is none, or it is out of bounds.
+
+        Letters of another case and backslashes stand for those that are there. What ``package://`` names is
+        found by the end of its path, too, as the folder of a clone is rarely called as the package.
+        """
+        places = self._places(uri)
+        for place in places:
+            if place.is_file() and self._allowed(place):
+                return place
+        for place in places:
+            near = _in_any_case(place.absolute())
+            if near is not None and near.is_file() and self._allowed(near):
+                return near
+        return self._of_that_name(uri) if places else None
+
+    def near(self, uri: str) -> str:
+        """What is there instead of a mesh that ``find`` does not find: files of its name, of any kind."""
+        wanted = PurePosixPath(uri.replace("\\", "/"))
+        found: list[str] = []
+        for folder in {place.parent: None for place in self._places(uri)}:
+            names = _names_in(_in_any_case(folder.absolute()) or folder)
+            alike = [name for name in names if PurePosixPath(name).stem.lower() == wanted.stem.lower()]
+            found += [name for name in alike if PurePosixPath(name).suffix.lower() in SUFFIXES]
+        return ", ".join(sorted(dict.fromkeys(found))[:_MOST_NEAR])
+
+    def _places(self, uri: str) -> list[Path]:
+        """Where the file of a mesh may be, the likeliest first."""
         match = _URI.fullmatch(uri.strip())
         scheme = match["scheme"].lower() if match else ""
         rest = match["rest"] if match else uri.strip()
         if "\0" in rest or scheme not in ("", "file", "package", "model"):
-            return None
+            return []
         if scheme in ("package", "model"):
             package, _, inner = rest.lstrip("/").partition("/")
             places = [place / inner for place in self._packages(package)]
@@ -110,11 +142,12 @@ class UrdfSource:
             inner = rest
             places = [self.file.parent / rest]
         places += [place / inner.lstrip("/") for place in self._above()]
-        places += [Path(unquote(str(place))) for place in places if "%" in inner]
-        for place in places:
-            if place.is_file() and self._allowed(place):
-                return place
-        return self._of_that_name(PurePosixPath(inner).name)
+        parts = [part for part in re.split(r"[/\\]", inner) if part]
+        for k in range(1, min(len(parts) - 1, _LEVELS)):  # a folder and a name, at least
+            places += [place.joinpath(*parts[k:]) for place in self._above()]
+        if "\\" in inner:
+            places += [Path(str(place).replace("\\", "/")) for place in places]
+        return places + [Path(unquote(str(place))) for place in places if "%" in inner]
 
     @property
     def roots(self) -> list[Path]:
@@ -179,12 +212,53 @@ class UrdfSource:
     def _allowed(self, path: Path) -> bool:
         return self.folder is None or path.resolve().is_relative_to(self.folder.resolve())
 
-    def _of_that_name(self, name: str) -> Path | None:
-        """In an unpacked folder a file counts wherever it is, if it is the only one of its name."""
-        if self.folder is None or not name:
+    def _of_that_name(self, uri: str) -> Path | None:
+        """A file that counts wherever it is, as it is the only one of its name.
+
+        That is so in an unpacked folder; in a clone or a package the folder that it lies in must be as named.
+        """
+        parts = re.split(r"[/\\]", unquote(uri).casefold())
+        root = self.folder or self._clone()
+        if root is None or not parts[-1]:
             return None
-        found = [path for path in walk(self.folder) if path.name == name and self._allowed(path)]
+        count = 1 if self.folder is not None else 2
+        if not self._files:
+            with suppress(RobotFileError):  # a folder of very many files
+                self._files.extend(path for path in walk(root) if path.suffix.lower() in SUFFIXES)
+        alike = [
+            path
+            for path in self._files
+            if [part.casefold() for part in path.parts[-count:]] == parts[-count:] and self._allowed(path)
+        ]
+        named = [path for path in alike if path.name == PurePosixPath(uri).name]
+        found = named if len(named) == 1 else alike
         return found[0] if len(found) == 1 else None
+
+    def _clone(self) -> Path | None:
+        """The folder above that was cloned, or that is a package."""
+        marks = (".git", "package.xml")
+        return next((one for mark in marks for one in self._above() if (one / mark).exists()), None)
+
+
+def _in_any_case(path: Path) -> Path | None:
+    """A path whose letters may be of another case; None where nothing or several are alike."""
+    found = Path(path.anchor)
+    for part in path.parts[1:]:
+        if not (found / part).exists():
+            alike = [name for name in _names_in(found) if name.casefold() == part.casefold()]
+            if len(alike) != 1:
+                return None
+            part = alike[0]
+        found /= part
+    return found
+
+
+def _names_in(folder: Path) -> list[str]:
+    try:
+        with os.scandir(folder) as entries:
+            return [entry.name for _, entry in zip(range(MOST_FILES), entries, strict=False)]
+    except (OSError, ValueError):
+        return []
 
 
 def _own_package(file: Path) -> Path:
@@ -392,8 +466,8 @@ def install_package(name: str, content: bytes, folder: Path) -> Path:
 
 def add_to_package(place: Path, name: str, content: bytes) -> None:
     """Put one more file, a mesh, into a folder that ``install_package`` made."""
-    if Path(name).suffix.lower() not in SUFFIXES or not (place / _UNPACKED).is_file():
-        raise RobotFileError(f"{name}: only meshes ({', '.join(SUFFIXES)}) are added to an arm from a page")
+    if Path(name).suffix.lower() not in MESH_FILES or not (place / _UNPACKED).is_file():
+        raise RobotFileError(f"{name}: only meshes ({', '.join(MESH_FILES)}) are added to an arm from a page")
     there = [path for path in walk(place) if path != place / "meshes" / Path(name).name]
     if (
         len(there) + 2 > MOST_FILES  # with this one, and the mark that it was unpacked

@@ -17,7 +17,9 @@ from armctl.errors import InputError, RobotFileError, UnclearArmError
 from armctl.motion.clearance import clear_pose, stands_clear
 from armctl.robot import Robot, load_robot, urdf_path
 from armctl.robot.urdf import (
+    ARM_SUFFIXES,
     AXES,
+    MESH_FILES,
     Argument,
     SideFile,
     UrdfSource,
@@ -39,7 +41,7 @@ from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.joint_angles import angle_fields
 from armctl.ui.widgets.number_field import NumberField
 
-_TAKEN = ".zip,.urdf,.xacro,.stl,.obj,.ply,.dae,.glb"
+_TAKEN = ",".join((".zip", *ARM_SUFFIXES, *MESH_FILES))
 _NOTE = (
     "A .zip file with the URDF file and its meshes, or the URDF file first and then each mesh. It is kept on "
     "the computer that armctl runs on."
@@ -199,7 +201,7 @@ class UrdfArm:
         session, file = self._session, self._upload.value
         session.require_operator()
         folder = session.console.files / "robots"
-        if Path(file.name).suffix.lower() in (".zip", ".urdf", ".xacro"):
+        if Path(file.name).suffix.lower() in (".zip", *ARM_SUFFIXES):
             await self._install(file, folder, {})
             return
         found = urdf_path(session.robots.present.name)
