@@ -112,7 +112,7 @@ def _kind(file: Path) -> str:
     """``robot`` or ``program``: what the file's name or its top level says it is."""
     if is_urdf(file) or (not file.suffix and len(file.parts) == 1 and not file.exists()):
         return "robot"
-    if file.suffix.lower() in (".csv", ".py"):
+    if file.suffix.lower() in (".csv", ".py", ".xlsx", ".xls", ".ods"):
         return "program"
     top = _ANY.load(file, lambda content: _ANY.parse(content).record)
     return "robot" if "dh" in top or "joints" in top else "program"

@@ -6,9 +6,10 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, cast
 
 import msgspec
 import numpy as np
@@ -18,11 +19,14 @@ from armctl.errors import Errors, ProgramError
 from armctl.kinematics import roll_pitch_yaw
 from armctl.program.keys import keys_of
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
-from armctl.program.steps import MoveStep, PointStep, Step, all_keys, any_step
+from armctl.program.steps import CommentStep, MoveStep, PointStep, Step, all_keys, any_step
 from armctl.robot import Robot
+from armctl.robot.shape import reach
 
 CsvForm = Literal["angles", "points"]
 """angles: every step as it is; points: moves to angles become points of the tool"""
+Place = tuple[str, int | None]
+"""a step's key, and which joint it is of, if any"""
 _UNITS: tuple[dict[str, float], ...] = (
     {"mm_s": 1.0, "cm_s": 10.0, "m_s": 1000.0},
     {"mm": 1.0, "cm": 10.0, "m": 1000.0},
@@ -37,6 +41,16 @@ _POINTS_PLACE = 2
 """of the last key of a point among the keys of steps"""
 _EXTRA = {"open_percent": "gripper", "seconds": "wait"}
 """what a row without ``do`` may ask for behind its motion, and the kind of step that does it"""
+_NOTES = ("comment", "comments", "remark", "remarks", "notes", "description", "label")
+"""heads under which people write notes"""
+_TIMES = {"t": 1.0, "time": 1.0, "time_from_start": 1.0, "timestamp": 1.0}
+"""heads of the time at which a row is reached, also with a unit [s]"""
+_TIME: Place = ("time", None)
+_COMMENTS = ("#", "%", "//")
+_NEAR, _FAR = 0.05, 1.05
+"""shares of the arm's length between which the farthest point of a program lies"""
+_LOOKED_AT = 8
+"""points of a program of which the arm reaches one"""
 _DIGITS = 6
 _DELIMITERS = (",", ";", "\t")
 _SEPARATOR_LINE = re.compile(r"sep=(.)\r?\n", re.IGNORECASE)
@@ -44,8 +58,6 @@ _NUMBER_TEXT = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)
 _WHOLE_TEXT = re.compile(r"[0-9]{1,9}")
 _BEGINS_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
 _GUARD = "'"
-Place = tuple[str, int | None]
-"""a step's key, and which joint it is of, if any"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +111,11 @@ class Columns:
         self._joints = [f"joint_{name}_deg" if name in taken else f"{name}_deg" for name in joint_names]
         for joint, head in enumerate(self._joints):
             self._add_number(head, (_JOINTS, joint))
+        self._known["#"] = self._known[_NUMBER]
+        self._known = {head: Column(head, ("note", None)) for head in _NOTES} | self._known
+        for noun, factor in _TIMES.items():
+            for head, unit in ((noun, 1.0), (f"{noun}_s", 1.0), (f"{noun}_ms", 0.001)):
+                self._known.setdefault(head, Column(head, _TIME, factor * unit))
         self._folded = {head.casefold(): column for head, column in self._known.items()}
         heads = [_DO, *self._joints, *(key.head for key in keys)]
         self.written = tuple(self._known[head] for head in heads)
@@ -204,8 +221,10 @@ def read_csv(text: bytes | str, robot: Robot, name: str = "untitled") -> Program
 
     A row with a ``do`` is one step of that kind. A row without goes to its angles, or to its point; then
     it sets the gripper and waits, where those columns say so. Columns may be separated by commas,
-    semicolons or tabs; with the latter two, numbers may have decimal commas. A ProgramError names the line
-    and the column.
+    semicolons or tabs; with the latter two, numbers may have decimal commas. Lines that begin with # are
+    comments; those ahead of the head are left out. A column of times says when each row is reached. Points
+    and angles without a unit are read where the arm leaves one unit that is possible; the first step says so.
+    A ProgramError names the line and the column.
     """
     table = _Table(PROGRAM_FILES.text(text), robot)
     found: list[tuple[int, Step]] = []
@@ -219,7 +238,9 @@ def read_csv(text: bytes | str, robot: Robot, name: str = "untitled") -> Program
             raise ProgramError(f"line {line}: a program has {MOST_STEPS} steps at most")
     errors.raise_all()
     steps = tuple(step for _, step in found)
-    if not steps:
+    if table.told:
+        steps = (CommentStep(note="; ".join(table.told)), *steps)
+    if not found:
         raise ProgramError("the file has no rows below its head")
     for index, what in Blocks.of(steps).findings:
         raise ProgramError(f"line {found[index][0]}: {what}")
@@ -235,6 +256,7 @@ class _Table:
         delimiter: str | None = None
         if match := _SEPARATOR_LINE.match(text):  # Excel's; an empty line in its place keeps the numbers
             text, delimiter = "\n" + text[match.end() :], match[1]
+        text = self._without_comments(text)
         self._delimiter = delimiter or self._best_delimiter(text)
         self._records = _records(text, self._delimiter)
         filled = (found for found in self._records if any(map(str.strip, found[1])))
@@ -243,6 +265,11 @@ class _Table:
             raise ProgramError("the file is empty")
         self._columns = [self._known.find(head) if head.strip() else None for head in map(unguarded, heads)]
         """None: a column without a head"""
+        self._before: float | None = None
+        """when the row before is reached [s]"""
+        self.told: list[str] = []
+        """what was read from heads that do not say it"""
+        self._read_without_units(list(map(unguarded, heads)), robot)
         for head, column in zip(map(unguarded, heads), self._columns, strict=True):
             if column is None and head.strip():
                 raise ProgramError(f"line {line}, {self._known.why_not(head.strip())}")
@@ -253,13 +280,88 @@ class _Table:
                 raise ProgramError(f"line {line}, {what}")
             if column.place is not None:
                 self._by_place[column.place] = column
+        timed, lasting = self._by_place.get(_TIME), self._by_place.get(("duration_s", None))
+        if timed is not None and lasting is not None:
+            what = f"column {timed.head!r} says when a row is reached, {lasting.head!r} how long it takes"
+            raise ProgramError(f"line {line}, {what}; keep one of them")
         self._require_whole(line)
+
+    def _without_comments(self, text: str) -> str:
+        """The text with comments ahead of the head emptied; a head behind such a sign is laid open."""
+        lines = text.splitlines(keepends=True)
+        for k, line in enumerate(lines):
+            plain = line.strip().lstrip("\ufeff")
+            sign = next((sign for sign in _COMMENTS if plain.startswith(sign)), None)
+            if plain and (sign is None or plain[len(sign) :].startswith(_DELIMITERS)):
+                break  # the head, perhaps with # for the running number
+            if sign is not None:
+                behind = plain[len(sign) :].strip()
+                cells = re.split(r"[,;\t]", behind)
+                if all(self._known.find(cell) is not None for cell in cells):
+                    lines[k] = behind + "\n"
+                    break
+                lines[k] = "\n"
+        return "".join(lines)
+
+    def _read_without_units(self, heads: Sequence[str], robot: Robot) -> None:
+        """Points and angles whose heads have no unit, where the arm leaves one that is possible."""
+        lacking = [k for k, head in enumerate(heads) if head.strip() and self._columns[k] is None]
+        if not lacking:
+            return
+        records = list(self._records)
+        self._records = iter(records)
+        size = 1000 * reach(robot.chain)
+        for units in _UNITS[1:3]:
+            possible: list[tuple[str, dict[int, Column]]] = []
+            for unit in units:
+                columns = {
+                    k: found for k in lacking if (found := self._known.find(f"{heads[k].strip()}_{unit}"))
+                }
+                rows = [self._numbers(cells, columns) for _, cells in records]
+                if columns and self._is_possible([row for row in rows if row], robot, size):
+                    possible.append((unit, columns))
+            if len(possible) == 1:
+                unit, columns = possible[0]
+                for k, column in columns.items():
+                    self._columns[k] = column
+                names = ", ".join(heads[k].strip() for k in columns)
+                self.told.append(f"{names}: read in {unit}, the only unit that fits the arm")
+
+    def _numbers(self, cells: Sequence[str], columns: Mapping[int, Column]) -> dict[Place, float]:
+        """The numbers of a row in the units of steps; what is none is left out."""
+        found: dict[Place, float] = {}
+        for k, column in columns.items():
+            if k < len(cells) and cells[k].strip() and column.place is not None:
+                with suppress(ProgramError):
+                    found[column.place] = float(column.value(cells[k], comma=self._delimiter != ","))
+        return found
+
+    def _is_possible(self, rows: Sequence[Mapping[Place, float]], robot: Robot, size: float) -> bool:
+        """Whether an arm of this size [mm] could be meant by points [mm] or angles [degrees]."""
+        if not rows:
+            return False
+        angles = [(joint, value) for row in rows for (key, joint), value in row.items() if key == _JOINTS]
+        if angles:
+            limits = np.degrees(robot.limits)
+            return all(limits[j, 0] - 1e-6 <= value <= limits[j, 1] + 1e-6 for j, value in angles)
+        if not all((key, None) in rows[0] for key in _POINT):
+            return False
+        points = np.array([[row.get((key, None), 0.0) for key in _POINT] for row in rows])
+        if not _NEAR * size <= np.linalg.norm(points, axis=1).max() <= _FAR * size:
+            return False
+        some = points[:: len(points) // _LOOKED_AT + 1] / 1000
+        return any(robot.inverse(point).success for point in some)
 
     def rows(self, errors: Errors) -> Iterator[tuple[int, dict[Place, float | int | str]]]:
         """(line, what its cells hold) of each row that is not empty; ``errors`` takes what is wrong."""
         for line, cells in self._records:
             values: dict[Place, float | int | str] = {}
             before = len(errors.found)
+            sign = next((sign for sign in _COMMENTS if cells and cells[0].lstrip().startswith(sign)), None)
+            if sign is not None and self._columns[0] is not self._by_place.get(("note", None)):
+                note = self._delimiter.join(cells).strip().removeprefix(sign).strip().rstrip(self._delimiter)
+                yield line, {(_DO, None): "comment", ("note", None): note}
+                continue
             for i, text in enumerate(cells):
                 with errors:
                     values |= self._cell(line, self._columns[i] if i < len(self._columns) else None, text)
@@ -285,6 +387,8 @@ class _Table:
         """The steps that a row asks for."""
         record: dict[str, object] = {key: value for (key, joint), value in cells.items() if joint is None}
         has_angles = any(place in cells for place in self._joints)
+        if _TIME[0] in record:
+            self._take_time(line, record)
         if has_angles:
             for place in self._joints:
                 if place not in cells:
@@ -308,6 +412,19 @@ class _Table:
         for extra in extras:  # the first step takes what else the row says
             yield self._step(line, {**extra, **record})
             record = {}
+
+    def _take_time(self, line: int, record: dict[str, object]) -> None:
+        """Make the time at which a row is reached the duration of its motion."""
+        time, before = float(cast("float", record.pop(_TIME[0]))), self._before
+        self._before = time + float(cast("float", record.get("seconds", 0.0)))
+        if before is None:
+            return  # from wherever the arm stands
+        if time <= before:
+            column = self._by_place[_TIME].head
+            raise ProgramError(
+                f"line {line}, column {column}: {time:g} s is not after the {before:g} s before"
+            )
+        record["duration_s"] = round(time - before, _DIGITS)
 
     def _step(self, line: int, record: dict[str, object]) -> Step:
         try:

@@ -19,6 +19,8 @@ from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
 from armctl.program.steps import CommentStep, EndStep, RepeatStep, Step, any_step
 from armctl.robot import Robot
 
+_WORKBOOKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
+"""how packed files and those of older office programs begin"""
 PROGRAM_SUFFIXES = (".toml", ".csv")
 _WRITABLE = (int, float, str, list, tuple, np.generic, np.ndarray)
 
@@ -38,6 +40,11 @@ def read_program(filename: str, content: bytes, robot: Robot | None) -> Program:
 
 
 def _read(name: PurePath, content: bytes, robot: Robot | None) -> Program:
+    if content.startswith(_WORKBOOKS) and name.suffix.lower() not in (".toml", ".py"):
+        raise ProgramError(
+            "is a workbook (.xlsx, .xls or .ods, by its content) and no text; save it in the spreadsheet "
+            "program as CSV (UTF-8)"
+        )
     match name.suffix.lower():
         case ".toml":
             return decode_program(content)

@@ -33,7 +33,8 @@ from armctl.robot.robot import Robot
 
 _SIDE_SUFFIX = ".armctl.toml"
 _URDF = re.compile(
-    r"(?P<path>.+?\.(?:urdf|xacro|zip|armctl\.toml))(?:#(?P<wanted>.*))?", re.IGNORECASE | re.DOTALL
+    r"(?P<path>.+?\.(?:urdf|xacro|zip|xml|sdf|srdf|mjcf|armctl\.toml))(?:#(?P<wanted>.*))?",
+    re.IGNORECASE | re.DOTALL,
 )
 
 

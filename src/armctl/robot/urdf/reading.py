@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import fnmatch
 import os
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, cast
@@ -53,7 +54,8 @@ class MissingPackageError(RobotFileError):
 
 def parse_xml(content: bytes, file: Path) -> Element:
     """The root element of an XML file; refuses document types and what is nested too deep."""
-    builder, parser = ElementTree.TreeBuilder(element_factory=Element), expat.ParserCreate()
+    builder, parser = ElementTree.TreeBuilder(element_factory=Element), expat.ParserCreate("utf-8")
+    content = _in_utf8(content)
     depth, count, literal = 0, 0, False
 
     def start(tag: str, attributes: dict[str, str]) -> None:
@@ -102,8 +104,56 @@ def parse_xml(content: bytes, file: Path) -> Element:
     return cast("Element", builder.close())
 
 
+_ENCODING = re.compile(rb"""<\?xml[^>]*?encoding\s*=\s*["']([\w.:-]+)["']""")
+_HEAD_BYTES = 4096
+_CODECS = {
+    **dict.fromkeys(("gb2312", "gbk", "gb18030", "cp936"), "gb18030"),
+    **dict.fromkeys(("big5", "big5-hkscs", "cp950"), "big5hkscs"),
+    **dict.fromkeys(("shift_jis", "shift-jis", "sjis", "windows-31j", "cp932"), "cp932"),
+    **dict.fromkeys(("euc-kr", "ks_c_5601-1987", "cp949"), "cp949"),
+    "euc-jp": "euc_jp",
+    "koi8-r": "koi8_r",
+    **{f"windows-{k}": f"cp{k}" for k in range(1250, 1259)},
+    **{f"iso-8859-{k}": f"iso8859_{k}" for k in (*range(2, 12), *range(13, 17))},
+}
+"""what is decoded as declared; else UTF-8, or as Windows writes the languages of western Europe"""
+
+
+def _in_utf8(content: bytes) -> bytes:
+    """An XML file in UTF-8, with its declaration at the very begin; lines keep their numbers."""
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        declared = "utf-16"
+    else:
+        match = _ENCODING.search(content[:_HEAD_BYTES])
+        declared = _CODECS.get(match[1].decode().lower(), "utf-8-sig") if match else "utf-8-sig"
+    try:
+        text = content.decode(declared)
+    except UnicodeDecodeError as cause:
+        if declared != "utf-8-sig":
+            raise RobotFileError(f"is not {declared}, as its begin says; save it as UTF-8") from cause
+        text = content.decode("cp1252", errors="replace")
+    at = _behind_comments(text)
+    end = text.find("?>", at) + 2
+    if text.startswith("<?xml", at) and end > 1:
+        text = f"<?xml version='1.0'?>{text[:at]}{text[end:]}"
+    return text.encode()
+
+
+def _behind_comments(text: str) -> int:
+    """Where something stands in a text that is no blank and no comment."""
+    at = 0
+    while True:
+        at += len(text[at:]) - len(text[at:].lstrip())
+        end = text.find("-->", at) + 3
+        if not text.startswith("<!--", at) or end < 3:
+            return at
+        at = end
+
+
 def _refuse_document_type(name: str, *_: object) -> None:
     """URDF has none, and its entities can grow without bound or name other files."""
+    if name.lower() == "html":
+        raise RobotFileError("is a web page and not the file itself; download the file (on GitHub by Raw)")
     raise RobotFileError(f"holds a document type ({name!r}); a URDF file has none, take it out")
 
 

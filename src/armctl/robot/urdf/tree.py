@@ -264,6 +264,11 @@ def read_urdf_file(source: UrdfSource, arguments: Mapping[str, str] | None = Non
     ``arguments``: values of what ``<xacro:arg>`` declares, by name.
     """
     root = parse_xml(URDF_FILES.read(source.file), source.file)
+    if other := _other_format(root):
+        raise RobotFileError(
+            f"is {other}; armctl reads URDF: open the .urdf or .urdf.xacro file of the arm, which most "
+            "projects have, too"
+        )
     if root.tag != "robot":
         raise RobotFileError(f"the root element is <{root.tag}>, a URDF file has <robot>")
     expanded: Expanded | None = None
@@ -283,6 +288,28 @@ def read_urdf_file(source: UrdfSource, arguments: Mapping[str, str] | None = Non
     joints = _by_name(root, "joint", _joint)
     given = ((), ()) if expanded is None else (expanded.arguments, expanded.left_out)
     return UrdfTree(source.file, root.get("name", ""), links, list(joints.values()), *given)
+
+
+_FORMATS = {
+    "sdf": "an SDF file of Gazebo",
+    "gazebo": "an SDF file of Gazebo",
+    "mujoco": "an MJCF file of MuJoCo",
+    "mujocoinclude": "an MJCF file of MuJoCo",
+    "launch": "a launch file of ROS",
+    "package": "the package.xml of a ROS package",
+    "COLLADA": "a Collada mesh (DAE)",
+    "html": "a web page (download the file itself, on GitHub by Raw)",
+}
+"""root elements of files that are taken for an arm's"""
+_OF_SRDF = ("group", "group_state", "disable_collisions", "virtual_joint", "end_effector")
+
+
+def _other_format(root: ElementTree.Element) -> str:
+    """What a file is that is no URDF; empty where that is not known."""
+    if root.tag == "robot":
+        is_srdf = root.find("link") is None and any(root.find(tag) is not None for tag in _OF_SRDF)
+        return "an SRDF file of MoveIt, which has groups and poses and no geometry" if is_srdf else ""
+    return _FORMATS.get(root.tag, "")
 
 
 def _only_macros(source: UrdfSource, expanded: Expanded) -> RobotFileError:

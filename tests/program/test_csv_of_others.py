@@ -1,0 +1,124 @@
+"""CSV files that are nearly right: times, comments, heads without units, workbooks."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armctl import load_robot
+from armctl.cli.main import run
+from armctl.errors import ProgramError
+from armctl.program import Program, open_program, read_csv
+from armctl.program.steps import CommentStep, MoveStep, PointStep
+
+ROBOT = load_robot("uzuner")
+
+
+def read(*lines: str) -> Program:
+    return read_csv("\n".join(lines) + "\n", ROBOT)
+
+
+# Times.
+
+
+@pytest.mark.parametrize(
+    ("head", "unit"), [("t", 1), ("time", 1), ("T_s", 1), ("time_ms", 1000), ("time_from_start", 1)]
+)
+def test_a_column_of_times_is_when_rows_are_reached(head: str, unit: int) -> None:
+    program = read(
+        f"{head},x_mm,y_mm,z_mm", "0,220,-60,100", f"{1.5 * unit},220,60,100", f"{4 * unit},220,0,100"
+    )
+    assert [getattr(step, "duration_s", None) for step in program.steps] == [None, 1.5, 2.5]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_durations_add_up_to_the_times(seed: int) -> None:
+    chance = np.random.default_rng(seed)
+    times = np.cumsum(chance.uniform(0.1, 3, 12)).round(3)
+    waits = np.where(chance.random(12) < 0.3, 0.05, 0.0)
+    rows = [
+        f"{t},220,{y:.1f},100,{w or ''}"
+        for t, y, w in zip(times, chance.uniform(-60, 60, 12), waits, strict=True)
+    ]
+    program = read("time,x_mm,y_mm,z_mm,seconds", *rows)
+    lasting = [step.duration_s or 0.0 for step in program.steps if isinstance(step, PointStep)]
+    assert sum(lasting) + waits[:-1].sum() == pytest.approx(times[-1] - times[0], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("lines", "says"),
+    [
+        (("t,x_mm,y_mm,z_mm", "0,220,-60,100", "0,220,60,100"), "line 3, column t: 0 s is not after the 0 s"),
+        (("t,x_mm,y_mm,z_mm", "2,220,-60,100", "1,220,60,100"), "line 3, column t: 1 s is not after the 2 s"),
+        (("t,x_mm,y_mm,z_mm,duration_s", "0,220,-60,100,1"), "'t' says when .*'duration_s' how long"),
+        (("t,x_mm,y_mm,z_mm", "soon,220,-60,100"), "line 2, column t: 'soon' is not a number"),
+    ],
+)
+def test_times_that_cannot_be_kept_are_named(lines: tuple[str, ...], says: str) -> None:
+    with pytest.raises(ProgramError, match=says):
+        read(*lines)
+
+
+# Comments.
+
+
+@pytest.mark.parametrize("head", ["comment", "Comments", "remark", "notes", "description"])
+def test_a_column_of_comments_is_a_note(head: str) -> None:
+    (step,) = read(f"x_mm,y_mm,z_mm,{head}", "220,-60,100,pick").steps
+    assert step.note == "pick"
+
+
+def test_lines_of_comments_are_comments() -> None:
+    head = ("# my points", '% "made by', "// me", "")
+    program = read(*head, "x_mm;y_mm;z_mm", "220;-60;100", "# above; the box", "220;60;100,5")
+    assert [type(step) for step in program.steps] == [PointStep, CommentStep, PointStep]
+    assert program.steps[1].note == "above; the box"
+    with pytest.raises(ProgramError, match="line 7"):
+        read(*head, "x_mm,y_mm,z_mm", "220,-60,100", "220,far,100")
+
+
+def test_a_head_behind_a_sign_is_the_head() -> None:
+    assert len(read("# x_mm, y_mm, z_mm", "220,-60,100").steps) == 1
+    program = read("#,x_mm,y_mm,z_mm", "1,220,-60,100", "2,220,60,100")
+    assert [type(step) for step in program.steps] == [PointStep, PointStep]
+
+
+# Units.
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1.0, "mm"), (0.1, "cm"), (0.001, "m")])
+def test_points_without_a_unit_are_read_in_the_one_that_fits(scale: float, unit: str) -> None:
+    rows = [",".join(f"{scale * value:g}" for value in point) for point in ((220, -60, 100), (220, 60, 100))]
+    told, first, _ = read("x,y,z", *rows).steps
+    assert f"x, y, z: read in {unit}" in told.note
+    assert isinstance(first, PointStep) and (first.x_mm, first.y_mm) == pytest.approx((220, -60))
+
+
+def test_angles_without_a_unit_are_read_where_only_degrees_fit() -> None:
+    names = ",".join(ROBOT.joint_names)
+    told, step = read(names, ",".join(f"{angle:.2f}" for angle in np.degrees(ROBOT.pose("home")))).steps
+    assert "read in deg" in told.note and isinstance(step, MoveStep)
+    with pytest.raises(ProgramError, match="has no unit"):
+        read(names, ",".join("0" for _ in ROBOT.joint_names))
+
+
+@pytest.mark.parametrize("row", ["0,0,0", "9e9,0,0", "1,2,3", "far,0,0"])
+def test_points_that_fit_no_unit_are_refused(row: str) -> None:
+    with pytest.raises(ProgramError, match="column 'x' has no unit; write x_mm"):
+        read("x,y,z", row)
+
+
+# Workbooks.
+
+
+@pytest.mark.parametrize("name", ["points.csv", "points.xlsx", "points.ods"])
+def test_a_workbook_is_named(tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with zipfile.ZipFile(tmp_path / name, "w") as packed:
+        packed.writestr("xl/workbook.xml", "<workbook/>")
+    with pytest.raises(ProgramError, match=r"workbook.*save it.* as CSV"):
+        open_program(tmp_path / name, ROBOT)
+    assert run(["check", str(tmp_path / name), "--robot", "uzuner"]) == 1
+    assert "as CSV" in capsys.readouterr().err
