@@ -14,12 +14,13 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.boards import ANY_BOARD, SIMULATED, board_name, calibrated_for
-from armctl.errors import ArmctlError, InputError, StateError
+from armctl.errors import ArmctlError, InputError, MotionRefusedError, StateError
 from armctl.handles import ORIGIN, JointStream, Motion
 from armctl.hardware import Source
 from armctl.kinematics import Choice, Target, roll_pitch_yaw, rotation_of
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion import PathTrajectory, PitchMode, Profile, Trajectory, TurnMode, solve
+from armctl.motion.clearance import clear_rest
 from armctl.motion.trajectory import KnowsPeaks
 from armctl.process import Link, RemoteLine, start_arm
 from armctl.program import ArcStep, LineStep, Program, Step, WaitStep, checked_program, open_program
@@ -214,7 +215,16 @@ class Arm:
         """
         if any(not axis.homed for axis in self.snapshot.homing):
             self.home()
-        self._do(self._enable_at(pose))
+        try:
+            self._do(self._enable_at(pose))
+        except MotionRefusedError as refusal:
+            found = clear_rest(self.robot) if pose in (None, "rest") else None
+            if found is None:
+                raise
+            raise MotionRefusedError(
+                f"{refusal}: {found[1]} is clear. Give it here, enable({found[1]}), or keep it as the rest "
+                f"pose: [poses] rest = {found[1]} in the robot file or the side file of the arm"
+            ) from refusal
 
     def home(self, wait: bool = True) -> Motion:
         """Move every axis slowly to its zero. ``go_pose("home")`` instead goes to the pose called home.

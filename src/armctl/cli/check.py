@@ -17,7 +17,7 @@ from armctl.cli.options import ROBOT, json_option, print_json
 from armctl.documents import DocumentKind
 from armctl.errors import ArmctlError, BoardError, InputError
 from armctl.hardware.boards import board_type
-from armctl.motion.clearance import clear_pose, kept_out, touching
+from armctl.motion.clearance import clear_rest, kept_out, touching
 from armctl.motion.preflight import Finding, not_checked, preflight
 from armctl.motion.profiles import PointToPoint
 from armctl.program import Program, check_program, open_program
@@ -120,11 +120,10 @@ def _kind(file: Path) -> str:
 
 def _other(pose: str, robot: Robot) -> str:
     """What to write for a named pose that is clear of everything, if one is easily found."""
-    q = clear_pose(replace(robot, poses={}))
-    if q is None:
+    found = clear_rest(robot)
+    if found is None:
         return f"choose another {pose} pose, or another height of the floor"
-    angles = ", ".join(f"{angle:g}" for angle in np.degrees(q).round(2).tolist())
-    return f"in the side file or the robot file, [poses] {pose} = [{angles}] would do"
+    return f"in the side file or the robot file, [poses] {pose} = {found[1]} would do"
 
 
 def _check_robot(robot: Robot) -> Iterator[Finding]:

@@ -7,6 +7,7 @@ Each kind has k gaps: ``parts`` are their names, ``levers`` (k, n) how much each
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 from typing import ClassVar, Literal, NamedTuple
 
@@ -178,6 +179,14 @@ _MOST_TURNED = 4
 """joints of a suggested pose that are a quarter turn from zero"""
 _ROOM_M = 0.002
 """A suggested pose is so far above the floor."""
+
+
+def clear_rest(robot: Robot) -> tuple[FloatArray, str] | None:
+    """As ``clear_pose``, where the robot's own poses excuse nothing; with its angles [degrees] as written."""
+    q = clear_pose(replace(robot, poses={}))
+    if q is None:
+        return None
+    return q, f"[{', '.join(f'{angle:g}' for angle in np.degrees(q).round(2).tolist())}]"
 
 
 def clear_pose(robot: Robot) -> FloatArray | None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 from html import escape
 
 import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError
+from armctl.errors import ArmctlError, MotionRefusedError
 from armctl.hardware.boards import board_type
+from armctl.motion.clearance import clear_rest
 from armctl.runtime import Enable, Need, Snapshot, State
 from armctl.ui.port_watch import PortWatch
 from armctl.ui.session import Session
@@ -99,9 +101,13 @@ class EnableButton:
         with self._box:
             self._note = LiveHtml(gui)
             enable = gui.add_button("Enable", icon=viser.Icon.BOLT, color="green")
+            self._elsewhere = gui.add_button("Enable in a clear pose", icon=viser.Icon.BOLT, visible=False)
             session.needs(Need.OFF, enable, command, also=_unhomed)
+            session.needs(Need.OFF, self._elsewhere, told=False)
+        self._clear: FloatArray | None = None
         self._question = EnableQuestion(session)
         session.on(enable.on_click, self._on_enable)
+        session.on(self._elsewhere.on_click, self._on_elsewhere)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Hide the button once the arm is on, or while the question is asked."""
@@ -121,8 +127,27 @@ class EnableButton:
         if must_be_told(session.snapshot):
             session.require_operator()
             self._question.ask(session.snapshot)
-        else:
+            return
+        try:
             await session.submit(Enable())
+        except MotionRefusedError as refusal:
+            board = session.snapshot.board
+            if board is None or not board.simulated:
+                raise  # where the arm stands is no choice
+            found = await asyncio.to_thread(clear_rest, session.console.robot)
+            if found is None:
+                raise
+            self._clear, angles = found
+            self._elsewhere.label = f"Enable in {angles}°"
+            self._elsewhere.visible = True
+            raise MotionRefusedError(
+                f"{refusal}: press “Enable in {angles}°”. Main → Tool, rest pose and floor keeps such a pose"
+            ) from refusal
+
+    async def _on_elsewhere(self) -> None:
+        """Enable the simulated arm in the clear pose that was found."""
+        await self._session.submit(Enable(self._clear))
+        self._elsewhere.visible = False
 
 
 def _unhomed(snapshot: Snapshot) -> str | None:

@@ -1,0 +1,62 @@
+"""Enable where the rest pose is below the floor: the clear pose is named, and one press away."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.robot.plain_arm import write_plain_arm
+
+from armctl import Arm, load_robot
+from armctl.errors import MotionRefusedError
+from armctl.robot import Robot
+from armctl.runtime import Enable
+from armctl.ui.enabling import EnableButton
+
+CLEAR = "[0, -90, 0, 0, 0]"
+
+
+@pytest.fixture(name="robot")
+def _robot(tmp_path: Path) -> Robot:
+    """Its zero is below the floor."""
+    return load_robot(write_plain_arm(tmp_path / "arm.urdf", {"lift": {"rpy": "0 2.6 0"}}))
+
+
+def test_the_refusal_names_the_pose_and_where_it_is_kept(robot: Robot) -> None:
+    with Arm.open(robot) as arm:
+        with pytest.raises(MotionRefusedError, match="below the floor") as refused:
+            arm.enable()
+        assert f"enable({CLEAR})" in str(refused.value) and f"[poses] rest = {CLEAR}" in str(refused.value)
+        arm.enable([0, -90, 0, 0, 0])
+        assert arm.joints_deg == pytest.approx([0, -90, 0, 0, 0], abs=0.1)
+
+
+def test_the_page_offers_it_in_one_press(robot: Robot) -> None:
+    sent: list[Enable] = []
+
+    async def submit(command: Enable) -> None:
+        sent.append(command)
+        if command.q is None:
+            raise MotionRefusedError("the tool: 147.1 mm below the floor")
+
+    board = SimpleNamespace(simulated=True)
+    session = SimpleNamespace(
+        snapshot=SimpleNamespace(board=board, state=None), submit=submit, console=SimpleNamespace(robot=robot)
+    )
+    page: Any = SimpleNamespace(
+        _session=session, _elsewhere=SimpleNamespace(label="", visible=False), _clear=None
+    )
+    with pytest.raises(MotionRefusedError, match="Tool, rest pose and floor"):
+        asyncio.run(EnableButton._on_enable(page))
+    assert page._elsewhere.visible and CLEAR in page._elsewhere.label
+    asyncio.run(EnableButton._on_elsewhere(page))
+    assert not page._elsewhere.visible
+    assert sent[-1].q is not None and np.degrees(sent[-1].q) == pytest.approx([0, -90, 0, 0, 0])
+    board.simulated = False  # where a real arm stands is no choice
+    with pytest.raises(MotionRefusedError, match=r"below the floor$"):
+        asyncio.run(EnableButton._on_enable(page))
+    assert not page._elsewhere.visible
