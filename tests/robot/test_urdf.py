@@ -236,8 +236,8 @@ ENTITY = '<!DOCTYPE robot [<!ENTITY a "b"><!ENTITY c "&a;&a;">]>'
     [
         ("", "is not XML: no element found"),
         (b"\xff\xfe\x00<", "is not XML"),
-        ('<?xml version="1.0" encoding="nonsense"?><robot/>', "is not XML"),
-        ("<sdf/>", "the root element is <sdf>, a URDF file has <robot>"),
+        ('<?xml version="1.0" encoding="nonsense"?><robot>', "is not XML"),
+        ("<model/>", "the root element is <model>, a URDF file has <robot>"),
         ("<robot/>", "there is no <link>"),
         ('<robot><link name="a"/></robot>', "no joint turns between a and a"),
         (ARM.replace("<robot", f"{ENTITY}<robot", 1).encode("utf-16"), "holds a document type ('robot')"),
