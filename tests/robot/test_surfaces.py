@@ -20,7 +20,7 @@ from armctl.kinematics import rotation_from_rpy
 from armctl.kinematics.chain import LinkFrames
 from armctl.motion import PointToPoint, preflight
 from armctl.process.records import robot_of, robot_record
-from armctl.robot import Robot, surfaces
+from armctl.robot import Robot, mesh_cache, surfaces
 from armctl.robot.solids import Solid, block, drum
 from armctl.robot.surfaces import CLEAR_M, Surface, SurfacePairs
 
@@ -147,6 +147,7 @@ def test_without_the_library_hulls_decide_and_the_arm_says_so(
 ) -> None:
     assert not any("python-fcl" in text for text in forked.assumed)
     monkeypatch.setattr(surfaces, "find_spec", lambda _: None)
+    monkeypatch.setattr(mesh_cache, "folder", lambda: tmp_path / "kept")
     robot = load_robot(tmp_path / "arm.urdf").with_body()
     assert any("pip install python-fcl" in text for text in robot.assumed)
     assert told(robot, [0.0, 0.0, FOLDED - 0.6, 0.0], [0.0, 0.0, FOLDED, 0.0])

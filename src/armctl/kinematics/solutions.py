@@ -352,8 +352,9 @@ class Solutions(ByContent):
         held = (low < high) & (
             ((q <= low + _ON_LIMIT) & (nearer < -_LEVER)) | ((q >= high - _ON_LIMIT) & (nearer > _LEVER))
         )
+        titles = arm.titles or [f"joint {j + 1}" for j in range(len(q))]
         words = [
-            f"{arm.titles[j] if arm.titles else f'joint {j + 1}'} is at its limit of {math.degrees(q[j]):z.2f}°"
+            f"{titles[j]} is at its limit of {math.degrees(q[j]):z.2f}°"
             for j in np.flatnonzero(held).tolist()
         ]
         return f", where {' and '.join(words)}" if words else ""
