@@ -43,7 +43,7 @@ def test_durations_add_up_to_the_times(seed: int) -> None:
         f"{t},220,{y:.1f},100,{w or ''}"
         for t, y, w in zip(times, chance.uniform(-60, 60, 12), waits, strict=True)
     ]
-    program = read("time,x_mm,y_mm,z_mm,seconds", *rows)
+    program = read("time,x_mm,y_mm,z_mm,wait_s", *rows)
     lasting = [step.duration_s or 0.0 for step in program.steps if isinstance(step, PointStep)]
     assert sum(lasting) + waits[:-1].sum() == pytest.approx(times[-1] - times[0], abs=1e-4)
 
