@@ -101,7 +101,7 @@ def test_a_mesh_in_millimetres_is_named_with_its_size(tmp_path: Path, factor: fl
     file = meshed(tmp_path, "part_mm.stl")
     robot = load_robot(file).with_body()
     (line,) = (text for text in robot.assumed if text.startswith("passed over"))
-    assert f"part_mm.stl is {0.04 * factor:.3g} m large" in line and 'scale="0.001 0.001 0.001"' in line
+    assert f"part_mm.stl is {0.08 * factor:.3g} m large" in line and 'scale="0.001 0.001 0.001"' in line
     assert robot.shapes == () and stands_clear(robot, robot.pose("home"))
     if factor == 1000.0:
         robot = load_robot(meshed(tmp_path, "part_mm.stl", scale="0.001 0.001 0.001")).with_body()

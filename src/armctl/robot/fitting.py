@@ -122,7 +122,8 @@ def _readable(shapes: Sequence[Shape], size: float) -> tuple[dict[int, Solid], l
             solid = arm.solid_of(shape)
             beside = extent(Solid(solid.vertices - shape.pose[:3, 3], solid.faces))
             if shape.kind == "mesh" and beside > _LARGEST * size:
-                raise RobotFileError(f"{too_large(shape, beside)} (the arm is {size:.2g} m long)")
+                across = float(np.ptp(solid.vertices, axis=0).max())
+                raise RobotFileError(f"{too_large(shape, across)} (the arm is {size:.2g} m long)")
             found[k] = solid
             sizes += [beside] * (shape.kind == "mesh")
         except RobotFileError as problem:
