@@ -3,6 +3,7 @@
 By sequential quadratic programming (SLSQP of scipy; D. Kraft, 1988). Least travel and shortest time become
 smooth with more unknowns. Travel: each joint turns by ``p - m``, neither negative, and Σ (p + m) / speed is
 least. Time: a time T is least in which every joint can make its way, |q - start| ≤ way(T).
+The only module of this package that asks scipy.
 """
 
 from __future__ import annotations
