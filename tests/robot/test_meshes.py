@@ -188,7 +188,7 @@ def test_what_is_no_mesh_is_refused_in_one_line(tmp_path: Path, name: str, conte
 def test_sizes_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.stl"
     path.write_bytes(binary_stl(BOX))
-    with pytest.raises(RobotFileError, match=r'a\.stl is 325 m large.*scale="1 1 1"'):
+    with pytest.raises(RobotFileError, match=r'a\.stl is 107 m large.*scale="1 1 1"'):
         solid_of(Shape("mesh", (1e3, 1e3, 1e3), np.eye(4), str(path)))
     monkeypatch.setattr(meshes, "MOST_TRIANGLES", 11)
     with pytest.raises(RobotFileError, match="holds 12 triangles; 11 at most"):

@@ -21,7 +21,7 @@ from armctl.errors import RobotFileError
 from armctl.kinematics import Chain
 from armctl.robot.body import ArmBody, Capsule, link_name
 from armctl.robot.hulls import Hull, distances
-from armctl.robot.meshes import ArmSolids, extent, too_large
+from armctl.robot.meshes import ArmSolids, across, extent, too_large
 from armctl.robot.parts import Shape
 from armctl.robot.shape import reach
 from armctl.robot.solids import Solid
@@ -122,8 +122,7 @@ def _readable(shapes: Sequence[Shape], size: float) -> tuple[dict[int, Solid], l
             solid = arm.solid_of(shape)
             beside = extent(Solid(solid.vertices - shape.pose[:3, 3], solid.faces))
             if shape.kind == "mesh" and beside > _LARGEST * size:
-                across = float(np.ptp(solid.vertices, axis=0).max())
-                raise RobotFileError(f"{too_large(shape, across)} (the arm is {size:.2g} m long)")
+                raise RobotFileError(f"{too_large(shape, across(solid))} (the arm is {size:.2g} m long)")
             found[k] = solid
             sizes += [beside] * (shape.kind == "mesh")
         except RobotFileError as problem:

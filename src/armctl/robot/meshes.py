@@ -121,13 +121,18 @@ def _scaled(solid: Solid, shape: Shape) -> Solid:
     faces = solid.faces if math.prod(shape.size) > 0 else solid.faces[:, ::-1]  # a mirrored one is inside out
     scaled = Solid(solid.vertices * np.array(shape.size), faces)
     if extent(scaled) > FARTHEST_M:
-        raise RobotFileError(too_large(shape, extent(scaled)))
+        raise RobotFileError(too_large(shape, across(scaled)))
     return _with_surface(scaled)
 
 
 def extent(solid: Solid) -> float:
     """How far its farthest point is from the origin, along an axis [m]."""
     return float(np.abs(solid.vertices).max())
+
+
+def across(solid: Solid) -> float:
+    """Its largest size along an axis [m]."""
+    return float(np.ptp(solid.vertices, axis=0).max())
 
 
 def too_large(shape: Shape, size: float) -> str:
