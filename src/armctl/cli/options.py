@@ -58,6 +58,8 @@ class Number(click.ParamType[float]):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Read ``value``; a refusal is wrong usage."""
+        if "," in str(value):
+            self.fail(f"{value!r} is not a number (write 1.5, with a point)", param, ctx)
         number = float(click.FLOAT.convert(value, param, ctx))
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number", param, ctx)
