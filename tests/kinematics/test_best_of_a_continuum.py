@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from benchmarks.best_solutions import WORKS, compared
+from benchmarks.best_solutions import compared
 from benchmarks.own_search import Search
 
 from armctl import load_robot
@@ -31,7 +31,6 @@ def test_no_search_finds_a_shorter_time_with_a_pitch(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["uzuner", "humanoid", "so101", "ur5"])
 def test_no_search_comes_nearer_to_an_orientation(name: str) -> None:
-    assert "orientation" in WORKS
     for mine, least in compared(load_robot(name), "orientation", 2, np.random.default_rng(33)):
         assert mine <= least + _SAME
 
