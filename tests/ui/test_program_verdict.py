@@ -18,6 +18,7 @@ from armctl.errors import StateError
 from armctl.motion import Finding
 from armctl.program import MoveStep, PointStep, Program, Step
 from armctl.ui.guard import GuardedServer
+from armctl.ui.tabs.manual import program_run
 from armctl.ui.tabs.manual.program_run import ProgramRun
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 
@@ -137,6 +138,25 @@ def test_what_is_being_checked_is_not_checked_a_second_time(
     bench.put(HOME)
     asyncio.run(twice())
     assert len(begun) == 1
+    assert "Pre-flight: clear" in bench.shown
+
+
+def test_who_runs_a_program_waits_for_no_check_of_others(bench: Bench) -> None:
+    ended = threading.Event()
+    others = [program_run._LOOKING.submit(ended.wait, 10) for _ in range(3)]
+
+    async def both() -> None:
+        looking = asyncio.create_task(bench.run.check())
+        await asyncio.sleep(0)
+        start = bench.run._session.snapshot.q_command
+        assert await bench.run._check(bench.run._program(), start, to_run=True) == []
+        assert not any(other.done() for other in others)
+        assert not looking.done()
+        ended.set()
+        assert await looking == []
+
+    bench.put(HOME)
+    asyncio.run(both())
     assert "Pre-flight: clear" in bench.shown
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, ProgramError, StateError
@@ -19,6 +21,8 @@ from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.verdict_list import first_error, verdict_html
 
 _MOST_LOOPS = 100_000
+_LOOKING = ThreadPoolExecutor(2, "armctl-check")
+"""waits for the checks of all pages that only want to know: who runs a program does not queue behind them"""
 _FROM_HINT = "The first pass begins with the selected row."
 _STEP_HINT = "Run the selected step alone, then select the next."
 _CHECK_HINT = "Look for what would be refused, without moving the arm."
@@ -30,6 +34,8 @@ class _Check:
 
     program: Program
     begin: tuple[float, ...] | None
+    to_run: bool
+    """it waits for no check of others"""
     findings: asyncio.Task[list[Finding]]
     cancelled: threading.Event
 
@@ -86,7 +92,7 @@ class ProgramRun:
     async def check(self) -> list[Finding]:
         """Check the program from where the arm stands, and show the verdict; refused without steps."""
         try:
-            return await self._check(self._program(), self._session.snapshot.q_command)
+            return await self._check(self._program(), self._session.snapshot.q_command, to_run=False)
         except _OutdatedError:
             return []  # who has edited it knows
 
@@ -98,7 +104,8 @@ class ProgramRun:
         program = self._program()
         self._session.require_operator()
         # Where another step comes first, it is not known where the arm would have come from.
-        findings = await self._check(program, self._session.snapshot.q_command if first == 0 else None)
+        start = self._session.snapshot.q_command if first == 0 else None
+        findings = await self._check(program, start, to_run=True)
         error = first_error(findings)
         if error is not None:
             raise ProgramError(f"{program.name}: {error}")
@@ -117,18 +124,22 @@ class ProgramRun:
             raise StateError(EMPTY)
         return program
 
-    async def _check(self, program: Program, start: FloatArray | None) -> list[Finding]:
-        """Find and show what would be refused; the same program from the same place is not checked twice."""
+    async def _check(self, program: Program, start: FloatArray | None, *, to_run: bool) -> list[Finding]:
+        """Find and show what would be refused; the same program from the same place is not checked twice.
+
+        ``to_run``: it begins at once, and not behind checks of other pages.
+        """
         begin = None if start is None else tuple(start.tolist())
         newest = self._newest
-        if newest is None or newest.program is not program or newest.begin != begin:
+        other = newest is None or newest.program is not program or newest.begin != begin
+        if newest is None or other or (to_run and not (newest.to_run or newest.findings.done())):
             self._verdict.show(muted("Checking …"))
             self._verdict.visible = True
-            if newest is not None:
+            if newest is not None and other:
                 newest.cancelled.set()
             cancelled = threading.Event()
-            finding = asyncio.create_task(self._find(program, start, cancelled))
-            newest = self._newest = _Check(program, begin, finding, cancelled)
+            finding = asyncio.create_task(self._find(program, start, cancelled, to_run=to_run))
+            newest = self._newest = _Check(program, begin, to_run, finding, cancelled)
         try:
             return await newest.findings
         except BaseException:
@@ -137,7 +148,7 @@ class ProgramRun:
             raise
 
     async def _find(
-        self, program: Program, start: FloatArray | None, cancelled: threading.Event
+        self, program: Program, start: FloatArray | None, cancelled: threading.Event, *, to_run: bool
     ) -> list[Finding]:
         robot = self._session.console.robot
 
@@ -150,9 +161,8 @@ class ProgramRun:
             self._progress = (done, steps)
 
         try:
-            findings = await asyncio.to_thread(
-                check_program_apart, program, robot, start=start, progress=progress
-            )
+            check = partial(check_program_apart, program, robot, start=start, progress=progress)
+            findings = await asyncio.get_running_loop().run_in_executor(None if to_run else _LOOKING, check)
         except BaseException:
             self._verdict.visible = False
             raise
