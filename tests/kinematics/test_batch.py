@@ -131,7 +131,7 @@ def test_least_rotation_of_random_arms_is_the_exact_one_and_never_above_the_swee
         ({"position_m": [[0.1, 0.0, math.nan], [0.1, 0.0, 0.1]]}, r"got \[0.1, 0.0, nan\] in row 0"),
         (
             {"position_m": [[0.1, 0.0, 0.1], [200.0, 0.0, 20000.0]]},
-            r"row 1 is 20001 m from the base.*is that the unit",
+            r"row 1 is 20001 m from the base.*a wrong unit",
         ),
         ({"position_m": [0.1, 0.0, 0.1]}, r"shape \(k, 3\), got \(3,\)"),
         ({"position_m": [["a", "b", "c"]]}, "must be numbers"),

@@ -99,7 +99,7 @@ def test_a_trajectory_is_the_same_motion_on_the_other_side(motion: Trajectory, j
 @pytest.mark.parametrize(
     ("command", "says"),
     [
-        (MoveTo(Target((1e9, 0.0, 0.0))), "is that the unit"),
+        (MoveTo(Target((1e9, 0.0, 0.0))), "a wrong unit"),
         (FollowTarget(Target((float("nan"), 0.0, 0.0))), "target position"),
         (RunProgram(Program(robot="u", steps=(WaitStep(seconds=float("inf")),))), "seconds"),
         (RunProgram(Program(robot="u", steps=(WaitStep(seconds=0),) * 20_001)), "20000 at most"),

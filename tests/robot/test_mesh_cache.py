@@ -177,7 +177,8 @@ def test_the_entry_that_was_used_longest_ago_goes(
     os.utime(first, (1000.0, 1000.0))
     os.utime(second, (2000.0, 2000.0))
     assert made(arms[0])[1] == 0  # now it is the newest
-    monkeypatch.setattr(mesh_cache, "MOST_BYTES", int(2.5 * first.stat().st_size))
+    both = first.stat().st_size + second.stat().st_size
+    monkeypatch.setattr(mesh_cache, "MOST_BYTES", both)
     made(arms[2])
     assert first.exists()
     assert not second.exists()

@@ -221,7 +221,7 @@ def test_how_files_may_be_named(tmp_path: Path) -> None:
     ] == [True] * 6
     assert [is_urdf(name) for name in ("uzuner", "a.toml", ".urdf", "urdf#l")] == [False] * 4
     with pytest.raises(RobotFileError, match=r"ends in \.toml or \.urdf"):
-        load_robot("arm.xml")
+        load_robot("arm.txt")
 
 
 @pytest.mark.parametrize(

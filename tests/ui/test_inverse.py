@@ -66,7 +66,7 @@ def test_energies_rise_and_row_1_is_the_least_or_it_is_said_why_not(criterion: s
     assert found.best is not None
     html = result_html(ROBOT, found)
     assert f"energy {found.energy_text(found.best)}; error" in html
-    if criterion not in ("least-rotation", "least-travel"):  # these are exact over the continuum
+    if criterion not in ("least-rotation", "least-travel", "shortest-time"):  # better than the list
         assert np.array_equal(found.q(1), found.best) and "between two rows" not in html
     if criterion == "published":
         assert "−42.402, 14.400, −45.909, −1.305" in html
@@ -168,7 +168,7 @@ def test_a_selected_row_whose_way_is_refused_says_so(server: GuardedServer) -> N
     page.ask(108.9, -39.6, -25.6)
     page.press("Solve")
     assert "least energy would go to" in page.html and "below the floor" in page.html
-    assert "selected row 1: would go to" in page.html and "Refused, as told above." in page.html
+    assert "selected row 1: would go to" in page.html and page.html.count("The way there is refused: ") == 2
     page.put("Row", 301)
     assert "selected row 301: would go to" in page.html and page.html.count("The way there is refused: ") == 2
     page.put("Z mm", "100")
@@ -176,7 +176,7 @@ def test_a_selected_row_whose_way_is_refused_says_so(server: GuardedServer) -> N
     assert "selected row 1: will go to" in page.html and "is refused: " not in page.html
     page.put("Z mm", "-25.6")
     page.press("Go by least energy")  # solves first; here nothing is refused, as the controller would do
-    assert "selected row 1: would go to" in page.html and "Refused, as told above." in page.html
+    assert "selected row 1: would go to" in page.html and page.html.count("The way there is refused: ") == 2
     page.put("Row", 301)
     page.press("Go by the selected one")
     assert "selected row 301: would go to" in page.html
@@ -290,7 +290,8 @@ def test_the_curve_is_small_and_its_mark_is_its_lowest_point(criterion: str) -> 
     assert np.nanmin(mark.y) == pytest.approx(lowest, rel=2e-3)
     assert found.best is not None
     at = curve.x[np.isfinite(mark.y)][0]
-    assert at == pytest.approx(np.degrees(found.best[1]), abs=0.006)
+    between_rows = 0.01 if criterion == "shortest-time" else 0.006
+    assert at == pytest.approx(np.degrees(found.best[1]), abs=between_rows)
 
 
 def answered(*point_mm: float) -> Answer:

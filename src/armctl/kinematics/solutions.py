@@ -474,10 +474,10 @@ class Solutions(ByContent):
         """Solutions (m, n) with the best by a criterion ``FROM_START`` among them."""
         exact = name == "least-travel" or self.target.rotation is not None
         further = None if self.further is None else self.taken(self.further(name, start), name, start)
-        if further is not None and len(further) and exact:
-            return further
-        q = self.taken(self.q, name, start)
+        q = self.taken(self.q, name, start)  # where the arm stands may be on the list alone
         q = q if further is None else np.concatenate([further, q])
+        if further is not None and len(further) and exact:
+            return q
         return np.concatenate([q, self._continued(name, q, start)])
 
     def _continued(self, name: Criterion, q: FloatArray, start: FloatArray) -> FloatArray:
