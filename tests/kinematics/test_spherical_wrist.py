@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from itertools import combinations
 
 import numpy as np
@@ -129,7 +130,7 @@ def test_at_and_near_singular_poses_on_joint_limits(kind: str) -> None:
         if found.complete:
             assert is_listed(chain, found, q)
         else:
-            assert "listed" in str(found.incomplete_reason)
+            assert re.search("listed|rounding decides", str(found.incomplete_reason))
 
 
 def test_an_aligned_wrist_is_told_and_stays_where_it_is() -> None:
