@@ -44,6 +44,8 @@ _SAY_WHERE = (
 )
 _INTERVAL_S = 0.3
 """from servo to servo: one at a time draws little current, and STOP can come between"""
+_HELD_UP_S = 5.0
+"""so long all ticks may come too late for anything to be switched on"""
 _CONFIRMED_S = 2.0
 """so long a board may take to confirm that a servo came on"""
 _UNKNOWN_OPENING = 0.5
@@ -163,7 +165,7 @@ class Enabling:
         self._last = core.monitor.reading
         self._quick = board.identity.simulated
         self._stopped = False
-        self._next_at = self._arrived_at = self._asked_at = now
+        self._next_at = self._arrived_at = self._asked_at = self._advanced_at = now
         core.monitor.take_dropped()  # of what was asked for before
         core.poses.switching_on(q, opening, now)
         if live.any():
@@ -190,6 +192,7 @@ class Enabling:
     def advance(self, now: float, dt: float) -> Setpoint | None:
         """Switch the next servo on, or take the arm over."""
         robot, reading = self._core.robot, self._core.monitor.reading
+        self._advanced_at = now
         if self._stopped:
             self._conclude()
         if self.done:
@@ -231,8 +234,14 @@ class Enabling:
         self._stopped = True
 
     def halt(self) -> None:
-        """Nothing is switched on for now."""
+        """Nothing is switched on for now; where that does not end, enabling does."""
         if self._stopped:
+            self._conclude()
+        elif self._core.monitor.read_at - self._advanced_at > _HELD_UP_S:
+            self.error = EnableError(
+                f"enabling ended: for {_HELD_UP_S:.0f} s this computer was too busy to switch a servo on "
+                "safely; close other programs, then enable again"
+            )
             self._conclude()
 
     def _look_at(self, reading: Reading) -> None:
