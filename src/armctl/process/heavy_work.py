@@ -35,6 +35,22 @@ _TOLD = 200
 Progress = Callable[[int, int], None]
 
 
+def _apart(work: str, request: bytes, seconds: float, parts: int, progress: Progress | None) -> bytes:
+    """Have one of this module's ``work`` done apart; it tells how many of how many ``parts`` are done."""
+    done = (0, parts)
+
+    def told(content: bytes) -> None:
+        nonlocal done
+        done = msgspec.msgpack.decode(content, type=tuple[int, int])
+        look()
+
+    def look() -> None:
+        if progress is not None:
+            progress(*done)
+
+    return apart(f"{__name__}:{work}", request, seconds=seconds, told=told, look=look)
+
+
 class _Asked(msgspec.Struct):
     robot: dict[str, Any]
     program: Program
@@ -63,20 +79,8 @@ def check_program_apart(
         return here()
     begin = None if start is None else np.asarray(start, dtype=np.float64).tolist()
     request = msgspec.msgpack.encode(_Asked(robot_record(robot), program, begin, payload_kg))
-
-    done = (0, len(program.steps))
-
-    def told(content: bytes) -> None:
-        nonlocal done
-        done = msgspec.msgpack.decode(content, type=tuple[int, int])
-        look()
-
-    def look() -> None:
-        if progress is not None:
-            progress(*done)
-
     try:
-        found = apart(f"{__name__}:do_check", request, seconds=_CHECK_S, told=told, look=look)
+        found = _apart("do_check", request, _CHECK_S, len(program.steps), progress)
     except InputError:  # made in Python, with values that no file holds
         return here()
     return msgspec.msgpack.decode(found, type=list[Finding])
@@ -139,19 +143,8 @@ def worked_out(
         if None not in drawings.values():
             return known, {most: drawing for most, drawing in drawings.items() if drawing is not None}
     request = msgspec.msgpack.encode((robot_record(robot), list(sizes)))
-    done = (0, robot.n + 1 + len(sizes))
-
-    def told(content: bytes) -> None:
-        nonlocal done
-        done = msgspec.msgpack.decode(content, type=tuple[int, int])
-        look()
-
-    def look() -> None:
-        if progress is not None:
-            progress(*done)
-
     try:
-        content = apart(f"{__name__}:do_work_out", request, seconds=_ARM_S, told=told, look=look)
+        content = _apart("do_work_out", request, _ARM_S, robot.n + 1 + len(sizes), progress)
     except LimitError as cause:
         raise RobotFileError(
             f"the meshes of {robot.title}: {cause}; make them coarser, or leave out those that are too large"
