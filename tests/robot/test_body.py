@@ -21,7 +21,7 @@ from armctl.kinematics.chain import LinkFrames
 from armctl.motion import plan_line
 from armctl.robot import Robot, load_robot, robots_folder, shipped_robots
 from armctl.robot.body import NEAR_M, box_distance, segment_box_distance, segment_distance, undersides
-from armctl.robot.shape import FINGER, TIP_LENGTH, bars, reach, tool_length, width
+from armctl.robot.shape import FINGER, TIP_LENGTH, bars, tool_length, width
 
 ARMS = [*map(load_robot, FIVE), *map(random_arm, range(4))]
 
@@ -238,7 +238,7 @@ RAISED = (Step("mount", "fixed", "world", "w/base", "0.3 0 0.8", "0.2 0.1 0"), *
 @pytest.mark.parametrize("arm", [*FIVE, JAW, PROP, RAISED])
 def test_no_tool_point_is_farther_away(tmp_path: Path, arm: str | tuple[Step, ...]) -> None:
     robot = load_robot(arm if isinstance(arm, str) else written(tmp_path / "arm.urdf", arm))
-    assert farthest(robot) <= reach(robot.chain) <= 1.35 * farthest(robot)
+    assert farthest(robot) <= robot.chain.length <= 1.35 * farthest(robot)
 
 
 def test_a_straight_arm_is_as_long_as_its_links(tmp_path: Path) -> None:
@@ -247,7 +247,7 @@ def test_a_straight_arm_is_as_long_as_its_links(tmp_path: Path) -> None:
         Step("b", "revolute", "one", "two", "0 0 0.2", axis="0 1 0"),
         Step("end", "fixed", "two", "tool0", "0 0 0.3"),
     )
-    assert reach(load_robot(written(tmp_path / "arm.urdf", steps)).chain) == pytest.approx(0.6, abs=1e-12)
+    assert load_robot(written(tmp_path / "arm.urdf", steps)).chain.length == pytest.approx(0.6, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", shipped_robots())
@@ -267,7 +267,7 @@ def test_an_arm_is_drawn_in_one_piece(name: str) -> None:
         if bar.length > 1e-9
     ]
     T = tools(robot, q[None])[0]
-    size = FINGER[2] * reach(robot.chain) if gripper else TIP_LENGTH * width(robot.chain, robot.look)
+    size = FINGER[2] * robot.chain.length if gripper else TIP_LENGTH * width(robot.chain, robot.look)
     found.append((T[:3, 3] - size * T[:3, 2], T[:3, 3]))
     touching = {0}
     for _ in found:

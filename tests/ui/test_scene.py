@@ -16,7 +16,7 @@ from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
 from armctl.robot import Robot, load_robot
 from armctl.robot.parts import Obstacle
-from armctl.robot.shape import Point, reach
+from armctl.robot.shape import Point
 from armctl.robot.solids import Solid, beam, block, drum, spike, tube
 from armctl.ui.guard import GuardedServer
 from armctl.ui.scene.ghost import Ghost
@@ -41,7 +41,7 @@ def test_the_stand_and_the_reach_bound_the_arm(name: str) -> None:
     robot = ROBOTS[name]
     q = np.random.default_rng(1).uniform(robot.limits[:, 0], robot.limits[:, 1], (5000, robot.n))
     farthest = np.linalg.norm(robot.forward(q)[:, :3, 3], axis=1).max()
-    assert 0.8 * reach(robot.chain) < farthest <= reach(robot.chain) + 1e-12
+    assert 0.8 * robot.chain.length < farthest <= robot.chain.length + 1e-12
     vertices = np.concatenate([solid.vertices for solid in stand_parts(robot).values()])
     assert vertices[:, 2].min() == pytest.approx(robot.floor_z, abs=1e-9)
     assert vertices[:, 2].max() >= 0.0
@@ -52,7 +52,7 @@ def test_the_column_stands_below_or_behind_the_base() -> None:
     column = stand_parts(robot)["column"].vertices[:, :2]
     hanging = robot.frames(robot.pose("rest"))[:, :2, 3]
     gap = np.linalg.norm(column[:, None] - hanging[None], axis=2).min()
-    assert gap > robot.look.width * reach(robot.chain)
+    assert gap > robot.look.width * robot.chain.length
     assert (column @ front(robot)).max() < 0  # behind, as seen from the tool at home
     below = stand_parts(replace(ROBOTS["uzuner"], floor_z=-0.05))["column"].vertices
     assert below[:, :2].mean(axis=0) == pytest.approx([0, 0], abs=1e-3)
@@ -135,8 +135,8 @@ def test_an_arm_of_any_size_fills_the_picture_and_does_not_leave_it_or_the_floor
     for aspect in (0.5, 0.73, 1.13, 2.4):
         at = on_picture(points, *framed(points, AWAY, FOV, aspect, 0.8), aspect)
         assert np.abs(at).max() == pytest.approx(0.8)
-    assert 0.5 * floor_size(robot) >= reach(robot.chain)
-    assert floor_size(robot) <= 1.6 or 0.5 * floor_size(robot) < reach(robot.chain) + 0.25
+    assert 0.5 * floor_size(robot) >= robot.chain.length
+    assert floor_size(robot) <= 1.6 or 0.5 * floor_size(robot) < robot.chain.length + 0.25
 
 
 def test_each_view_looks_from_its_side_and_the_named_frames_follow_the_arm(server: GuardedServer) -> None:

@@ -21,7 +21,6 @@ from armctl.program.keys import keys_of
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
 from armctl.program.steps import CommentStep, MoveStep, PointStep, Step, all_keys, any_step
 from armctl.robot import Robot
-from armctl.robot.shape import reach
 
 CsvForm = Literal["angles", "points"]
 """angles: every step as it is; points: moves to angles become points of the tool"""
@@ -310,7 +309,7 @@ class _Table:
             return
         records = list(self._records)
         self._records = iter(records)
-        size = 1000 * reach(robot.chain)
+        size = 1000 * robot.chain.length
         for units in _UNITS[1:3]:
             possible: list[tuple[str, dict[int, Column]]] = []
             for unit in units:

@@ -17,7 +17,7 @@ from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.subproblems import dot
 from armctl.robot.hulls import Hull, HullPairs
 from armctl.robot.parts import Look, Obstacle
-from armctl.robot.shape import FINGER, PALM, TIP_LENGTH, TIP_RADIUS, bars, reach, tool_length, width
+from armctl.robot.shape import FINGER, PALM, TIP_LENGTH, TIP_RADIUS, bars, tool_length, width
 from armctl.robot.surfaces import CLEAR_M, Surface, SurfacePairs
 
 
@@ -116,7 +116,7 @@ def _hand(chain: Chain, wide: float, *, gripper: bool) -> list[Capsule]:
     if not gripper:
         radius = 0.5 * TIP_RADIUS * wide  # half way along the cone
         return [piece((0, -TIP_LENGTH * wide), (0, -radius), radius, "the tool")]
-    size = reach(chain)
+    size = chain.length
     finger, palm = 0.5 * FINGER[0] * size, 0.5 * PALM[0] * size
     behind, half = -(FINGER[2] + 0.5 * PALM[2]) * size, 0.5 * PALM[1] * size - palm
     return [

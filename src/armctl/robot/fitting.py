@@ -23,7 +23,6 @@ from armctl.robot.body import ArmBody, Capsule, link_name
 from armctl.robot.hulls import Hull, distances
 from armctl.robot.meshes import ArmSolids, across, extent, too_large
 from armctl.robot.parts import Shape
-from armctl.robot.shape import reach
 from armctl.robot.solids import Solid
 from armctl.robot.surfaces import Surface, comparable
 
@@ -86,7 +85,7 @@ def fitted_body(
     ``progress`` is told how many of how many links are done.
     """
     capsules: list[Capsule] = []
-    found, notes = _readable(shapes, reach(chain))
+    found, notes = _readable(shapes, chain.length)
     widest, where = 0.0, ""
     for link in range(-1, chain.n):
         if progress is not None:

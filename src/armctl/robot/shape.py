@@ -80,19 +80,14 @@ class Bar:
         return math.dist(self.start, self.end)
 
 
-def reach(chain: Chain) -> float:
-    """The length of the arm from its base frame to the tool point, all links stretched [m]."""
-    return chain.length
-
-
 def width(chain: Chain, look: Look) -> float:
     """Width of the links [m]."""
-    return look.width * reach(chain)
+    return look.width * chain.length
 
 
 def tool_length(chain: Chain, look: Look, *, gripper: bool) -> float:
     """How much shorter the last bar is, so that the fingers or the tip end at the tool point [m]."""
-    return reach(chain) * FINGER[2] if gripper else width(chain, look) * TIP_LENGTH
+    return chain.length * FINGER[2] if gripper else width(chain, look) * TIP_LENGTH
 
 
 def bars(chain: Chain, shorten: float) -> Iterator[Bar]:

@@ -32,7 +32,6 @@ from armctl.motion.preflight import Finding, not_checked
 from armctl.program import Program
 from armctl.program.rehearsal import Rehearsal, rehearse
 from armctl.robot import Robot
-from armctl.robot.shape import reach
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.scene.stage import Stage, first_view, set_lights
@@ -154,7 +153,7 @@ class _Scene(WebsockMessageHandler):
         camera.fov = _VIEW
         way = plan.trajectory.sample(np.linspace(0.0, plan.duration, _SEEN)).q
         frames = robot.frames(way)[..., :3, 3].reshape(-1, 3)
-        room = _ROOM * reach(robot.chain)
+        room = _ROOM * robot.chain.length
         points = np.vstack([frames - room, frames + room, [0.0, 0.0, robot.floor_z]])
         camera.position, camera.look_at = first_view(robot, points, _VIEW, _ASPECT)
         return figure

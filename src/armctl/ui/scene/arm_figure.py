@@ -25,7 +25,6 @@ from armctl.robot.shape import (
     TIP_LENGTH,
     TIP_RADIUS,
     bars,
-    reach,
     tool_length,
     width,
 )
@@ -138,7 +137,7 @@ class ArmFigure:
         self._robot, self._scene, self._name = robot, scene, name
         self._color, self._opacity = color, opacity
         self._tool = f"f{len(robot.chain.places) - 1}"
-        self._reach = reach(robot.chain)
+        self._reach = robot.chain.length
         self._width = width(robot.chain, robot.look)
         self.root = scene.add_frame(name, show_axes=False)
         self._frames = [

@@ -10,7 +10,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.kinematics import quaternion_wxyz
 from armctl.robot import Robot
-from armctl.robot.shape import Point, reach
+from armctl.robot.shape import Point
 from armctl.robot.solids import Solid, beam, block, drum, tube
 from armctl.ui.scene.arm_figure import add_solid, send_pose
 
@@ -46,7 +46,7 @@ def front(robot: Robot) -> FloatArray:
     """The horizontal direction (2,) from the base axis to the tool in the home pose, of length 1."""
     tool = robot.forward(robot.pose("home"))[:2, 3]
     distance = float(np.linalg.norm(tool))
-    return np.array([1.0, 0.0]) if distance < _ABOVE_BASE * reach(robot.chain) else tool / distance
+    return np.array([1.0, 0.0]) if distance < _ABOVE_BASE * robot.chain.length else tool / distance
 
 
 def framed(
@@ -72,7 +72,7 @@ def framed(
 
 def stand_parts(robot: Robot) -> dict[str, Solid]:
     """The stand in the base frame; behind the base under an arm so high that it may hang straight down."""
-    size, floor, square = reach(robot.chain), robot.floor_z, robot.look.shape == "square"
+    size, floor, square = robot.chain.length, robot.floor_z, robot.look.shape == "square"
     link = beam if square else tube
     foot: Point = (0.0, 0.0, floor)
     parts: dict[str, Solid] = {}
@@ -116,7 +116,7 @@ class Stage:
     """Floor with 50 mm cells, stand and base axes of one arm, and the obstacles that its file names."""
 
     def __init__(self, scene: viser.SceneApi, robot: Robot) -> None:
-        size = reach(robot.chain)
+        size = robot.chain.length
         stand = scene.add_frame("/stand", show_axes=False)
         self._parts = (
             add_floor(scene, robot),
@@ -147,7 +147,7 @@ class Stage:
 
 def floor_size(robot: Robot) -> float:
     """The side of a floor that the arm does not reach beyond [m]."""
-    return max(_FLOOR_M, _FLOOR_STEP_M * math.ceil(2 * reach(robot.chain) / _FLOOR_STEP_M))
+    return max(_FLOOR_M, _FLOOR_STEP_M * math.ceil(2 * robot.chain.length / _FLOOR_STEP_M))
 
 
 VIEWS: dict[str, tuple[float, float, float]] = {
@@ -203,7 +203,7 @@ def first_view(
 
 def in_view(robot: Robot) -> FloatArray:
     """Home and rest poses, the foot, and the arm stretched ahead, to both sides and upwards (k, 3) [m]."""
-    size, ahead = reach(robot.chain), front(robot)
+    size, ahead = robot.chain.length, front(robot)
     shoulder = float(robot.chain.axes()[0][:2, 2][-1])
     level = size - abs(shoulder)  # the column below the shoulder reaches nowhere
     side = np.array([-ahead[1], ahead[0]])
@@ -247,7 +247,7 @@ class Marks:
 
     def _add_frames(self) -> list[viser.FrameHandle | viser.LabelHandle]:
         """The tool's axes and name, then the base's name: its axes are always there."""
-        size = reach(self._robot.chain)
+        size = self._robot.chain.length
         axes = self._scene.add_frame("/marks/tool", axes_length=0.15 * size, axes_radius=0.005 * size)
         tool = self._scene.add_label("/marks/tool_name", "tool frame")
         away = 1.1 * _BASE_AXES * size

@@ -17,7 +17,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError
 from armctl.robot import Robot, robot_path
 from armctl.robot.draft import BUILDS, Draft
-from armctl.robot.shape import across_the_link, reach
+from armctl.robot.shape import across_the_link
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.session import Session
@@ -214,7 +214,7 @@ class OwnArm:
     def _draw(self, robot: Robot) -> None:
         self._erase()
         self._figure = ArmFigure(self._session.client.scene, robot, "/new-arm")
-        aside = _ASIDE * max(reach(robot.chain), reach(self._session.console.robot.chain))
+        aside = _ASIDE * max(robot.chain.length, self._session.console.robot.chain.length)
         self._figure.root.position = (0.0, -aside, 0.0)  # towards the camera
         if abs(aside - self._looked_aside) > _LOOK_AGAIN * aside:
             self._looked_aside = aside
