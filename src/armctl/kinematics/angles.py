@@ -285,6 +285,13 @@ def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
     )
 
 
+def skew_part(matrix: FloatArray) -> FloatArray:
+    """(..., 3) of matrices (..., 3, 3); for a rotation its axis, the sine of its angle long."""
+    m = matrix
+    pairs = ((2, 1), (0, 2), (1, 0))
+    return 0.5 * np.stack([m[..., i, j] - m[..., j, i] for i, j in pairs], axis=-1)
+
+
 def rotation_angle(rotation: FloatArray) -> FloatArray:
     """Angles (...) [rad] in 0..pi by which rotations (..., 3, 3) turn."""
     skew = rotation - np.swapaxes(rotation, -1, -2)

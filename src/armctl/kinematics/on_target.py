@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armctl.arrays import FloatArray
+from armctl.kinematics.angles import skew_part
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import CUBIC_PEAKS, EnergyModel, rest_to_rest_times
 from armctl.kinematics.target import Target
@@ -126,7 +127,7 @@ class OnTarget:
         def cost(x: FloatArray) -> tuple[float, FloatArray]:
             """One less the cosine of the angle."""
             off = self.chain.forward(x)[:3, :3] @ rotation.T
-            return (3.0 - float(np.trace(off))) / 2.0, _skew(off) @ self.chain.jacobian(x)[3:]
+            return (3.0 - float(np.trace(off))) / 2.0, skew_part(off) @ self.chain.jacobian(x)[3:]
 
         n = self.chain.n
         problem = _Problem(np.copy, cost, self.limits, np.zeros(n), np.eye(n))
@@ -199,7 +200,7 @@ class OnTarget:
         rows, slopes = [T[:3, 3] - target.position], [J[:3]]
         if target.rotation is not None:
             off = T[:3, :3] @ target.rotation.T
-            rows.append(_skew(off))
+            rows.append(skew_part(off))
             slopes.append(J[3:])
         elif target.pitch is not None:
             approach = T[:3, 2]
@@ -208,12 +209,6 @@ class OnTarget:
             rows.append(wish @ approach - (0.0 if target.up is not None else math.sin(target.pitch)))
             slopes.append(wish @ turned)
         return np.concatenate(rows), np.concatenate(slopes)
-
-
-def _skew(matrix: FloatArray) -> FloatArray:
-    """(3,) of a rotation (3, 3): its axis, the sine of its angle long."""
-    m = matrix
-    return 0.5 * np.array([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
 
 
 def _linear(slope: FloatArray) -> Callable[[FloatArray], tuple[float, FloatArray]]:

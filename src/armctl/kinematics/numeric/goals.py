@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armctl.arrays import FloatArray
+from armctl.kinematics.angles import skew_part
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.target import straight_up
 
@@ -181,7 +182,7 @@ class RotationGoal(Goal):
         off = motion.rotation @ self.rotation.T
         trace = np.trace(off, axis1=1, axis2=2)
         Z = motion.axes
-        gradient = np.einsum("kin,ki->kn", Z, _skew_part(off))
+        gradient = np.einsum("kin,ki->kn", Z, skew_part(off))
         curvature = trace[:, None, None] * _square(Z) - np.swapaxes(Z, 1, 2) @ off @ Z
         return (3.0 - trace) / 2, gradient, _mirrored(curvature) / 2
 
@@ -240,7 +241,7 @@ def pitch_goal(pitch: float) -> Goal | None:
 
 def rotation_vectors(rotations: FloatArray) -> FloatArray:
     """Rotation vectors (k, 3) [rad] of rotations (k, 3, 3); angles in 0..pi."""
-    sines = _skew_part(rotations)
+    sines = skew_part(rotations)
     sine = np.linalg.norm(sines, axis=1)
     angle = np.arctan2(sine, (np.trace(rotations, axis1=1, axis2=2) - 1.0) / 2)
     vectors = sines * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0)[:, None]
@@ -250,12 +251,6 @@ def rotation_vectors(rotations: FloatArray) -> FloatArray:
         axis = axis / np.linalg.norm(axis)
         vectors[k] = axis * math.copysign(angle[k], axis @ sines[k])
     return vectors
-
-
-def _skew_part(matrices: FloatArray) -> FloatArray:
-    """(k, 3) the vector of the skew part: for a rotation the axis times the sine of the angle."""
-    m = matrices
-    return 0.5 * np.stack([m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]], axis=1)
 
 
 def _square(J: FloatArray) -> FloatArray:
