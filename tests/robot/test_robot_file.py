@@ -21,7 +21,7 @@ from armctl.robot import robots_folder
 from armctl.robot.file import ROBOT_FILES
 from armctl.robot.load import robot_of
 
-SHIPPED = (robots_folder() / "uzuner.toml").read_text(encoding="utf-8")
+SHIPPED = (robots_folder() / "uzuner.toml").read_text(encoding="utf-8").partition("[look]")[0]
 SCORBOT = (robots_folder() / "scorbot.toml").read_text(encoding="utf-8")
 ROOT = Path(__file__).parents[2]
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?![\w.])")

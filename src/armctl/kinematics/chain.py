@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, Literal, NamedTuple, Self
@@ -482,6 +482,18 @@ class LinkFrames:
         rotation = tuple(np.stack([x, y, z], axis=1) for x, y, z, _ in links)
         return cls(rotation, tuple(origin for *_, origin in links), tool)
 
+    def pose(self, link: int) -> tuple[FloatArray, FloatArray]:
+        """Rotation (3, 3, m) and origin (3, m) [m] of a link (-1: the base), base frame."""
+        if link < 0:
+            m = self.tool.shape[1]
+            return np.broadcast_to(np.eye(3)[:, :, None], (3, 3, m)), np.zeros((3, m))
+        return self.rotation[link], self.origin[link]
+
+    def and_also(self, more: Iterable[tuple[FloatArray, FloatArray]]) -> LinkFrames:
+        """With other frames, as ``pose`` gives them, behind the links: they are numbered on."""
+        rotations, origins = zip(*more, strict=True)
+        return LinkFrames((*self.rotation, *rotations), (*self.origin, *origins), self.tool)
+
     def place(self, link: int, points: ArrayLike) -> FloatArray:
         """Points (p, 3) [m] in the frame of a link (-1: the base) as (3, p, m) [m] in the base frame."""
         points = np.asarray(points, dtype=np.float64)
@@ -496,9 +508,8 @@ class LinkFrames:
 
         ``at`` (k,): in which of the m configurations. -1 among the links is the base.
         """
-        m = self.tool.shape[1]
-        R = np.stack([*self.rotation, np.broadcast_to(np.eye(3)[:, :, None], (3, 3, m))])
-        o = np.stack([*self.origin, np.zeros((3, m))])
+        R_base, o_base = self.pose(-1)
+        R, o = np.stack([*self.rotation, R_base]), np.stack([*self.origin, o_base])
         back, there = R[one, :, :, at].transpose(0, 2, 1), o[other, :, at] - o[one, :, at]
         return back @ R[other, :, :, at], (back @ there[:, :, None])[:, :, 0]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container
 from dataclasses import replace
 from typing import Annotated, Literal, TypeVar, cast
@@ -12,6 +13,7 @@ from msgspec import Meta
 
 from armctl.documents import Document, DocumentKind
 from armctl.errors import Errors, RobotFileError
+from armctl.robot.look.rows import AnyRow
 from armctl.robot.parts import MOST_JOINTS, Look, Obstacle
 from armctl.robot.parts import Color as Rgb
 
@@ -116,9 +118,20 @@ class BodyEntry(Strict, frozen=True):
 
 
 class LookEntry(Strict, frozen=True):
-    """How the arm is drawn; colours as ``#rrggbb``."""
+    """How the arm is drawn, and what is kept apart: ``solids``, or bars along its links.
 
-    links: Annotated[tuple[Color, ...], Meta(min_length=1)]
+    Colours of bars are written as ``#rrggbb``.
+    """
+
+    solids: Annotated[tuple[AnyRow, ...], Meta(max_length=400)] = ()
+    """boxes, tubes, bars, plates, brackets, rods and motors, from the base to the tool"""
+    pose_deg: tuple[Limit, ...] = ()
+    """how the arm stands where the solids describe it; left out: all joints at 0"""
+    source: str = ""
+    """where the sizes of the solids come from"""
+    links: Annotated[tuple[Color, ...], Meta(min_length=1)] = tuple(
+        f"#{r:02x}{g:02x}{b:02x}" for r, g, b in Look().links
+    )
     """one colour a joint, used over and over where there are more joints"""
     joints: Color = "#3c3c41"
     shape: Literal["round", "square"] = "round"
@@ -128,8 +141,16 @@ class LookEntry(Strict, frozen=True):
 
     def look(self) -> Look:
         """What it says."""
-        links = tuple(map(_rgb, self.links))
-        return Look(links, _rgb(self.joints), self.shape, self.width_percent / 100)
+        pose = tuple(map(math.radians, self.pose_deg))
+        return Look(
+            links=tuple(map(_rgb, self.links)),
+            joints=_rgb(self.joints),
+            shape=self.shape,
+            width=self.width_percent / 100,
+            rows=self.solids,
+            pose=pose,
+            source=self.source,
+        )
 
 
 def _rgb(text: str) -> Rgb:

@@ -205,12 +205,26 @@ def robot_of(document: Document) -> Robot:
         named_links=() if chain.coupling is None else tuple(_link_title(row, by_name) for row in links),
         obstacles=tuple(entry.obstacle() for entry in file.obstacles),
     )
+    _check_look(robot, document, errors)
     for name, pose in robot.poses.items():
         with errors:
             if words := robot.turn_words(pose):
                 raise document.error(f"poses.{name}: {'; '.join(words)}", ("poses", name))
     errors.raise_all()
     return robot
+
+
+def _check_look(robot: Robot, document: Document, errors: Errors) -> None:
+    if len(robot.look.pose) not in (0, robot.n):
+        with errors:
+            what = f"look.pose_deg: {robot.n} joints, but {len(robot.look.pose)} angles"
+            raise document.error(what, ("look", "pose_deg"))
+        return
+    for i, row in enumerate(robot.look.rows):
+        for key, what in robot.drawing.wrong(row):
+            with errors:
+                at = f"look.solids, row {i + 1} ({row.__struct_config__.tag})"
+                raise document.error(f"{at}: {key}: {what}", ("look", "solids", i, key))
 
 
 def _joints_by_rows(file: RobotFile, document: Document) -> list[JointEntry]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from armctl.arrays import ArrayRecord, FloatArray
+from armctl.robot.look.rows import AnyRow
 
 MOST_JOINTS = 64
 """no arm has more: solvers and checks take time and memory for each"""
@@ -42,7 +43,7 @@ class Gripper:
     """largest speed [opening/s]"""
 
 
-# How an arm is drawn.
+# How an arm is drawn, and what is kept apart.
 
 Color = tuple[int, int, int]
 
@@ -66,6 +67,12 @@ class Look:
     """width of the links as a fraction of the arm's reach"""
     thicker: float = 1.0
     """how much wider than the arm this is drawn, by its width: a ghost of it"""
+    rows: tuple[AnyRow, ...] = ()
+    """its solids; empty: bars along the links, as wide and coloured as above"""
+    pose: tuple[float, ...] = ()
+    """how it stands where the rows describe it: its joints [rad]; empty: all at 0"""
+    source: str = ""
+    """where the sizes of the rows come from"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

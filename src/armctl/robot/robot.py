@@ -30,6 +30,7 @@ from armctl.kinematics.solutions import outside as outside_words
 from armctl.kinematics.target import degrees_hint
 from armctl.kinematics.velocity import NEAR, position_leaves_orientation
 from armctl.robot.body import ArmBody, Capsule, CollisionModel, Underside, shape_capsules, undersides
+from armctl.robot.look.pieces import Drawing, Piece
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
 from armctl.robot.parts import Gripper, Joint, Look, Obstacle, Shape
 
@@ -116,6 +117,13 @@ class Robot(ArrayRecord):
         return self.named_links or tuple(self._titles)
 
     @property
+    def link_names(self) -> tuple[str, ...]:
+        """What robot files call each link, from the base to the tool: after its joint, or by its own name."""
+        names = {joint.title: joint.name for joint in self.joints}
+        titles = self.named_links
+        return tuple(names.get(t, t.lower().replace(" ", "_")) for t in titles) or self.joint_names
+
+    @property
     def _titles(self) -> list[str]:
         return [joint.title for joint in self.joints]
 
@@ -134,6 +142,18 @@ class Robot(ArrayRecord):
             gravity=self.gravity,
             stall_torque=None if None in stall else np.array(stall, dtype=np.float64),
         )
+
+    @cached_property
+    def drawing(self) -> Drawing:
+        """The arm as it stands while its look is described."""
+        pose = np.array(self.look.pose or np.zeros(self.n), dtype=np.float64)
+        return Drawing(self.chain, self.link_names, self.link_titles, pose)
+
+    @cached_property
+    def pieces(self) -> tuple[Piece, ...]:
+        """What its look says, to draw and to keep apart; empty where it has none."""
+        rows = enumerate(self.look.rows)
+        return tuple(piece for i, row in rows for piece in self.drawing.pieces(i, row))
 
     @cached_property
     def body(self) -> ArmBody:

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 from armctl.kinematics import Chain
 from armctl.robot.parts import Look
+from armctl.robot.solids import Point
 
-Point = tuple[float, float, float]
 # The gripper, as fractions of the reach (y from finger to finger, z along the tool) ...
 FINGER, PALM = (0.026, 0.012, 0.085), (0.03, 0.15, 0.022)
 GAP_CLOSED, GAP_OPEN = 0.008, 0.065

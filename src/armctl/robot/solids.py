@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import FloatArray
-from armctl.robot.shape import Point
+
+Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,1 @@
+"""Looks: an arm as rows of a few simple solids, which are drawn and kept apart."""
