@@ -20,7 +20,8 @@ from armctl.errors import MotionRefusedError, RobotFileError, UnreachableError
 from armctl.kinematics.chain import LinkFrames
 from armctl.motion import plan_line
 from armctl.robot import Robot, load_robot, robots_folder, shipped_robots
-from armctl.robot.body import NEAR_M, box_distance, segment_box_distance, segment_distance, undersides
+from armctl.robot.collision import NEAR_M, undersides
+from armctl.robot.segments import box_distance, segment_box_distance, segment_distance
 from armctl.robot.shape import FINGER, TIP_LENGTH, bars, tool_length, width
 
 ARMS = [*map(load_robot, FIVE), *map(random_arm, range(4))]

@@ -21,7 +21,7 @@ from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, stands_clear
 from armctl.motion.preflight import preflight
 from armctl.motion.profiles import PointToPoint
 from armctl.robot import Robot
-from armctl.robot.body import NEAR_M
+from armctl.robot.collision import NEAR_M
 from armctl.robot.fitting import hull_of
 from armctl.robot.hulls import Hull, HullPairs
 from armctl.robot.parts import Obstacle

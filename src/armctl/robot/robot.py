@@ -29,7 +29,8 @@ from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.solutions import outside as outside_words
 from armctl.kinematics.target import degrees_hint
 from armctl.kinematics.velocity import NEAR, position_leaves_orientation
-from armctl.robot.body import ArmBody, Capsule, CollisionModel, Underside, shape_capsules, undersides
+from armctl.robot.body import ArmBody, Capsule, shape_capsules
+from armctl.robot.collision import CollisionModel, Underside, undersides
 from armctl.robot.look.pieces import Drawing, Piece
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
 from armctl.robot.parts import Gripper, Joint, Look, Obstacle, Shape

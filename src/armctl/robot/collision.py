@@ -1,0 +1,307 @@
+"""Which parts of an arm may touch each other, and how far apart they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armctl.arrays import FloatArray
+from armctl.kinematics.chain import Chain, LinkFrames
+from armctl.kinematics.samples import joint_samples
+from armctl.robot.body import Capsule, link_name, moved
+from armctl.robot.hulls import Hull, HullPairs
+from armctl.robot.parts import Obstacle
+from armctl.robot.segments import box_distance, segment_box_distance, segment_distance
+from armctl.robot.shape import bars
+from armctl.robot.surfaces import CLEAR_M, SurfacePairs
+
+
+def _levers(chain: Chain, link: int, points: FloatArray) -> FloatArray:
+    """How far points (p, 3) [m] in a link's frame move a radian of each link, at most: (m,) [m/rad]."""
+    levers = np.zeros(len(chain.segments))
+    aside = float(np.hypot(points[:, 0], points[:, 1]).max())
+    away = float(np.linalg.norm(points, axis=1).max())
+    for j in reversed(range(link + 1)):
+        levers[j] = aside
+        x, y, z = chain.segments[j][:3, 3].tolist()
+        aside, away = math.hypot(x, y) + away, math.hypot(x, y, z) + away
+    return levers
+
+
+def _of_joints(chain: Chain, levers: FloatArray) -> FloatArray:
+    """Levers of the links' turns (..., m) as those of the joints (..., n) [m/rad]."""
+    return levers if chain.coupling is None else levers @ np.abs(chain.coupling)
+
+
+NEAR_M = 0.02
+"""Beyond this a gap is given as a lower bound, which costs less than its exact size."""
+_SAMPLES = 512
+
+
+@dataclass(frozen=True, eq=False)
+class CollisionModel:
+    """The pieces of an arm, and the pairs of them that are kept apart.
+
+    Left out are pairs of one link or of neighbours, which the joint's own limits keep apart, and pairs that
+    touch in every one of 512 configurations spread over the limits: they meet in a joint, and no motion could
+    mend that. Pairs that touch in the home or the rest pose only may overlap as deep as there.
+
+    Where the hulls of a pair overlap, its surfaces are looked at, if both are known and do not cut each other
+    at rest. Their gap is their distance less ``CLEAR_M``; where they cut each other, that of the hulls.
+    """
+
+    chain: Chain
+    capsules: tuple[Capsule, ...]
+    """from the base to the tool"""
+    pairs: tuple[tuple[int, int], ...]
+    """indices of capsules, the one nearer to the base first"""
+    closed: FloatArray
+    """(k,) the gap of each in the home or the rest pose where that is negative, else 0 [m]"""
+    touching: tuple[tuple[int, int], ...] = ()
+    """pairs that are left out because they always touch"""
+    obstacles: tuple[Obstacle, ...] = ()
+    """what stands around the arm"""
+
+    @classmethod
+    def build(
+        cls,
+        chain: Chain,
+        capsules: Sequence[Capsule],
+        limits: FloatArray,
+        poses: FloatArray,
+        obstacles: tuple[Obstacle, ...] = (),
+    ) -> Self:
+        """Find the pairs of an arm with these ``limits`` (n, 2) and poses at rest (m, n) [rad]."""
+        ordered = tuple(sorted(capsules, key=lambda capsule: capsule.link))
+        apart = tuple(
+            (i, j)
+            for j, outer in enumerate(ordered)
+            for i, inner in enumerate(ordered[:j])
+            if outer.link - inner.link > 1
+        )
+        samples = np.concatenate([poses, joint_samples(limits, _SAMPLES)])
+        model = cls(chain, ordered, apart, np.zeros(len(apart)))
+        links = LinkFrames.at(chain, samples)
+        gaps = model.gaps_of_hulls(links)
+        always = np.max(gaps, axis=1, initial=-math.inf) <= 0.0
+        for pair in np.flatnonzero(always).tolist():
+            for at in range(len(samples)) if model.by_surface[pair] else ():
+                if model.by_surfaces(links, gaps, np.array([pair]), np.array([at]))[0] > 0.0:
+                    always[pair] = False
+                    break
+        pair, at = np.nonzero((gaps[:, : len(poses)] < 0.0) & model.by_surface[:, None])
+        resting = gaps[:, : len(poses)].copy()
+        resting[pair, at] = model.by_surfaces(links, gaps, pair, at)
+        closed = np.minimum(resting.min(axis=1), 0.0)[~always]
+        pairs = tuple(apart[k] for k in np.flatnonzero(~always).tolist())
+        touching = tuple(apart[k] for k in np.flatnonzero(always).tolist())
+        return cls(chain, ordered, pairs, closed, touching, obstacles)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Which parts are not kept apart, or not altogether, a sentence each."""
+        always = dict.fromkeys(self._names(pair) for pair in self.touching)
+        resting = {
+            self._names(pair): -1000 * gap
+            for gap, pair in sorted(zip(self.closed.tolist(), self.pairs, strict=True), reverse=True)
+            if gap < 0.0
+        }
+        return (
+            *(f"whether {one} touches {other}: pieces of them do in every pose" for one, other in always),
+            *(
+                f"whether {one} touches {other} while they overlap no deeper than at rest ({depth:.0f} mm)"
+                for (one, other), depth in resting.items()
+            ),
+        )
+
+    def _names(self, pair: tuple[int, int]) -> tuple[str, str]:
+        return self.capsules[pair[1]].part, self.capsules[pair[0]].part
+
+    @cached_property
+    def moving(self) -> tuple[int, ...]:
+        """Indices of the capsules that a joint moves."""
+        return tuple(i for i, capsule in enumerate(self.capsules) if capsule.link >= 0)
+
+    @cached_property
+    def levers(self) -> FloatArray:
+        """(capsules, n) how far a corner of each one moves a radian of each joint, at most [m/rad]."""
+        return _of_joints(self.chain, self._link_levers)
+
+    @cached_property
+    def _link_levers(self) -> FloatArray:
+        """(capsules, m) as ``levers``, a radian of each link's turn."""
+        rows = [_levers(self.chain, c.link, c.corners) for c in self.capsules]
+        return np.array(rows).reshape(-1, len(self.chain.segments))
+
+    @cached_property
+    def pair_levers(self) -> FloatArray:
+        """(k, n) how much the gap of each pair changes a radian of each joint, at most [m/rad]."""
+        levers = self._link_levers[[j for _, j in self.pairs]].reshape(-1, len(self.chain.segments))
+        for row, (i, _) in zip(levers, self.pairs, strict=True):
+            row[: self.capsules[i].link + 1] = 0.0  # these turns carry both
+        return _of_joints(self.chain, levers)
+
+    def gaps(self, links: LinkFrames) -> FloatArray:
+        """Gaps between the pairs: (k, m) [m], negative where they overlap; above ``NEAR_M`` lower bounds."""
+        out = self.gaps_of_hulls(links)
+        pair, at = np.nonzero((out < 0.0) & self.by_surface[:, None])
+        if len(pair):
+            out[pair, at] = self.by_surfaces(links, out, pair, at)
+        return out
+
+    @cached_property
+    def by_surface(self) -> NDArray[np.bool_]:
+        """(k,) pairs whose surfaces decide where their hulls overlap."""
+        known = np.array([None not in (c.hull, c.surface) for c in self.capsules], dtype=np.bool_)
+        first, second = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
+        return known[first] & known[second] & (self.closed > -CLEAR_M)
+
+    def by_surfaces(
+        self, links: LinkFrames, gaps: FloatArray, pair: NDArray[np.intp], at: NDArray[np.intp]
+    ) -> FloatArray:
+        """Gaps (m,) [m] of pairs at configurations, where ``gaps`` (k, ...) of their hulls are negative."""
+        if not len(pair):
+            return np.empty(0)
+        i, j = np.array(self.pairs, dtype=np.intp)[pair].T
+        pose = links.relative(self._links[i], self._links[j], at)
+        apart, hulls = self._surfaces.distances(i, j, *pose), gaps[pair, at]
+        return np.where(apart > 0.0, np.maximum(apart - CLEAR_M, hulls), np.minimum(hulls, -CLEAR_M))
+
+    def gaps_of_hulls(self, links: LinkFrames) -> FloatArray:
+        """As ``gaps``, without a look at surfaces."""
+        starts, spans = self._placed(links)
+        first, second = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
+        middles = starts + 0.5 * spans
+        apart = middles[first] - middles[second]
+        radii = self._radii[first] + self._radii[second]
+        sizes = self._halves[first] + self._halves[second] + radii
+        out = np.sqrt(np.einsum("kim,kim->km", apart, apart)) - sizes[:, None]
+        pair, at = np.nonzero(out < NEAR_M)
+        if len(pair):
+            i, j = first[pair], second[pair]
+            one, other = (starts[i, :, at].T, spans[i, :, at].T), (starts[j, :, at].T, spans[j, :, at].T)
+            out[pair, at] = segment_distance(*one, *other) - radii[pair]
+            hulls = (self._fitted[i] | self._fitted[j]) & (out[pair, at] < NEAR_M)
+            pair, at, i, j = pair[hulls], at[hulls], i[hulls], j[hulls]
+            pose = links.relative(self._links[i], self._links[j], at)
+            closer = self._hulls.gaps(i, j, *pose, NEAR_M)
+            out[pair, at] = np.maximum(out[pair, at], closer)
+        return out
+
+    def gaps_around(self, links: LinkFrames) -> FloatArray:
+        """Gaps between each obstacle and each moving piece: (obstacles · moving, m) [m], as ``gaps``."""
+        obstacles, (starts, spans) = self.obstacles, self._placed(links)
+        out = np.empty((len(obstacles) * len(self.moving), links.origin[0].shape[-1]))
+        piece, box = np.tile(self.moving, len(obstacles)), np.arange(len(obstacles)).repeat(len(self.moving))
+        places = ((obstacle, i) for obstacle in obstacles for i in self.moving)
+        for gap, (obstacle, i) in zip(out, places, strict=True):
+            radius = self.capsules[i].radius
+            middle = starts[i] + 0.5 * spans[i]
+            gap[:] = box_distance(middle, obstacle.low, obstacle.high) - (self._halves[i] + radius)
+            near = np.flatnonzero(gap < NEAR_M)
+            if len(near) and not self._fitted[i]:
+                axis = starts[i][:, near], spans[i][:, near]
+                gap[near] = segment_box_distance(*axis, obstacle.low, obstacle.high) - radius
+        row, at = np.nonzero((out < NEAR_M) & self._fitted[piece][:, None])
+        if len(row):
+            pose = links.relative(np.full(len(at), -1), self._links[piece[row]], at)
+            closer = self._hulls.gaps(len(self.capsules) + box[row], piece[row], *pose, NEAR_M)
+            out[row, at] = np.maximum(out[row, at], closer)
+        return out
+
+    @cached_property
+    def _hulls(self) -> HullPairs:
+        """Of the capsules, and behind them of the obstacles."""
+        return HullPairs([*(one.as_hull for one in self.capsules), *map(_box_hull, self.obstacles)])
+
+    @cached_property
+    def _surfaces(self) -> SurfacePairs:
+        return SurfacePairs([one.surface for one in self.capsules])
+
+    @cached_property
+    def _fitted(self) -> NDArray[np.bool_]:
+        return np.array([capsule.hull is not None for capsule in self.capsules])
+
+    @cached_property
+    def _links(self) -> NDArray[np.intp]:
+        return np.array([capsule.link for capsule in self.capsules], dtype=np.intp)
+
+    @cached_property
+    def _halves(self) -> FloatArray:
+        return np.array([0.5 * math.dist(capsule.start, capsule.end) for capsule in self.capsules])
+
+    @cached_property
+    def _radii(self) -> FloatArray:
+        return np.array([capsule.radius for capsule in self.capsules])
+
+    def _placed(self, links: LinkFrames) -> tuple[FloatArray, FloatArray]:
+        """Starts and spans of all capsules: (capsules, 3, m) each [m], base frame."""
+        ends = [links.place(c.link, np.array([c.start, c.end])) for c in self.capsules]
+        ends = np.array(ends).reshape(-1, 3, 2, links.origin[0].shape[-1])
+        return ends[:, :, 0], ends[:, :, 1] - ends[:, :, 0]
+
+
+def _box_hull(box: Obstacle) -> Hull:
+    low, high = box.low, box.high
+    corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (high - low) + low
+    return Hull(corners, np.vstack([np.eye(3), -np.eye(3)]), 0.0)
+
+
+_PROBES = 24
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Underside:
+    """An end of a capsule, or the corners of a hull, to be kept above the floor."""
+
+    link: int
+    """index of its link"""
+    points: FloatArray
+    """(k, 3) in the link's frame [m]"""
+    radius: float
+    """how far below them the piece reaches [m]"""
+    thickness: float
+    """how far it may be below the floor where it lies on it in a named pose [m]"""
+    part: str
+    """what a user calls the part that it belongs to"""
+    levers: FloatArray
+    """(n,) how far it rises or sinks a radian of each joint, at most [m/rad]"""
+
+
+def undersides(model: CollisionModel, titles: Sequence[str], limits: FloatArray) -> tuple[Underside, ...]:
+    """What joints raise or lower within limits (n, 2) [rad].
+
+    Over a plane a capsule is lowest below one of its ends, and a hull below one of its corners. Bars without
+    a capsule count without thickness, and so does the tool point, which comes last.
+    """
+    chain = model.chain
+    probes = LinkFrames.at(chain, joint_samples(limits, _PROBES))
+    upright = abs(chain.segments[0][2, 2]) > 1 - 1e-12  # then the first joint changes no height
+    pieces = [
+        (c.link, points, c.as_hull.margin, c.radius if c.hull is None else c.hull.thickness, c.part)
+        for c in model.capsules
+        for points in (c.corners[:, None] if c.hull is None else c.corners[None])
+    ]
+    link, T = chain.places[-1]
+    tool = (link, T[None, :3, 3], 0.0, 0.0, "the tool")
+    ends = [(c.link, end) for c in model.capsules if c.hull is None for end in c.corners] + [(link, T[:3, 3])]
+    for bar in bars(chain, 0.0):
+        point = moved(chain.places[bar.frame].T_link_frame, bar.end)
+        known = (end for its_link, end in ends if its_link == bar.link)
+        if not any(np.allclose(point, end, atol=1e-9) for end in known):
+            ends.append((bar.link, point))
+            pieces.append((bar.link, point[None], 0.0, 0.0, link_name(bar.link, titles)))
+    pieces.append(tool)
+    found: list[Underside] = []
+    for link, points, radius, thickness, part in pieces:
+        if link >= 0 and np.ptp(probes.place(link, points)[2].min(axis=0)) > 1e-9:
+            levers = _levers(chain, link, points)
+            levers[0] *= not upright
+            found.append(Underside(link, points, radius, thickness, part, _of_joints(chain, levers)))
+    return tuple(found)
