@@ -14,7 +14,6 @@ from armctl.arrays import FloatArray
 from armctl.calibration.fit import JointFit
 from armctl.calibration.record import Calibration, JointCalibration, checked_record
 from armctl.errors import CalibrationError
-from armctl.kinematics.chain import LinkFrames
 from armctl.robot import Joint, OutputMap, Robot
 
 _ROUNDING = 1e-9
@@ -242,7 +241,7 @@ def _right_angles(robot: Robot) -> FloatArray:
         return np.empty((0, robot.n))
     q = np.array(list(product(*choices)), dtype=np.float64)
     clear = robot.frames(q)[:, 1:, 2, 3].min(axis=1) > robot.floor_z + _CLEAR_M
-    links = LinkFrames.at(robot.chain, q)
+    links = robot.body_frames(q)
     itself = robot.collision.gaps(links) - robot.collision.closed[:, None]
     for gaps in (itself, robot.collision.gaps_around(links)):
         if gaps.size:

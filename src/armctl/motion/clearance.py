@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import LinkFrames
 from armctl.robot import Robot
+from armctl.robot.body import ANY_OPENING, Openings
 from armctl.robot.surfaces import CLEAR_M
 
 FLOOR_TOLERANCE_M = 5e-4
@@ -39,8 +40,8 @@ class Floor:
     most_near: ClassVar[int] = 64
     """intervals between samples in which the deepest place is looked for"""
 
-    def __init__(self, robot: Robot) -> None:
-        self._robot, self._undersides = robot, robot.undersides
+    def __init__(self, robot: Robot, openings: Openings = ANY_OPENING) -> None:
+        self._robot, self._undersides = robot, robot.at_openings(openings).undersides
         self.levers = np.array([one.levers for one in self._undersides]).reshape(-1, robot.n)
         self.parts = tuple(one.part for one in self._undersides)
         thickness = np.array([one.thickness for one in self._undersides])
@@ -52,7 +53,7 @@ class Floor:
     def clearance(self, q: ArrayLike) -> FloatArray:
         """(..., k) heights above the floor [m] at ``q`` (..., n) [rad], negative below it; k may be 0."""
         q = self._robot.chain.checked(q)
-        links = LinkFrames.at(self._robot.chain, q.reshape(-1, self._robot.n))
+        links = self._robot.body_frames(q.reshape(-1, self._robot.n))
         return self.gaps(links).T.reshape(*q.shape[:-1], len(self._undersides))
 
     def gaps(self, links: LinkFrames) -> FloatArray:
@@ -75,13 +76,14 @@ class Obstacles:
     missed_m: ClassVar[float] = 1e-3
     most_near: ClassVar[int] = 64
 
-    def __init__(self, robot: Robot) -> None:
-        self._model, self._obstacles = robot.collision, robot.obstacles
+    def __init__(self, robot: Robot, openings: Openings = ANY_OPENING) -> None:
+        self._model, self._obstacles = robot.at_openings(openings).collision, robot.obstacles
         moving = list(self._model.moving)
         self.parts = tuple(self._model.capsules[i].part for _ in robot.obstacles for i in moving)
         self.levers = np.tile(self._model.levers[moving], (len(robot.obstacles), 1))
         self.closed = np.zeros(len(self.parts))
-        self._fitted = [self._model.capsules[i].hull is not None for _ in robot.obstacles for i in moving]
+        hulls = [bool(robot.shapes) and self._model.capsules[i].hull is not None for i in moving]
+        self._fitted = hulls * len(robot.obstacles)
 
     def gaps(self, links: LinkFrames) -> FloatArray:
         """(k, m) [m] at m configurations, negative inside an obstacle."""
@@ -106,8 +108,8 @@ class SelfCollision:
     missed_m: ClassVar[float] = 0.5e-3
     most_near: ClassVar[int] = 4  # surfaces take a millisecond each time
 
-    def __init__(self, robot: Robot) -> None:
-        self._model = robot.collision
+    def __init__(self, robot: Robot, openings: Openings = ANY_OPENING) -> None:
+        self._model, self._of_shapes = robot.at_openings(openings).collision, bool(robot.shapes)
         self.levers = self._model.pair_levers
         self.parts = tuple(self._model.capsules[j].part for _, j in self._model.pairs)
         self.closed = self._model.closed
@@ -124,7 +126,8 @@ class SelfCollision:
             distance_mm = 1000 * CLEAR_M - depth_mm
             return f"{distance_mm:.1f} mm from {other}" if distance_mm > 0.0 else f"touches {other}", mend
         at_rest = -1000 * float(self.closed[part])
-        fitted = any(self._model.capsules[i].hull is not None for i in self._model.pairs[part])
+        hulls = (self._model.capsules[i].hull for i in self._model.pairs[part])
+        fitted = self._of_shapes and any(hull is not None for hull in hulls)
         return (
             f"{depth_mm:.1f} mm inside {other}"
             + (BY_HULLS if fitted else "")
@@ -139,14 +142,14 @@ class SelfCollision:
 Gaps = Floor | Obstacles | SelfCollision
 
 
-def sources(robot: Robot) -> tuple[Gaps, ...]:
-    """All that an arm must stay clear of."""
-    return (*kept_out(robot), SelfCollision(robot))
+def sources(robot: Robot, openings: Openings = ANY_OPENING) -> tuple[Gaps, ...]:
+    """All that an arm must stay clear of while its gripper is between two openings."""
+    return (*kept_out(robot, openings), SelfCollision(robot, openings))
 
 
-def kept_out(robot: Robot) -> tuple[Floor | Obstacles, ...]:
+def kept_out(robot: Robot, openings: Openings = ANY_OPENING) -> tuple[Floor | Obstacles, ...]:
     """What is around an arm: no part of it may be there, whichever way it came."""
-    return Floor(robot), *((Obstacles(robot),) if robot.obstacles else ())
+    return Floor(robot, openings), *((Obstacles(robot, openings),) if robot.obstacles else ())
 
 
 class Touch(NamedTuple):
@@ -158,7 +161,7 @@ class Touch(NamedTuple):
 
 def touching(around: Sequence[Gaps], robot: Robot, q: FloatArray) -> Touch | None:
     """What of an arm at ``q`` (n,) [rad] would be where it may not be, in one place; None: nothing."""
-    links = LinkFrames.at(robot.chain, q[None])
+    links = robot.body_frames(q[None])
     for source in around:
         gaps = source.gaps(links)[:, 0]
         lacks = gaps - source.closed + FLOOR_TOLERANCE_M < 0.0
@@ -205,7 +208,7 @@ def clear_pose(robot: Robot) -> FloatArray | None:
         key=lambda one: one[0],
     )
     q = np.array([angles for _, angles in turned])
-    links = LinkFrames.at(robot.chain, q)
+    links = robot.body_frames(q)
     clear = robot.chain.keeps_turns(q)
     for source in sources(robot):
         if source.parts:

@@ -21,6 +21,7 @@ from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Gaps, sources
 from armctl.motion.trajectory import JoinedTrajectory, KnowsPeaks, Trajectory, peaks_of
 from armctl.robot import Robot
+from armctl.robot.body import ANY_OPENING, Openings
 
 _TRAVEL = math.radians(6)
 """No joint moves farther between two samples, as far as the peaks of the motion are known."""
@@ -92,13 +93,15 @@ def preflight(
     *,
     tool_path: bool = False,
     at_rest: bool = True,
+    openings: Openings = ANY_OPENING,
 ) -> list[Finding]:
     """Check one motion: errors first, then warnings, each in the order of time.
 
     - Limits of joints and of angles between links, speed and acceleration, by the peaks of the trajectory;
       jerk, where the profile limits it. The arm is at rest at both ends (``at_rest``), and has the same
       speed on both sides of each seam.
-    - Floor, obstacles and self-collision, over the whole motion (``gap_finding``).
+    - Floor, obstacles and self-collision, over the whole motion (``gap_finding``), while the gripper is
+      between two ``openings``, 0 (closed) to 1.
     - Singularities of the tool point, at the samples: an error where a ``tool_path`` needs the direction that
       is lost, else a warning.
     - Gravity torque (with ``payload_kg`` instead of the robot file's) against stall torque, at the samples.
@@ -109,12 +112,12 @@ def preflight(
     motion = SampledMotion(robot, trajectory)
     if payload_kg is not None and checked_number(payload_kg, "a payload") < 0.0:
         raise InputError(f"a payload must be at least 0 kg, got {payload_kg}")
-    links = LinkFrames.at(robot.chain, motion.q)
+    links = robot.body_frames(motion.q)
     findings = [*_limit_findings(motion), *_turn_findings(motion)]
     for kind in _RATES:
         findings += _rate_findings(motion, kind)
     findings += _seam_findings(motion)
-    for source in sources(robot):
+    for source in sources(robot, openings):
         finding = gap_finding(motion, source, source.gaps(links))
         if finding is not None:
             findings.append(finding)
@@ -131,9 +134,10 @@ def require_clear(
     payload_kg: float | None = None,
     *,
     tool_path: bool = False,
+    openings: Openings = ANY_OPENING,
 ) -> None:
     """Raise ``MotionRefusedError`` with the first error of ``preflight``, and how many more there are."""
-    findings = preflight(robot, trajectory, payload_kg, tool_path=tool_path)
+    findings = preflight(robot, trajectory, payload_kg, tool_path=tool_path, openings=openings)
     count = sum(finding.severity == "error" for finding in findings)
     if count:
         more = f" (and {count - 1} more)" if count > 1 else ""
@@ -386,7 +390,7 @@ def gap_finding(motion: SampledMotion, source: Gaps, gaps: FloatArray) -> Findin
         elif len(doubtful):
             early = block[:, doubtful]
             middle = 0.5 * (early[0] + early[1])
-            gaps = source.gaps(LinkFrames.at(motion.robot.chain, motion.trajectory.sample(middle).q))
+            gaps = source.gaps(motion.robot.body_frames(motion.trajectory.sample(middle).q))
             slack = gaps - allowed
             early[2 + 2 * k :] *= 0.5
             late = early.copy()
@@ -405,7 +409,7 @@ def _deepest(motion: SampledMotion, source: Gaps, allowed: FloatArray, block: Fl
 
     def depths_at(time: FloatArray) -> FloatArray:
         """(k, m) the gaps that are closed too far [m], others infinite."""
-        gaps = source.gaps(LinkFrames.at(motion.robot.chain, motion.trajectory.sample(time).q))
+        gaps = source.gaps(motion.robot.body_frames(motion.trajectory.sample(time).q))
         return np.where(gaps < allowed, gaps, np.inf)
 
     # where between two samples it may be deeper than at any, the deepest first

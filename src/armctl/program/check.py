@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.documents import Document
 from armctl.errors import ArmctlError
-from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import sources
 from armctl.motion.preflight import Finding, isotropy_of, preflight
@@ -172,7 +171,7 @@ class _Walk:
     def _clear_together(self, trajectories: list[Trajectory], step: MotionStep) -> bool:
         """Whether nothing is found in motions that follow each other, nor touched at their start."""
         robot, motion = self.robot, JoinedTrajectory(trajectories)
-        start = LinkFrames.at(robot.chain, motion.start[None])
+        start = robot.body_frames(motion.start[None])
         if any((source.gaps(start) < source.closed[:, None]).any() for source in sources(robot)):
             return False
         ends = np.array([trajectory.end for trajectory in trajectories])

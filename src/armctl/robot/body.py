@@ -12,9 +12,14 @@ from numpy.typing import ArrayLike
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics.chain import Chain
 from armctl.robot.hulls import Hull
+from armctl.robot.look.pieces import Mount
 from armctl.robot.parts import Look
 from armctl.robot.shape import FINGER, PALM, TIP_LENGTH, TIP_RADIUS, bars, tool_length, width
 from armctl.robot.surfaces import Surface
+
+Openings = tuple[float, float]
+"""between which a gripper is, 0 (closed) to 1"""
+ANY_OPENING: Openings = (0.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,7 +27,7 @@ class Capsule(ArrayRecord):
     """A piece of the arm's body: all points within a radius of a segment, or a hull inside that."""
 
     link: int
-    """index of its link; -1: the base"""
+    """index of its link; -1: the base; beyond the links: of ``ArmBody.mounts``"""
     start: FloatArray
     """(3,) in the link's frame (``LinkFrames``) [m]"""
     end: FloatArray
@@ -55,6 +60,10 @@ class ArmBody:
     notes: tuple[str, ...] = ()
     unused: tuple[int, ...] = ()
     """which of the arm's shapes could not be read, or have another unit"""
+    mounts: tuple[Mount, ...] = ()
+    """frames of capsules that move with two links: their indices follow those of the links"""
+    solids: tuple[int, ...] = ()
+    """which solid of a look each capsule is of"""
 
 
 def capsule(

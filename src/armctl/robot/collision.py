@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.kinematics.samples import joint_samples
 from armctl.robot.body import Capsule, link_name, moved
 from armctl.robot.hulls import Hull, HullPairs
+from armctl.robot.look.pieces import Mount
 from armctl.robot.parts import Obstacle
 from armctl.robot.segments import box_distance, segment_box_distance, segment_distance
 from armctl.robot.shape import bars
@@ -34,6 +35,25 @@ def _levers(chain: Chain, link: int, points: FloatArray) -> FloatArray:
     return levers
 
 
+def _mount_levers(chain: Chain, mount: Mount, points: FloatArray) -> FloatArray:
+    """As ``_levers``, of points (p, 3) [m] in the frame of a mount."""
+    pins = mount.pins
+    if pins is None:  # its origin moves with one link, and it turns with another
+        at_joint = _levers(chain, mount.hangs, np.zeros((1, 3)))
+        about = np.zeros(len(chain.segments))
+        about[: mount.turns + 1] = np.linalg.norm(points, axis=1).max()
+        return at_joint + about
+    near = _mount_levers(chain, replace(mount, pins=None), pins.near[None])
+    far = _levers(chain, pins.link, pins.far[None])
+    length = float(np.ptp(points[:, 0]))  # between its pins, or more: no less is needed of a bound
+    aside = float(np.hypot(points[:, 1], points[:, 2]).max())
+    beyond = max(float(-points[:, 0].min()), 0.0)
+    turning = (near + far) / max(length - 2 * beyond, 1e-3)
+    rolling = np.zeros(len(chain.segments))
+    rolling[: max(mount.turns, pins.link) + 1] = 1.0
+    return np.maximum(near, far) + (aside + beyond) * turning + aside * rolling
+
+
 def _of_joints(chain: Chain, levers: FloatArray) -> FloatArray:
     """Levers of the links' turns (..., m) as those of the joints (..., n) [m/rad]."""
     return levers if chain.coupling is None else levers @ np.abs(chain.coupling)
@@ -41,16 +61,30 @@ def _of_joints(chain: Chain, levers: FloatArray) -> FloatArray:
 
 NEAR_M = 0.02
 """Beyond this a gap is given as a lower bound, which costs less than its exact size."""
-_SAMPLES = 512
+_SAMPLES, _FIRST_SAMPLES = 512, 8
+
+
+def _mount(chain: Chain, mounts: Sequence[Mount], link: int) -> Mount:
+    """The frame with an index: of a link, or of what moves with two links."""
+    count = len(chain.segments)
+    return Mount(link, link) if link < count else mounts[link - count]
+
+
+def _may_meet(inner: frozenset[int], outer: frozenset[int]) -> bool:
+    """Whether what these links move is kept apart: it shares no link, and two links are no neighbours."""
+    if len(inner) == len(outer) == 1:
+        return max(outer) - max(inner) > 1
+    return not inner & outer
 
 
 @dataclass(frozen=True, eq=False)
 class CollisionModel:
     """The pieces of an arm, and the pairs of them that are kept apart.
 
-    Left out are pairs of one link or of neighbours, which the joint's own limits keep apart, and pairs that
-    touch in every one of 512 configurations spread over the limits: they meet in a joint, and no motion could
-    mend that. Pairs that touch in the home or the rest pose only may overlap as deep as there.
+    Left out are pairs of one link or of neighbours, which the joint's own limits keep apart; cranks and rods,
+    and what they are pinned to; and pairs that touch in every one of 512 configurations spread over the
+    limits: they meet in a joint, and no motion could mend that. Pairs that touch in the home or the rest pose
+    only may overlap as deep as there.
 
     Where the hulls of a pair overlap, its surfaces are looked at, if both are known and do not cut each other
     at rest. Their gap is their distance less ``CLEAR_M``; where they cut each other, that of the hulls.
@@ -67,6 +101,10 @@ class CollisionModel:
     """pairs that are left out because they always touch"""
     obstacles: tuple[Obstacle, ...] = ()
     """what stands around the arm"""
+    mounts: tuple[Mount, ...] = ()
+    """frames of capsules that move with two links: their indices follow those of the links"""
+    solids: tuple[int, ...] = ()
+    """which solid of the body each capsule is of, or is a part of; empty: each is of its own"""
 
     @classmethod
     def build(
@@ -76,32 +114,51 @@ class CollisionModel:
         limits: FloatArray,
         poses: FloatArray,
         obstacles: tuple[Obstacle, ...] = (),
+        mounts: tuple[Mount, ...] = (),
+        solids: Sequence[int] = (),
+        always: frozenset[tuple[int, int]] | None = None,
     ) -> Self:
-        """Find the pairs of an arm with these ``limits`` (n, 2) and poses at rest (m, n) [rad]."""
-        ordered = tuple(sorted(capsules, key=lambda capsule: capsule.link))
-        apart = tuple(
+        """Find the pairs of an arm with these ``limits`` (n, 2) and poses at rest (m, n) [rad].
+
+        ``always``: pairs of ``solids`` that are known to touch in all configurations; None: look for them.
+        """
+        carried = [_mount(chain, mounts, one.link).links for one in capsules]
+        order = sorted(range(len(carried)), key=lambda k: (max(carried[k]), capsules[k].link))
+        ordered, carried = tuple(capsules[k] for k in order), [carried[k] for k in order]
+        numbers = solids or range(len(order))
+        solids = tuple(numbers[k] for k in order)
+        apart: tuple[tuple[int, int], ...] = tuple(
             (i, j)
-            for j, outer in enumerate(ordered)
-            for i, inner in enumerate(ordered[:j])
-            if outer.link - inner.link > 1
+            for j, outer in enumerate(carried)
+            for i, inner in enumerate(carried[:j])
+            if _may_meet(inner, outer)
         )
-        samples = np.concatenate([poses, joint_samples(limits, _SAMPLES)])
-        model = cls(chain, ordered, apart, np.zeros(len(apart)))
-        links = LinkFrames.at(chain, samples)
-        gaps = model.gaps_of_hulls(links)
-        always = np.max(gaps, axis=1, initial=-math.inf) <= 0.0
-        for pair in np.flatnonzero(always).tolist():
-            for at in range(len(samples)) if model.by_surface[pair] else ():
-                if model.by_surfaces(links, gaps, np.array([pair]), np.array([at]))[0] > 0.0:
-                    always[pair] = False
-                    break
-        pair, at = np.nonzero((gaps[:, : len(poses)] < 0.0) & model.by_surface[:, None])
-        resting = gaps[:, : len(poses)].copy()
-        resting[pair, at] = model.by_surfaces(links, gaps, pair, at)
-        closed = np.minimum(resting.min(axis=1), 0.0)[~always]
-        pairs = tuple(apart[k] for k in np.flatnonzero(~always).tolist())
-        touching = tuple(apart[k] for k in np.flatnonzero(always).tolist())
-        return cls(chain, ordered, pairs, closed, touching, obstacles)
+        model = cls(chain, ordered, apart, np.zeros(len(apart)), mounts=mounts)
+        at_rest = model.frames(poses)
+        resting = model.gaps(at_rest)
+        if always is None:
+            met = model._always(np.flatnonzero((resting <= 0.0).all(axis=1)), joint_samples(limits, _SAMPLES))
+        else:
+            known = [(solids[i], solids[j]) in always for i, j in apart]
+            met = np.flatnonzero(np.array(known, dtype=np.bool_))
+        kept: NDArray[np.intp] = np.setdiff1d(np.arange(len(apart)), met)
+        pairs = tuple(apart[k] for k in kept.tolist())
+        touching = tuple(apart[k] for k in met.tolist())
+        closed = np.minimum(resting[kept].min(axis=1, initial=0.0), 0.0)
+        return cls(chain, ordered, pairs, closed, touching, obstacles, mounts, solids)
+
+    def frames(self, q: ArrayLike) -> LinkFrames:
+        """The links at ``q`` (m, n) [rad] and, behind them, what moves with two of them."""
+        links = LinkFrames.at(self.chain, q)
+        return links.and_also([mount.at(links) for mount in self.mounts]) if self.mounts else links
+
+    def _always(self, pairs: NDArray[np.intp], samples: FloatArray) -> NDArray[np.intp]:
+        """Those of ``pairs`` that touch in every one of ``samples`` (m, n) [rad]."""
+        at, some = 0, _FIRST_SAMPLES
+        while len(pairs) and at < len(samples):  # most pairs come apart soon
+            gaps = self.gaps(self.frames(samples[at : at + some]), pairs)
+            pairs, at, some = pairs[(gaps <= 0.0).all(axis=1)], at + some, 2 * some
+        return pairs
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -136,23 +193,36 @@ class CollisionModel:
     @cached_property
     def _link_levers(self) -> FloatArray:
         """(capsules, m) as ``levers``, a radian of each link's turn."""
-        rows = [_levers(self.chain, c.link, c.corners) for c in self.capsules]
+        rows = [self.levers_of(c.link, c.corners) for c in self.capsules]
         return np.array(rows).reshape(-1, len(self.chain.segments))
+
+    def levers_of(self, link: int, points: FloatArray) -> FloatArray:
+        """How far points (p, 3) [m] in a frame move a radian of each link's turn, at most: (m,) [m/rad]."""
+        count = len(self.chain.segments)
+        if link < count:
+            return _levers(self.chain, link, points)
+        return _mount_levers(self.chain, self.mounts[link - count], points)
 
     @cached_property
     def pair_levers(self) -> FloatArray:
         """(k, n) how much the gap of each pair changes a radian of each joint, at most [m/rad]."""
-        levers = self._link_levers[[j for _, j in self.pairs]].reshape(-1, len(self.chain.segments))
-        for row, (i, _) in zip(levers, self.pairs, strict=True):
-            row[: self.capsules[i].link + 1] = 0.0  # these turns carry both
+        first, second = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
+        levers = self._link_levers[first] + self._link_levers[second]
+        for row, pair in zip(levers, self.pairs, strict=True):
+            links = (_mount(self.chain, self.mounts, self.capsules[i].link).links for i in pair)
+            row[: min(map(min, links)) + 1] = 0.0  # these turns carry both
         return _of_joints(self.chain, levers)
 
-    def gaps(self, links: LinkFrames) -> FloatArray:
-        """Gaps between the pairs: (k, m) [m], negative where they overlap; above ``NEAR_M`` lower bounds."""
-        out = self.gaps_of_hulls(links)
-        pair, at = np.nonzero((out < 0.0) & self.by_surface[:, None])
+    def gaps(self, links: LinkFrames, pairs: NDArray[np.intp] | None = None) -> FloatArray:
+        """Gaps between the pairs: (k, m) [m], negative where they overlap; above ``NEAR_M`` lower bounds.
+
+        ``links``: as ``frames`` gives them. ``pairs`` (k,): of which; None: of all.
+        """
+        chosen = np.arange(len(self.pairs)) if pairs is None else pairs
+        out = self._gaps_of_hulls(links, chosen)
+        pair, at = np.nonzero((out < 0.0) & self.by_surface[chosen, None])
         if len(pair):
-            out[pair, at] = self.by_surfaces(links, out, pair, at)
+            out[pair, at] = self._by_surfaces(links, out[pair, at], chosen[pair], at)
         return out
 
     @cached_property
@@ -162,37 +232,62 @@ class CollisionModel:
         first, second = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
         return known[first] & known[second] & (self.closed > -CLEAR_M)
 
-    def by_surfaces(
-        self, links: LinkFrames, gaps: FloatArray, pair: NDArray[np.intp], at: NDArray[np.intp]
+    def _by_surfaces(
+        self, links: LinkFrames, hulls: FloatArray, pair: NDArray[np.intp], at: NDArray[np.intp]
     ) -> FloatArray:
-        """Gaps (m,) [m] of pairs at configurations, where ``gaps`` (k, ...) of their hulls are negative."""
-        if not len(pair):
-            return np.empty(0)
+        """Gaps (m,) [m] of pairs at configurations where those of their ``hulls`` (m,) are negative."""
         i, j = np.array(self.pairs, dtype=np.intp)[pair].T
         pose = links.relative(self._links[i], self._links[j], at)
-        apart, hulls = self._surfaces.distances(i, j, *pose), gaps[pair, at]
+        apart = self._surfaces.distances(i, j, *pose)
         return np.where(apart > 0.0, np.maximum(apart - CLEAR_M, hulls), np.minimum(hulls, -CLEAR_M))
 
-    def gaps_of_hulls(self, links: LinkFrames) -> FloatArray:
-        """As ``gaps``, without a look at surfaces."""
-        starts, spans = self._placed(links)
-        first, second = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
-        middles = starts + 0.5 * spans
-        apart = middles[first] - middles[second]
-        radii = self._radii[first] + self._radii[second]
-        sizes = self._halves[first] + self._halves[second] + radii
-        out = np.sqrt(np.einsum("kim,kim->km", apart, apart)) - sizes[:, None]
+    def _gaps_of_hulls(self, links: LinkFrames, chosen: NDArray[np.intp]) -> FloatArray:
+        """As ``gaps``, without a look at surfaces: by balls round all that moves as one, then closer."""
+        first, second = np.array(self.pairs, dtype=np.intp).reshape(-1, 2)[chosen].T
+        out = self._apart_by_balls(links, first, second)
         pair, at = np.nonzero(out < NEAR_M)
-        if len(pair):
-            i, j = first[pair], second[pair]
-            one, other = (starts[i, :, at].T, spans[i, :, at].T), (starts[j, :, at].T, spans[j, :, at].T)
-            out[pair, at] = segment_distance(*one, *other) - radii[pair]
-            hulls = (self._fitted[i] | self._fitted[j]) & (out[pair, at] < NEAR_M)
-            pair, at, i, j = pair[hulls], at[hulls], i[hulls], j[hulls]
-            pose = links.relative(self._links[i], self._links[j], at)
-            closer = self._hulls.gaps(i, j, *pose, NEAR_M)
-            out[pair, at] = np.maximum(out[pair, at], closer)
+        i, j = first[pair], second[pair]
+        starts, spans = self._placed(links)
+        middles = starts + 0.5 * spans
+        apart = middles[i, :, at] - middles[j, :, at]
+        radii = self._radii + self._halves
+        out[pair, at] = np.sqrt(np.einsum("ki,ki->k", apart, apart)) - radii[i] - radii[j]
+        near = out[pair, at] < NEAR_M
+        pair, at, i, j = pair[near], at[near], i[near], j[near]
+        one, other = (starts[i, :, at].T, spans[i, :, at].T), (starts[j, :, at].T, spans[j, :, at].T)
+        out[pair, at] = segment_distance(*one, *other) - self._radii[i] - self._radii[j]
+        hulls = (self._fitted[i] | self._fitted[j]) & (out[pair, at] < NEAR_M)
+        pair, at, i, j = pair[hulls], at[hulls], i[hulls], j[hulls]
+        pose = links.relative(self._links[i], self._links[j], at)
+        out[pair, at] = np.maximum(out[pair, at], self._hulls.gaps(i, j, *pose, NEAR_M))
         return out
+
+    def _apart_by_balls(
+        self, links: LinkFrames, first: NDArray[np.intp], second: NDArray[np.intp]
+    ) -> FloatArray:
+        """Lower bounds (k, m) [m] of gaps: those of balls round all capsules of a frame."""
+        middles = np.array([links.place(link, middle)[:, 0] for link, middle, _ in self._balls])
+        sizes = np.array([size for *_, size in self._balls])
+        row = {link: k for k, (link, *_) in enumerate(self._balls)}
+        of = np.array([row[capsule.link] for capsule in self.capsules], dtype=np.intp)
+        both, which = np.unique(np.stack([of[first], of[second]]), axis=1, return_inverse=True)
+        apart = middles[both[0]] - middles[both[1]]
+        gaps = np.sqrt(np.einsum("kim,kim->km", apart, apart)) - (sizes[both[0]] + sizes[both[1]])[:, None]
+        return gaps[which.reshape(-1)]
+
+    @cached_property
+    def _balls(self) -> list[tuple[int, FloatArray, float]]:
+        """The frames that capsules are in: index, and middle (1, 3) and radius of a ball round them [m]."""
+        found: list[tuple[int, FloatArray, float]] = []
+        for link in dict.fromkeys(capsule.link for capsule in self.capsules):
+            ends, radii = zip(
+                *((end, c.radius) for c in self.capsules if c.link == link for end in (c.start, c.end)),
+                strict=True,
+            )
+            points = np.array(ends)
+            middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+            found.append((link, middle[None], float((np.linalg.norm(points - middle, axis=1) + radii).max())))
+        return found
 
     def gaps_around(self, links: LinkFrames) -> FloatArray:
         """Gaps between each obstacle and each moving piece: (obstacles · moving, m) [m], as ``gaps``."""
@@ -274,14 +369,16 @@ class Underside:
     """(n,) how far it rises or sinks a radian of each joint, at most [m/rad]"""
 
 
-def undersides(model: CollisionModel, titles: Sequence[str], limits: FloatArray) -> tuple[Underside, ...]:
+def undersides(
+    model: CollisionModel, titles: Sequence[str], limits: FloatArray, *, with_bars: bool
+) -> tuple[Underside, ...]:
     """What joints raise or lower within limits (n, 2) [rad].
 
     Over a plane a capsule is lowest below one of its ends, and a hull below one of its corners. Bars without
-    a capsule count without thickness, and so does the tool point, which comes last.
+    a capsule count without thickness (``with_bars``), and so does the tool point, which comes last.
     """
     chain = model.chain
-    probes = LinkFrames.at(chain, joint_samples(limits, _PROBES))
+    probes = model.frames(joint_samples(limits, _PROBES))
     upright = abs(chain.segments[0][2, 2]) > 1 - 1e-12  # then the first joint changes no height
     pieces = [
         (c.link, points, c.as_hull.margin, c.radius if c.hull is None else c.hull.thickness, c.part)
@@ -291,7 +388,7 @@ def undersides(model: CollisionModel, titles: Sequence[str], limits: FloatArray)
     link, T = chain.places[-1]
     tool = (link, T[None, :3, 3], 0.0, 0.0, "the tool")
     ends = [(c.link, end) for c in model.capsules if c.hull is None for end in c.corners] + [(link, T[:3, 3])]
-    for bar in bars(chain, 0.0):
+    for bar in bars(chain, 0.0) if with_bars else ():
         point = moved(chain.places[bar.frame].T_link_frame, bar.end)
         known = (end for its_link, end in ends if its_link == bar.link)
         if not any(np.allclose(point, end, atol=1e-9) for end in known):
@@ -301,7 +398,7 @@ def undersides(model: CollisionModel, titles: Sequence[str], limits: FloatArray)
     found: list[Underside] = []
     for link, points, radius, thickness, part in pieces:
         if link >= 0 and np.ptp(probes.place(link, points)[2].min(axis=0)) > 1e-9:
-            levers = _levers(chain, link, points)
+            levers = model.levers_of(link, points)
             levers[0] *= not upright
             found.append(Underside(link, points, radius, thickness, part, _of_joints(chain, levers)))
     return tuple(found)

@@ -208,7 +208,17 @@ class _Piece:
 
 def contain(points: FloatArray) -> Fitted:
     """The hull of points (k, 3), and a capsule of little volume that contains it."""
-    hull = hull_of(points)
+    return _in_a_capsule(hull_of(points))
+
+
+def contained(corners: FloatArray) -> Fitted:
+    """The same, where the hull of few corners (k, 3) is wanted as it is; they may lie inside it."""
+    qhull = _qhull(corners)
+    kept = corners if qhull is None else corners[qhull.vertices]
+    return _in_a_capsule(Hull(kept, _normals(kept), 0.0))
+
+
+def _in_a_capsule(hull: Hull) -> Fitted:
     choices = np.concatenate([_along(hull.corners, axis) for axis in _axes(hull.corners)])
     ends = choices[int(_volumes(hull.corners, choices).argmin())]
     radius = float(_distances(hull.corners, ends[None]).max() + hull.margin) * (1 + 1e-12) + 1e-9

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,19 +26,32 @@ from armctl.kinematics import (
     inverse_kinematics,
 )
 from armctl.kinematics.angles import LIMIT_TOLERANCE
+from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.solutions import outside as outside_words
 from armctl.kinematics.target import degrees_hint
 from armctl.kinematics.velocity import NEAR, position_leaves_orientation
-from armctl.robot.body import ArmBody, Capsule, shape_capsules
+from armctl.robot.body import ANY_OPENING, ArmBody, Capsule, Openings, shape_capsules
 from armctl.robot.collision import CollisionModel, Underside, undersides
 from armctl.robot.look.pieces import Drawing, Piece
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
 from armctl.robot.parts import Gripper, Joint, Look, Obstacle, Shape
 
+if TYPE_CHECKING:
+    from armctl.robot.look_body import LookBody
+
 _PROBES = 64
+_MOST_OPENINGS = 8
+"""of the gripper for which the body is kept"""
 BODY_ASSUMED = "the body: convex hulls of the shapes"
 """how the line of ``assumed`` begins that ``with_body`` has more to say about"""
+
+
+class BodyAt(NamedTuple):
+    """What is kept apart of an arm."""
+
+    collision: CollisionModel
+    undersides: tuple[Underside, ...]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -164,6 +178,8 @@ class Robot(ArrayRecord):
     def _worked_out(self, progress: Callable[[int, int], None] | None) -> ArmBody:
         if self.capsules is not None:
             return ArmBody(self.capsules)
+        if self._look_body is not None:
+            return self._look_body.at(ANY_OPENING)
         gripper = self.gripper is not None
         bars = shape_capsules(self.chain, self.look, self.link_titles, gripper=gripper)
         if not self.shapes:
@@ -207,16 +223,76 @@ class Robot(ArrayRecord):
         return replace(self, capsules=body.capsules, assumed=(*assumed, *body.notes), shapes=shapes)
 
     @cached_property
-    def collision(self) -> CollisionModel:
-        """The pieces of the arm's body, and which of them are kept apart."""
-        resting = [self.poses[name] for name in ("home", "rest") if name in self.poses]
-        poses = np.array(resting or [self.limits.mean(axis=1)])
-        return CollisionModel.build(self.chain, self.body.capsules, self.limits, poses, self.obstacles)
+    def _look_body(self) -> LookBody | None:
+        if self.capsules is not None or self.shapes or not self.look.rows:
+            return None
+        from armctl.robot.look_body import LookBody  # scipy
 
-    @cached_property
+        return LookBody(self.pieces, len(self.chain.segments))
+
+    @property
+    def collision(self) -> CollisionModel:
+        """The pieces of the arm's body, and which of them are kept apart, at any opening of the gripper."""
+        return self.at_openings(ANY_OPENING).collision
+
+    @property
     def undersides(self) -> tuple[Underside, ...]:
         """What comes nearest to the floor, from the base to the tool; without what no joint lifts."""
-        return undersides(self.collision, self.link_titles, self.limits)
+        return self.at_openings(ANY_OPENING).undersides
+
+    def at_openings(self, openings: Openings) -> BodyAt:
+        """What is kept apart while the gripper is between two openings: jaws count where they are."""
+        key, known = ANY_OPENING, self._bodies
+        if self._look_body is not None and self._look_body.opens:
+            low, high = sorted(round(min(max(one, 0.0), 1.0), 2) for one in openings)
+            key = low, high
+        if key not in known:
+            made = self._made_at(key)
+            while len(known) >= _MOST_OPENINGS:
+                known.pop(next(iter(known)), None)
+            known[key] = made
+        return known[key]
+
+    @cached_property
+    def _bodies(self) -> dict[Openings, BodyAt]:
+        return {}
+
+    def _made_at(self, openings: Openings) -> BodyAt:
+        look = self._look_body
+        if look is None:
+            model = self._model_of(self.body, None)
+        else:
+            model = self._model_of(look.at(openings), self._always if look.opens else None)
+        with_bars = look is None
+        return BodyAt(model, undersides(model, self.link_titles, self.limits, with_bars=with_bars))
+
+    @cached_property
+    def _always(self) -> frozenset[tuple[int, int]]:
+        """Solids that touch each other in all configurations, with the gripper closed, half open and open."""
+        look = self._look_body
+        if look is None:
+            return frozenset()
+        models = [self._model_of(look.at((one, one)), None) for one in (0.0, 0.5, 1.0)]
+        found = [{(model.solids[i], model.solids[j]) for i, j in model.touching} for model in models]
+        return frozenset(set[tuple[int, int]].intersection(*found))
+
+    def _model_of(self, body: ArmBody, always: frozenset[tuple[int, int]] | None) -> CollisionModel:
+        resting = [self.poses[name] for name in ("home", "rest") if name in self.poses]
+        poses = np.array(resting or [self.limits.mean(axis=1)])
+        return CollisionModel.build(
+            self.chain,
+            body.capsules,
+            self.limits,
+            poses,
+            self.obstacles,
+            mounts=body.mounts,
+            solids=body.solids,
+            always=always,
+        )
+
+    def body_frames(self, q: ArrayLike) -> LinkFrames:
+        """Where the links are at ``q`` (m, n) [rad] and, behind them, cranks and rods that move with two."""
+        return self.collision.frames(q)
 
     @cached_property
     def always_singular(self) -> bool:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
-from armctl.kinematics.chain import LinkFrames
 from armctl.motion import Floor, Obstacles, SelfCollision
 from armctl.robot import Robot
 from armctl.runtime.activity import Setpoint
@@ -194,7 +193,7 @@ class KeepClear:
     def blocked(self, path: FloatArray) -> tuple[int, str] | None:
         """First row of ``path`` (k, n) [rad] that may not be, and why; None: all may. Row 0 always may."""
         chain = self._robot.chain
-        links = LinkFrames.at(chain, path)
+        links = self._robot.body_frames(path)
         first: tuple[int, str] | None = None
         excess = chain.turn_excess(path)
         for k, limit in enumerate(chain.turn_limits):

@@ -1,0 +1,88 @@
+"""The body of an arm that has a look: a hull round each convex solid of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from armctl.arrays import FloatArray
+from armctl.robot.body import ArmBody, Capsule, Openings
+from armctl.robot.fitting import contained
+from armctl.robot.look.pieces import Jaw, Piece
+
+_TURN = math.radians(10)
+"""A jaw that turns farther is more than one hull."""
+_INSIDE_M = 1e-3
+"""A hull that reaches no farther out of another one of its frame is left out: a motor in its bracket."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solid:
+    """A convex solid of a look."""
+
+    capsule: Capsule
+    """where it is drawn"""
+    jaw: Jaw | None
+
+
+class LookBody:
+    """The convex solids of an arm's look."""
+
+    def __init__(self, pieces: Sequence[Piece], links: int) -> None:
+        """``links``: how many the arm has."""
+        pieces = [piece for piece in pieces if piece.body]
+        self._mounts = tuple(dict.fromkeys(piece.mount for piece in pieces if not piece.mount.is_link))
+        self._solids: list[_Solid] = []
+        for piece in pieces:
+            mount = piece.mount
+            link = mount.hangs if mount.is_link else links + self._mounts.index(mount)
+            for corners in (corners for part in piece.parts for corners in part.corners):
+                one = _capsule(link, corners, piece.part)
+                still = (other.capsule for other in self._solids if other.jaw is None)
+                if piece.jaw is not None or not any(_inside(one, other) for other in still):
+                    self._solids.append(_Solid(one, piece.jaw))
+        self.opens = any(solid.jaw is not None for solid in self._solids)
+        """whether it depends on the opening of the gripper"""
+
+    def at(self, openings: Openings) -> ArmBody:
+        """The body with jaws where they are at the openings, and all between."""
+        found, solids = list[Capsule](), list[int]()
+        for k, solid in enumerate(self._solids):
+            one, jaw = solid.capsule, solid.jaw
+            here = (
+                [one]
+                if jaw is None
+                else [_capsule(one.link, moved, one.part) for moved in _swept(jaw, one.corners, *openings)]
+            )
+            found += here
+            solids += [k] * len(here)
+        return ArmBody(tuple(found), mounts=self._mounts, solids=tuple(solids))
+
+
+def _capsule(link: int, corners: FloatArray, part: str) -> Capsule:
+    fitted = contained(corners)
+    return Capsule(link, fitted.start, fitted.end, fitted.radius, part, fitted.hull)
+
+
+def _swept(jaw: Jaw, corners: FloatArray, low: float, high: float) -> Iterator[FloatArray]:
+    """Corners (k, 3) of what holds a jaw at the openings between two."""
+    count = max(1, math.ceil(abs(high - low) * abs(jaw.angle) / _TURN))
+    stops = [jaw.at(opening) for opening in np.linspace(low, high, count + 1).tolist()]
+    placed = [corners @ R.T + way for R, way in stops]
+    if low == high:
+        yield placed[0]
+        return
+    for one, other in pairwise(placed):
+        yield np.concatenate([one, other])
+
+
+def _inside(one: Capsule, other: Capsule) -> bool:
+    """Whether a hull adds nothing to another one of its frame."""
+    if one.link != other.link or one.hull is None or other.hull is None:
+        return False
+    heights = (other.hull.corners @ other.hull.normals.T).max(axis=0)
+    return bool((one.hull.corners @ other.hull.normals.T <= heights + _INSIDE_M).all())
