@@ -52,7 +52,8 @@ def test_the_body_is_where_the_solids_are(name: str) -> None:
     robot, rng = load_robot(name), np.random.default_rng(5)
     for q in joint_samples(robot.limits, 6):
         opening = round(float(rng.uniform()), 2)
-        model, below = robot.at_openings((opening, opening))
+        arm = robot.gripping(opening)
+        model, below = arm.collision, arm.undersides
         links = model.frames(q[None])
         solids = [one for piece in robot.pieces if piece.body for one in placed(robot, piece, q, opening)]
         every = np.concatenate(solids)
@@ -73,9 +74,9 @@ def test_the_body_is_where_the_solids_are(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["mearm", "so101", "uarm", "ur5", "braccio"])
 def test_gaps_are_distances_of_solids(name: str) -> None:
-    robot = load_robot(name)
-    source = SelfCollision(robot, (0.4, 0.4))
-    model = robot.at_openings((0.4, 0.4)).collision
+    robot = load_robot(name).gripping(0.4)
+    source = SelfCollision(robot)
+    model = robot.collision
     q = joint_samples(robot.limits, 12)
     links = robot.body_frames(q)
     gaps = source.gaps(links)
@@ -100,8 +101,8 @@ def test_gaps_are_distances_of_solids(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["mearm", "eezybotarm_mk2", "uarm", "so101", "ar4"])
 def test_no_gap_closes_faster_than_its_lever_says(name: str) -> None:
-    robot = load_robot(name)
-    for source in (SelfCollision(robot, (0.7, 0.7)), Floor(robot, (0.7, 0.7))):
+    robot = load_robot(name).gripping(0.7)
+    for source in (SelfCollision(robot), Floor(robot)):
         for q in joint_samples(robot.limits, 6):
             steps = q + _STEP * np.vstack([np.zeros(robot.n), np.eye(robot.n)])
             gaps = source.gaps(robot.body_frames(steps))
@@ -113,14 +114,14 @@ def test_no_gap_closes_faster_than_its_lever_says(name: str) -> None:
 def test_jaws_count_where_they_are() -> None:
     robot = load_robot("so101")
     q = robot.pose("home")
-    closed, half, opened = (robot.at_openings((one, one)).collision for one in (0.0, 0.5, 1.0))
+    closed, half, opened = (robot.gripping(one).collision for one in (0.0, 0.5, 1.0))
     assert [one.part for one in closed.capsules] == [one.part for one in opened.capsules]
     jaws = [k for k, one in enumerate(closed.capsules) if one.part == "the moving jaw"]
     assert jaws
     for k, one in enumerate(closed.capsules):
         moves = not np.allclose(one.corners, half.capsules[k].corners)
         assert moves == (k in jaws)
-    swept = robot.at_openings((0.0, 1.0)).collision
+    swept = robot.gripping(None).collision
     jaw = [one for one in swept.capsules if one.part == "the moving jaw"]
     corners = np.concatenate([half.capsules[k].corners for k in jaws])
     link = robot.body_frames(q[None])

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import LinkFrames
 from armctl.robot import Robot
-from armctl.robot.body import ANY_OPENING, Openings
 from armctl.robot.surfaces import CLEAR_M
 
 FLOOR_TOLERANCE_M = 5e-4
@@ -40,8 +39,8 @@ class Floor:
     most_near: ClassVar[int] = 64
     """intervals between samples in which the deepest place is looked for"""
 
-    def __init__(self, robot: Robot, openings: Openings = ANY_OPENING) -> None:
-        self._robot, self._undersides = robot, robot.at_openings(openings).undersides
+    def __init__(self, robot: Robot) -> None:
+        self._robot, self._undersides = robot, robot.undersides
         self.levers = np.array([one.levers for one in self._undersides]).reshape(-1, robot.n)
         self.parts = tuple(one.part for one in self._undersides)
         thickness = np.array([one.thickness for one in self._undersides])
@@ -76,8 +75,8 @@ class Obstacles:
     missed_m: ClassVar[float] = 1e-3
     most_near: ClassVar[int] = 64
 
-    def __init__(self, robot: Robot, openings: Openings = ANY_OPENING) -> None:
-        self._model, self._obstacles = robot.at_openings(openings).collision, robot.obstacles
+    def __init__(self, robot: Robot) -> None:
+        self._model, self._obstacles = robot.collision, robot.obstacles
         moving = list(self._model.moving)
         self.parts = tuple(self._model.capsules[i].part for _ in robot.obstacles for i in moving)
         self.levers = np.tile(self._model.levers[moving], (len(robot.obstacles), 1))
@@ -108,8 +107,8 @@ class SelfCollision:
     missed_m: ClassVar[float] = 0.5e-3
     most_near: ClassVar[int] = 4  # surfaces take a millisecond each time
 
-    def __init__(self, robot: Robot, openings: Openings = ANY_OPENING) -> None:
-        self._model, self._of_shapes = robot.at_openings(openings).collision, bool(robot.shapes)
+    def __init__(self, robot: Robot) -> None:
+        self._model, self._of_shapes = robot.collision, bool(robot.shapes)
         self.levers = self._model.pair_levers
         self.parts = tuple(self._model.capsules[j].part for _, j in self._model.pairs)
         self.closed = self._model.closed
@@ -142,14 +141,14 @@ class SelfCollision:
 Gaps = Floor | Obstacles | SelfCollision
 
 
-def sources(robot: Robot, openings: Openings = ANY_OPENING) -> tuple[Gaps, ...]:
-    """All that an arm must stay clear of while its gripper is between two openings."""
-    return (*kept_out(robot, openings), SelfCollision(robot, openings))
+def sources(robot: Robot) -> tuple[Gaps, ...]:
+    """All that an arm must stay clear of."""
+    return (*kept_out(robot), SelfCollision(robot))
 
 
-def kept_out(robot: Robot, openings: Openings = ANY_OPENING) -> tuple[Floor | Obstacles, ...]:
+def kept_out(robot: Robot) -> tuple[Floor | Obstacles, ...]:
     """What is around an arm: no part of it may be there, whichever way it came."""
-    return Floor(robot, openings), *((Obstacles(robot, openings),) if robot.obstacles else ())
+    return Floor(robot), *((Obstacles(robot),) if robot.obstacles else ())
 
 
 class Touch(NamedTuple):

@@ -21,7 +21,6 @@ from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Gaps, sources
 from armctl.motion.trajectory import JoinedTrajectory, KnowsPeaks, Trajectory, peaks_of
 from armctl.robot import Robot
-from armctl.robot.body import ANY_OPENING, Openings
 
 _TRAVEL = math.radians(6)
 """No joint moves farther between two samples, as far as the peaks of the motion are known."""
@@ -93,15 +92,14 @@ def preflight(
     *,
     tool_path: bool = False,
     at_rest: bool = True,
-    openings: Openings = ANY_OPENING,
 ) -> list[Finding]:
     """Check one motion: errors first, then warnings, each in the order of time.
 
     - Limits of joints and of angles between links, speed and acceleration, by the peaks of the trajectory;
       jerk, where the profile limits it. The arm is at rest at both ends (``at_rest``), and has the same
       speed on both sides of each seam.
-    - Floor, obstacles and self-collision, over the whole motion (``gap_finding``), while the gripper is
-      between two ``openings``, 0 (closed) to 1.
+    - Floor, obstacles and self-collision, over the whole motion (``gap_finding``), with jaws where they are
+      (``Robot.gripping``).
     - Singularities of the tool point, at the samples: an error where a ``tool_path`` needs the direction that
       is lost, else a warning.
     - Gravity torque (with ``payload_kg`` instead of the robot file's) against stall torque, at the samples.
@@ -117,7 +115,7 @@ def preflight(
     for kind in _RATES:
         findings += _rate_findings(motion, kind)
     findings += _seam_findings(motion)
-    for source in sources(robot, openings):
+    for source in sources(robot):
         finding = gap_finding(motion, source, source.gaps(links))
         if finding is not None:
             findings.append(finding)
@@ -134,10 +132,9 @@ def require_clear(
     payload_kg: float | None = None,
     *,
     tool_path: bool = False,
-    openings: Openings = ANY_OPENING,
 ) -> None:
     """Raise ``MotionRefusedError`` with the first error of ``preflight``, and how many more there are."""
-    findings = preflight(robot, trajectory, payload_kg, tool_path=tool_path, openings=openings)
+    findings = preflight(robot, trajectory, payload_kg, tool_path=tool_path)
     count = sum(finding.severity == "error" for finding in findings)
     if count:
         more = f" (and {count - 1} more)" if count > 1 else ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,13 +47,6 @@ BODY_ASSUMED = "the body: convex hulls of the shapes"
 """how the line of ``assumed`` begins that ``with_body`` has more to say about"""
 
 
-class BodyAt(NamedTuple):
-    """What is kept apart of an arm."""
-
-    collision: CollisionModel
-    undersides: tuple[Underside, ...]
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Robot(ArrayRecord):
     """One arm: joints, frames, limits, poses. Immutable, comparable, safe to use from several threads."""
@@ -89,6 +82,8 @@ class Robot(ArrayRecord):
     """joints of its file that move and are none of the arm's, by their names there"""
     named_links: tuple[str, ...] = ()
     """what each link of a parallel linkage is called after; empty: each after its joint"""
+    openings: Openings = ANY_OPENING
+    """between which its gripper is while it moves: the jaws of its look count where they are then"""
     limits: FloatArray = field(init=False)
     """(n, 2) lower and upper joint limits [rad]"""
     speed_limits: FloatArray = field(init=False)
@@ -230,41 +225,48 @@ class Robot(ArrayRecord):
 
         return LookBody(self.pieces, len(self.chain.segments))
 
-    @property
-    def collision(self) -> CollisionModel:
-        """The pieces of the arm's body, and which of them are kept apart, at any opening of the gripper."""
-        return self.at_openings(ANY_OPENING).collision
+    def gripping(self, *openings: float | None) -> Robot:
+        """The same arm while its gripper is at an opening 0..1, or between some; None: at any.
 
-    @property
-    def undersides(self) -> tuple[Underside, ...]:
-        """What comes nearest to the floor, from the base to the tool; without what no joint lifts."""
-        return self.at_openings(ANY_OPENING).undersides
-
-    def at_openings(self, openings: Openings) -> BodyAt:
-        """What is kept apart while the gripper is between two openings: jaws count where they are."""
-        key, known = ANY_OPENING, self._bodies
-        if self._look_body is not None and self._look_body.opens:
-            low, high = sorted(round(min(max(one, 0.0), 1.0), 2) for one in openings)
-            key = low, high
+        It shares all that was worked out. Openings are rounded to 0.01.
+        """
+        look, known = self._look_body, self._gripping
+        key = ANY_OPENING
+        if look is None or not look.opens:
+            return self
+        if None not in openings and openings:
+            rounded = [round(min(max(one or 0.0, 0.0), 1.0), 2) for one in openings]
+            key = min(rounded), max(rounded)
+        if key == self.openings:
+            return self
         if key not in known:
-            made = self._made_at(key)
+            _ = self.inverse_kinematics, self._always, self.drawing, self.pieces  # all of them share these
+            twin = object.__new__(type(self))
+            twin.__dict__.update(self.__dict__, openings=key)
+            for name in ("collision", "undersides"):
+                twin.__dict__.pop(name, None)
             while len(known) >= _MOST_OPENINGS:
                 known.pop(next(iter(known)), None)
-            known[key] = made
+            known[key] = twin
         return known[key]
 
     @cached_property
-    def _bodies(self) -> dict[Openings, BodyAt]:
+    def _gripping(self) -> dict[Openings, Robot]:
         return {}
 
-    def _made_at(self, openings: Openings) -> BodyAt:
+    @cached_property
+    def collision(self) -> CollisionModel:
+        """The pieces of the arm's body, and which of them are kept apart."""
         look = self._look_body
-        if look is None:
-            model = self._model_of(self.body, None)
-        else:
-            model = self._model_of(look.at(openings), self._always if look.opens else None)
-        with_bars = look is None
-        return BodyAt(model, undersides(model, self.link_titles, self.limits, with_bars=with_bars))
+        if look is None or self.openings == ANY_OPENING:
+            return self._model_of(self.body, None if look is None or not look.opens else self._always)
+        return self._model_of(look.at(self.openings), self._always)
+
+    @cached_property
+    def undersides(self) -> tuple[Underside, ...]:
+        """What comes nearest to the floor, from the base to the tool; without what no joint lifts."""
+        with_bars = self._look_body is None
+        return undersides(self.collision, self.link_titles, self.limits, with_bars=with_bars)
 
     @cached_property
     def _always(self) -> frozenset[tuple[int, int]]:
