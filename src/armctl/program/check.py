@@ -19,6 +19,7 @@ from armctl.motion.trajectory import JoinedTrajectory, Trajectory
 from armctl.program.program import PROGRAM_FILES, Blocks, Cursor, Program
 from armctl.program.steps import AnyStep, EndStep, MotionStep, MoveStep, RepeatStep, Step
 from armctl.robot import Robot
+from armctl.robot.body import Openings
 
 
 def check_program(
@@ -93,6 +94,7 @@ def _value_findings(program: Program, robot: Robot) -> Iterator[tuple[int, str]]
             yield index, str(cause)
 
 
+_Key = tuple[bytes, Openings]
 _TOGETHER, _ALONE = 32, 2
 """So many motions are checked at once, and so few one by one: 10,000 steps take a quarter of the time."""
 
@@ -109,14 +111,14 @@ class _Walk:
         """motions that cannot be planned, and what the pre-flight found in the others"""
         self._planned: list[tuple[int, MotionStep, Trajectory]] = []
         """motions that the pre-flight has not seen yet, each from where the one before ends"""
-        self._known: dict[tuple[int, bytes], FloatArray | None] = {}
+        self._known: dict[tuple[int, bytes, Openings], FloatArray | None] = {}
         """where a step or a block ends that was entered somewhere"""
         self._reported: set[tuple[int, str, str]] = set()
 
     def run(self, q: FloatArray | None, progress: Callable[[int, int], None] | None) -> None:
         """Walk through the program from ``q`` (n,) [rad]; None: not known."""
         steps, cursor, done = self.program.steps, Cursor(self.program), 0
-        passes: list[tuple[int, FloatArray | None, bool]] = []
+        passes: list[tuple[int, _Key, bool]] = []
         """of the open blocks: the ``repeat``, where it was entered, and whether it is the first pass"""
         second = False  # inside a second pass; the blocks in it are walked through once
         while (index := cursor.advance()) is not None:
@@ -125,24 +127,32 @@ class _Walk:
                 q = self._after(index, step, q)
                 if progress is not None:
                     progress(done, len(steps))
+            elif step.effect.opening is not None:
+                self._look_at(self._planned)
+                self._planned = []
+                self.robot = self.robot.gripping(step.effect.opening)
             elif isinstance(step, RepeatStep):
-                if (index, _key(q)) in self._known:
-                    q = self._known[index, _key(q)]
+                if (index, *self._key(q)) in self._known:
+                    q = self._known[index, *self._key(q)]
                     cursor.leave(index)
                 else:
-                    passes.append((index, q, True))
+                    passes.append((index, self._key(q), True))
             elif isinstance(step, EndStep):
                 begin, entered, first = passes.pop()
                 repeat = steps[begin]
                 again = first and not second and isinstance(repeat, RepeatStep) and repeat.times > 1
-                if again and _key(q) != _key(entered):
+                if again and self._key(q) != entered:
                     passes.append((begin, entered, False))
                     second = True
                 else:
                     second = second and first
-                    self._known[begin, _key(entered)] = q
+                    self._known[begin, *entered] = q
                     cursor.leave(begin)
         self._look_at(self._planned)
+
+    def _key(self, q: FloatArray | None) -> _Key:
+        """Where the arm and its gripper are; two places that differ by rounding count as one."""
+        return b"" if q is None else (np.round(q, 7) + 0.0).tobytes(), self.robot.openings
 
     def _add(self, index: int, step: MotionStep, trajectory: Trajectory) -> None:
         if self._planned:
@@ -183,7 +193,7 @@ class _Walk:
         """Where a moving step ends that starts at ``q``; None where that is not known."""
         if index in self.skipped:
             return None
-        key = (index, _key(q))
+        key = (index, *self._key(q))
         if key not in self._known:
             self._known[key] = None
             try:
@@ -198,8 +208,3 @@ class _Walk:
                 if refusal not in self.found:
                     self.found.append(refusal)
         return self._known[key]
-
-
-def _key(q: FloatArray | None) -> bytes:
-    """Two places that differ by rounding count as one."""
-    return b"" if q is None else (np.round(q, 7) + 0.0).tobytes()

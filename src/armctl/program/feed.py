@@ -57,6 +57,8 @@ class PlanState:
     """step that the next pass begins with"""
     percent: float = 100.0
     """what the last speed step asks for"""
+    opening: float | None = None
+    """of the gripper, 0..1; None: not known"""
     entry: Entry | None = None
     """how the next leg is begun; None: from rest"""
     known: tuple[PlannedStep, ...] = ()
@@ -105,8 +107,12 @@ def begin_program(
     loops: int | None = 1,
     first: int = 0,
     count: int | None = None,
+    opening: float | None = None,
 ) -> PlanState:
-    """Check it, stand before step ``first`` at ``start`` (n,) [rad]. InputError: no such step or count."""
+    """Check it, stand before step ``first`` at ``start`` (n,) [rad]. InputError: no such step or count.
+
+    ``opening`` of the gripper, 0..1; None: not known.
+    """
     first = whole_number(first, "the first step")
     loops = None if loops is None else whole_number(loops, "how often a program runs")
     count = None if count is None else whole_number(count, "how many steps to run")
@@ -117,7 +123,7 @@ def begin_program(
         raise InputError(f"a program runs once or more often, not {loops} times")
     if count is not None and count < 1:
         raise InputError(f"a program runs one step or more, not {count}")
-    return PlanState(start, loops, count, first=first)
+    return PlanState(start, loops, count, first=first, opening=opening)
 
 
 def whole_number(value: int, what: str) -> int:
@@ -146,6 +152,7 @@ def plan_next(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[li
     moving = [k for k, step in enumerate(steps) if step.leg is not None]
     if not moving:
         return steps, steps[-1].after if steps else state
+    robot = robot.gripping(steps[moving[0]].before.opening)  # it does not change while joints move
     try:
         motions = _motions(robot, steps, state.entry, closed=closed)
     except ArmctlError as cause:
@@ -191,7 +198,9 @@ def _draw(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[list[P
             effect = step.step.effect
             if not (effect.stands and times):
                 percent = step.percent if effect.percent is None else effect.percent
-                steps.append(replace(step, after=replace(step.after, percent=percent)))
+                opening = step.after.opening if effect.opening is None else effect.opening
+                after = replace(step.after, percent=percent, opening=opening)
+                steps.append(replace(step, after=after))
             if effect.stands:
                 break
         state = steps[-1].after

@@ -100,7 +100,8 @@ def rehearse(
 
     A step that cannot be run is a ProgramError; with ``as_far`` it ends the rehearsal, but for the first.
     """
-    source, state, at = ProgramSource(program), begin_program(robot, program, start), 0.0
+    source, at = ProgramSource(program), 0.0
+    state = begin_program(robot, program, start, opening=opening)
     steps: list[RehearsedStep] = []
     while at < longest_s and len(steps) < most_steps:
         planned, state = plan_next(robot, source, state)

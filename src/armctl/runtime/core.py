@@ -254,7 +254,8 @@ class Core:
         """Plan from ``start`` (n,) [rad] off this thread; ``take`` makes an activity of it, None follows."""
         if self._motion is not None:
             raise StateError("another motion is being planned; stop it first")
-        future = self.submit(plan, self.robot, start, *args)
+        grips = () if self.gripper.goal is None else (self.gripper.goal,)
+        future = self.submit(_planned, plan, self.robot, (self.gate.opening, *grips), start, *args)
         self._motion = Pending(order, label, future, start, take)
 
     def await_edit(self, order: Order, label: str, future: Future[None], take: Callable[[Any], None]) -> None:
@@ -656,6 +657,17 @@ class Core:
         self.gate.forget()
         self.monitor.reset()
         self.notices.clear_all()
+
+
+def _planned(
+    plan: Callable[..., object],
+    robot: Robot,
+    openings: tuple[float | None, ...],
+    start: FloatArray,
+    *args: object,
+) -> object:
+    """Plan while the gripper is at an opening, or on its way between two."""
+    return plan(robot.gripping(*openings), start, *args)
 
 
 def _close_opened(opening: Future[Board]) -> None:

@@ -32,7 +32,9 @@ def begun_program(
 ) -> Begun:
     """Check a program and plan its first steps from ``start`` (n,) [rad]."""
     source = ProgramSource(program)
-    state = begin_program(robot, program, start, loops=loops, first=first, count=count)
+    closed, opened = robot.openings
+    opening = closed if closed == opened else None
+    state = begin_program(robot, program, start, loops=loops, first=first, count=count, opening=opening)
     return (source, *plan_next(robot, source, state))
 
 

@@ -137,7 +137,7 @@ class TwinControl:
 
         if isinstance(chosen, str):
             plan = rehearse_pose(robot, q, robot.pose(chosen), HALF_OPEN if opening is None else opening)
-            title, findings = f"go to {chosen}", preflight(robot, plan.trajectory)
+            title, findings = f"go to {chosen}", preflight(robot.gripping(opening), plan.trajectory)
             return f"go-to-{chosen}", twin_file(robot, title, plan, findings, progress=progress)
         plan = planned_for_file(robot, chosen, q, opening)
         findings = check_program_apart(

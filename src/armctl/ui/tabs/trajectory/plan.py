@@ -104,7 +104,7 @@ class MotionRequest:
     present: FloatArray | None = None
     """(n,) where the arm stands [rad], for the choice of a start by least travel"""
     opening: float | None = None
-    """of the gripper when a program begins, 0..1; None: not known"""
+    """of the gripper when the motion begins, 0..1; None: not known"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,6 +150,7 @@ class PlannedMotion:
 
 def plan_motion(robot: Robot, asked: MotionRequest) -> PlannedMotion:
     """Plan what is asked for; an ``ArmctlError`` says why nothing of it can be drawn."""
+    robot = robot.gripping(asked.opening)
     if isinstance(asked.start, Target):
         start = solve(robot, asked.present, asked.start, asked.choose)
     else:
