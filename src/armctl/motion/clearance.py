@@ -17,11 +17,14 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import LinkFrames
 from armctl.robot import Robot
+from armctl.robot.collision import NEAR_M
 from armctl.robot.surfaces import CLEAR_M
 
 FLOOR_TOLERANCE_M = 5e-4
 """How far a part may dip below the floor, or into anything else: less than a servo arm can tell."""
 
+_TOUCHES_M = 1e-9
+"""Where it is only asked whether anything touches, gaps beyond need not be exact."""
 BY_HULLS = ", by convex hulls"
 """what is said of parts that are fitted to shapes: the shapes themselves may be hollow there"""
 
@@ -55,8 +58,8 @@ class Floor:
         links = self._robot.body_frames(q.reshape(-1, self._robot.n))
         return self.gaps(links).T.reshape(*q.shape[:-1], len(self._undersides))
 
-    def gaps(self, links: LinkFrames) -> FloatArray:
-        """(k, m) heights [m] at m configurations."""
+    def gaps(self, links: LinkFrames, enough: ArrayLike = NEAR_M) -> FloatArray:
+        """(k, m) heights [m] at m configurations; all exact."""
         heights = np.empty((len(self._undersides), links.origin[0].shape[-1]))
         for height, one in zip(heights, self._undersides, strict=True):
             above = (one.points @ links.rotation[one.link][2]).min(axis=0)
@@ -84,8 +87,8 @@ class Obstacles:
         hulls = [bool(robot.shapes) and self._model.capsules[i].hull is not None for i in moving]
         self._fitted = hulls * len(robot.obstacles)
 
-    def gaps(self, links: LinkFrames) -> FloatArray:
-        """(k, m) [m] at m configurations, negative inside an obstacle."""
+    def gaps(self, links: LinkFrames, enough: ArrayLike = NEAR_M) -> FloatArray:
+        """(k, m) [m] at m configurations, negative inside an obstacle; lower bounds beyond ``NEAR_M``."""
         return self._model.gaps_around(links)
 
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
@@ -113,9 +116,9 @@ class SelfCollision:
         self.parts = tuple(self._model.capsules[j].part for _, j in self._model.pairs)
         self.closed = self._model.closed
 
-    def gaps(self, links: LinkFrames) -> FloatArray:
-        """(k, m) [m] at m configurations, negative where a pair overlaps."""
-        return self._model.gaps(links)
+    def gaps(self, links: LinkFrames, enough: ArrayLike = NEAR_M) -> FloatArray:
+        """(k, m) [m] at m configurations, negative where a pair overlaps; lower bounds beyond ``enough``."""
+        return self._model.gaps(links, enough)
 
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """As ``Floor.words``."""
@@ -162,7 +165,7 @@ def touching(around: Sequence[Gaps], robot: Robot, q: FloatArray) -> Touch | Non
     """What of an arm at ``q`` (n,) [rad] would be where it may not be, in one place; None: nothing."""
     links = robot.body_frames(q[None])
     for source in around:
-        gaps = source.gaps(links)[:, 0]
+        gaps = source.gaps(links, _TOUCHES_M)[:, 0]
         lacks = gaps - source.closed + FLOOR_TOLERANCE_M < 0.0
         if lacks.any():
             part = int(np.where(lacks, gaps, np.inf).argmin())

@@ -116,7 +116,7 @@ def preflight(
         findings += _rate_findings(motion, kind)
     findings += _seam_findings(motion)
     for source in sources(robot):
-        finding = gap_finding(motion, source, source.gaps(links))
+        finding = gap_finding(motion, source, links)
         if finding is not None:
             findings.append(finding)
     findings += _singularity_findings(motion, tool_path=tool_path)
@@ -357,19 +357,20 @@ _BLOCK = 4096
 """intervals that are halved at once, so that memory stays bounded"""
 
 
-def gap_finding(motion: SampledMotion, source: Gaps, gaps: FloatArray) -> Finding | None:
-    """Check that gaps, (k, m) [m] at the samples, stay open; one that starts closed must not close further.
+def gap_finding(motion: SampledMotion, source: Gaps, links: LinkFrames) -> Finding | None:
+    """Check that gaps stay open; one that starts closed must not close further. ``links``: at the samples.
 
     With gaps g₀ and g₁ at two samples and a change of at most D (levers times joint speeds) between them, a
     gap is at least (g₀ + g₁ - D) / 2 there. Where that does not prove it open, the interval is halved. Named
     is the deepest gap of those that are closed too far at any sample, else at the first halves that show one.
     """
-    if not len(gaps):
+    if not len(source.parts):
         return None
-    allowed = np.minimum(gaps[:, :1], source.closed[:, None]) - FLOOR_TOLERANCE_M
-    slack = gaps - allowed
     speed = np.minimum(motion.speed[1:], _TOO_FAST * motion.robot.speed_limits)
     change = source.levers @ (speed * np.diff(motion.time)[:, None]).T
+    gaps = source.gaps(links, _enough(change))
+    allowed = np.minimum(gaps[:, :1], source.closed[:, None]) - FLOOR_TOLERANCE_M
+    slack = gaps - allowed
     if slack.min() < 0.0:
         block = np.vstack([motion.time[:-1], motion.time[1:], slack[:, :-1], slack[:, 1:], change])
         return _deepest(motion, source, allowed, block)
@@ -387,9 +388,9 @@ def gap_finding(motion: SampledMotion, source: Gaps, gaps: FloatArray) -> Findin
         elif len(doubtful):
             early = block[:, doubtful]
             middle = 0.5 * (early[0] + early[1])
-            gaps = source.gaps(motion.robot.body_frames(motion.trajectory.sample(middle).q))
-            slack = gaps - allowed
             early[2 + 2 * k :] *= 0.5
+            frames = motion.robot.body_frames(motion.trajectory.sample(middle).q)
+            slack = source.gaps(frames, 0.5 * early[2 + 2 * k :]) - allowed
             late = early.copy()
             early[1], early[2 + k : 2 + 2 * k] = middle, slack
             late[0], late[2 : 2 + k] = middle, slack
@@ -399,6 +400,14 @@ def gap_finding(motion: SampledMotion, source: Gaps, gaps: FloatArray) -> Findin
     return None
 
 
+def _enough(change: FloatArray) -> FloatArray:
+    """(k, m) [m] beyond which gaps at samples prove all between, where they change by (k, m - 1) at most."""
+    most = np.zeros((len(change), change.shape[1] + 1))
+    most[:, :-1] = change
+    most[:, 1:] = np.maximum(most[:, 1:], change)
+    return 0.5 * most
+
+
 def _deepest(motion: SampledMotion, source: Gaps, allowed: FloatArray, block: FloatArray) -> Finding:
     """The deepest of the gaps that are closed too far, at some end of the intervals of ``gap_finding``."""
     k = len(allowed)
@@ -406,7 +415,7 @@ def _deepest(motion: SampledMotion, source: Gaps, allowed: FloatArray, block: Fl
 
     def depths_at(time: FloatArray) -> FloatArray:
         """(k, m) the gaps that are closed too far [m], others infinite."""
-        gaps = source.gaps(motion.robot.body_frames(motion.trajectory.sample(time).q))
+        gaps = source.gaps(motion.robot.body_frames(motion.trajectory.sample(time).q), 0.0)
         return np.where(gaps < allowed, gaps, np.inf)
 
     # where between two samples it may be deeper than at any, the deepest first

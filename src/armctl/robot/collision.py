@@ -61,7 +61,9 @@ def _of_joints(chain: Chain, levers: FloatArray) -> FloatArray:
 
 NEAR_M = 0.02
 """Beyond this a gap is given as a lower bound, which costs less than its exact size."""
-_SAMPLES, _FIRST_SAMPLES = 512, 8
+_SAMPLES, _FIRST_SAMPLES, _FEW_SAMPLES = 512, 8, 3
+_BESIDE_M = 4e-4
+"""What lies beside each other may overlap by this: less than the pre-flight lets parts dip."""
 
 
 def _mount(chain: Chain, mounts: Sequence[Mount], link: int) -> Mount:
@@ -83,8 +85,8 @@ class CollisionModel:
 
     Left out are pairs of one link or of neighbours, which the joint's own limits keep apart; cranks and rods,
     and what they are pinned to; and pairs that touch in every one of 512 configurations spread over the
-    limits: they meet in a joint, and no motion could mend that. Pairs that touch in the home or the rest pose
-    only may overlap as deep as there.
+    limits: they meet in a joint, and no motion could mend that. So are pairs that turn beside each other.
+    Pairs that touch in the home or the rest pose only may overlap as deep as there.
 
     Where the hulls of a pair overlap, its surfaces are looked at, if both are known and do not cut each other
     at rest. Their gap is their distance less ``CLEAR_M``; where they cut each other, that of the hulls.
@@ -134,10 +136,13 @@ class CollisionModel:
             if _may_meet(inner, outer)
         )
         model = cls(chain, ordered, apart, np.zeros(len(apart)), mounts=mounts)
-        at_rest = model.frames(poses)
-        resting = model.gaps(at_rest)
+        model = model._of(np.flatnonzero(~model._side_by_side(joint_samples(limits, _FEW_SAMPLES))))
+        apart = model.pairs
+        resting = model.gaps(model.frames(poses), 1e-9)
         if always is None:
-            met = model._always(np.flatnonzero((resting <= 0.0).all(axis=1)), joint_samples(limits, _SAMPLES))
+            met = model.always_met(
+                np.flatnonzero((resting <= 0.0).all(axis=1)), joint_samples(limits, _SAMPLES)
+            )
         else:
             known = [(solids[i], solids[j]) in always for i, j in apart]
             met = np.flatnonzero(np.array(known, dtype=np.bool_))
@@ -152,13 +157,48 @@ class CollisionModel:
         links = LinkFrames.at(self.chain, q)
         return links.and_also([mount.at(links) for mount in self.mounts]) if self.mounts else links
 
-    def _always(self, pairs: NDArray[np.intp], samples: FloatArray) -> NDArray[np.intp]:
+    def _of(self, pairs: NDArray[np.intp]) -> Self:
+        """The same with some of its pairs."""
+        chosen = tuple(self.pairs[k] for k in pairs.tolist())
+        return replace(self, pairs=chosen, closed=self.closed[pairs])
+
+    def always_met(self, pairs: NDArray[np.intp], samples: FloatArray) -> NDArray[np.intp]:
         """Those of ``pairs`` that touch in every one of ``samples`` (m, n) [rad]."""
         at, some = 0, _FIRST_SAMPLES
         while len(pairs) and at < len(samples):  # most pairs come apart soon
-            gaps = self.gaps(self.frames(samples[at : at + some]), pairs)
+            gaps = self._of(pairs).gaps(self.frames(samples[at : at + some]), 1e-9)
             pairs, at, some = pairs[(gaps <= 0.0).all(axis=1)], at + some, 2 * some
         return pairs
+
+    def _side_by_side(self, samples: FloatArray) -> NDArray[np.bool_]:
+        """(k,) pairs that never meet: all joints between turn them in parallel planes, and they lie beside.
+
+        Along the axes of these joints neither ever moves. ``samples`` (m, n) [rad]: a few configurations.
+        """
+        links, never = self.frames(samples), np.zeros(len(self.pairs), dtype=np.bool_)
+        axes = np.array([links.rotation[j][:, 2] for j in range(len(self.chain.segments))])  # (links, 3, m)
+        carried = [_mount(self.chain, self.mounts, one.link).links for one in self.capsules]
+        extents: dict[tuple[int, int], FloatArray] = {}
+
+        def extent(piece: int, axis: int) -> FloatArray:
+            """(2, m) lowest and highest point along the axis of a link [m]."""
+            if (piece, axis) not in extents:
+                hull = self.capsules[piece].as_hull
+                points = links.place(self.capsules[piece].link, hull.corners)
+                along = np.einsum("cpm,cm->pm", points, axes[axis])
+                extents[piece, axis] = np.array(
+                    [along.min(axis=0) - hull.margin, along.max(axis=0) + hull.margin]
+                )
+            return extents[piece, axis]
+
+        for k, (i, j) in enumerate(self.pairs):
+            first = min(min(carried[i]), min(carried[j])) + 1
+            last = max(max(carried[i]), max(carried[j]))
+            turning = np.abs(np.einsum("jcm,cm->jm", axes[first : last + 1], axes[last]))
+            if turning.min(initial=1.0) > 1.0 - 1e-9:
+                one, other = extent(i, last), extent(j, last)
+                never[k] = np.maximum(one[0] - other[1], other[0] - one[1]).min() > -_BESIDE_M
+        return never
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -213,16 +253,17 @@ class CollisionModel:
             row[: min(map(min, links)) + 1] = 0.0  # these turns carry both
         return _of_joints(self.chain, levers)
 
-    def gaps(self, links: LinkFrames, pairs: NDArray[np.intp] | None = None) -> FloatArray:
-        """Gaps between the pairs: (k, m) [m], negative where they overlap; above ``NEAR_M`` lower bounds.
+    def gaps(self, links: LinkFrames, enough: ArrayLike = NEAR_M) -> FloatArray:
+        """Gaps between the pairs: (k, m) [m], negative where they overlap.
 
-        ``links``: as ``frames`` gives them. ``pairs`` (k,): of which; None: of all.
+        ``links``: as ``frames`` gives them. Beyond ``enough`` (k, m) [m] they are lower bounds, which cost
+        less than exact ones.
         """
-        chosen = np.arange(len(self.pairs)) if pairs is None else pairs
-        out = self._gaps_of_hulls(links, chosen)
-        pair, at = np.nonzero((out < 0.0) & self.by_surface[chosen, None])
-        if len(pair):
-            out[pair, at] = self._by_surfaces(links, out[pair, at], chosen[pair], at)
+        first, second = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
+        out = self._apart_by_balls(links, first, second)
+        enough = np.broadcast_to(np.asarray(enough, dtype=np.float64), out.shape)
+        pair, at = np.nonzero(out < enough)
+        out[pair, at] = self._gaps_at(links, pair, at, enough[pair, at])
         return out
 
     @cached_property
@@ -241,25 +282,27 @@ class CollisionModel:
         apart = self._surfaces.distances(i, j, *pose)
         return np.where(apart > 0.0, np.maximum(apart - CLEAR_M, hulls), np.minimum(hulls, -CLEAR_M))
 
-    def _gaps_of_hulls(self, links: LinkFrames, chosen: NDArray[np.intp]) -> FloatArray:
-        """As ``gaps``, without a look at surfaces: by balls round all that moves as one, then closer."""
-        first, second = np.array(self.pairs, dtype=np.intp).reshape(-1, 2)[chosen].T
-        out = self._apart_by_balls(links, first, second)
-        pair, at = np.nonzero(out < NEAR_M)
-        i, j = first[pair], second[pair]
+    def _gaps_at(
+        self, links: LinkFrames, pair: NDArray[np.intp], at: NDArray[np.intp], enough: FloatArray
+    ) -> FloatArray:
+        """Gaps (e,) [m] of pairs at configurations: by balls, by capsules, by hulls, and by surfaces."""
+        i, j = np.array(self.pairs, dtype=np.intp).reshape(-1, 2)[pair].T
         starts, spans = self._placed(links)
         middles = starts + 0.5 * spans
         apart = middles[i, :, at] - middles[j, :, at]
-        radii = self._radii + self._halves
-        out[pair, at] = np.sqrt(np.einsum("ki,ki->k", apart, apart)) - radii[i] - radii[j]
-        near = out[pair, at] < NEAR_M
-        pair, at, i, j = pair[near], at[near], i[near], j[near]
+        sizes = self._radii + self._halves
+        out = np.sqrt(np.einsum("ei,ei->e", apart, apart)) - sizes[i] - sizes[j]
+        near = np.flatnonzero(out < enough)
+        i, j, at, enough = i[near], j[near], at[near], enough[near]
         one, other = (starts[i, :, at].T, spans[i, :, at].T), (starts[j, :, at].T, spans[j, :, at].T)
-        out[pair, at] = segment_distance(*one, *other) - self._radii[i] - self._radii[j]
-        hulls = (self._fitted[i] | self._fitted[j]) & (out[pair, at] < NEAR_M)
-        pair, at, i, j = pair[hulls], at[hulls], i[hulls], j[hulls]
+        out[near] = segment_distance(*one, *other) - self._radii[i] - self._radii[j]
+        some = np.flatnonzero((self._fitted[i] | self._fitted[j]) & (out[near] < enough))
+        near, i, j, at, enough = near[some], i[some], j[some], at[some], enough[some]
         pose = links.relative(self._links[i], self._links[j], at)
-        out[pair, at] = np.maximum(out[pair, at], self._hulls.gaps(i, j, *pose, NEAR_M))
+        out[near] = np.maximum(out[near], self._hulls.gaps(i, j, *pose, enough))
+        cut = near[(out[near] < 0.0) & self.by_surface[pair[near]]]
+        if len(cut):
+            out[cut] = self._by_surfaces(links, out[cut], pair[cut], at[np.isin(near, cut)])
         return out
 
     def _apart_by_balls(
@@ -306,7 +349,8 @@ class CollisionModel:
         row, at = np.nonzero((out < NEAR_M) & self._fitted[piece][:, None])
         if len(row):
             pose = links.relative(np.full(len(at), -1), self._links[piece[row]], at)
-            closer = self._hulls.gaps(len(self.capsules) + box[row], piece[row], *pose, NEAR_M)
+            enough = np.full(len(row), NEAR_M)
+            closer = self._hulls.gaps(len(self.capsules) + box[row], piece[row], *pose, enough)
             out[row, at] = np.maximum(out[row, at], closer)
         return out
 

@@ -55,13 +55,13 @@ class HullPairs:
         other: NDArray[np.intp],
         R: FloatArray,
         origin: FloatArray,
-        enough: float,
+        enough: FloatArray,
     ) -> FloatArray:
         """Gaps (k,) [m] between hulls and others.
 
         ``R`` (k, 3, 3) and ``origin`` (k, 3) [m] place the frames of the others in those of the first.
         Negative where they overlap: minus the way on which they come apart. Each is a lower bound: in some
-        direction the two are so far apart. Beyond ``enough`` any lower bound will do. Where the nearest
+        direction the two are so far apart. Beyond ``enough`` (k,) any lower bound will do. Where the nearest
         points do not tell them clearly apart, the normals of all faces are tried.
         """
         low = np.empty(len(one))
@@ -70,8 +70,8 @@ class HullPairs:
             i, j, turned = one[block], other[block], R[block].transpose(0, 2, 1)
             margin = self._margins[i] + self._margins[j]
             here, there = self._corners[i], self._corners[j] @ turned + origin[block][:, None]
-            low[block] = nearing(here, there, enough + margin)[0] - margin
-            some = np.flatnonzero(low[block] < _DOUBTFUL_M)
+            low[block] = nearing(here, there, enough[block] + margin)[0] - margin
+            some = np.flatnonzero(low[block] < np.minimum(_DOUBTFUL_M, enough[block]))
             if len(some):
                 d = np.concatenate([self._normals[i[some]], -self._normals[j[some]] @ turned[some]], axis=1)
                 apart = _parted(here[some], there[some], d) - margin[some]

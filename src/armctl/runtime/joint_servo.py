@@ -203,7 +203,7 @@ class KeepClear:
         for source, words in self._sources:
             if not words:
                 continue
-            gaps = source.gaps(links)
+            gaps = source.gaps(links, 0.0)
             closing = gaps < np.minimum(gaps[:, :1], source.closed[:, None]) - _ROUNDING
             rows = np.flatnonzero(closing.any(axis=0))
             if len(rows) and (first is None or rows[0] < first[0]):

@@ -16,6 +16,7 @@ from armctl.robot.solids import Solid
 
 _SIDES, _BODY_SIDES = 28, 14
 """of a circle, as it is drawn and as it is kept apart: half of it outside its corners, half inside"""
+_LOW_HORN_MM = 3.5
 _FILLED_MM = 2.0
 """An outline that is hollow by no more than this is kept apart as if it were filled."""
 
@@ -238,12 +239,14 @@ def _motor(row: Motor) -> Iterator[Part]:
     below = (top, top - high - horn_high) if make.idler else (top,)
     horns = [horn.moved(upright(shaft, case), at + R @ [0, 0, z]) for z in below]
     box = _box(color, (long, wide, high), 2.0).moved(R, at + R @ [middle, 0, top - high / 2])
-    body = np.concatenate([*box.corners, *(corners for one in horns for corners in one.corners)])
-    yield replace(box, corners=(body,))
+    if horn_high <= _LOW_HORN_MM:  # case and horns are one body
+        body = np.concatenate([*box.corners, *(corners for one in horns for corners in one.corners)])
+        box, horns = replace(box, corners=(body,)), [replace(one, corners=()) for one in horns]
+    yield box
     if make.ears is not None:
         over, thick, height = make.ears
         yield _box(color, (over, wide, thick)).moved(R, at + R @ [middle, 0, top - high + height])
-    yield from (replace(one, corners=()) for one in horns)
+    yield from horns
 
 
 # Outlines, which may be hollow.
