@@ -12,7 +12,7 @@ from armctl.errors import OtherBoardError, PortError
 from armctl.hardware import BoardType, ByteModel, Driver, Setup
 from armctl.hardware.boards import board_type, find_board_type
 from armctl.hardware.ports import boards_listed_as, find_board, list_ports
-from armctl.hardware.simulation import BoardServer
+from armctl.hardware.simulation import TICK_S, BoardServer
 from armctl.hardware.transport import NO_SUCH_PORT, Connection, PortInfo, describe_port
 from armctl.robot import Robot
 from armctl.runtime import channel_settings
@@ -20,6 +20,8 @@ from armctl.runtime import channel_settings
 SIMULATED, AUTOMATIC = "sim", "auto"
 SIMULATED_SERIAL = "simulated"
 """what stands for the serial number of a simulated board"""
+_SILENT_TICK_S = 1.0
+"""of a simulated board that never speaks unasked: its time goes on when it is asked"""
 UNNUMBERED = "unnumbered"
 """what stands for the serial number of a board without one: one calibration for all of them"""
 ANY_BOARD, NO_BOARD = "*", ""
@@ -68,7 +70,9 @@ class Boards:
         with self._lock:
             if self._simulated is None:
                 board = board_type(self._robot.board)
-                server = BoardServer(board.simulated(setup_of(self._robot), {}), self._now)
+                model = board.simulated(setup_of(self._robot), {})
+                tick_s = TICK_S if board.listener() is not None else _SILENT_TICK_S
+                server = BoardServer(model, self._now, tick_s=tick_s)
                 server.__enter__()
                 self._simulated = server
             return self._simulated

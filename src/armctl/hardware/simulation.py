@@ -21,6 +21,8 @@ Model = TypeVar("Model", bound=ByteModel)
 
 _Selector: type[selectors.BaseSelector] = getattr(selectors, "PollSelector", selectors.SelectSelector)
 """takes no descriptor; Windows has the second only"""
+TICK_S = 0.025
+"""how often a board may speak unasked, unless it is told otherwise [s]"""
 _CHUNK = 4096
 _LARGEST_BACKLOG = 65_536
 
@@ -145,7 +147,7 @@ class BoardServer(Generic[Model]):
     """
 
     def __init__(
-        self, model: Model, now: Callable[[], float], *, link: Path | None = None, tick_s: float = 0.025
+        self, model: Model, now: Callable[[], float], *, link: Path | None = None, tick_s: float = TICK_S
     ) -> None:
         self._model = model
         self._now = now
