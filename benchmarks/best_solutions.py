@@ -22,6 +22,7 @@ _STARTS = 6
 _TURNED = 0.3
 """of every third rotation asked for, how far it is from one that the arm has there [rad]"""
 WORKS = "time", "travel", "orientation"
+ASKED = "position", "pitch", "pose"
 
 
 def main() -> None:
@@ -29,7 +30,7 @@ def main() -> None:
     parser.add_argument("arms", nargs="*", help="names of shipped arms; all, if none is given")
     parser.add_argument("--targets", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--pitch", action="store_true", help="points with a pitch")
+    parser.add_argument("--asked", choices=ASKED, default=ASKED[0], help="of time and travel")
     parser.add_argument("--only", choices=WORKS, action="append")
     options = parser.parse_args()
     warnings.simplefilter("ignore", RuntimeWarning)  # SLSQP's, of starts that lead nowhere
@@ -38,7 +39,7 @@ def main() -> None:
         for work in options.only or WORKS:
             rng = np.random.default_rng(options.seed)
             begun = time.perf_counter()
-            pairs = np.array(list(compared(robot, work, options.targets, rng, pitch=options.pitch)))
+            pairs = np.array(list(compared(robot, work, options.targets, rng, options.asked)))
             better = pairs[:, 1] < pairs[:, 0] - 2e-6
             ratio = np.where(better, pairs[:, 0] / np.maximum(pairs[:, 1], 1e-9), 1.0)
             print(
@@ -49,7 +50,7 @@ def main() -> None:
 
 
 def compared(
-    robot: Robot, work: str, count: int, rng: np.random.Generator, *, pitch: bool = False
+    robot: Robot, work: str, count: int, rng: np.random.Generator, asked: str = ASKED[0]
 ) -> Iterator[tuple[float, float]]:
     """The cost that armctl's best has, and the least that the search found from it and from other starts."""
     for i in range(count):
@@ -57,8 +58,10 @@ def compared(
         if i % 4 == 0:  # near by
             start = np.clip(q + rng.normal(0.0, 0.1, robot.n), *robot.limits.T)
         T = robot.forward(q)
-        asked = math.asin(max(-1.0, min(1.0, float(T[2, 2])))) if pitch and work != "orientation" else None
-        search = Search(robot, T[:3, 3], asked)
+        free = asked == "position" or work == "orientation"
+        pitch = math.asin(max(-1.0, min(1.0, float(T[2, 2])))) if asked == "pitch" and not free else None
+        pose = T[:3, :3] if asked == "pose" and not free else None
+        search = Search(robot, T[:3, 3], pitch, pose)
         one: Callable[[FloatArray], Best]
         if work == "orientation":
             rotation = _rotation(rng, T[:3, :3] if i % 3 == 0 else None)
@@ -68,7 +71,7 @@ def compared(
             one = partial(search.nearest_rotation, rotation)
         else:
             criterion = "shortest-time" if work == "time" else "least-travel"
-            best = robot.inverse(T[:3, 3], asked, start=start).best(criterion, start)
+            best = robot.inverse(T[:3, 3], pitch, rotation=pose, start=start).best(criterion, start)
             mine = search.time(best, start) if work == "time" else search.travel(best, start)
             one = partial(search.shortest_time if work == "time" else search.least_travel, start)
         others = rng.uniform(*robot.limits.T, (_STARTS, robot.n))

@@ -26,11 +26,12 @@ Best = tuple[float, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """One arm and one target: a point (3,) [m], with the sine of a pitch or without."""
+    """One arm and one target: a point (3,) [m], with a pitch [rad], a rotation (3, 3), or neither."""
 
     robot: Robot
     point: FloatArray
     pitch: float | None = None
+    rotation: FloatArray | None = None
 
     def pose(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Rotation (3, 3), tool point (3,) [m], and how each joint moves and turns the tool, (3, n) each."""
@@ -61,6 +62,8 @@ class Search:
         if self.pitch is not None:
             r = np.append(r, R[2, 2] - math.sin(self.pitch))
             D = np.vstack([D, np.cross(Z.T, R[:, 2])[:, 2]])
+        if self.rotation is not None:
+            r, D = np.append(r, _skew(R @ self.rotation.T)), np.vstack([D, Z])
         return r, D
 
     def time(self, q: FloatArray, start: FloatArray) -> float:
