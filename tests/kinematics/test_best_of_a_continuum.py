@@ -25,7 +25,7 @@ def test_no_search_finds_a_shorter_way_to_a_point(name: str, work: str) -> None:
 
 @pytest.mark.parametrize("name", ["ur5", "parol6", "so101"])
 def test_no_search_finds_a_shorter_time_with_a_pitch(name: str) -> None:
-    for mine, least in compared(load_robot(name), "time", 2, np.random.default_rng(32), pitch=True):
+    for mine, least in compared(load_robot(name), "time", 2, np.random.default_rng(32), "pitch"):
         assert mine <= 1.001 * least + _SAME
 
 
