@@ -14,21 +14,16 @@ from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.general_six.solver import GeneralSixSolver
 from armctl.kinematics.numeric.solver import NumericSolver
-from armctl.kinematics.offset_roll.geometry import recognise_offset_roll
 from armctl.kinematics.offset_roll.solver import OffsetRollSolver
 from armctl.kinematics.parallel_linkage.solver import ParallelLinkageSolver
 from armctl.kinematics.redundant.solver import RedundantSolver
 from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.solutions import needs
 from armctl.kinematics.solver import InverseKinematics
-from armctl.kinematics.spherical_shoulder.geometry import recognise_spherical
 from armctl.kinematics.spherical_shoulder.solver import SphericalShoulderSolver
-from armctl.kinematics.spherical_wrist.geometry import recognise_wrist
 from armctl.kinematics.spherical_wrist.solver import SphericalWristSolver
 from armctl.kinematics.target import Target
-from armctl.kinematics.three_parallel.geometry import recognise_three_parallel
 from armctl.kinematics.three_parallel.solver import ThreeParallelSolver
-from armctl.kinematics.yaw_pitch_roll.geometry import recognise
 from armctl.kinematics.yaw_pitch_roll.solver import YawPitchRollSolver
 
 FAMILIES: tuple[type[InverseKinematics], ...] = (
@@ -63,16 +58,7 @@ def inverse_kinematics(
 
 def has_closed_form(chain: Chain) -> bool:
     """Whether a serial arm belongs to a family that needs no search for a whole pose."""
-    return any(
-        recognised(chain) is not None
-        for recognised in (
-            recognise,
-            recognise_offset_roll,
-            recognise_spherical,
-            recognise_wrist,
-            recognise_three_parallel,
-        )
-    )
+    return any(family.recognises(chain) for family in FAMILIES)
 
 
 # Every closed-form branch of a target, those that the joint limits forbid too, with what forbids them.

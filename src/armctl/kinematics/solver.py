@@ -87,6 +87,11 @@ class InverseKinematics(ABC):
     def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
         """The solver of an arm of the family, or None: limits (n, 2) [rad], titles (n,) for messages."""
 
+    @classmethod
+    def recognises(cls, chain: Chain) -> bool:
+        """Whether a serial arm is of this family, and a whole pose needs no search in it."""
+        return False
+
     @abstractmethod
     def solve(self, target: Target, step: float, start: FloatArray | None = None) -> Solutions:
         """All solutions inside the limits; where there is none, why, and the nearest configuration.

@@ -89,6 +89,11 @@ class OffsetRollSolver(InverseKinematics):
         self._base: tuple[float, float] = (float(limits[0, 0]), float(limits[0, 1]))
 
     @classmethod
+    def recognises(cls, chain: Chain) -> bool:
+        """See ``InverseKinematics``."""
+        return recognise_offset_roll(chain) is not None
+
+    @classmethod
     def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
         """See ``InverseKinematics``."""
         geometry = recognise_offset_roll(chain)

@@ -81,6 +81,11 @@ class SphericalShoulderSolver(InverseKinematics):
         self._orientation = ToolOrientation(chain, geometry, limits, roll_limits)
 
     @classmethod
+    def recognises(cls, chain: Chain) -> bool:
+        """See ``InverseKinematics``."""
+        return recognise_spherical(chain) is not None
+
+    @classmethod
     def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
         """See ``InverseKinematics``."""
         geometry = recognise_spherical(chain)

@@ -64,6 +64,11 @@ class SphericalWristSolver(InverseKinematics):
         self._in_floats = images_of_one <= _IN_FLOATS and not self._rough
 
     @classmethod
+    def recognises(cls, chain: Chain) -> bool:
+        """See ``InverseKinematics``."""
+        return recognise_wrist(chain) is not None
+
+    @classmethod
     def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
         """See ``InverseKinematics``."""
         geometry = recognise_wrist(chain)

@@ -61,6 +61,11 @@ class ThreeParallelSolver(InverseKinematics):
         self._reach = float(np.abs(geometry.points).max() + np.linalg.norm(geometry.links, axis=1).sum())
 
     @classmethod
+    def recognises(cls, chain: Chain) -> bool:
+        """See ``InverseKinematics``."""
+        return recognise_three_parallel(chain) is not None
+
+    @classmethod
     def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
         """The solver where three axes in a row are parallel."""
         geometry = recognise_three_parallel(chain)

@@ -99,6 +99,11 @@ class YawPitchRollSolver(InverseKinematics):
         self._least = LeastRotation(geometry, limits) if three else None
 
     @classmethod
+    def recognises(cls, chain: Chain) -> bool:
+        """See ``InverseKinematics``."""
+        return recognise(chain) is not None
+
+    @classmethod
     def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
         """See ``InverseKinematics``."""
         geometry = recognise(chain)
