@@ -130,6 +130,43 @@ def test_fingers_of_several_joints_are_no_arms(tmp_path: Path) -> None:
     assert asked_of(tmp_path, *ARM, *fingers)[0] == "hand"
 
 
+def test_a_hand_whose_thumb_has_most_joints_is_no_longer_arm(tmp_path: Path) -> None:
+    fingers = [
+        Step(f"f{k}{n}", "revolute", f"p{k}{n - 1}" if n else "hand", f"p{k}{n}", "0 0 0.03", axis="0 1 0")
+        for k in range(4)
+        for n in range(2 + 3 * (k == 0))
+    ]
+    assert asked_of(tmp_path, *ARM, *fingers)[0] == "hand"
+
+
+def test_a_torso_that_is_called_an_end_effector_is_no_arm(tmp_path: Path) -> None:
+    arms = [
+        Step(f"{side}{n}", "revolute", f"{side}_{n}" if n else "hand", f"{side}_{n + 1}", axis=f"0 {n % 2} 1")
+        for side in ("left", "right")
+        for n in range(6)
+    ]
+    named = Step("t", "fixed", "hand", "torso_end_effector")
+    asked = asked_of(tmp_path, *ARM, *arms, named)
+    assert asked[0].startswith("left") and asked[-1] == "torso_end_effector"
+
+
+def test_a_jaw_opens_behind_a_prefix_that_all_joints_have(tmp_path: Path) -> None:
+    jaw = Step("arm_gripper", "revolute", "hand", "arm_Moving_Jaw", "0 0.02 0.03", axis="1 0 0")
+    tips = [
+        Step("a", "fixed", "hand", "Fixed_Jaw_tip"),
+        Step("b", "fixed", "arm_Moving_Jaw", "Moving_Jaw_tip"),
+    ]
+    assert arm_of(tmp_path, *ARM, jaw, *tips).joint_names == NAMES
+
+
+def test_without_a_joint_that_turns_no_end_is_asked_for(tmp_path: Path) -> None:
+    slide = Step("slide", "prismatic", "base", "cart")
+    with pytest.raises(RobotFileError, match="no joint turns"):
+        arm_of(
+            tmp_path, slide, Step("f", "fixed", "base", "left_tcp"), Step("g", "fixed", "base", "right_tcp")
+        )
+
+
 def test_one_slider_at_the_end_is_asked_for(tmp_path: Path) -> None:
     slide = Step("Slider 8", "prismatic", "hand", "part", axis="0 1 0", limits=(0, 0.03))
     assert asked_of(tmp_path, *ARM, slide) == ["hand"]
@@ -240,9 +277,21 @@ def test_a_second_servo_on_one_axis_is_told(tmp_path: Path) -> None:
 
 def test_rods_that_turn_by_themselves_raise_a_doubt(tmp_path: Path) -> None:
     rod = Step("Revolute 9", "revolute", "l1", "part_9", "-0.03 0 0.06", axis="0 1 0")
-    robot = arm_of(tmp_path, *ARM, rod, Step("Revolute 3", "revolute", "l2", "part_3", axis="0 -1 0"))
+    other = Step("Revolute 3", "revolute", "l2", "part_3", axis="0 -1 0")
+    robot = arm_of(tmp_path, *ARM, rod, other, behind="#hand")
     assert robot.joint_names == NAMES
     assert any(text.startswith("Revolute 9, Revolute 3: parallel to joints") for text in robot.assumed)
+
+
+def test_rods_that_may_keep_a_hand_level_are_asked_for(tmp_path: Path) -> None:
+    rods = [
+        Step("Joint5", "revolute", "l1", "part5", "-0.02 0 0.05", axis="0 1 0"),
+        Step("Joint6", "revolute", "l2", "part6", "0 0 0.12", axis="0 1 0"),
+    ]
+    with pytest.raises(UnclearArmError, match=r"Joint5, Joint6 may be rods .*; wrist follows lift and elbow"):
+        arm_of(tmp_path, *ARM, *rods)
+    assert arm_of(tmp_path, *ARM, *rods, behind="#hand").joint_names == NAMES
+    assert arm_of(tmp_path, *ARM, rods[0]).joint_names == NAMES
 
 
 def test_links_of_collision_shapes_only_are_no_tools(tmp_path: Path) -> None:

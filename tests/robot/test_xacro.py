@@ -273,6 +273,7 @@ def test_an_arm_of_macros_is_loaded_whichever_way_it_comes(
         ("\n<xacro:include filename='bad.xacro'/>", 2, "bad.xacro.*is not XML"),
         ("\n<xacro:include filename='part.xacro'/>\n<xacro:part/>", 7, "part.xacro, line 7: .*'inside'"),
         ("\n<a b=\"${load_yaml('bad.yaml')}\"/>", 2, "bad.yaml: line 2: "),
+        ("<a b=\"${load_yaml('')}\"/>", 1, r'load_yaml\(""\): cannot be read: it is a folder'),
         ("\n<xacro:property name='a b' value='1'/>", 2, "a name has letters, digits and _ only"),
         ("\n<xacro:property name='a' value='1' default='2'/>", 2, "one of value, default and remove"),
         ("\n<xacro:property name='a' value='1' scope='parent'/>", 2, "stands in no macro"),

@@ -27,8 +27,8 @@ from armctl.robot.urdf.names import (
 )
 from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, is_free
 
-_MOST_FINGER_JOINTS = 3
-"""of one finger; a branch with more is an arm"""
+_MOST_FINGER_JOINTS, _MOST_HAND_JOINTS = 3, 5
+"""of one of two fingers, and of three and more; a branch with more is an arm"""
 _FEWEST_AHEAD, _MOST_JOINTS = 3, 7
 """joints of an arm ahead of a hand or a jaw, and of a whole arm, as arms mostly are"""
 _ONE_SIDED = 0.25
@@ -100,7 +100,8 @@ class _Joints:
             second = self.count(live[1]) if len(live) > 1 else 0
             if most == 1 and is_free(live[0]):
                 return self._at_the_last(link, exits, live, ahead)
-            if most > 1 and most < second + 2 and (second > 1 or (most == 2 and len(live) > 2)):
+            alike = most < second + 2 and (second > 1 or (most == 2 and len(live) > 2))
+            if most > 1 and (alike or self._are_fingers(live, ahead)):
                 return self._of_branches(link, live, ahead)
             link, ahead = live[0].child, (*ahead, live[0])
 
@@ -114,11 +115,18 @@ class _Joints:
         branches.sort(key=lambda joint: (not self._has_tool(joint), -self.count(joint), -self._mass(joint)))
         found = [self._beyond(joint, ahead) for joint in branches]
         ends = [end for one in found for end in one.all]
-        fingers = 1 < second <= most <= _MOST_FINGER_JOINTS and sum(map(is_free, ahead)) > _FEWEST_AHEAD
         here = [link] if any(map(is_free, ahead)) else []
         names = ", ".join(joint.name for joint in (branches if second > 1 else live))
         why = f"{names} begin branches of about as many joints: arms, fingers, or an arm and rods"
-        return ArmEnds(tuple(dict.fromkeys([link, *ends] if fingers else [*ends, *here])), why)
+        first = [link, *ends] if self._are_fingers(live, ahead) else [*ends, *here]
+        return ArmEnds(tuple(dict.fromkeys(first)), why)
+
+    def _are_fingers(self, live: Sequence[UrdfJoint], ahead: Sequence[UrdfJoint]) -> bool:
+        """Whether branches beyond several joints are as short as the fingers of a hand."""
+        counts = [self.count(joint) for joint in live]
+        several = sum(count > 1 for count in counts)
+        most = _MOST_FINGER_JOINTS if several == 2 else _MOST_HAND_JOINTS
+        return several > 1 and max(counts) <= most and sum(map(is_free, ahead)) > _FEWEST_AHEAD
 
     def _at_the_last(
         self, link: str, exits: Sequence[UrdfJoint], live: Sequence[UrdfJoint], ahead: Sequence[UrdfJoint]

@@ -11,14 +11,15 @@ _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 _TOOL_WORDS = {"tool", "tcp", "ee", "effector", "eef", "grasp", "gripperframe"}
 """the customary names count in other names too: ``ee_gripper_link``"""
 _CAMERA = {"camera", "cameras", "cam"}
-_SENSOR = _CAMERA | {"imu", "sensor", "optical"}
+_SENSOR = _CAMERA | {"imu", "sensor", "optical", "accelerometer", "led"}
 _FINGER = {"finger", "fingers", "jaw", "jaws", "claw", "claws", "knuckle", "pincer", "thumb", "pinky"}
 _STILL = {"fixed", "static"}
 _MOVING = {"moving", "movable"}
 _GRIPPER = {"gripper", "grip"}
 _HAND = _GRIPPER | {"hand", "palm"}
 _TURN = {"roll", "rotate", "rotation", "rot", "pitch", "yaw", "wrist", "pan", "tilt", "twist"}
-_ARM = _TURN | {"arm", "to"}
+_WRIST = _TURN | {"to"}
+_ARM = _WRIST | {"arm"}
 _BESIDE = {
     "wheel", "wheels", "caster", "castor", "track", "propeller", "rotor", "antenna",
     "rod", "rods", "counterweight", "spring", "damper", "piston",
@@ -50,7 +51,7 @@ def is_hand(link: str) -> bool:
 
 
 def is_sensor(link: str) -> bool:
-    """True where a link's name is one of a camera or another sensor."""
+    """True where a link's name is one of a camera, another sensor or a lamp."""
     return bool(_words(link) & _SENSOR)
 
 
@@ -58,13 +59,14 @@ def opens_gripper(joint: str, carried: str) -> bool:
     """True where a joint's name, or that of the link that it carries, says that it opens the gripper.
 
     A link called gripper says nothing: the wrist carries it. So does a joint ``gripper_roll`` or
-    ``wrist_to_gripper``, and a ``Wrist_Roll`` that carries the ``Fixed_Jaw``.
+    ``wrist_to_gripper``, and a ``Wrist_Roll`` that carries the ``Fixed_Jaw``. ``arm`` may be a prefix of all
+    joints: ``arm_gripper`` opens it where it carries a jaw.
     """
     own, link = _words(joint), _words(carried)
     if own & _FINGER:
         return True
     moves = bool(link & _FINGER or own & _GRIPPER or (link & _GRIPPER and link & _MOVING))
-    return moves and not (own & _ARM or link & _STILL)
+    return moves and not (own & (_WRIST if link & _FINGER else _ARM) or link & _STILL)
 
 
 def is_beside(joint: str, carried: str) -> bool:

@@ -213,7 +213,10 @@ class ArmFiles:
     def yaml(self, name: str, evaluated: Callable[[str], Any]) -> Any:
         """What a YAML file holds; ``evaluated`` computes a number with a unit: ``!degrees 90 / 2``."""
         path = self.place(name)
-        text = YAML_FILES.text(YAML_FILES.read(path))
+        try:
+            text = YAML_FILES.text(YAML_FILES.read(path))
+        except RobotFileError as refusal:
+            raise refusal.about(f'load_yaml("{shown(name)}")') from refusal
         self._budget.spend(len(text))
         loader = _YamlLoader(text, self._budget, evaluated)
         self.stack.append(path)

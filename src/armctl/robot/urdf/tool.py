@@ -25,6 +25,8 @@ _MOST_NAMED = 40
 """links in one refusal"""
 _PARALLEL = 0.996
 """cosine from which on two axes count as parallel"""
+_FEWEST_RODS = 2
+"""that keep a hand level"""
 _SAME = 1e-9
 """how far apart two axes may be that are one: sine, and metres"""
 
@@ -48,14 +50,20 @@ def suggested_tool(tree: UrdfTree) -> UrdfTool:
     frame. Else it is what the last joint carries: a part that is fixed to that may be a cover.
     """
     arm = arm_ends(tree)
+    if not any(is_free(joint) for end in arm.links for joint in tree.route(end)):
+        return UrdfTool(arm.links[0])  # which is refused: no arm leads there
     if named := _customary(tree, arm):
-        return UrdfTool(named, "which has a customary name")
-    if arm.why:
+        tool = UrdfTool(named, "which has a customary name")
+    elif arm.why:
         raise _unclear(tree, [link for end in arm.links for link in _tools(tree, end)[0]], arm.why)
-    links, why = _tools(tree, arm.links[0])
-    if len(links) > 1:
-        raise _unclear(tree, links)
-    return UrdfTool(links[0], why, arm.perhaps_jaw)
+    else:
+        links, why = _tools(tree, arm.links[0])
+        if len(links) > 1:
+            raise _unclear(tree, links)
+        tool = UrdfTool(links[0], why, arm.perhaps_jaw)
+    if level := _kept_level(tree, tree.route(tool.link)):
+        raise _unclear(tree, [tool.link], level)
+    return tool
 
 
 def left_out(tree: UrdfTree, way: Sequence[UrdfJoint]) -> tuple[str, ...]:
@@ -88,16 +96,7 @@ def about_beside(tree: UrdfTree, way: Sequence[UrdfJoint]) -> Iterator[str]:
         some = [joint.name + (f" (follows {joint.mimics})" if joint.mimics else "") for joint in beside]
         file = tree.path.name
         yield f"beside the arm and left out: {', '.join(some)} (an arm with one of them: {file}#LINK)"
-    axes = [_axis(tree, joint) for joint in way if is_free(joint)]
-    rods = [
-        joint.name
-        for joint in beside
-        if is_free(joint)
-        and joint.kind == "revolute"
-        and not is_beside(joint.name, joint.child)
-        and sum(abs(float(_axis(tree, joint) @ axis)) > _PARALLEL for axis in axes) > 1
-    ]
-    if rods:
+    if rods := _rods(tree, way):
         yield (
             f"{', '.join(rods)}: parallel to joints of the arm; where rods close a loop with them, some "
             "joints of the arm follow others, which a URDF file says with <mimic>"
@@ -111,6 +110,37 @@ def about_beside(tree: UrdfTree, way: Sequence[UrdfJoint]) -> Iterator[str]:
                     f"{joint.name} turns about the axis of {other.name}; if both are servos that drive one "
                     "joint, connect both to its output: armctl has one output for each joint"
                 )
+
+
+def _rods(tree: UrdfTree, way: Sequence[UrdfJoint]) -> list[str]:
+    """The joints beside the arm that turn by themselves, parallel to several of the arm, as rods do."""
+    axes = [_axis(tree, joint) for joint in way if is_free(joint)]
+    return [
+        joint.name
+        for joint in _beside(tree, way)
+        if is_free(joint)
+        and joint.kind == "revolute"
+        and not is_beside(joint.name, joint.child)
+        and sum(abs(float(_axis(tree, joint) @ axis)) > _PARALLEL for axis in axes) > 1
+    ]
+
+
+def _kept_level(tree: UrdfTree, way: Sequence[UrdfJoint]) -> str:
+    """Why the last of three parallel joints may be turned by rods and not by a motor; empty: it hardly is.
+
+    The rods of a palletiser keep its hand level. A file whose joints all turn by themselves does not say so.
+    """
+    rods, free = _rods(tree, way), [joint for joint in way if is_free(joint)]
+    if len(rods) < _FEWEST_RODS:
+        return ""
+    for joints in zip(free, free[1:], free[2:], strict=False):
+        one, two, three = (_axis(tree, joint) for joint in joints)
+        if min(abs(float(one @ two)), abs(float(two @ three))) > _PARALLEL:
+            return (
+                f"{', '.join(rods)} may be rods that keep the hand level; {joints[2].name} follows "
+                f"{joints[0].name} and {joints[1].name} then, which a URDF file says with <mimic>"
+            )
+    return ""
 
 
 def _own(tree: UrdfTree, way: Sequence[UrdfJoint]) -> list[UrdfJoint]:
@@ -142,7 +172,7 @@ def _customary(tree: UrdfTree, arm: ArmEnds) -> str | None:
     """The link with a customary name that the arm reaches; refuses where there are several.
 
     The name counts ahead of the last joint, too, which is the gripper's own then. Where more of the arm lies
-    beyond it, or it stands beside the arm, the name may mislead.
+    beyond it, as arms do beyond a torso, or it stands beside the arm, the name may mislead.
     """
     named, carriers = customary_tools(tree.links), tree.carriers()
     count = {tree.root: 0}
@@ -153,7 +183,7 @@ def _customary(tree: UrdfTree, arm: ArmEnds) -> str | None:
 
     def reached(link: str) -> bool:
         fewest = max(most - 1, 1) if carriers[link] in ahead else most
-        return carriers[link] in arm.links or count[link] >= fewest > 0
+        return carriers[link] == arm.links[0] or count[link] >= fewest > 0
 
     if last := [link for link in named if reached(link)]:
         return _only(tree, last)
