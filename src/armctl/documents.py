@@ -37,7 +37,7 @@ def is_lfs_pointer(path: Path) -> bool:
     """Whether a regular file only says where Git keeps what it should hold."""
     try:
         require_regular(os.stat(path))
-        with open(path, "rb", opener=_open_at_once) as stream:
+        with open(path, "rb", opener=open_at_once) as stream:
             return stream.read(len(_LFS_MARK)) == _LFS_MARK
     except OSError:
         return False
@@ -74,7 +74,7 @@ class DocumentKind:
         try:
             # Asked before it is opened: opening a serial port restarts an Arduino.
             require_regular(os.stat(path))
-            with open(path, "rb", opener=_open_at_once) as stream:
+            with open(path, "rb", opener=open_at_once) as stream:
                 found = os.fstat(stream.fileno())
                 require_regular(found)
                 self._check_size(found.st_size)
@@ -214,8 +214,8 @@ def require_regular(found: os.stat_result) -> None:
         raise OSError(errno.EINVAL, f"it is {kind}, no regular file")
 
 
-def _open_at_once(path: str, flags: int) -> int:
-    # A named pipe without a writer is opened, too, instead of waiting for ever.
+def open_at_once(path: str, flags: int) -> int:
+    """An ``opener`` for ``open`` that does not wait for ever where a named pipe has no writer."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
@@ -440,7 +440,7 @@ def sweep_litter(folder: Path, now: float) -> list[Path]:
 
 def _claimant(path: Path) -> str:
     """The process that a claim names; empty: it was killed before it could write that."""
-    with open(path, "rb", opener=_open_at_once) as stream:
+    with open(path, "rb", opener=open_at_once) as stream:
         text = stream.read(10).decode(errors="replace")
     return text if text.isdecimal() else ""
 

@@ -103,8 +103,8 @@ def joined_since_login(group: str) -> bool:
 # What armctl keeps of its user (logs, last poses, black boxes, reports) is for this user alone: names of
 # people and computers, links and tokens may be in it. Robots, programs and calibrations are shared.
 
-_OTHERS = 0o077
-"""the rights of group and others"""
+_OTHERS, WRITTEN_BY_OTHERS = 0o077, 0o022
+"""the rights of group and others: all, and to write"""
 
 
 def open_private(path: str, flags: int) -> int:
@@ -135,9 +135,13 @@ def private_folder(folder: Path) -> None:
 
 def is_private(path: Path) -> bool:
     """Whether a file is this user's, and only this user may read it; ``OSError``: there is none."""
-    found = path.stat(follow_symlinks=False)
-    ours = user_number() is None or found.st_uid == user_number()
-    return stat.S_ISREG(found.st_mode) and ours and not _is_open_to_others(found)
+    return is_own_file(path.stat(follow_symlinks=False), _OTHERS)
+
+
+def is_own_file(found: os.stat_result, forbidden: int = WRITTEN_BY_OTHERS) -> bool:
+    """Whether a file is a regular one of this user's, and others have none of the rights ``forbidden``."""
+    ours = user_number() is None or (found.st_uid == user_number() and not found.st_mode & forbidden)
+    return stat.S_ISREG(found.st_mode) and ours
 
 
 def _is_open_to_others(found: os.stat_result) -> bool:

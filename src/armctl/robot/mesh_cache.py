@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-import stat
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -24,11 +23,11 @@ from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 from armctl.arrays import content
-from armctl.documents import write_atomically
+from armctl.documents import open_at_once, write_atomically
 from armctl.errors import RobotFileError
 from armctl.robot.meshes import MESHES
 from armctl.robot.parts import Shape
-from armctl.system import private_folder, user_number
+from armctl.system import is_own_file, private_folder
 
 T = TypeVar("T")
 
@@ -99,7 +98,7 @@ def _code() -> bytes:
 def _read(kind: type[T], path: Path) -> T | None:
     try:
         with open(path, "rb", opener=_without_links) as file:
-            if not _is_ours(os.fstat(file.fileno())):
+            if not is_own_file(os.fstat(file.fileno())):  # others could have written it
                 return None
             mark, digest, data = file.read(len(_MARK)), file.read(32), file.read(MOST_OF_ONE)
     except OSError:
@@ -116,14 +115,7 @@ def _read(kind: type[T], path: Path) -> T | None:
 
 
 def _without_links(path: str, flags: int) -> int:
-    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
-
-
-def _is_ours(found: os.stat_result) -> bool:
-    """A file that this user alone may write."""
-    if not stat.S_ISREG(found.st_mode):
-        return False
-    return user_number() is None or (found.st_uid == user_number() and not found.st_mode & 0o022)
+    return open_at_once(path, flags | getattr(os, "O_NOFOLLOW", 0))
 
 
 def _write(path: Path, made: object) -> None:
