@@ -51,7 +51,7 @@ def suggested_tool(tree: UrdfTree) -> UrdfTool:
     """
     arm = arm_ends(tree)
     if not any(is_free(joint) for end in arm.links for joint in tree.route(end)):
-        return UrdfTool(arm.links[0])  # which is refused: no arm leads there
+        return UrdfTool(_tools(tree, arm.links[0])[0][0])  # which is refused: no arm leads there
     if named := _customary(tree, arm):
         tool = UrdfTool(named, "which has a customary name")
     elif arm.why:
@@ -130,7 +130,9 @@ def _kept_level(tree: UrdfTree, way: Sequence[UrdfJoint]) -> str:
 
     The rods of a palletiser keep its hand level. A file whose joints all turn by themselves does not say so.
     """
-    rods, free = _rods(tree, way), [joint for joint in way if is_free(joint)]
+    free = [joint for joint in way if is_free(joint)]
+    moved = [one.name for joint in free for one in tree.below(joint.child)]
+    rods = [name for name in _rods(tree, way) if name in moved]  # no legs of what carries the arm
     if len(rods) < _FEWEST_RODS:
         return ""
     for joints in zip(free, free[1:], free[2:], strict=False):
