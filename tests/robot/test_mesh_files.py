@@ -5,14 +5,17 @@ from __future__ import annotations
 import base64
 import json
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import numpy as np
 import pytest
 from tests.robot.plain_arm import LINKS, write_plain_arm
+from tests.robot.random_gltf import random_scene
 from tests.robot.test_meshes import binary_stl
 
 from armctl import load_robot
+from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.motion.clearance import stands_clear
 from armctl.robot.meshes import read_mesh
@@ -109,6 +112,22 @@ def test_a_mesh_in_millimetres_is_named_with_its_size(tmp_path: Path, factor: fl
         assert not any(text.startswith("passed over") for text in robot.assumed)
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_random_meshes_are_in_metres_or_named_with_their_scale(tmp_path: Path, seed: int) -> None:
+    rng, unit = Random(seed), (1.0, 0.001, 0.01, 0.0254)[seed % 4]
+    size = [rng.uniform(0.015, 0.06), rng.uniform(0.015, 0.06), rng.uniform(0.06, 0.2)]
+    part(tmp_path / "part.stl", block((size[0] / unit, size[1] / unit, size[2] / unit)))
+    robot = load_robot(meshed(tmp_path, "part.stl")).with_body()
+    passed_over = [text for text in robot.assumed if text.startswith("passed over")]
+    if unit == 1.0:
+        assert not passed_over and len(robot.shapes) == len(LINKS)
+        return
+    (line,) = passed_over
+    assert f'scale="{unit:g} {unit:g} {unit:g}"' in line and robot.shapes == ()
+    right = load_robot(meshed(tmp_path, "part.stl", scale=f"{unit} {unit} {unit}")).with_body()
+    assert len(right.shapes) == len(LINKS)
+
+
 def test_meshes_that_are_all_tiny_have_another_unit(tmp_path: Path) -> None:
     part(tmp_path / "part.stl")
     robot = load_robot(meshed(tmp_path, "part.stl", scale="0.001 0.001 0.001")).with_body()
@@ -148,6 +167,20 @@ def gltf(folder: Path, uris: tuple[str, str], **changes: Any) -> Path:
     path = folder / "a.gltf"
     path.write_text(json.dumps(scene | changes))
     return path
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_gltf_files_have_their_triangles(tmp_path: Path, seed: int) -> None:
+    scene = random_scene(seed)
+    found = read_mesh(scene.written(tmp_path))
+    assert signatures(found.vertices[found.faces]) == pytest.approx(signatures(scene.triangles), abs=2e-6)
+
+
+def signatures(triangles: FloatArray) -> FloatArray:
+    """(k, 6) the middle and the area vector of triangles (k, 3, 3), in an order of their own."""
+    area = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    rows = np.hstack([triangles.mean(axis=1), area])
+    return rows[np.lexsort(rows.round(4).T)]
 
 
 def in_text(content: bytes) -> str:

@@ -21,7 +21,7 @@ from armctl.errors import RobotFileError
 from armctl.kinematics import Chain
 from armctl.robot.body import ArmBody, Capsule, link_name
 from armctl.robot.hulls import Hull, distances
-from armctl.robot.meshes import ArmSolids, across, extent, too_large
+from armctl.robot.meshes import ArmSolids, across, extent, too_large, units_for
 from armctl.robot.parts import Shape
 from armctl.robot.solids import Solid
 from armctl.robot.surfaces import Surface, comparable
@@ -52,8 +52,9 @@ _BESIDE = 0.2
 _CLOSE_M, _COARSE = 5e-4, 0.015
 """No more corners are added where none is farther outside, in metres or of the size of the hull; the margin
 makes up for those left out."""
-_LARGEST, _SMALLEST = 20.0, 0.005
-"""A mesh beyond so many lengths of the arm has another unit; so have all where none is larger than this."""
+_LARGEST, _MIDDLE, _SMALLEST = 20.0, 5.0, 0.005
+"""A mesh beyond so many lengths of the arm has another unit. So have all where half of those that joints move
+are beyond the second number, or none is larger than the third."""
 _FLAT_M = 1e-7
 """A hull that is no thicker has no inside."""
 
@@ -115,21 +116,32 @@ def fitted_body(
 
 def _readable(shapes: Sequence[Shape], size: float) -> tuple[dict[int, Solid], list[str]]:
     """The shapes that can be read and fit an arm of this size [m], by index; why others are passed over."""
-    arm, found, notes, sizes = ArmSolids(), dict[int, Solid](), list[str](), list[float]()
+    arm, found, notes = ArmSolids(), dict[int, Solid](), list[str]()
+    sizes, moving = list[float](), list[float]()
     for k, shape in enumerate(shapes):
         try:
             solid = arm.solid_of(shape)
             beside = extent(Solid(solid.vertices - shape.pose[:3, 3], solid.faces))
             if shape.kind == "mesh" and beside > _LARGEST * size:
-                raise RobotFileError(f"{too_large(shape, across(solid))} (the arm is {size:.2g} m long)")
+                raise RobotFileError(
+                    f"{too_large(shape, across(solid), size)} (the arm is {size:.2g} m long)"
+                )
             found[k] = solid
             sizes += [beside] * (shape.kind == "mesh")
+            moving += [across(solid)] * (shape.kind == "mesh" and shape.link >= 0)
         except RobotFileError as problem:
             notes.append(f"passed over: {problem}")
     if len(sizes) == len(found) > 1 and max(sizes) < _SMALLEST * size:
         notes.append(
             f"passed over: all meshes, as the largest is {1000 * max(sizes):.2g} mm large, and the arm is "
             f"{size:.2g} m long; see what scale= their <mesh> has"
+        )
+        found = {}
+    elif len(moving) > 1 and (middle := float(np.median(moving))) > _MIDDLE * size:
+        scale = next(shape.size for shape in shapes if shape.kind == "mesh")
+        notes.append(
+            f"passed over: all meshes, as those of the links are around {middle:.2g} m large, and the arm is "
+            f"{size:.2g} m long; {units_for(middle, size, scale)} into each <mesh>"
         )
         found = {}
     return found, list(dict.fromkeys(notes))

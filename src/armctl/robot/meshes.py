@@ -34,6 +34,10 @@ MOST_OF_ARM = 4_000_000
 _SMALLEST_M = 1e-9
 FARTHEST_M = 100.0
 """No point of a mesh is farther from its link; files in millimetres without a scale are refused by that."""
+_OTHER_UNITS = {"millimetre": 0.001, "centimetre": 0.01, "inch": 0.0254}
+"""of meshes without a scale [m]"""
+_SMALLEST_PART, _LARGEST_PART = 0.02, 1.2
+"""shares of an arm's length that the mesh of a link has, as arms mostly are"""
 _BINARY_STL = 84
 _ROUND = 36
 """sides of a cylinder"""
@@ -135,13 +139,22 @@ def across(solid: Solid) -> float:
     return float(np.ptp(solid.vertices, axis=0).max())
 
 
-def too_large(shape: Shape, size: float) -> str:
-    """Text for a mesh whose unit is likely the millimetre."""
-    scale = " ".join(f"{0.001 * factor:g}" for factor in shape.size)
-    return (
-        f"{Path(shape.file).name} is {size:.3g} m large; if its unit is the millimetre, write "
-        f'scale="{scale}" into its <mesh>'
-    )
+def too_large(shape: Shape, size: float, arm_m: float | None = None) -> str:
+    """Text for a mesh of this size [m] whose unit is likely not the metre; names the units that fit."""
+    scales = units_for(size, arm_m, shape.size)
+    return f"{Path(shape.file).name} is {size:.3g} m large; {scales} into its <mesh>"
+
+
+def units_for(size: float, arm_m: float | None, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> str:
+    """Which units bring a size [m] to that of a link of an arm, and the scale= to write for each."""
+    fits = {
+        unit: metres
+        for unit, metres in _OTHER_UNITS.items()
+        if arm_m is not None and _SMALLEST_PART * arm_m <= metres * size <= _LARGEST_PART * arm_m
+    } or {"millimetre": _OTHER_UNITS["millimetre"]}
+    written = [f'scale="{" ".join(f"{metres * factor:g}" for factor in scale)}"' for metres in fits.values()]
+    names = " or the ".join(fits)
+    return f"if its unit is the {names}, write {' or '.join(written)}"
 
 
 def _with_surface(solid: Solid) -> Solid:
