@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import random
 import zipfile
+from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
@@ -76,8 +78,50 @@ def test_lines_of_comments_are_comments() -> None:
     program = read(*head, "x_mm;y_mm;z_mm", "220;-60;100", "# above; the box", "220;60;100,5")
     assert [type(step) for step in program.steps] == [PointStep, CommentStep, PointStep]
     assert program.steps[1].note == "above; the box"
+    program = read(",x_mm,y_mm,z_mm", "# above the box", ",220,-60,100")  # a column without a head
+    assert [type(step) for step in program.steps] == [CommentStep, PointStep]
     with pytest.raises(ProgramError, match="line 7"):
         read(*head, "x_mm,y_mm,z_mm", "220,-60,100", "220,far,100")
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_random_comments_and_times_change_no_motion(seed: int) -> None:
+    """Comments anywhere, a column of notes, times in any unit and place, any delimiter, an empty column."""
+    chance = random.Random(seed)
+    rows = [[round(chance.uniform(-20, 20), 2) for _ in range(ROBOT.n)] for _ in range(chance.randint(1, 6))]
+    times = list(accumulate(round(chance.uniform(0.5, 2), 3) for _ in rows))
+    mark = chance.choice((",", ";", "\t"))
+    remark = f"a remark {chance.choice(('', f'with{mark}a sign', 'of 3 words'))}"
+    heads = [f"{name}_deg" for name in ROBOT.joint_names]
+    unit = chance.choice((None, "t", "time_ms", "Time_s"))
+    notes, blank = chance.choice((None, "comment", "Notes")), chance.random() < 0.3
+    table = [[str(value) for value in row] for row in rows]
+    for head, cells in (
+        (notes, [f"row {k}" for k in range(len(rows))]),
+        (unit, [f"{1000 * t:g}" if unit == "time_ms" else f"{t:g}" for t in times]),
+        ("" if blank else None, ["" for _ in rows]),
+    ):
+        if head is not None:
+            place = chance.randint(0, len(heads))
+            heads.insert(place, head)
+            for row, cell in zip(table, cells, strict=True):
+                row.insert(place, cell)
+    lines, said = [mark.join(heads)], 0
+    for row in table:
+        if chance.random() < 0.4 and heads[0] != notes:
+            lines.append(f"{chance.choice(('#', '%', '//'))} {remark}")
+            said += 1
+        lines.append(mark.join(row))
+    ahead = [f"{chance.choice(('#', '%', '//'))} {remark}" for _ in range(chance.randint(0, 2))]
+    program = read(*ahead, *lines)
+    moves = [step for step in program.steps if isinstance(step, MoveStep)]
+    assert np.array([step.joints_deg for step in moves]) == pytest.approx(np.array(rows))
+    comments = [step.note for step in program.steps if isinstance(step, CommentStep)]
+    assert comments == [remark.strip()] * said
+    if notes is not None:
+        assert [step.note for step in moves] == [f"row {k}" for k in range(len(rows))]
+    if unit is not None:
+        assert [step.duration_s for step in moves[1:]] == pytest.approx(np.diff(times).tolist())
 
 
 def test_a_head_behind_a_sign_is_the_head() -> None:

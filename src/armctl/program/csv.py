@@ -357,7 +357,7 @@ class _Table:
             values: dict[Place, float | int | str] = {}
             before = len(errors.found)
             sign = next((sign for sign in _COMMENTS if cells and cells[0].lstrip().startswith(sign)), None)
-            if sign is not None and self._columns[0] is not self._by_place.get(("note", None)):
+            if sign is not None and not (self._columns[0] and self._columns[0].place == ("note", None)):
                 note = self._delimiter.join(cells).strip().removeprefix(sign).strip().rstrip(self._delimiter)
                 yield line, {(_DO, None): "comment", ("note", None): note}
                 continue
