@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,9 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.robot.plain_arm import write_plain_arm
+from tests.robot.urdf_kit import Step, written
 
 from armctl import Arm, load_robot
 from armctl.errors import MotionRefusedError
+from armctl.motion.clearance import clear_rest, stands_clear
 from armctl.robot import Robot
 from armctl.runtime import Enable
 from armctl.ui.enabling import EnableButton
@@ -33,6 +36,37 @@ def test_the_refusal_names_the_pose_and_where_it_is_kept(robot: Robot) -> None:
         assert f"enable({CLEAR})" in str(refused.value) and f"[poses] rest = {CLEAR}" in str(refused.value)
         arm.enable([0, -90, 0, 0, 0])
         assert arm.joints_deg == pytest.approx([0, -90, 0, 0, 0], abs=0.1)
+
+
+def test_random_arms_that_begin_folded_or_below_the_floor(tmp_path: Path) -> None:
+    rng, named = np.random.default_rng(3), 0
+    for k in range(8):
+        bends = zip(("lift", "elbow", "wrist"), rng.uniform((1.8, -1, -3), (3, 1, 3)).tolist(), strict=True)
+        bent = {name: {"rpy": f"0 {bend:.3f} 0"} for name, bend in bends}
+        robot = load_robot(write_plain_arm(tmp_path / f"{k}.urdf", bent))
+        if stands_clear(robot, robot.pose("rest")) or (found := clear_rest(robot)) is None:
+            continue
+        named += 1
+        q, words = found
+        assert np.degrees(q) == pytest.approx(
+            [float(part) for part in words.strip("[]").split(",")], abs=0.01
+        )
+        robot.check_limits(q)
+        assert stands_clear(replace(robot, poses={}), q)
+        _, *joints = robot.chain.frames(q)[:, 2, 3]
+        assert min(joints) > 0.0  # above the floor
+        points = robot.chain.frames(q)[1:, :3, 3]
+        apart = np.linalg.norm(points[:, None] - points[None], axis=-1)
+        assert apart[np.triu_indices(len(points), 2)].min() > 0.02  # not folded onto each other
+    assert named > 3
+
+
+def test_a_very_long_arm_is_an_answer_too(tmp_path: Path) -> None:
+    steps = [
+        Step(f"j{k}", "revolute", f"l{k}", f"l{k + 1}", "0.05 0 0" if k else "0 0 -0.1", axis="0 1 0")
+        for k in range(40)
+    ]
+    assert clear_rest(load_robot(written(tmp_path / "arm.urdf", steps))) is None
 
 
 def test_the_page_offers_it_in_one_press(robot: Robot) -> None:

@@ -180,8 +180,8 @@ def stands_clear(robot: Robot, q: FloatArray) -> bool:
 
 
 _QUARTER = np.pi / 2
-_MOST_TURNED = 4
-"""joints of a suggested pose that are a quarter turn from zero"""
+_MOST_TURNED, _TURNED = 4, 10
+"""joints of a suggested pose that are a quarter turn from zero, at most so many of the first ones"""
 _ROOM_M = 0.002
 """A suggested pose is so far above the floor."""
 
@@ -198,8 +198,8 @@ def clear_pose(robot: Robot) -> FloatArray | None:
     """A pose (n,) [rad] that touches nothing, few joints a quarter turn from zero; None: there is none."""
     zero = np.clip(np.zeros(robot.n), *robot.limits.T)
     choices = [
-        [(0, at), *((1, k * _QUARTER) for k in (-1, 1) if low <= k * _QUARTER <= high)]
-        for at, (low, high) in zip(zero.tolist(), robot.limits.tolist(), strict=True)
+        [(0, at), *((1, k * _QUARTER) for k in (-1, 1) if joint < _TURNED and low <= k * _QUARTER <= high)]
+        for joint, (at, (low, high)) in enumerate(zip(zero.tolist(), robot.limits.tolist(), strict=True))
     ]
     turned = sorted(
         (
