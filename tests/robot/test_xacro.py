@@ -458,3 +458,18 @@ def test_what_doubles_at_every_step_is_made_once(tmp_path: Path) -> None:
     text += '<xacro:property name="p0" value="1"/><material name="${p39}"/>'
     (tmp_path / "arm.xacro").write_text(XACRO.replace("</robot>", f"{text}</robot>"))
     assert load_robot(tmp_path / "arm.xacro").n == 1
+
+
+def test_packages_of_a_workspace_lie_in_repositories(tmp_path: Path) -> None:
+    arm = '<xacro:include filename="$(find other)/x.xacro"/>'
+    include = Step("turn", "revolute", "base", "hand").xml
+    files = {
+        "ws/src/mine/my_arm/urdf/arm.xacro": arm,
+        "ws/src/mine/my_arm/package.xml": "<package><name>my_arm</name></package>",
+        "ws/src/theirs/other/x.xacro": f'<link name="base"/><link name="hand"/>{include}',
+    }
+    file = write(tmp_path, files)
+    with pytest.raises(RobotFileError, match=r"\$\(find other\): no folder above"):
+        load_robot(file)  # a folder without a package.xml is none
+    (tmp_path / "ws/src/theirs/other/package.xml").write_text("<package><name>other</name></package>")
+    assert load_robot(file).n == 1

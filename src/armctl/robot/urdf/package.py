@@ -196,6 +196,9 @@ class UrdfSource:
             yield place / name
             yield place / "share" / name
         for place in self._above():
+            if place.name == "src":  # of a ROS workspace, whose repositories hold packages
+                yield from sorted(place.glob(f"*/{name}"))
+        for place in self._above():
             if name.startswith(f"{place.name}_"):  # a copy whose folder lost the end of its name
                 yield place
         if self.folder is not None:
