@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,7 @@ from tests.robot.panda_kit import panda_file
 
 from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
 from armctl.kinematics import rotation_of
-from armctl.robot import load_robot
+from armctl.robot import load_robot, robots_folder
 
 
 def call(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]:
@@ -75,14 +76,16 @@ def test_ik_takes_pitch_and_roll(capsys: pytest.CaptureFixture[str]) -> None:
     assert record["best_deg"][4] == pytest.approx(-20)
 
 
-@pytest.mark.parametrize(("name", "alone"), [("uzuner", False), ("al5d", True)])
-def test_ik_says_where_the_payload_alone_counts(
-    capsys: pytest.CaptureFixture[str], name: str, alone: bool
-) -> None:
-    _, _, err = call(capsys, "ik", name, "200", "0", "100", "--choose", "least-torque")
-    assert ("the payload of 0.3 kg alone counts" in err) is alone
-    _, _, err = call(capsys, "ik", name, "200", "0", "100")
-    assert err == ""
+def test_ik_says_what_least_torque_counts(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    asked = "200", "0", "100", "--choose", "least-torque"
+    _, _, err = call(capsys, "ik", "uzuner", *asked)
+    assert "least-torque counts the links (0.7 kg) and a payload of 0.15 kg" in err
+    bare = tmp_path / "bare.toml"
+    text = (robots_folder() / "uzuner.toml").read_text()
+    bare.write_text(re.sub(r"\[\[bodies\]\]\n(.+\n)+", "", text))
+    status, _, err = call(capsys, "ik", str(bare), *asked)
+    assert status != 0 and "gives no masses of links; add a table [[bodies]]" in err
+    assert call(capsys, "ik", str(bare), *asked[:3])[2] == ""
 
 
 @pytest.mark.parametrize(

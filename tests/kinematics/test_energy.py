@@ -211,9 +211,10 @@ def test_what_cannot_choose_is_refused(criterion: str, start: object, says: str)
         solutions().best(criterion, start)  # type: ignore[arg-type]
 
 
-def test_least_torque_is_refused_where_no_mass_is_known() -> None:
+def test_least_torque_is_refused_where_no_mass_of_a_link_is_known() -> None:
     al5d = load_robot("al5d")
-    bare = replace(al5d, gravity=replace(al5d.gravity, payload_kg=0.0))
+    bare = replace(al5d, gravity=replace(al5d.gravity, bodies=()))  # a payload alone says little
+    assert "least-torque" in al5d.energy.criteria and "least-torque" not in bare.energy.criteria
     found = bare.inverse(bare.forward(bare.pose("home"))[:3, 3])
     with pytest.raises(InputError, match="least-torque cannot choose: the robot file gives no masses"):
         found.best("least-torque")
@@ -278,6 +279,8 @@ def test_every_criterion_is_described() -> None:
 def test_of_solutions_that_hold_the_same_torque_the_one_of_least_rotation_is_taken(name: str) -> None:
     """Whole turns and a roll about the vertical weigh nothing."""
     robot = load_robot(name)
+    in_the_axis = Body(joint=5, mass_kg=1.0, com_m=(0.0, 0.0, 0.0))
+    robot = replace(robot, gravity=replace(robot.gravity, bodies=(in_the_axis,)))
     home = robot.pose("home")
     T = robot.forward(home)
     found = robot.inverse(T[:3, 3], rotation=T[:3, :3])

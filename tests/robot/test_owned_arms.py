@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 
 import numpy as np
@@ -81,6 +82,27 @@ def test_home_and_rest_can_be_gone_to(name: str) -> None:
     for start, end in (("rest", "home"), ("home", "rest")):
         motion = plan_joints(robot, robot.pose(start), robot.pose(end))
         assert [one for one in preflight(robot, motion) if one.severity == "error"] == []
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_every_link_has_a_mass_and_no_pose_is_too_heavy_for_the_servos(name: str) -> None:
+    robot = load_robot(name)
+    links = len(robot.chain.segments)
+    assert {body.joint for body in robot.gravity.bodies} >= set(range(links - 3, links))
+    assert "least-torque" in robot.energy.criteria
+    stall = np.array([joint.stall_torque or math.inf for joint in robot.joints])
+    q = np.random.default_rng(38).uniform(*robot.limits.T, (2_000, robot.n))
+    assert (np.abs(robot.gravity.torque(q)) < stall).all()
+
+
+def test_a_stretched_ur5_weighs_on_its_shoulder_as_its_maker_says() -> None:
+    """Masses and centres of the support article, whose links lie along -x here; the payload is 5 kg."""
+    ur5 = load_robot("ur5")
+    upper, fore = 0.425, 0.39225
+    moment = 8.393 * (upper - 0.2125) + 2.33 * (upper + fore - 0.15)
+    moment += (1.219 + 1.219 + 0.1879 + 5.0) * (upper + fore)
+    torque = ur5.gravity.torque(np.zeros(6))
+    assert abs(torque[1]) == pytest.approx(9.80665 * moment, rel=1e-4)
 
 
 def test_an_arm_without_a_board_of_ours_runs_simulated() -> None:

@@ -226,24 +226,25 @@ def test_loads_are_shown_in_percent_of_the_stall_torques_or_in_newton_metres(nam
     assert found.unit == unit
     assert found.energy[found.order[0]] == pytest.approx(load)
     assert list_row(found, 1)[-1] == f"{load:.3f}"
-    assert ("The file gives no masses of links: the payload of" in result_html(robot, found)) is (
-        name == "ar4"
-    )
+    counted = {"uzuner": "the links (0.7 kg) and a payload of 0.15 kg", "ar4": "the links (2.12 kg) and"}
+    assert f"Torques count {counted[name]}" in result_html(robot, found)
     by_rotation = solve(robot, found.solutions.target, "least-rotation", home)
-    assert "no masses" not in result_html(robot, by_rotation)
+    assert "Torques count" not in result_html(robot, by_rotation)
 
 
 def test_torques_are_not_compared_where_no_mass_is_known() -> None:
-    bare = replace(ROBOT, gravity=replace(ROBOT.gravity, bodies=(), payload_kg=0.0))
+    bare = replace(ROBOT, gravity=replace(ROBOT.gravity, bodies=()))
     point = Target.of(np.array([0.220, -0.196, 0.085]))
     for robot, told in ((ROBOT, True), (bare, False)):
         found = solve(robot, point, "least-rotation", HOME)
         assert any("torque" in one.names for one in found.representatives) == told
-        assert ("load % of stall" in comparison_html(found)) == told
+        html = comparison_html(found)
+        assert ("load % of stall" in html) == ("Loads count the links (0.7 kg)" in html) == told
+        assert ("gives no masses of links" in html) != told
 
 
 def test_least_torque_is_offered_only_where_masses_are_known(server: GuardedServer) -> None:
-    bare = replace(ROBOT, gravity=replace(ROBOT.gravity, bodies=(), payload_kg=0.0))
+    bare = replace(ROBOT, gravity=replace(ROBOT.gravity, bodies=()))
     for robot, offered in ((ROBOT, CRITERIA), (bare, CRITERIA[:-1])):
         page = FakePage(server, robot, HOME)
         InverseScreen(page.session)

@@ -172,8 +172,8 @@ def ik(
         _print_table(arm, [branch.name for branch in refused], _refused_rows(refused))
     if q is None:
         raise UnreachableError(solutions.explanation)
-    if choose == "least-torque" and (left_out := arm.gravity.leaves_out):
-        click.echo(f"armctl: least-torque: {left_out}", err=True)
+    if choose == "least-torque":
+        click.echo(f"armctl: least-torque counts {arm.gravity.counted}", err=True)
 
 
 def _start(arm: Robot, text: str | None) -> FloatArray:

@@ -49,15 +49,15 @@ class GravityModel:
 
     @property
     def weighs(self) -> bool:
-        """Whether any mass is known; else every torque is zero, and says nothing."""
-        return any(body.mass_kg for body in self.bodies) or self.payload_kg > 0.0
+        """Whether masses of links are known; else torques are those of the payload alone, and say little."""
+        return any(body.mass_kg for body in self.bodies)
 
     @property
-    def leaves_out(self) -> str:
-        """Text for what torques and loads are told without; empty: every link has its mass."""
-        if self.bodies or not self.payload_kg:
-            return ""
-        return f"the file gives no masses of links: the payload of {self.payload_kg:g} kg alone counts"
+    def counted(self) -> str:
+        """What torques count, in words."""
+        links = f"the links ({sum(body.mass_kg for body in self.bodies):.3g} kg)" if self.weighs else ""
+        payload = f"a payload of {self.payload_kg:g} kg" if self.payload_kg else ""
+        return " and ".join(filter(None, (links, payload))) or "nothing"
 
     def torque(self, q: FloatArray) -> FloatArray:
         """Torque (..., n) [N·m] that each joint must hold against gravity at ``q`` (..., n) [rad].
@@ -91,7 +91,7 @@ CRITERION_TEXT: dict[Criterion, str] = {
     "published": "least |sum of joint angles| with the last pitch joint ≤ 0 (tables of the Uzuner paper)",
     "least-travel": "least sum of |change| / joint speed from the present pose",
     "shortest-time": "shortest motion from the present pose, all joints together by a cubic",
-    "least-torque": "least gravity torque, each joint against its stall torque",
+    "least-torque": "least gravity torque, in shares of the stall torques (in N·m where one is unknown)",
 }
 FROM_START: tuple[Criterion, ...] = ("least-travel", "shortest-time")
 """the criteria that need to know where the arm stands, and leave a roll that is free as it stands there"""
@@ -151,7 +151,7 @@ def energies(
     ``least-torque`` is the sum of squared load factors, as a motor's heat grows with the square.
     ``shortest-time`` is the duration [s] of the cubic motion in which the slowest joint sets the time.
     ``start`` (n,) [rad] is where the arm stands; those ``FROM_START`` raise ``InputError`` without it, and
-    ``least-torque`` where the arm has no masses.
+    ``least-torque`` where the masses of the links are not known.
     """
     match criterion:
         case "least-rotation":
@@ -170,8 +170,8 @@ def energies(
         case "least-torque":
             if not model.gravity.weighs:
                 raise InputError(
-                    "least-torque cannot choose: the robot file gives no masses; add bodies or payload_kg to "
-                    "it, or choose by another criterion"
+                    "least-torque cannot choose: the robot file gives no masses of links; add a table "
+                    "[[bodies]] for each link to it (a URDF file: <inertial>), or choose by another criterion"
                 )
             load = model.gravity.torque(q)
             if model.stall_torque is not None:

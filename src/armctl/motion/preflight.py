@@ -508,7 +508,7 @@ def _torque_findings(motion: SampledMotion, links: LinkFrames, payload_kg: float
     """Static gravity torque of each joint against its stall torque."""
     # More than the stall torque is an error, unless the motion starts there and it gets no worse.
     robot = motion.robot
-    if not robot.gravity.bodies or not any(joint.stall_torque for joint in robot.joints):
+    if not robot.gravity.weighs or not any(joint.stall_torque for joint in robot.joints):
         return
     gravity = robot.gravity if payload_kg is None else replace(robot.gravity, payload_kg=payload_kg)
     for j, (joint, torque) in enumerate(zip(robot.joints, np.abs(gravity.torque_of(links)), strict=True)):
@@ -532,7 +532,8 @@ def _torque_findings(motion: SampledMotion, links: LinkFrames, payload_kg: float
         elif over:
             mend = "keep the load nearer to the joint, or take a lighter one"
         yield Finding(
-            f"gravity loads it with {most:.2f} N·m, {100 * most / stall:.0f} % of {what}",
+            f"gravity loads it with {most:.2f} N·m, {100 * most / stall:.0f} % of {what} "
+            f"(counted: {gravity.counted})",
             when,
             joint.title,
             mend,
@@ -554,10 +555,9 @@ def _holds_more(motion: SampledMotion, gravity: GravityModel, j: int, least: flo
 def not_checked(robot: Robot) -> tuple[str, ...]:
     """What the pre-flight cannot judge: the file gives no figures for it, or parts touch all the time."""
     touching = robot.collision.notes
-    if not robot.gravity.bodies:
-        why = f"the file of {robot.name} gives no masses"
-        alone = f"; loads and least-torque count the payload of {robot.gravity.payload_kg:g} kg alone"
-        return (f"gravity torque: {why}{alone if robot.gravity.weighs else ''}", *touching)
+    if not robot.gravity.weighs:
+        why = f"the file of {robot.name} gives no masses of links"
+        return (f"gravity torque: {why}, so there are no loads and no least-torque either", *touching)
     unknown = [joint.title for joint in robot.joints if joint.stall_torque is None]
     if not unknown:
         return touching

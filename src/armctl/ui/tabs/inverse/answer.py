@@ -272,8 +272,8 @@ def result_html(robot: Robot, found: Answer) -> str:
     if np.abs(row_1 - best).max() >= _SAME_RAD:
         least = found.energy_text(row_1)
         text += muted(f"The exact least: it lies between two rows of the list (row 1: {least}).")
-    if found.criterion == "least-torque" and (left_out := solutions.arm.energy.gravity.leaves_out):
-        text += muted(f"{_capital(left_out)}.")
+    if found.criterion == "least-torque":
+        text += muted(f"Torques count {solutions.arm.energy.gravity.counted}.")
     text += way_html(found.way_refused)
     if found.instead is not None:
         text += muted(f"The arm may go to row {found.instead} instead: select it under List.")
@@ -298,7 +298,7 @@ class Representative:
     time_s: float
     """from the present pose, all joints together by a cubic"""
     load: float
-    """of all joints against gravity, as ``least-torque`` counts it, in its unit; 0: no masses are known"""
+    """of all joints against gravity, as ``least-torque`` counts it, in its unit; 0: no link has a mass"""
     refused: bool
     """whether the arm may not go there from where it stands"""
 
@@ -348,17 +348,18 @@ def comparison_html(found: Answer) -> str:
     rows, model = found.representatives, found.solutions.arm.energy
     if len(rows) < 2:
         return ""
-    what = "load" if model.gravity.bodies else "payload's load"
     digits = 3 if model.stall_torque is None else 1  # N·m, or percents
-    heads = ["", "row", "Σ|θ| °", "time s", f"{what} {_unit('least-torque', model)}", "verdict"]
+    heads = ["", "row", "Σ|θ| °", "time s", f"load {_unit('least-torque', model)}", "verdict"]
     figures = [
         ["least " + ", ".join(one.names), str(one.row), fixed(one.rotation_deg, 1), fixed(one.time_s, 2),
          fixed(one.load, digits), "refused" if one.refused else "possible"]
         for one in rows
     ]  # fmt: skip
-    if not any(one.load for one in rows):  # the file of the arm gives no masses
+    counts = f"Loads count {model.gravity.counted}."
+    if not model.gravity.weighs:
         heads, figures = [*heads[:-2], heads[-1]], [[*row[:-2], row[-1]] for row in figures]
-    html = table(heads, figures, marked=0, words=(0, len(heads) - 1), small=True)
+        counts = "There are no loads: the file of the arm gives no masses of links."
+    html = table(heads, figures, marked=0, words=(0, len(heads) - 1), small=True) + muted(counts)
     return html + "".join(muted(saving) for saving in _savings(rows))
 
 

@@ -10,6 +10,7 @@ import viser
 
 from armctl.decoding import refusal_of
 from armctl.errors import InputError, StateError
+from armctl.kinematics import CRITERIA
 from armctl.program import Program, Step
 from armctl.program.keys import Key, keys_of
 from armctl.program.program import Change, replace
@@ -111,7 +112,11 @@ class StepForm:
         gui = session.gui
         self._head = LiveHtml(gui)
         self._keys = {label: keys[0] for label, keys in by_label(all_keys()).items()}
-        self._handles = {label: _add(gui, key) for label, key in self._keys.items()}
+        criteria = session.console.robot.energy.criteria
+        self._choices = {
+            label: criteria if key.choices == CRITERIA else key.choices for label, key in self._keys.items()
+        }
+        self._handles = {label: _add(gui, key, self._choices[label]) for label, key in self._keys.items()}
         self._apply = gui.add_button("Apply to step", visible=False)
         self._watch = EditWatch([])
         for handle in self._handles.values():
@@ -130,7 +135,7 @@ class StepForm:
         texts = {} if step is None else texts_of(step, self._session.console.robot)
         for label, handle in self._handles.items():
             if label in texts:
-                _fill(handle, self._keys[label].choices, texts[label])
+                _fill(handle, self._choices[label], texts[label])
             handle.visible = label in texts
         self._apply.visible = bool(texts)
 
@@ -160,10 +165,10 @@ class StepForm:
 Handle = viser.GuiTextHandle | viser.GuiDropdownHandle[str]
 
 
-def _add(gui: viser.GuiApi, key: Key) -> Handle:
+def _add(gui: viser.GuiApi, key: Key, choices: tuple[str, ...]) -> Handle:
     label, hint = key.field.label, key.field.hint or None
-    if key.choices:
-        return gui.add_dropdown(label, key.choices, hint=hint, visible=False)
+    if choices:
+        return gui.add_dropdown(label, choices, hint=hint, visible=False)
     return gui.add_text(label, "", hint=hint, visible=False)
 
 
