@@ -79,7 +79,7 @@ def test_ik_takes_pitch_and_roll(capsys: pytest.CaptureFixture[str]) -> None:
 def test_ik_says_what_least_torque_counts(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     asked = "200", "0", "100", "--choose", "least-torque"
     _, _, err = call(capsys, "ik", "uzuner", *asked)
-    assert "least-torque counts the links (0.7 kg) and a payload of 0.15 kg" in err
+    assert "least-torque counts links of 0.7 kg and a payload of 0.15 kg" in err
     bare = tmp_path / "bare.toml"
     text = (robots_folder() / "uzuner.toml").read_text()
     bare.write_text(re.sub(r"\[\[bodies\]\]\n(.+\n)+", "", text))

@@ -1,11 +1,17 @@
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.program.kit import programs
+from tests.ui.page_kit import FakePage
 
 from armctl.errors import InputError
+from armctl.kinematics import CRITERIA
 from armctl.program import (
     ArcStep,
     EndStep,
@@ -19,7 +25,8 @@ from armctl.program import (
 )
 from armctl.program.keys import keys_of
 from armctl.robot import load_robot
-from armctl.ui.tabs.manual.step_form import by_label, edited, texts_of
+from armctl.ui.guard import GuardedServer
+from armctl.ui.tabs.manual.step_form import StepForm, by_label, edited, texts_of
 
 MOVE = MoveStep(joints_deg=(0.12345, 90, -80, -40, 0), duration_s=2)
 POINT = PointStep(x_mm=200, y_mm=0, z_mm=85)
@@ -109,3 +116,12 @@ def test_what_is_typed_is_taken() -> None:
 def test_what_cannot_be_is_refused_by_its_field(step: Step, changes: dict[str, str], message: str) -> None:
     with pytest.raises(InputError, match=message):
         edited(step, texts(step, **changes))
+
+
+def test_a_point_is_chosen_by_torque_only_where_masses_of_links_are_known(server: GuardedServer) -> None:
+    uzuner = load_robot("uzuner")
+    bare = replace(uzuner, gravity=replace(uzuner.gravity, bodies=()))
+    for robot, offered in ((uzuner, CRITERIA), (bare, CRITERIA[:-1])):
+        page = FakePage(server, robot, robot.pose("home"))
+        form = cast(Any, StepForm(page.session, cast(Any, SimpleNamespace())))
+        assert form._handles["Choose by"].options == offered

@@ -55,7 +55,7 @@ class GravityModel:
     @property
     def counted(self) -> str:
         """What torques count, in words."""
-        links = f"the links ({sum(body.mass_kg for body in self.bodies):.3g} kg)" if self.weighs else ""
+        links = f"links of {sum(body.mass_kg for body in self.bodies):.3g} kg" if self.weighs else ""
         payload = f"a payload of {self.payload_kg:g} kg" if self.payload_kg else ""
         return " and ".join(filter(None, (links, payload))) or "nothing"
 
