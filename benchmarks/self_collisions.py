@@ -11,9 +11,11 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Mapping
+from copy import copy
 from importlib import import_module
 from itertools import combinations
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -32,22 +34,40 @@ _EXAMPLES = 3
 class Meshes:
     """The whole meshes of an arm's links."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, triangles: Mapping[int, FloatArray]) -> None:
+        """``triangles`` (t, 3, 3) [m] of each link (-1: the base), in its frame."""
         self.robot, self._fcl = robot, import_module("fcl")
+        self.models: dict[int, Any] = {}
+        self.balls: dict[int, tuple[FloatArray, float]] = {}
+        """round each link: middle (3,) in its frame, and radius [m]"""
+        self.take(triangles)
+
+    def take(self, triangles: Mapping[int, FloatArray]) -> None:
+        """Put these in the place of what the links had, and find the pairs anew."""
+        for link, one in triangles.items():
+            corners = one.reshape(-1, 3)
+            middle = corners.mean(axis=0)
+            self.models[link] = self._model(one)
+            self.balls[link] = middle, float(np.linalg.norm(corners - middle, axis=1).max())
+        self.pairs = [(a, b) for a, b in combinations(sorted(self.models), 2) if b - a > 1]
+        resting = {pair for name in ("home", "rest") for pair in self.cut(self.robot.pose(name)[None])}
+        self.pairs = [pair for pair in self.pairs if pair not in resting]
+
+    def changed(self, triangles: Mapping[int, FloatArray]) -> Self:
+        """The same with other triangles of some links."""
+        other = copy(self)
+        other.models, other.balls = self.models.copy(), self.balls.copy()
+        other.take(triangles)
+        return other
+
+    @classmethod
+    def of_shapes(cls, robot: Robot) -> Self:
+        """Those of the arm's own file."""
         arm, corners = ArmSolids(), dict[int, list[FloatArray]]()
         for shape in robot.shapes:
             solid = arm.solid_of(shape)
             corners.setdefault(shape.link, []).append(solid.vertices[solid.faces])
-        triangles = {link: np.concatenate(found) for link, found in corners.items()}
-        self._models = {link: self._model(one) for link, one in triangles.items()}
-        self._middles = {link: one.reshape(-1, 3).mean(axis=0) for link, one in triangles.items()}
-        self._radii = {
-            link: float(np.linalg.norm(one.reshape(-1, 3) - self._middles[link], axis=1).max())
-            for link, one in triangles.items()
-        }
-        self.pairs = [(a, b) for a, b in combinations(sorted(triangles), 2) if b - a > 1]
-        resting = {pair for name in ("home", "rest") for pair in self.cut(robot.pose(name)[None])}
-        self.pairs = [pair for pair in self.pairs if pair not in resting]
+        return cls(robot, {link: np.concatenate(found) for link, found in corners.items()})
 
     def _model(self, triangles: FloatArray) -> Any:
         model = self._fcl.BVHModel()
@@ -59,10 +79,10 @@ class Meshes:
     def cut(self, q: FloatArray) -> set[tuple[int, int]]:
         """Pairs of links that cut each other at any of the configurations (m, n) [rad]."""
         links, found = LinkFrames.at(self.robot.chain, q), set[tuple[int, int]]()
-        middles = {link: links.place(link, one[None])[:, 0] for link, one in self._middles.items()}
+        middles = {link: links.place(link, one[None])[:, 0] for link, (one, _) in self.balls.items()}
         for a, b in self.pairs:
             apart = np.linalg.norm(middles[a] - middles[b], axis=0)
-            near = np.flatnonzero(apart <= self._radii[a] + self._radii[b])
+            near = np.flatnonzero(apart <= self.balls[a][1] + self.balls[b][1])
             R, origin = links.relative(np.full(len(near), a), np.full(len(near), b), near)
             if any(self._cuts(a, b, *pose) for pose in zip(R, origin, strict=True)):
                 found.add((a, b))
@@ -70,29 +90,39 @@ class Meshes:
 
     def _cuts(self, a: int, b: int, R: FloatArray, origin: FloatArray) -> bool:
         fcl = self._fcl
-        one = fcl.CollisionObject(self._models[a], fcl.Transform())
-        other = fcl.CollisionObject(self._models[b], fcl.Transform(R, origin))
+        one = fcl.CollisionObject(self.models[a], fcl.Transform())
+        other = fcl.CollisionObject(self.models[b], fcl.Transform(R, origin))
         return bool(fcl.collide(one, other, fcl.CollisionRequest(), fcl.CollisionResult()))
+
+
+def random_ends(robot: Robot, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Where a motion of the joints begins and ends (n,) [rad]."""
+    a, b = rng.uniform(*robot.limits.T, (2, robot.n))
+    return a, a + rng.choice([0.2, 1.0]) * (b - a)  # short ones, too
+
+
+def places_between(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Places (m, n) [rad] on the way, so near to each other that nothing is missed."""
+    places = int(np.ceil(np.abs(b - a).max() / _TURN)) + 1
+    return a + np.linspace(0.0, 1.0, places)[:, None] * (b - a)
 
 
 def tried(name: str, motions: int, seed: int) -> str:
     """A line of the table."""
     robot = load_robot(name).with_body()
-    meshes, rng = Meshes(robot), np.random.default_rng(seed)
+    meshes, rng = Meshes.of_shapes(robot), np.random.default_rng(seed)
     cut = clear = missed = false = 0
     examples: list[str] = []
     spent = 0.0
     while cut + clear < motions:
-        a, b = rng.uniform(*robot.limits.T, (2, robot.n))
-        b = a + rng.choice([0.2, 1.0]) * (b - a)  # short ones, too
+        a, b = random_ends(robot, rng)
         if meshes.cut(a[None]):
             continue
         motion = PointToPoint.plan(robot, a, b)
         began = time.process_time()
         said = [one for one in preflight(robot, motion) if one.kind == "self-collision"]
         spent += time.process_time() - began
-        places = int(np.ceil(np.abs(b - a).max() / _TURN)) + 1
-        truly = meshes.cut(a + np.linspace(0.0, 1.0, places)[:, None] * (b - a))
+        truly = meshes.cut(places_between(a, b))
         cut, clear = cut + bool(truly), clear + (not truly)
         missed, false = missed + (bool(truly) and not said), false + (not truly and bool(said))
         if bool(truly) != bool(said) and len(examples) < _EXAMPLES:
