@@ -9,6 +9,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from scipy.optimize import nnls
+from scipy.spatial import ConvexHull
 
 from armctl.arrays import FloatArray
 from armctl.robot import Robot
@@ -81,6 +83,8 @@ def descended(
         won = there < cost
         q[won], off[won], cost[won] = trial[won], off_there[won], there[won]
         damping = np.clip(np.where(won, 0.3 * damping, 4.0 * damping), 1e-14, 1e3)
+        if cost.min() < 1e-22 or damping.min() >= 1e3:
+            break  # there, or nowhere any nearer
     return q, np.sqrt(cost)
 
 
@@ -148,14 +152,46 @@ def followed(
     return np.array(out)
 
 
-def capsule_axes(robot: Robot, q: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-    """Both ends (3,) of each capsule of the arm's body at ``q`` (n,)."""
-    poses = link_poses(robot, q[None])[:, 0]
-    frames = [np.eye(4) if piece.link < 0 else poses[piece.link] for piece in robot.collision.capsules]
+def body_pieces(robot: Robot, q: FloatArray) -> list[tuple[FloatArray, float]]:
+    """Corners (m, k, 3) [m] and the margin round their hull [m] of each piece of the body at ``q`` (m, n)."""
+    links = [*link_poses(robot, q), np.broadcast_to(np.eye(4), (len(q), 4, 4))]  # the base, -1, comes last
+    mounts: list[FloatArray] = []
+    for mount in robot.collision.mounts:
+        T = links[mount.turns].copy()
+        T[:, :3, 3] = links[mount.hangs][:, :3, 3]
+        if mount.pins is not None:  # a rod: its x from pin to pin
+            pins = mount.pins
+            near, far = T @ np.append(pins.near, 1.0), links[pins.link] @ np.append(pins.far, 1.0)
+            x = (far - near)[:, :3]
+            x /= np.linalg.norm(x, axis=1)[:, None]
+            z = np.cross(x, T[:, :3, :3] @ pins.beside)
+            z /= np.linalg.norm(z, axis=1)[:, None]
+            T[:, :3] = np.stack([x, np.cross(z, x), z, near[:, :3]], axis=2)
+        mounts.append(T)
+    frames = [*links[:-1], *mounts, links[-1]]
     return [
-        (T[:3, :3] @ piece.start + T[:3, 3], T[:3, :3] @ piece.end + T[:3, 3])
-        for T, piece in zip(frames, robot.collision.capsules, strict=True)
+        (
+            piece.corners @ frames[piece.link][:, :3, :3].transpose(0, 2, 1)
+            + frames[piece.link][:, None, :3, 3],
+            piece.as_hull.margin,
+        )
+        for piece in robot.collision.capsules
     ]
+
+
+def overlap(one: tuple[FloatArray, float], other: tuple[FloatArray, float]) -> float:
+    """The least way on which two pieces, corners (k, 3), come apart [m]; negative: how far apart they are."""
+    (a, near), (b, far) = one, other
+    if len(a) == len(b) == 2:
+        return near + far - apart((a[0], a[1]), (b[0], b[1]))
+    between = (a[:, None] - b[None]).reshape(-1, 3)
+    inside = -float(ConvexHull(between).equations[:, 3].max())
+    if inside > 0.0:
+        return near + far + inside
+    size = float(np.abs(between).max())
+    rows = np.vstack([between.T / size, np.full(len(between), 1e3)])
+    shares, _ = nnls(rows, np.array([0.0, 0.0, 0.0, 1e3]), maxiter=100 * len(between))
+    return near + far - float(np.linalg.norm(shares @ between / shares.sum()))
 
 
 def apart(one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]) -> float:

@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from tests.motion.sentence_kit import (
-    apart,
-    capsule_axes,
+    body_pieces,
     degrees_near,
     features,
     followed,
     gravity_torques,
     isotropy,
     nearest,
+    overlap,
     slopes,
     tools,
 )
@@ -146,9 +146,6 @@ def check_holding(asked: Asked, said: str, away: float, text: str) -> None:
     if said:
         assert asked.away(wide, pitched=False) < away - 1e-6, text
     elif found := re.match(rf"too far by ({NUMBER}) mm: the target would be", text):
-        facing = math.atan2(asked.point[1], asked.point[0])
-        if not robot.limits[0, 0] < facing < robot.limits[0, 1]:
-            return  # the base cannot turn to it: over the back the arm comes less far
         assert abs(1000 * away - float(found[1])) <= 0.11, text  # one figure for one thing
 
 
@@ -158,12 +155,15 @@ def wide_open(robot: Robot) -> FloatArray:
     return np.where(held, robot.limits, [-math.pi, math.pi])
 
 
+TURNED_AWAY = re.compile(r"; (?:facing it|over the back), ([^;]*)$")
 AT_ROLL = re.compile(rf"^with .+? at ({NUMBER})°, where it comes nearest: ")
 
 
 def check_reason(asked: Asked, text: str) -> None:
     robot, rolled = asked.robot, AT_ROLL.search(text)
-    text = AT_ROLL.sub("", text)
+    text, held = AT_ROLL.sub("", text), None
+    if text.startswith(("too far", "inside the dead zone")) and (held := TURNED_AWAY.search(text)):
+        text = text[: held.start()]
     two = rf"too far by ({NUMBER}) mm: .* would be ({NUMBER}) mm from .*(?:reaches?|reach) ({NUMBER}) mm"
     three = rf".*too near by ({NUMBER}) mm: .* would be ({NUMBER}) mm from .* no closer than ({NUMBER}) mm"
     bound = rf"too (?:far|near) by ({NUMBER}) mm: the target is ({NUMBER}) mm from \(.*\) mm .* ({NUMBER}) mm"
@@ -174,6 +174,13 @@ def check_reason(asked: Asked, text: str) -> None:
         if distance:
             assert abs(abs(distance[0] - length) - miss) <= 0.11, text
         wide = wide_open(robot)
+        if held is not None:  # the base stays inside its limits: with them the figure is another one
+            need = NEEDS.fullmatch(held[1])
+            assert need is not None and joint_of(robot, need[1]) == 0, text
+            check_limits(robot, 0, need[4], need[5])
+            assert not robot.limits[0, 0] <= math.radians(float(need[2])) <= robot.limits[0, 1], text
+            assert asked.away(wide, pitched=False, between={}) < miss / 1000 - 1e-4, text
+            wide[0] = robot.limits[0]
         if rolled:
             wide[-1] = math.radians(float(rolled[1])) + np.array([-1e-4, 1e-4])
         elif asked.roll is not None and asked.rolls_aside:  # said of the arm at the roll asked for
@@ -296,6 +303,17 @@ def test_of_targets(name: str) -> None:
         if asked.said:
             check_target(asked)
             checked += 1
+
+
+@pytest.mark.parametrize("point", [(-0.1458, -0.0261, 0.9279), (-0.1843, -0.0349, 0.9379)])
+def test_a_target_that_the_base_cannot_face_is_too_far_by_one_figure(point: tuple[float, ...]) -> None:
+    """Facing it the arm would come nearer than over the back, which is all that the base allows."""
+    asked = Asked.__new__(Asked)
+    asked.robot, asked.rng, asked.point = load_robot("scorbot"), np.random.default_rng(1), np.array(point)
+    asked.pitch = asked.roll = None
+    asked.said = asked.robot.inverse(asked.point).explanation
+    assert "over the back" in asked.said and "facing it, Waist needs" in asked.said
+    check_target(asked)
 
 
 # Refused orientations.
@@ -433,7 +451,9 @@ def check_led(led: Led, error: ToolPathRefusedError | ToolPathUnreachableError) 
     point = led.points(np.array([share]))[0]
     assert abs(percent - 100 * share) <= 0.51
     assert np.abs(1000 * point - [float(value) for value in found.groups()[3:6]]).max() <= 0.06, str(error)
-    if "is at its limit of" in said:
+    if said.startswith("here it leaves"):
+        check_reach_words(led, said)
+    elif "is at its limit of" in said:
         check_limit_words(led, share, said, str(error))
     elif fast := re.search(rf"(?:^|, )([^,]+) would have to turn by ({NUMBER})° a mm, and more just", said):
         assert ("on the best way that was found, " in said) != led.decided, str(error)
@@ -446,8 +466,6 @@ def check_led(led: Led, error: ToolPathRefusedError | ToolPathUnreachableError) 
             along = np.append(behind - before, 0.0)[: len(J)] / np.linalg.norm(behind - before)
             rate = abs(np.linalg.lstsq(J, along, rcond=None)[0][moving.index(joint_of(led.robot, fast[1]))])
             assert abs(math.degrees(rate) / 1000 - float(fast[2])) <= 0.5 + 0.02 * float(fast[2]), str(error)
-    elif "here it leaves" in said:
-        check_reach_words(led, said)
     else:
         assert "stands in a singularity" in said and isotropy_with_pitch(led, led.start) < 1e-3, str(error)
     check_other_branches(led, str(error))
@@ -582,15 +600,17 @@ def deepest_mm(robot: Robot, motion: Trajectory) -> float:
     """How deep any piece is below the floor that may not be [mm], at many times of a motion."""
 
     def depths(q: FloatArray) -> FloatArray:
-        heights = [min(a[2], b[2]) for a, b in capsule_axes(robot, q)]
-        radii = [piece.radius for piece in robot.collision.capsules]
-        return 1000 * (robot.floor_z + np.append(radii, 0.0) - [*heights, tools(robot, q[None])[0, 2, 3]])
+        lowest = [corners[..., 2].min(axis=1) - margin for corners, margin in body_pieces(robot, q)]
+        return 1000 * (robot.floor_z - np.column_stack([*lowest, tools(robot, q)[:, 2, 3]]))
 
-    thick = 1000 * np.array([*(piece.radius for piece in robot.collision.capsules), 0.0])
+    hulls = [piece.hull for piece in robot.collision.capsules]
+    radii = [piece.radius for piece in robot.collision.capsules]
+    thick = [radius if hull is None else hull.thickness for hull, radius in zip(hulls, radii, strict=True)]
+    thick = 1000 * np.array([*thick, 0.0])
     still = np.array([piece.link < 0 for piece in robot.collision.capsules] + [False])
-    posed = np.max([depths(q) for q in robot.poses.values()], axis=0)
-    allowed = np.maximum(np.clip(posed, 0.0, thick), depths(motion.start)) + 0.5
-    found = np.array([depths(q) for q in motion.sample(np.linspace(0.0, motion.duration, 241)).q])
+    posed = depths(np.array(list(robot.poses.values()))).max(axis=0)
+    allowed = np.maximum(np.clip(posed, 0.0, thick), depths(motion.start[None])[0]) + 0.5
+    found = depths(motion.sample(np.linspace(0.0, motion.duration, 241)).q)
     return float(np.where((found > allowed) & ~still, found, -math.inf).max())
 
 
@@ -624,19 +644,24 @@ def check_finding(robot: Robot, motion: Trajectory, finding: Finding, payload: f
         longer = float(re.findall(NUMBER, finding.mend)[0])
         assert number[0] / longer ** (order + 1) <= number[1] * 1.001 + 0.06, text
     elif finding.kind == "floor":
-        pieces = zip(robot.collision.capsules, capsule_axes(robot, q), strict=True)
-        lowest = [min(a[2], b[2]) - piece.radius for piece, (a, b) in pieces if piece.part == finding.part]
+        pieces = zip(robot.collision.capsules, body_pieces(robot, state.q[:1]), strict=True)
+        lowest = [
+            float(corners[..., 2].min()) - margin
+            for piece, (corners, margin) in pieces
+            if piece.part == finding.part
+        ]
         if finding.part == "the tool":
             lowest = [*lowest, tools(robot, q[None])[0, 2, 3]]
         depths = [1000 * (robot.floor_z - height) for height in lowest]
         assert min(abs(depth - number[0]) for depth in depths) <= 0.06, text
         assert number[0] >= deepest_mm(robot, motion) - 0.2, text
     elif finding.kind == "self-collision":
-        axes, pieces = capsule_axes(robot, q), robot.collision.capsules
+        bodies = [(corners[0], margin) for corners, margin in body_pieces(robot, state.q[:1])]
+        pieces = robot.collision.capsules
         other = re.fullmatch(rf"{NUMBER} mm inside (.*?)(?: \({NUMBER} mm at rest\))?", finding.what)
         assert other is not None
         depths = [
-            1000 * (pieces[i].radius + pieces[j].radius - apart(axes[i], axes[j]))
+            1000 * overlap(bodies[i], bodies[j])
             for i, j in robot.collision.pairs
             if (pieces[j].part, pieces[i].part) == (finding.part, other[1])
         ]

@@ -95,8 +95,9 @@ class Reach:
         angles = tool_angles(target.pitch)
         two = target.pitch is not None and len(geometry.lengths) == 2
         if two and not self._postures(branches, z, angles):
-            return self._beyond_links(branches, z, [None]) or self._other_pitch(branches, z), nearest
-        reason = self._beyond_links(branches, z, angles) or self._by_limits(branches, z, angles)
+            reason = self._beyond_links(branches, z, [None], nearest) or self._other_pitch(branches, z)
+            return reason, nearest
+        reason = self._beyond_links(branches, z, angles, nearest) or self._by_limits(branches, z, angles)
         return reason, nearest
 
     def _postures(
@@ -115,15 +116,21 @@ class Reach:
             f"the links would give {' or '.join(f'{pitch:.2f}°' for pitch in pitches)}, within limits or not"
         )
 
-    def _beyond_links(self, branches: list[BaseBranch], z: float, angles: list[float | None]) -> str | None:
-        """Too far or too near for the links alone, whatever the limits."""
+    def _beyond_links(
+        self, branches: list[BaseBranch], z: float, angles: list[float | None], nearest: FloatArray | None
+    ) -> str | None:
+        """Too far or too near for the links alone, whatever the limits.
+
+        By the way of turning to the target that takes the tip nearest; where the base cannot turn so far and
+        the ``nearest`` configuration turns the other way, by that one, with what holds the base.
+        """
         lengths = list(self._geometry.lengths)
         point, after, last = "the target", "", 0.0
         if angles[0] is not None and len(lengths) == 3:
             point, after, last = "the wrist", " with the tool at that pitch", lengths.pop()
         inner, outer = max(0.0, 2 * max(lengths) - sum(lengths)), sum(lengths)
         beside, foot, shoulder = self._geometry.lateral, self._geometry.shoulder, self._titles[1].lower()
-        misses: list[tuple[float, float, float, str]] = []
+        misses: list[tuple[float, float, float, str, BaseBranch]] = []
         for branch, angle in itertools.product(branches, angles):
             hand = cmath.rect(last, (angle or 0.0) - (self._geometry.tool_angle or 0.0))
             distance = abs(complex(branch.r, z) - foot - hand)
@@ -132,15 +139,28 @@ class Reach:
             for length in (inner, outer):
                 if beside and (foot + hand).real:  # the shortest way lies in none of the plane's poses
                     miss = self._geometry.way_to_circle(math.hypot(branch.r, beside), z, length, hand)
-                    misses.append((miss, length, length, f"from the {shoulder}{after}"))
+                    misses.append((miss, length, length, f"from the {shoulder}{after}", branch))
                 else:
                     away, limit = math.hypot(distance, beside), math.hypot(length, beside)
                     where = f"{point} would be {1000 * away:.1f} mm from the {shoulder}{after}"
-                    misses.append((abs(away - limit), length, limit, where))
-        miss, length, limit, where = min(misses)
+                    misses.append((abs(away - limit), length, limit, where, branch))
+        miss, length, limit, where, branch = min(misses)
+        held = ""
+        if nearest is not None and (beyond := self._base_needs(branch)):
+            others = [one for one in misses if _turned_alike(one[-1].angle, float(nearest[0]))]
+            if others and not _turned_alike(branch.angle, float(nearest[0])):
+                held = f"; {_SIDE[branch.front]}, {all_needs(self._titles, self._limits, beyond)}"
+                miss, length, limit, where, branch = min(others)
+                where = f"{_SIDE[branch.front]}, {where}"
         if length == outer:
-            return too_far(miss, where, "the arm reaches", limit)
-        return too_near(miss, where, "the arm folds no closer than", limit)
+            return too_far(miss, where, "the arm reaches", limit) + held
+        return too_near(miss, where, "the arm folds no closer than", limit) + held
+
+    def _base_needs(self, branch: BaseBranch) -> list[tuple[int, float]]:
+        """The base joint and its angle [rad], where that is outside its limits."""
+        low, high = self._limits[0].tolist()
+        yaw = central_image(branch.angle, low, high)
+        return [] if low - LIMIT_TOLERANCE <= yaw <= high + LIMIT_TOLERANCE else [(0, yaw)]
 
     def _by_limits(self, branches: list[BaseBranch], z: float, angles: list[float | None]) -> str:
         """All joints that would have to leave their limits together, for each way to face the target.
@@ -156,12 +176,10 @@ class Reach:
                 said.append(f"{_SIDE[branch.front]}, the links do not reach it")
                 continue
             several = several or len(planes) > 1
-            low, high = self._limits[0].tolist()
-            yaw = central_image(branch.angle, low, high)
-            needed = [] if low - LIMIT_TOLERANCE <= yaw <= high + LIMIT_TOLERANCE else [(0, yaw)]
             q, beyond = self._joints(planes)
             beyond[beyond <= _SEARCHED] = 0.0
             i = int(beyond.sum(axis=1).argmin())
+            needed = self._base_needs(branch)
             needed += [(1 + k, float(q[i, k])) for k in np.flatnonzero(beyond[i]).tolist()]
             if needed:
                 said.append(f"{_SIDE[branch.front]}, {all_needs(self._titles, self._limits, needed)}")
@@ -270,6 +288,10 @@ class Reach:
         turn = self._geometry.yaw_sign * (math.atan2(y, x) - np.arctan2(d, tip.real))
         yaw, beyond = _central_images(turn, low, high)
         return row, phi, yaw, np.where(beyond <= LIMIT_TOLERANCE, miss, np.inf)
+
+
+def _turned_alike(a: float, b: float) -> bool:
+    return abs(math.remainder(a - b, TWO_PI)) < _SEARCHED
 
 
 def _nearest_of(found: Iterable[_Nearest]) -> list[_Nearest]:
