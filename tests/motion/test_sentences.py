@@ -665,7 +665,9 @@ def check_finding(robot: Robot, motion: Trajectory, finding: Finding, payload: f
             for i, j in robot.collision.pairs
             if (pieces[j].part, pieces[i].part) == (finding.part, other[1])
         ]
-        assert min(abs(depth - number[0]) for depth in depths) <= 0.06, text
+        # of hulls armctl knows a lower bound of the gap: the way out that it found, or a little longer one
+        longer = 0.5 if any(piece.hull is not None for piece in pieces) else 0.06
+        assert any(-0.06 <= number[0] - depth <= longer for depth in depths), text
     elif finding.kind == "singularity":
         percent = 100 * isotropy(robot, q)
         if number:
