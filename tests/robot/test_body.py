@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.arms import FIVE
+from tests.arms import FIVE, of_sticks
 from tests.motion.arm_kit import axis_points, brute_gap, random_arm
 from tests.motion.sentence_kit import apart, tools
 from tests.robot.test_urdf_tool import JAW, PROP
@@ -24,7 +24,7 @@ from armctl.robot.collision import NEAR_M, undersides
 from armctl.robot.segments import box_distance, segment_box_distance, segment_distance
 from armctl.robot.shape import FINGER, TIP_LENGTH, bars, tool_length, width
 
-ARMS = [*map(load_robot, FIVE), *map(random_arm, range(4))]
+ARMS = [*map(of_sticks, FIVE), *map(random_arm, range(4))]
 
 
 def gaps(robot: Robot, q: FloatArray) -> FloatArray:
@@ -85,7 +85,7 @@ def test_named_poses_do_not_touch(name: str) -> None:
     ],
 )
 def test_a_folded_arm_touches(name: str, q_deg: tuple[float, ...], parts: tuple[str, str]) -> None:
-    robot = load_robot(name)
+    robot = of_sticks(name)
     model = robot.collision
     touching = {
         (model.capsules[i].part, model.capsules[j].part)
@@ -96,7 +96,7 @@ def test_a_folded_arm_touches(name: str, q_deg: tuple[float, ...], parts: tuple[
 
 
 def test_pairs_that_meet_in_a_joint_are_left_out_and_always_the_same_ones() -> None:
-    one, other = load_robot("scorbot").collision, load_robot("scorbot").collision
+    one, other = of_sticks("scorbot").collision, of_sticks("scorbot").collision
     assert one.pairs == other.pairs
     links = {(one.capsules[i].link, one.capsules[j].link) for i, j in one.pairs}
     assert (-1, 1) not in links  # the upper arm turns in the head of the column
@@ -104,7 +104,7 @@ def test_pairs_that_meet_in_a_joint_are_left_out_and_always_the_same_ones() -> N
 
 
 def test_the_body_follows_the_look_and_the_gripper() -> None:
-    robot = load_robot("uzuner")
+    robot = of_sticks("uzuner")
     thick = replace(robot, look=replace(robot.look, width=2 * robot.look.width))
     slim, wide = robot.collision.capsules[0], thick.collision.capsules[0]
     assert wide.radius == pytest.approx(2 * slim.radius)

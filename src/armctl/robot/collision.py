@@ -414,7 +414,7 @@ class Underside:
 
 
 def undersides(
-    model: CollisionModel, titles: Sequence[str], limits: FloatArray, *, with_bars: bool
+    model: CollisionModel, titles: Sequence[str], limits: FloatArray, *, with_bars: bool = True
 ) -> tuple[Underside, ...]:
     """What joints raise or lower within limits (n, 2) [rad].
 
