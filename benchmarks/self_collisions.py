@@ -97,7 +97,7 @@ class Meshes:
 
 def random_ends(robot: Robot, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Where a motion of the joints begins and ends (n,) [rad]."""
-    a, b = rng.uniform(*robot.limits.T, (2, robot.n))
+    a, b = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (2, robot.n))
     return a, a + rng.choice([0.2, 1.0]) * (b - a)  # short ones, too
 
 

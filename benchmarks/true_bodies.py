@@ -224,7 +224,7 @@ class TrueArm:
     def beside(self) -> tuple[FloatArray, FloatArray]:
         """How far each axis lies beside ours [mm], and leans [degrees], at most: (n,) each."""
         R, t = self._T_base[:3, :3], self._T_base[:3, 3]
-        away, leans = [], []
+        away, leans = list[FloatArray](), list[FloatArray]()
         for ours, directions, theirs, others in self._pairs_of_axes():
             away.append(np.linalg.norm(np.cross(theirs @ R.T + t - ours, directions), axis=1))
             leans.append(np.linalg.norm(np.cross(others @ R.T, directions), axis=1))
@@ -248,9 +248,9 @@ class TrueArm:
         found = dict[str, FloatArray]()
         for name, link in self.carriers.items():
             R, origin = links.pose(link)
-            T = np.eye(4)
-            T[:3, :3], T[:3, 3] = R[:, :, 0].T, -R[:, :, 0].T @ origin[:, 0]
-            T = T @ self._T_base
+            back = np.eye(4)
+            back[:3, :3], back[:3, 3] = R[:, :, 0].T, -R[:, :, 0].T @ origin[:, 0]
+            T = back @ self._T_base
             if link < 0:
                 T[2, 3] -= self.maker.base_mm / 1000
             else:
@@ -328,17 +328,19 @@ class Truth:
         }
 
 
-def verdict(robot: Robot, q: FloatArray, opening: float) -> dict[Kind, str]:
-    """The parts that armctl says touch, at ``q`` (n,) [rad], of each kind; empty: none."""
-    links, openings, found = robot.body_frames(q[None]), (opening, opening), dict[Kind, str]()
-    model = robot.at_openings(openings).collision
+def verdict(robot: Robot, q: FloatArray, opening: float) -> list[dict[Kind, str]]:
+    """The parts that armctl says touch, of each kind, at each of ``q`` (m, n) [rad]; empty: none."""
+    links, openings = robot.body_frames(q), (opening, opening)
+    model, found = robot.at_openings(openings).collision, [dict[Kind, str]() for _ in q]
     for source in sources(robot, openings):
-        gaps = source.gaps(links)[:, 0]
-        lacks = gaps - source.closed + FLOOR_TOLERANCE_M < 0.0
-        if source.kind != "obstacle":
-            part = int(np.where(lacks, gaps, np.inf).argmin()) if lacks.any() else -1
+        if source.kind == "obstacle":
+            continue
+        gaps = source.gaps(links)
+        lacks = gaps - source.closed[:, None] + FLOOR_TOLERANCE_M < 0.0
+        for k, one in enumerate(found):
+            part = int(np.where(lacks[:, k], gaps[:, k], np.inf).argmin()) if lacks[:, k].any() else -1
             other = "" if source.kind == "floor" else f", {model.capsules[model.pairs[part][0]].part}"
-            found[source.kind] = "" if part < 0 else source.parts[part] + other
+            one[source.kind] = "" if part < 0 else source.parts[part] + other
     return found
 
 
@@ -382,12 +384,14 @@ class Count:
 def tried(true: TrueArm, robot: Robot, poses: int, motions: int, seed: int) -> tuple[Count, Count]:
     """Random poses, and random motions that begin where nothing touches."""
     rng, found = np.random.default_rng(seed), (Count(), Count())
+    low, high = robot.limits[:, 0], robot.limits[:, 1]
     openings = rng.uniform(size=_OPENINGS).round(2).tolist() if true.maker.jaws else [0.0]
     closed = Truth(robot, true.triangles(0.0))
     for opening in openings:
         truth = closed.changed(true.triangles(opening, only=true.hands))
-        for q in rng.uniform(*robot.limits.T, (poses // len(openings), robot.n)):
-            found[0].add(truth.touched(q[None]), verdict(robot, q, opening))
+        q = rng.uniform(low, high, (poses // len(openings), robot.n))
+        for one, said in zip(q, verdict(robot, q, opening), strict=True):
+            found[0].add(truth.touched(one[None]), said)
         left = motions // len(openings)
         while left:
             a, b = random_ends(robot, rng)
