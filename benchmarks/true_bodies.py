@@ -260,8 +260,10 @@ class TrueArm:
 
     @property
     def base_height(self) -> float:
-        """Of the lowest point of what stands still, base frame [m]."""
-        return float(self.triangles(0.0, only={-1})[-1][..., 2].min())
+        """Of the lowest point of what no joint lifts, base frame [m]: some files hang the base on a joint."""
+        placed = self.triangles(0.0, only={-1, 0})
+        links = LinkFrames.at(self.robot.chain, self.robot.pose("home")[None])
+        return min(float(links.place(link, one.reshape(-1, 3))[2].min()) for link, one in placed.items())
 
     @cached_property
     def hands(self) -> set[int]:
