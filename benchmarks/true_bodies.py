@@ -332,9 +332,9 @@ class Truth:
 
 def verdict(robot: Robot, q: FloatArray, opening: float) -> list[dict[Kind, str]]:
     """The parts that armctl says touch, of each kind, at each of ``q`` (m, n) [rad]; empty: none."""
-    links, openings = robot.body_frames(q), (opening, opening)
-    model, found = robot.at_openings(openings).collision, [dict[Kind, str]() for _ in q]
-    for source in sources(robot, openings):
+    robot = robot.gripping(opening)
+    links, model, found = robot.body_frames(q), robot.collision, [dict[Kind, str]() for _ in q]
+    for source in sources(robot):
         if source.kind == "obstacle":
             continue
         gaps = source.gaps(links)
@@ -348,7 +348,7 @@ def verdict(robot: Robot, q: FloatArray, opening: float) -> list[dict[Kind, str]
 
 def refused(robot: Robot, a: FloatArray, b: FloatArray, opening: float) -> dict[Kind, str]:
     """As ``verdict``, of a motion of the joints."""
-    findings = preflight(robot, PointToPoint.plan(robot, a, b), openings=(opening, opening))
+    findings = preflight(robot.gripping(opening), PointToPoint.plan(robot, a, b))
     said = {one.kind: re.sub(r"[\d.]+ mm ", "", f"{one.part}: {one.what}") for one in findings}
     return {kind: said.get(kind, "") for kind in KINDS}
 
