@@ -188,6 +188,7 @@ _TYPE_WORDS = {
     "array": "a list",
     "object": "a table",
     "null": "left out",
+    "bool": "true or false",
 }
 _LENGTH_WORDS = {None: "", ">=": "at least ", "<=": "at most "}
 _STEP = re.compile(r"\[(\d+|\.\.\.)\]|([^.\[]+)")
@@ -222,8 +223,12 @@ def _plain_words(what: str, value: Any, node: inspect.Type) -> str:
     got = "" if value is _LOST else f", not {reprlib.repr(value)}"
     if _BOUND.fullmatch(what) and isinstance(node, inspect.FloatType | inspect.IntType):
         return f"must be {range_words(node)}{got}"
-    if (match := _CHOICE.fullmatch(what)) and isinstance(node, inspect.LiteralType):
-        return f"{must_be(node.values)}, not {match[1]}{did_you_mean(value, node.values)}"
+    if match := _CHOICE.fullmatch(what):
+        kinds = node.types if isinstance(node, inspect.UnionType) else (node,)
+        for kind in kinds:
+            if isinstance(kind, inspect.LiteralType):
+                other = " or a list" if len(kinds) > 1 else ""
+                return f"{must_be(kind.values)}{other}, not {match[1]}{did_you_mean(value, kind.values)}"
     if match := _TYPE.fullmatch(what):
         allowed = " or ".join(_TYPE_WORDS.get(name, name) for name in match[1].split(" | "))
         return f"must be {allowed}{got}"

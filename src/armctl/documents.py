@@ -60,7 +60,7 @@ class DocumentKind:
     largest: float = math.inf
     """no number is larger"""
     entries: Mapping[str, str] = field(default_factory=dict[str, str])
-    """key of a list to what one of its entries is called: the message counts these from 1"""
+    """key of a list, or ``table.key``, to what an entry is called: messages count these from 1"""
 
     def load(self, path: Path, decode: Callable[[bytes], T]) -> T:
         """Decode a file; refuses by its name what ``read`` or ``decode`` refuses."""
@@ -164,6 +164,11 @@ class Document:
         match place:
             case (str() as name, int() as index, *rest) if name in self.kind.entries:
                 words.append(f"{self.kind.entries[name]} {index + 1}")
+                shown = tuple(rest)
+            case (str() as table, str() as name, int() as index, *rest) if (
+                f"{table}.{name}" in self.kind.entries
+            ):
+                words.append(f"{self.kind.entries[f'{table}.{name}']} {index + 1}")
                 shown = tuple(rest)
             case _:
                 pass

@@ -22,6 +22,8 @@ from armctl.motion.preflight import Finding, not_checked, preflight
 from armctl.motion.profiles import PointToPoint
 from armctl.program import Program, check_program, open_program
 from armctl.robot import Robot, is_urdf
+from armctl.robot.look.rows import called
+from armctl.robot.look.sound import faults
 from armctl.robot.shape import across_the_link
 
 _ANY = DocumentKind(InputError, most_bytes=1024 * 1024)
@@ -130,7 +132,7 @@ def _other(pose: str, robot: Robot) -> str:
 
 
 def _check_robot(robot: Robot) -> Iterator[Finding]:
-    """What is wrong with its solver, channels, rest pose, and the ways from home to its named poses."""
+    """What is wrong with its solver, channels, rest pose, the ways to its named poses, and its look."""
     robot.inverse_kinematics  # noqa: B018
     board = board_type(robot.board)
     if robot.output_map is not None:
@@ -157,3 +159,6 @@ def _check_robot(robot: Robot) -> Iterator[Finding]:
             for finding in preflight(robot, PointToPoint.plan(robot, home, robot.pose(name))):
                 part = f"the way from home to {name}: {finding.part}"
                 yield replace(finding, part=part, severity="warning")
+    for fault in faults(robot):
+        part = "the look" if fault.row is None else called(fault.row, robot.look.rows[fault.row])
+        yield Finding(fault.what, part=part, mend=fault.mend, severity="warning")

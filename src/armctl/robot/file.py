@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from armctl.documents import Document, DocumentKind
 from armctl.errors import Errors, RobotFileError
-from armctl.robot.look.rows import AnyRow
+from armctl.robot.look.rows import SOLIDS, AnyRow
 from armctl.robot.parts import MOST_JOINTS, Look, Obstacle
 from armctl.robot.parts import Color as Rgb
 
@@ -31,7 +31,9 @@ Limit = Annotated[float, Meta(ge=-720, le=720)]
 Color = Annotated[str, Meta(pattern=r"^#[0-9a-fA-F]{6}$")]
 LARGEST = 1e6
 """no number of a robot file, in mm, degrees or µs, is larger than this"""
-ROBOT_FILES = DocumentKind(RobotFileError, most_bytes=256 * 1024, largest=LARGEST)
+ROBOT_FILES = DocumentKind(
+    RobotFileError, most_bytes=256 * 1024, largest=LARGEST, entries={"look.solids": SOLIDS}
+)
 
 
 class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -28,6 +28,7 @@ from armctl.robot.file import (
     RobotFile,
     without_board,
 )
+from armctl.robot.look.rows import called
 from armctl.robot.parts import JERK_UP_S, Gripper, Joint, Look
 from armctl.robot.robot import Robot
 
@@ -223,8 +224,7 @@ def _check_look(robot: Robot, document: Document, errors: Errors) -> None:
     for i, row in enumerate(robot.look.rows):
         for key, what in robot.drawing.wrong(row):
             with errors:
-                at = f"look.solids, row {i + 1} ({row.__struct_config__.tag})"
-                raise document.error(f"{at}: {key}: {what}", ("look", "solids", i, key))
+                raise document.error(f"{called(i, row)}: {key}: {what}", ("look", "solids", i, key))
 
 
 def _joints_by_rows(file: RobotFile, document: Document) -> list[JointEntry]:

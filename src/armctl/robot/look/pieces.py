@@ -11,7 +11,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.kinematics.subproblems import cross
-from armctl.robot.look.rows import AnyRow, Motor, Plate, Rod, Spanned
+from armctl.robot.look.rows import AnyRow, Bracket, Motor, Plate, Rod, Spanned
 from armctl.robot.look.solids import Part, cut, outline_of, pair, parts, unit
 from armctl.robot.look.stock import Paint
 
@@ -131,28 +131,31 @@ class Drawing:
         """What cannot be in a row: the fields, and what is wrong with each."""
         found = list(self._wrong(row))
         if not found and isinstance(row, Spanned) and math.dist(*self._ends(row)) < _SHORTEST_MM:
-            found = [("to", "both ends are in the same place")]
+            found = [("to", "both ends are in the same place: give to or to_mm, or from or from_mm")]
         return found
 
     def _wrong(self, row: AnyRow) -> Iterator[tuple[str, str]]:
         for key in ("joint", "turns_with", "to_joint"):
             name = getattr(row, key, None)
             if name is not None and name not in self.indices:
-                yield key, f"there is no joint {name!r}"
+                yield key, f"there is no joint {name!r}; there are {', '.join(self.indices)}"
         for key, given in (("from", "from_"), ("to", "to")):
             name = getattr(row, given, None)
             if name is not None and name not in self.points:
-                yield key, f"there is no joint {name!r}, and it is not {TOOL!r}"
+                yield key, f"there is no joint {name!r}; there are {', '.join(self.points)}"
             if name is not None and getattr(row, f"{key}_mm") is not None:
                 yield key, f"give {key} or {key}_mm, not both"
         if row.turns_with is not None and row.joint is None:
-            yield "turns_with", "only what hangs on a joint turns with another link"
+            yield "turns_with", "only what hangs on a joint turns with another link: give joint, too"
         for key in ("axis", "shaft", "case", "face"):
             if getattr(row, key, None) == (0.0, 0.0, 0.0):
                 yield key, "a direction must not be 0, 0, 0"
                 return
         if isinstance(row, Spanned) and not all(0 < width <= _WIDEST_MM for width in pair(row.width_mm)):
-            yield "width_mm", f"must be greater than 0 and at most {_WIDEST_MM}, not {row.width_mm}"
+            yield "width_mm", f"must be more than 0 and at most {_WIDEST_MM}, not {row.width_mm!r}"
+        if isinstance(row, Bracket) and 2 * row.thick_mm >= pair(row.width_mm)[0]:
+            width = pair(row.width_mm)[0]
+            yield "thick_mm", f"two cheeks of {row.thick_mm:g} mm do not fit into a width_mm of {width:g}"
         if isinstance(row, Motor) and abs(unit(row.shaft) @ unit(row.case)) > 1e-6:
             yield "case", f"must be across the shaft, which is {row.shaft!r}"
         if isinstance(row, Plate):

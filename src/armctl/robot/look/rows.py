@@ -13,6 +13,8 @@ from msgspec import Meta
 
 from armctl.robot.look.stock import MakeName, Paint
 
+SOLIDS = "look.solids, row"
+"""how messages call one of them; its number from 1 follows"""
 Length = Annotated[float, Meta(gt=0, le=10_000)]
 """[mm]"""
 Offset = Annotated[float, Meta(ge=-10_000, le=10_000)]
@@ -148,3 +150,8 @@ class Motor(Row, frozen=True, kw_only=True, tag="motor"):
 
 
 AnyRow = Box | Tube | Bar | Plate | Bracket | Rod | Motor
+
+
+def called(index: int, row: AnyRow) -> str:
+    """How messages name a row of a robot file."""
+    return f"{SOLIDS} {index + 1} ({row.__struct_config__.tag})"

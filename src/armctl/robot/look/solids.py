@@ -17,6 +17,7 @@ from armctl.robot.solids import Solid
 _SIDES, _BODY_SIDES = 28, 14
 """of a circle, as it is drawn and as it is kept apart: half of it outside its corners, half inside"""
 _LOW_HORN_MM = 3.5
+_SMALLEST_MM2 = 1e-3
 _FILLED_MM = 2.0
 """An outline that is hollow by no more than this is kept apart as if it were filled."""
 
@@ -285,9 +286,11 @@ def _turn(outline: FloatArray, a: int, b: int, c: int) -> float:
 def cut(outline: FloatArray) -> list[tuple[int, int, int]]:
     """Triangles of an outline (k, 2) that goes round counter-clockwise, by cutting ears.
 
-    Raises ``ValueError``: it crosses itself.
+    Raises ``ValueError``: it crosses itself, or has no area.
     """
     left, triangles = list(range(len(outline))), list[tuple[int, int, int]]()
+    if abs(_area(outline)) < _SMALLEST_MM2:
+        raise ValueError("the outline has no area: it crosses itself, or its corners lie in a line")
 
     def inside(p: int, a: int, b: int, c: int) -> bool:
         return min(_turn(outline, *side, p) for side in ((a, b), (b, c), (c, a))) > 0
