@@ -11,7 +11,7 @@ from armctl.robot import Robot
 
 def ghost_tip_mm(screen: Screen, robot: Robot) -> NDArray[np.float64] | None:
     """Where the ghost's tool is drawn (3,) [mm]; None: no ghost is shown."""
-    tip = screen.node(f"/ghost/f{len(robot.chain.rows)}")
+    tip = screen.node("/ghost/tool")
     return None if tip is None else 1000 * np.array(tip)
 
 

@@ -53,7 +53,7 @@ def test_solve_page_select_and_go(solved: Screen, served: ServedArm) -> None:
 
     def wrist_is_drawn(row: int) -> bool:
         """Solutions of one point share the tool point, so the ghost's wrist is looked at."""
-        shown = page.node("/ghost/f6")
+        shown = page.node("/ghost/tool")
         wrist = robot.frames(found.q(row))[6, :3, 3]
         return shown is not None and float(np.abs(np.array(shown) - wrist).max()) < 1e-5
 
@@ -221,7 +221,7 @@ def drag_upwards(page: Screen) -> None:
 
 def branch_tips_mm(page: Screen, served: ServedArm) -> np.ndarray:
     """Where the tools of the branch ghosts are drawn (k, 3) [mm]."""
-    tips = (page.node(f"/branches/{i}/f{len(served.robot.chain.rows)}") for i in range(3))
+    tips = (page.node(f"/branches/{i}/tool") for i in range(3))
     return 1000 * np.array([tip for tip in tips if tip is not None])
 
 

@@ -31,7 +31,7 @@ def put_target(page: Screen, axis: str, mm: float) -> None:
 
 def test_the_twin_follows_while_the_arm_stands(page: Screen, served: ServedArm) -> None:
     page.choose("Live target", "the twin follows")
-    tip = f"/live_twin/f{len(served.robot.chain.rows)}"
+    tip = "/live_twin/tool"
     page.wait_until(lambda: page.node(tip) is not None, "the twin is drawn")
     start = page.node(tip)
     assert start is not None

@@ -99,7 +99,7 @@ def test_a_point_by_least_energy(page: Screen, board: BoardServer[SimulatedMaest
     best = np.degrees(ROBOT.inverse([0.22, -0.196, 0.085]).best("least-rotation"))
     page.wait_until(lambda: holds(board, best.tolist()), "the channels hold the pulses of the best solution")
     page.wait_for_text("HOLDING")
-    tool = f"/arm/f{len(ROBOT.chain.rows)}"
+    tool = "/arm/tool"
     page.wait_until(
         lambda: np.abs(1000 * np.array(page.node(tool)) - [220, -196, 85]).max() < 1,
         "the page shows the arm there",

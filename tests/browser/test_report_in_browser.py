@@ -38,12 +38,12 @@ def test_a_fault_is_reported_and_replayed(page: Screen, served: ServedArm, scree
         replay = screens()
         replay.open(server.links[0], until="Play")
         replay.wait_for_text("FAULT")
-        end = replay.node("/arm/f5")
+        end = replay.node("/arm/tool")
         replay.slide("Time s", 0.0)
         replay.click("Play")
         replay.wait_for_text("MOVING")
         replay.screenshot("replayed")
         assert replay.page.get_by_role("button", name="STOP").count() == 0
-        replay.wait_until(lambda: replay.node("/arm/f5") == end, "it was played to its end")
+        replay.wait_until(lambda: replay.node("/arm/tool") == end, "it was played to its end")
         replay.wait_for_text(re.compile("MoveJoints q"))
         assert replay.errors == []

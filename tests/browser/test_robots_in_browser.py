@@ -15,6 +15,7 @@ from tests.browser.serving import serving
 
 from armctl.robot import Robot, load_robot, robots_folder
 from armctl.runtime import State
+from armctl.ui.scene.arm_figure import arm_model
 from armctl.ui.tabs.simulation.screen import Trail
 
 pytestmark = pytest.mark.browser
@@ -38,21 +39,26 @@ def wait_for_robot(page: Screen, robot: Robot) -> None:
     listed = page.panel("Control").get_by_role("cell", name=robot.joints[-1].title, exact=True)
     listed.wait_for()
     page.wait_until(lambda: page.value("Robot") == robot.title, "the list shows the robot")
-    page.wait_until(lambda: frames_drawn(page) == len(robot.chain.rows) + 1, "the robot's frames are drawn")
+    model = arm_model(robot)
+    parts = {*model.frames, *(mesh.name for mesh in model.meshes)}
+    page.wait_until(lambda: parts_drawn(page) == parts, "the robot's parts are drawn, and no others")
 
 
-def frames_drawn(page: Screen) -> int:
-    return page.page.evaluate(
+def parts_drawn(page: Screen) -> set[str]:
+    names = page.page.evaluate(
         "Object.entries(window.__viserMutable.nodeRefFromName)"
-        ".filter(([name, node]) => /^[/]arm[/]f[0-9]+$/.test(name) && node).length"
+        ".filter(([name, node]) => name.startsWith('/arm/') && node).map(([name]) => name.slice(5))"
     )
+    return set(names)
 
 
 def is_drawn_at_home(page: Screen, robot: Robot) -> bool:
-    """Whether the page draws the frame of each DH row where the home pose has it."""
-    frames = robot.frames(robot.pose("home"))[:, :3, 3]
-    drawn = [page.node(f"/arm/f{i}") or [9.0] * 3 for i in range(len(frames))]
-    return float(np.abs(np.array(drawn) - frames).max()) < 2e-3
+    """Whether the page draws each frame where the home pose, its gripper closed, has it."""
+    model = arm_model(robot)
+    placed = model.place(robot.pose("home")[None], np.zeros(1))[0, :, :3, 3]
+    frames = {name: at for name, at in zip(model.frames, placed, strict=True) if "/" not in name}
+    drawn = [page.node(f"/arm/{name}") or [9.0] * 3 for name in frames]
+    return float(np.abs(np.array(drawn) - list(frames.values())).max()) < 2e-3
 
 
 def stands_at(served: ServedArm, pose: str) -> bool:

@@ -29,14 +29,14 @@ def test_a_file_plays_and_is_scrubbed_offline(screen: Screen, tmp_path: Path) ->
     page.on("request", lambda request: asked.append(request.url))
     page.context.set_offline(True)
     page.goto(file.as_uri())
-    page.wait_for_function("window.__viserMutable?.nodeRefFromName['/arm/f9']")
+    page.wait_for_function("window.__viserMutable?.nodeRefFromName['/arm/tool']")
     end = f"{plan.duration:.1f} / {plan.duration:.1f} s"
     page.locator("#twin-speed").select_option("8")
     expect(page.locator("#twin-time")).to_have_text(end)  # played to its end by itself
 
     def tool_is(time: float) -> bool:
         tool = ROBOT.forward(plan.sample(time).q)[:3, 3]
-        seen = screen.node("/arm/f9")
+        seen = screen.node("/arm/tool")
         return seen is not None and float(np.abs(tool - seen).max()) < 1e-3
 
     screen.wait_until(lambda: tool_is(plan.duration), "the arm is where the plan ends")

@@ -65,8 +65,6 @@ class Look:
     """cross-section of the links"""
     width: float = 0.052
     """width of the links as a fraction of the arm's reach"""
-    thicker: float = 1.0
-    """how much wider than the arm this is drawn, by its width: a ghost of it"""
     rows: tuple[AnyRow, ...] = ()
     """its solids; empty: bars along the links, as wide and coloured as above"""
     pose: tuple[float, ...] = ()

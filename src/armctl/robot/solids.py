@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -125,3 +126,43 @@ def grown(solid: Solid, by: float) -> Solid:
         np.add.at(normals, solid.faces[:, k], np.cross(b - a, c - a))
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return Solid(solid.vertices + by * normals / np.where(length > 0, length, 1.0), solid.faces)
+
+
+def joined(solids: Sequence[Solid]) -> Solid:
+    """Several solids as one mesh."""
+    begins = np.cumsum([0, *(len(solid.vertices) for solid in solids)]).tolist()
+    faces = [solid.faces + begin for solid, begin in zip(solids, begins, strict=False)]
+    return Solid(np.concatenate([solid.vertices for solid in solids]), np.concatenate(faces))
+
+
+def creased(solid: Solid, angle: float) -> Solid:
+    """The solid with its vertices doubled along edges where it bends by more than ``angle`` [rad].
+
+    Normals of vertices, the mean of their faces', then leave these edges sharp and the rest smooth. Faces
+    that share an edge name the same vertices there.
+    """
+    a, b, c = (solid.vertices[solid.faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    # each edge of each face from its first corner to its next: both are corners 0 .. 3 f
+    corner = np.arange(solid.faces.size).reshape(-1, 3)
+    first, after = corner.reshape(-1), np.roll(corner, -1, axis=1).reshape(-1)
+    index, count = solid.faces.reshape(-1), len(solid.vertices)
+    key, reverse = index[first] * count + index[after], index[after] * count + index[first]
+    order = np.argsort(key)
+    other = order[np.minimum(np.searchsorted(key[order], reverse), len(key) - 1)]
+    bend = (normals[first // 3] * normals[other // 3]).sum(axis=1)
+    smooth = (key[other] == reverse) & (bend >= math.cos(angle))
+    # the edge of the other face runs the other way: its first corner is where this one's next is
+    one = np.concatenate([first[smooth], after[smooth]])
+    same = np.concatenate([after[other[smooth]], first[other[smooth]]])
+    group = np.arange(solid.faces.size)
+    while True:  # corners that a way over smooth edges joins get the least number of them all
+        least = group.copy()
+        np.minimum.at(least, one, group[same])
+        least = least[least]
+        if np.array_equal(least, group):
+            break
+        group = least
+    kept, faces = np.unique(group, return_inverse=True)
+    return Solid(solid.vertices[index[kept]], faces.reshape(-1, 3))

@@ -20,7 +20,7 @@ from armctl.ui.guard import GuardedServer
 from armctl.ui.page import Page
 from armctl.ui.panel import set_theme
 from armctl.ui.robot_switch import RESTARTED, RobotChange, RobotSwitch
-from armctl.ui.scene.arm_figure import ArmFigure
+from armctl.ui.scene.arm_figure import ARM, ArmFigure
 from armctl.ui.scene.stage import Stage, set_lights
 
 LOG = logging.getLogger("armctl.ui")
@@ -135,7 +135,7 @@ class App:
 
     def _draw_arm(self) -> None:
         self._stage = Stage(self.server.scene, self._console.robot)
-        self._figure = ArmFigure(self.server.scene, self._console.robot, "/arm")
+        self._figure = ArmFigure(self.server.scene, self._console.robot, ARM)
         self._drawn: Snapshot | None = None
 
     def _changed(self, change: RobotChange) -> None:

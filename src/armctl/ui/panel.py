@@ -25,6 +25,7 @@ from armctl.runtime import (
     TakeControl,
 )
 from armctl.ui.enabling import EnableButton
+from armctl.ui.scene.arm_figure import ARM, repaint
 from armctl.ui.scene.stage import add_floor
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import ERROR, LiveHtml, fixed, limited, muted, table
@@ -123,7 +124,8 @@ class ControlPanel:
         session.needs(Need.PAUSE, self._hold, hold, told=False)
         session.needs(None, self._release, also=_no_board, told=False)
         session.needs(None, self._speed, told=False)
-        self._floor: viser.GridHandle | None = None
+        self._darkened: list[viser.GridHandle | viser.MeshHandle] = []
+        session.on_theme(self._draw_theme)
         session.spawn(self._recall_looks())
 
     def refresh(self, snapshot: Snapshot) -> None:
@@ -183,11 +185,18 @@ class ControlPanel:
             self._use_theme()
 
     def _use_theme(self) -> None:
-        session, dark = self._session, self._theme.value == DARK
+        self._session.use_theme("dark" if self._theme.value == DARK else "light")
+
+    def _draw_theme(self) -> None:
+        """What is drawn for all pages is light; a page that is dark draws some of it in other colours."""
+        session, dark = self._session, self._session.theme == "dark"
         set_theme(session.gui, dark=dark)
-        if self._floor is not None:
-            self._floor.remove()
-        self._floor = add_floor(session.client.scene, session.console.robot, dark=True) if dark else None
+        for node in self._darkened:
+            node.remove()
+        self._darkened = []
+        if dark:
+            scene, robot = session.client.scene, session.console.robot
+            self._darkened = [add_floor(scene, robot, dark=True), *repaint(scene, robot, ARM, "dark")]
 
     async def _on_release(self) -> None:
         """The first click asks, a second one within a few seconds releases."""

@@ -14,8 +14,8 @@ from armctl.arrays import FloatArray
 from armctl.robot import Robot
 from armctl.runtime import Recording
 from armctl.ui.guard import GuardedServer
-from armctl.ui.scene.arm_figure import ArmFigure
-from armctl.ui.scene.ghost import played, thicker
+from armctl.ui.scene.arm_figure import ARM, ArmFigure
+from armctl.ui.scene.ghost import THICKER, played
 from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
 from armctl.ui.widgets.html import ERROR, WARNING, LiveHtml, fixed, heading, muted, table
 from armctl.ui.widgets.plots import Line, LinePlot, Picture, thinned, upright
@@ -73,8 +73,8 @@ class ReplayPage:
         setpoint, readback = recording.setpoint, recording.readback
         # what is not known is drawn where it was known last
         self._sent, self._read = _filled(setpoint, robot), _filled(readback, robot, setpoint)
-        self._arm = ArmFigure(client.scene, robot, "/arm")
-        self._twin = ArmFigure(client.scene, thicker(robot), "/setpoint", color=_TWIN, opacity=0.45)
+        self._arm = ArmFigure(client.scene, robot, ARM)
+        self._twin = ArmFigure(client.scene, robot, "/setpoint", color=_TWIN, opacity=0.45, thicker=THICKER)
         gui = client.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_WIDTH)

@@ -17,6 +17,7 @@ import viser
 
 from armctl.errors import ArmctlError
 from armctl.robot import Robot
+from armctl.robot.look.stock import Theme
 from armctl.runtime import Command, ControlCommand, Need, Origin, Snapshot, Ticket, unmet
 from armctl.ui.console import page_name
 from armctl.ui.robot_switch import RobotSwitch
@@ -54,9 +55,11 @@ class Session:
         self._end_question: Callable[[], None] = lambda: None
         self.closed = False
         """page or arm is gone; whoever has waited for something must not write to the page any more"""
-        self.ghost = Ghost(client.scene, self.console.robot)
+        self.ghost = Ghost(client.scene, self.console.robot, lambda: self.snapshot.gripper)
         self.on_phone = False
         """the panels are a sheet over the lower part of the scene"""
+        self.theme: Theme = "light"
+        self._themed: list[Callable[[], None]] = []
 
     @property
     def gui(self) -> viser.GuiApi:
@@ -108,7 +111,20 @@ class Session:
 
     def look(self, view: str = "Reset", beside: tuple[Robot, float] | None = None) -> None:
         """See the arm from one side; ``beside``: and another one, so far [m] along y."""
-        look_at_arm(self.client, self.console.robot, view, beside=beside, sheet=self.on_phone)
+        ghost = self.ghost.q if self.ghost.seen else None
+        shown = [q for q in (self.console.last_known.drawn(self.snapshot), ghost) if q is not None]
+        robot = self.console.robot
+        look_at_arm(self.client, robot, view, beside=beside, shown=shown, sheet=self.on_phone)
+
+    def use_theme(self, theme: Theme) -> None:
+        """The page is light or dark from now on."""
+        self.theme = theme
+        for draw in self._themed:
+            draw()
+
+    def on_theme(self, draw: Callable[[], None]) -> None:
+        """Call ``draw`` whenever the page's ``theme`` has changed."""
+        self._themed.append(draw)
 
     def on(self, attach: Callable[..., object], action: Action) -> None:
         """Run ``action`` on a page's event (``attach``: ``on_click``, …); what goes wrong is notified."""

@@ -32,7 +32,7 @@ from armctl.motion.preflight import Finding, not_checked
 from armctl.program import Program
 from armctl.program.rehearsal import Rehearsal, rehearse
 from armctl.robot import Robot
-from armctl.ui.scene.arm_figure import ArmFigure
+from armctl.ui.scene.arm_figure import ARM, HALF_OPEN, ArmFigure
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.scene.stage import Stage, first_view, set_lights
 
@@ -40,13 +40,10 @@ FRAMES_A_S, _MOST_FRAMES = 30, 9_000
 """what is between two frames is interpolated; a motion of more than five minutes has fewer a second"""
 LONGEST_S, MOST_STEPS = 1800.0, 2000
 """a file ends after this much of a program"""
-HALF_OPEN = 0.5
-"""the gripper, where nobody has seen it"""
 _CHUNK = 300
 _PATH, _PATH_POINTS = (240, 140, 0), 1500
 _ASPECT, _VIEW, _SEEN, _ROOM = 1.1, math.radians(40), 200, 0.1
 """width by height of the scene on most screens, upright angle of view, poses in view, and around them"""
-_ROOT = "/arm"
 
 
 def planned_for_file(robot: Robot, program: Program, q: FloatArray, opening: float | None) -> Rehearsal:
@@ -114,7 +111,7 @@ def twin_file(
     data = {
         "duration": plan.duration,
         "frames": frames,
-        "root": _ROOT,
+        "root": ARM,
         "tracks": tracks,
         "steps": said,
         **_packed(columns),
@@ -146,7 +143,7 @@ class _Scene(WebsockMessageHandler):
         set_lights(self.api)
         Stage(self.api, robot)
         Lines(self.api, "/path", _PATH).show(segments(plan.tool_path(robot, _PATH_POINTS)))
-        figure = ArmFigure(self.api, robot, _ROOT)
+        figure = ArmFigure(self.api, robot, ARM)
         state = plan.sample(0.0)
         figure.pose(state.q, state.opening)
         camera = InitialCameraConfig(self.queue_message)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from dataclasses import replace
 
 import numpy as np
 import viser
@@ -21,19 +20,17 @@ THICKER = 1.08
 _SAME_RAD = 1e-4
 
 
-def thicker(robot: Robot, factor: float = THICKER) -> Robot:
-    """The arm as it is drawn beside itself, a little larger all round."""
-    return replace(robot, look=replace(robot.look, width=factor * robot.look.width, thicker=factor))
-
-
 class Ghost:
     """A page's one translucent arm, built when it is first needed; its owner is who showed something last.
 
     It is in view while the tab of its owner is open.
     """
 
-    def __init__(self, scene: viser.SceneApi, robot: Robot) -> None:
-        self._scene, self._robot = scene, robot
+    def __init__(
+        self, scene: viser.SceneApi, robot: Robot, opening: Callable[[], float | None] = lambda: None
+    ) -> None:
+        """``opening``: of the arm's gripper, 0..1; a ghost has it, too, when it is shown. None: not known."""
+        self._scene, self._robot, self.opening = scene, robot, opening
         self._figure: ArmFigure | None = None
         self.q: FloatArray | None = None
         """(n,) the configuration that is shown [rad]; None: nothing"""
@@ -83,11 +80,12 @@ class Ghost:
         written there instead.
         """
         if self._figure is None:
-            robot = thicker(self._robot)
-            self._figure = ArmFigure(self._scene, robot, "/ghost", color=_COLOR, opacity=_OPACITY)
+            self._figure = ArmFigure(
+                self._scene, self._robot, "/ghost", color=_COLOR, opacity=_OPACITY, thicker=THICKER
+            )
         self.claim(owner)
         self.q = q.copy()
-        self._figure.pose(q)
+        self._figure.pose(q, self.opening())
         self._figure.say(words if label is None else label)
         self._words = words
         self._show_in_view()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import viser
@@ -12,13 +13,15 @@ from armctl.kinematics import quaternion_wxyz
 from armctl.robot import Robot
 from armctl.robot.shape import Point
 from armctl.robot.solids import Solid, beam, block, drum, tube
-from armctl.ui.scene.arm_figure import add_solid, send_pose
+from armctl.ui.scene.arm_figure import add_solid, arm_model, send_pose
 
 # Proportions, as fractions of the arm's reach.
 _PLATE_WIDTH, _PLATE_HEIGHT = 0.28, 0.02
 _BASE_AXES = 0.26
-_OBSTACLE = (201, 42, 42)
 """they reach beyond the plate and out of the column"""
+_AXIS_WIDTH = 0.01
+_AXES = {"x": (224, 49, 49), "y": (64, 160, 43)}
+_OBSTACLE = (201, 42, 42)
 _COLUMN_WIDTH, _COLUMN_BEHIND = 0.11, 0.24
 _HIGH = 0.3
 """a base frame this far above the floor lets the arm hang below it: the column goes behind"""
@@ -28,7 +31,7 @@ _LIGHT_GRID = (205, 210, 216), (150, 158, 166)
 _DARK_GRID = (48, 52, 58), (72, 78, 86)
 _SHADOW = 0.25
 """how dark the arm's shadow on the floor is, where it has one"""
-_FLOOR_M, _FLOOR_STEP_M = 1.6, 0.5
+_FLOOR_M, _FLOOR_STEP_M = 1.0, 0.5
 """the floor is so large at least; a longer arm stands on one that is larger by whole sections"""
 _IN_FRONT, _BESIDE, _ABOVE = 0.62, 0.72, 0.32
 """the direction from the arm to the camera"""
@@ -71,7 +74,12 @@ def framed(
 
 
 def stand_parts(robot: Robot) -> dict[str, Solid]:
-    """The stand in the base frame; behind the base under an arm so high that it may hang straight down."""
+    """The stand in the base frame; behind the base under an arm so high that it may hang straight down.
+
+    None where the arm has a look: that shows what it stands on.
+    """
+    if robot.look.rows:
+        return {}
     size, floor, square = robot.chain.length, robot.floor_z, robot.look.shape == "square"
     link = beam if square else tube
     foot: Point = (0.0, 0.0, floor)
@@ -118,14 +126,13 @@ class Stage:
     def __init__(self, scene: viser.SceneApi, robot: Robot) -> None:
         size = robot.chain.length
         stand = scene.add_frame("/stand", show_axes=False)
-        self._parts = (
-            add_floor(scene, robot),
-            scene.add_frame(
-                "/base_axes", axes_length=_BASE_AXES * size, axes_radius=0.005 * size,
-                origin_radius=0.008 * size,
-            ),
-            stand,
-        )  # fmt: skip
+        axes = scene.add_frame("/base_axes", show_axes=False)
+        self._parts = add_floor(scene, robot), axes, stand
+        for i, (axis, color) in enumerate(_AXES.items()):  # z would be seen between the arm's parts
+            length = np.where(np.arange(3) == i, _BASE_AXES, _AXIS_WIDTH) * size
+            middle = np.where(np.arange(3) == i, 0.5 * length, 0.0)
+            bar = block(tuple(length.tolist()), tuple(middle.tolist()))
+            add_solid(scene, f"/base_axes/{axis}", bar, color, flat=True)
         for part, solid in stand_parts(robot).items():
             add_solid(scene, f"/stand/{part}", solid, robot.look.joints)
         for i, one in enumerate(robot.obstacles):
@@ -165,12 +172,14 @@ def look_at_arm(
     view: str = "Reset",
     *,
     beside: tuple[Robot, float] | None = None,
+    shown: Sequence[FloatArray] = (),
     picture: tuple[int, int] | None = None,
     sheet: bool = False,
 ) -> None:
     """See the arm by one of ``VIEWS``; ``picture``: width and height that will be free; None: as they are.
 
-    ``beside``: another arm that is seen, too, and how far along y it stands [m].
+    ``beside``: another arm that is seen, too, and how far along y it stands [m]. ``shown``: configurations
+    (n,) [rad] of the arm, or of ghosts, that are not to be outside of the picture.
     ``sheet``: the panels lie over the lower part of the picture, so the arm is seen in the upper one.
     """
     camera = client.camera
@@ -179,7 +188,7 @@ def look_at_arm(
     aspect = max(width / (free * height), _LEAST_ASPECT)
     high = math.tan(0.5 * camera.fov)
     fov = 2 * math.atan(free * high)
-    points = in_view(robot)
+    points = in_view(robot, shown)
     if beside is not None:
         other, aside = beside
         points = np.vstack([points, in_view(other) + np.array([0.0, aside, 0.0])])
@@ -201,13 +210,16 @@ def first_view(
     return framed(points, np.array([*(forward * ahead + beside * side), above]), fov, aspect, _FILLED)
 
 
-def in_view(robot: Robot) -> FloatArray:
-    """Home and rest poses, the foot, and the arm stretched ahead, to both sides and upwards (k, 3) [m]."""
+def in_view(robot: Robot, shown: Sequence[FloatArray] = ()) -> FloatArray:
+    """Home and rest poses, the foot, and the arm stretched ahead, to both sides and upwards (k, 3) [m].
+
+    ``shown``: other configurations (n,) [rad].
+    """
     size, ahead = robot.chain.length, front(robot)
     shoulder = float(robot.chain.axes()[0][:2, 2][-1])
     level = size - abs(shoulder)  # the column below the shoulder reaches nowhere
     side = np.array([-ahead[1], ahead[0]])
-    poses = robot.frames(np.stack([robot.pose("home"), robot.pose("rest")]))[..., :3, 3].reshape(-1, 3)
+    poses = arm_model(robot).bounds(np.stack([robot.pose("home"), robot.pose("rest"), *shown]))
     level *= _STRETCHED
     stretched = [[*(level * way), shoulder] for way in (ahead, side, -side)]
     return np.vstack([poses, stretched, [[0.0, 0.0, robot.floor_z], [0.0, 0.0, shoulder + level]]])
@@ -246,10 +258,12 @@ class Marks:
             node.position, node.wxyz = poses[-1, :3, 3], quaternion_wxyz(poses[-1, :3, :3])
 
     def _add_frames(self) -> list[viser.FrameHandle | viser.LabelHandle]:
-        """The tool's axes and name, then the base's name: its axes are always there."""
-        size = self._robot.chain.length
-        axes = self._scene.add_frame("/marks/tool", axes_length=0.15 * size, axes_radius=0.005 * size)
-        tool = self._scene.add_label("/marks/tool_name", "tool frame")
-        away = 1.1 * _BASE_AXES * size
-        base = self._scene.add_label("/marks/base_name", "base frame: x", position=(away, 0.0, 0.0))
-        return [axes, tool, base]
+        """The tool's axes and name, then the base's."""
+        size, scene = self._robot.chain.length, self._scene
+        thick = 0.5 * _AXIS_WIDTH * size
+        axes = scene.add_frame("/marks/tool", axes_length=0.15 * size, axes_radius=thick)
+        tool = scene.add_label("/marks/tool_name", "tool frame")
+        base = scene.add_frame("/marks/base", axes_length=_BASE_AXES * size, axes_radius=thick)
+        send_pose(base)
+        at = (1.1 * _BASE_AXES * size, 0.0, 0.0)
+        return [axes, tool, base, scene.add_label("/marks/base_name", "base frame: x", position=at)]

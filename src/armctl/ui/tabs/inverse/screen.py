@@ -17,7 +17,7 @@ from armctl.kinematics import CRITERION_TEXT, FROM_START, Target, checked_criter
 from armctl.runtime import MoveJoints, Need, Snapshot, State
 from armctl.ui.newest import Newest, OneAtATime
 from armctl.ui.scene.arm_figure import ArmFigure
-from armctl.ui.scene.ghost import THICKER, Preview, thicker
+from armctl.ui.scene.ghost import THICKER, Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import (
     Answer,
@@ -572,10 +572,12 @@ class BranchView:
         places = self._label_places(np.array([one.branch.q for one in shown]))
         for i, (alike, best, place) in enumerate(zip(groups, shown, places, strict=True)):
             # each a little thicker than the one before: shared surfaces would flicker, or mix their colours
-            robot = thicker(self._robot, THICKER + i * _THICKER_EACH)
+            thicker = THICKER + i * _THICKER_EACH
             color = _REFUSED if best.refused else _CHOSEN if best.chosen else _POSSIBLE
-            figure = ArmFigure(self._scene, robot, f"/branches/{i}", color=color, opacity=_OPACITY)
-            figure.pose(best.branch.q)
+            figure = ArmFigure(
+                self._scene, self._robot, f"/branches/{i}", color=color, opacity=_OPACITY, thicker=thicker
+            )
+            figure.pose(best.branch.q, self._ghost.opening())
             words = ", ".join(one.label for one in alike)
             self._ghosts += [figure.root, self._scene.add_label(f"/branches/label{i}", words, position=place)]
 

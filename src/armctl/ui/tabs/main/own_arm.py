@@ -19,7 +19,7 @@ from armctl.robot import Robot, robot_path
 from armctl.robot.draft import BUILDS, Draft
 from armctl.robot.shape import across_the_link
 from armctl.ui.robot_switch import RobotChoice
-from armctl.ui.scene.arm_figure import ArmFigure
+from armctl.ui.scene.arm_figure import HALF_OPEN, ArmFigure
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, folded, muted, refused, sentence, warned
 from armctl.ui.widgets.number_field import NumberField, parse_number
@@ -137,6 +137,7 @@ class OwnArm:
         session.on(self._save.on_click, self._on_save)
         session.on(download.on_click, self._on_download)
         session.on(cancel.on_click, self._end)
+        session.on_theme(self._draw_anew)
 
     def _add_joint_fields(self, gui: viser.GuiApi) -> None:
         session = self._session
@@ -204,7 +205,7 @@ class OwnArm:
             self._joint.options = robot.joint_names
             self._fill_joint()
         if self._figure is not None:
-            self._figure.pose(self._pose_of(robot), 0.5)
+            self._figure.pose(self._pose_of(robot), HALF_OPEN)
 
     def _pose_of(self, robot: Robot) -> FloatArray:
         """(n,) the pose that is drawn [rad]; it may be outside the limits, which are being sought."""
@@ -213,13 +214,18 @@ class OwnArm:
 
     def _draw(self, robot: Robot) -> None:
         self._erase()
-        self._figure = ArmFigure(self._session.client.scene, robot, "/new-arm")
+        self._figure = ArmFigure(self._session.client.scene, robot, "/new-arm", theme=self._session.theme)
         aside = _ASIDE * max(robot.chain.length, self._session.console.robot.chain.length)
         self._figure.root.position = (0.0, -aside, 0.0)  # towards the camera
         if abs(aside - self._looked_aside) > _LOOK_AGAIN * aside:
             self._looked_aside = aside
             self._session.look(beside=(robot, -aside))
         self._figure.say("new arm")
+
+    def _draw_anew(self) -> None:
+        if self._figure is not None and self._robot is not None:
+            self._draw(self._robot)
+            self._figure.pose(self._pose_of(self._robot), HALF_OPEN)
 
     def _erase(self) -> None:
         if self._figure is not None:

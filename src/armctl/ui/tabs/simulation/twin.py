@@ -22,11 +22,11 @@ from armctl.runtime import FollowTarget, Snapshot, State
 from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower
 from armctl.ui.newest import Newest
-from armctl.ui.scene.arm_figure import ArmFigure
-from armctl.ui.scene.ghost import Lines, played, segments, thicker
+from armctl.ui.scene.arm_figure import HALF_OPEN, ArmFigure
+from armctl.ui.scene.ghost import THICKER, Lines, played, segments
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.shared_program import SharedProgram
-from armctl.ui.twin_file import HALF_OPEN, LONGEST_S, MOST_STEPS, planned_for_file, program_file, twin_file
+from armctl.ui.twin_file import LONGEST_S, MOST_STEPS, planned_for_file, program_file, twin_file
 from armctl.ui.widgets.html import WARNING, LiveHtml, muted
 from armctl.ui.widgets.number_field import DraggedPoint, EditWatch
 
@@ -41,8 +41,8 @@ _IDLE = "The orange twin rehearses <b>without the arm</b>."
 
 def twin_figure(session: Session, name: str) -> ArmFigure:
     """An orange arm in the page's view."""
-    robot = thicker(session.console.robot)
-    return ArmFigure(session.client.scene, robot, name, color=_COLOR, opacity=0.55)
+    scene, robot = session.client.scene, session.console.robot
+    return ArmFigure(scene, robot, name, color=_COLOR, opacity=0.55, thicker=THICKER)
 
 
 class TwinControl:

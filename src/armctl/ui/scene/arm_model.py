@@ -1,0 +1,160 @@
+"""What an arm is drawn of: frames that move, and meshes in them. From its look, where it has one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from armctl.arrays import FloatArray
+from armctl.kinematics.chain import Chain, LinkFrames
+from armctl.robot import Robot
+from armctl.robot.look.pieces import Jaw, Mount, Piece, Pins
+from armctl.robot.look.stock import Paint, Theme, paint
+from armctl.robot.parts import Color
+from armctl.robot.shape import width
+from armctl.robot.solids import Solid, creased, grown, joined
+
+TOOL = "tool"
+"""the frame at the tool point"""
+_CREASE = math.radians(38)
+"""Faces that meet at a flatter angle are shaded as one surface."""
+_KEPT = 16
+"""models: the present arm, its ghost, and one for each branch of a target"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """One surface of one colour."""
+
+    name: str
+    """below the arm's own: that of its frame, and what tells it from others there"""
+    solid: Solid
+    """in that frame [m]"""
+    color: Color | Paint
+    flat: bool = False
+    """each triangle is seen, as machines have edges; else its normals leave only doubled vertices sharp"""
+
+    def color_in(self, theme: Theme) -> Color:
+        """Red, green and blue (0..255)."""
+        return paint(self.color, theme) if isinstance(self.color, str) else self.color
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmModel:
+    """An arm to draw."""
+
+    frames: tuple[str, ...]
+    """their names below the arm's own; a frame in another one is named behind it"""
+    meshes: tuple[Mesh, ...]
+    place: Callable[[FloatArray, FloatArray], FloatArray]
+    """Angles (k, n) [rad] and openings (k,) -> the pose of each frame in the one that it is in, or in the
+    base's: (k, frames, 4, 4), metres"""
+    frame_of: Callable[[Mount], tuple[str, FloatArray]]
+    """The name of the frame that a mount moves with, and its pose (4, 4) in there [m]"""
+    tool_axes: bool = False
+    """whether nothing else shows where the tool point is"""
+
+    def bounds(self, q: FloatArray) -> FloatArray:
+        """Corners (k, 3) of boxes round all meshes at ``q`` (m, n), the gripper open, base frame [m]."""
+        placed = self.place(q, np.ones(len(q)))
+        poses = dict(zip(self.frames, placed.swapaxes(0, 1), strict=True))
+        found = [np.empty((0, 3))]
+        for mesh in self.meshes:
+            frame, vertices = mesh.name.rpartition("/")[0], mesh.solid.vertices
+            inside = frame.rpartition("/")[0]
+            T = poses[inside] @ poses[frame] if inside else poses[frame]
+            ends = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
+            box = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
+            found.append((box @ T[:, :3, :3].swapaxes(1, 2) + T[:, None, :3, 3]).reshape(-1, 3))
+        return np.concatenate(found)
+
+
+@lru_cache(_KEPT)
+def look_model(robot: Robot, thicker: float = 1.0, *, one_color: bool = False) -> ArmModel:
+    """The model of an arm with a look: a frame for all that moves as one, and a mesh for each colour there.
+
+    ``thicker``: times as wide as its links are, by which all surfaces are moved outwards. ``one_color``: all
+    of a frame is one mesh, as the colours are not shown.
+    """
+    frames = _Frames(robot.chain)
+    groups: dict[tuple[str, str], list[Piece]] = {}
+    for piece in robot.pieces:
+        groups.setdefault((frames.of(piece), "solid" if one_color else piece.color), []).append(piece)
+    out = 0.5 * (thicker - 1.0) * width(robot.chain, robot.look)
+    meshes = [
+        Mesh(f"{frame}/{color}", _surface(pieces, out), pieces[0].color)
+        for (frame, color), pieces in groups.items()
+    ]
+    return ArmModel(frames.names, tuple(meshes), frames.place, frames.of_mount)
+
+
+def _surface(pieces: Sequence[Piece], out: float) -> Solid:
+    """The solids of some pieces as one mesh, ``out`` [m] larger all round."""
+    solid = joined([part.solid for piece in pieces for part in piece.parts])
+    return creased(grown(solid, out) if out > 0 else solid, _CREASE)
+
+
+class _Frames:
+    """Those of an arm with a look: of links, of what moves with two of them, of jaws there, of the tool."""
+
+    def __init__(self, chain: Chain) -> None:
+        self._chain = chain
+        self._mounts = {
+            _key(mount): (f"link{link}" if link >= 0 else "base", mount)
+            for link in range(-1, len(chain.segments))
+            for mount in (Mount(link, link),)
+        }
+        self._jaws: dict[str, Jaw] = {}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """In the order of ``place``."""
+        return (*(name for name, _ in self._mounts.values()), *self._jaws, TOOL)
+
+    def of(self, piece: Piece) -> str:
+        """The name of the frame that a piece moves with."""
+        count = len(self._mounts)
+        name, _ = self._mounts.setdefault(_key(piece.mount), (f"between{count}", piece.mount))
+        if piece.jaw is None:
+            return name
+        for other, jaw in self._jaws.items():
+            if other.startswith(f"{name}/") and _same(jaw, piece.jaw):
+                return other
+        name = f"{name}/jaw{len(self._jaws)}"
+        self._jaws[name] = piece.jaw
+        return name
+
+    def of_mount(self, mount: Mount) -> tuple[str, FloatArray]:
+        """As ``ArmModel.frame_of``."""
+        return self._mounts[_key(mount)][0], np.eye(4)
+
+    def place(self, q: FloatArray, opening: FloatArray) -> FloatArray:
+        """As ``ArmModel.place``."""
+        links = LinkFrames.at(self._chain, q)
+        T = np.zeros((len(q), len(self._mounts) + len(self._jaws) + 1, 4, 4))
+        T[:, :, 3, 3] = 1.0
+        for i, (_, mount) in enumerate(self._mounts.values()):
+            R, origin = mount.at(links)
+            T[:, i, :3, :3], T[:, i, :3, 3] = R.transpose(2, 0, 1), origin.T
+        openings, which = np.unique(opening, return_inverse=True)
+        for i, jaw in enumerate(self._jaws.values(), len(self._mounts)):
+            turned, moved = zip(*(jaw.at(one) for one in openings.tolist()), strict=True)
+            T[:, i, :3, :3], T[:, i, :3, 3] = np.array(turned)[which], np.array(moved)[which]
+        last = links.pose(len(self._chain.segments) - 1)[0].transpose(2, 0, 1)
+        T[:, -1, :3, :3], T[:, -1, :3, 3] = last @ self._chain.tail[:3, :3], links.tool.T
+        return T
+
+
+def _key(mount: Mount) -> tuple[int, int, Pins | None]:
+    """Equal for what moves alike; each rod has a frame of its own."""
+    return mount.hangs, mount.turns, mount.pins
+
+
+def _same(one: Jaw, other: Jaw) -> bool:
+    return all(np.array_equal(a, b) for a, b in zip(one.at(1.0), other.at(1.0), strict=True)) and (
+        one.angle == other.angle
+    )

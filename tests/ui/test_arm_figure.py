@@ -1,0 +1,133 @@
+"""How arms are drawn: from their looks, and from their rows where they have none."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import viser
+from tests.ui.test_scene import without_look
+
+from armctl.kinematics.chain import LinkFrames
+from armctl.robot import Robot, load_robot, shipped_robots
+from armctl.robot.look.stock import paint
+from armctl.robot.solids import block, creased, drum, grown, joined
+from armctl.ui.guard import GuardedServer
+from armctl.ui.scene.arm_figure import ArmFigure, arm_model, repaint
+
+ARMS = {name: load_robot(name) for name in shipped_robots()}
+
+
+def nodes(server: GuardedServer) -> dict[str, viser.SceneNodeHandle]:
+    return dict(server.scene._handle_from_node_name)
+
+
+def in_base(server: GuardedServer, name: str) -> np.ndarray:
+    """The pose (4, 4) of a node in the scene."""
+    T = np.eye(4)
+    while name:
+        node = nodes(server)[name]
+        w, x, y, z = node.wxyz
+        R = np.array([
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ])  # fmt: skip
+        T = np.block([[R, node.position[:, None]], [np.zeros(3), 1.0]]) @ T
+        name = name.rpartition("/")[0]
+    return T
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_every_shipped_arm_is_drawn_by_its_look_and_keeps_its_nodes_while_it_moves(
+    server: GuardedServer, name: str
+) -> None:
+    robot = ARMS[name]
+    figure = ArmFigure(server.scene, robot, "/arm")
+    before = nodes(server)
+    q, opening = robot.limits @ [0.3, 0.7], 0.8
+    figure.pose(q, opening)
+    assert nodes(server) == before
+    links = LinkFrames.at(robot.chain, q[None])
+    for piece in robot.pieces:  # every solid of the look is where its mount has it
+        R, origin = (part[..., 0] for part in piece.mount.at(links))
+        turned, moved = (np.eye(3), np.zeros(3)) if piece.jaw is None else piece.jaw.at(opening)
+        wanted = piece.parts[0].solid.vertices @ turned.T @ R.T + R @ moved + origin
+        meshes = [mesh for mesh in arm_model(robot).meshes if mesh.color == piece.color]
+        off = [np.inf]
+        for mesh in meshes:
+            T = in_base(server, f"/arm/{mesh.name.rpartition('/')[0]}")
+            drawn = mesh.solid.vertices @ T[:3, :3].T + T[:3, 3]
+            off.append(np.linalg.norm(drawn[None] - wanted[:4, None], axis=2).min(axis=1).max())
+        assert min(off) < 1e-6, piece.part
+    tool = robot.forward(q)
+    assert np.abs(in_base(server, "/arm/tool") - tool).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ["uzuner", "braccio", "mearm"])
+def test_tracks_are_the_poses_and_jaws_follow_the_gripper(server: GuardedServer, name: str) -> None:
+    robot = ARMS[name]
+    figure = ArmFigure(server.scene, robot, "/arm")
+    share, opening = np.linspace(0.0, 1.0, 5), np.linspace(1.0, 0.0, 5)
+    q = robot.limits[:, 0] + share[:, None] * np.ptp(robot.limits, axis=1)
+    tracks = figure.tracks(q, opening)
+    assert set(tracks) == {f"/arm/{frame}" for frame in arm_model(robot).frames}
+    for i in range(5):
+        figure.pose(q[i], opening[i])
+        for node, track in tracks.items():
+            shown = nodes(server)[node]
+            assert np.abs(track[i, :3] - shown.position).max() < 1e-12
+            assert abs(abs(track[i, 3:] @ shown.wxyz) - 1) < 1e-12
+    jaws = {name: track for name, track in tracks.items() if "/jaw" in name}
+    assert len(jaws) >= 2 and all(np.ptp(track, axis=0).max() > 1e-3 for track in jaws.values())
+
+
+@pytest.mark.parametrize("name", ["uzuner", "ur5"])
+def test_an_arm_without_a_look_is_drawn_from_its_rows(server: GuardedServer, name: str) -> None:
+    robot = without_look(ARMS[name])
+    figure, q = ArmFigure(server.scene, robot, "/arm"), robot.pose("home")
+    figure.pose(q, 1.0)
+    *frames, tool = robot.frames(q)
+    for i, frame in enumerate(frames):
+        assert np.abs(in_base(server, f"/arm/f{i}") - frame).max() < 1e-9
+    assert np.abs(in_base(server, "/arm/tool") - tool).max() < 1e-9
+    hand = {mesh.name for mesh in arm_model(robot).meshes if mesh.name.startswith("tool/")}
+    assert hand >= ({"tool/tip"} if robot.gripper is None else {"tool/palm", "tool/left/finger"})
+
+
+def test_a_ghost_is_one_mesh_a_frame_and_a_little_larger() -> None:
+    robot = ARMS["so101"]
+    arm, ghost = arm_model(robot), arm_model(robot, 1.08, ghostly=True)
+    assert ghost.frames == arm.frames
+    names = {mesh.name for mesh in ghost.meshes}
+    assert names == {f"{mesh.name.rpartition('/')[0]}/solid" for mesh in arm.meshes}
+    q = robot.pose("home")[None]
+    thicker = np.ptp(ghost.bounds(q), axis=0) - np.ptp(arm.bounds(q), axis=0)
+    assert (thicker > 1e-4).all() and (thicker < 0.01).all()
+
+
+def test_a_dark_page_draws_what_is_black_in_its_own_colours_and_in_the_same_frames(
+    server: GuardedServer,
+) -> None:
+    robot: Robot = ARMS["mearm"]
+    black = [mesh for mesh in arm_model(robot).meshes if mesh.color == "black"]
+    drawn = repaint(server.scene, robot, "/arm", "dark")
+    colors = {node.name: tuple(node.color) for node in drawn}
+    assert black and all(colors[f"/arm/{mesh.name}"] == paint("black", "dark") for mesh in black)
+    assert repaint(server.scene, replace(robot, look=replace(robot.look, rows=())), "/arm", "dark") == []
+
+
+def test_edges_stay_sharp_and_the_rest_is_smooth() -> None:
+    angle = math.radians(38)
+    assert len(creased(block((1, 1, 1)), angle).vertices) == 24  # each corner once for each side
+    round_one = drum(1.0, 1.0)
+    sharp = creased(round_one, angle)
+    assert len(sharp.vertices) == len(round_one.vertices) + 72  # both rims are doubled, nothing else
+    both = creased(joined([block((1, 1, 1)), drum(1.0, 1.0)]), angle)
+    assert len(both.vertices) == 24 + len(sharp.vertices)
+    assert np.array_equal(
+        sharp.vertices[sharp.faces], round_one.vertices[round_one.faces]
+    )  # no face has changed
+    assert np.ptp(grown(round_one, 0.1).vertices[:, 2]) > 1.05
