@@ -9,10 +9,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from armctl.arrays import FloatArray
+from armctl.arrays import FloatArray, content
 from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.robot import Robot
-from armctl.robot.look.pieces import Jaw, Mount, Piece, Pins
+from armctl.robot.look.pieces import Jaw, Mount, Piece
 from armctl.robot.look.stock import Paint, Theme, paint
 from armctl.robot.parts import Color
 from armctl.robot.shape import width
@@ -149,9 +149,11 @@ class _Frames:
         return T
 
 
-def _key(mount: Mount) -> tuple[int, int, Pins | None]:
-    """Equal for what moves alike; each rod has a frame of its own."""
-    return mount.hangs, mount.turns, mount.pins
+def _key(mount: Mount) -> tuple[object, ...]:
+    """Equal for what moves alike."""
+    pins = mount.pins
+    between = () if pins is None else (pins.link, *map(content, (pins.near, pins.far, pins.beside)))
+    return mount.hangs, mount.turns, *between
 
 
 def _same(one: Jaw, other: Jaw) -> bool:

@@ -15,6 +15,7 @@ from armctl.motion.figure import color_of
 from armctl.robot import Robot
 from armctl.runtime import Snapshot
 from armctl.ui.console import Console, known
+from armctl.ui.scene.body_view import BodyView
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.scene.stage import VIEWS, Marks
 from armctl.ui.session import Session
@@ -43,6 +44,8 @@ class SimulationScreen:
             session.on(camera.on_click, lambda: session.look(camera.value))
             self._names = gui.add_checkbox("Joint names", initial_value=False)
             self._frames = gui.add_checkbox("Frames", initial_value=False, hint=_FRAMES_HINT)
+            self._with_body = gui.add_checkbox("Body", initial_value=False, hint=_BODY_HINT)
+            self._body = BodyView(session.client.scene, session.console.robot, session.spawn)
             self._marks = Marks(session.client.scene, session.console.robot)
             self._with_trail = gui.add_checkbox("Tool trail", initial_value=True)
             clear = gui.add_button_group("Trail so far", ("Clear trail",))
@@ -64,6 +67,7 @@ class SimulationScreen:
             self._draw_trail()
         self._workspace.refresh(snapshot)
         drawn = self._session.console.last_known.drawn(snapshot)
+        self._body.show(snapshot.gripper, shown=self._with_body.value)
         self._marks.show(drawn, names=self._names.value, frames=self._frames.value)
 
     def _draw_trail(self) -> None:
@@ -80,6 +84,7 @@ class SimulationScreen:
         self._draw_trail()
 
 
+_BODY_HINT = "What the checks of a motion keep apart from each other and from the floor, over the arm."
 _FRAMES_HINT = "Axes of the tool, and names of both frames. Red is x, green y, blue z."
 
 # The path of the tool point: kept once for all pages.
