@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +18,7 @@ from armctl.robot.look.stock import paint
 from armctl.robot.solids import block, creased, drum, grown, joined
 from armctl.ui.guard import GuardedServer
 from armctl.ui.scene.arm_figure import ArmFigure, arm_model, repaint
+from armctl.ui.scene.body_view import BodyView, body_solids
 
 ARMS = {name: load_robot(name) for name in shipped_robots()}
 
@@ -131,3 +134,44 @@ def test_edges_stay_sharp_and_the_rest_is_smooth() -> None:
         sharp.vertices[sharp.faces], round_one.vertices[round_one.faces]
     )  # no face has changed
     assert np.ptp(grown(round_one, 0.1).vertices[:, 2]) > 1.05
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [ARMS["so101"].gripping(0.4), ARMS["mearm"].gripping(1.0), without_look(ARMS["uzuner"])],
+    ids=["hulls", "rods", "capsules"],
+)
+def test_the_body_that_is_shown_is_the_one_that_is_checked(server: GuardedServer, robot: Robot) -> None:
+    figure, q = ArmFigure(server.scene, robot, "/arm"), robot.limits @ [0.4, 0.6]
+    figure.pose(q, 0.4)
+    drawn = [
+        solid.vertices @ T[:3, :3].T + T[:3, 3]
+        for frame, pose, solid in body_solids(robot)
+        for T in (in_base(server, f"/arm/{frame}") @ pose,)
+    ]
+    links, checked = robot.body_frames(q[None]), list[np.ndarray]()
+    for capsule in robot.collision.capsules:
+        hull = capsule.as_hull
+        corners = links.place(capsule.link, hull.corners)[:, :, 0].T
+        checked += [corners - hull.margin, corners + hull.margin]
+    for end in (np.min, np.max):
+        off = end(np.concatenate(drawn), axis=0) - end(np.concatenate(checked), axis=0)
+        assert np.abs(off).max() < 0.003 * robot.chain.length
+
+
+def test_the_body_goes_with_the_gripper_and_out_of_view_again(server: GuardedServer) -> None:
+    async def watched() -> None:
+        tasks: list[asyncio.Task[None]] = []
+        body = BodyView(server.scene, ARMS["mearm"], lambda work: tasks.append(asyncio.create_task(work)))
+        shapes: list[dict[str, np.ndarray]] = []
+        for opening in (0.0, 1.0):
+            body.show(opening, shown=True)
+            await asyncio.gather(*tasks)
+            shown = {name: node for name, node in nodes(server).items() if re.search(r"/body\d", name)}
+            shapes.append({name: np.ptp(node.vertices, axis=0) for name, node in shown.items()})
+        assert len(shapes[0]) > 3 and shapes[0].keys() == shapes[1].keys()
+        assert any(np.abs(shapes[1][name] - size).max() > 0.005 for name, size in shapes[0].items())
+        body.show(1.0, shown=False)
+        assert not [name for name in nodes(server) if re.search(r"/body\d", name)]
+
+    asyncio.run(watched())
