@@ -51,9 +51,9 @@ def add_solid(
 
 
 def arm_model(robot: Robot, thicker: float = 1.0, *, ghostly: bool = False) -> ArmModel:
-    """The model of an arm, from its look where it has one; ``ghostly``: its colours are not shown."""
+    """The model of an arm, from its look where it has one; ``ghostly``: it is seen beside the arm."""
     if robot.pieces:
-        return look_model(robot, thicker, one_color=ghostly)
+        return look_model(robot, thicker, ghostly=ghostly)
     return bar_model(robot, thicker, MOST_GHOSTLY if ghostly else MOST_DRAWN)
 
 

@@ -74,16 +74,17 @@ class ArmModel:
 
 
 @lru_cache(_KEPT)
-def look_model(robot: Robot, thicker: float = 1.0, *, one_color: bool = False) -> ArmModel:
+def look_model(robot: Robot, thicker: float = 1.0, *, ghostly: bool = False) -> ArmModel:
     """The model of an arm with a look: a frame for all that moves as one, and a mesh for each colour there.
 
-    ``thicker``: times as wide as its links are, by which all surfaces are moved outwards. ``one_color``: all
-    of a frame is one mesh, as the colours are not shown.
+    ``thicker``: times as wide as its links are, by which all surfaces are moved outwards. ``ghostly``: beside
+    the arm itself. All of a frame is one mesh, as the colours are not shown; the base is left out.
     """
     frames = _Frames(robot.chain)
     groups: dict[tuple[str, str], list[Piece]] = {}
     for piece in robot.pieces:
-        groups.setdefault((frames.of(piece), "solid" if one_color else piece.color), []).append(piece)
+        if not (ghostly and max(piece.mount.links) < 0):
+            groups.setdefault((frames.of(piece), "solid" if ghostly else piece.color), []).append(piece)
     out = 0.5 * (thicker - 1.0) * width(robot.chain, robot.look)
     meshes = [
         Mesh(f"{frame}/{color}", _surface(pieces, out), pieces[0].color)
