@@ -53,6 +53,7 @@ def quick_arms(folder: Path, patch: pytest.MonkeyPatch) -> None:
         quick_robot(folder, name).replace(robots / f"{name}.toml")
     patch.setattr(load, "robots_folder", lambda: robots)
 
+
 _STICKS = {
     "abaas": Look(shape="square", width=0.06),
     "humanoid": Look(width=0.07),

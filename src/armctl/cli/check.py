@@ -23,7 +23,7 @@ from armctl.motion.profiles import PointToPoint
 from armctl.program import Program, check_program, open_program
 from armctl.robot import Robot, is_urdf
 from armctl.robot.look.rows import called
-from armctl.robot.look.sound import faults
+from armctl.robot.look_findings import faults
 from armctl.robot.shape import across_the_link
 
 _ANY = DocumentKind(InputError, most_bytes=1024 * 1024)

@@ -32,7 +32,7 @@ BY_HULLS = ", by convex hulls"
 class Floor:
     """Heights above the floor of the pieces that joints raise or lower (``Robot.undersides``).
 
-    What lies on the floor, or nearer to it than it is thick, in a named pose of the robot file may be as low
+    What lies on the floor, or nearer to it than it is thick, in the home or the rest pose may be as low
     as there, but never its axis, or the middle of a hull.
     """
 
@@ -48,8 +48,8 @@ class Floor:
         self.parts = tuple(one.part for one in self._undersides)
         thickness = np.array([one.thickness for one in self._undersides])
         self.closed = np.zeros(len(self.parts))
-        if robot.poses and self.parts:
-            posed = self.clearance(np.array(list(robot.poses.values()))).min(axis=0)
+        if robot.resting and self.parts:
+            posed = self.clearance(np.array(robot.resting)).min(axis=0)
             self.closed = np.clip(posed, -thickness, 0.0)
 
     def clearance(self, q: ArrayLike) -> FloatArray:

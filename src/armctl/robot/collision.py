@@ -79,6 +79,14 @@ def _may_meet(inner: frozenset[int], outer: frozenset[int]) -> bool:
     return not inner & outer
 
 
+Pairs = tuple[tuple[int, int], ...]
+
+
+def _chosen(pairs: Pairs, which: NDArray[np.intp]) -> Pairs:
+    indices: list[int] = which.tolist()
+    return tuple(pairs[k] for k in indices)
+
+
 @dataclass(frozen=True, eq=False)
 class CollisionModel:
     """The pieces of an arm, and the pairs of them that are kept apart.
@@ -95,11 +103,11 @@ class CollisionModel:
     chain: Chain
     capsules: tuple[Capsule, ...]
     """from the base to the tool"""
-    pairs: tuple[tuple[int, int], ...]
+    pairs: Pairs
     """indices of capsules, the one nearer to the base first"""
     closed: FloatArray
     """(k,) the gap of each in the home or the rest pose where that is negative, else 0 [m]"""
-    touching: tuple[tuple[int, int], ...] = ()
+    touching: Pairs = ()
     """pairs that are left out because they always touch"""
     obstacles: tuple[Obstacle, ...] = ()
     """what stands around the arm"""
@@ -147,8 +155,7 @@ class CollisionModel:
             known = [(solids[i], solids[j]) in always for i, j in apart]
             met = np.flatnonzero(np.array(known, dtype=np.bool_))
         kept: NDArray[np.intp] = np.setdiff1d(np.arange(len(apart)), met)
-        pairs = tuple(apart[k] for k in kept.tolist())
-        touching = tuple(apart[k] for k in met.tolist())
+        pairs, touching = _chosen(apart, kept), _chosen(apart, met)
         closed = np.minimum(resting[kept].min(axis=1, initial=0.0), 0.0)
         return cls(chain, ordered, pairs, closed, touching, obstacles, mounts, solids)
 
@@ -159,8 +166,7 @@ class CollisionModel:
 
     def _of(self, pairs: NDArray[np.intp]) -> Self:
         """The same with some of its pairs."""
-        chosen = tuple(self.pairs[k] for k in pairs.tolist())
-        return replace(self, pairs=chosen, closed=self.closed[pairs])
+        return replace(self, pairs=_chosen(self.pairs, pairs), closed=self.closed[pairs])
 
     def always_met(self, pairs: NDArray[np.intp], samples: FloatArray) -> NDArray[np.intp]:
         """Those of ``pairs`` that touch in every one of ``samples`` (m, n) [rad]."""

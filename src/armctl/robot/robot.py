@@ -134,6 +134,11 @@ class Robot(ArrayRecord):
         return tuple(names.get(t, t.lower().replace(" ", "_")) for t in titles) or self.joint_names
 
     @property
+    def resting(self) -> list[FloatArray]:
+        """The home and the rest pose (n,) [rad], as far as there are: what touches there may do so."""
+        return [self.poses[name] for name in ("home", "rest") if name in self.poses]
+
+    @property
     def _titles(self) -> list[str]:
         return [joint.title for joint in self.joints]
 
@@ -279,8 +284,7 @@ class Robot(ArrayRecord):
         return frozenset(set[tuple[int, int]].intersection(*found))
 
     def _model_of(self, body: ArmBody, always: frozenset[tuple[int, int]] | None) -> CollisionModel:
-        resting = [self.poses[name] for name in ("home", "rest") if name in self.poses]
-        poses = np.array(resting or [self.limits.mean(axis=1)])
+        poses = np.array(self.resting or [self.limits.mean(axis=1)])
         return CollisionModel.build(
             self.chain,
             body.capsules,
