@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.arms import FIVE
+from tests.arms import FIVE, of_sticks
 from tests.robot.test_urdf_tool import PROP
 from tests.robot.urdf_kit import written
 
@@ -61,7 +61,7 @@ def random_arm(rng: np.random.Generator) -> Robot:
     joints = tuple(Joint(f"j{i}", f"J{i}", -1.5, 1.5, 1.0, 1.0, 1.0, None) for i in range(6))
     convention = "standard" if rng.random() < 0.5 else "modified"
     return replace(
-        uzuner, name="random", joints=joints, chain=Chain.from_dh(rows, convention),
+        of_sticks(uzuner), name="random", joints=joints, chain=Chain.from_dh(rows, convention),
         poses={"home": np.zeros(6), "rest": np.zeros(6)}, output_map=None,
     )  # fmt: skip
 

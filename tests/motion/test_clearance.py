@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.arms import of_sticks
 from tests.kinematics.kit import plain_frames
 from tests.motion.arm_kit import arm, axis_points, brute_gap, random_arm
 
@@ -21,11 +22,11 @@ from armctl.motion import Trajectory
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, Gaps, Obstacles, SelfCollision
 from armctl.motion.preflight import SampledMotion, preflight
 from armctl.motion.profiles import PROFILES, PointToPoint
-from armctl.robot import Robot, load_robot
+from armctl.robot import Robot
 from armctl.robot.body import capsule
 from armctl.robot.parts import Obstacle
 
-UZUNER, SCORBOT = load_robot("uzuner"), load_robot("scorbot")
+UZUNER, SCORBOT = of_sticks("uzuner"), of_sticks("scorbot")
 
 # Three links of a metre that turn the same way: between two samples the tool turns by 12 degrees.
 CHAIN = Chain.from_dh([DHRow(0.0, np.pi / 2, 4.0), *[DHRow(1.0, 0.0, 0.0)] * 3])

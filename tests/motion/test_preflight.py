@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from tests.arms import FIVE
+from tests.arms import FIVE, of_sticks
 from tests.motion.sentence_kit import body_pieces
 
 from armctl.arrays import FloatArray
@@ -31,7 +31,7 @@ from armctl.motion.preflight import Finding, not_checked
 from armctl.robot import Robot, load_robot
 from armctl.robot.parts import Obstacle
 
-ROBOT, SCORBOT, MICO = load_robot("uzuner"), load_robot("scorbot"), load_robot("mico")
+ROBOT, SCORBOT, MICO = map(of_sticks, ("uzuner", "scorbot", "mico"))
 HOME = ROBOT.pose("home")
 
 

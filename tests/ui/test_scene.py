@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from tests.arms import FIVE
+from tests.arms import FIVE, of_sticks
 
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
@@ -118,7 +118,9 @@ AWAY = np.array([0.6, 0.7, 0.3])
 def scaled(robot: Robot, factor: float) -> Robot:
     """The same arm, so many times as large."""
     rows = tuple(replace(row, a_m=factor * row.a_m, d_m=factor * row.d_m) for row in robot.chain.rows)
-    return replace(robot, chain=Chain.from_dh(rows, robot.chain.convention), floor_z=factor * robot.floor_z)
+    return replace(
+        of_sticks(robot), chain=Chain.from_dh(rows, robot.chain.convention), floor_z=factor * robot.floor_z
+    )
 
 
 def on_picture(points: FloatArray, position: FloatArray, centre: FloatArray, aspect: float) -> FloatArray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tests.arms import FIVE
+from tests.arms import FIVE, of_sticks
 from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm, random_q
 
 from armctl.kinematics import Chain, GravityModel
@@ -58,8 +58,8 @@ def robot_of(chain: Chain, limits: FloatArray) -> Robot:
         for k, (low, high) in enumerate(limits, 1)
     )
     return replace(
-        UZUNER, name="random", chain=chain, joints=joints, gravity=GravityModel(chain, ()), poses={},
-        output_map=None,
+        of_sticks(UZUNER), name="random", chain=chain, joints=joints, gravity=GravityModel(chain, ()),
+        poses={}, output_map=None,
     )  # fmt: skip
 
 
