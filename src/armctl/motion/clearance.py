@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import accumulate, product
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -47,6 +47,12 @@ class Floor:
         self.levers = np.array([one.levers for one in self._undersides]).reshape(-1, robot.n)
         self.parts = tuple(one.part for one in self._undersides)
         thickness = np.array([one.thickness for one in self._undersides])
+        self._below = np.array([[one.radius + robot.floor_z] for one in self._undersides]).reshape(-1, 1)
+        self._by_link = [
+            (link, which, *_joined([self._undersides[k].points for k in which]))
+            for link in dict.fromkeys(one.link for one in self._undersides)
+            for which in [[k for k, one in enumerate(self._undersides) if one.link == link]]
+        ]
         self.closed = np.zeros(len(self.parts))
         if robot.resting and self.parts:
             posed = self.clearance(np.array(robot.resting)).min(axis=0)
@@ -61,14 +67,20 @@ class Floor:
     def gaps(self, links: LinkFrames, enough: ArrayLike = NEAR_M) -> FloatArray:
         """(k, m) heights [m] at m configurations; all exact."""
         heights = np.empty((len(self._undersides), links.origin[0].shape[-1]))
-        for height, one in zip(heights, self._undersides, strict=True):
-            above = (one.points @ links.rotation[one.link][2]).min(axis=0)
-            height[:] = above + links.origin[one.link][2] - one.radius
-        return heights - self._robot.floor_z
+        for link, which, points, begins in self._by_link:
+            above = np.minimum.reduceat(points @ links.rotation[link][2], begins, axis=0)
+            heights[which] = above + links.origin[link][2]
+        return heights - self._below
 
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """What is wrong where gap ``part`` is closed by ``depth_mm``, and what to do."""
         return f"{depth_mm:.1f} mm below the floor", "raise the target, or go round by a higher point"
+
+
+def _joined(arrays: Sequence[FloatArray]) -> tuple[FloatArray, list[int]]:
+    """Points (k, 3) behind each other, and where those of each array begin."""
+    begins = [0, *accumulate(map(len, arrays))][:-1]
+    return np.concatenate(arrays), begins
 
 
 class Obstacles:

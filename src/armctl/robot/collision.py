@@ -265,8 +265,7 @@ class CollisionModel:
         ``links``: as ``frames`` gives them. Beyond ``enough`` (k, m) [m] they are lower bounds, which cost
         less than exact ones.
         """
-        first, second = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
-        out = self._apart_by_balls(links, first, second)
+        out = self._apart_by_balls(links)
         enough = np.broadcast_to(np.asarray(enough, dtype=np.float64), out.shape)
         pair, at = np.nonzero(out < enough)
         out[pair, at] = self._gaps_at(links, pair, at, enough[pair, at])
@@ -311,31 +310,31 @@ class CollisionModel:
             out[cut] = self._by_surfaces(links, out[cut], pair[cut], at[np.isin(near, cut)])
         return out
 
-    def _apart_by_balls(
-        self, links: LinkFrames, first: NDArray[np.intp], second: NDArray[np.intp]
-    ) -> FloatArray:
+    def _apart_by_balls(self, links: LinkFrames) -> FloatArray:
         """Lower bounds (k, m) [m] of gaps: those of balls round all capsules of a frame."""
         middles = np.array([links.place(link, middle)[:, 0] for link, middle, _ in self._balls])
-        sizes = np.array([size for *_, size in self._balls])
+        one, other, which, sizes = self._ball_pairs
+        apart = middles[one] - middles[other]
+        return (np.sqrt(np.einsum("kim,kim->km", apart, apart)) - sizes)[which]
+
+    @cached_property
+    def _ball_pairs(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], FloatArray]:
+        """Balls (b,) and others (b,) to compare, which of these a pair is in (k,), radii (b, 1) [m]."""
         row = {link: k for k, (link, *_) in enumerate(self._balls)}
-        of = np.array([row[capsule.link] for capsule in self.capsules], dtype=np.intp)
+        of = np.array([row[link] for link in self._links.tolist()], dtype=np.intp)
+        first, second = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
         both, which = np.unique(np.stack([of[first], of[second]]), axis=1, return_inverse=True)
-        apart = middles[both[0]] - middles[both[1]]
-        gaps = np.sqrt(np.einsum("kim,kim->km", apart, apart)) - (sizes[both[0]] + sizes[both[1]])[:, None]
-        return gaps[which.reshape(-1)]
+        sizes = np.array([size for *_, size in self._balls])
+        return both[0], both[1], which.reshape(-1), (sizes[both[0]] + sizes[both[1]])[:, None]
 
     @cached_property
     def _balls(self) -> list[tuple[int, FloatArray, float]]:
         """The frames that capsules are in: index, and middle (1, 3) and radius of a ball round them [m]."""
         found: list[tuple[int, FloatArray, float]] = []
-        for link in dict.fromkeys(capsule.link for capsule in self.capsules):
-            ends, radii = zip(
-                *((end, c.radius) for c in self.capsules if c.link == link for end in (c.start, c.end)),
-                strict=True,
-            )
-            points = np.array(ends)
+        for link, which, points in self._ends:
             middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-            found.append((link, middle[None], float((np.linalg.norm(points - middle, axis=1) + radii).max())))
+            reach = np.linalg.norm(points - middle, axis=1) + np.tile(self._radii[which], 2)
+            found.append((link, middle[None], float(reach.max())))
         return found
 
     def gaps_around(self, links: LinkFrames) -> FloatArray:
@@ -387,9 +386,21 @@ class CollisionModel:
 
     def _placed(self, links: LinkFrames) -> tuple[FloatArray, FloatArray]:
         """Starts and spans of all capsules: (capsules, 3, m) each [m], base frame."""
-        ends = [links.place(c.link, np.array([c.start, c.end])) for c in self.capsules]
-        ends = np.array(ends).reshape(-1, 3, 2, links.origin[0].shape[-1])
-        return ends[:, :, 0], ends[:, :, 1] - ends[:, :, 0]
+        ends = np.empty((2, len(self.capsules), 3, links.origin[0].shape[-1]))
+        for link, which, points in self._ends:
+            placed = links.place(link, points).transpose(1, 0, 2)
+            ends[:, which] = placed.reshape(2, len(which), *placed.shape[1:])
+        return ends[0], ends[1] - ends[0]
+
+    @cached_property
+    def _ends(self) -> list[tuple[int, NDArray[np.intp], FloatArray]]:
+        """Of each frame: its index, those of its capsules (k,), their starts and then ends (2 k, 3) [m]."""
+        found: list[tuple[int, NDArray[np.intp], FloatArray]] = []
+        for link in dict.fromkeys(self._links.tolist()):
+            which = np.flatnonzero(self._links == link)
+            here = [self.capsules[k] for k in which.tolist()]
+            found.append((link, which, np.array([*(c.start for c in here), *(c.end for c in here)])))
+        return found
 
 
 def _box_hull(box: Obstacle) -> Hull:

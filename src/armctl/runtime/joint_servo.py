@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.motion import Floor, Obstacles, SelfCollision
+from armctl.motion.clearance import Gaps
 from armctl.robot import Robot
 from armctl.runtime.activity import Setpoint
 
@@ -23,6 +24,8 @@ _SLOWEST_SHARE = 1e-6
 """of its speed limit: no joint is slowed down further for the sake of arriving together"""
 _BRAKING_PROBES = np.linspace(0.0, 1.0, 6)
 _ROUNDING = 1e-9
+_ROOM_M, _NEAR_M = 0.02, 0.004
+"""Gaps up to the one are looked at in a place, and anew where the arm may have moved on by the other."""
 _TURN_ROUNDING = 1e-12
 """of an angle between links on a braking path, far below what the gate allows [rad]"""
 _STEP_M = 5e-3
@@ -189,6 +192,8 @@ class KeepClear:
             (body, [f"the arm itself is in the way of {part}" for part in body.parts]),
         )
         self._levers = np.concatenate([source.levers for source, _ in self._sources])
+        self._known: dict[int, tuple[FloatArray, FloatArray]] = {}
+        """of a source: where its gaps were looked at last (n,) [rad], and how far each may close (k,) [m]"""
 
     def blocked(self, path: FloatArray) -> tuple[int, str] | None:
         """First row of ``path`` (k, n) [rad] that may not be, and why; None: all may. Row 0 always may."""
@@ -200,16 +205,29 @@ class KeepClear:
             rows = np.flatnonzero(excess[:, k] > max(excess[0, k], 0.0))
             if len(rows) and (first is None or rows[0] < first[0]):
                 first = int(rows[0]), f"{limit.name} is at its limit"
-        for source, words in self._sources:
+        for k, (source, words) in enumerate(self._sources):
             if not words:
                 continue
-            gaps = source.gaps(links, 0.0)
+            open_ = self._stay_open(k, source, path)
+            if open_.all():
+                continue
+            gaps = source.gaps(links, np.where(open_, -np.inf, 0.0)[:, None])
+            gaps[open_] = np.inf
             closing = gaps < np.minimum(gaps[:, :1], source.closed[:, None]) - _ROUNDING
             rows = np.flatnonzero(closing.any(axis=0))
             if len(rows) and (first is None or rows[0] < first[0]):
                 row = int(rows[0])
                 first = row, words[int(np.argmin(np.where(closing[:, row], gaps[:, row], np.inf)))]
         return first
+
+    def _stay_open(self, k: int, source: Gaps, path: FloatArray) -> NDArray[np.bool_]:
+        """(k,) gaps of a source that cannot close on a path, by what is known of a place near its start."""
+        known = self._known.get(k)
+        if known is None or (source.levers @ np.abs(path[0] - known[0])).max(initial=0.0) > _NEAR_M:
+            gaps = source.gaps(self._robot.body_frames(path[:1]), _ROOM_M)[:, 0]
+            known = self._known[k] = path[0].copy(), gaps - source.closed
+        here, room = known
+        return source.levers @ np.abs(path - here).max(axis=0) < room
 
     def line(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """(k, n) rows from ``start`` to ``end`` (n,), evenly spaced, near enough for ``blocked``."""
