@@ -19,7 +19,7 @@ from armctl.robot.hulls import distances
 from armctl.robot.look.pieces import Piece
 from armctl.robot.look.solids import Part
 from armctl.robot.look.stock import MAKES, PAINTS
-from armctl.robot.look_findings import STRETCHED_M, Solids, faults, stretched
+from armctl.robot.look_sound import STRETCHED_M, Solids, faults, stretched
 
 _LONG = bool(os.environ.get("ARMCTL_LONG"))
 POSES, LOOKS = (200, 300) if _LONG else (8, 40)
