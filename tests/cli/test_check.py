@@ -47,7 +47,7 @@ def test_json_holds_every_part_of_a_finding(capsys: pytest.CaptureFixture[str], 
         (3, "floor", "error"),
     ]
     floor = record["findings"][1]
-    assert floor["part"] == "the gripper" and floor["time_s"] > 0 and "below the floor" in floor["what"]
+    assert floor["part"] == "the left jaw" and floor["time_s"] > 0 and "below the floor" in floor["what"]
     assert floor["text"].endswith(floor["mend"])
 
 

@@ -47,6 +47,7 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
     unknown: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    counted = list[str]()
     sound = f"a sound {kind}"
     try:
         if kind == "robot":
@@ -54,6 +55,7 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
             assumed, left_out = arm.assumed, arm.left_out
             if left_out:
                 sound = f"sound as an arm of {arm.n} joint{'s' * (arm.n > 1)}, without {', '.join(left_out)}"
+            counted = [f"torques count {arm.gravity.counted}"] if arm.gravity.weighs else []
             findings = list(_check_robot(arm))
         else:
             given = None if robot is None else load_whole(robot)
@@ -77,6 +79,7 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
     else:
         warnings = f", with {len(findings)} warning{'s' if len(findings) > 1 else ''}" if findings else ""
         lines = [] if errors else [f"{sound}{warnings}"]
+        lines += counted
         lines += [f"assumed: {text}" for text in assumed]
         for line in (*lines, *(f"not checked: {text}" for text in unknown)):
             click.echo(f"{file}: {line}")
