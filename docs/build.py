@@ -29,6 +29,7 @@ from armctl.program.keys import keys_of
 from armctl.program.steps import KINDS, Step
 from armctl.robot.board_entries import ServoEntries
 from armctl.robot.file import RobotFile
+from armctl.robot.look.rows import Row
 from armctl.robot.urdf.side_file import SideFile
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -98,7 +99,8 @@ def words(kind: inspect.Type) -> str:
         case inspect.StructType():
             return "table, see below"
         case inspect.UnionType():
-            return " or ".join(words(one) for one in kind.types if not isinstance(one, inspect.NoneType))
+            known = [words(one) for one in kind.types if not isinstance(one, inspect.NoneType)]
+            return " or ".join(dict.fromkeys(known))
         case _:
             raise PagesError(f"no words for {kind}")
 
@@ -139,9 +141,11 @@ def table(struct: type) -> str:
     """The keys of one table of a file."""
     said = said_of(struct)
     rows = [_HEAD]
+    shared = set() if struct is Row else {field.name for field in fields_of(Row)}
     for field in fields_of(struct):
-        value, meaning = words(field.type), said.get(field.name) or _about(field.type)
-        rows.append(row((f"`{field.name}`", value + unit(field.name), default(field), meaning)))
+        if not (issubclass(struct, Row) and field.name in shared):  # they have a table of their own
+            value, meaning = words(field.type), said.get(field.name) or _about(field.type)
+            rows.append(row((f"`{field.encode_name}`", value + unit(field.name), default(field), meaning)))
     return "\n".join(rows)
 
 
@@ -165,8 +169,12 @@ def tables_within(struct: type, path: str = "") -> Iterator[tuple[str, type]]:
         for kind in kinds:
             many = isinstance(kind, inspect.VarTupleType)
             inner = kind.item_type if isinstance(kind, inspect.VarTupleType) else kind
-            if isinstance(inner, inspect.StructType):
-                place = f"{path.strip('[]')}.{field.name}".lstrip(".")
+            place = f"{path.strip('[]')}.{field.name}".lstrip(".")
+            if isinstance(inner, inspect.UnionType):  # the solids of a look
+                solids = [one.cls for one in inner.types if isinstance(one, inspect.StructType)]
+                yield f"[[{place}]]", Row
+                yield from ((f'{place}, solid = "{one.__struct_config__.tag}"', one) for one in solids)
+            elif isinstance(inner, inspect.StructType):
                 yield from tables_within(inner.cls, f"[[{place}]]" if many else f"[{place}]")
 
 
