@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.arms import of_sticks
 
 import armctl
 from armctl.arrays import FloatArray
@@ -330,7 +331,7 @@ def test_rods_that_make_no_sense_are_refused(tmp_path: Path, hand: str, said: st
 
 @pytest.mark.parametrize("name", ["mearm", "eezybotarm_mk2", "uarm"])
 def test_upper_arm_and_forearm_do_not_fold_onto_each_other(name: str) -> None:
-    robot = armctl.load_robot(name)
+    robot = of_sticks(name)
     (limit,) = robot.chain.turn_limits
     low, high = limit.lower, limit.upper
     folded = robot.pose("home")
