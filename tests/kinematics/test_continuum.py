@@ -16,7 +16,6 @@ from armctl import load_robot
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain, Target
 from armctl.kinematics.angles import all_images
-from armctl.kinematics.families import inverse_kinematics
 
 STEP = math.radians(2.0)
 
@@ -188,27 +187,3 @@ def test_exact_limits_of_exact_arms_are_complete(name: str) -> None:
         T = arm.forward(q)
         found = arm.inverse(T[:3, 3], rotation=T[:3, :3])
         assert found.success and found.complete, found.incomplete_reason
-
-
-@pytest.mark.parametrize("name", ["al5d", "humanoid", "so101"])
-def test_joints_that_turn_ten_times_have_a_bounded_list_and_the_nearest_turn(name: str) -> None:
-    robot = load_robot(name)
-    titles = [joint.title for joint in robot.joints]
-    limits = np.tile([-20.0 * np.pi, 20.0 * np.pi], (robot.n, 1))
-    wide = inverse_kinematics(robot.chain, limits, robot.energy, titles)
-    q = 0.5 * robot.limits.mean(axis=1) + 0.3
-    target = Target.of(robot.forward(q)[:3, 3])
-    start = q + 6.0 * np.pi * (-1.0) ** np.arange(robot.n) + 0.2
-    about = np.stack([start - np.pi, start + np.pi], axis=1)
-    near = inverse_kinematics(robot.chain, about, robot.energy, titles).solve(target, 0.1, start)
-    found = wide.solve(target, 0.1, start)
-    assert found.success and found.residual_m.max() < 1e-7
-    assert len(found) <= max(32_768, len(near) + 100)
-    assert not found.complete and "more differ by whole turns" in str(found.incomplete_reason)
-    here, there = (one.best("least-travel", start) for one in (found, near))
-    travel = np.abs(np.stack([here, there]) - start) @ (1.0 / robot.speed_limits)
-    assert travel[0] <= travel[1] * (1.0 + 1e-6)
-    away = np.abs(found.q - start)[:, :-1]  # any roll will do
-    assert (away.max(axis=1) <= np.pi + 1e-6).any()  # the nearest turns are on the list
-    exact = {tuple(row) for row in np.round(found.q, 6)}
-    assert len(exact) == len(found)

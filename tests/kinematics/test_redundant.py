@@ -127,9 +127,7 @@ def test_the_configuration_that_made_a_pose_is_on_its_list(name: str) -> None:
             assert_sound(found, arm)
         # a run of solutions may be shorter than a step, then it takes a finer one
         steps = (STEP, 0.1 * STEP, 0.01 * STEP)
-        rows = (inverse.solve(target, step).q - q for step in steps)  # whole turns may be left out
-        aside = (np.abs(row - 2 * HALF * np.rint(row / (2 * HALF))).max(axis=1).min() for row in rows)
-        assert any(apart < 8 * step for apart, step in zip(aside, steps, strict=True))
+        assert any(nearest(inverse.solve(target, step), q) < 8 * step for step in steps)
 
 
 @pytest.mark.parametrize("seed", range(40 if LONG else 4))

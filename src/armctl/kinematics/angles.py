@@ -135,26 +135,8 @@ def into_limits(angle: FloatArray, low: float, high: float) -> NDArray[np.bool_]
     return (angle >= low - LIMIT_TOLERANCE) & (angle <= high + LIMIT_TOLERANCE)
 
 
-def one_turn(limits: FloatArray, about: FloatArray | float = 0.0) -> FloatArray:
-    """Limits (n, 2) [rad] of at most the turn nearest to ``about`` (n,): the rest are images."""
-    low, high = limits.T
-    least = np.clip(about - math.pi, low, np.maximum(high - TWO_PI, low))
-    wide = high - low > TWO_PI
-    return np.where(wide[:, None], np.stack([least + _OPEN_END, least + TWO_PI], axis=1), limits)
-
-
-def nearest_images(q: FloatArray, start: FloatArray, limits: FloatArray) -> FloatArray:
-    """Configurations (k, n) [rad] at their images inside limits (n, 2) that are nearest to ``start`` (n,)."""
-    low, high = limits.T
-    first = np.ceil((low - LIMIT_TOLERANCE - q) / TWO_PI)
-    last = np.floor((high + LIMIT_TOLERANCE - q) / TWO_PI)
-    return np.clip(q + TWO_PI * np.clip(np.rint((start - q) / TWO_PI), first, last), low, high)
-
-
 MOST_IMAGES = 4096
 """how many images of a list of configurations ``all_images`` gives, unless it is told otherwise"""
-MOST_SWEPT = 32_768
-"""and of one along which a joint is swept, unless it is longer without any"""
 MOST_TURNS = 16
 """how many whole turns of one joint, each way, are looked at"""
 
@@ -183,8 +165,7 @@ def all_images(
     last = np.floor((high + LIMIT_TOLERANCE - q) / TWO_PI)
     every = float(np.maximum(last - first + 1.0, 0.0).prod(axis=1).sum())
     about = np.clip(np.rint(((0.0 if start is None else start) - q) / TWO_PI), first, last)
-    turns = 0 if every > most and len(q) >= most else MOST_TURNS
-    first, last = np.maximum(first, about - turns), np.minimum(last, about + turns)
+    first, last = np.maximum(first, about - MOST_TURNS), np.minimum(last, about + MOST_TURNS)
     count = np.maximum(last - first + 1.0, 0.0).astype(np.intp)
     turn = np.arange(float(count.max(initial=1)))
     angle: FloatArray = np.add(q[..., None], TWO_PI * (first[..., None] + turn))

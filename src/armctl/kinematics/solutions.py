@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import ArrayRecord, ByContent, FloatArray, content, lock
 from armctl.errors import InputError, UnreachableError
-from armctl.kinematics.angles import nearest_images, rotation_angle
+from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.continuum import moving_joints, uncertainties
 from armctl.kinematics.energy import FROM_START, Criterion, EnergyModel, checked_criterion, energies
@@ -145,8 +145,7 @@ class Solutions(ByContent):
         """
         self.arm, self.target, self._q, self._index = arm, target, q, branch_index
         self.free_joint, self.least_rotation = free_joint, least_rotation
-        self._reason, self.further, self.missing = reason, further, incomplete_reason
-        """why solutions may be missing, as the solver knows; None: a look at the list decides"""
+        self._reason, self.further, self._missing = reason, further, incomplete_reason
         self.nearest_q = None if nearest_q is None else lock(nearest_q)
 
     @cached_property
@@ -199,7 +198,7 @@ class Solutions(ByContent):
             self.least_rotation,
             self.refusal,
             self.nearest_q,
-            self.missing,
+            self._missing,
             self.further,
         )
 
@@ -225,8 +224,8 @@ class Solutions(ByContent):
 
         A swept joint, and a roll that is free by itself, do not count.
         """
-        if self.missing is not None or self.arm.limits is None:
-            return self.missing
+        if self._missing is not None or self.arm.limits is None:
+            return self._missing
         return self._moving(self.arm.limits) or self._at_a_limit(self.arm.limits)
 
     def _held(self) -> list[int]:
@@ -476,8 +475,6 @@ class Solutions(ByContent):
         exact = name == "least-travel" or self.target.rotation is not None
         further = None if self.further is None else self.taken(self.further(name, start), name, start)
         q = self.taken(self.q, name, start)  # where the arm stands may be on the list alone
-        if self.missing is not None and self.arm.limits is not None and self.arm.chain.coupling is None:
-            q = nearest_images(q, start, self.arm.limits)  # a list without all whole turns
         q = q if further is None else np.concatenate([further, q])
         if further is not None and len(further) and exact:
             return q

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
 from typing import ClassVar, Self
 
 import numpy as np
@@ -15,26 +14,19 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.angles import (
     LIMIT_TOLERANCE,
-    MOST_IMAGES,
-    MOST_SWEPT,
     TWO_PI,
-    all_images,
     images,
     into_limits,
     nearest_angle,
-    one_turn,
     rest_angle,
     wrap,
 )
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.energy import Criterion, EnergyModel
+from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.solutions import BatchSolutions, Solutions, needs
 from armctl.kinematics.target import Target, checked_positions, checked_rotations
 from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.workspace import SampledSection, Section
-
-_MOST_TURNS = 64
-"""so many images of isolated solutions are always listed: six joints of ±360°"""
 
 
 class InverseKinematics(ABC):
@@ -99,53 +91,6 @@ class InverseKinematics(ABC):
         ``start`` (n,) [rad] is where the arm stands: a search begins there, a closed form does not need it.
         Raises ``InputError`` where the ``step`` of a swept joint [rad] is not a positive number.
         """
-
-    @cached_property
-    def _windings(self) -> int:
-        """How many images a configuration may have inside the limits; a linkage bounds them itself."""
-        ways = np.ptp(self.limits, axis=1) / TWO_PI
-        return 1 if self.chain.coupling is not None else round(float(np.maximum(np.ceil(ways), 1.0).prod()))
-
-    def _in_one_turn(self, about: FloatArray | float = 0.0) -> Self | None:
-        """The solver of the same arm whose joints turn once at most, half a turn each way if they can."""
-        return type(self).of(self.chain, one_turn(self.limits, about), self.energy, self.titles)
-
-    @cached_property
-    def _at_home(self) -> Self | None:
-        return self._in_one_turn()
-
-    def _wound(self, target: Target, step: float, start: FloatArray | None) -> Solutions | None:
-        """What ``solve`` answers where joints may turn so often that a list of all turns would have no end.
-
-        It is solved within one turn of each joint, and of the whole turns those nearest to ``start`` and to
-        zero are listed. None where that is not called for.
-        """
-        if self._windings == 1 or (self._windings <= _MOST_TURNS and not self.is_swept(target)):
-            return None
-        inner = self._at_home
-        if inner is None:
-            return None
-        found = inner.solve(target, step, None if start is None else np.clip(start, *inner.limits.T))
-        most = max(MOST_IMAGES if found.free_joint is None else MOST_SWEPT, len(found))
-        q, source, left_out = all_images(found.q, self.limits, start, most)
-        reasons = [found.missing] if found.missing else []
-        reasons += [f"{left_out} more differ by whole turns"] if left_out else []
-        return Solutions(
-            found.arm._replace(limits=self.limits), target, q, found.branch_index[source],
-            free_joint=found.free_joint, least_rotation=found.least_rotation, reason=found.refusal,
-            nearest_q=found.nearest_q, incomplete_reason="; ".join(reasons) or None,
-            further=partial(self._further_wound, target, step) if found.further else None,
-        )  # fmt: skip
-
-    def _further_wound(
-        self, target: Target, step: float, criterion: Criterion, start: FloatArray
-    ) -> FloatArray:
-        """``Further`` of a list by whole turns: within half a turn of where the arm stands."""
-        inner = self._in_one_turn(start)
-        found = None if inner is None else inner.solve(target, step, np.clip(start, *inner.limits.T))
-        if found is None or found.further is None:
-            return np.empty((0, self.chain.n))
-        return found.further(criterion, start)
 
     def pitch_and_roll(self, q: FloatArray) -> tuple[float | None, float | None]:
         """Tool pitch in [-pi/2, pi/2] and roll [rad] at one configuration (n,); None where there is none."""

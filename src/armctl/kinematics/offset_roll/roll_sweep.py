@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import (
     LIMIT_TOLERANCE,
-    MOST_SWEPT,
     TWO_PI,
     all_images,
     images,
@@ -36,6 +35,8 @@ from armctl.kinematics.yaw_pitch_roll.closed_form import REACH_TOLERANCE, UPRIGH
 from armctl.kinematics.yaw_pitch_roll.geometry import LEVEL, base_angles, branch_index, tool_angles
 
 _SAMPLES, _DEGREE, _STRETCHED_DEGREE = 32, 4, 8
+_MOST_ROWS = 500_000
+"""of a list; more images by whole turns are left out"""
 _ZOOMS, _ZOOM = 3, 101
 """rounds, and values in each, by which the least of a smooth sum is found between two values of the grid"""
 _STRAIGHT = 4e-7
@@ -205,7 +206,7 @@ class RollSweep:
         branch = np.concatenate([rows.branch for rows in found])
         if self._wide:
             begin = None if start is None else start[:-1]
-            turned = all_images(q[:, :-1], self._limits[:-1], begin, max(MOST_SWEPT, len(q)))
+            turned = all_images(q[:, :-1], self._limits[:-1], begin, max(_MOST_ROWS, len(q)))
             q = np.column_stack([turned.q, q[turned.source, -1]])
             branch, left_out = branch[turned.source], turned.left_out
         return Rows(q, branch, left_out)

@@ -116,9 +116,6 @@ class OffsetRollSolver(InverseKinematics):
         to zero as the target allows and the first pitch joint is swept.
         """
         step = checked_step(step)
-        wound = self._wound(target, step, start)
-        if wound is not None:
-            return wound
         if target.pitch is not None and not self._has_pitch:
             free = target._replace(pitch=None, roll=None)
             return self._refused(target, self._besides(NO_PITCH, free, step))

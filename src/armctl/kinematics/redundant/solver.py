@@ -11,14 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import (
-    LIMIT_TOLERANCE,
-    MOST_SWEPT,
-    TWO_PI,
-    all_images,
-    images,
-    nearest_images,
-)
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, all_images, images
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel, energies
 from armctl.kinematics.numeric.solver import NumericSolver
@@ -44,6 +37,8 @@ _LISTED = math.radians(0.2)
 within 2 mrad of what is between them [rad]"""
 _MET_M, _MET_RAD = 1e-10, 1e-9
 """what rounding may leave of a pose; what misses more is no solution"""
+_MOST_ROWS = 500_000
+"""images by whole turns are listed up to so many configurations"""
 _TURNED_OVER = 0, 1, 2, 4
 """the branch itself, and those with another wrist, shoulder or elbow"""
 _MOST_MAXIMA = 256
@@ -109,7 +104,7 @@ class RedundantSolver(InverseKinematics):
         )
         q, branch = found.q, found.branch
         if (np.ptp(self.limits, axis=1) >= TWO_PI).any():
-            q, source, left_out = all_images(q, self.limits, start, max(MOST_SWEPT, len(q)))
+            q, source, left_out = all_images(q, self.limits, start, max(_MOST_ROWS, len(q)))
             branch = branch[source]
             reason += f"; {left_out} more differ by whole turns" if left_out else ""
         return Solutions(
@@ -127,7 +122,7 @@ class RedundantSolver(InverseKinematics):
         low, high = self.limits.T
         if ((q < low) | (q > high)).any() or not self._meets(pose, q[None])[0]:
             return found
-        apart = np.abs(nearest_images(found.q, q, self.limits) - q).max(axis=1)
+        apart = np.abs(self._toward(found.q, q) - q).max(axis=1)
         nearest = 0 if len(apart) == 0 else int(apart.argmin())
         if len(apart) and apart[nearest] < _SAME:
             return found
@@ -310,9 +305,16 @@ class RedundantSolver(InverseKinematics):
         """(m, 7) the best by a criterion from ``start`` (7,), as near to it as whole turns allow [rad]."""
 
         def cost(q: FloatArray) -> FloatArray:
-            return energies(criterion, nearest_images(q, start, self.limits), self.energy, (), start)
+            return energies(criterion, self._toward(q, start), self.energy, (), start)
 
-        return nearest_images(self._refined(pose, found, step, cost), start, self.limits)
+        return self._toward(self._refined(pose, found, step, cost), start)
+
+    def _toward(self, q: FloatArray, start: FloatArray) -> FloatArray:
+        """Configurations (m, 7) at the images inside the limits nearest to ``start`` (7,) [rad]."""
+        low, high = self.limits.T
+        first = np.ceil((low - LIMIT_TOLERANCE - q) / TWO_PI)
+        last = np.floor((high + LIMIT_TOLERANCE - q) / TWO_PI)
+        return np.clip(q + TWO_PI * np.clip(np.rint((start - q) / TWO_PI), first, last), low, high)
 
     def _refined(
         self, pose: FloatArray, found: Found, step: float, cost: Callable[[FloatArray], FloatArray]

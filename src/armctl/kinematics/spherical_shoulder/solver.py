@@ -100,9 +100,6 @@ class SphericalShoulderSolver(InverseKinematics):
         Raises ``InputError``: ``step`` is not a positive number.
         """
         step = checked_step(step)
-        wound = self._wound(target, step, start)
-        if wound is not None:
-            return wound
         refusal, roll = held_roll(self._roll, target.roll)
         if refusal is not None:
             return self._refused(

@@ -142,8 +142,6 @@ class YawPitchRollSolver(InverseKinematics):
         """
         if step is not DEFAULT_STEP:
             step = checked_step(step)
-        if self._windings > 1 and (wound := self._wound(target, step, start)) is not None:
-            return wound
         (x, y, z), pitch, roll, rotation = target
         if self._pose is not None and pitch is not None and (roll is None or self._roll is not None):
             rolls = _NO_ROLLS if self._roll is None else self._roll.angles(roll)
