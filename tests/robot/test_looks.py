@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 from collections import Counter
 from random import Random
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics.samples import joint_samples
+from armctl.process.records import robot_record
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.robot.draft import BUILDS, Draft
 from armctl.robot.hulls import distances
@@ -269,3 +271,10 @@ def _raised() -> list[tuple[int | None, str]]:
     foot = {"solid": "tube", "from_mm": [0, 0, 20], "to_mm": [0, 0, 80], "width_mm": 50, "color": "grey"}
     robot: Robot = Draft.of_build("made", "Made", BUILDS[1], {}).changed(look={"solids": [foot]}).robot()
     return [(fault.row, fault.what) for fault in faults(robot, 1)]
+
+
+@pytest.mark.parametrize("name", ["scorbot", "mearm"])
+def test_an_arm_process_knows_the_arm_it_was_started_with(name: str) -> None:
+    """Copied to another process, an arm is told in the same words; else an arm that is held is not found."""
+    robot = load_robot(name)
+    assert robot_record(pickle.loads(pickle.dumps(robot))) == robot_record(robot)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.arms import of_sticks
 from tests.ui.page_kit import FakePage
 
 from armctl.arrays import FloatArray
@@ -163,7 +164,7 @@ def test_ways_are_judged_by_the_motion_that_is_sent() -> None:
 
 
 def test_a_selected_row_whose_way_is_refused_says_so(server: GuardedServer) -> None:
-    page = FakePage(server, ROBOT, HOME)
+    page = FakePage(server, of_sticks(ROBOT), HOME)
     InverseScreen(page.session)
     page.ask(108.9, -39.6, -25.6)
     page.press("Solve")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import ArrayRecord, FloatArray
 
@@ -55,16 +55,16 @@ class HullPairs:
         other: NDArray[np.intp],
         R: FloatArray,
         origin: FloatArray,
-        enough: FloatArray,
+        enough: ArrayLike,
     ) -> FloatArray:
         """Gaps (k,) [m] between hulls and others.
 
         ``R`` (k, 3, 3) and ``origin`` (k, 3) [m] place the frames of the others in those of the first.
         Negative where they overlap: minus the way on which they come apart. Each is a lower bound: in some
-        direction the two are so far apart. Beyond ``enough`` (k,) any lower bound will do. Where the nearest
-        points do not tell them clearly apart, the normals of all faces are tried.
+        direction the two are so far apart. Beyond ``enough`` [m], (k,) or one for all, any lower bound will
+        do. Where the nearest points do not tell them clearly apart, the normals of all faces are tried.
         """
-        low = np.empty(len(one))
+        low, enough = np.empty(len(one)), np.broadcast_to(np.asarray(enough, dtype=np.float64), len(one))
         for begin in range(0, len(one), _BLOCK):
             block = slice(begin, begin + _BLOCK)
             i, j, turned = one[block], other[block], R[block].transpose(0, 2, 1)

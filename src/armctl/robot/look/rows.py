@@ -37,7 +37,6 @@ class Row(
     forbid_unknown_fields=True,
     kw_only=True,
     tag_field="solid",
-    omit_defaults=True,
 ):
     """What all solids have in common."""
 
