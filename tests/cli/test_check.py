@@ -39,7 +39,7 @@ def test_a_warning_is_told_and_does_not_refuse(capsys: pytest.CaptureFixture[str
 
 def test_json_holds_every_part_of_a_finding(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     status, out, err = call(capsys, program(tmp_path, HOME, STRETCHED, LOW), "--json")
-    assert "step 3: the gripper: " in err and "mm below the floor; " in err and "raise the target" in err
+    assert "step 3: the left jaw: " in err and "mm below the floor; " in err and "raise the target" in err
     record = json.loads(out)
     assert status == REFUSED and record["sound"] is False and record["kind"] == "program"
     assert [(f["step"], f["kind"], f["severity"]) for f in record["findings"]] == [

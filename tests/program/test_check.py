@@ -105,7 +105,7 @@ def test_a_finding_of_the_preflight_says_when_where_what_and_how_to_mend_it() ->
     assert (finding.step, finding.part, finding.severity) == (2, "the left jaw", "error")
     assert finding.time is not None and finding.time > 0
     assert "below the floor" in finding.what and "raise the target" in finding.mend
-    assert str(finding) == (f"step 3: the gripper: at {finding.time:.2f} s, {finding.what}; {finding.mend}")
+    assert str(finding) == (f"step 3: the left jaw: at {finding.time:.2f} s, {finding.what}; {finding.mend}")
     (finding,) = all_findings(HOME, STRETCHED)
     assert (finding.step, finding.severity, finding.kind) == (1, "warning", "singularity")
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.arms import of_sticks
 from tests.runtime.kit import ROBOT, TICK
 
 from armctl.kinematics.chain import LinkFrames
 from armctl.motion import Floor
 from armctl.motion.clearance import SelfCollision
-from armctl.robot import load_robot
 from armctl.robot.parts import Obstacle
 from armctl.runtime.joint_servo import JointServo, KeepClear
 
@@ -168,7 +168,7 @@ def test_no_height_changes_by_more_than_5_mm_between_two_looks(seed: int) -> Non
 
 
 def test_the_arm_may_not_run_into_itself() -> None:
-    robot = load_robot("mico")
+    robot = of_sticks("mico")
     clear, body = KeepClear(robot), SelfCollision(robot)
     way = clear.line(robot.pose("home"), np.radians([-18, 29, 37, 107]))
     found = clear.blocked(way)

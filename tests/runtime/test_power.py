@@ -60,7 +60,7 @@ def test_enable_sends_the_pose_once(rig: Rig, wanted: np.ndarray | None, sent: n
     ("q", "error", "message"),
     [
         (np.radians([0, 90, -91.2, 0, 0]), MotionRefusedError, "Elbow: -91.20° is outside"),
-        (np.radians([0, -3, -60, -20, 0]), MotionRefusedError, "the gripper: .* mm below the floor"),
+        (np.radians([0, -3, -60, -20, 0]), MotionRefusedError, "the left jaw: .* mm below the floor"),
         (np.full(5, np.nan), InputError, "finite"),
         (np.zeros(3), InputError, "5 joint angles"),
     ],
