@@ -13,6 +13,7 @@ from tests.browser.kit import Screen
 from tests.browser.served_arm import HOME, ServedArm, served_arm
 
 from armctl.kinematics import Target
+from armctl.kinematics.chain import LinkFrames
 from armctl.ui.tabs.inverse.answer import solve
 
 pytestmark = pytest.mark.browser
@@ -53,8 +54,8 @@ def test_solve_page_select_and_go(solved: Screen, served: ServedArm) -> None:
 
     def wrist_is_drawn(row: int) -> bool:
         """Solutions of one point share the tool point, so the ghost's wrist is looked at."""
-        shown = page.node("/ghost/tool")
-        wrist = robot.frames(found.q(row))[6, :3, 3]
+        shown = page.node("/ghost/link3")
+        wrist = LinkFrames.at(robot.chain, found.q(row)[None]).origin[3][:, 0]
         return shown is not None and float(np.abs(np.array(shown) - wrist).max()) < 1e-5
 
     for row in (3520, 700, 3001):
