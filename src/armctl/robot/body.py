@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics.chain import Chain
 from armctl.robot.hulls import Hull
-from armctl.robot.look.pieces import Mount
+from armctl.robot.look.pieces import Mount, link_name
 from armctl.robot.parts import Look
 from armctl.robot.shape import FINGER, PALM, TIP_LENGTH, TIP_RADIUS, bars, tool_length, width
 from armctl.robot.surfaces import Surface
@@ -78,11 +78,6 @@ def capsule(
 def moved(T: FloatArray, point: ArrayLike) -> FloatArray:
     """A point (3,) [m] of a frame, as its pose T (4, 4) places it."""
     return T[:3, :3] @ np.asarray(point, dtype=np.float64) + T[:3, 3]
-
-
-def link_name(link: int, titles: Sequence[str]) -> str:
-    """What a user calls the link that a joint moves."""
-    return "the base" if link < 0 else f"the link behind {titles[link].lower()}"
 
 
 def shape_capsules(chain: Chain, look: Look, titles: Sequence[str], *, gripper: bool) -> tuple[Capsule, ...]:

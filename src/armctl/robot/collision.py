@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.kinematics.samples import joint_samples
-from armctl.robot.body import Capsule, link_name, moved
+from armctl.robot.body import Capsule, moved
 from armctl.robot.hulls import Hull, HullPairs
-from armctl.robot.look.pieces import Mount
+from armctl.robot.look.pieces import Mount, link_name
 from armctl.robot.parts import Obstacle
 from armctl.robot.segments import box_distance, segment_box_distance, segment_distance
 from armctl.robot.shape import bars
@@ -137,7 +137,7 @@ class CollisionModel:
         ordered, carried = tuple(capsules[k] for k in order), [carried[k] for k in order]
         numbers = solids or range(len(order))
         solids = tuple(numbers[k] for k in order)
-        apart: tuple[tuple[int, int], ...] = tuple(
+        apart: Pairs = tuple(
             (i, j)
             for j, outer in enumerate(carried)
             for i, inner in enumerate(carried[:j])
@@ -354,8 +354,7 @@ class CollisionModel:
         row, at = np.nonzero((out < NEAR_M) & self._fitted[piece][:, None])
         if len(row):
             pose = links.relative(np.full(len(at), -1), self._links[piece[row]], at)
-            enough = np.full(len(row), NEAR_M)
-            closer = self._hulls.gaps(len(self.capsules) + box[row], piece[row], *pose, enough)
+            closer = self._hulls.gaps(len(self.capsules) + box[row], piece[row], *pose, NEAR_M)
             out[row, at] = np.maximum(out[row, at], closer)
         return out
 
@@ -423,7 +422,7 @@ class Underside:
     radius: float
     """how far below them the piece reaches [m]"""
     thickness: float
-    """how far it may be below the floor where it lies on it in a named pose [m]"""
+    """how far it may be below the floor where it lies on it in the home or the rest pose [m]"""
     part: str
     """what a user calls the part that it belongs to"""
     levers: FloatArray

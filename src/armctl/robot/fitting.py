@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Chain
-from armctl.robot.body import ArmBody, Capsule, link_name
+from armctl.robot.body import ArmBody, Capsule
 from armctl.robot.hulls import Hull, distances
+from armctl.robot.look.pieces import link_name
 from armctl.robot.meshes import ArmSolids, across, extent, too_large, units_for
 from armctl.robot.parts import Shape
 from armctl.robot.solids import Solid

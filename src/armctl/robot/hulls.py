@@ -45,8 +45,8 @@ class HullPairs:
     """Gaps between any two of some hulls."""
 
     def __init__(self, hulls: Sequence[Hull]) -> None:
-        self._corners = _padded([one.corners for one in hulls], np.zeros((1, 3)))
-        self._normals = _padded([one.normals for one in hulls], np.array([[1.0, 0.0, 0.0]]))
+        self._corners = padded([one.corners for one in hulls], np.zeros((1, 3)))
+        self._normals = padded([one.normals for one in hulls], np.array([[1.0, 0.0, 0.0]]))
         self._margins = np.array([one.margin for one in hulls])
 
     def gaps(
@@ -189,7 +189,7 @@ def _weights(W: FloatArray) -> FloatArray:
     return feet[np.arange(k), size.argmin(axis=1)]
 
 
-def _padded(arrays: Sequence[FloatArray], nothing: FloatArray) -> FloatArray:
+def padded(arrays: Sequence[FloatArray], nothing: FloatArray) -> FloatArray:
     """Arrays (k, 3) as one (n, most, 3): the shorter ones end with their first row, or with ``nothing``."""
     arrays = [one if len(one) else nothing for one in arrays]
     most = max(map(len, arrays), default=1)

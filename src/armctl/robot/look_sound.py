@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.samples import joint_samples
-from armctl.robot.hulls import nearing
+from armctl.robot.hulls import nearing, padded
 from armctl.robot.look.pieces import Jaw, Mount
 from armctl.robot.robot import Robot
 
@@ -128,7 +128,7 @@ class Solids:
         self._corners = [corners for _, corners in listed]
         self._jaws: list[Jaw | None] = [piece.jaw for piece, _ in listed]
         self._mounts = [piece.mount for piece, _ in listed]
-        keys = [_moving(mount, jaw) for mount, jaw in zip(self._mounts, self._jaws, strict=True)]
+        keys = list(zip(self._mounts, self._jaws, strict=True))
         numbers = {key: k for k, key in enumerate(dict.fromkeys(keys))}
         self._rigid = np.array([numbers[key] for key in keys], dtype=np.intp)
         i, j = np.triu_indices(len(listed), 1)
@@ -199,24 +199,12 @@ class Solids:
                     break
 
 
-def _moving(mount: Mount, jaw: Jaw | None) -> tuple[object, ...]:
-    """The same for all that moves as one."""
-    opens = () if jaw is None else (jaw.slide.tobytes(), jaw.angle, jaw.axis.tobytes(), jaw.hinge.tobytes())
-    return mount.hangs, mount.turns, mount.pins and id(mount), opens
-
-
 def _apart(one: list[FloatArray], other: list[FloatArray]) -> FloatArray:
     """Between the hulls of points (k, 3) [m] each, at least; beyond ``REACHED_M`` no more exact."""
     if not one:
         return np.empty(0)
-    return nearing(_even(one), _even(other), np.full(len(one), REACHED_M))[0]
-
-
-def _even(many: list[FloatArray]) -> FloatArray:
-    """As one array (m, most, 3): those with fewer points have their first one again."""
-    most = max(map(len, many))
-    index: list[NDArray[np.intp]] = [np.where(np.arange(most) < len(one), np.arange(most), 0) for one in many]
-    return np.stack([one[k] for one, k in zip(many, index, strict=True)])
+    nothing = np.zeros((1, 3))
+    return nearing(padded(one, nothing), padded(other, nothing), np.full(len(one), REACHED_M))[0]
 
 
 def _beside(count: int, pairs: list[tuple[int, int]]) -> list[set[int]]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armctl.arrays import FloatArray
+from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.kinematics.subproblems import cross
 from armctl.robot.look.rows import AnyRow, Bracket, Motor, Plate, Rod, Spanned
@@ -24,7 +24,7 @@ _SIDES = {"x": ("front", "rear"), "y": ("left", "right"), "z": ("upper", "lower"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pins:
+class Pins(ArrayRecord):
     """Of a rod: it goes from a pin to one of another link."""
 
     near: FloatArray
@@ -38,7 +38,7 @@ class Pins:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Mount:
+class Mount(ArrayRecord):
     """A frame that moves with the arm: of a link, of a crank, or of a rod, along its x from the first pin."""
 
     hangs: int
@@ -73,7 +73,7 @@ class Mount:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Jaw:
+class Jaw(ArrayRecord):
     """How a piece moves in its mount while the gripper opens from 0 to 1."""
 
     slide: FloatArray
@@ -232,10 +232,7 @@ class Drawing:
             return f"the gripper {kind}" if joint is None else f"the {self._titles[joint].lower()} {kind}"
         if isinstance(row, Rod):
             return f"the rod to {self._titles[self._index(row.to_joint)].lower()}"
-        return self._link_name(self._index(row.joint))
-
-    def _link_name(self, link: int) -> str:
-        return "the base" if link < 0 else f"the link behind {self._titles[link].lower()}"
+        return link_name(self._index(row.joint), self._titles)
 
     def _driven(self, row: Motor) -> int | None:
         """The joint on whose axis a motor's shaft lies."""
@@ -249,6 +246,11 @@ class Drawing:
                 if away < nearest:
                     best, nearest = i, away
         return best
+
+
+def link_name(link: int, titles: Sequence[str]) -> str:
+    """What a user calls the link that a joint moves."""
+    return "the base" if link < 0 else f"the link behind {titles[link].lower()}"
 
 
 def _opens(row: AnyRow) -> bool:

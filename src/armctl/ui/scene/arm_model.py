@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from armctl.arrays import FloatArray, content
+from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.robot import Robot
 from armctl.robot.look.pieces import Jaw, Mount, Piece
@@ -105,25 +105,24 @@ class _Frames:
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
         self._mounts = {
-            _key(mount): (f"link{link}" if link >= 0 else "base", mount)
+            Mount(link, link): f"link{link}" if link >= 0 else "base"
             for link in range(-1, len(chain.segments))
-            for mount in (Mount(link, link),)
         }
         self._jaws: dict[str, Jaw] = {}
 
     @property
     def names(self) -> tuple[str, ...]:
         """In the order of ``place``."""
-        return (*(name for name, _ in self._mounts.values()), *self._jaws, TOOL)
+        return (*self._mounts.values(), *self._jaws, TOOL)
 
     def of(self, piece: Piece) -> str:
         """The name of the frame that a piece moves with."""
         count = len(self._mounts)
-        name, _ = self._mounts.setdefault(_key(piece.mount), (f"between{count}", piece.mount))
+        name = self._mounts.setdefault(piece.mount, f"between{count}")
         if piece.jaw is None:
             return name
         for other, jaw in self._jaws.items():
-            if other.startswith(f"{name}/") and _same(jaw, piece.jaw):
+            if other.startswith(f"{name}/") and jaw == piece.jaw:
                 return other
         name = f"{name}/jaw{len(self._jaws)}"
         self._jaws[name] = piece.jaw
@@ -131,14 +130,14 @@ class _Frames:
 
     def of_mount(self, mount: Mount) -> tuple[str, FloatArray]:
         """As ``ArmModel.frame_of``."""
-        return self._mounts[_key(mount)][0], np.eye(4)
+        return self._mounts[mount], np.eye(4)
 
     def place(self, q: FloatArray, opening: FloatArray) -> FloatArray:
         """As ``ArmModel.place``."""
         links = LinkFrames.at(self._chain, q)
         T = np.zeros((len(q), len(self._mounts) + len(self._jaws) + 1, 4, 4))
         T[:, :, 3, 3] = 1.0
-        for i, (_, mount) in enumerate(self._mounts.values()):
+        for i, mount in enumerate(self._mounts):
             R, origin = mount.at(links)
             T[:, i, :3, :3], T[:, i, :3, 3] = R.transpose(2, 0, 1), origin.T
         openings, which = np.unique(opening, return_inverse=True)
@@ -148,16 +147,3 @@ class _Frames:
         last = links.pose(len(self._chain.segments) - 1)[0].transpose(2, 0, 1)
         T[:, -1, :3, :3], T[:, -1, :3, 3] = last @ self._chain.tail[:3, :3], links.tool.T
         return T
-
-
-def _key(mount: Mount) -> tuple[object, ...]:
-    """Equal for what moves alike."""
-    pins = mount.pins
-    between = () if pins is None else (pins.link, *map(content, (pins.near, pins.far, pins.beside)))
-    return mount.hangs, mount.turns, *between
-
-
-def _same(one: Jaw, other: Jaw) -> bool:
-    return all(np.array_equal(a, b) for a, b in zip(one.at(1.0), other.at(1.0), strict=True)) and (
-        one.angle == other.angle
-    )
