@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,18 +30,14 @@ from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.solutions import outside as outside_words
 from armctl.kinematics.target import degrees_hint
 from armctl.kinematics.velocity import NEAR, position_leaves_orientation
+from armctl.robot.bodies import MOST_OPENINGS, Bodies
 from armctl.robot.body import ANY_OPENING, ArmBody, Capsule, Openings, shape_capsules
-from armctl.robot.collision import CollisionModel, Underside, undersides
+from armctl.robot.collision import CollisionModel, Underside
 from armctl.robot.look.pieces import Drawing, Piece
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
 from armctl.robot.parts import Gripper, Joint, Look, Obstacle, Shape
 
-if TYPE_CHECKING:
-    from armctl.robot.look_body import LookBody
-
 _PROBES = 64
-_MOST_OPENINGS = 8
-"""of the gripper for which the body is kept"""
 BODY_ASSUMED = "the body: convex hulls of the shapes"
 """how the line of ``assumed`` begins that ``with_body`` has more to say about"""
 
@@ -158,28 +153,47 @@ class Robot(ArrayRecord):
             stall_torque=None if None in stall else np.array(stall, dtype=np.float64),
         )
 
-    @cached_property
+    @property
     def drawing(self) -> Drawing:
         """The arm as it stands while its look is described."""
-        pose = np.array(self.look.pose or np.zeros(self.n), dtype=np.float64)
-        return Drawing(self.chain, self.link_names, self.link_titles, pose)
+        return self._drawn.drawing
 
-    @cached_property
+    @property
     def pieces(self) -> tuple[Piece, ...]:
         """What its look says, to draw and to keep apart; empty where it has none."""
-        rows = enumerate(self.look.rows)
-        return tuple(piece for i, row in rows for piece in self.drawing.pieces(i, row))
+        return self._drawn.pieces
+
+    @cached_property
+    def _drawn(self) -> Bodies:
+        """Its bodies; of an arm with shapes that are not worked out, what is drawn besides them."""
+        return Bodies(
+            self.chain,
+            self.link_names,
+            self.link_titles,
+            self.look,
+            None if self._has_look_only else self.capsules or (),
+            self.limits,
+            np.array(self.resting).reshape(-1, self.n),
+            self.obstacles,
+        ).shared()
+
+    @cached_property
+    def bodies(self) -> Bodies:
+        """Its body at each opening of the gripper; reading the files of shapes may take seconds."""
+        if self.capsules is not None or self._has_look_only:
+            return self._drawn
+        return replace(self._drawn, given=self._worked_out(None).capsules).shared()
+
+    @property
+    def _has_look_only(self) -> bool:
+        return self.capsules is None and not self.shapes and bool(self.look.rows)
 
     @cached_property
     def body(self) -> ArmBody:
         """What is kept apart: capsules of the file, hulls of its shapes, or capsules round the bars."""
-        return self._worked_out(None)
+        return self.bodies.at(ANY_OPENING)
 
     def _worked_out(self, progress: Callable[[int, int], None] | None) -> ArmBody:
-        if self.capsules is not None:
-            return ArmBody(self.capsules)
-        if self._look_body is not None:
-            return self._look_body.at(ANY_OPENING)
         gripper = self.gripper is not None
         bars = shape_capsules(self.chain, self.look, self.link_titles, gripper=gripper)
         if not self.shapes:
@@ -222,35 +236,23 @@ class Robot(ArrayRecord):
         shapes = tuple(shape for k, shape in enumerate(self.shapes) if k not in body.unused)
         return replace(self, capsules=body.capsules, assumed=(*assumed, *body.notes), shapes=shapes)
 
-    @cached_property
-    def _look_body(self) -> LookBody | None:
-        if self.capsules is not None or self.shapes or not self.look.rows:
-            return None
-        from armctl.robot.look_body import LookBody  # scipy
-
-        return LookBody(self.pieces, len(self.chain.segments))
-
     def gripping(self, *openings: float | None) -> Robot:
         """The same arm while its gripper is at an opening 0..1, or between some; None: at any.
 
         It shares all that was worked out. Openings are rounded to 0.01.
         """
-        look, known = self._look_body, self._gripping
         key = ANY_OPENING
-        if look is None or not look.opens:
-            return self
         if None not in openings and openings:
             rounded = [round(min(max(one or 0.0, 0.0), 1.0), 2) for one in openings]
             key = min(rounded), max(rounded)
-        if key == self.openings:
+        if not self._has_look_only or key == self.openings or not self.bodies.opens:
             return self
+        known = self._gripping
         if key not in known:
-            _ = self.inverse_kinematics, self._always, self.drawing, self.pieces  # all of them share these
+            _ = self.inverse_kinematics  # all of them share it
             twin = object.__new__(type(self))
             twin.__dict__.update(self.__dict__, openings=key)
-            for name in ("collision", "undersides"):
-                twin.__dict__.pop(name, None)
-            while len(known) >= _MOST_OPENINGS:
+            while len(known) >= MOST_OPENINGS:
                 known.pop(next(iter(known)), None)
             known[key] = twin
         return known[key]
@@ -259,42 +261,15 @@ class Robot(ArrayRecord):
     def _gripping(self) -> dict[Openings, Robot]:
         return {}
 
-    @cached_property
+    @property
     def collision(self) -> CollisionModel:
         """The pieces of the arm's body, and which of them are kept apart."""
-        look = self._look_body
-        if look is None or self.openings == ANY_OPENING:
-            return self._model_of(self.body, None if look is None or not look.opens else self._always)
-        return self._model_of(look.at(self.openings), self._always)
+        return self.bodies.collision(self.openings)
 
-    @cached_property
+    @property
     def undersides(self) -> tuple[Underside, ...]:
         """What comes nearest to the floor, from the base to the tool; without what no joint lifts."""
-        with_bars = self._look_body is None
-        return undersides(self.collision, self.link_titles, self.limits, with_bars=with_bars)
-
-    @cached_property
-    def _always(self) -> frozenset[tuple[int, int]]:
-        """Solids that touch each other in all configurations, with the gripper closed, half open and open."""
-        look = self._look_body
-        if look is None:
-            return frozenset()
-        models = [self._model_of(look.at((one, one)), None) for one in (0.0, 0.5, 1.0)]
-        found = [{(model.solids[i], model.solids[j]) for i, j in model.touching} for model in models]
-        return frozenset(set[tuple[int, int]].intersection(*found))
-
-    def _model_of(self, body: ArmBody, always: frozenset[tuple[int, int]] | None) -> CollisionModel:
-        poses = np.array(self.resting or [self.limits.mean(axis=1)])
-        return CollisionModel.build(
-            self.chain,
-            body.capsules,
-            self.limits,
-            poses,
-            self.obstacles,
-            mounts=body.mounts,
-            solids=body.solids,
-            always=always,
-        )
+        return self.bodies.undersides(self.openings)
 
     def body_frames(self, q: ArrayLike) -> LinkFrames:
         """Where the links are at ``q`` (m, n) [rad] and, behind them, cranks and rods that move with two."""
