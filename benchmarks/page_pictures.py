@@ -25,7 +25,8 @@ from playwright.sync_api import Page, sync_playwright
 from tests.browser.kit import launch
 
 from armctl.robot import Robot, load_robot
-from armctl.ui.scene.arm_figure import ARM, ArmFigure, arm_model
+from armctl.ui.scene.arm_figure import ARM, ArmFigure
+from armctl.ui.scene.arm_model import arm_model
 from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
 
 ARMS = "so101", "mearm", "ur5", "uzuner"
@@ -134,7 +135,7 @@ def main() -> None:
     with view() as (page, server):
         for name in arms:
             robot = load_robot(name)
-            ways = {"bars": replace(robot, look=replace(robot.look, rows=())), "look": robot}
+            ways = {"guess": replace(robot, look=replace(robot.look, rows=())), "look": robot}
             rounds = {how: [measured(page, server, one)] for how, one in ways.items()}
             for _ in range(ROUNDS - 1):
                 for how, one in ways.items():

@@ -431,7 +431,7 @@ def main() -> int:
     parser.add_argument("--poses", type=int, default=2000)
     parser.add_argument("--motions", type=int, default=500)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--capsules", action="store_true", help="without looks: capsules round the bars")
+    parser.add_argument("--guessed", action="store_true", help="with looks that are guessed")
     parser.add_argument("--transforms", action="store_true", help="where the makers' links are in ours")
     options = parser.parse_args()
     arms = [TrueArm(options.folder, load_robot(name)) for name in options.names]
@@ -441,7 +441,7 @@ def main() -> int:
     kinds = " | ".join(f"{kind}: true hits | missed | refused" for kind in KINDS)
     print(f"\n| arm | | {kinds} |\n|---|---|{'--:|' * 6}")
     for true in arms:
-        robot = replace(true.robot, look=Look()) if options.capsules else true.robot
+        robot = replace(true.robot, look=Look()) if options.guessed else true.robot
         for what, count in zip(
             ("poses", "motions"),
             tried(true, robot, options.poses, options.motions, options.seed),

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import re
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from armctl.robot import Robot, load, load_robot, robots_folder
-from armctl.robot.parts import Look
+from armctl.robot import load, robots_folder
 
 FIVE = ("abaas", "humanoid", "mico", "scorbot", "uzuner")
 BENCH_URDF = """<robot name="bench_arm">
@@ -52,17 +50,3 @@ def quick_arms(folder: Path, patch: pytest.MonkeyPatch) -> None:
     for name in ("uzuner", "abaas", "mico"):
         quick_robot(folder, name).replace(robots / f"{name}.toml")
     patch.setattr(load, "robots_folder", lambda: robots)
-
-
-_STICKS = {
-    "abaas": Look(shape="square", width=0.06),
-    "humanoid": Look(width=0.07),
-    "mico": Look(width=0.08),
-    "scorbot": Look(shape="square", width=0.07),
-}
-
-
-def of_sticks(robot: Robot | str) -> Robot:
-    """A shipped arm without its look: bars along its links, and capsules round them."""
-    robot = load_robot(robot) if isinstance(robot, str) else robot
-    return replace(robot, look=_STICKS.get(robot.name, Look()))

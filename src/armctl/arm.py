@@ -27,6 +27,7 @@ from armctl.program import ArcStep, LineStep, Program, Step, WaitStep, checked_p
 from armctl.program.feed import whole_number
 from armctl.program.steps import WIDEST_BLEND_MM
 from armctl.robot import Robot, load_robot
+from armctl.robot.robot import BODY_GUESSED
 from armctl.runtime import (
     ArmLink,
     ClearFault,
@@ -133,6 +134,8 @@ class Arm:
         it goes to its rest pose, where it has power.
         """
         loaded = robot if isinstance(robot, Robot) else load_robot(robot)
+        if loaded.body_is_guessed:
+            _LOGGER.warning("%s: %s", loaded.title, BODY_GUESSED)
         port = SIMULATED if port is None else port
         board = board_name(port, loaded)
         link = start_arm(calibrated_for(loaded, board), board, rate_hz, port=port)

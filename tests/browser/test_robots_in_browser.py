@@ -15,7 +15,7 @@ from tests.browser.serving import serving
 
 from armctl.robot import Robot, load_robot, robots_folder
 from armctl.runtime import State
-from armctl.ui.scene.arm_figure import arm_model
+from armctl.ui.scene.arm_model import arm_model
 from armctl.ui.tabs.simulation.screen import Trail
 
 pytestmark = pytest.mark.browser

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.arms import FIVE, of_sticks
+from tests.arms import FIVE
 from tests.robot.test_urdf_tool import PROP
 from tests.robot.urdf_kit import written
+from tests.sticks import of_sticks
 
 from armctl.arrays import FloatArray
 from armctl.calibration import ToolError, tool_error

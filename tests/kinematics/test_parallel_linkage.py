@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.arms import of_sticks
+from tests.sticks import of_sticks
 
 import armctl
 from armctl.arrays import FloatArray

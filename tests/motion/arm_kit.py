@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from tests.kinematics.kit import chain_of, plain_frames, random_planar_arm
+from tests.sticks import of_sticks
 
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain, GravityModel
@@ -43,7 +44,7 @@ def random_arm(seed: int) -> Robot:
     limits = planar.limits
     if chain.n > len(limits):
         limits = np.concatenate([limits, [[-2.0, 2.0]]])
-    return arm(chain, limits)
+    return of_sticks(arm(chain, limits))
 
 
 def axis_points(robot: Robot, capsule: Capsule, q: FloatArray, count: int = 60) -> FloatArray:

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.arms import of_sticks
 from tests.kinematics.kit import plain_frames
 from tests.motion.arm_kit import arm, axis_points, brute_gap, random_arm
+from tests.sticks import of_sticks
 
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain, DHRow

@@ -8,8 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from tests.arms import FIVE, of_sticks
+from tests.arms import FIVE
 from tests.motion.sentence_kit import body_pieces
+from tests.sticks import of_sticks
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError

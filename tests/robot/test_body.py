@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.arms import FIVE, of_sticks
+from tests.arms import FIVE
 from tests.motion.arm_kit import axis_points, brute_gap, random_arm
 from tests.motion.sentence_kit import apart, tools
 from tests.robot.test_urdf_tool import JAW, PROP
 from tests.robot.urdf_kit import Step, written
+from tests.sticks import FINGER, TIP_LENGTH, bars, of_sticks, tool_length
 
 from armctl.arrays import FloatArray
 from armctl.errors import MotionRefusedError, RobotFileError, UnreachableError
@@ -22,7 +23,7 @@ from armctl.motion import plan_line
 from armctl.robot import Robot, load_robot, robots_folder, shipped_robots
 from armctl.robot.collision import NEAR_M, undersides
 from armctl.robot.segments import box_distance, segment_box_distance, segment_distance
-from armctl.robot.shape import FINGER, TIP_LENGTH, bars, tool_length, width
+from armctl.robot.shape import width
 
 ARMS = [*map(of_sticks, FIVE), *map(random_arm, range(4))]
 
@@ -105,15 +106,16 @@ def test_pairs_that_meet_in_a_joint_are_left_out_and_always_the_same_ones() -> N
 
 def test_the_body_follows_the_look_and_the_gripper() -> None:
     robot = of_sticks("uzuner")
-    thick = replace(robot, look=replace(robot.look, width=2 * robot.look.width))
+    thick = of_sticks(robot, replace(robot.look, width=2 * robot.look.width))
     slim, wide = robot.collision.capsules[0], thick.collision.capsules[0]
     assert wide.radius == pytest.approx(2 * slim.radius)
     tool = robot.forward(robot.pose("home"))[:3, 3]
-    for arm in (robot, replace(robot, gripper=None)):
+    bare = of_sticks(replace(robot, gripper=None), robot.look)
+    for arm in (robot, bare):
         last = arm.collision.capsules[-1]
         end = axis_points(arm, last, arm.pose("home"))[-1]
         assert np.linalg.norm(end - tool) == pytest.approx(last.radius)  # the round end is the tool point
-    assert {c.part for c in replace(robot, gripper=None).collision.capsules} >= {"the tool"}
+    assert {c.part for c in bare.collision.capsules} >= {"the tool"}
 
 
 def test_a_robot_file_may_give_its_own_capsules_and_obstacles(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ from armctl.robot.meshes import read_mesh, solid_of
 from armctl.robot.parts import Shape
 from armctl.robot.robot import Robot
 from armctl.robot.solids import Solid, block, decimated, grown, tube, welded
-from armctl.ui.scene.bar_model import drawn_solids
+from armctl.ui.scene.shape_drawings import drawn_solids
 
 
 def posed(

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from tests.robot.urdf_kit import Step, product, turn
 from tests.robot.urdf_kit import written as kit_written
+from tests.sticks import bars
 
 from armctl import load_robot
 from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Chain, rotation_from_rpy
 from armctl.kinematics.energy import STANDARD_GRAVITY
-from armctl.robot.shape import bars
 
 ARM = """<?xml version="1.0"?>
 <robot name="My Arm">

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.arms import of_sticks
 from tests.runtime.kit import ROBOT, TICK
+from tests.sticks import of_sticks
 
 from armctl.kinematics.chain import LinkFrames
 from armctl.motion import Floor

@@ -17,7 +17,8 @@ from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.robot.look.stock import paint
 from armctl.robot.solids import block, creased, drum, grown, joined
 from armctl.ui.guard import GuardedServer
-from armctl.ui.scene.arm_figure import ArmFigure, arm_model, repaint
+from armctl.ui.scene.arm_figure import ArmFigure, repaint
+from armctl.ui.scene.arm_model import arm_model
 from armctl.ui.scene.body_view import BodyView, body_solids
 
 ARMS = {name: load_robot(name) for name in shipped_robots()}
@@ -87,19 +88,6 @@ def test_tracks_are_the_poses_and_jaws_follow_the_gripper(server: GuardedServer,
     assert len(jaws) >= 2 and all(np.ptp(track, axis=0).max() > 1e-3 for track in jaws.values())
 
 
-@pytest.mark.parametrize("name", ["uzuner", "ur5"])
-def test_an_arm_without_a_look_is_drawn_from_its_rows(server: GuardedServer, name: str) -> None:
-    robot = without_look(ARMS[name])
-    figure, q = ArmFigure(server.scene, robot, "/arm"), robot.pose("home")
-    figure.pose(q, 1.0)
-    *frames, tool = robot.frames(q)
-    for i, frame in enumerate(frames):
-        assert np.abs(in_base(server, f"/arm/f{i}") - frame).max() < 1e-9
-    assert np.abs(in_base(server, "/arm/tool") - tool).max() < 1e-9
-    hand = {mesh.name for mesh in arm_model(robot).meshes if mesh.name.startswith("tool/")}
-    assert hand >= ({"tool/tip"} if robot.gripper is None else {"tool/palm", "tool/left/finger"})
-
-
 def test_a_ghost_is_one_mesh_a_frame_and_a_little_larger() -> None:
     robot = ARMS["so101"]
     arm, ghost = arm_model(robot), arm_model(robot, 1.08, ghostly=True)
@@ -121,7 +109,6 @@ def test_a_dark_page_draws_what_is_black_in_its_own_colours_and_in_the_same_fram
     drawn = repaint(server.scene, robot, "/arm", "dark")
     colors = {node.name: tuple(node.color) for node in drawn}
     assert black and all(colors[f"/arm/{mesh.name}"] == paint("black", "dark") for mesh in black)
-    assert repaint(server.scene, replace(robot, look=replace(robot.look, rows=())), "/arm", "dark") == []
 
 
 def test_edges_stay_sharp_and_the_rest_is_smooth() -> None:

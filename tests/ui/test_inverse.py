@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.arms import of_sticks
+from tests.sticks import of_sticks
 from tests.ui.page_kit import FakePage
 
 from armctl.arrays import FloatArray

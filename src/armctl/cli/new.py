@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 from collections.abc import Iterable, Sequence
+from typing import get_args
 
 import click
 import numpy as np
 
 from armctl.cli.options import NUMBER
 from armctl.errors import InputError
-from armctl.robot import Robot, robot_path
+from armctl.robot import Robot, is_urdf, load_robot, robot_path
 from armctl.robot.draft import BUILDS, Build, Draft, build_named
+from armctl.robot.look.rows import written
+from armctl.robot.look.stock import MAKES
+from armctl.robot.parts import Hand, Look
 from armctl.robot.shape import across_the_link
 
 
@@ -41,8 +46,11 @@ from armctl.robot.shape import across_the_link
     "--pose", "poses", multiple=True, metavar="NAME=Q,Q,…", help="A named pose [degrees]: home, rest, …"
 )
 @click.option("--floor", "floor_mm", type=NUMBER, help="Height of the floor in the base frame [mm].")
+@click.option("--motors", type=click.Choice(list(MAKES)), help="Of its joints: so it is drawn.")
+@click.option("--hand", type=click.Choice(get_args(Hand)), help="What is drawn at its tool point.")
 @click.option("--replace", is_flag=True, help="Replace a robot of your own that has this name.")
 @click.option("--print", "only_print", is_flag=True, help="Print the file instead of saving it.")
+@click.option("--look", "only_look", is_flag=True, help="Print its look only, as a table of a robot file.")
 def new(
     name: str,
     title: str | None,
@@ -54,14 +62,23 @@ def new(
     gripper: str | None,
     poses: Sequence[str],
     floor_mm: float | None,
+    motors: str | None,
+    hand: str | None,
     replace: bool,
     only_print: bool,
+    only_look: bool,
 ) -> None:
     """Make a robot file NAME of your own, from a usual build or from another robot.
 
     In a terminal it asks for what is not given. The file goes into your folder of robots, where every
     command and the page find it by its name.
+
+    An arm without a look is drawn, and kept from touching itself, as a guess from its lengths. --look prints
+    this guess as the table [look] of a robot file: correct it there, row by row.
     """
+    if only_look and source is not None and is_urdf(source):
+        click.echo(look_text(load_robot(source).whole_look), nl=False)
+        return
     draft = _begun(name, title, build, dict(_pairs(lengths, "--length")), source)
     for joint, text in _pairs(limits, "--limit"):
         low, high = _numbers(text, f"--limit {joint}", 2)
@@ -76,6 +93,10 @@ def new(
         draft = draft.with_pose(pose, _numbers(text, f"--pose {pose}", len(draft.joints)))
     if floor_mm is not None:
         draft = draft.changed(floor={"z_mm": floor_mm})
+    draft = draft.with_guess(motors, hand)
+    if only_look:
+        click.echo(look_text(draft.robot().whole_look), nl=False)
+        return
     if only_print:
         draft.robot()
         click.echo(draft.text(), nl=False)
@@ -84,6 +105,13 @@ def new(
     for line in summary(draft.robot()):
         click.echo(line)
     click.echo(f"saved as {path}\nnext: armctl serve --robot {name}")
+
+
+def look_text(look: Look) -> str:
+    """A look as the table of a robot file."""
+    source, pose = json.dumps(look.source, ensure_ascii=False), np.degrees(look.pose).tolist()
+    angles = ", ".join(f"{angle:.6g}" for angle in pose)
+    return f"[look]\nsource = {source}\npose_deg = [{angles}]\n{written(look.rows)}"
 
 
 def _begun(

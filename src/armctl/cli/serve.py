@@ -44,7 +44,7 @@ from armctl.ui import (
 from armctl.ui.api import PATH as API_PATH
 from armctl.ui.api import api_door
 from armctl.ui.guard import TOKEN, GuardedServer, encryption, guarded_server
-from armctl.ui.scene.bar_model import MOST_DRAWN, MOST_GHOSTLY, keep_drawn
+from armctl.ui.scene.shape_drawings import MOST_DRAWN, MOST_GHOSTLY, keep_drawn
 
 LOG = logging.getLogger("armctl.cli.serve")
 _TAKEN_OVER = (

@@ -81,8 +81,10 @@ class Bodies(ArrayRecord):
         known = self._undersides
         if openings not in known:
             _leave_room(known)
-            bars = self.given is not None
-            known[openings] = undersides(self.collision(openings), self.titles, self.limits, with_bars=bars)
+            points = self.given is not None
+            known[openings] = undersides(
+                self.collision(openings), self.titles, self.limits, with_points=points
+            )
         return known[openings]
 
     @cached_property

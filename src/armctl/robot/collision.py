@@ -14,12 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.kinematics.samples import joint_samples
-from armctl.robot.body import Capsule, moved
+from armctl.robot.body import Capsule
 from armctl.robot.hulls import Hull, HullPairs
 from armctl.robot.look.pieces import Mount, link_name
 from armctl.robot.parts import Obstacle
 from armctl.robot.segments import box_distance, segment_box_distance, segment_distance
-from armctl.robot.shape import bars
 from armctl.robot.surfaces import CLEAR_M, SurfacePairs
 
 
@@ -430,12 +429,13 @@ class Underside:
 
 
 def undersides(
-    model: CollisionModel, titles: Sequence[str], limits: FloatArray, *, with_bars: bool = True
+    model: CollisionModel, titles: Sequence[str], limits: FloatArray, *, with_points: bool = True
 ) -> tuple[Underside, ...]:
     """What joints raise or lower within limits (n, 2) [rad].
 
-    Over a plane a capsule is lowest below one of its ends, and a hull below one of its corners. Bars without
-    a capsule count without thickness (``with_bars``), and so does the tool point, which comes last.
+    Over a plane a capsule is lowest below one of its ends, and a hull below one of its corners. The ends of
+    DH rows that no capsule ends at count without thickness (``with_points``), and so does the tool point,
+    which comes last.
     """
     chain = model.chain
     probes = model.frames(joint_samples(limits, _PROBES))
@@ -448,12 +448,12 @@ def undersides(
     link, T = chain.places[-1]
     tool = (link, T[None, :3, 3], 0.0, 0.0, "the tool")
     ends = [(c.link, end) for c in model.capsules if c.hull is None for end in c.corners] + [(link, T[:3, 3])]
-    for bar in bars(chain, 0.0) if with_bars else ():
-        point = moved(chain.places[bar.frame].T_link_frame, bar.end)
-        known = (end for its_link, end in ends if its_link == bar.link)
+    for link, place in chain.places if with_points else ():
+        point = place[:3, 3]
+        known = (end for its_link, end in ends if its_link == link)
         if not any(np.allclose(point, end, atol=1e-9) for end in known):
-            ends.append((bar.link, point))
-            pieces.append((bar.link, point[None], 0.0, 0.0, link_name(bar.link, titles)))
+            ends.append((link, point))
+            pieces.append((link, point[None], 0.0, 0.0, link_name(link, titles)))
     pieces.append(tool)
     found: list[Underside] = []
     for link, points, radius, thickness, part in pieces:

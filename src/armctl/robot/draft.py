@@ -378,6 +378,12 @@ class Draft:
         servo |= {key: pulse for key, pulse in given.items() if pulse is not None}
         return self.changed(gripper={**gripper, "servo": servo})
 
+    def with_guess(self, servo: str | None = None, hand: str | None = None) -> Self:
+        """With what its look is guessed from besides lengths: the make of its motors, what holds things."""
+        given = {key: value for key, value in (("servo", servo), ("hand", hand)) if value is not None}
+        look = dict(cast("Table", self.table.get("look", {})))
+        return self.changed(look={**look, **given}) if given else self
+
     def with_pose(self, name: str, q_deg: Sequence[float] | FloatArray) -> Self:
         """With a named pose [degrees]."""
         poses = dict(cast("Mapping[str, object]", self.table.get("poses", {})))

@@ -14,7 +14,8 @@ from msgspec import Meta
 from armctl.documents import Document, DocumentKind
 from armctl.errors import Errors, RobotFileError
 from armctl.robot.look.rows import SOLIDS, AnyRow
-from armctl.robot.parts import MOST_JOINTS, Look, Obstacle
+from armctl.robot.look.stock import MakeName
+from armctl.robot.parts import MOST_JOINTS, Hand, Look, Obstacle
 from armctl.robot.parts import Color as Rgb
 
 T = TypeVar("T")
@@ -120,9 +121,10 @@ class BodyEntry(Strict, frozen=True):
 
 
 class LookEntry(Strict, frozen=True):
-    """How the arm is drawn, and what is kept apart: ``solids``, or bars along its links.
+    """How the arm is drawn, and what is kept apart: its ``solids``.
 
-    Colours of bars are written as ``#rrggbb``.
+    Without these they are guessed from its lengths; what else is here says how wide and in which colours
+    (``#rrggbb``, of which the nearest of the palette is taken).
     """
 
     solids: Annotated[tuple[AnyRow, ...], Meta(max_length=400)] = ()
@@ -140,6 +142,10 @@ class LookEntry(Strict, frozen=True):
     """cross-section of the links"""
     width_percent: Annotated[float, Meta(gt=0, le=20)] = 5.2
     """width of the links in percent of the arm's reach"""
+    servo: MakeName | None = None
+    """make of its servos: a guess draws them, and is as wide as they are"""
+    hand: Hand | None = None
+    """what a guess draws at the tool point; left out: jaws where there is a gripper, else a tip"""
 
     def look(self) -> Look:
         """What it says."""
@@ -152,6 +158,8 @@ class LookEntry(Strict, frozen=True):
             rows=self.solids,
             pose=pose,
             source=self.source,
+            servo=self.servo,
+            hand=self.hand,
         )
 
 

@@ -79,10 +79,10 @@ def fitted_body(
     chain: Chain,
     shapes: Sequence[Shape],
     titles: Sequence[str],
-    bars: Sequence[Capsule],
+    drawn: Sequence[Capsule],
     progress: Progress | None = None,
 ) -> ArmBody:
-    """The body of an arm from the shapes of its links; of links without any that can be read, the bars.
+    """The body of an arm from the shapes of its links; of links without any that can be read, what is drawn.
 
     ``progress`` is told how many of how many links are done.
     """
@@ -95,7 +95,7 @@ def fitted_body(
         solids = [solid for k, solid in found.items() if shapes[k].link == link]
         name = link_name(link, titles)
         if not solids:
-            capsules += [bar for bar in bars if bar.link == link]
+            capsules += [one for one in drawn if one.link == link]
             continue
         pieces, gap = fit(solids)
         if gap > widest:
@@ -103,7 +103,7 @@ def fitted_body(
         capsules += [
             Capsule(link, one.start, one.end, one.radius, name, one.hull, one.surface) for one in pieces
         ]
-    fitted = [one for one in capsules if all(one is not bar for bar in bars)]
+    fitted = [one for one in capsules if all(one is not other for other in drawn)]
     if fitted:
         count = f"{len(fitted)} convex hull{'' if len(fitted) == 1 else 's'}"
         text = f"the body: {count} of the meshes; the largest gap is {1000 * widest:.0f} mm ({where})"

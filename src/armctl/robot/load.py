@@ -6,6 +6,7 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ from armctl.robot.file import (
 )
 from armctl.robot.look.rows import called
 from armctl.robot.parts import JERK_UP_S, Gripper, Joint, Look
-from armctl.robot.robot import Robot
+from armctl.robot.robot import BODY_GUESSED, Robot
 
 _SIDE_SUFFIX = ".armctl.toml"
 _URDF = re.compile(
@@ -206,16 +207,17 @@ def robot_of(document: Document) -> Robot:
         named_links=() if chain.coupling is None else tuple(_link_title(row, by_name) for row in links),
         obstacles=tuple(entry.obstacle() for entry in file.obstacles),
     )
-    _check_look(robot, document, errors)
+    check_look(robot, document, errors)
     for name, pose in robot.poses.items():
         with errors:
             if words := robot.turn_words(pose):
                 raise document.error(f"poses.{name}: {'; '.join(words)}", ("poses", name))
     errors.raise_all()
-    return robot
+    return replace(robot, assumed=(*robot.assumed, BODY_GUESSED)) if robot.body_is_guessed else robot
 
 
-def _check_look(robot: Robot, document: Document, errors: Errors) -> None:
+def check_look(robot: Robot, document: Document, errors: Errors) -> None:
+    """Find what cannot be in the rows of a robot's look, and name them."""
     if len(robot.look.pose) not in (0, robot.n):
         with errors:
             what = f"look.pose_deg: {robot.n} joints, but {len(robot.look.pose)} angles"

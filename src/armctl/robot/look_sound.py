@@ -42,7 +42,7 @@ def faults(robot: Robot, samples: int = 6) -> Iterator[Fault]:
 
     Besides home and rest it looks for what floats at some configurations over the limits (``samples``).
     """
-    if not robot.pieces:
+    if not robot.look.rows:
         return
     solids = Solids(robot)
     poses = {name: robot.pose(name) for name in ("home", "rest")}

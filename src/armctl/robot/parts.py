@@ -7,6 +7,7 @@ from typing import Literal
 
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.robot.look.rows import AnyRow
+from armctl.robot.look.stock import MakeName
 
 MOST_JOINTS = 64
 """no arm has more: solvers and checks take time and memory for each"""
@@ -46,6 +47,8 @@ class Gripper:
 # How an arm is drawn, and what is kept apart.
 
 Color = tuple[int, int, int]
+Hand = Literal["jaws", "cup", "pen", "tip"]
+"""what an arm without a look is drawn with at its tool point"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +69,15 @@ class Look:
     width: float = 0.052
     """width of the links as a fraction of the arm's reach"""
     rows: tuple[AnyRow, ...] = ()
-    """its solids; empty: bars along the links, as wide and coloured as above"""
+    """its solids; empty: they are guessed, as wide and coloured as above"""
     pose: tuple[float, ...] = ()
     """how it stands where the rows describe it: its joints [rad]; empty: all at 0"""
     source: str = ""
     """where the sizes of the rows come from"""
+    servo: MakeName | None = None
+    """without rows: the make of its servos, after which the look that is guessed has its sizes"""
+    hand: Hand | None = None
+    """without rows: what is at the tool point; None: jaws where the arm has a gripper, else a tip"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

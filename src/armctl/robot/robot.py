@@ -31,7 +31,7 @@ from armctl.kinematics.solutions import outside as outside_words
 from armctl.kinematics.target import degrees_hint
 from armctl.kinematics.velocity import NEAR, position_leaves_orientation
 from armctl.robot.bodies import MOST_OPENINGS, Bodies
-from armctl.robot.body import ANY_OPENING, ArmBody, Capsule, Openings, shape_capsules
+from armctl.robot.body import ANY_OPENING, ArmBody, Capsule, Openings
 from armctl.robot.collision import CollisionModel, Underside
 from armctl.robot.look.pieces import Drawing, Piece
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
@@ -40,6 +40,11 @@ from armctl.robot.parts import Gripper, Joint, Look, Obstacle, Shape
 _PROBES = 64
 BODY_ASSUMED = "the body: convex hulls of the shapes"
 """how the line of ``assumed`` begins that ``with_body`` has more to say about"""
+BODY_GUESSED = (
+    "the body: guessed from the lengths of the links, so what is called clear may touch. "
+    "Give the arm a look: 'armctl new NAME --from ROBOT --look' prints the guess to go on from"
+)
+"""what is said of an arm whose body is a guess (``Robot.body_is_guessed``)"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,11 +69,11 @@ class Robot(ArrayRecord):
     """named tool points (3,) in the base frame [m]"""
     look: Look = field(default_factory=Look)
     capsules: tuple[Capsule, ...] | None = None
-    """its body; None: as it is drawn"""
+    """its body; None: the solids of its look, or hulls of its shapes"""
     obstacles: tuple[Obstacle, ...] = ()
     """what the arm must stay out of, besides the floor"""
     shapes: tuple[Shape, ...] = ()
-    """its links as they are drawn; links without one, and an arm without any, as bars"""
+    """its links as they are drawn; links without one, and an arm without any, as its look says"""
     board: str = DEFAULT_BOARD
     """the kind of board that drives it"""
     board_settings: object = None
@@ -160,18 +165,23 @@ class Robot(ArrayRecord):
 
     @property
     def pieces(self) -> tuple[Piece, ...]:
-        """What its look says, to draw and to keep apart; empty where it has none."""
+        """What its look says, or one that is guessed: to draw and to keep apart, of links without shapes."""
         return self._drawn.pieces
+
+    @property
+    def body_is_guessed(self) -> bool:
+        """Whether nothing says what its body is like: it has no look, no capsules and no shapes."""
+        return not self.look.rows and self.capsules is None and not self.shapes
 
     @cached_property
     def _drawn(self) -> Bodies:
-        """Its bodies; of an arm with shapes that are not worked out, what is drawn besides them."""
+        """Its bodies; of an arm with shapes, what is drawn where a link has none."""
         return Bodies(
             self.chain,
             self.link_names,
             self.link_titles,
-            self.look,
-            None if self._has_look_only else self.capsules or (),
+            self.whole_look,
+            self.capsules,
             self.limits,
             np.array(self.resting).reshape(-1, self.n),
             self.obstacles,
@@ -180,37 +190,51 @@ class Robot(ArrayRecord):
     @cached_property
     def bodies(self) -> Bodies:
         """Its body at each opening of the gripper; reading the files of shapes may take seconds."""
-        if self.capsules is not None or self._has_look_only:
+        if self.capsules is not None or not self.shapes:
             return self._drawn
         return replace(self._drawn, given=self._worked_out(None).capsules).shared()
 
-    @property
-    def _has_look_only(self) -> bool:
-        return self.capsules is None and not self.shapes and bool(self.look.rows)
+    @cached_property
+    def whole_look(self) -> Look:
+        """Its look; one that is guessed from its lengths where it has none."""
+        if self.look.rows:
+            return self.look
+        from armctl.robot.look.guess import Unknown, guessed
+
+        moving = [joint.lower < joint.upper for joint in self.joints]
+        stands = "home" in self.poses and not self.shapes  # else it is for links without shapes alone
+        arm = Unknown(
+            chain=self.chain,
+            names=self.link_names,
+            home=self.pose("home") if stands else self.limits.mean(axis=1),
+            turning=moving if self.chain.coupling is None else [True] * len(self.link_names),
+            floor_m=self.floor_z if stands else -np.inf,
+            look=self.look,
+            hand=self.look.hand or ("tip" if self.gripper is None else "jaws"),
+        )
+        return guessed(arm)
 
     @cached_property
     def body(self) -> ArmBody:
-        """What is kept apart: capsules of the file, hulls of its shapes, or capsules round the bars."""
+        """What is kept apart: capsules of the file, hulls of its shapes, or the solids of its look."""
         return self.bodies.at(ANY_OPENING)
 
     def _worked_out(self, progress: Callable[[int, int], None] | None) -> ArmBody:
-        gripper = self.gripper is not None
-        bars = shape_capsules(self.chain, self.look, self.link_titles, gripper=gripper)
-        if not self.shapes:
-            return ArmBody(bars)
+        """The hulls of its shapes."""
         from armctl.robot.mesh_cache import keep  # what reads meshes, and fits hulls to them
 
         def fit() -> ArmBody:
             from armctl.robot.fitting import fitted_body  # scipy, and seconds of work
 
-            return fitted_body(self.chain, self.shapes, self.link_titles, bars, progress)
+            drawn = [one for one in self._drawn.at(ANY_OPENING).capsules if one.link >= 0]
+            return fitted_body(self.chain, self.shapes, self.link_titles, drawn, progress)
 
         return keep(ArmBody, self.shapes, *self._body_of, make=fit)
 
     @property
     def _body_of(self) -> tuple[object, ...]:
         """What the body depends on besides the shapes."""
-        return self.chain.made_of(), self.link_titles, self.look, self.gripper is not None
+        return self.chain.made_of(), self.link_titles, self.whole_look
 
     def with_body(self, progress: Callable[[int, int], None] | None = None) -> Robot:
         """The same arm with its body worked out, and what is to be said of it in ``assumed``.
@@ -245,7 +269,7 @@ class Robot(ArrayRecord):
         if None not in openings and openings:
             rounded = [round(min(max(one or 0.0, 0.0), 1.0), 2) for one in openings]
             key = min(rounded), max(rounded)
-        if not self._has_look_only or key == self.openings or not self.bodies.opens:
+        if self.shapes or key == self.openings or not self.bodies.opens:
             return self
         known = self._gripping
         if key not in known:

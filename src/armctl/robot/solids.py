@@ -41,11 +41,6 @@ def drum(radius: float, height: float, centre: Point = (0, 0, 0)) -> Solid:
     return Solid(solid.vertices + centre, solid.faces)
 
 
-def spike(radius: float, length: float) -> Solid:
-    """A cone about z with its tip in the origin, pointing along z."""
-    return _revolved((0, radius, 0), (-length, -length, 0), 36)
-
-
 def block(size: Point, centre: Point = (0, 0, 0)) -> Solid:
     """A box along the axes."""
     corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])

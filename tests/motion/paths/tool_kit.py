@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tests.arms import FIVE, of_sticks
+from tests.arms import FIVE
 from tests.kinematics.kit import FloatArray, chain_of, random_planar_arm, random_q
+from tests.sticks import of_sticks
 
 from armctl.kinematics import Chain, GravityModel
 from armctl.motion import PitchMode

@@ -6,7 +6,9 @@ the arm stands in the look's ``pose_deg``: what one reads off a side view.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import json
+from collections.abc import Iterable, Iterator
+from typing import Annotated, Literal, cast
 
 import msgspec
 from msgspec import Meta
@@ -149,6 +151,34 @@ class Motor(Row, frozen=True, kw_only=True, tag="motor"):
 
 
 AnyRow = Box | Tube | Bar | Plate | Bracket | Rod | Motor
+
+
+def written(rows: Iterable[AnyRow]) -> str:
+    """Rows as a robot file has them, one a line."""
+    return "solids = [\n" + "".join(f"    {{ {', '.join(_entries(row))} }},\n" for row in rows) + "]\n"
+
+
+def _entries(row: AnyRow) -> Iterator[str]:
+    """The joint, the kind of solid, and what else is not as it is when it is left out."""
+    if row.joint is not None:
+        yield f"joint = {_value(row.joint)}"
+    yield f"solid = {_value(row.__struct_config__.tag)}"
+    for field in msgspec.structs.fields(row):
+        value = getattr(row, field.name)
+        if field.name != "joint" and value != field.default:
+            yield f"{field.encode_name} = {_value(value)}"
+
+
+def _value(value: object) -> str:
+    match value:
+        case bool():
+            return str(value).lower()
+        case float() | int():
+            return f"{value:.9g}"
+        case tuple():
+            return f"[{', '.join(map(_value, cast('tuple[object, ...]', value)))}]"
+        case _:
+            return json.dumps(value, ensure_ascii=False)
 
 
 def called(index: int, row: AnyRow) -> str:

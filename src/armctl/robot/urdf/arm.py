@@ -22,7 +22,7 @@ from armctl.kinematics.offset_roll.geometry import recognise_offset_roll
 from armctl.kinematics.yaw_pitch_roll.geometry import recognise
 from armctl.robot.meshes import unreadable
 from armctl.robot.parts import JERK_UP_S, MOST_JOINTS, Joint, Shape
-from armctl.robot.robot import BODY_ASSUMED, Robot
+from armctl.robot.robot import BODY_ASSUMED, BODY_GUESSED, Robot
 from armctl.robot.urdf.chain import ArmChain, arm_chain, arm_way, require_solvable
 from armctl.robot.urdf.package import UrdfSource, arm_stem
 from armctl.robot.urdf.rounding import Rounding
@@ -442,8 +442,8 @@ def _about_shapes(
         ]
         if idle:
             yield f"no joint of the arm, drawn and checked as it is at zero: {', '.join(idle)}"
-    elif side.body == "meshes":
-        yield "the body: bars from joint to joint, as the file has no shapes that can be used"
+    elif side.look is None or not side.look.solids:
+        yield BODY_GUESSED
     for text in missing[:_MOST_TOLD]:
         yield f"passed over: {text}"
     if len(missing) > _MOST_TOLD:

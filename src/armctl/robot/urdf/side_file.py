@@ -39,6 +39,7 @@ from armctl.robot.file import (
     Table,
     without_board,
 )
+from armctl.robot.load import check_look
 from armctl.robot.parts import MOST_JOINTS, Gripper, Joint
 from armctl.robot.robot import Robot
 
@@ -92,8 +93,8 @@ class SideFile(Strict, frozen=True):
     exact: bool = False
     """whether angles within 0.1° of right ones are taken as right"""
     tool: ToolEntry = ToolEntry()
-    body: Literal["meshes", "bars"] = "meshes"
-    """what is drawn and kept apart: the file's shapes, or bars from joint to joint"""
+    body: Literal["meshes", "look", "bars"] = "meshes"
+    """what is drawn and kept apart: the file's shapes, or a look (``bars`` is its older name)"""
     joints: Annotated[tuple[SideJointEntry, ...], Meta(max_length=MOST_JOINTS)] = ()
     poses: dict[Name, tuple[float, ...]] = msgspec.field(default_factory=dict[str, tuple[float, ...]])
     """angles [degrees] from the base to the tool"""
@@ -189,7 +190,7 @@ def applied(robot: Robot, side: SideFile, document: Document, endless: Sequence[
     kind, outputs, settings = board
     home = np.array([rest_angle(joint.lower, joint.upper) for joint in joints])
     gripper = side.gripper
-    return replace(
+    applied = replace(
         robot,
         name=side.name or robot.name,
         title=side.title or robot.title,
@@ -206,6 +207,9 @@ def applied(robot: Robot, side: SideFile, document: Document, endless: Sequence[
         look=robot.look if side.look is None else side.look.look(),
         obstacles=tuple(entry.obstacle() for entry in side.obstacles),
     )
+    check_look(applied, document, errors)
+    errors.raise_all()
+    return applied
 
 
 def _joint(joint: Joint, entry: SideJointEntry, endless: bool) -> Joint:

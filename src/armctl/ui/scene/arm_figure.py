@@ -12,8 +12,8 @@ from armctl.robot.look.stock import Theme
 from armctl.robot.parts import Color
 from armctl.robot.shape import width
 from armctl.robot.solids import Solid
-from armctl.ui.scene.arm_model import TOOL, ArmModel, look_model
-from armctl.ui.scene.bar_model import MOST_DRAWN, MOST_GHOSTLY, bar_model
+from armctl.ui.scene.arm_mesh import TOOL
+from armctl.ui.scene.arm_model import arm_model
 
 ARM = "/arm"
 """the name of the present arm's figure, which all pages share"""
@@ -48,13 +48,6 @@ def add_solid(
         cast_shadow=opacity is None,
         receive_shadow=opacity is None,
     )
-
-
-def arm_model(robot: Robot, thicker: float = 1.0, *, ghostly: bool = False) -> ArmModel:
-    """The model of an arm, from its look where it has one; ``ghostly``: it is seen beside the arm."""
-    if robot.pieces:
-        return look_model(robot, thicker, ghostly=ghostly)
-    return bar_model(robot, thicker, MOST_GHOSTLY if ghostly else MOST_DRAWN)
 
 
 def repaint(scene: viser.SceneApi, robot: Robot, name: str, theme: Theme) -> list[viser.MeshHandle]:

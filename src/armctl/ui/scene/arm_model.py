@@ -1,10 +1,10 @@
-"""What an arm is drawn of: frames that move, and meshes in them. From its look, where it has one."""
+"""What an arm is drawn of: frames that move, and meshes in them, of its shapes or its look."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -13,34 +13,15 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.robot import Robot
 from armctl.robot.look.pieces import Jaw, Mount, Piece
-from armctl.robot.look.stock import Paint, Theme, paint
-from armctl.robot.parts import Color
 from armctl.robot.shape import width
 from armctl.robot.solids import Solid, creased, grown, joined
+from armctl.ui.scene.arm_mesh import TOOL, Mesh, link_frame
+from armctl.ui.scene.shape_drawings import MOST_DRAWN, MOST_GHOSTLY, shape_meshes
 
-TOOL = "tool"
-"""the frame at the tool point"""
 _CREASE = math.radians(38)
 """Faces that meet at a flatter angle are shaded as one surface."""
 _KEPT = 16
 """models: the present arm, its ghost, and one for each branch of a target"""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Mesh:
-    """One surface of one colour."""
-
-    name: str
-    """below the arm's own: that of its frame, and what tells it from others there"""
-    solid: Solid
-    """in that frame [m]"""
-    color: Color | Paint
-    flat: bool = False
-    """each triangle is seen, as machines have edges; else its normals leave only doubled vertices sharp"""
-
-    def color_in(self, theme: Theme) -> Color:
-        """Red, green and blue (0..255)."""
-        return paint(self.color, theme) if isinstance(self.color, str) else self.color
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,19 +54,29 @@ class ArmModel:
         return np.concatenate(found)
 
 
-@lru_cache(_KEPT)
-def look_model(robot: Robot, thicker: float = 1.0, *, ghostly: bool = False) -> ArmModel:
-    """The model of an arm with a look: a frame for all that moves as one, and a mesh for each colour there.
+def arm_model(robot: Robot, thicker: float = 1.0, *, ghostly: bool = False) -> ArmModel:
+    """The model of an arm: the shapes of its file, and what its look says of links without these.
 
     ``thicker``: times as wide as its links are, by which all surfaces are moved outwards. ``ghostly``: beside
     the arm itself. All of a frame is one mesh, as the colours are not shown; the base is left out.
     """
+    out = 0.5 * (thicker - 1.0) * width(robot.chain, robot.look)
+    shapes = shape_meshes(robot, out, MOST_GHOSTLY if ghostly else MOST_DRAWN) if robot.shapes else []
+    shown = frozenset(link for link, _ in shapes)
+    model = _look_model(robot, out, ghostly, shown)
+    meshes = tuple(mesh for link, mesh in shapes if link >= 0 or not ghostly)
+    return replace(model, meshes=model.meshes + meshes, tool_axes=robot.n - 1 in shown)
+
+
+@lru_cache(_KEPT)
+def _look_model(robot: Robot, out: float, ghostly: bool, shown: frozenset[int]) -> ArmModel:
+    """A frame for all that moves as one, and there a mesh a colour, but of links that are ``shown``."""
     frames = _Frames(robot.chain)
     groups: dict[tuple[str, str], list[Piece]] = {}
     for piece in robot.pieces:
-        if not (ghostly and max(piece.mount.links) < 0):
+        link = max(piece.mount.links)
+        if link not in shown and not (link < 0 and (ghostly or shown)):
             groups.setdefault((frames.of(piece), "solid" if ghostly else piece.color), []).append(piece)
-    out = 0.5 * (thicker - 1.0) * width(robot.chain, robot.look)
     meshes = [
         Mesh(f"{frame}/{color}", _surface(pieces, out), pieces[0].color)
         for (frame, color), pieces in groups.items()
@@ -104,10 +95,7 @@ class _Frames:
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
-        self._mounts = {
-            Mount(link, link): f"link{link}" if link >= 0 else "base"
-            for link in range(-1, len(chain.segments))
-        }
+        self._mounts = {Mount(link, link): link_frame(link) for link in range(-1, len(chain.segments))}
         self._jaws: dict[str, Jaw] = {}
 
     @property

@@ -15,7 +15,8 @@ from armctl.robot import Robot
 from armctl.robot.body import Capsule
 from armctl.robot.look.pieces import Mount
 from armctl.robot.solids import Solid, grown, joined, tube
-from armctl.ui.scene.arm_figure import ARM, add_solid, arm_model
+from armctl.ui.scene.arm_figure import ARM, add_solid
+from armctl.ui.scene.arm_model import arm_model
 
 _COLOR, _OPACITY = (174, 62, 201), 0.4
 _OUT = 0.002

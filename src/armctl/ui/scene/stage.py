@@ -11,9 +11,9 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.kinematics import quaternion_wxyz
 from armctl.robot import Robot
-from armctl.robot.shape import Point
-from armctl.robot.solids import Solid, beam, block, drum, tube
-from armctl.ui.scene.arm_figure import add_solid, arm_model, send_pose
+from armctl.robot.solids import Point, Solid, beam, block, drum, tube
+from armctl.ui.scene.arm_figure import add_solid, send_pose
+from armctl.ui.scene.arm_model import arm_model
 
 # Proportions, as fractions of the arm's reach.
 _PLATE_WIDTH, _PLATE_HEIGHT = 0.28, 0.02
@@ -76,9 +76,11 @@ def framed(
 def stand_parts(robot: Robot) -> dict[str, Solid]:
     """The stand in the base frame; behind the base under an arm so high that it may hang straight down.
 
-    None where the arm has a look: that shows what it stands on.
+    None where the look of the arm shows what it stands on.
     """
-    if robot.look.rows:
+    if robot.look.rows or (
+        not robot.shapes and any(piece.body and max(piece.mount.links) < 0 for piece in robot.pieces)
+    ):
         return {}
     size, floor, square = robot.chain.length, robot.floor_z, robot.look.shape == "square"
     link = beam if square else tube

@@ -9,11 +9,12 @@ from html import escape
 from pathlib import Path
 
 from armctl.robot import Robot
+from armctl.robot.robot import BODY_GUESSED
 from armctl.runtime import Snapshot
 from armctl.ui.console import PortChoice
 from armctl.ui.robot_switch import RobotChoice, not_replaceable
 from armctl.ui.session import Session
-from armctl.ui.widgets.html import LiveHtml, folded, refused, sentence
+from armctl.ui.widgets.html import LiveHtml, folded, refused, sentence, warned
 
 
 class RobotChooser:
@@ -86,7 +87,9 @@ def about(robot: Robot) -> str:
     """Joints, gripper, source and what is assumed of a robot, as HTML."""
     joints = f"{robot.n} joints" + (" and a gripper" if robot.gripper is not None else "")
     source = f"<b>{joints}</b><div style='opacity:.75'>{escape(robot.source)}</div>"
-    return source + (folded("Assumed values (not in the source)", robot.assumed) if robot.assumed else "")
+    guessed = warned(sentence(BODY_GUESSED)) if robot.body_is_guessed else ""
+    assumed = [text for text in robot.assumed if text != BODY_GUESSED]
+    return source + guessed + (folded("Assumed values (not in the source)", assumed) if assumed else "")
 
 
 # What *Main* says of the boards: which are there, which is connected, which axes are homed.

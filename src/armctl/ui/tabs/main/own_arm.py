@@ -17,6 +17,8 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError
 from armctl.robot import Robot, robot_path
 from armctl.robot.draft import BUILDS, Draft
+from armctl.robot.look.stock import MAKES, MakeName
+from armctl.robot.parts import Hand
 from armctl.robot.shape import across_the_link
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.scene.arm_figure import HALF_OPEN, ArmFigure
@@ -37,6 +39,19 @@ _JOINTS_HINT = (
     "the arm runs on the simulated board."
 )
 _GRIPPER_HINT = "Servo channel of the gripper; empty: no gripper."
+_MOTORS: dict[str, MakeName | None] = {
+    "not known": None,
+    **{make.title: name for name, make in MAKES.items()},
+}
+_HANDS: dict[str, Hand | None] = {
+    "as its gripper": None,
+    "two jaws": "jaws",
+    "suction cup": "cup",
+    "pen": "pen",
+    "tip": "tip",
+}
+_MOTORS_HINT = "What turns its joints: it is drawn, and taken for its body, as wide as these are."
+_HAND_HINT = "What is drawn at the tool point: jaws where it has a gripper, else a tip."
 _NO_JOINTS: tuple[str, ...] = ("base",)
 """until an arm is drawn"""
 _ASIDE = 1.1
@@ -57,6 +72,8 @@ class _Edits:
     floor_mm: float | None = None
     gripper: str | None = None
     """the text of its channel; empty: there is none"""
+    motors: MakeName | None = None
+    hand: Hand | None = None
     unread: dict[str, InputError] = field(default_factory=dict[str, InputError])
     """what cannot be read of the fields; it may be half typed"""
 
@@ -74,6 +91,7 @@ class _Edits:
             draft = draft.with_gripper(parse_number(self.gripper, "Gripper channel"))
         elif self.gripper is not None:
             draft = draft.changed(gripper=None)
+        draft = draft.with_guess(self.motors, self.hand)
         return draft if self.floor_mm is None else draft.changed(floor={"z_mm": self.floor_mm})
 
 
@@ -106,6 +124,8 @@ class OwnArm:
                 self._kind = gui.add_dropdown("Begin with", (*_BEGINNINGS, _ROWS, _COPY))
                 self._lengths_box = gui.add_folder(None)
                 self._meanings = LiveHtml(gui)
+                self._motors = gui.add_dropdown("Motors", tuple(_MOTORS), hint=_MOTORS_HINT)
+                self._hand = gui.add_dropdown("Hand", tuple(_HANDS), hint=_HAND_HINT)
                 self._rows_box = gui.add_folder(None, visible=False)
                 with self._rows_box:
                     self._convention = gui.add_dropdown("Convention", ("standard", "modified"))
@@ -131,6 +151,8 @@ class OwnArm:
         session.on(self._title.on_update, self._on_title)
         for handle in (self._name, self._convention, self._rows):
             session.on(handle.on_update, self._show)
+        for choice in (self._motors, self._hand):
+            session.on(choice.on_update, self._on_figure)
         session.on(self._floor.handle.on_update, self._on_floor)
         session.on(self._gripper.on_update, self._on_gripper)
         session.on(self._poses.on_click, self._on_pose)
@@ -198,7 +220,7 @@ class OwnArm:
             + ("" if note is None else warned(sentence(f"the tool axis: {note.what}; {note.mend}")))
         )
         shown = self._robot
-        if shown is None or (robot.chain, robot.gripper) != (shown.chain, shown.gripper):
+        if shown is None or _drawn(robot) != _drawn(shown):
             self._draw(robot)
         self._robot = robot
         if tuple(self._joint.options) != robot.joint_names:
@@ -254,6 +276,7 @@ class OwnArm:
 
     def _on_kind(self) -> None:
         self._edits, self._q = _Edits(), {}
+        self._motors.value, self._hand.value = next(iter(_MOTORS)), next(iter(_HANDS))
         kind = self._kind.value
         self._lengths_box.visible = kind in _BEGINNINGS
         self._rows_box.visible = kind == _ROWS
@@ -373,6 +396,10 @@ class OwnArm:
             entries["servo"] = None
         return entries
 
+    def _on_figure(self) -> None:
+        self._edits.motors, self._edits.hand = _MOTORS[self._motors.value], _HANDS[self._hand.value]
+        self._show()
+
     def _on_floor(self) -> None:
         with self._reading("floor"):
             self._edits.floor_mm = self._floor.value
@@ -408,6 +435,11 @@ class OwnArm:
         session.notify("New arm", f"{choice.title} is saved: {path}")
         self._end()  # before the page is built anew
         await session.change_robot(choice.name)
+
+
+def _drawn(robot: Robot) -> tuple[object, ...]:
+    """What its drawing depends on."""
+    return robot.chain, robot.gripper, robot.look, robot.floor_z
 
 
 _SEPARATORS = re.compile(r"[,;\s]+")
