@@ -22,10 +22,10 @@ from armctl.errors import RobotFileError
 from armctl.motion.clearance import sources
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.robot.draft import BUILDS, Draft
-from armctl.robot.look.guess import SOURCE, nearest_paint
 from armctl.robot.look.rows import AnyRow
 from armctl.robot.look.rows import written as as_written
 from armctl.robot.look.stock import MAKES, PAINTS, paint
+from armctl.robot.look_guess import SOURCE, nearest_paint
 from armctl.robot.look_sound import faults
 from armctl.robot.parts import Hand, Look
 from armctl.robot.robot import BODY_GUESSED
@@ -130,9 +130,8 @@ def test_a_urdf_arm_without_meshes_is_drawn_and_told_to_be_a_guess(tmp_path: Pat
     assert robot.body_is_guessed and BODY_GUESSED in robot.assumed
     assert {piece.part for piece in robot.pieces} >= {"the base", "the link behind lift"}
     side = tmp_path / "arm.armctl.toml"
-    side.write_text(
-        'format = 1\n[look]\nsolids = [{ joint = "nobody", solid = "box", size_mm = [1, 1, 1], color = "red" }]\n'
-    )
+    solid = 'solid = "box", size_mm = [90, 90, 20], color = "red"'
+    side.write_text(f'format = 1\n[look]\nsolids = [{{ joint = "nobody", {solid} }}]\n')
     with pytest.raises(RobotFileError, match=r"row 1 \(box\): joint: there is no joint 'nobody'"):
         load_robot(tmp_path / "arm.urdf")
     side.write_text(f"format = 1\n[look]\nsolids = [{{ {solid} }}]\n")

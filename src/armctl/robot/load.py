@@ -29,7 +29,7 @@ from armctl.robot.file import (
     RobotFile,
     without_board,
 )
-from armctl.robot.look.rows import called
+from armctl.robot.look_sound import check_look
 from armctl.robot.parts import JERK_UP_S, Gripper, Joint, Look
 from armctl.robot.robot import BODY_GUESSED, Robot
 
@@ -214,19 +214,6 @@ def robot_of(document: Document) -> Robot:
                 raise document.error(f"poses.{name}: {'; '.join(words)}", ("poses", name))
     errors.raise_all()
     return replace(robot, assumed=(*robot.assumed, BODY_GUESSED)) if robot.body_is_guessed else robot
-
-
-def check_look(robot: Robot, document: Document, errors: Errors) -> None:
-    """Find what cannot be in the rows of a robot's look, and name them."""
-    if len(robot.look.pose) not in (0, robot.n):
-        with errors:
-            what = f"look.pose_deg: {robot.n} joints, but {len(robot.look.pose)} angles"
-            raise document.error(what, ("look", "pose_deg"))
-        return
-    for i, row in enumerate(robot.look.rows):
-        for key, what in robot.drawing.wrong(row):
-            with errors:
-                raise document.error(f"{called(i, row)}: {key}: {what}", ("look", "solids", i, key))
 
 
 def _joints_by_rows(file: RobotFile, document: Document) -> list[JointEntry]:

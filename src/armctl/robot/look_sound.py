@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
+from armctl.documents import Document
+from armctl.errors import Errors
 from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.samples import joint_samples
 from armctl.robot.hulls import nearing, padded
 from armctl.robot.look.pieces import Jaw, Mount
+from armctl.robot.look.rows import called
 from armctl.robot.robot import Robot
 
 JOINED_M = 1.5e-3
@@ -35,6 +38,19 @@ class Fault:
     """index of the row; None: it is a matter of all of them"""
     what: str
     mend: str
+
+
+def check_look(robot: Robot, document: Document, errors: Errors) -> None:
+    """Find what cannot be in the rows of a robot's look, and name them."""
+    if len(robot.look.pose) not in (0, robot.n):
+        with errors:
+            what = f"look.pose_deg: {robot.n} joints, but {len(robot.look.pose)} angles"
+            raise document.error(what, ("look", "pose_deg"))
+        return
+    for i, row in enumerate(robot.look.rows):
+        for key, what in robot.drawing.wrong(row):
+            with errors:
+                raise document.error(f"{called(i, row)}: {key}: {what}", ("look", "solids", i, key))
 
 
 def faults(robot: Robot, samples: int = 6) -> Iterator[Fault]:

@@ -199,7 +199,7 @@ class Robot(ArrayRecord):
         """Its look; one that is guessed from its lengths where it has none."""
         if self.look.rows:
             return self.look
-        from armctl.robot.look.guess import Unknown, guessed
+        from armctl.robot.look_guess import Unknown, guessed
 
         moving = [joint.lower < joint.upper for joint in self.joints]
         stands = "home" in self.poses and not self.shapes  # else it is for links without shapes alone

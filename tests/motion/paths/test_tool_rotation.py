@@ -16,6 +16,7 @@ from tests.kinematics.kit import plain_forward, plain_jacobian, random_q
 from tests.kinematics.test_numeric import PANDA, UR5
 from tests.motion.paths.tool_kit import ABAAS, MICO, SCORBOT, UZUNER, FloatArray, robot_of
 from tests.robot.panda_kit import panda
+from tests.sticks import of_sticks
 
 from armctl.errors import InputError, MotionRefusedError, UnreachableError
 from armctl.kinematics import Chain, rotation_from_rpy
@@ -267,7 +268,7 @@ def test_a_turn_on_the_spot_is_no_line() -> None:
 
 def test_a_planned_motion_ends_where_it_was_sent() -> None:
     q = np.array([0.1, -1.2, 1.3, -0.4, 0.6, 0.2])
-    pose, six = SIX.forward(q), replace(SIX, poses={"home": q, "rest": q})
+    pose, six = SIX.forward(q), of_sticks(replace(SIX, poses={"home": q, "rest": q}))
     end = rotation_from_rpy(0.2, 0.1, -0.4) @ pose[:3, :3]
     for motion in (
         plan_line(six, q, pose[:3, 3] + [0.05, 0.05, 0.1], orientation="interpolated", end_rotation=end),

@@ -39,7 +39,7 @@ from armctl.robot.file import (
     Table,
     without_board,
 )
-from armctl.robot.load import check_look
+from armctl.robot.look_sound import check_look
 from armctl.robot.parts import MOST_JOINTS, Gripper, Joint
 from armctl.robot.robot import Robot
 
