@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import pickle
 from collections import Counter
+from dataclasses import replace
+from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -20,7 +22,8 @@ from armctl.robot.draft import BUILDS, Draft
 from armctl.robot.hulls import distances
 from armctl.robot.look.pieces import Piece
 from armctl.robot.look.solids import Part
-from armctl.robot.look.stock import MAKES, PAINTS
+from armctl.robot.look.stock import MAKES, PAINTS, Material
+from armctl.robot.look_masses import MASSES_ASSUMED, masses
 from armctl.robot.look_sound import STRETCHED_M, Solids, faults, stretched
 
 _LONG = bool(os.environ.get("ARMCTL_LONG"))
@@ -278,3 +281,39 @@ def test_an_arm_process_knows_the_arm_it_was_started_with(name: str) -> None:
     """Copied to another process, an arm is told in the same words; else an arm that is held is not found."""
     robot = load_robot(name)
     assert robot_record(pickle.loads(pickle.dumps(robot))) == robot_record(robot)
+
+
+# What they weigh.
+
+PUBLISHED = ("so100", "so101", "ur5", "pincherx100", "open_manipulator_x", "ar4")
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_weights_of_a_look_load_the_large_joints_as_published_ones_do(name: str) -> None:
+    """Shoulder and elbow, which nearly all that an arm weighs loads; a wrist's torque is a tenth of it."""
+    robot = load_robot(name)
+    material: Material = "casting" if name == "ur5" else "printed"
+    bodies = masses(robot.chain, robot.look.rows, robot.pieces, material)
+    q = np.random.default_rng(1).uniform(*robot.limits.T, (500, robot.n))
+    true = replace(robot.gravity, payload_kg=0.0).torque(q)
+    told = replace(robot.gravity, bodies=bodies, payload_kg=0.0).torque(q)
+    rms, off = (np.sqrt(np.mean(one**2, axis=0)) for one in (true, told - true))
+    large = rms > 0.4 * rms.max()
+    assert large.sum() >= 1 and (off[large] < 0.25 * rms[large]).all()
+
+
+def test_an_arm_whose_file_gives_no_masses_has_those_of_its_look(tmp_path: Path) -> None:
+    text = Draft.of_build("mine", "Mine", BUILDS[1], {}).text()
+    file, plain = tmp_path / "mine.toml", tmp_path / "plain.toml"
+    box = 'joint = "wrist", solid = "box", size_mm = [100, 10, 10], at_mm = [45, 0, 0], color = "red"'
+    motor = 'joint = "shoulder", solid = "motor", make = "standard", shaft = "y", case = "-x"'
+    servo = f"{motor}, at_mm = [100, 0, 0]"
+    file.write_text(f'{text}\n[look]\nmaterial = "aluminium"\nsolids = [{{ {box} }}, {{ {servo} }}]\n')
+    plain.write_text(text)
+    robot = load_robot(file)
+    assert MASSES_ASSUMED in robot.assumed and not load_robot(plain).gravity.weighs
+    bar, motor = robot.gravity.bodies
+    assert bar.mass_kg == pytest.approx(2.7 * 0.01, rel=0.03)  # its edges are bevelled
+    assert motor.mass_kg == MAKES["standard"].mass_kg
+    weight = 9.81 * (bar.mass_kg * (0.12 + 0.11 + 0.045) + motor.mass_kg * 0.09)  # its case lies back
+    assert robot.gravity.torque(np.zeros(4))[1] == pytest.approx(weight, rel=0.02)

@@ -14,7 +14,7 @@ from msgspec import Meta
 from armctl.documents import Document, DocumentKind
 from armctl.errors import Errors, RobotFileError
 from armctl.robot.look.rows import SOLIDS, AnyRow
-from armctl.robot.look.stock import MakeName
+from armctl.robot.look.stock import MakeName, Material
 from armctl.robot.parts import MOST_JOINTS, Hand, Look, Obstacle
 from armctl.robot.parts import Color as Rgb
 
@@ -142,6 +142,8 @@ class LookEntry(Strict, frozen=True):
     """cross-section of the links"""
     width_percent: Annotated[float, Meta(gt=0, le=20)] = 5.2
     """width of the links in percent of the arm's reach"""
+    material: Material = "printed"
+    """of solids that say none: what they weigh follows from it where the file gives no ``bodies``"""
     servo: MakeName | None = None
     """make of its servos: a guess draws them, and is as wide as they are"""
     hand: Hand | None = None
@@ -158,6 +160,7 @@ class LookEntry(Strict, frozen=True):
             rows=self.solids,
             pose=pose,
             source=self.source,
+            material=self.material,
             servo=self.servo,
             hand=self.hand,
         )

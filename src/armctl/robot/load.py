@@ -29,6 +29,7 @@ from armctl.robot.file import (
     RobotFile,
     without_board,
 )
+from armctl.robot.look_masses import MASSES_ASSUMED, masses
 from armctl.robot.look_sound import check_look
 from armctl.robot.parts import JERK_UP_S, Gripper, Joint, Look
 from armctl.robot.robot import BODY_GUESSED, Robot
@@ -213,7 +214,13 @@ def robot_of(document: Document) -> Robot:
             if words := robot.turn_words(pose):
                 raise document.error(f"poses.{name}: {'; '.join(words)}", ("poses", name))
     errors.raise_all()
-    return replace(robot, assumed=(*robot.assumed, BODY_GUESSED)) if robot.body_is_guessed else robot
+    if robot.body_is_guessed:
+        return replace(robot, assumed=(*robot.assumed, BODY_GUESSED))
+    if not file.bodies and robot.look.rows:
+        bodies = masses(chain, robot.look.rows, robot.pieces, robot.look.material)
+        gravity = replace(robot.gravity, bodies=bodies)
+        return replace(robot, gravity=gravity, assumed=(*robot.assumed, MASSES_ASSUMED))
+    return robot
 
 
 def _joints_by_rows(file: RobotFile, document: Document) -> list[JointEntry]:

@@ -7,7 +7,7 @@ from typing import Literal
 
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.robot.look.rows import AnyRow
-from armctl.robot.look.stock import MakeName
+from armctl.robot.look.stock import MakeName, Material
 
 MOST_JOINTS = 64
 """no arm has more: solvers and checks take time and memory for each"""
@@ -74,6 +74,8 @@ class Look:
     """how it stands where the rows describe it: its joints [rad]; empty: all at 0"""
     source: str = ""
     """where the sizes of the rows come from"""
+    material: Material = "printed"
+    """of solids whose row says none"""
     servo: MakeName | None = None
     """without rows: the make of its servos, after which the look that is guessed has its sizes"""
     hand: Hand | None = None

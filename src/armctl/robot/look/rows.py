@@ -13,7 +13,7 @@ from typing import Annotated, Literal, cast
 import msgspec
 from msgspec import Meta
 
-from armctl.robot.look.stock import MakeName, Paint
+from armctl.robot.look.stock import MakeName, Material, Paint
 
 SOLIDS = "look.solids, row"
 """how messages call one of them; its number from 1 follows"""
@@ -56,6 +56,8 @@ class Row(
     """a jaw: so far it turns about ``axis`` through ``hinge_mm`` while the gripper opens"""
     axis: Direction = "z"
     hinge_mm: Point = (0.0, 0.0, 0.0)
+    material: Material | None = None
+    """what it is made of, for its mass; left out: as the look says"""
     body: bool = True
     """false: it is drawn, but not kept apart from anything"""
 

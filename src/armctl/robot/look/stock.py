@@ -65,20 +65,36 @@ class Make:
     """width and height"""
     color: Paint
     horn_color: Paint
+    mass_kg: float
+    """with its horn"""
     ears: tuple[float, float, float] | None = None
     """over all, thickness, height above the bottom of the case"""
     idler: bool = False
     """a second horn at the other side"""
 
 
+# Masses: data sheets of MG90S, MG996R, HS-805BB, STS3215, XL430-W250, AX-12A, 17HS4401 and 23HS22.
 MakeName = Literal["micro", "standard", "giant", "sts3215", "dynamixel", "ax12", "nema17", "nema23"]
 MAKES: dict[MakeName, Make] = {
-    "micro": Make("9 g servo", (22.8, 12.2, 22.5), 6, (11.5, 6), "blue", "white", ears=(32.3, 2.5, 17)),
-    "standard": Make("standard servo", (40.5, 20, 38), 10, (21, 5), "black", "white", ears=(54.5, 2.6, 28)),
-    "giant": Make("giant servo", (66, 30, 58), 17.5, (30, 7), "black", "white", ears=(83, 4, 42)),
-    "sts3215": Make("STS3215", (45.2, 24.7, 33.4), 10.2, (20, 3.1), "black", "silver", idler=True),
-    "dynamixel": Make("Dynamixel X", (46.5, 28.5, 34), 11.25, (19, 3), "graphite", "black", idler=True),
-    "ax12": Make("AX-12", (50, 32, 38), 11.5, (22, 3), "black", "white", idler=True),
-    "nema17": Make("NEMA 17", (42.3, 42.3, 40), 21.15, (22, 2), "black", "silver"),
-    "nema23": Make("NEMA 23", (56.4, 56.4, 56), 28.2, (38, 2), "black", "silver"),
+    "micro": Make("9 g servo", (22.8, 12.2, 22.5), 6, (11.5, 6), "blue", "white", 0.0134, (32.3, 2.5, 17)),
+    "standard": Make("standard servo", (40.5, 20, 38), 10, (21, 5), "black", "white", 0.055, (54.5, 2.6, 28)),
+    "giant": Make("giant servo", (66, 30, 58), 17.5, (30, 7), "black", "white", 0.152, (83, 4, 42)),
+    "sts3215": Make("STS3215", (45.2, 24.7, 33.4), 10.2, (20, 3.1), "black", "silver", 0.055, idler=True),
+    "dynamixel": Make(
+        "Dynamixel X", (46.5, 28.5, 34), 11.25, (19, 3), "graphite", "black", 0.057, idler=True
+    ),
+    "ax12": Make("AX-12", (50, 32, 38), 11.5, (22, 3), "black", "white", 0.0546, idler=True),
+    "nema17": Make("NEMA 17", (42.3, 42.3, 40), 21.15, (22, 2), "black", "silver", 0.28),
+    "nema23": Make("NEMA 23", (56.4, 56.4, 56), 28.2, (38, 2), "black", "silver", 0.7),
 }
+
+Material = Literal["printed", "acrylic", "wood", "aluminium", "casting"]
+DENSITIES: dict[Material, float] = {
+    "printed": 0.38,
+    "acrylic": 1.19,
+    "wood": 0.6,
+    "aluminium": 2.7,
+    "casting": 1.3,
+}
+"""[kg/dm³] of what a solid looks like from outside: printed parts are walls round a few struts, castings of
+industrial arms hold their motors and gears. Both were found from published masses of seven arms."""
