@@ -1,7 +1,7 @@
 """What an arm costs the browser that draws it: ``python -m benchmarks.page_pictures [ARM …]``.
 
 The 3D view of the console, 1280×800, in a headless Chromium, which draws by software, while the arm moves.
-The arm as it looks and as bars along its rows, as arms without a look are drawn, take turns, so that both
+The arm as it looks and as an arm without a look is drawn take turns, so that both
 meet the same load. *Pictures* are drawn a second; *processor* is what the browser takes for one, all of its
 processes and threads together; *server* is what a new pose takes there.
 """
