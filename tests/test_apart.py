@@ -19,6 +19,7 @@ from armctl.program import MoveStep, Program, check_program
 from armctl.robot import load_robot
 
 PATIENCE_S = 60.0
+STEPS = 1500 if os.environ.get("ARMCTL_LONG") else 250
 
 
 def doubled(request: bytes, tell: Tell) -> bytes:
@@ -43,9 +44,9 @@ def runs_for_ever(request: bytes, tell: Tell) -> bytes:
 
 
 def takes_all_memory(request: bytes, tell: Tell) -> bytes:
-    kept: list[bytearray] = []
+    kept: list[np.ndarray] = []
     while True:
-        kept.append(bytearray(256 << 20))
+        kept.append(np.zeros(256 << 20, np.uint8))  # nobody writes to it: the bound is one of addresses
 
 
 def is_nice(request: bytes, tell: Tell) -> bytes:
@@ -138,7 +139,7 @@ def long_program(steps: int) -> tuple[Program, np.ndarray]:
 
 
 def test_a_long_check_finds_the_same_and_takes_its_time_elsewhere() -> None:
-    program, home = long_program(1500)
+    program, home = long_program(STEPS)
     robot, told = load_robot("uzuner"), list[tuple[int, int]]()
     begun = time.process_time()
     here = check_program(program, robot, start=home)
@@ -146,7 +147,7 @@ def test_a_long_check_finds_the_same_and_takes_its_time_elsewhere() -> None:
     found = check_program_apart(program, robot, start=home, progress=lambda done, of: told.append((done, of)))
     assert found == here and found
     assert time.process_time() - begun < 0.5 * cost
-    assert told[0][1] == 1500 and told[-1][0] > 1000 and told == sorted(told)
+    assert told[0][1] == STEPS and told[-1][0] > STEPS / 1.5 and told == sorted(told)
 
 
 def test_a_long_check_can_be_left() -> None:
@@ -163,7 +164,7 @@ def test_a_long_check_can_be_left() -> None:
 
 
 def test_values_that_no_file_holds_are_told_as_ever() -> None:
-    program, home = long_program(200)
+    program, home = long_program(40)
     steps = (*program.steps, MoveStep(joints_deg=(float("nan"),) * 5))
     odd = Program(robot="uzuner", steps=steps)
     robot = load_robot("uzuner")

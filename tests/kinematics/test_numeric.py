@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 
 import numpy as np
@@ -31,6 +32,8 @@ from armctl.kinematics.solutions import Solutions
 from armctl.robot import Robot
 
 Arm = tuple[Chain, FloatArray]
+LONG = bool(os.environ.get("ARMCTL_LONG"))
+POSES = 20 if LONG else 3
 STEP = math.radians(0.01)
 HALF, QUARTER = math.pi, math.pi / 2
 
@@ -112,11 +115,11 @@ def assert_sound(solutions: Solutions, arm: Arm) -> None:
 
 @pytest.mark.parametrize("name", ARMS)
 def test_every_pose_that_the_arm_takes_is_solved(name: str) -> None:
-    """Position, pitch and rotation of random configurations: 20 of each, on twelve arms."""
+    """Position, pitch and rotation of random configurations, on twelve arms."""
     arm = ARMS[name]
     chain, limits = arm
     solver = solver_of(arm)
-    for q in random_q(np.random.default_rng(3), limits, 20):
+    for q in random_q(np.random.default_rng(3), limits, POSES):
         T = chain.forward(q)
         pitch, _ = solver.pitch_and_roll(q)
         assert_sound(solver.solve(Target.of(T[:3, 3]), STEP), arm)
@@ -259,7 +262,7 @@ def test_the_position_is_an_order_and_the_rotation_a_wish(name: str) -> None:
     chain, limits = arm
     rng = np.random.default_rng(5)
     solver = solver_of(arm)
-    for q in random_q(rng, limits, 3):
+    for q in random_q(rng, limits, 3 if LONG else 1):
         point, R = chain.forward(q)[:3, 3], rotation_from_rpy(*rng.uniform(-2, 2, 3))
         solutions = solver.solve(Target.of(point, rotation=R), STEP)
         assert_sound(solutions, arm)
@@ -279,7 +282,7 @@ def test_the_nearest_point_is_no_farther_than_another_method_finds(name: str) ->
     chain, limits = arm
     solver, rng = solver_of(arm), np.random.default_rng(6)
     refused = 0
-    for _ in range(6):
+    for _ in range(6 if LONG else 2):
         point = rng.normal(size=3)
         point *= rng.uniform(0.9, 1.5) * LinkBound(chain).outer / np.linalg.norm(point)
         answer = solver.solve(Target.of(point), STEP)
@@ -457,7 +460,7 @@ def least_by_slsqp(robot: Robot, point: FloatArray, starts: FloatArray) -> float
 def test_least_rotation_and_another_optimiser(name: str) -> None:
     robot, rng = load_robot(name), np.random.default_rng(11)
     others = np.random.default_rng(5).uniform(*robot.limits.T, (15, robot.n)) / 2
-    for q in rng.uniform(*robot.limits.T, (20, robot.n)):
+    for q in rng.uniform(*robot.limits.T, (20 if LONG else 6, robot.n)):
         point = robot.forward(q)[:3, 3]
         best = robot.inverse(point).best("least-rotation")
         assert np.abs(best).sum() <= 1.005 * least_by_slsqp(robot, point, np.vstack([best, others]))

@@ -25,6 +25,7 @@ from armctl.errors import InputError
 from armctl.kinematics import Target
 from armctl.kinematics.spherical_shoulder.solver import SphericalShoulderSolver
 
+LONG = bool(os.environ.get("ARMCTL_LONG"))
 PRINTED = np.array([0.15, -0.10, -0.59])
 PRINTED_ROTATION = np.array([[-0.8572, 0, 0.5150], [-0.0894, 0.9848, -0.1488], [-0.5072, -0.1736, -0.8441]])
 
@@ -64,7 +65,7 @@ def assert_contains(ik: SphericalShoulderSolver, limits: FloatArray, q: FloatArr
 def test_poses_of_the_humanoid_contain_their_configurations() -> None:
     ik = spherical_solver(HUMANOID, HUMANOID_LIMITS)
     rng = np.random.default_rng(81)
-    for i in range(100_000 if os.environ.get("ARMCTL_LONG") else 2_000):
+    for i in range(100_000 if LONG else 600):
         if i % 4 == 3:
             assert_contains(ik, HUMANOID_LIMITS, singular_configuration(ik, HUMANOID_LIMITS, rng), pose=True)
         else:
@@ -74,14 +75,16 @@ def test_poses_of_the_humanoid_contain_their_configurations() -> None:
 def test_poses_of_random_arms_contain_their_configurations() -> None:
     """Singular ones are met, maybe by others."""
     rng = np.random.default_rng(83)
-    for _ in range(140):
+    for _ in range(140 if LONG else 45):
         chain, limits = random_arm(rng)
         ik = spherical_solver(chain, limits)
         for q in configurations(limits, rng, 6):
             assert_contains(ik, limits, q, pose=False)
         for _ in range(4):
             assert_contains(ik, limits, singular_configuration(ik, limits, rng), pose=True)
-    for i in range(100):  # the elbow of the humanoid at its limits, of which one is the straight arm
+    for i in range(
+        100 if LONG else 30
+    ):  # the elbow of the humanoid at its limits, of which one is the straight arm
         q = random_q(rng, HUMANOID_LIMITS)
         q[3] = HUMANOID_LIMITS[3, i % 2]
         assert_contains(spherical_solver(HUMANOID, HUMANOID_LIMITS), HUMANOID_LIMITS, q, pose=False)
@@ -114,7 +117,7 @@ def test_a_position_contains_the_configuration(held: bool) -> None:
 def test_pitch_and_roll_of_random_arms_contain_their_configurations_and_positions_are_reached() -> None:
     """Also with the first joint held, and where all that is reachable lies between two values of the grid."""
     rng = np.random.default_rng(85)
-    for _ in range(120):
+    for _ in range(120 if LONG else 40):
         chain, limits = random_arm(rng)
         ik = spherical_solver(chain, limits)
         for i, q in enumerate(configurations(limits, rng, 6)):
@@ -168,7 +171,7 @@ def test_a_tip_in_the_shoulder_itself() -> None:
     ik = spherical_solver(chain, limits)
     rng = np.random.default_rng(89)
     for elbow in (math.pi, -math.pi, math.pi - 1e-8, math.pi - 1e-5):
-        for _ in range(10):
+        for _ in range(10 if LONG else 4):
             q = random_q(rng, limits)
             q[3] = elbow
             T = chain.forward(q)

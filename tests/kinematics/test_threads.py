@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -15,10 +16,11 @@ from armctl import load_robot
 from armctl.kinematics import Target
 
 UZUNER = load_robot("uzuner")
+LONG = bool(os.environ.get("ARMCTL_LONG"))
 ARMS = {
-    "uzuner": (UZUNER.chain, UZUNER.limits, 60),
-    "humanoid": (HUMANOID, np.vstack([HUMANOID_LIMITS[:4], [[-1.5, 1.5]]]), 12),
-    "panda": (*PANDA, 4),
+    "uzuner": (UZUNER.chain, UZUNER.limits, 60 if LONG else 20),
+    "humanoid": (HUMANOID, np.vstack([HUMANOID_LIMITS[:4], [[-1.5, 1.5]]]), 12 if LONG else 4),
+    "panda": (*PANDA, 4 if LONG else 2),
 }
 
 

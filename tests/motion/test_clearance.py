@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
@@ -114,7 +115,7 @@ def dense(trajectory: Trajectory, count: int = 1500) -> FloatArray:
     return trajectory.sample(np.linspace(0.0, trajectory.duration, count)).q
 
 
-@settings(max_examples=12)
+@settings(max_examples=12 if os.environ.get("ARMCTL_LONG") else 4)
 @given(st.integers(0, 10_000))
 def test_no_dip_below_the_floor_is_missed(seed: int) -> None:
     robot = random_arm(seed % 7) if seed % 2 else UZUNER

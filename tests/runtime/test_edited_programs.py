@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from itertools import groupby, pairwise
 
@@ -33,6 +34,8 @@ from armctl.program import (
     WaitStep,
 )
 from armctl.runtime import Release, RunProgram, State, UpdateProgram
+
+LONG = bool(os.environ.get("ARMCTL_LONG"))
 
 
 def square(blend_mm: float, z_mm: float = 100.0) -> list[Step]:
@@ -123,7 +126,7 @@ def assert_every_end_is_met_within_its_blend(seen: dict[Seen, list[np.ndarray]])
 
 @given(shape=st.sampled_from(sorted(SHAPES)), at=st.floats(0.02, 3.0))
 @example(shape="a wait within", at=1.2)  # steps of the next pass were handed out before the edit came
-@settings(max_examples=9)
+@settings(max_examples=9 if LONG else 3)
 def test_the_edit_takes_effect_at_the_next_pass_whatever_the_shape(shape: str, at: float) -> None:
     old, new = (program(*steps) for steps in SHAPES[shape])
     rig = stands_at_the_end_of(old.steps)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import cycle
@@ -24,6 +25,7 @@ from armctl.runtime import Command, Jog, JogTool, MoveGripper, MoveJoints, Pause
 
 HOME = ROBOT.pose("home")
 LOW = np.radians([0, 60, -80, -20, 0])
+LONG = bool(os.environ.get("ARMCTL_LONG"))
 AXES = {"X": 0, "Y": 1, "Z": 2}
 
 
@@ -281,11 +283,11 @@ def test_it_stops_where_two_links_would_fold_onto_each_other() -> None:
 
 def test_letting_go_near_the_floor_does_not_carry_it_through() -> None:
     floor = Floor(ROBOT)
-    for ticks in range(20, 75, 3):
+    for ticks in range(20, 75, 3 if LONG else 9):
         rig = enabled(q=LOW)
         hold(rig, Jog(np.array([0.3, -1, 0.2, -1, 0])), ticks * TICK)
         rig.run(0.5)
-        assert all(floor.clearance(s.q_command).min() >= -1e-9 for s in rig.history)
+        assert floor.clearance(np.array([s.q_command for s in rig.history])).min() >= -1e-9
 
 
 def test_no_motion_begins_while_it_is_held(rig: Rig) -> None:
@@ -339,7 +341,7 @@ def test_joints_that_brake_unequally_keep_the_angle_between_links(factor: float)
     rig = enabled(replace(arm, joints=joints))
     chance = np.random.default_rng(int(10 * factor))
     at_limit = 0
-    for _ in range(25):
+    for _ in range(25 if LONG else 8):
         rates = np.concatenate([[0.0], chance.choice([-1.0, -0.5, 0.5, 1.0], 2), np.zeros(arm.n - 3)])
         for _ in range(int(chance.integers(5, 40))):
             rig.controller.submit(Jog(rates), TEST)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import partial
 
 import numpy as np
@@ -34,6 +35,8 @@ from armctl.runtime import (
 )
 from armctl.runtime.commands import Command, HeldCommand
 
+SHARE = 1.0 if os.environ.get("ARMCTL_LONG") else 0.25
+"""of the scripts"""
 Script = list[tuple[Command | str | None, list[float]]]
 LOW, HIGH = ROBOT.limits[:, 0], ROBOT.limits[:, 1]
 HOME = ROBOT.pose("home")
@@ -109,7 +112,7 @@ def play(script: Script) -> Rig:
 
 
 @given(scripts(UNEVEN))
-@settings(max_examples=70, suppress_health_check=list(HealthCheck))
+@settings(max_examples=round(70 * SHARE), suppress_health_check=list(HealthCheck))
 def test_late_and_early_ticks_never_break_a_limit(script: Script) -> None:
     for snapshot in play(script).history:
         assert (np.abs(snapshot.acceleration_command) <= ROBOT.acceleration_limits * (1 + 1e-6) + 1e-9).all()
@@ -117,7 +120,7 @@ def test_late_and_early_ticks_never_break_a_limit(script: Script) -> None:
 
 
 @given(scripts(EVEN))
-@settings(max_examples=70, suppress_health_check=list(HealthCheck))
+@settings(max_examples=round(70 * SHARE), suppress_health_check=list(HealthCheck))
 def test_accelerations_stay_inside_their_limits_whatever_is_asked(script: Script) -> None:
     assert_accelerations_keep_limits(play(script))
 
@@ -131,7 +134,7 @@ RACING = [(FOLDED, [TICK] * 33), *((JogTool(np.array(way)), [TICK] * 36) for way
 @given(st.lists(st.tuples(LED, EVEN), min_size=1, max_size=6))
 @example(RACING)
 @example([RACING[0], (RACING[1][0], [TICK]), RACING[2]])
-@settings(max_examples=40, suppress_health_check=list(HealthCheck))
+@settings(max_examples=round(40 * SHARE), suppress_health_check=list(HealthCheck))
 def test_silence_brings_an_arm_that_is_led_to_rest(script: Script) -> None:
     rig = play(script)
     rig.rests(1.5)  # the longest expiry, and braking
@@ -140,7 +143,7 @@ def test_silence_brings_an_arm_that_is_led_to_rest(script: Script) -> None:
 
 
 @given(scripts(EVEN, most=6))
-@settings(max_examples=50, suppress_health_check=list(HealthCheck))
+@settings(max_examples=round(50 * SHARE), suppress_health_check=list(HealthCheck))
 def test_a_stop_brings_everything_to_rest_and_ends_the_stream(script: Script) -> None:
     rig = play(script)
     ticket = rig.controller.stop(TEST)
