@@ -557,20 +557,23 @@ def _mixed(weights: _Vector, vectors: Sequence[_Vector]) -> _Vector:
         total: _Entry = 0.0
         own = False  # whether the sum is an array of its own, which may be added to
         for weight, entry in zip(weights, entries, strict=True):
-            if _is(weight, 0.0) or _is(entry, 0.0):
+            given, held = type(weight) is float, type(entry) is float
+            if (given and weight == 0.0) or (held and entry == 0.0):
                 continue
-            copied = _is(weight, 1.0) or _is(entry, 1.0)
-            term = (entry if _is(weight, 1.0) else weight) if copied else weight * entry
+            if given and weight == 1.0:
+                term, copied = entry, True
+            elif held and entry == 1.0:
+                term, copied = weight, True
+            else:
+                term, copied = weight * entry, False
             if own:
                 total += term
+            elif type(total) is float and total == 0.0:
+                total, own = term, not copied
             else:
-                total, own = (term, not copied) if _is(total, 0.0) else (total + term, True)
+                total, own = total + term, True
         sums.append(total)
     return sums
-
-
-def _is(entry: _Entry, value: float) -> bool:
-    return type(entry) is float and entry == value
 
 
 def _x_part(row: DHRow) -> FloatArray:
