@@ -25,7 +25,7 @@ from armctl.program import load_program
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock, channel_settings
 
-MOMENTS = 200 if os.environ.get("ARMCTL_LONG") else 4
+MOMENTS = 200 if os.environ.get("ARMCTL_LONG") else 2
 ROBOT = load_robot("uzuner")
 NOW = MonotonicClock.now
 _SURVIVOR_S = 1.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 
 import numpy as np
@@ -71,7 +72,7 @@ def miss(solutions: Solutions, q: FloatArray) -> float:
 
 def test_a_pose_or_its_position_on_the_grid_contains_the_configuration() -> None:
     rng = np.random.default_rng(24)
-    asked, arms = 0, planar_arms(21, 90)
+    asked, arms = 0, planar_arms(21, 90 if os.environ.get("ARMCTL_LONG") else 30)
     arms[1:3] = [(ABAAS, ABAAS_LIMITS), (SCORBOT, SCORBOT_LIMITS)]
     for chain, limits in arms:
         ik = solver_of(chain, limits)
@@ -96,7 +97,7 @@ def test_a_pose_or_its_position_on_the_grid_contains_the_configuration() -> None
                 assert_true(solutions, limits)
                 turned = np.exp(1j * solutions.q) - np.exp(1j * q)  # a roll of half a turn is one of two
                 assert np.abs(turned).max(axis=1).min() < 1e-6
-    assert asked > 700
+    assert asked > 700 * len(arms) / 93
 
 
 def test_the_written_out_closed_form_lists_what_the_general_one_lists(

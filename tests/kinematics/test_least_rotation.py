@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 
 import numpy as np
 import pytest
@@ -47,9 +48,9 @@ def test_the_printed_example_of_the_text() -> None:
 
 @pytest.mark.slow
 def test_random_spherical_arms_are_never_above_a_fine_sweep() -> None:
-    rng = np.random.default_rng(91)
+    rng, count = np.random.default_rng(91), 100 if os.environ.get("ARMCTL_LONG") else 34
     stationary = swept = 0
-    for _ in range(100):
+    for _ in range(count):
         chain, limits = random_arm(rng)
         ik = spherical_solver(chain, limits)
         for _ in range(2):
@@ -64,8 +65,8 @@ def test_random_spherical_arms_are_never_above_a_fine_sweep() -> None:
             swept += solutions.free_joint == 0
             resting = np.minimum(np.abs(best[:3]), np.abs(best[:3, None] - limits[:3]).min(axis=1))
             stationary += resting.min() > 1e-3
-    assert swept > 125
-    assert stationary > 10  # the stationary postures are needed, and were found
+    assert swept > 1.25 * count
+    assert stationary > count / 10  # the stationary postures are needed, and were found
 
 
 def test_the_humanoid_is_never_above_a_fine_sweep_nor_far_below() -> None:

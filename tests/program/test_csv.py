@@ -3,6 +3,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import os
 import re
 
 import numpy as np
@@ -39,7 +40,7 @@ def read(text: str | bytes) -> tuple[Step, ...]:
 
 
 @given(programs(joints=st.just(5)))
-@settings(max_examples=200)
+@settings(max_examples=200 if os.environ.get("ARMCTL_LONG") else 60)
 def test_writing_and_reading_is_the_identity(program: Program) -> None:
     text = write_csv(program, ROBOT)
     if not program.steps:

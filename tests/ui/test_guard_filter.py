@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+import os
 from types import SimpleNamespace
 from typing import Any
 
 import msgspec
 import pytest
 import viser
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.ui.guard_kit import CAMERA
 from viser._messages import FileTransferPart, FileTransferStartUpload
@@ -214,6 +215,7 @@ def test_a_camera_looks_from_a_finite_place(page: Page) -> None:
     assert not page.admits("ViewerCameraMessage", **{**CAMERA, "position": (math.nan, 0, 0)})
 
 
+EXAMPLES = 100 if os.environ.get("ARMCTL_LONG") else 30
 ANYTHING = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text() | st.binary(),
     lambda inner: (
@@ -223,6 +225,7 @@ ANYTHING = st.recursive(
 )
 
 
+@settings(max_examples=EXAMPLES)
 @given(st.lists(st.binary() | st.text() | ANYTHING.map(msgspec.msgpack.encode), max_size=20))
 def test_no_frame_raises(frames: list[str | bytes]) -> None:
     page = Page()
@@ -230,6 +233,7 @@ def test_no_frame_raises(frames: list[str | bytes]) -> None:
         assert not page.filter.admits(raw)
 
 
+@settings(max_examples=EXAMPLES)
 @given(st.sampled_from([*GOOD, "FileTransferPart"]), st.data())
 def test_one_field_replaced_by_anything_or_a_damaged_frame_never_raises(
     kind: str, data: st.DataObject
