@@ -233,10 +233,12 @@ def _by_trimesh(content: bytes, suffix: str) -> Solid:
         loaded = library.load_scene(
             io.BytesIO(content), file_type=suffix.removeprefix("."), process=False, skip_materials=True
         )
+        units = next((one.metadata.get("units") for one in loaded.geometry.values()), None)
+        for one in loaded.geometry.values():
+            one.metadata.clear()  # of a PLY file it holds all faces once more, and is copied twice
         mesh = loaded.to_mesh()
         vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
         faces = np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
-        units = next((one.metadata.get("units") for one in loaded.geometry.values()), None)
     except Exception as cause:  # parsers of other people raise what they meet
         raise RobotFileError(
             f"cannot be read: {' '.join(str(cause).split()) or type(cause).__name__}"
