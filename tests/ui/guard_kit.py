@@ -50,6 +50,7 @@ class RawPage:
             additional_headers=headers,
             compression=None,
             max_size=None,
+            close_timeout=1.0,  # the server's answer stands behind all that a test has not read
             ping_interval=None,  # without a keepalive thread, which would outlive the connection for a moment
         )
 
