@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 
 import numpy as np
 import pytest
@@ -68,7 +69,8 @@ def test_a_free_joint_moves_as_little_as_serves() -> None:
 @pytest.mark.parametrize("bent_deg", [0.1, 0.12, 0.15, 0.3, 1.0])
 def test_an_elbow_that_is_nearly_straight_bends_further_to_its_own_side(bent_deg: float) -> None:
     rng, followed = np.random.default_rng(3), 0
-    for side in (1.0, -1.0) * 20:
+    pairs = 20 if os.environ.get("ARMCTL_LONG") else 8
+    for side in (1.0, -1.0) * pairs:
         q = random_start(rng, SCORBOT)
         q[2] = side * math.radians(bent_deg)  # straight at 0
         tool = SCORBOT.forward(q)[:3, 3]
@@ -79,7 +81,7 @@ def test_an_elbow_that_is_nearly_straight_bends_further_to_its_own_side(bent_deg
         if way.path is not None:  # else too near to a singular pose to begin
             assert (side * np.array([knot.q[2] for knot in way.knots]) > 0.0).all()
             followed += 1
-    assert followed >= 8, followed
+    assert followed >= 0.4 * pairs, followed
 
 
 def test_a_push_leads_away_from_both_limits() -> None:
