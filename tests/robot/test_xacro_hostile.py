@@ -6,6 +6,7 @@ outside of the arm's folder. That each ends soon is counted in calls, not in sec
 
 from __future__ import annotations
 
+import codecs
 import itertools
 import os
 import random
@@ -395,6 +396,7 @@ class Watch:
 
 @pytest.fixture(scope="module")
 def watch() -> Watch:
+    codecs.lookup("utf-8-sig")  # what files are read with is imported once
     return Watch()
 
 
