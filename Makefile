@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 BENCH := build/bench-venv
 SOURCES := src tests benchmarks examples docs
+# Tests start hundreds of processes: where Python may not keep what it compiles, each compiles all of armctl anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: run test check format docs docs-serve pictures bench bench-live clean
 
