@@ -2,8 +2,9 @@
 
 viser 1.1.1's page is made of Mantine widgets. A field is a row with a ``<label>`` at its left; a tab is
 ``[role=tab]`` with its label as ``title``; the tabs that are not shown stay in the document, invisible.
-The page sends at most one message per panel in 50 ms and forgets those in between: a person is slower
-than that, so these helpers wait ``PAUSE_MS`` between two actions.
+The page sends at most one message in 50 ms and forgets those in between: a person is slower than that, so
+these helpers wait ``PAUSE_MS`` between two actions, by the page's own clock. A page that stood still for as
+long as that would see both at once.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from pathlib import Path
 from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, Playwright, expect
 from tests.browser.drawing import DRAW_ON_DEMAND, DRAW_ONCE
 
-PAUSE_MS = 80
+PAUSE_MS = 60
 PATIENCE_MS = 20_000
 
 _WATCH_CLICKS = """
@@ -29,6 +30,8 @@ _FORGET_CLICKS = "() => { window.armctlClicked = []; }"
 _WAS_CLICKED = """(element) =>
   !element.isConnected || window.armctlClicked.some((clicked) => element.contains(clicked))
 """
+
+_PAUSE = "(milliseconds) => new Promise((go_on) => setTimeout(go_on, milliseconds))"
 
 _NODE = """name => {
   const node = window.__viserMutable.nodeRefFromName[name];
@@ -105,8 +108,8 @@ class Screen:
         self.errors.clear()
 
     def pause(self, milliseconds: int = PAUSE_MS) -> None:
-        """Let the page send what it has to send (its throttle is 50 ms)."""
-        self.page.wait_for_timeout(milliseconds)
+        """Let the page send what it has to send (its throttle is 50 ms); it takes part in the wait."""
+        self.page.evaluate(_PAUSE, milliseconds)
 
     def wait_until(self, condition: Callable[[], bool], what: str) -> None:
         """Wait for something outside the page, while the page goes on; fails with ``what``."""
@@ -179,22 +182,34 @@ class Screen:
         self.wait_until(rests, "the folder has unfolded")
 
     def type_into(
-        self, label: str, text: str, index: int = 0, *, within: Locator | None = None, leave: bool = True
+        self,
+        label: str,
+        text: str,
+        index: int = 0,
+        *,
+        within: Locator | None = None,
+        leave: bool = True,
+        by_key: bool = False,
     ) -> None:
-        """Replace what a field holds, key by key; when it is left, the page corrects it to its limits."""
+        """Replace what a field holds; when it is left, the page corrects it to its limits.
+
+        The text comes at once, as one that is pasted; ``by_key``: a key at a time, and the page and the arm
+        see each half of a number. That takes several times as long.
+        """
         box = self.entry(label, index, within=within)
         self.press(box)
         box.press("Control+A")
-        self.pause()
-        box.press_sequentially(text, delay=PAUSE_MS)
-        self.pause()
+        keyboard = self.page.keyboard
+        for part in text if by_key else [text]:
+            (keyboard.press if by_key else keyboard.insert_text)(part)
+            self.pause()
         if leave:
             self.leave(label, index, within=within)
 
-    def type_xyz(self, *values: str) -> None:
+    def type_xyz(self, *values: str, by_key: bool = False) -> None:
         """Type into the fields X mm, Y mm and Z mm."""
         for axis, value in zip("XYZ", values, strict=True):
-            self.type_into(f"{axis} mm", value)
+            self.type_into(f"{axis} mm", value, by_key=by_key)
 
     def leave(self, label: str, index: int = 0, *, within: Locator | None = None) -> None:
         """Take the focus from a field: hot keys do not work while it has it."""

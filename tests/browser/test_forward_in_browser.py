@@ -31,7 +31,7 @@ REFERENCE, LAST = "Go with respect to reference", "Go with respect to last posit
 
 def test_go_with_respect_to_reference(page: Screen, served: ServedArm) -> None:
     page.type_into("Base °", "30")
-    page.type_into("Elbow °", "-45.5")
+    page.type_into("Elbow °", "-45.5", by_key=True)
     asked = [30.0, 90.0, -45.5, -40.0, 0.0]
     wait_for_ghost(page, served.robot, np.radians(asked))
     x, y, z = (1000 * served.robot.forward(np.radians(asked))[:3, 3]).tolist()
@@ -131,7 +131,7 @@ def wait_for_angles(page: Screen, robot: Robot, q: np.ndarray) -> None:
 def test_a_pose_that_is_typed_takes_the_angle_fields_along(page: Screen, served: ServedArm) -> None:
     robot, home = served.robot, served.robot.pose("home")
     pitch, roll = robot.inverse_kinematics.pitch_and_roll(home)
-    page.type_into("Y mm", "40.5")
+    page.type_into("Y mm", "40.5", by_key=True)
     x, _, z = robot.forward(home)[:3, 3]
     asked = robot.inverse([x, 0.0405, z], pitch, roll).best("least-travel", home)
     wait_for_angles(page, robot, asked)
@@ -139,7 +139,7 @@ def test_a_pose_that_is_typed_takes_the_angle_fields_along(page: Screen, served:
     assert page.value("Y mm") == "40.5"
     assert served.commanded_deg == HOME  # nothing moves
     page.screenshot("forward-coupled")
-    page.type_into("Pitch °", "-45")
+    page.type_into("Pitch °", "-45", by_key=True)
     page.type_into("Roll °", "20")
     asked = robot.inverse([x, 0.0405, z], np.radians(-45), np.radians(20)).best("least-travel", asked)
     wait_for_angles(page, robot, asked)
@@ -150,7 +150,7 @@ def test_a_pose_that_is_typed_takes_the_angle_fields_along(page: Screen, served:
 
 def test_a_pose_out_of_reach_keeps_the_angles_and_moves_nothing(page: Screen, served: ServedArm) -> None:
     robot = served.robot
-    page.type_into("Z mm", "600")  # passes through 6 and 60, which are in reach
+    page.type_into("Z mm", "600", by_key=True)  # passes through 6 and 60, which are in reach
     page.wait_for_text(
         re.compile(r"The joint angles stay as they are: .*nearest reachable point (with that pitch )?is \(")
     )
@@ -288,7 +288,7 @@ class Sequence:
 
     def edit(self) -> None:
         self.edited = True
-        self.page.type_into("Base °", str(self.random.integers(-60, 60)))
+        self.page.type_into("Base °", str(self.random.integers(-60, 60)), by_key=True)
 
     def edit_while_it_moves(self) -> None:
         self.another_moves(wait=False)

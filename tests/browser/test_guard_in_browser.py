@@ -72,13 +72,13 @@ def test_a_click_arrives_on_the_event_loop_which_can_answer(console: Console, sc
 
 def test_every_kind_of_field_can_be_used(console: Console, screen: Screen, tmp_path: Path) -> None:
     screen.open(console.url, until="STOP")
-    screen.type_into("X [mm]", "-75.5")
+    screen.type_into("X [mm]", "-75.5", by_key=True)
     assert console.last_event(screen) == ("X [mm]", -75.5)
     assert screen.number("X [mm]") == -75.5
     screen.slide("joint 1", 0.75)
     label, angle = console.last_event(screen)
     assert (label, angle) == ("joint 1", pytest.approx(45.0, abs=3.0))
-    screen.type_into("joint 1", "12.3")
+    screen.type_into("joint 1", "12.3", by_key=True)
     assert console.last_event(screen) == ("joint 1", 12.3)
     screen.nudge("joint 1")
     assert console.last_event(screen) == ("joint 1", pytest.approx(12.4))
@@ -86,14 +86,14 @@ def test_every_kind_of_field_can_be_used(console: Console, screen: Screen, tmp_p
     screen.choose("robot", "mico")
     assert console.last_event(screen) == ("robot", "mico")
     assert screen.value("robot") == "mico"
-    screen.type_into("name", "place")
+    screen.type_into("name", "place", by_key=True)
     assert console.last_event(screen) == ("name", "place")
     screen.tick("loop")
     assert console.last_event(screen) == ("loop", True)
     assert screen.is_ticked("loop")
     screen.click("+")
     assert console.last_event(screen) == ("step", "+")
-    screen.type_into("target", "7.5", 1)
+    screen.type_into("target", "7.5", 1, by_key=True)
     assert console.last_event(screen) == ("target", (1.0, 7.5, 3.0))
     file = tmp_path / "pick.toml"
     file.write_bytes(b"x = 1\n" * 150_000)
@@ -108,11 +108,11 @@ def test_a_number_beyond_its_limits_arrives_and_one_beyond_a_slider_is_refused(
 ) -> None:
     """The screen has to see "900" to say that it is outside; the page puts 400 when the field is left."""
     screen.open(console.url, until="STOP")
-    screen.type_into("X [mm]", "900", leave=False)
+    screen.type_into("X [mm]", "900", leave=False, by_key=True)
     assert console.last_event(screen) == ("X [mm]", 900.0)
     screen.leave("X [mm]")
     assert console.last_event(screen) == ("X [mm]", 400.0)
-    screen.type_into("joint 1", "95", leave=False)
+    screen.type_into("joint 1", "95", leave=False, by_key=True)
     assert console.last_event(screen) == ("joint 1", 9.0)
     assert console.server.refusals == {"a value that the control cannot take": 1}
     screen.wait_for_notification("joint 1: 95 is outside -90 … 90; it stays 9.")

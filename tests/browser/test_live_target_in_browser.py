@@ -25,7 +25,7 @@ ARROW = """name => {
 
 
 def put_target(page: Screen, axis: str, mm: float) -> None:
-    page.type_into(f"Target {axis} mm", f"{mm:g}")
+    page.type_into(f"Target {axis} mm", f"{mm:g}", by_key=True)
     page.click("Put target there")
 
 

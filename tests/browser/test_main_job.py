@@ -90,7 +90,7 @@ def test_a_point_by_least_energy(page: Screen, board: BoardServer[SimulatedMaest
     page.type_xyz("300", "0", "600")
     page.click("Go by least energy")
     page.wait_for_notification(re.compile(r"too far by 200\.0 mm.*nearest reachable point"))
-    page.type_xyz("220", "-196", "85")
+    page.type_xyz("220", "-196", "85", by_key=True)
     page.click("Solve")
     page.wait_for_text(re.compile(r"3,?520 solutions"))
     page.screenshot("main_job_solved")

@@ -151,7 +151,10 @@ def test_n_times_from_the_selected_step(page: Screen, served: ServedArm) -> None
     page.type_into("Times N", "2")
     page.tick("From selected step")
     page.click("Run N times")
-    page.wait_until(lambda: bool(served.steps_run) and served.now.state is State.HOLDING, "two passes")
+    page.wait_until(
+        lambda: any("program 'test' finished" in event.text for event in served.now.events), "two passes"
+    )
+    served.wait_for(page, State.HOLDING)
     assert served.steps_run == [(0, 2), (1, 0), (1, 1), (1, 2)]
     assert served.commanded_deg == [8.0, *HOME[1:]]
 
