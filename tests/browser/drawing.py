@@ -43,7 +43,7 @@ DRAW_ON_DEMAND = """
     };
   }
 """
-"""for a page that has not loaded yet: from now on only ``DRAW_ONCE`` draws, and a second has 25 frames at most"""
+"""for a page that has not loaded yet: only ``DRAW_ONCE`` draws from now on, at most 25 frames a second"""
 
 DRAW_ONCE = """async () => {
   const frame = () => new Promise(requestAnimationFrame);
