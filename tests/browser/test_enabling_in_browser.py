@@ -47,7 +47,7 @@ def test_the_page_asks_where_the_arm_is(tmp_path: Path, screens: Screens) -> Non
     kept.write_text(json.dumps(record | {"at": time.time() - 3600, "ended": "fault", "moving": True}))
     outputs = ROBOT.output_map
     assert outputs is not None
-    page = screens(drawn=True)
+    page = screens()
     with (
         BoardServer(simulated_maestro(channels=channel_settings(ROBOT)), MonotonicClock().now) as board,
         serving(tmp_path, "--port", board.port) as url,
