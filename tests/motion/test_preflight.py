@@ -28,7 +28,9 @@ from armctl.motion import (
     preflight,
     require_clear,
 )
-from armctl.motion.preflight import Finding, not_checked
+from armctl.motion.clearance import SelfCollision
+from armctl.motion.plan import plan_joints
+from armctl.motion.preflight import Finding, not_checked, passes
 from armctl.robot import Robot, load_robot
 from armctl.robot.parts import Obstacle
 
@@ -221,6 +223,30 @@ def test_folding_into_the_base_is_refused_with_both_parts_named() -> None:
     assert finding.part in ("the gripper", "the link behind elbow")
     assert "mm inside the base" in finding.what and "the base" in finding.mend
     assert 0 < finding.time
+
+
+@pytest.mark.parametrize("name", ["ur5", "so101"])
+def test_a_motion_passes_where_nothing_is_found_and_what_is_found_is_the_deepest(name: str) -> None:
+    robot = load_robot(name)
+    solids = SelfCollision(robot)
+    rng = np.random.default_rng(3)
+    seen = set[bool]()
+    for _ in range(10):
+        motion = plan_joints(robot, robot.pose("home"), rng.uniform(*robot.limits.T), checked=False)
+        findings = preflight(robot, motion)
+        passed = not any(finding.severity == "error" for finding in findings)
+        seen.add(passed)
+        assert passes(robot, motion) == passed
+        assert passes(robot, motion, warned=False) == (not findings)
+        for finding in findings:
+            if finding.kind == "self-collision":
+                assert finding.time is not None
+                told, anywhere = (
+                    solids.gaps(robot.body_frames(motion.sample(times).q), 0.0).min()
+                    for times in (np.array([finding.time]), np.linspace(0.0, motion.duration, 150))
+                )
+                assert told < anywhere + 2e-4
+    assert seen == {True, False}
 
 
 @pytest.mark.parametrize("name", FIVE)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Literal
 
 import numpy as np
@@ -98,7 +98,7 @@ def preflight(
     - Limits of joints and of angles between links, speed and acceleration, by the peaks of the trajectory;
       jerk, where the profile limits it. The arm is at rest at both ends (``at_rest``), and has the same
       speed on both sides of each seam.
-    - Floor, obstacles and self-collision, over the whole motion (``gap_finding``), with jaws where they are
+    - Floor, obstacles and self-collision, over the whole motion, with jaws where they are
       (``Robot.gripping``).
     - Singularities of the tool point, at the samples: an error where a ``tool_path`` needs the direction that
       is lost, else a warning.
@@ -106,24 +106,52 @@ def preflight(
       The ``effort`` of a URDF file only warns.
     Raises ``InputError``: the trajectory has another number of joints, or a value that is not finite.
     """
+    motion, links, findings = _but_for_gaps(robot, trajectory, payload_kg, tool_path, at_rest)
+    found = [*findings]
+    for source in sources(robot):
+        closed = _closed(motion, source, links)
+        if closed is not None:
+            found.append(_deepest(motion, source, closed))
+    return sorted(found, key=lambda finding: (finding.severity != "error", finding.time or 0.0))
+
+
+def passes(
+    robot: Robot,
+    trajectory: Trajectory,
+    payload_kg: float | None = None,
+    *,
+    tool_path: bool = False,
+    warned: bool = True,
+) -> bool:
+    """Whether ``preflight`` finds no error, and no warning either unless ``warned``.
+
+    Quicker than to ask what it finds: nobody asks here where a gap is deepest. Raises as ``preflight``.
+    """
+    motion, links, findings = _but_for_gaps(robot, trajectory, payload_kg, tool_path, at_rest=True)
+    if any(not warned or finding.severity == "error" for finding in findings):
+        return False
+    return all(_closed(motion, source, links) is None for source in sources(robot))
+
+
+def _but_for_gaps(
+    robot: Robot, trajectory: Trajectory, payload_kg: float | None, tool_path: bool, at_rest: bool
+) -> tuple[SampledMotion, LinkFrames, Iterator[Finding]]:
+    """The samples of a motion, where the links are at them, and all that is found but for closed gaps."""
     require_robot(robot)
     motion = SampledMotion(robot, trajectory)
     if payload_kg is not None and checked_number(payload_kg, "a payload") < 0.0:
         raise InputError(f"a payload must be at least 0 kg, got {payload_kg}")
     links = robot.body_frames(motion.q)
-    findings = [*_limit_findings(motion), *_turn_findings(motion)]
-    for kind in _RATES:
-        findings += _rate_findings(motion, kind)
-    findings += _seam_findings(motion)
-    for source in sources(robot):
-        finding = gap_finding(motion, source, links)
-        if finding is not None:
-            findings.append(finding)
-    findings += _singularity_findings(motion, tool_path=tool_path)
-    findings += _torque_findings(motion, links, payload_kg)
-    if at_rest:
-        findings += _rest_findings(motion)
-    return sorted(findings, key=lambda finding: (finding.severity != "error", finding.time or 0.0))
+    findings = chain(
+        _limit_findings(motion),
+        _turn_findings(motion),
+        *(_rate_findings(motion, kind) for kind in _RATES),
+        _seam_findings(motion),
+        _rest_findings(motion) if at_rest else (),
+        _singularity_findings(motion, tool_path=tool_path),
+        _torque_findings(motion, links, payload_kg),
+    )
+    return motion, links, findings
 
 
 def require_clear(
@@ -357,12 +385,23 @@ _BLOCK = 4096
 """intervals that are halved at once, so that memory stays bounded"""
 
 
-def gap_finding(motion: SampledMotion, source: Gaps, links: LinkFrames) -> Finding | None:
+@dataclass(frozen=True, slots=True)
+class _Closed:
+    """Gaps that are closed too far somewhere in a motion, and where that was seen."""
+
+    allowed: FloatArray
+    """(k, 1) how far each gap may be closed [m]"""
+    intervals: FloatArray
+    """(2 + 3k, m) when intervals begin and end [s], by how much each gap is open beyond ``allowed`` at both
+    times, and by how much it may change between them [m]"""
+
+
+def _closed(motion: SampledMotion, source: Gaps, links: LinkFrames) -> _Closed | None:
     """Check that gaps stay open; one that starts closed must not close further. ``links``: at the samples.
 
     With gaps g₀ and g₁ at two samples and a change of at most D (levers times joint speeds) between them, a
-    gap is at least (g₀ + g₁ - D) / 2 there. Where that does not prove it open, the interval is halved. Named
-    is the deepest gap of those that are closed too far at any sample, else at the first halves that show one.
+    gap is at least (g₀ + g₁ - D) / 2 there. Where that does not prove it open, the interval is halved. Told
+    are the samples, if a gap is closed too far at any of them, else the first halves that show one.
     """
     if not len(source.parts):
         return None
@@ -372,13 +411,11 @@ def gap_finding(motion: SampledMotion, source: Gaps, links: LinkFrames) -> Findi
     allowed = np.minimum(gaps[:, :1], source.closed[:, None]) - FLOOR_TOLERANCE_M
     slack = gaps - allowed
     if slack.min() < 0.0:
-        block = np.vstack([motion.time[:-1], motion.time[1:], slack[:, :-1], slack[:, 1:], change])
-        return _deepest(motion, source, allowed, block)
+        return _Closed(allowed, _intervals(motion, slack, change))
     if (slack[:, :-1] + slack[:, 1:] - change >= -2.0 * source.missed_m).all():  # most motions
         return None
-    # one column an interval: when it begins and ends, the slacks at both, and the most they may change
     k = len(gaps)
-    blocks = [np.vstack([motion.time[:-1], motion.time[1:], slack[:, :-1], slack[:, 1:], change])]
+    blocks = [_intervals(motion, slack, change)]
     while blocks:
         block = blocks.pop()
         _, at_begin, at_end, change = np.split(block, [2, 2 + k, 2 + 2 * k])
@@ -396,8 +433,13 @@ def gap_finding(motion: SampledMotion, source: Gaps, links: LinkFrames) -> Findi
             late[0], late[2 : 2 + k] = middle, slack
             blocks.append(np.hstack([early, late]))
             if slack.min() < 0.0:
-                return _deepest(motion, source, allowed, blocks[-1])
+                return _Closed(allowed, blocks[-1])
     return None
+
+
+def _intervals(motion: SampledMotion, slack: FloatArray, change: FloatArray) -> FloatArray:
+    """As ``_Closed.intervals``, between the samples of a motion."""
+    return np.vstack([motion.time[:-1], motion.time[1:], slack[:, :-1], slack[:, 1:], change])
 
 
 def _enough(change: FloatArray) -> FloatArray:
@@ -408,33 +450,43 @@ def _enough(change: FloatArray) -> FloatArray:
     return 0.5 * most
 
 
-def _deepest(motion: SampledMotion, source: Gaps, allowed: FloatArray, block: FloatArray) -> Finding:
-    """The deepest of the gaps that are closed too far, at some end of the intervals of ``gap_finding``."""
-    k = len(allowed)
-    begin, end, at_begin, at_end, change = np.split(block, [1, 2, 2 + k, 2 + 2 * k])
+def _deepest(motion: SampledMotion, source: Gaps, closed: _Closed) -> Finding:
+    """The deepest of the gaps that are closed too far."""
+    allowed, k = closed.allowed, len(closed.allowed)
+    begin, end, at_begin, at_end, change = np.split(closed.intervals, [1, 2, 2 + k, 2 + 2 * k])
 
-    def depths_at(time: FloatArray) -> FloatArray:
-        """(k, m) the gaps that are closed too far [m], others infinite."""
-        gaps = source.gaps(motion.robot.body_frames(motion.trajectory.sample(time).q), 0.0)
+    def depths_at(time: FloatArray, enough: FloatArray) -> FloatArray:
+        """(k, m) the gaps that are closed too far [m], others infinite; exact below ``enough`` (k, 1) [m]."""
+        gaps = source.gaps(motion.robot.body_frames(motion.trajectory.sample(time).q), enough)
         return np.where(gaps < allowed, gaps, np.inf)
 
-    # where between two samples it may be deeper than at any, the deepest first
     slacks = np.minimum(at_begin, at_end)
-    known = np.where(slacks < 0.0, slacks + allowed, np.inf).min(axis=0)
+    known = np.where(slacks < 0.0, slacks + allowed, np.inf)
+    part, at = map(int, np.unravel_index(known.argmin(), known.shape))
+    least = float(known[part, at])
+    when = float((begin if at_begin[part, at] <= at_end[part, at] else end)[0, at])
+    # where between two samples it may be deeper than at any, the deepest first
     lowest = (0.5 * (at_begin + at_end - change) + allowed).min(axis=0)
-    lowest[int(known.argmin())] = -np.inf
-    near = np.flatnonzero(lowest <= known.min())
+    lowest[at] = -np.inf
+    near = np.flatnonzero(lowest <= least)
     near = near[np.argsort(lowest[near], kind="stable")[: source.most_near]]
     shares = np.linspace(0.0, 1.0, _LOOKS)[:, None]
     times = (begin[0, near] + shares * (end[0, near] - begin[0, near])).ravel()
-    depths = depths_at(times)
-    part, at = map(int, np.unravel_index(depths.argmin(), depths.shape))
+    depths = depths_at(times, np.full((k, 1), least))
+    if depths.min() < least:
+        part, at = map(int, np.unravel_index(depths.argmin(), depths.shape))
+        least, when = float(depths[part, at]), float(times[at])
+    this_one = np.where(np.arange(k) == part, 0.0, -np.inf)[:, None]
+
+    def depth_at(time: FloatArray) -> FloatArray:
+        return depths_at(time, this_one)[part]
+
     step = float((end - begin)[0, near].max()) / (_LOOKS - 1)
-    around = np.clip([times[at] - step, times[at] + step], motion.time[0], motion.time[-1])
-    when = motion.least_at(lambda time: depths_at(time)[part], *around.tolist())
-    least = min(float(depths_at(np.array([when]))[part, 0]), float(depths[part, at]))
-    when, digits = motion.told(when, lambda time: depths_at(np.array([time]))[part, 0] < least + _AS_DEEP_M)
-    depth = float(depths_at(np.array([when]))[part, 0])
+    around = np.clip([when - step, when + step], motion.time[0], motion.time[-1])
+    when = motion.least_at(depth_at, *around.tolist())
+    least = min(float(depth_at(np.array([when]))[0]), least)
+    when, digits = motion.told(when, lambda time: depth_at(np.array([time]))[0] < least + _AS_DEEP_M)
+    depth = float(depth_at(np.array([when]))[0])
     what, mend = source.words(part, -1000 * (depth if math.isfinite(depth) else least))
     return Finding(what, when, source.parts[part], mend, source.kind, digits=digits)
 

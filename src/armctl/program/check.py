@@ -14,7 +14,7 @@ from armctl.documents import Document
 from armctl.errors import ArmctlError
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import sources
-from armctl.motion.preflight import Finding, isotropy_of, preflight
+from armctl.motion.preflight import Finding, isotropy_of, passes, preflight
 from armctl.motion.trajectory import JoinedTrajectory, Trajectory
 from armctl.program.program import PROGRAM_FILES, Blocks, Cursor, Program
 from armctl.program.steps import AnyStep, EndStep, MotionStep, MoveStep, RepeatStep, Step
@@ -187,7 +187,7 @@ class _Walk:
         ends = np.array([trajectory.end for trajectory in trajectories])
         if isotropy_of(robot, robot.jacobian(ends))[0].min() < NEAR:
             return False
-        return not preflight(robot, motion, self.payload_kg, tool_path=step.leads_tool)
+        return passes(robot, motion, self.payload_kg, tool_path=step.leads_tool, warned=False)
 
     def _after(self, index: int, step: MotionStep, q: FloatArray | None) -> FloatArray | None:
         """Where a moving step ends that starts at ``q``; None where that is not known."""

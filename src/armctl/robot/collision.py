@@ -304,7 +304,7 @@ class CollisionModel:
         near, i, j, at, enough = near[some], i[some], j[some], at[some], enough[some]
         pose = links.relative(self._links[i], self._links[j], at)
         out[near] = np.maximum(out[near], self._hulls.gaps(i, j, *pose, enough))
-        cut = near[(out[near] < 0.0) & self.by_surface[pair[near]]]
+        cut = near[(out[near] < np.minimum(enough, 0.0)) & self.by_surface[pair[near]]]
         if len(cut):
             out[cut] = self._by_surfaces(links, out[cut], pair[cut], at[np.isin(near, cut)])
         return out

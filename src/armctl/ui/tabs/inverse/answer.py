@@ -14,7 +14,7 @@ from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target
 from armctl.kinematics.energy import EnergyModel, energies
 from armctl.motion import FLOOR_TOLERANCE_M, Profile, plan_joints
 from armctl.motion.figure import color_of
-from armctl.motion.plan import first_possible
+from armctl.motion.plan import first_possible, may_go_to
 from armctl.robot import Robot
 from armctl.ui.widgets.html import fixed, muted, numbers, refused, strong, table, warned
 from armctl.ui.widgets.plots import Line, Picture, thinned
@@ -82,6 +82,7 @@ class Ways:
         """Of an arm that stands at ``start`` (n,) [rad]."""
         self._of = robot, start, profile
         self._known: dict[bytes, str] = {}
+        self._possible: dict[bytes, bool] = {}
 
     def refused(self, q: FloatArray) -> str:
         """Why the arm may not go to ``q`` (n,) [rad]; empty where it may."""
@@ -89,6 +90,16 @@ class Ways:
         if key not in self._known:
             self._known[key] = way_refused(*self._of, q)
         return self._known[key]
+
+    def possible(self, q: FloatArray) -> bool:
+        """Whether the arm may go to ``q`` (n,) [rad]; quicker, where why not is not asked."""
+        key = _key(q)
+        if key not in self._possible:
+            known = self._known.get(key)
+            robot, start, profile = self._of
+            may_go = may_go_to(robot, start, q, None, profile) if known is None else not known
+            self._possible[key] = may_go
+        return self._possible[key]
 
     def known(self, q: FloatArray) -> str | None:
         """As ``refused``; None where that has not been judged yet."""
@@ -202,7 +213,7 @@ def _first_possible(found: Answer, few: Sequence[Representative]) -> int | None:
     possible = min((one.row for one in few if not one.refused), default=len(found.order) + 1)
     before = found.solutions.q[found.order[: possible - 1]]
     taken = found.solutions.taken(before, found.criterion, found.start)
-    row = first_possible(taken, lambda q: bool(found.ways.refused(q)))
+    row = first_possible(taken, found.ways.possible)
     if row is not None:
         return row + 1
     return possible if possible <= len(found.order) else None
@@ -338,7 +349,7 @@ def representatives(found: Answer) -> tuple[Representative, ...]:
         if arm.energy.gravity.weighs:
             squares = energies("least-torque", q[None], arm.energy, arm.pitch_joints, start)
             load = float(_shown("least-torque", squares, arm.energy)[0])
-        forbidden = bool(found.ways.refused(q))
+        forbidden = not found.ways.possible(q)
         rows.append(Representative(tuple(names), row, float(np.degrees(rotation)), time, load, forbidden))
     return tuple(rows)
 
