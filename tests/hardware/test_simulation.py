@@ -226,6 +226,14 @@ def test_a_board_that_comes_back_is_served_again_at_its_link(clock: ManualClock,
     assert not link.is_symlink()
 
 
+def test_a_link_in_the_way_that_is_taken_away_meanwhile_is_told_in_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(Path, "is_symlink", lambda path: True)  # it was, when that was asked
+    with pytest.raises(PortError, match="no link can be made there"):
+        make_link(tmp_path / "arm", str(tmp_path))
+
+
 GONE = "/dev/pts/999999"
 
 

@@ -272,16 +272,16 @@ def make_link(path: Path, device: str) -> None:
     """A symlink to a pty; ``PortError`` where anything but a stale link of an earlier simulator is there."""
     if "://" in device:
         raise PortError(f"{path}: no link can be made to {device}; leave out --link and use that address")
-    target = str(path.readlink()) if path.is_symlink() else ""
-    # The kernel gives pty numbers out again, so the left-over of a crash may well point to our own.
-    if target == device or (is_pseudo_terminal(target) and not Path(target).exists()):
-        path.unlink()
-    elif path.is_symlink() or path.exists():
-        raise PortError(
-            f"{path}: already there, and not a left-over of a simulator; "
-            "choose another name, or remove it if no simulator is running"
-        )
-    try:
+    try:  # it may be taken away, or put there, at any moment
+        target = str(path.readlink()) if path.is_symlink() else ""
+        # The kernel gives pty numbers out again, so the left-over of a crash may well point to our own.
+        if target == device or (is_pseudo_terminal(target) and not Path(target).exists()):
+            path.unlink()
+        elif path.is_symlink() or path.exists():
+            raise PortError(
+                f"{path}: already there, and not a left-over of a simulator; "
+                "choose another name, or remove it if no simulator is running"
+            )
         path.symlink_to(device)
     except OSError as error:
         raise PortError(
