@@ -12,7 +12,7 @@ from itertools import accumulate, product
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import LinkFrames
@@ -196,6 +196,8 @@ _MOST_TURNED, _TURNED = 4, 10
 """joints of a suggested pose that are a quarter turn from zero, at most so many of the first ones"""
 _ROOM_M = 0.002
 """A suggested pose is so far above the floor."""
+_AT_ONCE = 32
+"""poses that are tried together for what takes long"""
 
 
 def clear_rest(robot: Robot) -> tuple[FloatArray, str] | None:
@@ -222,11 +224,19 @@ def clear_pose(robot: Robot) -> FloatArray | None:
         key=lambda one: one[0],
     )
     q = np.array([angles for _, angles in turned])
-    links = robot.body_frames(q)
-    clear = robot.chain.keeps_turns(q)
-    for source in sources(robot):
-        if source.parts:
-            room = _ROOM_M if source.kind == "floor" else 0.0
-            clear &= (source.gaps(links) - source.closed[:, None]).min(axis=0) >= room
-    found = np.flatnonzero(clear)
-    return q[found[0]].copy() if len(found) else None
+    q = q[robot.chain.keeps_turns(q)]
+    *around, itself = sources(robot)
+    for source in around:  # most of them fall here, which is asked soon
+        q = q[_keeps_out(source, robot, q, _ROOM_M if source.kind == "floor" else 0.0)]
+    for begin in range(0, len(q), _AT_ONCE):
+        some = q[begin : begin + _AT_ONCE]
+        found = np.flatnonzero(_keeps_out(itself, robot, some, 0.0))
+        if len(found):
+            return some[found[0]].copy()
+    return None
+
+
+def _keeps_out(source: Gaps, robot: Robot, q: FloatArray, room: float) -> NDArray[np.bool_]:
+    """(k,) whether an arm at each of ``q`` (k, n) [rad] touches nothing of a kind, by ``room`` [m]."""
+    least = source.closed[:, None] + room
+    return (source.gaps(robot.body_frames(q), least + _TOUCHES_M) >= least).all(axis=0)
