@@ -171,7 +171,7 @@ class CollisionModel:
         """Those of ``pairs`` that touch in every one of ``samples`` (m, n) [rad]."""
         at, some = 0, _FIRST_SAMPLES
         while len(pairs) and at < len(samples):  # most pairs come apart soon
-            gaps = self._of(pairs).gaps(self.frames(samples[at : at + some]), 1e-9)
+            gaps = self._of(pairs).gaps(self.frames(samples[at : at + some]), 1e-9, depths=False)
             pairs, at, some = pairs[(gaps <= 0.0).all(axis=1)], at + some, 2 * some
         return pairs
 
@@ -258,16 +258,16 @@ class CollisionModel:
             row[: min(map(min, links)) + 1] = 0.0  # these turns carry both
         return _of_joints(self.chain, levers)
 
-    def gaps(self, links: LinkFrames, enough: ArrayLike = NEAR_M) -> FloatArray:
+    def gaps(self, links: LinkFrames, enough: ArrayLike = NEAR_M, *, depths: bool = True) -> FloatArray:
         """Gaps between the pairs: (k, m) [m], negative where they overlap.
 
         ``links``: as ``frames`` gives them. Beyond ``enough`` (k, m) [m] they are lower bounds, which cost
-        less than exact ones.
+        less than exact ones. Without ``depths`` any negative one will do where hulls touch, within 0.1 mm.
         """
         out = self._apart_by_balls(links)
         enough = np.broadcast_to(np.asarray(enough, dtype=np.float64), out.shape)
         pair, at = np.nonzero(out < enough)
-        out[pair, at] = self._gaps_at(links, pair, at, enough[pair, at])
+        out[pair, at] = self._gaps_at(links, pair, at, enough[pair, at], depths)
         return out
 
     @cached_property
@@ -287,7 +287,12 @@ class CollisionModel:
         return np.where(apart > 0.0, np.maximum(apart - CLEAR_M, hulls), np.minimum(hulls, -CLEAR_M))
 
     def _gaps_at(
-        self, links: LinkFrames, pair: NDArray[np.intp], at: NDArray[np.intp], enough: FloatArray
+        self,
+        links: LinkFrames,
+        pair: NDArray[np.intp],
+        at: NDArray[np.intp],
+        enough: FloatArray,
+        depths: bool,
     ) -> FloatArray:
         """Gaps (e,) [m] of pairs at configurations: by balls, by capsules, by hulls, and by surfaces."""
         i, j = np.array(self.pairs, dtype=np.intp).reshape(-1, 2)[pair].T
@@ -303,7 +308,7 @@ class CollisionModel:
         some = np.flatnonzero((self._fitted[i] | self._fitted[j]) & (out[near] < enough))
         near, i, j, at, enough = near[some], i[some], j[some], at[some], enough[some]
         pose = links.relative(self._links[i], self._links[j], at)
-        out[near] = np.maximum(out[near], self._hulls.gaps(i, j, *pose, enough))
+        out[near] = np.maximum(out[near], self._hulls.gaps(i, j, *pose, enough, depths=depths))
         cut = near[(out[near] < np.minimum(enough, 0.0)) & self.by_surface[pair[near]]]
         if len(cut):
             out[cut] = self._by_surfaces(links, out[cut], pair[cut], at[np.isin(near, cut)])

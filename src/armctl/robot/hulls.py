@@ -56,13 +56,16 @@ class HullPairs:
         R: FloatArray,
         origin: FloatArray,
         enough: ArrayLike,
+        *,
+        depths: bool = True,
     ) -> FloatArray:
         """Gaps (k,) [m] between hulls and others.
 
         ``R`` (k, 3, 3) and ``origin`` (k, 3) [m] place the frames of the others in those of the first.
         Negative where they overlap: minus the way on which they come apart. Each is a lower bound: in some
         direction the two are so far apart. Beyond ``enough`` [m], (k,) or one for all, any lower bound will
-        do. Where the nearest points do not tell them clearly apart, the normals of all faces are tried.
+        do. Where the nearest points do not tell them clearly apart, the normals of all faces are tried;
+        without ``depths`` not where the two touch, to 0.1 mm: then any negative gap will do.
         """
         low, enough = np.empty(len(one)), np.broadcast_to(np.asarray(enough, dtype=np.float64), len(one))
         for begin in range(0, len(one), _BLOCK):
@@ -70,8 +73,14 @@ class HullPairs:
             i, j, turned = one[block], other[block], R[block].transpose(0, 2, 1)
             margin = self._margins[i] + self._margins[j]
             here, there = self._corners[i], self._corners[j] @ turned + origin[block][:, None]
-            low[block] = nearing(here, there, enough[block] + margin)[0] - margin
-            doubtful = np.flatnonzero(low[block] < np.minimum(_DOUBTFUL_M, enough[block]))
+            near, far = nearing(here, there, enough[block] + margin)
+            low[block] = near - margin
+            doubtful = low[block] < np.minimum(_DOUBTFUL_M, enough[block])
+            if not depths:
+                touch = far <= margin + _EXACT_M
+                low[block][touch] = np.minimum(low[block][touch], -_EXACT_M)
+                doubtful &= ~touch
+            doubtful = np.flatnonzero(doubtful)
             for some in np.split(doubtful, range(_BLOCK_OF_FACES, len(doubtful), _BLOCK_OF_FACES)):
                 d = np.concatenate([self._normals[i[some]], -self._normals[j[some]] @ turned[some]], axis=1)
                 wanted = enough[begin + some] + margin[some]
