@@ -61,7 +61,7 @@ bench-live: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.end_to_end $(ARGS)
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis test-artifacts
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

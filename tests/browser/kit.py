@@ -117,7 +117,8 @@ class Screen:
             if condition():
                 return
             self.page.wait_for_timeout(20)
-        raise AssertionError(f"waited {PATIENCE_MS / 1000:.0f} s in vain: {what}")
+        shown = self.page.locator("body").inner_text()
+        raise AssertionError(f"waited {PATIENCE_MS / 1000:.0f} s in vain: {what}; the page shows:\n{shown}")
 
     def panel(self, tab: str) -> Locator:
         """The panel (or tab group) that has a tab with this label, for the ``within`` of the others."""
@@ -312,15 +313,17 @@ class Screen:
         warning.get_by_role("button").click()
         expect(warning).to_have_count(0, timeout=PATIENCE_MS)
 
-    def screenshot(self, name: str) -> Path:
-        """Save what is seen as ``name.png`` in $ARMCTL_SCREENSHOTS, or in ``test-artifacts/``."""
-        folder = Path(os.environ.get("ARMCTL_SCREENSHOTS", "test-artifacts"))
-        folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f"{name}.png"
+    def screenshot(self, name: str) -> None:
+        """Save what is seen as ``name.png`` in $ARMCTL_SCREENSHOTS, to be looked at; nothing without that.
+
+        Without a graphics card each takes a second.
+        """
+        if (folder := os.environ.get("ARMCTL_SCREENSHOTS")) is None:
+            return
+        Path(folder).mkdir(parents=True, exist_ok=True)
         if not self.drawn:
             self.page.evaluate(DRAW_ONCE)
-        self.page.screenshot(path=path)
-        return path
+        self.page.screenshot(path=Path(folder) / f"{name}.png")
 
 
 @dataclass

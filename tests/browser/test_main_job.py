@@ -35,11 +35,7 @@ def board(tmp_path: Path) -> Iterator[BoardServer[SimulatedMaestro]]:
 
 
 @pytest.fixture
-def page(
-    board: BoardServer[SimulatedMaestro], tmp_path: Path, screens: Screens, request: pytest.FixtureRequest
-) -> Iterator[Screen]:
-    """A page; one that draws every frame, as an operator's does, where the test asks for that."""
-    screen = screens(drawn=getattr(request, "param", False))
+def page(board: BoardServer[SimulatedMaestro], tmp_path: Path, screen: Screen) -> Iterator[Screen]:
     with serving(tmp_path, "--port", board.port) as url:
         screen.open(url, until="STOP")
         yield screen
@@ -79,7 +75,6 @@ def targets(board: BoardServer[SimulatedMaestro]) -> list[tuple[float, int, floa
     return [(entry.time, entry.data[0], (entry.data[1] | entry.data[2] << 7) / 4) for entry in log]
 
 
-@pytest.mark.parametrize("page", [True], indirect=True, ids=["drawn"])
 def test_a_point_by_least_energy(page: Screen, board: BoardServer[SimulatedMaestro]) -> None:
     assert pulses(board) == [None] * 5  # nothing is on before Enable
     page.click("Enable")
