@@ -13,8 +13,8 @@ run: $(VENV)/.installed
 	@$(BIN)/armctl serve $(ARGS)
 
 # Three workers on two cores: two drive a browser each and mostly wait for it; the third does the rest. The
-# simulated CPUs, C code in the same process, come first, beside the checks, which use one core: what they may do
-# to memory harms no other test. What is installed for them needs the network here and there: side by side, too.
+# simulated CPUs, C code in the same process, come first, beside the checks: what they may do to memory harms no
+# other test. What is installed for them needs the network here and there: side by side, too.
 test: | $(BIN)/python
 	@$(MAKE) --no-print-directory -j2 $(VENV)/.tested packages
 	@$(MAKE) --no-print-directory -j2 check avr collected
@@ -23,7 +23,7 @@ test: | $(BIN)/python
 .PHONY: avr
 avr: $(VENV)/.tested packages
 	@$(BIN)/python -m tests.avr.building
-	$(BIN)/pytest tests/avr
+	$(BIN)/pytest -n 2 tests/avr
 
 # Once, on the core that is free first: pytest keeps the tests compiled, and no worker does that again.
 .PHONY: collected
