@@ -1,5 +1,6 @@
 """What an arm is, and the robot files that say so."""
 
+from armctl.robot.carried import CarriedPart
 from armctl.robot.load import (
     hidden_robots,
     is_urdf,
@@ -19,6 +20,7 @@ from armctl.robot.robot import Robot
 
 __all__ = [
     "FLATTEST_PER_DEG",
+    "CarriedPart",
     "Gripper",
     "Joint",
     "OutputMap",

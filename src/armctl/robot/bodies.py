@@ -11,6 +11,7 @@ import numpy as np
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics.chain import Chain
 from armctl.robot.body import ANY_OPENING, ArmBody, Capsule, Openings
+from armctl.robot.carried import CarriedPart
 from armctl.robot.collision import CollisionModel, Underside, undersides
 from armctl.robot.look.pieces import Drawing, Piece
 from armctl.robot.parts import Look, Obstacle
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
     from armctl.robot.look_body import LookBody
 
 MOST_OPENINGS = 8
-"""of the gripper for which the body is kept"""
+"""of the gripper, with what it carries, for which the body is kept"""
+_Held = tuple[Openings, CarriedPart | None]
 _MOST_ARMS = 24
 """for which bodies are kept: what a calibration or another speed limit changes has the same"""
 
@@ -66,26 +68,35 @@ class Bodies(ArrayRecord):
         """The pieces that are kept apart, with jaws where they are at the openings, and all between."""
         return ArmBody(self.given or ()) if self._solids is None else self._solids.at(openings)
 
-    def collision(self, openings: Openings = ANY_OPENING) -> CollisionModel:
-        """The same as a model of which of them may touch."""
+    def collision(self, openings: Openings = ANY_OPENING, part: CarriedPart | None = None) -> CollisionModel:
+        """The same, and a part that is carried, as a model of which of them may touch."""
         openings = openings if self.opens else ANY_OPENING
         known = self._models
-        if openings not in known:
+        if (openings, part) not in known:
             _leave_room(known)
-            known[openings] = self._model(openings, self._always if self.opens else None)
-        return known[openings]
+            known[openings, part] = (
+                self._model(openings, self._always if self.opens else None)
+                if part is None
+                else self.collision(openings).carrying(part.hung(self.chain), self.limits)
+            )
+        return known[openings, part]
 
-    def undersides(self, openings: Openings = ANY_OPENING) -> tuple[Underside, ...]:
+    def undersides(
+        self, openings: Openings = ANY_OPENING, part: CarriedPart | None = None
+    ) -> tuple[Underside, ...]:
         """What comes nearest to the floor, from the base to the tool; without what no joint lifts."""
         openings = openings if self.opens else ANY_OPENING
         known = self._undersides
-        if openings not in known:
+        if (openings, part) not in known:
             _leave_room(known)
-            points = self.given is not None
-            known[openings] = undersides(
-                self.collision(openings), self.titles, self.limits, with_points=points
+            known[openings, part] = undersides(
+                self.collision(openings),
+                self.titles,
+                self.limits,
+                None if part is None else part.hung(self.chain),
+                with_points=self.given is not None,
             )
-        return known[openings]
+        return known[openings, part]
 
     @cached_property
     def _solids(self) -> LookBody | None:
@@ -96,11 +107,11 @@ class Bodies(ArrayRecord):
         return LookBody(self.pieces, len(self.chain.segments))
 
     @cached_property
-    def _models(self) -> dict[Openings, CollisionModel]:
+    def _models(self) -> dict[_Held, CollisionModel]:
         return {}
 
     @cached_property
-    def _undersides(self) -> dict[Openings, tuple[Underside, ...]]:
+    def _undersides(self) -> dict[_Held, tuple[Underside, ...]]:
         return {}
 
     @cached_property
@@ -129,6 +140,6 @@ def _first(bodies: Bodies) -> Bodies:
     return bodies
 
 
-def _leave_room(known: dict[Openings, Any]) -> None:
+def _leave_room(known: dict[_Held, Any]) -> None:
     while len(known) >= MOST_OPENINGS:
         known.pop(next(iter(known)), None)

@@ -158,6 +158,35 @@ class CollisionModel:
         closed = np.minimum(resting[kept].min(axis=1, initial=0.0), 0.0)
         return cls(chain, ordered, pairs, closed, touching, obstacles, mounts, solids)
 
+    def carrying(self, part: Capsule, limits: FloatArray) -> Self:
+        """The same with a part on the last link, kept apart from all that is not of this link.
+
+        Neighbours count, too, but not what touches it in every configuration inside ``limits`` (n, 2) [rad]:
+        no motion could mend that. In the home and the rest pose it may overlap nothing.
+        """
+        last = len(self.capsules)
+        links = _mount(self.chain, self.mounts, part.link).links
+        beside: Pairs = tuple(
+            (i, last)
+            for i, one in enumerate(self.capsules)
+            if not links & _mount(self.chain, self.mounts, one.link).links
+        )
+        hung = replace(
+            self,
+            capsules=(*self.capsules, part),
+            pairs=beside,
+            closed=np.zeros(len(beside)),
+            solids=(*self.solids, max(self.solids) + 1) if self.solids else (),
+        )
+        met = hung.always_met(np.arange(len(beside)), joint_samples(limits, _SAMPLES))
+        kept: NDArray[np.intp] = np.setdiff1d(np.arange(len(beside)), met)
+        return replace(
+            hung,
+            pairs=(*self.pairs, *_chosen(beside, kept)),
+            closed=np.concatenate([self.closed, np.zeros(len(kept))]),
+            touching=(*self.touching, *_chosen(beside, met)),
+        )
+
     def frames(self, q: ArrayLike) -> LinkFrames:
         """The links at ``q`` (m, n) [rad] and, behind them, what moves with two of them."""
         links = LinkFrames.at(self.chain, q)
@@ -434,13 +463,18 @@ class Underside:
 
 
 def undersides(
-    model: CollisionModel, titles: Sequence[str], limits: FloatArray, *, with_points: bool = True
+    model: CollisionModel,
+    titles: Sequence[str],
+    limits: FloatArray,
+    carried: Capsule | None = None,
+    *,
+    with_points: bool = True,
 ) -> tuple[Underside, ...]:
     """What joints raise or lower within limits (n, 2) [rad].
 
     Over a plane a capsule is lowest below one of its ends, and a hull below one of its corners. The ends of
-    DH rows that no capsule ends at count without thickness (``with_points``), and so does the tool point,
-    which comes last.
+    DH rows that no capsule ends at count without thickness (``with_points``), and so do a ``carried`` part
+    beside those of ``model`` and the tool point, which comes last.
     """
     chain = model.chain
     probes = model.frames(joint_samples(limits, _PROBES))
@@ -459,6 +493,8 @@ def undersides(
         if not any(np.allclose(point, end, atol=1e-9) for end in known):
             ends.append((link, point))
             pieces.append((link, point[None], 0.0, 0.0, link_name(link, titles)))
+    if carried is not None:  # lying on the floor at rest is no reason to be below it
+        pieces.append((carried.link, carried.corners, 0.0, 0.0, carried.part))
     pieces.append(tool)
     found: list[Underside] = []
     for link, points, radius, thickness, part in pieces:

@@ -32,6 +32,7 @@ from armctl.kinematics.target import degrees_hint
 from armctl.kinematics.velocity import NEAR, position_leaves_orientation
 from armctl.robot.bodies import MOST_OPENINGS, Bodies
 from armctl.robot.body import ANY_OPENING, ArmBody, Capsule, Openings
+from armctl.robot.carried import CarriedPart
 from armctl.robot.collision import CollisionModel, Underside
 from armctl.robot.look.pieces import Drawing, Piece
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
@@ -84,6 +85,8 @@ class Robot(ArrayRecord):
     """what each link of a parallel linkage is called after; empty: each after its joint"""
     openings: Openings = ANY_OPENING
     """between which its gripper is while it moves: the jaws of its look count where they are then"""
+    part: CarriedPart | None = None
+    """what its gripper carries while it moves, kept apart like a piece of the last link; None: nothing"""
     limits: FloatArray = field(init=False)
     """(n, 2) lower and upper joint limits [rad]"""
     speed_limits: FloatArray = field(init=False)
@@ -269,31 +272,38 @@ class Robot(ArrayRecord):
         if None not in openings and openings:
             rounded = [round(min(max(one or 0.0, 0.0), 1.0), 2) for one in openings]
             key = min(rounded), max(rounded)
-        if self.shapes or key == self.openings or not self.bodies.opens:
+        return self if self.shapes or not self.bodies.opens else self._holding(key, self.part)
+
+    def carrying(self, part: CarriedPart | None) -> Robot:
+        """The same arm while it carries a part; None: nothing. It shares all that was worked out."""
+        return self._holding(self.openings, part)
+
+    def _holding(self, openings: Openings, part: CarriedPart | None) -> Robot:
+        if (openings, part) == (self.openings, self.part):
             return self
-        known = self._gripping
-        if key not in known:
-            _ = self.inverse_kinematics  # all of them share it
-            twin = object.__new__(type(self))
-            twin.__dict__.update(self.__dict__, openings=key)
-            while len(known) >= MOST_OPENINGS:
-                known.pop(next(iter(known)), None)
-            known[key] = twin
-        return known[key]
+        known, key = self._held, (openings, part)
+        if (found := known.get(key)) is not None:
+            return found
+        _ = self.inverse_kinematics, self.bodies  # all of them share these
+        twin = object.__new__(type(self))
+        twin.__dict__.update(self.__dict__, openings=openings, part=part)
+        while len(known) >= MOST_OPENINGS:
+            known.pop(next(iter(known)), None)
+        return known.setdefault(key, twin)
 
     @cached_property
-    def _gripping(self) -> dict[Openings, Robot]:
+    def _held(self) -> dict[tuple[Openings, CarriedPart | None], Robot]:
         return {}
 
     @property
     def collision(self) -> CollisionModel:
-        """The pieces of the arm's body, and which of them are kept apart."""
-        return self.bodies.collision(self.openings)
+        """The pieces of the arm's body and what it carries, and which of them are kept apart."""
+        return self.bodies.collision(self.openings, self.part)
 
     @property
     def undersides(self) -> tuple[Underside, ...]:
         """What comes nearest to the floor, from the base to the tool; without what no joint lifts."""
-        return self.bodies.undersides(self.openings)
+        return self.bodies.undersides(self.openings, self.part)
 
     def body_frames(self, q: ArrayLike) -> LinkFrames:
         """Where the links are at ``q`` (m, n) [rad] and, behind them, cranks and rods that move with two."""

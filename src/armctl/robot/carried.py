@@ -1,0 +1,68 @@
+"""A part that the arm carries between its jaws, as large as a step or a person says."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from armctl.errors import InputError, out_of_range
+from armctl.kinematics.chain import Chain
+from armctl.kinematics.target import as_numbers
+from armctl.robot.body import Capsule
+from armctl.robot.hulls import Hull
+
+CARRIED = "the carried part"
+"""what refusals call it"""
+THINNEST_PART_MM, LARGEST_PART_MM = 0.1, 1000.0
+"""no edge is shorter, or longer"""
+Edges = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class CarriedPart:
+    """A box round what is between the jaws: its edges are along x, y and z of the tool frame.
+
+    The middle of the box is at the tool point. It moves with the tool, until the gripper moves again.
+    ``InputError``: an edge is shorter than ``THINNEST_PART_MM``, or longer than ``LARGEST_PART_MM``.
+    """
+
+    edges_mm: Edges
+    """along x, y and z of the tool frame [mm]"""
+
+    def __post_init__(self) -> None:
+        for axis, edge in zip("xyz", self.edges_mm, strict=True):
+            if not THINNEST_PART_MM <= edge <= LARGEST_PART_MM:
+                words = out_of_range(edge, THINNEST_PART_MM, LARGEST_PART_MM, "mm")
+                raise InputError(f"part_mm: the edge along {axis} of the tool, {words}")
+
+    @classmethod
+    def of(cls, part_mm: Sequence[float] | None) -> Self | None:
+        """The part with these three edges [mm]; None: nothing is carried. ``InputError`` as above."""
+        if part_mm is None:
+            return None
+        edges = as_numbers(part_mm, "part_mm")
+        if edges.shape != (3,):
+            raise InputError(
+                f"part_mm must be three edges in mm, along x, y and z of the tool, got {part_mm!r}"
+            )
+        x, y, z = edges.tolist()
+        return cls((x, y, z))
+
+    def __str__(self) -> str:
+        return " × ".join(f"{edge:g}" for edge in self.edges_mm) + " mm"
+
+    def hung(self, chain: Chain) -> Capsule:
+        """It as a piece of the link that the tool frame is in."""
+        link, T = chain.places[-1]
+        R, middle = T[:3, :3], T[:3, 3]
+        half = np.array(self.edges_mm) / 2000
+        corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
+        long = int(half.argmax())
+        ends = np.outer([-half[long], half[long]], R[:, long]) + middle
+        radius = math.sqrt(float(half @ half - half[long] ** 2))
+        hull = Hull(corners @ R.T + middle, np.vstack([R.T, -R.T]), 0.0)
+        return Capsule(link, ends[0], ends[1], radius, CARRIED, hull)
