@@ -33,6 +33,33 @@ def found(*steps: Step, robot: str = "uzuner", motions: bool = True) -> list[str
     return [str(f) for f in check_program(Program(robot=robot, steps=steps), ROBOT, motions=motions)]
 
 
+LIFTED, DOWN = PointStep(x_mm=200, y_mm=0, z_mm=100, pitch_deg=-90), dict(x_mm=200, y_mm=0, pitch_deg=-90)
+PICKED = GripperStep(open_percent=30, part_x_mm=30, part_y_mm=30, part_z_mm=30)
+SUNK = "the carried part: at 0.66 s, 3.0 mm below the floor"
+
+
+def test_a_part_counts_from_the_step_that_says_its_size_to_the_next_gripper_step() -> None:
+    """It stands on the floor with its middle at the tool: lifted, put back, and not put down lower."""
+    pick, low = PointStep(z_mm=15, **DOWN), PointStep(z_mm=12, **DOWN)
+    assert found(HOME, LIFTED, pick, PICKED, LIFTED, pick, GripperStep(open_percent=80), LIFTED, low) == []
+    (refused,) = found(HOME, LIFTED, pick, PICKED, LIFTED, low)
+    assert refused.startswith(f"step 6: {SUNK}")
+    # what one pass of a block carries at its end, the next one begins with
+    again = [RepeatStep(times=3), LIFTED, low, PICKED, EndStep()]
+    assert found(HOME, LIFTED, low, PICKED, *again) != []
+    (refused,) = found(HOME, GripperStep(open_percent=30), *again)
+    assert refused.startswith(f"step 5: {SUNK}")
+
+
+def test_a_program_begins_with_what_the_arm_carries() -> None:
+    what = Program(robot="uzuner", steps=(PointStep(z_mm=12, **DOWN),))
+    start = LIFTED.end(ROBOT)
+    arm = ROBOT.gripping(0.3)
+    assert check_program(what, arm, start=start) == []
+    (refused,) = check_program(what, arm.carrying(PICKED.effect.part), start=start)
+    assert str(refused).startswith(f"step 1: {SUNK}")
+
+
 def test_a_good_program() -> None:
     least_travel = PointStep(x_mm=200, y_mm=50, z_mm=100, choose="least-travel")
     assert found(HOME, NEAR, WaitStep(seconds=1), GripperStep(open_percent=0), least_travel, HOME) == []
@@ -53,6 +80,14 @@ def test_a_good_program() -> None:
         (PointStep(x_mm=200, y_mm=0, z_mm=85, choose="cheapest"), "step 2: there is no criterion 'cheapest'"),
         (PointStep(x_mm=float("nan"), y_mm=0, z_mm=85), "step 2: key x_mm: nan is no number to use"),
         (GripperStep(open_percent=250), "step 2: key open_percent: must be 0 … 100, not 250"),
+        (
+            GripperStep(open_percent=0, part_x_mm=20, part_z_mm=0.05),
+            "step 2: key part_z_mm: must be 0.1 … 1000, not 0.05",
+        ),
+        (
+            GripperStep(open_percent=0, part_x_mm=20, part_z_mm=30),
+            "step 2: the size of a part needs all of part_x_mm, part_y_mm, part_z_mm",
+        ),
         (WaitStep(seconds=-1), "step 2: key seconds: must be 0 … 86400, not -1"),
         (LineStep(x_mm=200, y_mm=0, z_mm=85, pitch="interpolated"), 'step 2: pitch = "interpolated" and'),
         (LineStep(x_mm=200, y_mm=0, z_mm=85, pitch_deg=3), 'step 2: pitch = "kept" and pitch_deg = 3'),

@@ -99,6 +99,15 @@ def test_a_row_may_also_set_the_gripper_and_wait() -> None:
     )
 
 
+def test_the_size_of_a_part_goes_with_the_gripper() -> None:
+    head = "x_mm,y_mm,z_mm,gripper_percent,part_x_mm,part_y_mm,part_z_cm"
+    assert read(f"{head}\n200,0,85,30,20,30,4\n,,,70,,,\n") == (
+        PointStep(x_mm=200, y_mm=0, z_mm=85),
+        GripperStep(open_percent=30, part_x_mm=20, part_y_mm=30, part_z_mm=40),
+        GripperStep(open_percent=70),
+    )
+
+
 @pytest.mark.parametrize(
     "text",
     [

@@ -8,9 +8,9 @@ from tests.program.kit import program
 
 from armctl.errors import ProgramError
 from armctl.motion import stopping_s
-from armctl.program import CommentStep, LineStep, MoveStep, PointStep, Program, Step
+from armctl.program import CommentStep, GripperStep, LineStep, MoveStep, PointStep, Program, Step
 from armctl.program.feed import PlannedStep, ProgramSource, begin_program, plan_next
-from armctl.robot import Robot, load_robot
+from armctl.robot import CarriedPart, Robot, load_robot
 
 ROBOT = load_robot("uzuner")
 HOME = ROBOT.pose("home") + np.radians([0, 0, 20, 0, 0])  # away from every limit
@@ -27,9 +27,27 @@ def all_steps(robot: Robot, what: Program, loops: int = 1, first: int = 0) -> li
     found: list[PlannedStep] = []
     while True:
         steps, state = plan_next(robot, source, state)
-        if not steps:
-            return found
         found += steps
+        if not steps or steps[-1].error is not None:
+            return found
+
+
+def test_the_motions_after_a_gripper_step_carry_its_part() -> None:
+    """Where the part would be in the floor the program ends; without the part it goes on."""
+    down = {"x_mm": 200, "y_mm": 0, "pitch_deg": -90}
+    high, low = PointStep(z_mm=100, **down), PointStep(z_mm=12, **down)
+    part = {"part_x_mm": 30, "part_y_mm": 30, "part_z_mm": 30}
+    whole = [high, GripperStep(open_percent=30, **part), high, GripperStep(open_percent=80), low]
+    assert not any(step.error for step in all_steps(ROBOT, program(*whole)))
+    *steps, last = all_steps(ROBOT, program(high, GripperStep(open_percent=30, **part), low))
+    assert [step.after.part for step in steps] == [None, CarriedPart((30.0, 30.0, 30.0))]
+    assert "the carried part: at 0.66 s, 3.0 mm below the floor" in str(last.error)
+    # from the step at which it begins, it carries what the arm does
+    arm = ROBOT.gripping(0.3).carrying(CarriedPart((30.0, 30.0, 30.0)))
+    (high_done,) = all_steps(ROBOT, program(high))
+    state = begin_program(arm, program(low), high_done.after.q, opening=0.3)
+    (refused,), _ = plan_next(ROBOT, ProgramSource(program(low)), state)
+    assert "the carried part" in str(refused.error)
 
 
 def test_a_pass_that_begins_behind_everything_goes_on_with_the_next() -> None:

@@ -447,6 +447,10 @@ def test_steps_in_words() -> None:
     )
     assert words(WaitStep(seconds=1.5)) == ("wait", "1.5 s")
     assert words(GripperStep(open_percent=40)) == ("gripper", "40 % open")
+    held = GripperStep(open_percent=40, part_x_mm=20, part_y_mm=30, part_z_mm=12.5)
+    assert words(held) == ("gripper", "40 % open, round a part of 20 × 30 × 12.5 mm")
+    assert held.script() == "gripper(40, part_mm=[20, 30, 12.5])"
+    assert "part" not in encode_program(Program(robot="uzuner", steps=(GripperStep(open_percent=40),)))
     quick = PointStep(x_mm=1, y_mm=2, z_mm=3, roll_deg=5, profile="s-curve", blend_mm=4, duration_s=2)
     assert words(quick) == ("point", "(1, 2, 3) mm, roll 5° in 2 s, s-curve, blend 4 mm")
     line = LineStep(x_mm=1, y_mm=2, z_mm=3, pitch="interpolated", pitch_deg=-45, speed_mm_s=20)

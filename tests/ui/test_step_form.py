@@ -15,6 +15,7 @@ from armctl.kinematics import CRITERIA
 from armctl.program import (
     ArcStep,
     EndStep,
+    GripperStep,
     LineStep,
     MoveStep,
     PointStep,
@@ -90,6 +91,12 @@ def test_what_is_typed_is_taken() -> None:
         x_mm=200, y_mm=0, z_mm=85, pitch="free", speed_mm_s=20
     )
     assert edited(RepeatStep(times=2), {"Times": "7", "Note": ""}) == RepeatStep(times=7)
+    grip = GripperStep(open_percent=40)
+    assert texts_of(grip) == {"Open %": "40", "Part mm": "", "Note": ""}
+    held = GripperStep(open_percent=40, part_x_mm=20, part_y_mm=30, part_z_mm=40)
+    for text in ("20 × 30 × 40", "20x30x40", "20, 30 40"):
+        assert edited(grip, texts(grip, **{"Part mm": text})) == held
+    assert edited(held, texts(held, **{"Part mm": " "})) == grip
 
 
 @pytest.mark.parametrize(
@@ -108,6 +115,8 @@ def test_what_is_typed_is_taken() -> None:
             "Duration s: 'nan' is not a number that can be used; it must be within",
         ),
         (LINE, {"Tool speed mm/s": "0"}, "Tool speed mm/s: must be more than 0"),
+        (GripperStep(open_percent=1), {"Part mm": "20 × 30"}, "Part mm: 3 numbers are needed"),
+        (GripperStep(open_percent=1), {"Part mm": "20, 0, 3"}, "Part mm: must be 0.1 … 1000, not 0"),
         (WaitStep(seconds=1), {"Wait time s": "90000"}, "Wait time s: must be 0 … 86400, not 90000"),
         (RepeatStep(times=2), {"Times": "2.5"}, "Times: 2.5 is not a whole number"),
         (RepeatStep(times=2), {"Times": "0"}, "Times: must be 1 … 1000000, not 0"),

@@ -18,7 +18,7 @@ from armctl.motion.preflight import Finding, isotropy_of, passes, preflight
 from armctl.motion.trajectory import JoinedTrajectory, Trajectory
 from armctl.program.program import PROGRAM_FILES, Blocks, Cursor, Program
 from armctl.program.steps import AnyStep, EndStep, MotionStep, MoveStep, RepeatStep, Step
-from armctl.robot import Robot
+from armctl.robot import CarriedPart, Robot
 from armctl.robot.body import Openings
 
 
@@ -36,7 +36,9 @@ def check_program(
     A blended step is checked as if it stopped: a corner that is refused when it is run
     becomes a stop, and warnings that only a corner gives are missed.
     ``motions``: also plan and check every motion whose start is known, of a block in two passes (slower).
-    ``start``: (n,) where the first begins [rad]; None: not known. ``payload_kg``: None: as in the robot file.
+    ``start``: (n,) where the first begins [rad]; None: not known. As it begins, the gripper is where that of
+    ``robot`` is, and carries the same (``Robot.gripping``, ``Robot.carrying``).
+    ``payload_kg``: None: as in the robot file.
     ``progress`` is called with the steps checked and all steps; what it raises ends the check.
     """
     findings: list[Finding] = []
@@ -94,7 +96,7 @@ def _value_findings(program: Program, robot: Robot) -> Iterator[tuple[int, str]]
             yield index, str(cause)
 
 
-_Key = tuple[bytes, Openings]
+_Key = tuple[bytes, Openings, CarriedPart | None]
 _TOGETHER, _ALONE = 32, 2
 """So many motions are checked at once, and so few one by one: 10,000 steps take a quarter of the time."""
 
@@ -111,7 +113,7 @@ class _Walk:
         """motions that cannot be planned, and what the pre-flight found in the others"""
         self._planned: list[tuple[int, MotionStep, Trajectory]] = []
         """motions that the pre-flight has not seen yet, each from where the one before ends"""
-        self._known: dict[tuple[int, bytes, Openings], FloatArray | None] = {}
+        self._known: dict[tuple[int, bytes, Openings, CarriedPart | None], FloatArray | None] = {}
         """where a step or a block ends that was entered somewhere"""
         self._reported: set[tuple[int, str, str]] = set()
 
@@ -127,10 +129,10 @@ class _Walk:
                 q = self._after(index, step, q)
                 if progress is not None:
                     progress(done, len(steps))
-            elif step.effect.opening is not None:
+            elif index not in self.skipped and (effect := step.effect).opening is not None:
                 self._look_at(self._planned)
                 self._planned = []
-                self.robot = self.robot.gripping(step.effect.opening)
+                self.robot = self.robot.gripping(effect.opening).carrying(effect.part)
             elif isinstance(step, RepeatStep):
                 if (index, *self._key(q)) in self._known:
                     q = self._known[index, *self._key(q)]
@@ -151,8 +153,9 @@ class _Walk:
         self._look_at(self._planned)
 
     def _key(self, q: FloatArray | None) -> _Key:
-        """Where the arm and its gripper are; two places that differ by rounding count as one."""
-        return b"" if q is None else (np.round(q, 7) + 0.0).tobytes(), self.robot.openings
+        """Where the arm and its gripper are, and what it carries; rounding makes no other place."""
+        place = b"" if q is None else (np.round(q, 7) + 0.0).tobytes()
+        return place, self.robot.openings, self.robot.part
 
     def _add(self, index: int, step: MotionStep, trajectory: Trajectory) -> None:
         if self._planned:

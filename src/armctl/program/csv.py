@@ -19,7 +19,7 @@ from armctl.errors import Errors, ProgramError
 from armctl.kinematics import roll_pitch_yaw
 from armctl.program.keys import keys_of
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
-from armctl.program.steps import CommentStep, MoveStep, PointStep, Step, all_keys, any_step
+from armctl.program.steps import EDGES, CommentStep, MoveStep, PointStep, Step, all_keys, any_step
 from armctl.robot import Robot
 
 CsvForm = Literal["angles", "points"]
@@ -38,8 +38,8 @@ _NUMBER, _DO, _JOINTS, _POINT = "step", "do", "joints_deg", ("x_mm", "y_mm", "z_
 """the running number, which is for people, is not read"""
 _POINTS_PLACE = 2
 """of the last key of a point among the keys of steps"""
-_EXTRA = {"open_percent": "gripper", "seconds": "wait"}
-"""what a row without ``do`` may ask for behind its motion, and the kind of step that does it"""
+_EXTRA = {"gripper": ("open_percent", *EDGES), "wait": ("seconds",)}
+"""kinds of steps that a row without ``do`` may ask for behind its motion, and their keys: the first asks"""
 _NOTES = ("comment", "comments", "remark", "remarks", "notes", "description", "label")
 """heads under which people write notes"""
 _TIMES = {"t": 1.0, "time": 1.0, "time_from_start": 1.0, "timestamp": 1.0}
@@ -400,7 +400,11 @@ class _Table:
         if has_angles and has_point:
             what = "both angles and a point; leave one of them empty, or say by 'do' which"
             raise ProgramError(f"line {line}: {what}")
-        extras = [{_DO: kind, key: record.pop(key)} for key, kind in _EXTRA.items() if key in record]
+        extras = [
+            {_DO: kind, **{key: record.pop(key) for key in keys if key in record}}
+            for kind, keys in _EXTRA.items()
+            if keys[0] in record
+        ]
         if has_angles or has_point:
             extras.insert(0, {_DO: "move" if has_angles else "point"})
         elif not extras and set(record) == {"note"}:

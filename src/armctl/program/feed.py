@@ -18,7 +18,7 @@ from armctl.motion.trajectory import Trajectory
 from armctl.program.check import check_program
 from armctl.program.program import Cursor, Program
 from armctl.program.steps import MotionStep, Step
-from armctl.robot import Robot
+from armctl.robot import CarriedPart, Robot
 
 _AHEAD_S, _STOPS = 1.0, 6.0
 """A blend looks ahead at least so long [s], and so many times what the slowest joint needs to stand."""
@@ -59,6 +59,8 @@ class PlanState:
     """what the last speed step asks for"""
     opening: float | None = None
     """of the gripper, 0..1; None: not known"""
+    part: CarriedPart | None = None
+    """what it carries; None: nothing"""
     entry: Entry | None = None
     """how the next leg is begun; None: from rest"""
     known: tuple[PlannedStep, ...] = ()
@@ -111,7 +113,7 @@ def begin_program(
 ) -> PlanState:
     """Check it, stand before step ``first`` at ``start`` (n,) [rad]. InputError: no such step or count.
 
-    ``opening`` of the gripper, 0..1; None: not known.
+    ``opening`` of the gripper, 0..1; None: not known. ``robot`` carries what it does as it begins.
     """
     first = whole_number(first, "the first step")
     loops = None if loops is None else whole_number(loops, "how often a program runs")
@@ -123,7 +125,7 @@ def begin_program(
         raise InputError(f"a program runs once or more often, not {loops} times")
     if count is not None and count < 1:
         raise InputError(f"a program runs one step or more, not {count}")
-    return PlanState(start, loops, count, first=first, opening=opening)
+    return PlanState(start, loops, count, first=first, opening=opening, part=robot.part)
 
 
 def whole_number(value: int, what: str) -> int:
@@ -152,7 +154,8 @@ def plan_next(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[li
     moving = [k for k, step in enumerate(steps) if step.leg is not None]
     if not moving:
         return steps, steps[-1].after if steps else state
-    robot = robot.gripping(steps[moving[0]].before.opening)  # it does not change while joints move
+    held = steps[moving[0]].before  # it does not change while joints move
+    robot = robot.gripping(held.opening).carrying(held.part)
     try:
         motions = _motions(robot, steps, state.entry, closed=closed)
     except ArmctlError as cause:
@@ -198,8 +201,9 @@ def _draw(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[list[P
             effect = step.step.effect
             if not (effect.stands and times):
                 percent = step.percent if effect.percent is None else effect.percent
-                opening = step.after.opening if effect.opening is None else effect.opening
-                after = replace(step.after, percent=percent, opening=opening)
+                after = replace(step.after, percent=percent)
+                if effect.opening is not None:
+                    after = replace(after, opening=effect.opening, part=effect.part)
                 steps.append(replace(step, after=after))
             if effect.stands:
                 break

@@ -21,7 +21,8 @@ from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import NOWHERE, PointToPoint, ProfileName
 from armctl.motion.trajectory import Trajectory
 from armctl.program.keys import Field, Key, keys_of, literal
-from armctl.robot import Robot
+from armctl.robot import CarriedPart, Robot
+from armctl.robot.carried import LARGEST_PART_MM, THINNEST_PART_MM, edge_words
 
 LONGEST_WAIT_S = 86_400
 MOST_REPEATS = 1_000_000
@@ -37,6 +38,8 @@ class Effect:
     """the joints stand so long"""
     opening: float | None = None
     """where the gripper goes, 0..1; the joints stand meanwhile"""
+    part: CarriedPart | None = None
+    """what is between its jaws from then on; None: nothing"""
     percent: float | None = None
     """speed of the steps after it, on top of the operator's override"""
     says: str = ""
@@ -56,6 +59,10 @@ _RPY_HINT = (
     "of a line or an arc with 'interpolated' only."
 )
 _BLEND_HINT = "How far from its end the tool may turn off to the next step."
+_PART_HINT = (
+    "How large the part between the jaws is from then on, along X, Y, Z of the tool; its middle is at the "
+    "tool point. Empty: there is none."
+)
 _FASTEST = "Empty: as fast as the limits allow."
 _Seconds = Annotated[float, Meta(ge=0, le=LONGEST_WAIT_S)]
 _Point = Annotated[float, Field("Point mm", _POINT_HINT, 1)]
@@ -75,9 +82,15 @@ _Criterion = Annotated[
     str, Field("Choose by", "Which of the solutions is taken.", 6, choices=tuple(CRITERIA))
 ]
 _Profile = Annotated[ProfileName, Field("Profile", "Law of the motion over time.", 7)]
+_Edge = Annotated[
+    Annotated[float, Meta(ge=THINNEST_PART_MM, le=LARGEST_PART_MM)] | None,
+    Field("Part mm", _PART_HINT, 51),
+]
 _ToolSpeed = Annotated[Annotated[float, Meta(gt=0)] | None, Field("Tool speed mm/s", _FASTEST, 8)]
 _END, _VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
 _RPY = ("rx_deg", "ry_deg", "rz_deg")
+EDGES = ("part_x_mm", "part_y_mm", "part_z_mm")
+"""keys of what is between the jaws"""
 _LED = ("pitch", "pitch_deg", "orientation", "rpy_deg", "speed_mm_s", "duration_s", "blend_mm")
 """arguments of ``Arm.line`` and ``Arm.arc`` beside the points"""
 
@@ -424,25 +437,46 @@ class WaitStep(Step, frozen=True, kw_only=True, tag="wait"):
 
 
 class GripperStep(Step, frozen=True, kw_only=True, tag="gripper"):
-    """Open the gripper to a percentage: 0 closed, 100 open."""
+    """Open the gripper to a percentage: 0 closed, 100 open.
 
-    words: ClassVar = "{0.open_percent:g} % open"
-    call: ClassVar = ("gripper", "open_percent")
-    button: ClassVar = ("Add step", "Record gripper", "open_percent")
+    The steps after it are checked with the part that is between the jaws then.
+    """
+
+    call: ClassVar = ("gripper", "open_percent", "part_mm")
+    button: ClassVar = ("Add step", "Record gripper", "open_percent", *EDGES)
 
     open_percent: Annotated[
         float, Meta(ge=0, le=100), Field("Open %", "0 closed, 100 open.", head="gripper_percent")
     ]
 
+    part_x_mm: _Edge = None
+    part_y_mm: _Edge = None
+    part_z_mm: _Edge = None
+
+    @property
+    def part_mm(self) -> tuple[float | None, ...] | None:
+        """Edges of what is between the jaws after it, as far as given (``CarriedPart``); None: nothing."""
+        edges = (self.part_x_mm, self.part_y_mm, self.part_z_mm)
+        return None if edges == (None, None, None) else edges
+
     @property
     def effect(self) -> Effect:
-        """The opening."""
-        return Effect(opening=self.open_percent / 100)
+        """The opening, and the part."""
+        x, y, z = self.part_x_mm, self.part_y_mm, self.part_z_mm
+        part = None if x is None or y is None or z is None else CarriedPart((x, y, z))
+        return Effect(opening=self.open_percent / 100, part=part)
+
+    def describe(self) -> str:
+        """The opening, and the size of the part."""
+        part = "" if self.part_mm is None else f", round a part of {edge_words(self.part_mm)}"
+        return f"{self.open_percent:g} % open{part}"
 
     def check(self, robot: Robot) -> None:
-        """Refuse an arm without a gripper."""
+        """Refuse an arm without a gripper, and a part of which not all edges are given."""
         if robot.gripper is None:
             raise ProgramError(f"{robot.name} has no gripper; delete the step")
+        if self.part_mm is not None and None in self.part_mm:
+            raise ProgramError(f"the size of a part needs all of {', '.join(EDGES)}")
 
 
 class SpeedStep(Step, frozen=True, kw_only=True, tag="speed"):

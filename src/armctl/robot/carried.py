@@ -53,7 +53,7 @@ class CarriedPart:
         return cls((x, y, z))
 
     def __str__(self) -> str:
-        return " × ".join(f"{edge:g}" for edge in self.edges_mm) + " mm"
+        return edge_words(self.edges_mm)
 
     def hung(self, chain: Chain) -> Capsule:
         """It as a piece of the link that the tool frame is in."""
@@ -66,3 +66,8 @@ class CarriedPart:
         radius = math.sqrt(float(half @ half - half[long] ** 2))
         hull = Hull(corners @ R.T + middle, np.vstack([R.T, -R.T]), 0.0)
         return Capsule(link, ends[0], ends[1], radius, CARRIED, hull)
+
+
+def edge_words(edges_mm: Sequence[float | None]) -> str:
+    """How large a part is, "20 × 30 × 40 mm"; an edge that is not given is a question mark."""
+    return " × ".join("?" if edge is None else f"{edge:g}" for edge in edges_mm) + " mm"

@@ -25,7 +25,7 @@ _NUMBER = re.compile(
 )
 """as people write one: of what Python takes, ``1_0`` and other scripts' digits are left out"""
 _MOST_CHARACTERS = 40
-_BETWEEN = re.compile(r"[,;\s]+")
+_BETWEEN = re.compile(r"[,;\s]|(?<=[\d.\s])[×xX](?=[\d.\s])")
 
 
 def parse_number(text: str, what: str) -> float:
@@ -45,9 +45,14 @@ def parse_number(text: str, what: str) -> float:
     return value
 
 
+def number_texts(text: str) -> list[str]:
+    """What stands for a number each in a field: between commas, spaces, or × as in ``20 × 30 × 40``."""
+    return [part for part in _BETWEEN.split(text.strip().strip("()[]")) if part]
+
+
 def parse_numbers(text: str, what: str, names: Sequence[str]) -> list[float]:
     """The numbers that a field shows, one for each name; errors as ``parse_number``, or another count."""
-    parts = [part for part in _BETWEEN.split(text.strip().strip("()[]")) if part]
+    parts = number_texts(text)
     if len(parts) != len(names):
         raise InputError(
             f"{what}: {len(names)} numbers are needed ({', '.join(names)}), got {len(parts)}; "

@@ -18,7 +18,7 @@ from armctl.process.heavy_work import check_program_apart
 from armctl.program import CommentStep, Program, SpeedStep, Step, WaitStep
 from armctl.program import steps as registry
 from armctl.program.program import PLACES, Change, add, delete, duplicate, move, repeat
-from armctl.program.steps import LONGEST_WAIT_S, MOST_REPEATS, SLOWEST_PERCENT
+from armctl.program.steps import EDGES, LONGEST_WAIT_S, MOST_REPEATS, SLOWEST_PERCENT
 from armctl.robot import Robot
 from armctl.runtime import Snapshot, UpdateProgram
 from armctl.ui.session import Session, refused_by
@@ -124,10 +124,10 @@ def recorded_kinds(robot: Robot) -> dict[str, dict[str, type[Step]]]:
 def step_here(kind: type[Step], robot: Robot, snapshot: Snapshot, via_mm: Point | None = None) -> Step:
     """A step made where the arm is; ``via_mm``: on an arc. ``StateError``: something is not known."""
     keys = kind.button[2:]
-    here: dict[str, Any] = {}
+    here: dict[str, Any] = dict.fromkeys(EDGES)
     if snapshot.gripper is not None:
         here["open_percent"] = round(100 * snapshot.gripper, 1)
-    if set(keys) - {"open_percent"}:
+    if set(keys) - {"open_percent", *EDGES}:
         here |= _tool_here(robot, present_pose_deg(robot, snapshot))
     if via_mm is not None:
         here |= zip(_VIA, via_mm, strict=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 
 import msgspec
@@ -20,7 +19,7 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_editor import EDIT_WAITS, EMPTY, ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, muted
-from armctl.ui.widgets.number_field import EditWatch, format_number, parse_number
+from armctl.ui.widgets.number_field import EditWatch, format_number, number_texts, parse_number
 
 
 def by_label(keys: Sequence[Key]) -> dict[str, list[Key]]:
@@ -85,7 +84,7 @@ def _values(step: Step, label: str, keys: Sequence[Key], text: str) -> dict[str,
     if first.optional and not text.strip():
         return {key.name: None for key in keys}
     count = len(getattr(step, first.name)) if several else len(keys)
-    parts = [part for part in re.split(r"[,;\s]+", text.strip().strip("()[]")) if part]
+    parts = number_texts(text)
     if len(parts) != count:
         raise InputError(f"{label}: {count} numbers are needed, separated by commas; there are {len(parts)}")
     numbers = [parse_number(part, label) for part in parts]
