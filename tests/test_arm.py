@@ -150,6 +150,8 @@ def test_refusals_are_exceptions_and_move_nothing(arm: armctl.Arm) -> None:
         (lambda arm: arm.arc((1, 2), (3, 4, 5)), r"via_mm needs three numbers, x, y and z, got \(1, 2\)"),
         (lambda arm: arm.arc((1, 2, 3), "def"), "to_mm must be numbers, got 'def'"),
         (lambda arm: arm.gripper(np.array([5, 6])), "open_percent must be one number"),
+        (lambda arm: arm.gripper(5, part_mm=(20, 30)), "part_mm must be three edges in mm"),
+        (lambda arm: arm.gripper(5, part_mm=(20, 0, 5)), "the edge along y of the tool, 0 mm is outside"),
         (lambda arm: arm.set_speed(None), "percent must be numbers"),
     ],
 )
@@ -349,6 +351,19 @@ def test_a_motion_that_is_not_waited_for_gives_a_handle(arm: armctl.Arm) -> None
         assert motion.progress == 1.0
         motion.cancel()  # over already
         motion.result(0)
+
+
+def test_a_part_between_the_jaws_counts_until_the_gripper_is_told_to_move_again(arm: armctl.Arm) -> None:
+    arm.go(200, 0, 60, pitch_deg=-90)
+    arm.gripper(30, part_mm=[30, 30, 30])
+    assert arm.snapshot.part_mm == (30.0, 30.0, 30.0)
+    with pytest.raises(MotionRefusedError, match=r"the carried part: at .* below the floor"):
+        arm.go(200, 0, 12, pitch_deg=-90)
+    with pytest.raises(ProgramError, match=r"the carried part: at .* below the floor"):
+        arm.line(200, 0, 12)
+    arm.gripper(80)
+    assert arm.snapshot.part_mm is None
+    arm.go(200, 0, 12, pitch_deg=-90)
 
 
 def test_progress_grows_and_cancel_stops_this_motion_alone(arm: armctl.Arm) -> None:

@@ -26,7 +26,7 @@ from armctl.process import Link, RemoteLine, start_arm
 from armctl.program import ArcStep, LineStep, Program, Step, WaitStep, checked_program, open_program
 from armctl.program.feed import whole_number
 from armctl.program.steps import WIDEST_BLEND_MM
-from armctl.robot import Robot, load_robot
+from armctl.robot import CarriedPart, Robot, load_robot
 from armctl.robot.robot import BODY_GUESSED
 from armctl.runtime import (
     ArmLink,
@@ -367,11 +367,20 @@ class Arm:
         """Go to one of the robot's named poses, e.g. home."""
         return self._move(MoveJoints(self.robot.pose(name), _optional(duration_s, "duration_s")), wait)
 
-    def gripper(self, open_percent: float, wait: bool = True) -> Motion:
-        """Open the gripper: 0 closed, 100 open."""
+    def gripper(
+        self, open_percent: float, wait: bool = True, *, part_mm: Sequence[float] | None = None
+    ) -> Motion:
+        """Open the gripper: 0 closed, 100 open.
+
+        ``part_mm``: (3,) edges of what is between the jaws then, along x, y and z of the tool, its middle at
+        the tool point [mm]; None: nothing. It counts in all that moves, until the gripper is told to move
+        again. InputError: not three edges, or one that is no part's (``CarriedPart``). MotionRefusedError:
+        the motion under way would not be clear with it.
+        """
         if not 0 <= checked_number(open_percent, "open_percent") <= 100:
             raise InputError(f"the gripper opens 0 … 100 %, not {open_percent}")
-        return self._move(MoveGripper(open_percent / 100), wait)
+        part = CarriedPart.of(part_mm)
+        return self._move(MoveGripper(open_percent / 100, None if part is None else part.edges_mm), wait)
 
     def set_speed(self, percent: float) -> None:
         """Speed override for everything that moves, 5 … 100 %."""

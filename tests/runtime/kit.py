@@ -189,6 +189,10 @@ class Rig:
         self.tick()
         connecting.finished.result(0)
         self.finishes(Enable(q))
+        self.tick()
+        if self.executor.waiting:  # a planner that is late has looked at the jaws where they are, too
+            self.executor.work()
+            self.tick()
         self.history.clear()
         joints = self.robot.output_map.channels if self.robot.output_map else ()
         pose = {channel: self.driver.positions[channel] for channel in joints}

@@ -262,7 +262,7 @@ class FailingExecutor(InlineExecutor):
     """Breaks at some of the plans it is asked for."""
 
     def __init__(self, *numbers: int) -> None:
-        self.numbers, self.count = numbers, 0
+        self.numbers, self.count = numbers, -2  # to open the line, and to look at the jaws
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         self.count += 1
@@ -273,7 +273,7 @@ class FailingExecutor(InlineExecutor):
         return broken
 
 
-@pytest.mark.parametrize("number", [3, 4, 6])
+@pytest.mark.parametrize("number", [2, 3, 5])
 @pytest.mark.logs_a_defect
 def test_when_the_planner_breaks_in_a_blended_motion_the_arm_comes_to_rest(number: int) -> None:
     rig = make_rig(FailingExecutor(number)).enable()

@@ -180,12 +180,15 @@ def test_an_endless_loop_that_goes_nowhere_does_not_hang(holding: Rig) -> None:
     assert holding.tick().state is State.HOLDING
 
 
-def test_the_gripper_belongs_to_the_program_during_its_step(holding: Rig) -> None:
+def test_the_gripper_belongs_to_the_program(holding: Rig) -> None:
+    """What comes next in it is checked with the gripper as its steps leave it."""
     holding.do(MoveGripper(0.0))
     holding.do(RunProgram(program(GripperStep(open_percent=100), WaitStep(seconds=5))))
     holding.tick()
     holding.refuses(MoveGripper(0.2), "the gripper is not free: wait, or stop first")
     holding.run(1)
+    holding.refuses(MoveGripper(0.2), "the gripper is not free: wait, or stop first")
+    holding.stops()
     holding.do(MoveGripper(0.2)).accepted.result(0)
 
 

@@ -36,7 +36,8 @@ _BESIDE_STATE = {"velocity_command", "acceleration_command", "program", "measure
 CHANGES: dict[str, Any] = {
     "state": State.FAULT, "cause": "overload", "q_command": ROBOT.pose("home") + 1e-6, "commanded": False,
     "q": ROBOT.pose("home") + np.radians(0.1), "source": Source.MEASURED, "powered": False, "gripper": 0.25,
-    "speed": 0.75, "board": None, "homing": (AxisHoming("axis 1", homed=True, running=False),),
+    "part_mm": (20.0, 30.0, 40.0), "speed": 0.75, "board": None,
+    "homing": (AxisHoming("axis 1", homed=True, running=False),),
     "warnings": ("the supply is low",), "events": (Event(0.0, "info", "new"),),
     "control": Control(locked=True), "progress": 0.5, "busy": True,
     "last_pose": LastPose(ROBOT.pose("home"), None, 0.0, ""),

@@ -107,11 +107,7 @@ def preflight(
     Raises ``InputError``: the trajectory has another number of joints, or a value that is not finite.
     """
     motion, links, findings = _but_for_gaps(robot, trajectory, payload_kg, tool_path, at_rest)
-    found = [*findings]
-    for source in sources(robot):
-        closed = _closed(motion, source, links)
-        if closed is not None:
-            found.append(_deepest(motion, source, closed))
+    found = [*findings, *_gap_findings(motion, links)]
     return sorted(found, key=lambda finding: (finding.severity != "error", finding.time or 0.0))
 
 
@@ -167,6 +163,16 @@ def require_clear(
     if count:
         more = f" (and {count - 1} more)" if count > 1 else ""
         raise MotionRefusedError(f"{findings[0]}{more}")
+
+
+def require_gaps(robot: Robot, trajectory: Trajectory) -> None:
+    """Raise ``MotionRefusedError`` where a motion would touch something, and check nothing else.
+
+    For the rest of a motion that was checked already, with its jaws elsewhere or another part between them.
+    """
+    motion = SampledMotion(robot, trajectory)
+    for finding in _gap_findings(motion, robot.body_frames(motion.q)):
+        raise MotionRefusedError(str(finding))
 
 
 class SampledMotion:
@@ -383,6 +389,14 @@ _TOO_FAST = 2.0
 """times the speed limits: a motion beyond is refused for its speed, and nothing else is proven of it"""
 _BLOCK = 4096
 """intervals that are halved at once, so that memory stays bounded"""
+
+
+def _gap_findings(motion: SampledMotion, links: LinkFrames) -> Iterator[Finding]:
+    """Gaps that are closed too far, each kind's deepest."""
+    for source in sources(motion.robot):
+        closed = _closed(motion, source, links)
+        if closed is not None:
+            yield _deepest(motion, source, closed)
 
 
 @dataclass(frozen=True, slots=True)

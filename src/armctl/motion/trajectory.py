@@ -182,6 +182,29 @@ def peaks_of(trajectory: Trajectory) -> Peaks:
     return Peaks(state.q.min(axis=0), state.q.max(axis=0), speed, np.abs(state.acceleration).max(axis=0))
 
 
+class RestOfTrajectory(KnowsPeaks):
+    """What is left of a trajectory from some time on; it may begin in motion. Immutable."""
+
+    def __init__(self, trajectory: Trajectory, begins: float) -> None:
+        """``begins``: within its duration [s]; outside it is taken as the nearer end."""
+        self.inner, self.begins = trajectory, min(max(begins, 0.0), trajectory.duration)
+        self.duration = trajectory.duration - self.begins
+        self.start, self.end = trajectory.sample(self.begins).q, trajectory.end
+
+    def made_of(self) -> tuple[Trajectory, float]:
+        """See ``ByContent``."""
+        return self.inner, self.begins
+
+    @property
+    def peaks(self) -> Peaks:
+        """Those of the whole trajectory, which are never passed."""
+        return peaks_of(self.inner)
+
+    def sample(self, t: float | FloatArray) -> Sample:
+        """State at ``t`` [s], a number or (k,); outside the duration it holds the nearer end."""
+        return self.inner.sample(np.maximum(as_times(t), 0.0) + self.begins)
+
+
 class SlowedTrajectory(KnowsPeaks):
     """A trajectory that takes a number of times as long, on the same way. Immutable."""
 

@@ -278,6 +278,11 @@ class Robot(ArrayRecord):
         """The same arm while it carries a part; None: nothing. It shares all that was worked out."""
         return self._holding(self.openings, part)
 
+    def allows_for(self, held: Robot) -> bool:
+        """Whether what is clear of it is clear of ``held``: the same arm and part, jaws no farther."""
+        (low, high), (closed, opened) = self.openings, held.openings
+        return self.part == held.part and low <= closed and opened <= high
+
     def _holding(self, openings: Openings, part: CarriedPart | None) -> Robot:
         if (openings, part) == (self.openings, self.part):
             return self

@@ -7,6 +7,7 @@ from typing import Protocol
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
+from armctl.motion import Trajectory
 from armctl.runtime.snapshot import ProgramProgress
 
 
@@ -31,6 +32,10 @@ class Activity(Protocol):
     """the gripper is not free meanwhile"""
     error: ArmctlError | None
     """why it ended before its end"""
+
+    @property
+    def rest(self) -> Trajectory | None:
+        """What is left of a motion that was checked with the gripper as it is; None: it needs no check."""
 
     @property
     def notice(self) -> str | None:

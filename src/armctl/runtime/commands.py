@@ -197,9 +197,15 @@ class StreamJoints(HeldCommand, frozen=True):
 
 
 class MoveGripper(MovingCommand, frozen=True):
-    """Open the gripper: 0 closed ... 1 open."""
+    """Open the gripper: 0 closed ... 1 open.
+
+    What is between its jaws from then on counts in all that moves, until it is told to move again, or the
+    outputs are switched off.
+    """
 
     opening: float
+    part_mm: tuple[float, float, float] | None = None
+    """edges of a part along x, y and z of the tool (``CarriedPart``) [mm]; None: nothing is carried"""
 
 
 class SetSpeed(Command, frozen=True):

@@ -261,6 +261,7 @@ class Controller:
             source=reading.source,
             powered=core.powered,
             gripper=core.gate.opening,
+            part_mm=None if core.gripper.part is None else core.gripper.part.edges_mm,
             speed=core.speed,
             program=None if core.activity is None else core.activity.program,
             progress=None if core.activity is None else core.activity.progress,

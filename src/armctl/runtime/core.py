@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,8 @@ from armctl.errors import (
 )
 from armctl.hardware import Driver
 from armctl.motion.clearance import kept_out
-from armctl.robot import Robot
+from armctl.motion.preflight import require_gaps
+from armctl.robot import CarriedPart, Robot
 from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board, Monitor
 from armctl.runtime.clock import AFTER_GAP_S, LATE_SHOWN_S, LONGEST_TICKS, TickTime
@@ -32,7 +34,7 @@ from armctl.runtime.gate import Gate
 from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.last_pose import PoseFolder, PoseWatch
 from armctl.runtime.mover import GripperMover, PathMover
-from armctl.runtime.planner import LONGEST_PLAN_S, Pending, Submit, result_of
+from armctl.runtime.planner import LONGEST_PLAN_S, Grip, Pending, Submit, result_of
 from armctl.runtime.snapshot import BOARD_REPORTS, POWERED, Doing, EventLog, Need, Notices, State, unmet
 
 SLOWEST = 0.05
@@ -91,6 +93,10 @@ class Core:
         self._opening: Pending | None = None
         self._motion: Pending | None = None
         self._edit: Pending | None = None
+        self._grip: Grip | None = None
+        self._gripped: tuple[object, ...] = ()
+        """the jaws and the part that ``clear`` was told of last"""
+        self._looking: Future[None] | None = None
         self._ticket: Ticket | None = None
         self._stopping: list[Ticket] = []
         self._pausing = False
@@ -118,7 +124,8 @@ class Core:
     @property
     def busy(self) -> bool:
         """Something moves, or a motion is being planned."""
-        return self.activity is not None or self._motion is not None or self.gripper.goal is not None
+        planned = self._motion is not None or self._grip is not None
+        return self.activity is not None or planned or self.gripper.goal is not None
 
     @property
     def resting(self) -> bool:
@@ -140,6 +147,12 @@ class Core:
         why = unmet(need, self.state, connected=connected, homed=homed, cause=self.cause, doing=self.doing)
         if why is not None:
             raise StateError(f"{what} needs the arm {need.value}, it is {why}")
+
+    @property
+    def held(self) -> Robot:
+        """The arm with its jaws between where they are and where they go, and with what they carry."""
+        grips = () if self.gripper.goal is None else (self.gripper.goal,)
+        return self.robot.gripping(self.gate.opening, *grips).carrying(self.gripper.part)
 
     # Connecting, and switching the outputs on and off.
 
@@ -218,6 +231,11 @@ class Core:
         if opening is not None:
             self.gate.adopt_opening(opening, now)
 
+    def forget(self) -> None:
+        """Nobody knows any more where the arm is, or what its gripper carries."""
+        self.gate.forget()
+        self.gripper.forget()
+
     def hold(self, cause: str) -> None:
         """The outputs are on, and the arm stands where the last setpoint is."""
         self.monitor.enabled()
@@ -226,7 +244,7 @@ class Core:
     def power_off(self, cause: str) -> None:
         """The outputs are off: forget where the arm is."""
         self._drop_all(StateError(cause))
-        self.gate.forget()
+        self.forget()
         self._dropped = False
         self.monitor.released()
         self._enter(State.OFF, cause)
@@ -254,9 +272,52 @@ class Core:
         """Plan from ``start`` (n,) [rad] off this thread; ``take`` makes an activity of it, None follows."""
         if self._motion is not None:
             raise StateError("another motion is being planned; stop it first")
-        grips = () if self.gripper.goal is None else (self.gripper.goal,)
-        future = self.submit(_planned, plan, self.robot, (self.gate.opening, *grips), start, *args)
+        future = self.submit(plan, self.held, start, *args)
         self._motion = Pending(order, label, future, start, take)
+
+    def move_gripper(self, order: Order, opening: float, part: CarriedPart | None) -> None:
+        """Move the gripper to ``opening`` 0..1, where ``part`` is between its jaws.
+
+        A motion that is under way was checked with the jaws, and the part, as they were. The rest of it is
+        checked first, off this thread, with the jaws anywhere from where they are to ``opening``. While a
+        motion is being planned, the gripper waits until that has begun.
+        """
+        self._drop_grip(StateError("a newer gripper command took its place"))
+        self._grip = Grip(order, opening, part)
+        self._take_grip()
+
+    def _take_grip(self) -> None:
+        """Move the gripper, if the motion under way is clear with it, too."""
+        grip, activity = self._grip, self.activity
+        if grip is None or self._motion is not None:
+            return
+        rest = None if activity is None else activity.rest
+        try:
+            self.require(Need.GRIPPER, "the gripper")  # a program may have begun
+            if rest is not None:
+                if grip.checked is not activity:
+                    held = self.robot.gripping(self.gate.opening, grip.opening).carrying(grip.part)
+                    grip.checked, grip.check = activity, self.submit(require_gaps, held, rest)
+                if grip.check is None or not grip.check.done():
+                    return
+                result_of(grip.check, "checking the motion under way")
+        except ArmctlError as error:
+            self._grip = None
+            if isinstance(error, MotionRefusedError):
+                error = error.about("the motion under way, with the gripper as it would be")
+            self.refuse(grip.order, grip.order.label, error)
+        else:
+            self._grip = None
+            self.gripper.move_to(grip.opening, grip.part, grip.order.ticket, grip.order.motion)
+            grip.order.ticket.accept()
+
+    def _drop_grip(self, error: ArmctlError) -> None:
+        """Refuse the gripper command that waits for the motion under way to be checked."""
+        if self._grip is not None:
+            if self._grip.check is not None:
+                self._grip.check.cancel()
+            self._grip.order.ticket.end(error)
+            self._grip = None
 
     def await_edit(self, order: Order, label: str, future: Future[None], take: Callable[[Any], None]) -> None:
         """Take an edit over once it is checked; an earlier one that is still being checked is refused."""
@@ -264,7 +325,7 @@ class Core:
         self._edit = Pending(order, label, future, take=take)
 
     def take_planned(self, now: float) -> None:
-        """Take over the open board, begin the motion that is planned, take over the edit that is checked."""
+        """Take over what is done elsewhere: an open board, a planned motion, a checked edit or gripper."""
         self._take_board(now)
         self._drop_what_takes_too_long(now)
         motion, edit = self._motion, self._edit
@@ -288,6 +349,7 @@ class Core:
             except ArmctlError as error:
                 self._ticket = None
                 self.refuse(motion.order, motion.label, error)
+        self._take_grip()
         if edit is not None and edit.take is not None and edit.future.done():
             self._edit = None
             try:
@@ -368,6 +430,7 @@ class Core:
             self.log.add(f"{origin}; nothing moved, {self.state.value} as before")
         self._held_locked, self.stopped_motion = True, self.motion
         self.drop_motion(StateError(f"stopped by {origin}"))
+        self._drop_grip(StateError(f"stopped by {origin}"))
         self.gripper.stop(StateError(f"stopped by {origin}"))
         try:
             if self.activity is not None:
@@ -390,6 +453,8 @@ class Core:
         error = StateError(f"cancelled by {origin}")
         if self._motion is not None and self._motion.order.motion == motion:
             self.drop_motion(error)
+        if self._grip is not None and self._grip.order.motion == motion:
+            self._drop_grip(error)
         if self.gripper.motion == motion:
             self.gripper.stop(error)
         if self.activity is None or self.motion != motion:
@@ -475,6 +540,7 @@ class Core:
         if self._dropped and self.gate.q is not None:
             self.board.write(self.gate.q, self.gate.opening)
             self._dropped, self._wrote_at = False, now
+        self._keep_clear_with_gripper()
         if activity is not None:
             self.setpoint = activity.advance(now, dt)
         gripping = self.gripper.goal is not None
@@ -483,6 +549,20 @@ class Core:
         if q is not None or opening is not None:
             self.board.write(q, opening)
             self._wrote_at = now
+
+    def _keep_clear_with_gripper(self) -> None:
+        """Let jogs and live targets stay clear with the jaws as they are, and with what they carry."""
+        gripper = self.gripper
+        gripped = gripper.part, gripper.goal, self.gate.opening if gripper.goal is None else None
+        if gripped != self._gripped:
+            self._gripped = gripped
+            self.clear.hold(self.held)
+        if self._looking is not None and self._looking.done():
+            looking, self._looking = self._looking, None
+            result_of(looking, "looking at what the arm carries")
+        if self.clear.outdated and self._looking is None:
+            with suppress(StateError):  # too many motions wait to be planned: at the next tick
+                self._looking = self.submit(self.clear.work_out)
 
     def _after_gap(self, gap_s: float, now: float) -> None:
         """Nothing ran for ``gap_s``: what moved, stands and does not go on; the board is read first."""
@@ -529,7 +609,7 @@ class Core:
         grips = self.gate.opening is not None and board.map.gripper_channel is not None
         lost = monitor.went_by_itself(board, q, standing, now, grips=grips)
         if lost is not None:
-            self.gate.forget()
+            self.forget()
             if self.state is not State.FAULT:  # a fault that is there already keeps its cause
                 self.fault(MotionRefusedError(lost))
             return
@@ -622,6 +702,7 @@ class Core:
         self.stopped_motion = self.motion
         self.drop_motion(error)
         self._drop_edit(error)
+        self._drop_grip(error)
         goes_on: ArmctlError | None = None
         activity, self.activity = self.activity, None
         try:
@@ -654,20 +735,9 @@ class Core:
             self.board.close()
             self.board = None
         self._dropped = False
-        self.gate.forget()
+        self.forget()
         self.monitor.reset()
         self.notices.clear_all()
-
-
-def _planned(
-    plan: Callable[..., object],
-    robot: Robot,
-    openings: tuple[float | None, ...],
-    start: FloatArray,
-    *args: object,
-) -> object:
-    """Plan while the gripper is at an opening, or on its way between two."""
-    return plan(robot.gripping(*openings), start, *args)
 
 
 def _close_opened(opening: Future[Board]) -> None:

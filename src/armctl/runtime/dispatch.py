@@ -18,6 +18,7 @@ from armctl.kinematics.target import as_numbers, checked_number
 from armctl.motion import plan_joints, plan_target
 from armctl.program import Program
 from armctl.program.feed import require_runnable
+from armctl.robot import CarriedPart
 from armctl.runtime.core import Core
 from armctl.runtime.jog import JOG_EXPIRY_S, Jogger, tool_turns
 from armctl.runtime.live_target import FOLLOW_EXPIRY_S, STREAM_EXPIRY_S, Follower, Streamer
@@ -72,8 +73,8 @@ def _carry_out(core: Core, order: c.Order, now: float) -> bool:
         case c.UpdateProgram(program):
             _update_program(core, order, program)
             return False
-        case c.MoveGripper(opening):
-            _move_gripper(core, opening, order)
+        case c.MoveGripper(opening, part_mm):
+            _move_gripper(core, opening, CarriedPart.of(part_mm), order)
             return False
         case c.HomeAxes():
             home(core, order, now)
@@ -229,7 +230,7 @@ def _checked_tool_jog(core: Core, jog: c.JogTool) -> c.JogTool:
     return jog
 
 
-def _move_gripper(core: Core, opening: float, order: c.Order) -> None:
+def _move_gripper(core: Core, opening: float, part: CarriedPart | None, order: c.Order) -> None:
     gripper = core.robot.gripper
     if gripper is None or core.board is None or core.board.map.gripper_channel is None:
         what = "is not connected" if gripper is not None and core.board is None else "has no gripper"
@@ -238,8 +239,7 @@ def _move_gripper(core: Core, opening: float, order: c.Order) -> None:
     if not 0 <= opening <= 1:
         raise InputError(f"{gripper.title}: {out_of_range(100 * opening, 0, 100, '%')}")
     core.require(Need.GRIPPER, "the gripper")
-    core.gripper.move_to(opening, order.ticket, order.motion)
-    order.ticket.accept()
+    core.move_gripper(order, opening, part)
 
 
 def _update_program(core: Core, order: c.Order, program: Program) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,24 +182,71 @@ def fastest_inside(room: FloatArray, v: FloatArray, a: FloatArray, dt: float) ->
 
 
 class KeepClear:
-    """Finds what is in the way; a gap closed where a way begins must not close further. For any thread."""
+    """Finds what is in the way; a gap closed where a way begins must not close further. For any thread.
+
+    To work out the gaps of an arm takes tens of milliseconds: when its jaws, or what they carry, have changed
+    (``hold``), another thread does it (``work_out``). Until then jaws count at every opening; while that is
+    not enough, as the arm carries another part than before, no way is clear.
+    """
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
+        self._usual = _Watched(robot)
+        self._now: _Watched | None = self._usual
+        """None: what the arm carries is not worked out yet"""
+        self._lock = Lock()
+
+    @property
+    def outdated(self) -> bool:
+        """Whether ``work_out`` has something to do."""
+        return self._now is None or self._now.robot is not self._robot
+
+    def hold(self, robot: Robot) -> None:
+        """The same arm, with its jaws somewhere else, or with another part, from now on."""
+        with self._lock:
+            self._robot = robot
+            known = (one for one in (self._now, self._usual) if one is not None)
+            self._now = next((one for one in known if one.robot.allows_for(robot)), None)
+
+    def work_out(self) -> None:
+        """Look at the arm as it is now."""
+        robot = self._robot
+        found = self._usual if robot is self._usual.robot else _Watched(robot)
+        with self._lock:
+            if robot is self._robot:
+                self._now = found
+
+    def blocked(self, path: FloatArray) -> tuple[int, str] | None:
+        """First row of ``path`` (k, n) [rad] that may not be, and why; None: all may. Row 0 always may."""
+        now = self._now
+        return (1, "what the arm carries is not looked at yet") if now is None else now.blocked(path)
+
+    def line(self, start: FloatArray, end: FloatArray) -> FloatArray:
+        """(k, n) rows from ``start`` to ``end`` (n,), evenly spaced, near enough for ``blocked``."""
+        moves = float(((self._now or self._usual).levers @ np.abs(end - start)).max(initial=0.0))
+        count = int(np.clip(np.ceil(moves / _STEP_M), 1, _MOST_LOOKS))
+        return start + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - start)
+
+
+class _Watched:
+    """The gaps of an arm whose gripper is somewhere, and carries something."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
         floor, obstacles, body = Floor(robot), Obstacles(robot), SelfCollision(robot)
         self._sources = (
             (floor, ["the floor is in the way"] * len(floor.parts)),
             (obstacles, [f"an obstacle is in the way of {part}" for part in obstacles.parts]),
             (body, [f"the arm itself is in the way of {part}" for part in body.parts]),
         )
-        self._levers = np.concatenate([source.levers for source, _ in self._sources])
+        self.levers = np.concatenate([source.levers for source, _ in self._sources])
         self._known: dict[int, tuple[FloatArray, FloatArray]] = {}
         """of a source: where its gaps were looked at last (n,) [rad], and how far each may close (k,) [m]"""
 
     def blocked(self, path: FloatArray) -> tuple[int, str] | None:
-        """First row of ``path`` (k, n) [rad] that may not be, and why; None: all may. Row 0 always may."""
-        chain = self._robot.chain
-        links = self._robot.body_frames(path)
+        """As ``KeepClear.blocked``."""
+        chain = self.robot.chain
+        links = self.robot.body_frames(path)
         first: tuple[int, str] | None = None
         excess = chain.turn_excess(path)
         for k, limit in enumerate(chain.turn_limits):
@@ -224,16 +272,10 @@ class KeepClear:
         """(k,) gaps of a source that cannot close on a path, by what is known of a place near its start."""
         known = self._known.get(k)
         if known is None or (source.levers @ np.abs(path[0] - known[0])).max(initial=0.0) > _NEAR_M:
-            gaps = source.gaps(self._robot.body_frames(path[:1]), _ROOM_M)[:, 0]
+            gaps = source.gaps(self.robot.body_frames(path[:1]), _ROOM_M)[:, 0]
             known = self._known[k] = path[0].copy(), gaps - source.closed
         here, room = known
         return source.levers @ np.abs(path - here).max(axis=0) < room
-
-    def line(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """(k, n) rows from ``start`` to ``end`` (n,), evenly spaced, near enough for ``blocked``."""
-        moves = float((self._levers @ np.abs(end - start)).max(initial=0.0))
-        count = int(np.clip(np.ceil(moves / _STEP_M), 1, _MOST_LOOKS))
-        return start + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - start)
 
 
 class Led(ABC):
@@ -243,6 +285,7 @@ class Led(ABC):
     begun = True
     pausable = False  # letting go ends it
     gripping = False
+    rest = None  # it looks ahead at each tick, with the gripper as it is then
     error: ArmctlError | None = None  # what cannot be done is no error: the notice says why
     program = None
     progress: float | None = None  # nobody knows how long it is led

@@ -12,7 +12,8 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.motion import Sample, Trajectory, stopping_s
-from armctl.robot import Gripper, Robot
+from armctl.motion.trajectory import RestOfTrajectory
+from armctl.robot import CarriedPart, Gripper, Robot
 from armctl.runtime.activity import Setpoint
 from armctl.runtime.commands import Ticket
 
@@ -101,6 +102,12 @@ class PathMover:
     def position(self) -> FloatArray:
         """(n,) where it is on the path [rad]."""
         return self._sample(np.array([self._time])).q[0]
+
+    @property
+    def rest(self) -> Trajectory:
+        """What is left of the trajectory that runs."""
+        runs = self._stretches[0]
+        return RestOfTrajectory(runs.trajectory, self._time - runs.begins)
 
     @property
     def remaining_s(self) -> float:
@@ -220,16 +227,31 @@ class GripperMover:
     def __init__(self, gripper: Gripper | None) -> None:
         self.goal: float | None = None
         """opening 0..1 that it moves to; None: it stands"""
+        self.part: CarriedPart | None = None
+        """what is between its jaws; None: nothing"""
         self.motion = ""
         """name of the command that moves it"""
         self._gripper = gripper
         self._ticket: Ticket | None = None
         self._held = False
 
-    def move_to(self, goal: float, ticket: Ticket | None = None, motion: str = "") -> None:
-        """Go to ``goal`` 0..1 instead of wherever it was going; ``ticket`` is answered at the end."""
+    def move_to(
+        self,
+        goal: float,
+        part: CarriedPart | None = None,
+        ticket: Ticket | None = None,
+        motion: str = "",
+    ) -> None:
+        """Go to ``goal`` 0..1 instead of wherever it was going; ``ticket`` is answered at the end.
+
+        It carries ``part`` from now on: what it carried before is put down, or is named again.
+        """
         self._answer(StateError("a newer gripper command took its place"))
-        self.goal, self._ticket, self.motion = goal, ticket, motion
+        self.goal, self.part, self._ticket, self.motion = goal, part, ticket, motion
+
+    def forget(self) -> None:
+        """Nobody knows any more what it carries."""
+        self.part = None
 
     def hold(self, held: bool) -> None:
         """Stand still for as long as it is held (pause)."""

@@ -20,7 +20,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.motion import Trajectory, require_clear
-from armctl.robot import Robot
+from armctl.robot import CarriedPart, Robot
 from armctl.runtime.commands import Order
 
 P = ParamSpec("P")
@@ -49,6 +49,18 @@ class Pending:
     """(n,) where a motion is planned from [rad]"""
     take: Callable[[Any], Any] | None = None
     """makes an activity of the plan, or hands the version over; None: a trajectory is just followed"""
+
+
+@dataclass(slots=True, eq=False)
+class Grip:
+    """A gripper command that waits until the motion under way is known to be clear with it."""
+
+    order: Order
+    opening: float
+    part: CarriedPart | None
+    checked: object = None
+    """the activity whose rest is checked; None: none yet"""
+    check: Future[None] | None = None
 
 
 class Submit(Protocol):

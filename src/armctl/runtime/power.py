@@ -86,7 +86,7 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         board.write(start, None)
         confirmed = core.monitor.read(board, now)
         if confirmed is None or not confirmed.on.all():
-            core.gate.forget()
+            core.forget()
             raise EnableError(
                 f"the board has not confirmed that its {board.power} are on; see that it has power, and try "
                 "again"
@@ -122,7 +122,7 @@ def home(core: Core, order: Order, now: float) -> None:
     core.gripper.stop(instead)
     core.board.configure()
     homing = Homing(core, core.board, now)
-    core.gate.forget()
+    core.forget()
     core.monitor.acknowledged()
     core.monitor.enabled()
     core.begin(homing, who, now, order.ticket, order.motion)
@@ -149,6 +149,7 @@ class Enabling:
     begun = True
     pausable = False
     gripping = True  # it comes on with the arm
+    rest = None
     program = None
 
     def __init__(
@@ -308,6 +309,7 @@ class Homing:
     begun = True
     pausable = False
     gripping = True  # nothing is sent to the board
+    rest = None
     program = None
 
     def __init__(self, core: Core, board: Board, now: float) -> None:

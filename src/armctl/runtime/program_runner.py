@@ -42,6 +42,8 @@ class ProgramRunner:
     """One program on its way. At most one step is begun a tick, so that an empty loop cannot hang it."""
 
     pausable = True
+    gripping = True  # its motions are checked with the gripper as its steps leave it
+    rest = None
 
     def __init__(self, core: Core, loops: int | None, first: int, begun: Begun) -> None:
         """Begin ``begun`` with step ``first``, ``loops`` times (None: for ever)."""
@@ -58,7 +60,7 @@ class ProgramRunner:
         self._first = first
         self._mover: PathMover | None = None
         self._wait_left = 0.0
-        self.gripping = False
+        self._gripping = False
         """a gripper step is running"""
         self.begun = False
         self._paused = False
@@ -79,7 +81,7 @@ class ProgramRunner:
         """All passes are over, or it was stopped or refused, and the joints are at rest."""
         if self._stopped or self.error is not None:
             return self._mover is None or self._mover.done
-        busy = self._mover is not None or self._wait_left > 0 or self.gripping
+        busy = self._mover is not None or self._wait_left > 0 or self._gripping
         return not busy and self._feed.ended
 
     @property
@@ -111,7 +113,7 @@ class ProgramRunner:
     def pause(self, paused: bool) -> None:
         """Stand on the path, or stop the time of a wait; or go on."""
         self._paused = paused
-        self._gripper.hold(paused and self.gripping)
+        self._gripper.hold(paused and self._gripping)
         if self._mover is not None:
             self._mover.pause(paused)
 
@@ -143,8 +145,8 @@ class ProgramRunner:
                     self._outdated = None
         elif self._wait_left > 0 and not self._paused:
             self._wait_left -= dt
-        if self.gripping and self._gripper.goal is None:
-            self.gripping = False
+        if self._gripping and self._gripper.goal is None:
+            self._gripping = False
         self._take_steps()
         return setpoint
 
@@ -178,7 +180,7 @@ class ProgramRunner:
             self.error = error
 
     def _due(self) -> bool:
-        if self._wait_left > 0 or self.gripping:
+        if self._wait_left > 0 or self._gripping:
             return False
         if self._mover is None:
             return True
@@ -208,8 +210,8 @@ class ProgramRunner:
         if effect.wait_s is not None:
             self._wait_left = effect.wait_s
         if effect.opening is not None:
-            self._gripper.move_to(effect.opening)
-            self.gripping = True
+            self._gripper.move_to(effect.opening, effect.part)
+            self._gripping = True
         return False
 
     def _show(self, step: PlannedStep) -> None:

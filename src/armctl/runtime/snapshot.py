@@ -305,6 +305,8 @@ class Snapshot:
     """where the arm was seen last on this board; None: not known, or a simulated board"""
     unreachable: bool = False
     """who says this is not the arm itself: its process is gone, or does not answer"""
+    part_mm: tuple[float, float, float] | None = None
+    """edges of the part that the gripper carries, along x, y and z of the tool [mm]; None: nothing"""
     measured: Mapping[str, str] = field(default_factory=dict[str, str])
     """by joint: the load, temperature and voltage that the board measures, if it does"""
 
@@ -315,8 +317,8 @@ class Snapshot:
 
 
 _TOLD = attrgetter(
-    "state", "cause", "commanded", "source", "powered", "gripper", "speed", "progress", "board", "homing",
-    "warnings", "control", "busy", "unreachable",
+    "state", "cause", "commanded", "source", "powered", "gripper", "part_mm", "speed", "progress", "board",
+    "homing", "warnings", "control", "busy", "unreachable",
 )  # fmt: skip
 _STILL_RAD = 1e-3
 """readings that differ by less are those of an arm that stands"""
