@@ -239,4 +239,4 @@ def clear_pose(robot: Robot) -> FloatArray | None:
 def _keeps_out(source: Gaps, robot: Robot, q: FloatArray, room: float) -> NDArray[np.bool_]:
     """(k,) whether an arm at each of ``q`` (k, n) [rad] touches nothing of a kind, by ``room`` [m]."""
     least = source.closed[:, None] + room
-    return (source.gaps(robot.body_frames(q), least + _TOUCHES_M) >= least).all(axis=0)
+    return np.logical_and.reduce(source.gaps(robot.body_frames(q), least + _TOUCHES_M) >= least, axis=0)
