@@ -35,7 +35,9 @@ class FakePage:
     def __init__(self, server: GuardedServer, robot: Robot, q: FloatArray) -> None:
         self.gui = server.gui
         self.client = SimpleNamespace(scene=server.scene, atomic=nullcontext)
-        self.snapshot = SimpleNamespace(q_command=q, q=q, state=State.HOLDING, gripper=None, speed=1.0)
+        self.snapshot = SimpleNamespace(
+            q_command=q, q=q, state=State.HOLDING, gripper=None, part_mm=None, speed=1.0
+        )
         last_known = SimpleNamespace(standing=lambda snapshot: snapshot.q_command)
         self.console = SimpleNamespace(robot=robot, last_known=last_known)
         self.ghost = Ghost(server.scene, robot)
@@ -49,6 +51,10 @@ class FakePage:
     @property
     def session(self) -> Session:
         return cast(Session, self)
+
+    @property
+    def held(self) -> Robot:
+        return cast(Robot, self.console.robot)
 
     def sees(self, tab: str) -> bool:
         return self.ghost.in_view(tab)

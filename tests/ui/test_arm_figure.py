@@ -13,11 +13,12 @@ import viser
 from tests.ui.test_scene import without_look
 
 from armctl.kinematics.chain import LinkFrames
-from armctl.robot import Robot, load_robot, shipped_robots
+from armctl.robot import CarriedPart, Robot, load_robot, shipped_robots
 from armctl.robot.look.stock import paint
 from armctl.robot.solids import block, creased, drum, grown, joined
 from armctl.ui.guard import GuardedServer
 from armctl.ui.scene.arm_figure import ArmFigure, repaint
+from armctl.ui.scene.arm_mesh import TOOL
 from armctl.ui.scene.arm_model import arm_model
 from armctl.ui.scene.body_view import BodyView, body_solids
 
@@ -148,19 +149,31 @@ def test_the_body_that_is_shown_is_the_one_that_is_checked(server: GuardedServer
         assert np.abs(off).max() < 0.003 * robot.chain.length
 
 
+def test_a_carried_part_is_a_box_on_the_tool(server: GuardedServer) -> None:
+    figure = ArmFigure(server.scene, ARMS["mearm"], "/carrier")
+    for edges in ((20.0, 30.0, 40.0), (5.0, 5.0, 5.0), None):
+        figure.carry(CarriedPart.of(edges))
+        boxes = [node for name, node in nodes(server).items() if name == f"/carrier/{TOOL}/part"]
+        assert [box.dimensions for box in boxes] == (
+            [] if edges is None else [pytest.approx(tuple(edge / 1000 for edge in edges))]
+        )
+    figure.root.remove()
+
+
 def test_the_body_goes_with_the_gripper_and_out_of_view_again(server: GuardedServer) -> None:
     async def watched() -> None:
         tasks: list[asyncio.Task[None]] = []
-        body = BodyView(server.scene, ARMS["mearm"], lambda work: tasks.append(asyncio.create_task(work)))
+        robot = ARMS["mearm"]
+        body = BodyView(server.scene, lambda work: tasks.append(asyncio.create_task(work)))
         shapes: list[dict[str, np.ndarray]] = []
         for opening in (0.0, 1.0):
-            body.show(opening, shown=True)
+            body.show(robot.gripping(opening))
             await asyncio.gather(*tasks)
             shown = {name: node for name, node in nodes(server).items() if re.search(r"/body\d", name)}
             shapes.append({name: np.ptp(node.vertices, axis=0) for name, node in shown.items()})
         assert len(shapes[0]) > 3 and shapes[0].keys() == shapes[1].keys()
         assert any(np.abs(shapes[1][name] - size).max() > 0.005 for name, size in shapes[0].items())
-        body.show(1.0, shown=False)
+        body.show(None)
         assert not [name for name in nodes(server) if re.search(r"/body\d", name)]
 
     asyncio.run(watched())

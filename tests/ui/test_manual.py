@@ -15,10 +15,10 @@ from tests.runtime.kit import make_rig
 
 from armctl.errors import InputError, MotionRefusedError, StateError
 from armctl.motion import PointToPoint
-from armctl.robot import load_robot
+from armctl.robot import CarriedPart, load_robot
 from armctl.runtime import ManualClock
 from armctl.ui.session import Session
-from armctl.ui.tabs.manual.jog import KEYS, HeldJog, tool_axes, tool_jog
+from armctl.ui.tabs.manual.jog import KEYS, HeldJog, part_of, tool_axes, tool_jog
 from armctl.ui.tabs.manual.joints import checked_percent, stepped
 from armctl.ui.tabs.manual.live_readout import joint_table, tool_motion, tool_table
 from armctl.ui.widgets.joint_angles import slider_degrees, slider_limits
@@ -26,6 +26,35 @@ from armctl.ui.widgets.joint_angles import slider_degrees, slider_limits
 ROBOT = load_robot("uzuner")
 HOME = ROBOT.pose("home")
 FRACTIONS = st.lists(st.floats(0.02, 0.98), min_size=ROBOT.n, max_size=ROBOT.n).map(np.array)
+
+
+@pytest.mark.parametrize(
+    ("text", "edges"),
+    [
+        ("", None),
+        (" Empty ", None),
+        ("20 × 30 × 40", (20, 30, 40)),
+        ("20x30X12.5", (20, 30, 12.5)),
+        ("20, 30; 40", (20, 30, 40)),
+        ("(20 30 40)", (20, 30, 40)),
+    ],
+)
+def test_the_size_of_a_part_is_written_as_people_do(text: str, edges: tuple[float, ...] | None) -> None:
+    assert part_of(text) == CarriedPart.of(edges)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("20 × 30", r"Part mm: 3 numbers are needed \(X, Y, Z\), got 2"),
+        ("a cube", "Part mm: 3 numbers are needed"),
+        ("20 × 30 × high", "Part mm: Z: 'high' is not a number"),
+        ("20 × 0 × 40", "the edge along y of the tool, 0 mm is outside 0.1 … 1000 mm"),
+    ],
+)
+def test_what_is_no_size_is_refused(text: str, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        part_of(text)
 
 
 def test_a_step_turns_one_joint_as_far_as_its_limit() -> None:

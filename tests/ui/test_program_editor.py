@@ -33,7 +33,7 @@ HOME_DEG = (0.0, 90.0, -80.0, -40.0, 0.0)
 
 def standing(robot: Robot, gripper: float | None = None) -> Any:
     """A snapshot of an arm in its first pose."""
-    return SimpleNamespace(commanded=True, q_command=robot.pose("home"), gripper=gripper)
+    return SimpleNamespace(commanded=True, q_command=robot.pose("home"), gripper=gripper, part_mm=None)
 
 
 @pytest.mark.parametrize("name", FIVE)
@@ -48,6 +48,10 @@ def test_a_recorded_point_leads_back_to_where_the_arm_stood(name: str) -> None:
 
 def test_each_kind_records_what_it_says() -> None:
     here = standing(ROBOT, gripper=0.3)
+    held = SimpleNamespace(**vars(here) | {"part_mm": (20.0, 30.0, 40.0)})
+    assert step_here(GripperStep, ROBOT, held) == GripperStep(
+        open_percent=30, part_x_mm=20, part_y_mm=30, part_z_mm=40
+    )
     x, y, z = tool_point_mm(ROBOT, HOME_DEG)
     assert step_here(MoveStep, ROBOT, here) == MoveStep(joints_deg=HOME_DEG)
     assert step_here(GripperStep, ROBOT, here) == GripperStep(open_percent=30)

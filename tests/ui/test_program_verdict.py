@@ -46,6 +46,7 @@ def bench(server: GuardedServer, tmp_path: Path) -> Bench:
     session: Any = SimpleNamespace(
         gui=server.gui,
         console=SimpleNamespace(robot=ROBOT, shared=lambda kind: desk),
+        held=ROBOT,
         snapshot=make_rig().now,
         on=lambda attach, action: None,
         needs=lambda *controls, **conditions: None,

@@ -12,6 +12,7 @@ from contextlib import suppress
 import viser
 
 from armctl.errors import ArmctlError
+from armctl.robot import CarriedPart
 from armctl.runtime import Arrive, Leave, Origin, Snapshot
 from armctl.runtime.pin import near
 from armctl.ui.console import Console, page_name
@@ -221,6 +222,7 @@ class App:
         q = console.last_known.drawn(snapshot)
         with self.server.atomic():
             self._figure.pose(q, snapshot.gripper)
+            self._figure.carry(CarriedPart.of(snapshot.part_mm))
             self._figure.say("last known" if console.last_known.remembers(snapshot) else None)
         for listener in console.frame_listeners:
             listener(snapshot)

@@ -16,7 +16,7 @@ from typing import Any, Literal, Protocol
 import viser
 
 from armctl.errors import ArmctlError
-from armctl.robot import Robot
+from armctl.robot import CarriedPart, Robot
 from armctl.robot.look.stock import Theme
 from armctl.runtime import Command, ControlCommand, Need, Origin, Snapshot, Ticket, unmet
 from armctl.ui.console import page_name
@@ -70,6 +70,12 @@ class Session:
     def snapshot(self) -> Snapshot:
         """The newest state of the arm."""
         return self.console.controller.snapshot
+
+    @property
+    def held(self) -> Robot:
+        """The arm with its jaws as far open as they are, and with what they carry: motions are checked so."""
+        now = self.snapshot
+        return self.console.robot.gripping(now.gripper).carrying(CarriedPart.of(now.part_mm))
 
     @property
     def origin(self) -> Origin:

@@ -7,7 +7,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.kinematics import quaternion_wxyz
-from armctl.robot import Robot
+from armctl.robot import CarriedPart, Robot
 from armctl.robot.look.stock import Theme
 from armctl.robot.parts import Color
 from armctl.robot.shape import width
@@ -17,6 +17,7 @@ from armctl.ui.scene.arm_model import arm_model
 
 ARM = "/arm"
 """the name of the present arm's figure, which all pages share"""
+_PART: Color = (176, 137, 96)
 HALF_OPEN = 0.5
 """the gripper, where nobody has seen it"""
 
@@ -93,6 +94,8 @@ class ArmFigure:
             shown = color or mesh.color_in(theme)
             add_solid(scene, f"{name}/{mesh.name}", mesh.solid, shown, opacity, flat=mesh.flat)
         self._label: viser.LabelHandle | None = None
+        self._part: CarriedPart | None = None
+        self._box: viser.BoxHandle | None = None
         if self._model.tool_axes and opacity is None:
             size = width(robot.chain, robot.look)
             axes = scene.add_frame(f"{name}/{TOOL}/axes", axes_length=size, axes_radius=0.04 * size)
@@ -110,6 +113,20 @@ class ArmFigure:
                 handle.position = placed[i, :3, 3]
                 handle.wxyz = quaternion_wxyz(placed[i, :3, :3])
         self._shown = placed
+
+    def carry(self, part: CarriedPart | None) -> None:
+        """Draw what is between the jaws as a box; None: nothing."""
+        if part == self._part:
+            return
+        self._part = part
+        if self._box is not None:
+            self._box.remove()
+            self._box = None
+        if part is not None:
+            x, y, z = part.edges_mm
+            size_m = x / 1000, y / 1000, z / 1000
+            self._box = self._scene.add_box(f"{self._name}/{TOOL}/part", color=_PART, dimensions=size_m)
+            send_pose(self._box)
 
     def tracks(self, q: FloatArray, opening: FloatArray) -> dict[str, FloatArray]:
         """Where ``pose`` would put its parts at angles (k, n) [rad] and openings (k,): by name (k, 7).

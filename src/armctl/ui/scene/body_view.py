@@ -56,21 +56,18 @@ def _solid(capsule: Capsule) -> Solid:
 
 
 class BodyView:
-    """The body at the opening of the gripper, in the frames of the arm that all pages share."""
+    """The body, with what the gripper carries, in the frames of the arm that all pages share."""
 
-    def __init__(
-        self, scene: viser.SceneApi, robot: Robot, spawn: Callable[[Coroutine[Any, Any, None]], None]
-    ) -> None:
+    def __init__(self, scene: viser.SceneApi, spawn: Callable[[Coroutine[Any, Any, None]], None]) -> None:
         """Draw nothing yet; ``spawn`` runs something beside the callbacks of the page."""
-        self._scene, self._robot, self._spawn = scene, robot, spawn
+        self._scene, self._spawn = scene, spawn
         self._wanted: Robot | None = None
         """the arm with its gripper as it is; None: nothing is to be shown"""
         self._nodes: list[viser.MeshHandle] = []
         self._at_work = False
 
-    def show(self, opening: float | None, *, shown: bool) -> None:
-        """Show the body, or nothing. ``opening``: of the gripper, 0..1; None: at any, as it is not known."""
-        wanted = self._robot.gripping(opening) if shown else None
+    def show(self, wanted: Robot | None) -> None:
+        """Show the body of the arm, with its jaws and what they carry; None: nothing."""
         if wanted is self._wanted:
             return
         self._wanted = wanted

@@ -190,7 +190,8 @@ class InverseScreen:
             return
         is_newest, start = self._newest.begin(), self._session.snapshot.q_command
         criterion, profile = self._criterion.value, self._movement.profile
-        again = await asyncio.to_thread(answer, self._robot, found.solutions, criterion, start, profile)
+        held = self._session.held
+        again = await asyncio.to_thread(answer, held, found.solutions, criterion, start, profile)
         if is_newest():
             row = self._pager.row if np.array_equal(again.order, found.order) else None
             self._show(again)
@@ -212,7 +213,7 @@ class InverseScreen:
             self._forget(refusal)
             raise
         criterion, profile = self._criterion.value, self._movement.profile
-        found = await asyncio.to_thread(solve, self._robot, target, criterion, start, profile)
+        found = await asyncio.to_thread(solve, self._session.held, target, criterion, start, profile)
         if not is_newest():
             return None
         self._answered = texts

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Literal, get_args
 
@@ -11,13 +11,14 @@ import numpy as np
 import viser
 
 from armctl.errors import ArmctlError
-from armctl.robot import Robot
+from armctl.robot import CarriedPart, Robot
 from armctl.runtime import Jog, JogTool, MonotonicClock, MoveGripper, Need, Snapshot
 from armctl.runtime.jog import tool_turns
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.joints import checked_percent
 from armctl.ui.widgets.html import LiveHtml, muted, table
 from armctl.ui.widgets.joint_angles import held_at
+from armctl.ui.widgets.number_field import EditWatch, TextEntry, format_number, parse_numbers
 
 Frame = Literal["base", "tool"]
 FRAMES: dict[str, Frame] = {"base axes": "base", "tool axes": "tool"}
@@ -44,6 +45,11 @@ _KEYS_NOTE = (
 )
 
 
+_EMPTY = "empty"
+_PART_HINT = (
+    "How large the part between the jaws is, along X, Y, Z of the tool, e.g. 20 × 30 × 40: its middle is at "
+    "the tool point. All that moves stays clear with it, until the gripper is set again."
+)
 _ABOUT = ("Rx", "Ry", "Rz")
 
 
@@ -108,6 +114,17 @@ class HeldJog:
             raise
 
 
+def part_of(text: str) -> CarriedPart | None:
+    """The part that a field tells of, as ``20 × 30 × 40``; None: it is empty, or says so. ``InputError``."""
+    if text.strip().casefold() in ("", _EMPTY):
+        return None
+    return CarriedPart.of(parse_numbers(text, "Part mm", ("X", "Y", "Z")))
+
+
+def _part_text(edges_mm: Sequence[float] | None) -> str:
+    return _EMPTY if edges_mm is None else " × ".join(map(format_number, edges_mm))
+
+
 class JogControl:
     """The arm moves while a jog button or key is held, and stops when it is let go or the page is lost."""
 
@@ -126,6 +143,8 @@ class JogControl:
         if (gripper := session.console.robot.gripper) is not None:
             with gui.add_folder(gripper.title):
                 self._percent = gui.add_slider("Gripper %", min=0, max=100, step=1, initial_value=50)
+                self._part = gui.add_text("Part mm", _part_text(session.snapshot.part_mm), hint=_PART_HINT)
+                self._watch = EditWatch([TextEntry(self._part)])
                 move = gui.add_button("Set gripper")
                 session.needs(Need.GRIPPER, move)
                 self._opening = LiveHtml(gui)
@@ -138,10 +157,14 @@ class JogControl:
             text = "It has not been told to move yet."
             if snapshot.gripper is not None:
                 text = f"Commanded: <b>{100 * snapshot.gripper:.0f} %</b>."
+            if (part := CarriedPart.of(snapshot.part_mm)) is not None:
+                text += f" It carries a part of <b>{part}</b>."
             self._opening.show(f"0 % is closed, 100 % open. {text}")
 
     async def _on_gripper(self) -> None:
-        await self._session.submit(MoveGripper(checked_percent(self._percent.value, "gripper") / 100))
+        self._watch.require_settled()
+        opening, part = checked_percent(self._percent.value, "gripper") / 100, part_of(self._part.value)
+        await self._session.submit(MoveGripper(opening, None if part is None else part.edges_mm))
 
 
 class JointJog:

@@ -124,7 +124,7 @@ def recorded_kinds(robot: Robot) -> dict[str, dict[str, type[Step]]]:
 def step_here(kind: type[Step], robot: Robot, snapshot: Snapshot, via_mm: Point | None = None) -> Step:
     """A step made where the arm is; ``via_mm``: on an arc. ``StateError``: something is not known."""
     keys = kind.button[2:]
-    here: dict[str, Any] = dict.fromkeys(EDGES)
+    here: dict[str, Any] = dict(zip(EDGES, snapshot.part_mm or (None, None, None), strict=True))
     if snapshot.gripper is not None:
         here["open_percent"] = round(100 * snapshot.gripper, 1)
     if set(keys) - {"open_percent", *EDGES}:

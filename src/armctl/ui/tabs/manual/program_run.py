@@ -150,7 +150,7 @@ class ProgramRun:
     async def _find(
         self, program: Program, start: FloatArray | None, cancelled: threading.Event, *, to_run: bool
     ) -> list[Finding]:
-        robot = self._session.console.robot
+        robot = self._session.held
 
         def progress(done: int, steps: int) -> None:
             """Called by the worker thread."""

@@ -45,7 +45,7 @@ class SimulationScreen:
             self._names = gui.add_checkbox("Joint names", initial_value=False)
             self._frames = gui.add_checkbox("Frames", initial_value=False, hint=_FRAMES_HINT)
             self._with_body = gui.add_checkbox("Body", initial_value=False, hint=_BODY_HINT)
-            self._body = BodyView(session.client.scene, session.console.robot, session.spawn)
+            self._body = BodyView(session.client.scene, session.spawn)
             self._marks = Marks(session.client.scene, session.console.robot)
             self._with_trail = gui.add_checkbox("Tool trail", initial_value=True)
             clear = gui.add_button_group("Trail so far", ("Clear trail",))
@@ -67,7 +67,7 @@ class SimulationScreen:
             self._draw_trail()
         self._workspace.refresh(snapshot)
         drawn = self._session.console.last_known.drawn(snapshot)
-        self._body.show(snapshot.gripper, shown=self._with_body.value)
+        self._body.show(self._session.held if self._with_body.value else None)
         self._marks.show(drawn, names=self._names.value, frames=self._frames.value)
 
     def _draw_trail(self) -> None:

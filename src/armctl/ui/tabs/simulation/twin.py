@@ -18,6 +18,7 @@ from armctl.motion.preflight import preflight
 from armctl.process.heavy_work import check_program_apart
 from armctl.program import Program
 from armctl.program.rehearsal import Rehearsal, rehearse, rehearse_pose
+from armctl.robot import Robot
 from armctl.runtime import FollowTarget, Snapshot, State
 from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.live_target import FOLLOW_EXPIRY_S, Follower
@@ -126,7 +127,9 @@ class TwinControl:
             executor.shutdown(wait=False, cancel_futures=True)
         self._session.download(f"{name}.html", page)
 
-    def _exported(self, chosen: Program | str, q: FloatArray, opening: float | None) -> tuple[str, str]:
+    def _exported(
+        self, held: Robot, chosen: Program | str, q: FloatArray, opening: float | None
+    ) -> tuple[str, str]:
         """Name and page of a program, or of the way to a named pose."""
         robot = self._robot
 
@@ -136,12 +139,12 @@ class TwinControl:
                 raise StateError("the page is gone")
 
         if isinstance(chosen, str):
-            plan = rehearse_pose(robot, q, robot.pose(chosen), HALF_OPEN if opening is None else opening)
-            title, findings = f"go to {chosen}", preflight(robot.gripping(opening), plan.trajectory)
+            plan = rehearse_pose(held, q, robot.pose(chosen), HALF_OPEN if opening is None else opening)
+            title, findings = f"go to {chosen}", preflight(held, plan.trajectory)
             return f"go-to-{chosen}", twin_file(robot, title, plan, findings, progress=progress)
-        plan = planned_for_file(robot, chosen, q, opening)
+        plan = planned_for_file(held, chosen, q, opening)
         findings = check_program_apart(
-            chosen, robot, start=q, progress=lambda done, count: progress(0.5 * done / count)
+            chosen, held, start=q, progress=lambda done, count: progress(0.5 * done / count)
         )
         page = program_file(robot, chosen, plan, findings, lambda share: progress(0.5 + 0.5 * share))
         return chosen.name, page
@@ -156,22 +159,22 @@ class TwinControl:
         """Why there can be no export now."""
         return self._no_steps() if self._share is None else "a file is being made; wait until it is there"
 
-    def _chosen(self) -> tuple[Program | str, FloatArray, float | None]:
-        """What is to be rehearsed, from where, and how far the gripper is open."""
+    def _chosen(self) -> tuple[Robot, Program | str, FloatArray, float | None]:
+        """The arm as it is, what is to be rehearsed, from where, and how far the gripper is open."""
         snapshot, program = self._session.snapshot, self._session.console.shared(SharedProgram).program
         chosen = program if self._what.value == _PROGRAM else self._what.value.removeprefix("go to ")
         if (why := self._no_steps()) is not None:
             raise StateError(why)
-        return chosen, snapshot.q_command, snapshot.gripper
+        return self._session.held, chosen, snapshot.q_command, snapshot.gripper
 
     async def _planned(self) -> tuple[Rehearsal, tuple[str, ...]]:
-        chosen, q, opening = self._chosen()
+        held, chosen, q, opening = self._chosen()
         if isinstance(chosen, str):
             pose = self._robot.pose(chosen)
-            return await asyncio.to_thread(rehearse_pose, self._robot, q, pose, opening), ()
+            return await asyncio.to_thread(rehearse_pose, held, q, pose, opening), ()
         steps = tuple(f"{step.title or step.kind} {step.describe()}" for step in chosen.steps)
         plan = partial(rehearse, longest_s=LONGEST_S, most_steps=MOST_STEPS)
-        return await asyncio.to_thread(plan, self._robot, chosen, q, opening), steps
+        return await asyncio.to_thread(plan, held, chosen, q, opening), steps
 
     async def _play(self, plan: Rehearsal, is_newest: Callable[[], bool]) -> None:
         async for time in played(0.0, plan.duration, lambda: self._session.snapshot.speed, _FRAME_S):
@@ -300,7 +303,8 @@ class LiveTarget:
     async def _lead_twin(self, is_newest: Callable[[], bool]) -> None:
         if not is_newest():  # switched off before this began
             return
-        session, robot, clear = self._session, self._robot, KeepClear(self._robot)
+        session, robot = self._session, self._robot
+        clear = await asyncio.to_thread(KeepClear, session.held)
         executor = ThreadPoolExecutor(1, thread_name_prefix="armctl-twin")
         clock = asyncio.get_running_loop().time
         before = clock()

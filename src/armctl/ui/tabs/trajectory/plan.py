@@ -38,7 +38,7 @@ from armctl.motion.timing import PathTrajectory
 from armctl.motion.trajectory import Peaks, peaks_of
 from armctl.program import Program
 from armctl.program.rehearsal import rehearse
-from armctl.robot import Robot
+from armctl.robot import CarriedPart, Robot
 
 JOINTS = "Joint motion"
 TOOL_LINE = "Tool line"
@@ -105,6 +105,8 @@ class MotionRequest:
     """(n,) where the arm stands [rad], for the choice of a start by least travel"""
     opening: float | None = None
     """of the gripper when the motion begins, 0..1; None: not known"""
+    part: CarriedPart | None = None
+    """what it carries then; None: nothing"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,7 +152,7 @@ class PlannedMotion:
 
 def plan_motion(robot: Robot, asked: MotionRequest) -> PlannedMotion:
     """Plan what is asked for; an ``ArmctlError`` says why nothing of it can be drawn."""
-    robot = robot.gripping(asked.opening)
+    robot = robot.gripping(asked.opening).carrying(asked.part)
     if isinstance(asked.start, Target):
         start = solve(robot, asked.present, asked.start, asked.choose)
     else:

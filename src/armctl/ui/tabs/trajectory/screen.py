@@ -17,7 +17,7 @@ from armctl.kinematics import Target, roll_pitch_yaw, rotation_of
 from armctl.motion import PitchMode, TurnMode, not_checked, usual_pitch
 from armctl.motion.analysis import Turning
 from armctl.motion.plan import Passing
-from armctl.robot import Robot
+from armctl.robot import CarriedPart, Robot
 from armctl.runtime import Follow, MoveJoints, Need, RunProgram, Snapshot
 from armctl.ui.newest import Newest
 from armctl.ui.scene.ghost import Preview
@@ -340,6 +340,7 @@ class MotionForm:
             program=self._session.console.shared(SharedProgram).program if motion == PROGRAM else None,
             present=present,
             opening=self._session.snapshot.gripper,
+            part=CarriedPart.of(self._session.snapshot.part_mm),
         )
 
     def study(self) -> Callable[[], ShownStudy]:
