@@ -59,7 +59,7 @@ def test_named_arms(name: str) -> None:
     arm = GENERAL[name]
     rng = np.random.default_rng(42)
     solver = solver_of(arm, FAMILY)
-    count = 20_000 if LONG else 60
+    count = 20_000 if LONG else 30
     unsure = 0
     for i, q in enumerate(random_q(rng, np.clip(arm.limits, -math.pi, math.pi), count)):
         pose = plain_pose(arm.chain, q)
@@ -68,7 +68,7 @@ def test_named_arms(name: str) -> None:
         unsure += not solutions.complete
         if i < (count // 100 if LONG else 2):
             assert_all_listed(arm, solutions, multi_start(arm, pose, rng, 600 if LONG else 100))
-    assert unsure <= 0.02 * count
+    assert unsure <= max(1, 0.02 * count)
 
 
 @pytest.mark.parametrize("name", GENERAL)

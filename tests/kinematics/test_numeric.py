@@ -292,7 +292,7 @@ def test_the_nearest_point_is_no_farther_than_another_method_finds(name: str) ->
         assert answer.nearest_q is not None and answer.nearest_m is not None
         assert ((answer.nearest_q >= limits[:, 0]) & (answer.nearest_q <= limits[:, 1])).all()
         away = float(np.linalg.norm(answer.nearest_m - point))
-        for start in random_q(rng, limits, 6):
+        for start in random_q(rng, limits, 6 if LONG else 3):
             other = minimize(
                 squared_distance, start, (chain, point), bounds=limits, jac=True, method="L-BFGS-B"
             )

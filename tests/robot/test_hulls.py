@@ -21,13 +21,15 @@ from armctl.kinematics.chain import LinkFrames
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, stands_clear
 from armctl.motion.preflight import preflight
 from armctl.motion.profiles import PointToPoint
-from armctl.robot import Robot
+from armctl.robot import Robot, hulls
 from armctl.robot.collision import NEAR_M
 from armctl.robot.fitting import hull_of
 from armctl.robot.hulls import Hull, HullPairs
 from armctl.robot.parts import Obstacle
 
 FAR = math.inf
+SOME = Rotation.random(4000, random_state=1).as_matrix()[:, 0]
+"""directions"""
 
 
 def cloud(rng: np.random.Generator, most: int = 60) -> Hull:
@@ -66,9 +68,14 @@ def test_gaps_are_those_of_scipy(seed: int) -> None:
     for gap, turned, moved in zip(found + margins, R, origin, strict=True):
         there = other.corners @ turned.T + moved
         depth = way_out(one.corners, there)
+        exact = hulls.depth(one, other, turned, moved)
         if depth > 0:
             assert -1.25 * depth - 1e-4 <= gap <= -depth + 1e-9
+            assert exact == pytest.approx(depth + margins)
+            ways = (one.corners @ SOME.T).max(axis=0) - (there @ SOME.T).min(axis=0)
+            assert depth <= ways.min() + 1e-12  # no way that was tried is shorter
         else:
+            assert exact is None
             distance = nearest(one.corners, there)
             assert distance - 1.01e-4 <= gap <= distance + 1e-6
     some = gaps(one, other, R, origin, NEAR_M)

@@ -27,7 +27,7 @@ from armctl.robot.look_masses import MASSES_ASSUMED, masses
 from armctl.robot.look_sound import STRETCHED_M, Solids, faults, stretched
 
 _LONG = bool(os.environ.get("ARMCTL_LONG"))
-POSES, LOOKS = (200, 300) if _LONG else (8, 40)
+POSES, LOOKS = (200, 300) if _LONG else (8, 20)
 
 
 @pytest.mark.parametrize("name", shipped_robots())

@@ -72,6 +72,10 @@ class Floor:
             heights[which] = above + links.origin[link][2]
         return heights - self._below
 
+    def depth(self, part: int, links: LinkFrames, about: float) -> float:
+        """How deep a gap is closed at the first configuration [m], exact where ``gaps`` says ``about`` so."""
+        return about
+
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """What is wrong where gap ``part`` is closed by ``depth_mm``, and what to do."""
         return f"{depth_mm:.1f} mm below the floor", "raise the target, or go round by a higher point"
@@ -103,6 +107,12 @@ class Obstacles:
         """(k, m) [m] at m configurations, negative inside an obstacle; lower bounds beyond ``NEAR_M``."""
         return self._model.gaps_around(links)
 
+    def depth(self, part: int, links: LinkFrames, about: float) -> float:
+        """As ``Floor.depth``."""
+        obstacle, piece = divmod(part, len(self._model.moving))
+        known = self._model.depth_in(links, self._obstacles[obstacle], self._model.moving[piece])
+        return about if known is None else known
+
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """As ``Floor.words``."""
         title = self._other(part)
@@ -131,6 +141,13 @@ class SelfCollision:
     def gaps(self, links: LinkFrames, enough: ArrayLike = NEAR_M) -> FloatArray:
         """(k, m) [m] at m configurations, negative where a pair overlaps; lower bounds beyond ``enough``."""
         return self._model.gaps(links, enough)
+
+    def depth(self, part: int, links: LinkFrames, about: float) -> float:
+        """As ``Floor.depth``; where surfaces decide, or more than at rest is wrong, it stays ``about`` so."""
+        known = None
+        if not self._model.by_surface[part] and self.closed[part] == 0.0:
+            known = self._model.depth(links, part)
+        return about if known is None else known
 
     def words(self, part: int, depth_mm: float) -> tuple[str, str]:
         """As ``Floor.words``."""
@@ -181,7 +198,7 @@ def touching(around: Sequence[Gaps], robot: Robot, q: FloatArray) -> Touch | Non
         lacks = gaps - source.closed + FLOOR_TOLERANCE_M < 0.0
         if lacks.any():
             part = int(np.where(lacks, gaps, np.inf).argmin())
-            what, _ = source.words(part, -1000 * float(gaps[part]))
+            what, _ = source.words(part, 1000 * source.depth(part, links, -float(gaps[part])))
             return Touch(source.kind, f"{source.parts[part]}: {what}")
     return None
 

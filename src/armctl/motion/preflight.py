@@ -500,8 +500,10 @@ def _deepest(motion: SampledMotion, source: Gaps, closed: _Closed) -> Finding:
     when = motion.least_at(depth_at, *around.tolist())
     least = min(float(depth_at(np.array([when]))[0]), least)
     when, digits = motion.told(when, lambda time: depth_at(np.array([time]))[0] < least + _AS_DEEP_M)
-    depth = float(depth_at(np.array([when]))[0])
-    what, mend = source.words(part, -1000 * (depth if math.isfinite(depth) else least))
+    gap = float(depth_at(np.array([when]))[0])
+    links = motion.robot.body_frames(motion.trajectory.sample(np.array([when])).q)
+    depth = source.depth(part, links, -(gap if math.isfinite(gap) else least))
+    what, mend = source.words(part, 1000 * depth)
     return Finding(what, when, source.parts[part], mend, source.kind, digits=digits)
 
 

@@ -15,7 +15,7 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.kinematics.samples import joint_samples
 from armctl.robot.body import Capsule
-from armctl.robot.hulls import Hull, HullPairs
+from armctl.robot.hulls import Hull, HullPairs, depth
 from armctl.robot.look.pieces import Mount, link_name
 from armctl.robot.parts import Obstacle
 from armctl.robot.segments import box_distance, segment_box_distance, segment_distance
@@ -299,6 +299,16 @@ class CollisionModel:
         out[pair, at] = self._gaps_at(links, pair, at, enough[pair, at], depths)
         return out
 
+    def depth(self, links: LinkFrames, pair: int) -> float | None:
+        """How deep the hulls of a pair are in each other at the first configuration [m]; see ``depth``."""
+        one, other = (self.capsules[k] for k in self.pairs[pair])
+        return depth(one.as_hull, other.as_hull, *_first(links, one.link, other.link))
+
+    def depth_in(self, links: LinkFrames, obstacle: Obstacle, piece: int) -> float | None:
+        """The same of a piece that is inside an obstacle."""
+        one = self.capsules[piece]
+        return depth(_box_hull(obstacle), one.as_hull, *_first(links, -1, one.link))
+
     @cached_property
     def by_surface(self) -> NDArray[np.bool_]:
         """(k,) pairs whose surfaces decide where their hulls overlap."""
@@ -433,6 +443,12 @@ class CollisionModel:
             here = [self.capsules[k] for k in which.tolist()]
             found.append((link, which, np.array([*(c.start for c in here), *(c.end for c in here)])))
         return found
+
+
+def _first(links: LinkFrames, one: int, other: int) -> tuple[FloatArray, FloatArray]:
+    """Rotation (3, 3) and origin (3,) [m] of a frame in another one, at the first configuration."""
+    R, origin = links.relative(*np.array([[one], [other], [0]], dtype=np.intp))
+    return R[0], origin[0]
 
 
 def _box_hull(box: Obstacle) -> Hull:
