@@ -32,12 +32,6 @@ _EYE = np.eye(4)
 _CHUNK = 8192
 """configurations worked on at a time, so that what they need stays in the processor's cache"""
 _put_pose = struct.Struct("16d").pack_into  # half of the time that an array takes to be made of numbers
-_Entry = FloatArray | float
-_Vector = Sequence[_Entry]
-_UNITS: tuple[_Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
-_SAME_AXES = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
-_MOST_SUMMED = 100.0
-"""angles up to this size may be added: with larger ones the sum would lose digits [rad]"""
 _PARALLEL = 1e-14
 """sine of the angle below which an axis is along z"""
 
@@ -124,9 +118,7 @@ class Chain(ByContent):
         for shared in (*self.segments, self.tail, *(place.T_link_frame for place in self.places)):
             shared.flags.writeable = False
         self._steps = [_step(T) for T in (*self.segments, tail)]
-        self._weights: list[list[list[float]]] = [T[:3].T.tolist() for T in (*self.segments, tail)]
-        self._skips_y = [w[:2] == _SAME_AXES and w[3][1] == 0.0 for w in self._weights[1:-1]] + [False]
-        """of each joint, whether the next one turns about the same direction, no step along y from it"""
+        self._columns = [np.ascontiguousarray(T.T) for T in (*self.segments, tail)]
         self._one_shape = (self.n,)
         self._place_links = [place.link for place in self.places]
         self._T_link_places = np.stack([place.T_link_frame for place in self.places])
@@ -392,7 +384,7 @@ class Chain(ByContent):
         return xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz
 
     def _many(
-        self, q: ArrayLike, shape: tuple[int, int], fill: Callable[[FloatArray, FloatArray, float], None]
+        self, q: ArrayLike, shape: tuple[int, int], fill: Callable[[FloatArray, FloatArray], None]
     ) -> FloatArray:
         """A matrix of each configuration (..., n): (..., *shape)."""
         q = self._shaped(q)
@@ -400,20 +392,17 @@ class Chain(ByContent):
         out = np.zeros((*shape, len(flat)))  # entry by entry in memory: contiguous to write
         for i in range(0, len(flat), _CHUNK):
             part = flat[i : i + _CHUNK]
-            largest = float(np.abs(part).max())
-            if not largest < math.inf:
+            if not math.isfinite(float(part.sum())):
                 require_finite(q, "joint angles")
-            fill(part, out[..., i : i + _CHUNK], largest)
+            fill(part, out[..., i : i + _CHUNK])
         return np.moveaxis(out.reshape(*shape, *q.shape[:-1]), (0, 1), (-2, -1))
 
-    def _forward_into(self, q: FloatArray, out: FloatArray, largest: float) -> None:
-        *_, frame = self._entries(q, largest, only_last=True)
-        for j, column in enumerate(frame):
-            for i, entry in enumerate(column):
-                out[i, j] = entry
+    def _forward_into(self, q: FloatArray, out: FloatArray) -> None:
+        *_, frame = self.walk(q)
+        out[:3] = frame.swapaxes(0, 1)
         out[3, 3] = 1.0
 
-    def _jacobian_into(self, q: FloatArray, out: FloatArray, largest: float) -> None:
+    def _jacobian_into(self, q: FloatArray, out: FloatArray) -> None:
         *links, (_, _, _, tool) = self.walk(q)
         for i, (_, _, axis, origin) in enumerate(links):
             linear = np.stack(cross(axis, tool - origin))
@@ -424,44 +413,22 @@ class Chain(ByContent):
                 out[:3, j] += self.coupling[i, j] * linear
                 out[3:, j] += self.coupling[i, j] * axis
 
-    def walk(self, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
+    def walk(self, q: FloatArray) -> Iterator[FloatArray]:
         """The frame of each link, then the tool frame, at finite ``q`` (m, n) [rad].
 
-        Yields x, y, z axis and origin, (3, m) each, base frame [m].
+        Yields (4, 3, m): x, y, z axis and origin [m], base frame.
         """
-        for frame in self._entries(q, float(np.abs(q).max(initial=0.0))):
-            x, y, z, origin = (np.empty((3, len(q))) for _ in frame)
-            for filled, column in zip((x, y, z, origin), frame, strict=True):
-                filled[0], filled[1], filled[2] = column
-            yield x, y, z, origin
-
-    def _entries(
-        self, q: FloatArray, largest: float, *, only_last: bool = False
-    ) -> Iterator[tuple[_Vector, ...]]:
-        """As ``walk``: x, y, z axis and origin, three entries each, (m,) or a float that all have in common.
-
-        Joints that follow each other on parallel axes turn like one by the sum of their angles, and between
-        them y is not needed (``only_last``). This saves a third of a million forward poses (docs/speed.md).
-        ``largest``: of the angles, without sign.
-        """
-        if self.coupling is not None:
-            q = self.turns(q)
-            largest = float(np.abs(q).max(initial=0.0))
-        x, y, z, origin = _UNITS
-        across, angle = (x, y), None
-        summed = largest < _MOST_SUMMED
-        for k, (along_x, along_y, along_z, offset) in enumerate(self._weights):
-            origin = _mixed((*offset, 1.0), (x, y, z, origin))
-            if not summed or [along_x, along_y] != _SAME_AXES:
-                x, y, z = (_mixed(along, (x, y, z)) for along in (along_x, along_y, along_z))
-                across, angle = (x, y), None
+        cos, sin = half_angle_cos_sin(np.ascontiguousarray((q if self.coupling is None else self.turns(q)).T))
+        m = len(q)
+        frame = np.zeros((4, 3, m))
+        frame[0, 0] = frame[1, 1] = frame[2, 2] = 1.0
+        for k, columns in enumerate(self._columns):
+            frame = (columns @ frame.reshape(4, 3 * m)).reshape(4, 3, m)
             if k < len(self.segments):
-                angle = q[:, k] if angle is None else angle + q[:, k]
-                c, s = half_angle_cos_sin(angle)
-                x = _mixed((c, s), across)
-                if not (only_last and summed and self._skips_y[k]):
-                    y = _mixed((-s, c), across)
-            yield x, y, z, origin
+                c, s = cos[k], sin[k]
+                x, y = frame[:2]
+                frame[0], frame[1] = c * x + s * y, c * y - s * x
+            yield frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -479,7 +446,7 @@ class LinkFrames:
     def at(cls, chain: Chain, q: ArrayLike) -> LinkFrames:
         """The links of ``chain`` at ``q`` (m, n) [rad]."""
         *links, (_, _, _, tool) = chain.walk(chain.checked(q))
-        rotation = tuple(np.stack([x, y, z], axis=1) for x, y, z, _ in links)
+        rotation = tuple(frame[:3].swapaxes(0, 1) for frame in links)
         return cls(rotation, tuple(origin for *_, origin in links), tool)
 
     def pose(self, link: int) -> tuple[FloatArray, FloatArray]:
@@ -548,32 +515,6 @@ def _step(T: FloatArray) -> tuple[float, float, float, int | None, tuple[float, 
     quarter = next((k for k, R in rotations.items() if np.array_equal(R, T[:3, :3])), None)
     x, y, z = T[:3, 3].tolist()
     return x, y, z, quarter, tuple(T[:3, :3].T.ravel().tolist())
-
-
-def _mixed(weights: _Vector, vectors: Sequence[_Vector]) -> _Vector:
-    """The sum of vectors by their weights, entry by entry; a 0 or 1 that all have is not multiplied out."""
-    sums: list[_Entry] = []
-    for entries in zip(*vectors, strict=True):
-        total: _Entry = 0.0
-        own = False  # whether the sum is an array of its own, which may be added to
-        for weight, entry in zip(weights, entries, strict=True):
-            given, held = type(weight) is float, type(entry) is float
-            if (given and weight == 0.0) or (held and entry == 0.0):
-                continue
-            if given and weight == 1.0:
-                term, copied = entry, True
-            elif held and entry == 1.0:
-                term, copied = weight, True
-            else:
-                term, copied = weight * entry, False
-            if own:
-                total += term
-            elif type(total) is float and total == 0.0:
-                total, own = term, not copied
-            else:
-                total, own = total + term, True
-        sums.append(total)
-    return sums
 
 
 def _x_part(row: DHRow) -> FloatArray:
