@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import gc
 import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -44,9 +45,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.flaky(reruns=1))
 
 
+def pytest_collection_finish() -> None:
+    """What is there now stays: the collector does not look through thousands of tests again and again."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.hookimpl(optionalhook=True)  # only where tests are shared out among workers
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadScopeScheduling:
-    """Two workers drive a browser each and mostly wait for it; a third does the rest."""
+    """Two workers drive a browser each and mostly wait for it; the others do the rest."""
     from xdist.scheduler import LoadScopeScheduling
 
     files = sorted(file.name for file in (Path(__file__).parent / "browser").glob("test_*.py"))
@@ -72,7 +79,7 @@ def nobodys_settings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
 
 @pytest.fixture(scope="session", autouse=True)
 def a_busy_machine_may_stand_still() -> Iterator[None]:
-    """Three workers on two cores stand still for half a second now and then; no arm stops for that here.
+    """Four workers on two cores stand still for half a second now and then; no arm stops for that here.
 
     This holds for controllers in the tests' own process. Arm processes that tests start keep the real limit,
     and so do the tests of the runtime and of faults, whose clock is a manual one (``real_gap``).

@@ -21,6 +21,8 @@ from tests.browser.drawing import DRAW_ON_DEMAND, DRAW_ONCE
 
 PAUSE_MS = 60
 PATIENCE_MS = 20_000
+_GLANCE_MS = 50
+"""between two looks at something outside the page: each takes some milliseconds of three processes"""
 
 _WATCH_CLICKS = """
   window.armctlClicked = [];
@@ -113,10 +115,10 @@ class Screen:
 
     def wait_until(self, condition: Callable[[], bool], what: str) -> None:
         """Wait for something outside the page, while the page goes on; fails with ``what``."""
-        for _ in range(PATIENCE_MS // 20):
+        for _ in range(PATIENCE_MS // _GLANCE_MS):
             if condition():
                 return
-            self.page.wait_for_timeout(20)
+            self.page.wait_for_timeout(_GLANCE_MS)
         shown = self.page.locator("body").inner_text()
         raise AssertionError(f"waited {PATIENCE_MS / 1000:.0f} s in vain: {what}; the page shows:\n{shown}")
 

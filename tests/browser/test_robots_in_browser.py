@@ -104,7 +104,7 @@ def test_each_robot_brings_its_fields_limits_and_figure_and_moves(page: Screen, 
     control = page.panel("Control")
     place = control.bounding_box()
     before = "uzuner"
-    for name in ("abaas", "scorbot", "mico", "humanoid", "uzuner"):
+    for name in ("scorbot", "humanoid", "uzuner"):
         page.open_tab("Main")
         choose(page, served, name)
         served.wait_for(page, State.OFF)

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -297,7 +298,8 @@ class Core:
             if rest is not None:
                 if grip.checked is not activity:
                     held = self.robot.gripping(self.gate.opening, grip.opening).carrying(grip.part)
-                    grip.checked, grip.check = activity, self.submit(require_gaps, held, rest)
+                    check = self.submit(require_gaps, held, rest)
+                    self._grip = grip = replace(grip, checked=activity, check=check)
                 if grip.check is None or not grip.check.done():
                     return
                 result_of(grip.check, "checking the motion under way")

@@ -51,7 +51,7 @@ class Pending:
     """makes an activity of the plan, or hands the version over; None: a trajectory is just followed"""
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Grip:
     """A gripper command that waits until the motion under way is known to be clear with it."""
 
