@@ -280,7 +280,7 @@ class Sequence:
         self.edited = False
 
     def another_moves(self, *, wait: bool = True) -> None:
-        base, elbow = self.random.uniform((-80, -84), (80, -40))
+        base, elbow = self.random.uniform((-45, -84), (45, -40))
         pose = [round(float(base), 2), 90.0, round(float(elbow), 2), -40.0, 0.0]
         self.served.order(MoveJoints(np.radians(pose), 2.5, "cubic")).accepted.result(10)
         if wait:
