@@ -288,7 +288,9 @@ class Sequence:
 
     def edit(self) -> None:
         self.edited = True
-        self.page.type_into("Base °", str(self.random.integers(-60, 60)), by_key=True)
+        angle = int(self.random.integers(-60, 60))
+        angle += str(angle) == self.page.value("Base °")  # what stands there already is no edit
+        self.page.type_into("Base °", str(angle), by_key=True)
 
     def edit_while_it_moves(self) -> None:
         self.another_moves(wait=False)
