@@ -12,13 +12,14 @@ unexport PYTHONDONTWRITEBYTECODE
 run: $(VENV)/.installed
 	@$(BIN)/armctl serve $(ARGS)
 
-# Four workers on two cores: two drive a browser each and mostly wait for it; the others do the rest. The
-# simulated CPUs, C code in the same process, come first, beside the checks: what they may do to memory harms no
-# other test. What is installed for them needs the network here and there: side by side, too.
+# Three workers on two cores: two drive a browser each and mostly wait for it; the third does the rest. With four,
+# boards that tests simulate answer too late, and Enable is refused. The simulated CPUs, C code in the same process,
+# come first, beside the checks: what they may do to memory harms no other test. What is installed for them needs
+# the network here and there: side by side, too.
 test: | $(BIN)/python
 	@$(MAKE) --no-print-directory -j2 $(VENV)/.tested packages
 	@$(MAKE) --no-print-directory -j2 check avr collected
-	$(BIN)/pytest -n 4 --ignore=tests/avr --durations=40 $(ARGS)
+	$(BIN)/pytest -n 3 --ignore=tests/avr --durations=40 $(ARGS)
 
 .PHONY: avr
 avr: $(VENV)/.tested packages

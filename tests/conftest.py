@@ -79,7 +79,7 @@ def nobodys_settings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
 
 @pytest.fixture(scope="session", autouse=True)
 def a_busy_machine_may_stand_still() -> Iterator[None]:
-    """Four workers on two cores stand still for half a second now and then; no arm stops for that here.
+    """Three workers on two cores stand still for half a second now and then; no arm stops for that here.
 
     This holds for controllers in the tests' own process. Arm processes that tests start keep the real limit,
     and so do the tests of the runtime and of faults, whose clock is a manual one (``real_gap``).
