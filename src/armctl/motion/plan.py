@@ -349,10 +349,11 @@ def _freer(
             path = led_at_once(robot, q, curve, mode, Effort(_FREER_STEPS))
             if path is None:
                 continue
-            require_clear(robot, PathTrajectory.fastest(robot, path, cap), tool_path=True)
+            follows = passes(robot, PathTrajectory.fastest(robot, path, cap), tool_path=True)
         except (InputError, MotionRefusedError, UnreachableError):  # InputError: an arm that has no pitch
             continue
-        return mode, f"; with {words} the arm can follow it"
+        if follows:
+            return mode, f"; with {words} the arm can follow it"
     return None, ""
 
 

@@ -76,6 +76,7 @@ class HullPairs:
             near, far = nearing(here, there, enough[block] + margin)
             low[block] = near - margin
             doubtful = low[block] < np.minimum(_DOUBTFUL_M, enough[block])
+            doubtful &= (near <= 0.0) | (far - near > _EXACT_M)
             if not depths:
                 touch = far <= margin + _EXACT_M
                 low[block][touch] = np.minimum(low[block][touch], -_EXACT_M)

@@ -324,9 +324,7 @@ class ParallelLinkageSolver(InverseKinematics):
             for inside in map(np.array, product(*both)):
                 if self.chain.keeps_turns(self._whole(np.append(0.0, inside))):
                     yield inside
-        corners = self._corners
-        for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
-            yield self._nearest_on_edge(w, start, end)
+        yield from self._nearest_on_edges(w)
 
     @cached_property
     def _corners(self) -> list[FloatArray]:
@@ -342,25 +340,27 @@ class ParallelLinkageSolver(InverseKinematics):
             raise InputError("the limits of the joints and those of the angles between links leave no pose")
         return corners
 
-    def _nearest_on_edge(self, w: complex, start: FloatArray, end: FloatArray) -> FloatArray:
-        """The best pair (2,) between two of them: samples, then sectioning."""
-
-        def pairs(shares: FloatArray) -> FloatArray:
-            return start + shares[:, None] * (end - start)
+    def _nearest_on_edges(self, w: complex) -> FloatArray:
+        """The best pair (e, 2) on each of the edges between the corners: samples, then sectioning."""
+        start = np.array(self._corners)[:, None]
+        way = np.roll(start, -1, axis=0) - start
 
         def away(shares: FloatArray) -> FloatArray:
-            return np.abs(self._wrist(pairs(shares)) - w)
+            """(e, k) how far the wrist is from ``w`` [m] at shares (e, k) of the edges."""
+            pairs = start + shares[:, :, None] * way
+            return np.abs(self._wrist(pairs.reshape(-1, 2)).reshape(shares.shape) - w)
 
-        samples: FloatArray = np.arange(_EDGE_SAMPLES) / (_EDGE_SAMPLES - 1)
-        k = int(away(samples).argmin())
-        at_k, gap = float(samples[k]), 1.0 / (_EDGE_SAMPLES - 1)
-        left, right = max(at_k - gap, 0.0), min(at_k + gap, 1.0)
+        row, gap = np.arange(len(start)), 1.0 / (_EDGE_SAMPLES - 1)
+        samples: FloatArray = np.tile(np.linspace(0.0, 1.0, _EDGE_SAMPLES), (len(start), 1))
+        at_k = gap * away(samples).argmin(axis=1)
+        left, right = np.maximum(at_k - gap, 0.0), np.minimum(at_k + gap, 1.0)
         for _ in range(_SECTIONINGS):
-            inner = np.array([right - _GOLDEN * (right - left), left + _GOLDEN * (right - left)])
-            first, second = away(inner)
-            left, right = (left, float(inner[1])) if first < second else (float(inner[0]), right)
-        ends = np.array([left, right, 0.5 * (left + right), at_k])
-        return pairs(ends)[int(away(ends).argmin())]
+            inner = _GOLDEN * (right - left)
+            first, second = away(np.stack([right - inner, left + inner], axis=1)).T
+            left, right = np.where(first < second, [left, left + inner], [right - inner, right])
+        ends = np.stack([left, right, 0.5 * (left + right), at_k], axis=1)
+        best = ends[row, away(ends).argmin(axis=1)]
+        return start[:, 0] + best[:, None] * way[:, 0]
 
     def _wrist(self, pairs: FloatArray) -> FloatArray:
         """Complex (k,) place of the wrist from the shoulder in the tool plane [m] at pitch joints (k, 2)."""

@@ -23,7 +23,7 @@ from armctl.motion.paths.tool_pitch import PitchRows, elevations
 from armctl.motion.paths.tool_rotation import ToolRotation, TurnRows
 from armctl.motion.paths.tool_walk import TILT, Effort, ToolTask, Walk
 from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.motion.preflight import preflight
+from armctl.motion.preflight import passes
 from armctl.motion.timing import timed
 from armctl.robot import Robot
 
@@ -152,10 +152,10 @@ class Attempt:
             return self.robot.inverse_kinematics.reaches(pose_of(target.position, target.rotation))
         if self.searched:
             return None
-        solutions = self.solve(target)
-        if solutions.success and bool((solutions.residual_rad < _TURNED).any()):
+        if self.robot.branches(*target):
             return True
-        return bool(self.robot.branches(*target))
+        solutions = self.solve(target)
+        return solutions.success and bool((solutions.residual_rad < _TURNED).any())
 
     @cached_property
     def beyond(self) -> str:
@@ -367,8 +367,7 @@ def _may_be_followed(tried: Attempt, start: FloatArray, effort: Effort) -> bool:
     if path is None:
         return False
     effort.left -= _CHECKED_STEPS
-    findings = preflight(tried.robot, timed(tried.robot, path), tool_path=True)
-    return all(finding.severity != "error" for finding in findings)
+    return passes(tried.robot, timed(tried.robot, path), tool_path=True)
 
 
 def _where(curve: ToolCurve, place: PathPlace) -> str:
