@@ -48,6 +48,8 @@ from armctl.runtime import (
     commands,
 )
 
+MY_ARM = Path(__file__).parents[1] / "examples" / "my_arm.toml"
+
 
 @contextmanager
 def arm_by(way: str, folder: Path) -> Iterator[armctl.Arm]:
@@ -265,6 +267,18 @@ def test_an_arm_from_a_urdf_goes_to_a_point_on_the_simulated_board(tmp_path: Pat
         target = 1000 * arm.robot.forward([0.3, 0.8, -0.9, 0.2])[:3, 3]
         arm.go(x_mm=target[0], y_mm=target[1], z_mm=target[2])
         np.testing.assert_allclose(arm.position_mm, target, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["maestro", "firmata", "encoder"])
+def test_a_gripper_without_an_output_moves_on_the_simulated_board(tmp_path: Path, kind: str) -> None:
+    arm_only = "\n".join(line for line in MY_ARM.read_text().splitlines() if not line.startswith("servo ="))
+    file = tmp_path / "my_arm.toml"
+    gripper = '[gripper]\ntitle = "Hand"\nspeed_percent_s = 200\n'
+    file.write_text(f'{arm_only}\n{gripper}\n[board]\nkind = "{kind}"\n')
+    with armctl.Arm.open(file) as arm:
+        arm.enable()
+        arm.gripper(80)
+        assert arm.snapshot.gripper == pytest.approx(0.8, abs=0.01)
 
 
 def test_an_arm_of_seven_joints_goes_with_a_whole_orientation(tmp_path: Path) -> None:

@@ -18,7 +18,6 @@ from armctl.hardware.faults import FAULT_HELP, FaultyModel, Trouble, trouble
 from armctl.hardware.simulation import BoardServer
 from armctl.robot import load_robot
 from armctl.runtime import MonotonicClock
-from armctl.runtime.board import output_map
 
 _LOOK_S = 0.1
 
@@ -101,7 +100,7 @@ def _option(one: SimulatorOption) -> click.Option:
 def _setup(board: BoardType, name: str) -> Setup:
     """What a robot needs of the board, if it needs this kind of board."""
     robot = load_robot(name)
-    unit = output_map(robot).unit
+    unit = robot.outputs.unit
     if unit != board.scale.unit:
         raise InputError(
             f"{name} is set up for {board_type(robot.board).title}, whose outputs are in {unit}; "

@@ -250,7 +250,10 @@ class ServoEntries:
 def read_outputs(
     document: Document, joints: Sequence[tuple[str, tuple[float, float]]], *, has_gripper: bool
 ) -> tuple[str, OutputMap | None, object]:
-    """The kind of the board, the map of the joints in their order, and what else the board needs."""
+    """The kind of the board, the map of the joints in their order, and what else the board needs.
+
+    An arm whose file gives no outputs has the default board, whichever it names.
+    """
     board = document.record.get("board", {})
     if not isinstance(board, dict):
         raise RefusedBeforeError
@@ -261,4 +264,7 @@ def read_outputs(
     if isinstance(found, tuple):
         what = f"key board.kind: {must_be(found)}, not {kind!r}{did_you_mean(kind, found)}"
         raise document.error(what, ("board", "kind"))
-    return kind, *found.read(BoardPart(kind, document, joints, has_gripper))
+    outputs, settings = found.read(BoardPart(kind, document, joints, has_gripper))
+    if outputs is None:  # no board but a simulated one may drive the arm: the plain one
+        return DEFAULT_BOARD, None, None
+    return kind, outputs, settings

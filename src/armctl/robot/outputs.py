@@ -56,10 +56,11 @@ class OutputMap(ArrayRecord):
     """the key of the safe outputs in that table"""
 
     @classmethod
-    def stand_in(cls, limits: FloatArray) -> OutputMap:
-        """Servos for a simulated board where the robot file gives none: channel i is joint i.
+    def stand_in(cls, limits: FloatArray, *, gripper: bool) -> OutputMap:
+        """Servos for a simulated board where the robot file gives none: channel i is joint i, then a gripper.
 
-        Each joint's limits (n, 2) [rad] lie on 600 … 2400 µs; a held joint stays at 1500 µs.
+        Each joint's limits (n, 2) [rad], and the gripper closed and open, lie on 600 … 2400 µs; a held joint
+        stays at 1500 µs.
         """
         low, high = limits.T
         held = high - low < _HELD
@@ -72,6 +73,9 @@ class OutputMap(ArrayRecord):
             per_rad=scale,
             low=np.where(held, _MIDDLE_US - 1.0, _FIRST_US),
             high=np.where(held, _MIDDLE_US + 1.0, _LAST_US),
+            gripper_channel=len(limits) if gripper else None,
+            gripper_closed=_FIRST_US,
+            gripper_open=_LAST_US,
         )
 
     def outputs(self, q: FloatArray) -> dict[int, float]:

@@ -439,6 +439,11 @@ class Robot(ArrayRecord):
         return self.poses[name].copy()
 
     @property
+    def outputs(self) -> OutputMap:
+        """Its output map; where its file gives none, one that only a simulated board may use."""
+        return self.output_map or OutputMap.stand_in(self.limits, gripper=self.gripper is not None)
+
+    @property
     def first_pose(self) -> FloatArray:
         """Where the arm stands once it is enabled (n,) [rad]: rest, or where homing ends."""
         if self.output_map is not None and self.output_map.homed:

@@ -15,7 +15,7 @@ from armctl.errors import ArmctlError, BoardError, BoardProtocolError, BoardTime
 from armctl.hardware import ChannelSettings, Driver, HomingState, Source
 from armctl.hardware.boards import board_type
 from armctl.hardware.driver import translated
-from armctl.robot import OutputMap, Robot
+from armctl.robot import Robot
 from armctl.runtime.snapshot import BOARD_REPORTS, Notices
 
 BoolArray = NDArray[np.bool_]
@@ -65,18 +65,13 @@ _REPORTED = "board "
 """begins the names of what the board reports itself"""
 
 
-def output_map(robot: Robot) -> OutputMap:
-    """The robot's output map; where its file gives none, one that only a simulated board may use."""
-    return robot.output_map or OutputMap.stand_in(robot.limits)
-
-
 def channel_settings(robot: Robot) -> list[ChannelSettings]:
     """What each channel of the robot's board may do; a simulated board is set up with the same.
 
     A servo board's own acceleration limit stays off: its ramp would lag behind a 50 Hz stream of
     setpoints and round off the path; the stream itself keeps the acceleration limits. Motors need one.
     """
-    outputs, limited = output_map(robot), board_type(robot.board).limits_acceleration
+    outputs, limited = robot.outputs, board_type(robot.board).limits_acceleration
     units = np.abs(outputs.per_rad)
     speeds = robot.speed_limits * units * _SPEED_MARGIN
     accelerations = robot.acceleration_limits * units * _ACCELERATION_MARGIN
@@ -129,7 +124,7 @@ class Board:
 
     def __init__(self, robot: Robot, open_driver: Callable[[str], Driver], port: str) -> None:
         """Open the line, set the channels; moves nothing. Without a servo map only a simulated board."""
-        self.map = output_map(robot)
+        self.map = robot.outputs
         self.unit_per_rad = np.abs(self.map.per_rad)
         """(n,) board units a radian"""
         self.power = board_type(robot.board).power

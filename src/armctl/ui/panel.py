@@ -12,7 +12,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.hardware.boards import board_type
 from armctl.kinematics import roll_pitch_yaw
-from armctl.robot import OutputMap, Robot
+from armctl.robot import Robot
 from armctl.runtime import (
     ClearFault,
     Need,
@@ -264,7 +264,7 @@ def set_theme(gui: viser.GuiApi, *, dark: bool) -> None:
 
 def joint_steps(robot: Robot) -> FloatArray:
     """(n,) by how much each joint turns with one step of its setpoint [rad]; 0 for one that is held."""
-    outputs = robot.output_map or OutputMap.stand_in(robot.limits)
+    outputs = robot.outputs
     held = np.array([held_at(joint) is not None for joint in robot.joints])
     return np.where(held, 0.0, board_type(robot.board).scale.step / np.abs(outputs.per_rad))
 
