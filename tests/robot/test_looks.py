@@ -258,11 +258,27 @@ def test_a_sound_look_has_no_faults() -> None:
             {**_ROD, "joint": "shoulder", "to_mm": [0, 0, 40]},
             "changes its length",
         ),
+        (
+            {**_ROD, "joint": "shoulder", "from_mm": [0, 60, 0], "to_mm": [0, 60, 0]},
+            "its pin at shoulder is in the air",
+        ),
+        ({**CUBE, "at_mm": [0, 14, 0], "open_mm": [0, 10, 0]}, "opens with a gripper, but the arm has none"),
+        ({**CUBE, "joint": "base", "at_mm": [0, 0, 40]}, "is inside row 1"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_a_row_is_told(row: dict[str, Any], words: str) -> None:
     told = _told(UPPER, REST, row)
     assert any(at == 3 and words in what for at, what in told)
+
+
+@pytest.mark.parametrize(("way", "wrong"), [(10, False), (-10, True)])
+def test_jaws_that_close_while_the_gripper_opens_are_told(way: float, wrong: bool) -> None:
+    jaw = {**CUBE, "at_mm": [0, 14, 0], "open_mm": [0, way, 0], "mirror": "y"}
+    arm = Draft.of_build("made", "Made", BUILDS[1], {}).changed(
+        gripper={"title": "Hand", "speed_percent_s": 100}, look={"solids": [UPPER, REST, jaw]}
+    )
+    said = [fault.row for fault in faults(arm.robot()) if "closes while" in fault.what]
+    assert said == ([2] if wrong else [])
 
 
 def test_an_arm_that_ends_before_its_tool_or_hangs_in_the_air_is_told() -> None:

@@ -45,9 +45,13 @@ class Unknown:
     """(n,) [rad]: so it stands where the rows describe it"""
     turning: Sequence[bool]
     """of the links: whether their joint turns"""
+    driven: Sequence[bool]
+    """of the links: whether a motor beside their joint turns them; a rod may turn others from afar"""
     floor_m: float
     look: Look
     hand: Hand
+    opens: bool
+    """whether a gripper opens its jaws"""
 
 
 def guessed(arm: Unknown) -> Look:
@@ -121,7 +125,7 @@ class _Guess:
         for i, z in enumerate(self._axes):
             if not self._arm.turning[i]:
                 continue
-            if self._servo is not None:
+            if self._servo is not None and self._arm.driven[i]:
                 yield self._motor(self._servo, i, z)
                 continue
             wide, here = self._wide(i), self._points[i]
@@ -213,11 +217,13 @@ class _Guess:
         ends = {"from_mm": palm - 0.8 * size * across, "to_mm": palm + 0.8 * size * across}
         yield self._row("bar", "black", link, **ends, **width)
         width = {"width_mm": np.array([0.6 * size, 0.3 * size]), "thick_mm": 0.22 * size, "face": across}
+        if across[1] < 0:
+            across = -across  # to the left
         for side, name in ((1, "the left jaw"), (-1, "the right jaw")):
             aside = side * 0.14 * size * across
             ends = {"from_mm": palm + aside, "to_mm": tip + aside - 0.15 * size * ahead}
-            slide = side * 0.6 * size * across
-            yield self._row("bar", "graphite", link, name=name, **ends, **width, open_mm=slide)
+            opens = {"open_mm": side * 0.6 * size * across} if self._arm.opens else {}
+            yield self._row("bar", "graphite", link, name=name, **ends, **width, **opens)
 
     def _color(self, link: int) -> Paint:
         look = self._arm.look

@@ -72,8 +72,11 @@ def faults(robot: Robot, samples: int = 6) -> Iterator[Fault]:
             row, f"floats: {where} it touches nothing that stands on the base", "move it, or make it longer"
         )
     yield from _standing(robot, solids, poses)
-    for row, other in solids.hidden():
+    for row, other in solids.hidden(np.stack(list(poses.values()))):
         yield Fault(row, f"is inside row {other + 1} altogether, where nobody sees it", "take it out")
+    yield from _opening(robot, solids, poses["home"])
+    for row, joint in solids.unpinned(poses["home"]):
+        yield Fault(row, f"its pin at {joint} is in the air: no solid is there", "move it, or add one there")
     for row, change in stretched(robot, joint_samples(robot.limits, _SAMPLES)).items():
         if change > STRETCHED_M:
             yield Fault(
@@ -116,6 +119,28 @@ def _standing(robot: Robot, solids: Solids, poses: dict[str, FloatArray]) -> Ite
         )
 
 
+def _opening(robot: Robot, solids: Solids, q: FloatArray) -> Iterator[Fault]:
+    """Jaws that nothing opens, and pairs that close while the gripper opens."""
+    if robot.gripper is None:
+        for row in dict.fromkeys(solids.rows[k] for k in solids.jaws):
+            yield Fault(row, "opens with a gripper, but the arm has none", "add a table [gripper]")
+        return
+    closed, opened = solids.placed(np.stack([q, q]), [0.0, 1.0])
+    for row in dict.fromkeys(solids.rows[k] for k in solids.jaws):
+        pair = [k for k in solids.jaws if solids.rows[k] == row]
+        sides = dict.fromkeys(solids.sides[k] for k in pair)
+        if len(sides) == 2:  # a jaw and its mirror image
+            one, other = ([k for k in pair if solids.sides[k] == side] for side in sides)
+            apart = [
+                np.linalg.norm(
+                    np.vstack([at[k] for k in one]).mean(0) - np.vstack([at[k] for k in other]).mean(0)
+                )
+                for at in (closed, opened)
+            ]
+            if apart[1] < apart[0]:
+                yield Fault(row, "closes while the gripper opens", "change the sign of open_mm or open_deg")
+
+
 def stretched(robot: Robot, q: FloatArray) -> dict[int, float]:
     """By how much each rod changes its length [m] over configurations (m, n) [rad], by its row."""
     links, found = LinkFrames.at(robot.chain, q), dict[int, float]()
@@ -143,6 +168,10 @@ class Solids:
         """the last link that moves each; -1: the base"""
         self._corners = [corners for _, corners in listed]
         self._jaws: list[Jaw | None] = [piece.jaw for piece, _ in listed]
+        self.jaws = [k for k, jaw in enumerate(self._jaws) if jaw is not None]
+        """which of them open"""
+        self.sides = [piece.part for piece, _ in listed]
+        """what a user calls each: mirror images that open have two names"""
         self._mounts = [piece.mount for piece, _ in listed]
         keys = list(zip(self._mounts, self._jaws, strict=True))
         numbers = {key: k for k, key in enumerate(dict.fromkeys(keys))}
@@ -199,20 +228,47 @@ class Solids:
             found.append({row for k, row in enumerate(self.rows) if k not in reached})
         return found
 
-    def hidden(self) -> Iterator[tuple[int, int]]:
-        """Rows whose solids are all inside one solid of another row that moves as one with them."""
+    def hidden(self, q: FloatArray) -> Iterator[tuple[int, int]]:
+        """Rows whose solids are all inside one solid of another row, at each of (m, n) [rad], and it."""
         from scipy.spatial import ConvexHull  # 0.1 s
 
-        planes = [ConvexHull(corners, qhull_options="QJ").equations for corners in self._corners]
-        rows = np.array(self.rows)
+        placed, rows = self.placed(q, np.zeros(len(q))), np.array(self.rows)
+        planes = [[ConvexHull(one, qhull_options="QJ").equations for one in here] for here in placed]
         for row in dict.fromkeys(self.rows):
             own = np.flatnonzero(rows == row)
-            vertices = np.concatenate([self._corners[k] for k in own])
-            for k in np.flatnonzero((rows != row) & (self._rigid == self._rigid[own[0]])):
-                one_frame = bool((self._rigid[own] == self._rigid[k]).all())
-                if one_frame and (vertices @ planes[k][:, :3].T + planes[k][:, 3] < -_HIDDEN_M).all():
+            vertices = [np.concatenate([here[k] for k in own]) for here in placed]
+            for k in np.flatnonzero(rows != row):
+                inside = (
+                    (points @ faces[k][:, :3].T + faces[k][:, 3]).max() < -_HIDDEN_M
+                    for points, faces in zip(vertices, planes, strict=True)
+                )
+                if all(inside):
                     yield row, int(rows[k])
                     break
+
+    def unpinned(self, q: FloatArray) -> Iterator[tuple[int, str]]:
+        """Rods of which no solid is at one of their pins at ``q`` (n,) [rad], and the link of that pin."""
+        [here], links = self.placed(q[None], [0.0]), LinkFrames.at(self._robot.chain, q[None])
+        for row, mount in dict.fromkeys(zip(self.rows, self._mounts, strict=True)):
+            if mount.pins is None:
+                continue
+            R, origin = (array[..., 0] for array in mount.at(links))
+            far = links.place(mount.pins.link, mount.pins.far[None])[:, 0, 0]
+            rod = np.vstack([corners for k, corners in enumerate(here) if self._mounts[k] == mount])
+            along = (rod - origin) @ R[:, 0]
+            wide = 2 * float(np.abs((rod - origin) @ R[:, 1:]).max())
+            length = float((far - origin) @ R[:, 0])
+            for link, end in (
+                (max(mount.hangs, mount.turns), along < wide),
+                (mount.pins.link, along > length - wide),
+            ):
+                others = [
+                    corners
+                    for k, corners in enumerate(here)
+                    if self.rows[k] != row and link in self._mounts[k].links
+                ]
+                if _apart([rod[end]] * len(others), others).min(initial=np.inf) > STANDS_M:
+                    yield row, "the base" if link < 0 else self._robot.link_names[link]
 
 
 def _apart(one: list[FloatArray], other: list[FloatArray]) -> FloatArray:

@@ -204,16 +204,18 @@ class Robot(ArrayRecord):
             return self.look
         from armctl.robot.look_guess import Unknown, guessed
 
-        moving = [joint.lower < joint.upper for joint in self.joints]
+        moving, coupling = [joint.lower < joint.upper for joint in self.joints], self.chain.coupling
         stands = "home" in self.poses and not self.shapes  # else it is for links without shapes alone
         arm = Unknown(
             chain=self.chain,
             names=self.link_names,
             home=self.pose("home") if stands else self.limits.mean(axis=1),
-            turning=moving if self.chain.coupling is None else [True] * len(self.link_names),
+            turning=moving if coupling is None else [True] * len(self.link_names),
+            driven=moving if coupling is None else (np.count_nonzero(coupling, axis=1) == 1).tolist(),
             floor_m=self.floor_z if stands else -np.inf,
             look=self.look,
             hand=self.look.hand or ("tip" if self.gripper is None else "jaws"),
+            opens=self.gripper is not None,
         )
         return guessed(arm)
 
