@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import armctl
+from armctl.robot.look.stock import MAKES
 from armctl.ui.tabs import TABS
 
 ROOT = Path(__file__).parents[2]
@@ -49,3 +50,13 @@ def test_every_path_of_labels_leads_to_a_screen(page: Path) -> None:
     """Like *Main → Your own arm*; other italics are messages, emphasis or other programs."""
     marked = re.findall(r"(?<!\*)\*([^*\n]+ → [^*]+)\*(?!\*)", prose(page))
     assert not_on_a_screen([path for path in marked if path.split(" → ")[0] in PANELS]) == []
+
+
+def test_the_table_of_motors_has_their_sizes() -> None:
+    number = r"([\d.]+)"
+    line = rf"^\| `(\w+)` \| [^|]+ \| {number} × {number} × {number} \| {number} \| {number} \| {number} \|$"
+    told = re.findall(line, (DOCS / "looks.md").read_text(), re.MULTILINE)
+    assert {name: list(map(float, sizes)) for name, *sizes in told} == {
+        name: pytest.approx([*make.case, make.shaft, make.horn[1], 1000 * make.mass_kg])
+        for name, make in MAKES.items()
+    }
