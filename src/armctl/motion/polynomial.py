@@ -133,12 +133,12 @@ class PiecewisePolynomial(ByContent):
         ends = control[:, [0, -1]]
         low, high = ends.min(axis=1), ends.max(axis=1)
         # a piece can pass its ends only where a control point does
-        for i, j in np.argwhere((control.min(axis=1) < low) | (control.max(axis=1) > high)).tolist():
-            slope = _derived(unit[i, :, j])
-            slope[np.abs(slope) <= _NEGLIGIBLE * np.abs(slope).max()] = 0.0
-            places: FloatArray = np.clip(np.roots(slope[::-1]).real, 0.0, 1.0).astype(np.float64)
-            values = np.append(_horner(unit[i, :, j], places), ends[i, :, j])
-            low[i, j], high[i, j] = values.min(), values.max()
+        i, j = np.nonzero((control.min(axis=1) < low) | (control.max(axis=1) > high))
+        if len(i):
+            inside, places = unit[i, :, j].T, _level_places(unit[i, :, j].T)
+            values = _horner(inside[:, None], places)
+            low[i, j] = np.minimum(low[i, j], values.min(axis=0))
+            high[i, j] = np.maximum(high[i, j], values.max(axis=0))
         return low, high
 
     def bounds_by_piece(self) -> tuple[FloatArray, FloatArray]:
@@ -198,6 +198,24 @@ def largest_by_order(c: FloatArray, orders: int) -> list[FloatArray]:
         c = _derived(c) if len(c) > 1 else np.zeros_like(c)
         found.append(np.abs(np.tensordot(_bernstein(len(c)), c, axes=1)).max(axis=0))
     return found
+
+
+def _level_places(c: FloatArray) -> FloatArray:
+    """Where (p, m) in 0..1 polynomials with the coefficients ``c`` (degree + 1, m) may be level."""
+    slope = _derived(c)
+    slope[np.abs(slope) <= _NEGLIGIBLE * np.abs(slope).max(axis=0)] = 0.0
+    if len(slope) > 3:
+        places = np.zeros((len(slope) - 1, slope.shape[1]))
+        for k, one in enumerate(slope.T):
+            found = np.roots(one[::-1]).real
+            places[: len(found), k] = found
+    else:
+        constant, once, twice = np.concatenate([slope, np.zeros((3 - len(slope), slope.shape[1]))])
+        # the two roots without the difference of nearly equal numbers; of complex ones their real part
+        q = -0.5 * (once + np.copysign(np.sqrt(np.maximum(once * once - 4 * twice * constant, 0.0)), once))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            places = np.nan_to_num(np.stack([q / twice, constant / q]), posinf=0.0, neginf=0.0)
+    return np.clip(places, 0.0, 1.0)
 
 
 def _derived(c: FloatArray) -> FloatArray:

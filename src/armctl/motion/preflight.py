@@ -191,9 +191,9 @@ class SampledMotion:
         parts = trajectory.leaves() if isinstance(trajectory, JoinedTrajectory) else [(trajectory, 0.0)]
         times, speeds = list[FloatArray](), list[FloatArray]()
         states: list[tuple[FloatArray, FloatArray, FloatArray]] = []
-        left = _MOST_IN_ALL
-        for part, begins in parts:
-            duration, speed = part.duration, peaks_of(part).speed
+        left, peaks = _MOST_IN_ALL, [peaks_of(part) for part, _ in parts]
+        for (part, begins), speed in zip(parts, [one.speed for one in peaks], strict=True):
+            duration = part.duration
             if not (math.isfinite(duration) and duration >= 0):
                 raise InputError(f"a trajectory cannot take {duration} s")
             if isinstance(part, KnowsPeaks):
@@ -222,7 +222,7 @@ class SampledMotion:
         """(m, n) [rad], [rad/s], [rad/s²]"""
         self.speed = np.concatenate(speeds)
         """(m, n) largest joint speeds of the part that each sample belongs to [rad/s]"""
-        self.peaks = peaks_of(trajectory)
+        self.peaks = JoinedTrajectory.peaks_with(peaks)
         ends = [
             (begins, state[1]) for (_, begins), state in zip(parts, states, strict=True) if len(state[1]) > 1
         ]

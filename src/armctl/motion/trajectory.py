@@ -137,7 +137,11 @@ class JoinedTrajectory(KnowsPeaks):
     @property
     def peaks(self) -> Peaks:
         """As well known as those of its parts; the jerk of those that limit it."""
-        peaks = [peaks_of(part) for part in self.parts]
+        return self.peaks_with([peaks_of(part) for part in self.parts])
+
+    @staticmethod
+    def peaks_with(peaks: Sequence[Peaks]) -> Peaks:
+        """Extremes of motions one after the other, from those of each."""
         low, high = np.min([one.low for one in peaks], axis=0), np.max([one.high for one in peaks], axis=0)
         speed, acceleration = np.max([(one.speed, one.acceleration) for one in peaks], axis=0)
         jerks = [one.jerk for one in peaks if one.jerk is not None]
