@@ -17,7 +17,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics.samples import joint_samples
 from armctl.process.records import robot_record
-from armctl.robot import Robot, load_robot, shipped_robots
+from armctl.robot import Robot, load_robot, robots_folder, shipped_robots
 from armctl.robot.draft import BUILDS, Draft
 from armctl.robot.hulls import distances
 from armctl.robot.look.pieces import Piece
@@ -271,7 +271,7 @@ def test_what_is_wrong_with_a_row_is_told(row: dict[str, Any], words: str) -> No
     assert any(at == 3 and words in what for at, what in told)
 
 
-@pytest.mark.parametrize(("way", "wrong"), [(10, False), (-10, True)])
+@pytest.mark.parametrize(("way", "wrong"), [(10, False), (-10, True), (-60, True)])
 def test_jaws_that_close_while_the_gripper_opens_are_told(way: float, wrong: bool) -> None:
     jaw = {**CUBE, "at_mm": [0, 14, 0], "open_mm": [0, way, 0], "mirror": "y"}
     arm = Draft.of_build("made", "Made", BUILDS[1], {}).changed(
@@ -333,3 +333,12 @@ def test_an_arm_whose_file_gives_no_masses_has_those_of_its_look(tmp_path: Path)
     assert motor.mass_kg == MAKES["standard"].mass_kg
     weight = 9.81 * (bar.mass_kg * (0.12 + 0.11 + 0.045) + motor.mass_kg * 0.09)  # its case lies back
     assert robot.gravity.torque(np.zeros(4))[1] == pytest.approx(weight, rel=0.02)
+
+
+def test_a_joint_may_have_the_title_of_a_link(tmp_path: Path) -> None:
+    text = (robots_folder() / "uarm.toml").read_text()
+    file = tmp_path / "uarm.toml"
+    file.write_text(text.replace('title = "Hand turn"', 'title = "Hand"'))
+    other = load_robot(file)
+    assert "Hand" in [joint.title for joint in other.joints]
+    assert other.link_names == load_robot("uarm").link_names and list(faults(other, 2)) == []

@@ -205,7 +205,7 @@ def robot_of(document: Document) -> Robot:
         points={name: np.array(point_mm) / 1000 for name, point_mm in file.points.items()},
         look=Look() if look is None else look.look(),
         capsules=tuple(_capsule(entry, links, by_name, chain) for entry in file.capsules) or None,
-        named_links=() if chain.coupling is None else tuple(_link_title(row, by_name) for row in links),
+        named_links=() if chain.coupling is None else tuple(_named_link(row, by_name) for row in links),
         obstacles=tuple(entry.obstacle() for entry in file.obstacles),
     )
     check_look(robot, document, errors)
@@ -321,7 +321,7 @@ def _coupling(links: Sequence[DHRowEntry], joints: Sequence[JointEntry]) -> Floa
 
 
 def _turn_limits(links: Sequence[DHRowEntry], joints: Mapping[str, JointEntry]) -> list[TurnLimit]:
-    titles = ["the base", *(_link_title(row, joints) for row in links)]
+    titles = ["the base", *(_named_link(row, joints)[1] for row in links)]
     return [
         TurnLimit(link, math.radians(low), math.radians(high), f"the angle from {ahead} to {title}")
         for link, (row, ahead, title) in enumerate(zip(links, titles[:-1], titles[1:], strict=True))
@@ -329,10 +329,11 @@ def _turn_limits(links: Sequence[DHRowEntry], joints: Mapping[str, JointEntry]) 
     ]
 
 
-def _link_title(row: DHRowEntry, joints: Mapping[str, JointEntry]) -> str:
+def _named_link(row: DHRowEntry, joints: Mapping[str, JointEntry]) -> tuple[str, str]:
     if row.joint is not None:
-        return joints[row.joint].title
-    return (row.link or "").replace("_", " ").capitalize()
+        return row.joint, joints[row.joint].title
+    name = row.link or ""
+    return name, name.replace("_", " ").capitalize()
 
 
 def _joint(entry: JointEntry) -> Joint:
@@ -372,7 +373,7 @@ def _capsule(
     if entry.joint is not None:
         frame = chain.joint_rows[[row.turning for row in links].index(entry.joint)] + 1
     ends = np.array([entry.from_mm, entry.to_mm]) / 1000
-    titles = [_link_title(row, joints) for row in links]
+    titles = [_named_link(row, joints)[1] for row in links]
     return capsule(chain, titles, frame, (ends[0], ends[1]), entry.radius_mm / 1000)
 
 

@@ -75,8 +75,9 @@ def faults(robot: Robot, samples: int = 6) -> Iterator[Fault]:
     for row, other in solids.hidden(np.stack(list(poses.values()))):
         yield Fault(row, f"is inside row {other + 1} altogether, where nobody sees it", "take it out")
     yield from _opening(robot, solids, poses["home"])
-    for row, joint in solids.unpinned(poses["home"]):
-        yield Fault(row, f"its pin at {joint} is in the air: no solid is there", "move it, or add one there")
+    for row, link in solids.unpinned(poses["home"]):
+        what = f"its pin at {link} is in the air: no solid that moves with it is there"
+        yield Fault(row, what, "move it, add one there, or correct the turns_with of one that is")
     for row, change in stretched(robot, joint_samples(robot.limits, _SAMPLES)).items():
         if change > STRETCHED_M:
             yield Fault(
@@ -125,19 +126,17 @@ def _opening(robot: Robot, solids: Solids, q: FloatArray) -> Iterator[Fault]:
         for row in dict.fromkeys(solids.rows[k] for k in solids.jaws):
             yield Fault(row, "opens with a gripper, but the arm has none", "add a table [gripper]")
         return
-    closed, opened = solids.placed(np.stack([q, q]), [0.0, 1.0])
+    closed, half = solids.placed(np.stack([q, q]), [0.0, 0.5])
     for row in dict.fromkeys(solids.rows[k] for k in solids.jaws):
         pair = [k for k in solids.jaws if solids.rows[k] == row]
         sides = dict.fromkeys(solids.sides[k] for k in pair)
         if len(sides) == 2:  # a jaw and its mirror image
             one, other = ([k for k in pair if solids.sides[k] == side] for side in sides)
-            apart = [
-                np.linalg.norm(
-                    np.vstack([at[k] for k in one]).mean(0) - np.vstack([at[k] for k in other]).mean(0)
-                )
-                for at in (closed, opened)
-            ]
-            if apart[1] < apart[0]:
+            before, after = (
+                np.vstack([at[k] for k in one]).mean(0) - np.vstack([at[k] for k in other]).mean(0)
+                for at in (closed, half)
+            )
+            if after @ before < before @ before:  # nearer, or already past each other
                 yield Fault(row, "closes while the gripper opens", "change the sign of open_mm or open_deg")
 
 
@@ -258,17 +257,17 @@ class Solids:
             along = (rod - origin) @ R[:, 0]
             wide = 2 * float(np.abs((rod - origin) @ R[:, 1:]).max())
             length = float((far - origin) @ R[:, 0])
-            for link, end in (
-                (max(mount.hangs, mount.turns), along < wide),
-                (mount.pins.link, along > length - wide),
+            for at, moving, end in (
+                (mount.hangs, {mount.hangs, mount.turns}, along < wide),
+                (mount.pins.link, {mount.pins.link}, along > length - wide),
             ):
                 others = [
                     corners
                     for k, corners in enumerate(here)
-                    if self.rows[k] != row and link in self._mounts[k].links
+                    if self.rows[k] != row and moving & self._mounts[k].links
                 ]
                 if _apart([rod[end]] * len(others), others).min(initial=np.inf) > STANDS_M:
-                    yield row, "the base" if link < 0 else self._robot.link_names[link]
+                    yield row, "the base" if at < 0 else self._robot.link_names[at]
 
 
 def _apart(one: list[FloatArray], other: list[FloatArray]) -> FloatArray:

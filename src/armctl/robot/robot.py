@@ -81,8 +81,8 @@ class Robot(ArrayRecord):
     """what else the robot file tells the board's driver; only the board reads it"""
     left_out: tuple[str, ...] = ()
     """joints of its file that move and are none of the arm's, by their names there"""
-    named_links: tuple[str, ...] = ()
-    """what each link of a parallel linkage is called after; empty: each after its joint"""
+    named_links: tuple[tuple[str, str], ...] = ()
+    """name and title of each link of a parallel linkage; empty: those of its joint"""
     openings: Openings = ANY_OPENING
     """between which its gripper is while it moves: the jaws of its look count where they are then"""
     part: CarriedPart | None = None
@@ -127,14 +127,12 @@ class Robot(ArrayRecord):
     @property
     def link_titles(self) -> tuple[str, ...]:
         """What each link is called after, from the base to the tool."""
-        return self.named_links or tuple(self._titles)
+        return tuple(title for _, title in self.named_links) or tuple(self._titles)
 
     @property
     def link_names(self) -> tuple[str, ...]:
         """What robot files call each link, from the base to the tool: after its joint, or by its own name."""
-        names = {joint.title: joint.name for joint in self.joints}
-        titles = self.named_links
-        return tuple(names.get(t, t.lower().replace(" ", "_")) for t in titles) or self.joint_names
+        return tuple(name for name, _ in self.named_links) or self.joint_names
 
     @property
     def resting(self) -> list[FloatArray]:

@@ -143,7 +143,7 @@ def _robot(
         floor_z=0.0,
         shapes=shapes,
         left_out=left_out(tree, way),
-        named_links=() if chain.coupling is None else tuple(_title(joint.name) for joint in arm.links),
+        named_links=() if chain.coupling is None else _named_links(arm.links),
     )
     require_solvable(robot, way)
     return robot, [name for name, joint in zip(names, moving, strict=True) if joint.kind == "continuous"]
@@ -257,6 +257,11 @@ def _distinct(names: Iterable[str]) -> list[str]:
             new, k = f"{name}_{k}", k + 1
         taken.append(new)
     return taken
+
+
+def _named_links(links: Sequence[UrdfJoint]) -> tuple[tuple[str, str], ...]:
+    names = _distinct(_plain(joint.name, "link") for joint in links)
+    return tuple(zip(names, (_title(joint.name) for joint in links), strict=True))
 
 
 def _title(name: str) -> str:
