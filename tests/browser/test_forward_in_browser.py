@@ -29,7 +29,30 @@ SEQUENCES = 100 if os.environ.get("ARMCTL_LONG") else 1
 REFERENCE, LAST = "Go with respect to reference", "Go with respect to last position"
 
 
-def test_go_with_respect_to_reference(page: Screen, served: ServedArm) -> None:
+def angles(page: Screen, robot: Robot) -> list[float]:
+    return [page.number(f"{joint.title} °") for joint in robot.joints]
+
+
+def wait_for_angles(page: Screen, robot: Robot, q: np.ndarray) -> None:
+    """Wait until the angle fields show ``q`` (n,) [rad]."""
+    degrees = np.degrees(q)
+    page.wait_until(
+        lambda: bool(np.abs(np.array(angles(page, robot)) - degrees).max() < 2e-3),
+        f"the angle fields show {degrees.round(3).tolist()}",
+    )
+
+
+def begin_anew(page: Screen, served: ServedArm) -> None:
+    """The arm is at home again, and the fields follow it, whatever was typed into them."""
+    served.arm.go_joints(HOME)
+    page.click("present pose")
+    page.wait_for_text("The fields follow the arm until you edit them.")
+    wait_for_angles(page, served.robot, np.radians(HOME))
+
+
+def test_both_buttons_send_the_arm_where_the_fields_say_in_the_time_that_is_asked_for(
+    page: Screen, served: ServedArm
+) -> None:
     page.type_into("Base °", "30")
     page.type_into("Elbow °", "-45.5", by_key=True)
     asked = [30.0, 90.0, -45.5, -40.0, 0.0]
@@ -44,33 +67,31 @@ def test_go_with_respect_to_reference(page: Screen, served: ServedArm) -> None:
     page.click(REFERENCE)
     served.wait_for_deg(page, asked)
     wait_for_no_ghost(page, served.robot)
-    assert page.errors == []
 
-
-def test_go_with_respect_to_last_position(page: Screen, served: ServedArm) -> None:
-    for joint, value in zip(served.robot.joints, (10, -5, 2.5, 0, 1), strict=True):
-        page.type_into(f"{joint.title} °", str(value))
-    page.choose("Movement", "Normal movement")
-    for asked in ([10.0, 85.0, -77.5, -40.0, 1.0], [20.0, 80.0, -75.0, -40.0, 2.0]):
-        page.click(LAST)
-        served.wait_for_deg(page, asked)
-
-
-def test_a_planned_movement_takes_its_duration(page: Screen, served: ServedArm) -> None:
-    page.type_into("Base °", "10")
+    page.type_into("Base °", "20")
     page.type_into("Duration s", "0.1")
     page.click(REFERENCE)
     page.wait_for_notification(re.compile(r"shortest possible duration is 0\.4"))
-    assert served.commanded_deg == HOME
+    assert served.commanded_deg == asked
     page.type_into("Duration s", "2")
     page.click(REFERENCE)
     served.wait_for(page, State.MOVING)
     began = served.now.stamp
-    served.wait_for_deg(page, [10.0, *HOME[1:]])
+    served.wait_for_deg(page, [20.0, *asked[1:]])
     assert served.now.stamp - began > 1.0
 
+    for joint, value in zip(served.robot.joints, (10, -5, 2.5, 0, 1), strict=True):
+        page.type_into(f"{joint.title} °", str(value))
+    page.choose("Movement", "Normal movement")
+    for asked in ([30.0, 85.0, -43.0, -40.0, 1.0], [40.0, 80.0, -40.5, -40.0, 2.0]):
+        page.click(LAST)
+        served.wait_for_deg(page, asked)
+    assert page.errors == []
 
-def test_what_is_no_number_or_past_a_limit_never_moves_the_arm(page: Screen, served: ServedArm) -> None:
+
+def test_what_is_half_typed_no_number_or_past_a_limit_never_moves_the_arm(
+    page: Screen, served: ServedArm
+) -> None:
     page.type_into("Base °", "20")
     for typed, why in (
         ("", "Shoulder ° is empty"),
@@ -91,8 +112,7 @@ def test_what_is_no_number_or_past_a_limit_never_moves_the_arm(page: Screen, ser
     assert served.commanded_deg == HOME
     assert served.now.state is State.HOLDING
 
-
-def test_a_half_typed_pose_never_moves_the_arm(page: Screen, served: ServedArm) -> None:
+    begin_anew(page, served)
     for typed in ("", "-", "nan", "1e999", "12,5"):
         page.entry("X mm").fill(typed)
         page.wait_for_text(re.compile("The joint angles stay as they are: X mm"))
@@ -102,9 +122,8 @@ def test_a_half_typed_pose_never_moves_the_arm(page: Screen, served: ServedArm) 
         assert page.value("X mm") == typed
         assert angles(page, served.robot) == HOME and served.commanded_deg == HOME
 
-
-def test_a_click_that_overtakes_a_digit_shows_what_the_server_has(page: Screen, served: ServedArm) -> None:
-    """Typing 45 and clicking within 50 ms: the page loses the 5, and must not go on showing it."""
+    # typing 45 and clicking within 50 ms: the page loses the 5, and must not go on showing it
+    begin_anew(page, served)
     page.pause(300)
     page.entry("Base °").evaluate(_TYPE_AND_CLICK, page.button(REFERENCE).element_handle())
     page.wait_until(lambda: page.value("Base °") == "4", "the field shows what the server has")
@@ -115,20 +134,9 @@ def test_a_click_that_overtakes_a_digit_shows_what_the_server_has(page: Screen, 
     served.wait_for_deg(page, [4.0, *HOME[1:]])
 
 
-def angles(page: Screen, robot: Robot) -> list[float]:
-    return [page.number(f"{joint.title} °") for joint in robot.joints]
-
-
-def wait_for_angles(page: Screen, robot: Robot, q: np.ndarray) -> None:
-    """Wait until the angle fields show ``q`` (n,) [rad]."""
-    degrees = np.degrees(q)
-    page.wait_until(
-        lambda: bool(np.abs(np.array(angles(page, robot)) - degrees).max() < 2e-3),
-        f"the angle fields show {degrees.round(3).tolist()}",
-    )
-
-
-def test_a_pose_that_is_typed_takes_the_angle_fields_along(page: Screen, served: ServedArm) -> None:
+def test_a_pose_that_is_typed_takes_the_angle_fields_along_as_far_as_the_arm_reaches(
+    page: Screen, served: ServedArm
+) -> None:
     robot, home = served.robot, served.robot.pose("home")
     pitch, roll = robot.inverse_kinematics.pitch_and_roll(home)
     page.type_into("Y mm", "40.5", by_key=True)
@@ -145,10 +153,31 @@ def test_a_pose_that_is_typed_takes_the_angle_fields_along(page: Screen, served:
     wait_for_angles(page, robot, asked)
     page.click(REFERENCE)
     served.wait_for_deg(page, np.degrees(asked).tolist(), within=1e-7)
+
+    begin_anew(page, served)
+    out_of_reach_the_angles_stay_and_nothing_moves(page, served)
+    begin_anew(page, served)
+    page.type_into("X mm", "900")
+    page.wait_for_text(re.compile("The joint angles stay as they are"))
+    page.type_into("Base °", "12")
+    page.wait_until(lambda: page.number("X mm") < 400, "the pose fields follow the joint again")
+    page.click(REFERENCE)
+    served.wait_for_deg(page, [12.0, *HOME[1:]])
+
+    begin_anew(page, served)
+    before = page.number("Pitch °")
+    page.tick("Hold pitch", on=False)
+    page.type_into("X mm", "250")
+    page.wait_until(lambda: page.number("Pitch °") != before, "the pitch follows")
+    q = np.radians(angles(page, robot))
+    np.testing.assert_allclose(1000 * robot.forward(q)[0, 3], 250, atol=0.05)
+    pitch, _ = robot.inverse_kinematics.pitch_and_roll(q)
+    assert pitch is not None and np.degrees(pitch) == pytest.approx(page.number("Pitch °"), abs=0.01)
     assert page.errors == []
 
 
-def test_a_pose_out_of_reach_keeps_the_angles_and_moves_nothing(page: Screen, served: ServedArm) -> None:
+def out_of_reach_the_angles_stay_and_nothing_moves(page: Screen, served: ServedArm) -> None:
+    """Until the nearest pose is taken."""
     robot = served.robot
     page.type_into("Z mm", "600", by_key=True)  # passes through 6 and 60, which are in reach
     page.wait_for_text(
@@ -171,27 +200,6 @@ def test_a_pose_out_of_reach_keeps_the_angles_and_moves_nothing(page: Screen, se
     served.wait_for_deg(page, np.degrees(nearest).tolist())
 
 
-def test_a_joint_angle_mends_a_pose_out_of_reach(page: Screen, served: ServedArm) -> None:
-    page.type_into("X mm", "900")
-    page.wait_for_text(re.compile("The joint angles stay as they are"))
-    page.type_into("Base °", "12")
-    page.wait_until(lambda: page.number("X mm") < 400, "the pose fields follow the joint again")
-    page.click(REFERENCE)
-    served.wait_for_deg(page, [12.0, *HOME[1:]])
-
-
-def test_a_pitch_that_is_not_held_follows(page: Screen, served: ServedArm) -> None:
-    before = page.number("Pitch °")
-    page.tick("Hold pitch", on=False)
-    page.type_into("X mm", "250")
-    page.wait_until(lambda: page.number("Pitch °") != before, "the pitch follows")
-    robot = served.robot
-    q = np.radians(angles(page, robot))
-    np.testing.assert_allclose(1000 * robot.forward(q)[0, 3], 250, atol=0.05)
-    pitch, _ = robot.inverse_kinematics.pitch_and_roll(q)
-    assert pitch is not None and np.degrees(pitch) == pytest.approx(page.number("Pitch °"), abs=0.01)
-
-
 def test_the_other_arms_are_coupled_too(screen: Screen, tmp_path: Path) -> None:
     """humanoid: Px, Py, Pz fill Q1 … Q5, and Q1 … Q5 the matrix."""
     with served_arm(tmp_path, "humanoid") as served:
@@ -212,25 +220,9 @@ def test_the_other_arms_are_coupled_too(screen: Screen, tmp_path: Path) -> None:
         assert screen.errors == []
 
 
-def test_velocities_follow_the_fields(page: Screen, served: ServedArm) -> None:
-    page.open_tab("Velocities")
-    J = served.robot.jacobian(served.robot.pose("home"))
-    page.type_into("vy mm/s", "80")
-    page.type_into("vx mm/s", "0")
-    page.wait_for_text(re.compile(r"tool point: 80\.0 mm/s of 80\.0 mm/s"))
-    page.type_into("vy mm/s", "900")
-    page.wait_for_text(re.compile(r"Base is at its limit"))
-    for joint in served.robot.joints:
-        page.type_into(joint.title, "60" if joint.title == "Base" else "0")
-    speed = 1000 * np.linalg.norm(J[:3, 0]) * np.radians(60)
-    page.wait_for_text(f"{speed:.1f}")
-    page.type_into("Base", "six")
-    page.wait_for_text(re.compile("Base: 'six' is not a number"))
-    page.screenshot("forward-velocities")
-    assert served.commanded_deg == HOME
-
-
-def test_the_ghost_belongs_to_the_screen_that_showed_it_last(page: Screen, served: ServedArm) -> None:
+def test_the_ghost_belongs_to_the_screen_that_showed_it_last_and_figures_follow_the_fields(
+    page: Screen, served: ServedArm
+) -> None:
     robot = served.robot
     page.type_into("Base °", "25")
     asked = np.radians([25.0, *HOME[1:]])
@@ -255,8 +247,8 @@ def test_the_ghost_belongs_to_the_screen_that_showed_it_last(page: Screen, serve
     page.pause(500)  # what the other screen had shown must not come back now
     wait_for_no_ghost(page, robot)
 
-
-def test_fields_are_filled_and_figures_follow(page: Screen, served: ServedArm) -> None:
+    page.open_tab("Forward")
+    begin_anew(page, served)
     page.click("zero")
     page.wait_until(lambda: page.value("Shoulder °") == "0", "the fields hold the zero pose")
     wait_for_ghost(page, served.robot, np.zeros(5))
@@ -270,6 +262,21 @@ def test_fields_are_filled_and_figures_follow(page: Screen, served: ServedArm) -
     page.open_tab("Angles and pose")
     page.click("present pose")
     page.wait_until(lambda: page.value("Shoulder °") == "90", "the fields hold the present pose")
+    page.open_tab("Velocities")
+    J = served.robot.jacobian(served.robot.pose("home"))
+    page.type_into("vy mm/s", "80")
+    page.type_into("vx mm/s", "0")
+    page.wait_for_text(re.compile(r"tool point: 80\.0 mm/s of 80\.0 mm/s"))
+    page.type_into("vy mm/s", "900")
+    page.wait_for_text(re.compile(r"Base is at its limit"))
+    for joint in served.robot.joints:
+        page.type_into(joint.title, "60" if joint.title == "Base" else "0")
+    speed = 1000 * np.linalg.norm(J[:3, 0]) * np.radians(60)
+    page.wait_for_text(f"{speed:.1f}")
+    page.type_into("Base", "six")
+    page.wait_for_text(re.compile("Base: 'six' is not a number"))
+    page.screenshot("forward-velocities")
+    assert served.commanded_deg == HOME
 
 
 class Sequence:
