@@ -55,7 +55,9 @@ def click_in(page: Screen, row: str, button: str) -> None:
     page.click(button, within=page.row(row))
 
 
-def test_sliders_move_the_arm_only_after_go_and_follow_it_then(page: Screen, served: ServedArm) -> None:
+def test_sliders_move_the_arm_only_after_go_and_quick_steps_add_up_to_the_limit(
+    page: Screen, served: ServedArm
+) -> None:
     page.type_into("Base °", "25.5")
     page.wait_for_text("The ghost shows the new pose.")
     page.screenshot("manual-joints")
@@ -70,14 +72,11 @@ def test_sliders_move_the_arm_only_after_go_and_follow_it_then(page: Screen, ser
     click_in(page, "Wrist roll", "+")
     served.wait_for_deg(page, [25.5, *HOME[1:4], 1.0])
     page.wait_until(lambda: page.number("Wrist roll °") == 1, "the slider has followed")
-    assert page.errors == []
 
-
-def test_quick_steps_add_up_and_one_past_the_limit_is_refused(page: Screen, served: ServedArm) -> None:
     page.choose("Step °", "5")
     for _ in range(4):
         click_in(page, "Base", "+")
-    served.wait_for_deg(page, [20.0, *HOME[1:]])
+    served.wait_for_deg(page, [45.5, *HOME[1:4], 1.0])
     assert page.notifications() == []
     page.choose("Step °", "10")
     click_in(page, "Elbow", "−")
@@ -86,10 +85,13 @@ def test_quick_steps_add_up_and_one_past_the_limit_is_refused(page: Screen, serv
     )
     page.choose("Step °", "0.1")
     click_in(page, "Elbow", "−")
-    served.wait_for_deg(page, [20.0, 90.0, -80.1, -40.0, 0.0])
+    served.wait_for_deg(page, [45.5, 90.0, -80.1, -40.0, 1.0])
+    assert page.errors == []
 
 
-def test_record_reorder_undo_and_run_once(page: Screen, served: ServedArm) -> None:
+def test_a_list_is_recorded_reordered_undone_run_paged_and_inserted_into(
+    page: Screen, served: ServedArm
+) -> None:
     page.open_tab("Serial motion")
     page.click("Record pose")
     page.wait_until(lambda: len(served.steps) == 1, "a pose is recorded")
@@ -113,8 +115,14 @@ def test_record_reorder_undo_and_run_once(page: Screen, served: ServedArm) -> No
     served.wait_for_deg(page, [20.0, *HOME[1:]])
     assert any("program 'untitled' finished" in event.text for event in served.now.events)
 
+    put(page, served, *((0.1 * k, *HOME[1:]) for k in range(40)))
+    page.wait_for_text("page 1 of 3")
+    page.click("Next ▶")
+    page.wait_for_text("page 2 of 3")
+    page.screenshot("manual-long")
+    page.type_into("Selected row", "40")
+    page.wait_for_text("page 3 of 3")
 
-def test_new_steps_go_before_the_selected_row_or_in_its_place(page: Screen, served: ServedArm) -> None:
     put(page, served, tuple(HOME), (10.0, *HOME[1:]))
     page.type_into("Selected row", "2")
     page.choose("New steps go", "before the selected row")
@@ -130,7 +138,47 @@ def test_new_steps_go_before_the_selected_row_or_in_its_place(page: Screen, serv
     page.wait_for_notification("there is no row 9; the program has 3")
 
 
-def test_a_loop_runs_until_stop_and_its_step_is_marked(page: Screen, served: ServedArm) -> None:
+def test_a_program_is_checked_and_runs_from_a_row_step_by_step_or_until_stop(
+    page: Screen, served: ServedArm
+) -> None:
+    put(page, served, tuple(HOME), (0.0, 90.0, -95.0, -40.0, 0.0))
+    page.click("Check")
+    page.wait_for_text(re.compile("Pre-flight: refused"))
+    page.screenshot("manual-verdict")
+    page.click("Run once")
+    page.wait_for_notification(re.compile(r"test: step 2: .*-95\.00°"))
+    assert served.now.program is None
+    page.type_into("Selected row", "2")
+    page.click("Delete")
+    page.wait_until(lambda: len(served.steps) == 1, "the step is deleted")
+    page.click("Check")
+    page.wait_for_text(re.compile("Pre-flight: (clear|may be run)"))
+
+    put(page, served, (15.0, *HOME[1:]), (5.0, *HOME[1:]), (8.0, *HOME[1:]))
+    page.type_into("Selected row", "3")
+    page.type_into("Times N", "2")
+    page.tick("From selected step")
+    served.steps_run.clear()
+    page.click("Run N times")
+    page.wait_until(
+        lambda: any("program 'test' finished" in event.text for event in served.now.events), "two passes"
+    )
+    served.wait_for(page, State.HOLDING)
+    assert served.steps_run == [(0, 2), (1, 0), (1, 1), (1, 2)]
+    assert served.commanded_deg == [8.0, *HOME[1:]]
+
+    put(page, served, (5.0, *HOME[1:]), (10.0, *HOME[1:]), (15.0, *HOME[1:]))
+    page.tick("From selected step", on=False)
+    page.type_into("Selected row", "1")
+    page.unfold("Speed, comment, repeat", "Add repeat")
+    page.type_into("Rows to repeat", "1-2")
+    page.click("Add repeat")
+    page.wait_until(lambda: len(served.steps) == 5, "the block is there")
+    for base in (5.0, 10.0, 5.0, 10.0, 15.0):
+        page.click("Step")
+        served.wait_for_deg(page, [base, *HOME[1:]])
+    page.wait_for_notification("The program is over after this step")
+
     put(page, served, tuple(HOME), (5.0, *HOME[1:]))
     page.click("Loop")
     page.wait_for_text(re.compile(r"runs step \d of 2, pass [2-9] of ∞"))
@@ -145,28 +193,42 @@ def test_a_loop_runs_until_stop_and_its_step_is_marked(page: Screen, served: Ser
     assert served.now.program is None
 
 
-def test_n_times_from_the_selected_step(page: Screen, served: ServedArm) -> None:
-    put(page, served, (15.0, *HOME[1:]), (5.0, *HOME[1:]), (8.0, *HOME[1:]))
-    page.type_into("Selected row", "3")
-    page.type_into("Times N", "2")
-    page.tick("From selected step")
-    page.click("Run N times")
-    page.wait_until(
-        lambda: any("program 'test' finished" in event.text for event in served.now.events), "two passes"
-    )
-    served.wait_for(page, State.HOLDING)
-    assert served.steps_run == [(0, 2), (1, 0), (1, 1), (1, 2)]
-    assert served.commanded_deg == [8.0, *HOME[1:]]
-
-
-def test_an_upload_that_cannot_be_used_says_why_and_changes_nothing(
+def test_programs_are_restored_saved_loaded_downloaded_and_uploaded_or_it_is_said_why_not(
     page: Screen, served: ServedArm, tmp_path: Path
 ) -> None:
+    left = LeftProgram(tmp_path / "left.toml", datetime(2026, 3, 4, 14, 3))
+    save_program(Program(robot="uzuner", name="stacking", steps=(WaitStep(seconds=1),) * 3), left.path)
+    assert served.edited.kept is not None
+    served.edited.kept.left.append(left)
+    page.open_tab("Serial motion")
+    page.wait_for_text("Restore the unsaved program from 2026-03-04, 14:03?")
+    page.screenshot("manual-restore")
+    page.click("Yes, restore it")
+    page.wait_for_text(re.compile("stacking · 3 steps"))
+    page.wait_until(lambda: "Restore the unsaved" not in page.text(), "it is not offered any more")
+    assert not left.path.exists()
+
+    put(page, served, tuple(HOME))
+    page.unfold("Files", "Upload")
+    page.type_into("Name", "pick one")
+    page.click("Save")
+    page.wait_until(lambda: served.edited.saved() == ["pick one"], "the file is there")
+    assert load_program(served.edited.folder / "pick one.toml").steps == served.steps
+    page.click("Delete")
+    page.wait_until(lambda: served.steps == (), "the list is empty")
+    assert page.value("Saved programs") == "pick one"
+    page.click("Load")
+    page.wait_until(lambda: len(served.steps) == 1, "the program is loaded")
+    page.type_into("Name", "../elsewhere")
+    page.click("Save")
+    page.wait_for_notification("is no program name")
+    page.screenshot("manual-files")
+    assert page.download("CSV").read_text().startswith("step,do,base_deg,")
+
     put(page, served, tuple(HOME))
     before = served.steps
     file = tmp_path / "broken.toml"
     file.write_text(BROKEN)
-    page.unfold("Files", "Upload")
     page.upload("Upload", file)
     page.wait_for_notification(re.compile(r"broken\.toml: line 9, step 2: unknown key 'joint_deg'"))
     assert served.steps == before
@@ -191,48 +253,6 @@ def test_an_upload_that_cannot_be_used_says_why_and_changes_nothing(
     save_program(Program(robot="uzuner", steps=(WaitStep(seconds=1),)), wait)
     page.upload("Upload", wait)
     page.wait_until(lambda: served.steps == (WaitStep(seconds=1),), "its steps are on the list")
-
-
-def test_save_load_and_downloads(page: Screen, served: ServedArm) -> None:
-    put(page, served, tuple(HOME))
-    page.unfold("Files", "Upload")
-    page.type_into("Name", "pick one")
-    page.click("Save")
-    page.wait_until(lambda: served.edited.saved() == ["pick one"], "the file is there")
-    assert load_program(served.edited.folder / "pick one.toml").steps == served.steps
-    page.click("Delete")
-    page.wait_until(lambda: served.steps == (), "the list is empty")
-    assert page.value("Saved programs") == "pick one"
-    page.click("Load")
-    page.wait_until(lambda: len(served.steps) == 1, "the program is loaded")
-    page.type_into("Name", "../elsewhere")
-    page.click("Save")
-    page.wait_for_notification("is no program name")
-    page.screenshot("manual-files")
-    assert page.download("CSV").read_text().startswith("step,do,base_deg,")
-
-
-def test_a_long_list_is_paged(page: Screen, served: ServedArm) -> None:
-    put(page, served, *((0.1 * k, *HOME[1:]) for k in range(40)))
-    page.wait_for_text("page 1 of 3")
-    page.click("Next ▶")
-    page.wait_for_text("page 2 of 3")
-    page.screenshot("manual-long")
-    page.type_into("Selected row", "40")
-    page.wait_for_text("page 3 of 3")
-
-
-def test_a_page_that_watches_can_neither_edit_nor_run(
-    page: Screen, screens: Screens, served: ServedArm
-) -> None:
-    served.put(tuple(HOME))
-    watcher = screens(served.url)
-    watcher.open_tab("Manual", "Serial motion")
-    for button in ("Delete", "Run once"):
-        expect(watcher.button(button)).to_be_disabled()
-    watcher.wait_for_text("This page is watching")
-    assert len(served.steps) == 1
-    assert served.commanded_deg == HOME
 
 
 def test_every_kind_of_step_is_recorded_edited_taken_back_exported_and_read_again(
@@ -299,34 +319,19 @@ def test_every_kind_of_step_is_recorded_edited_taken_back_exported_and_read_agai
     assert page.errors == []
 
 
-def test_the_check_names_the_step_and_a_run_is_refused_by_it(page: Screen, served: ServedArm) -> None:
-    put(page, served, tuple(HOME), (0.0, 90.0, -95.0, -40.0, 0.0))
-    page.click("Check")
-    page.wait_for_text(re.compile("Pre-flight: refused"))
-    page.screenshot("manual-verdict")
-    page.click("Run once")
-    page.wait_for_notification(re.compile(r"test: step 2: .*-95\.00°"))
-    assert served.now.program is None
-    page.type_into("Selected row", "2")
-    page.click("Delete")
-    page.wait_until(lambda: len(served.steps) == 1, "the step is deleted")
-    page.click("Check")
-    page.wait_for_text(re.compile("Pre-flight: (clear|may be run)"))
+def test_a_program_is_edited_while_it_loops_but_not_by_a_page_that_watches(
+    page: Screen, screens: Screens, served: ServedArm
+) -> None:
+    served.put(tuple(HOME))
+    watcher = screens(served.url)
+    watcher.open_tab("Manual", "Serial motion")
+    for button in ("Delete", "Run once"):
+        expect(watcher.button(button)).to_be_disabled()
+    watcher.wait_for_text("This page is watching")
+    assert len(served.steps) == 1
+    assert served.commanded_deg == HOME
+    watcher.leave_page()
 
-
-def test_single_steps_go_through_a_repeat_as_a_whole_run_does(page: Screen, served: ServedArm) -> None:
-    put(page, served, (5.0, *HOME[1:]), (10.0, *HOME[1:]), (15.0, *HOME[1:]))
-    page.unfold("Speed, comment, repeat", "Add repeat")
-    page.type_into("Rows to repeat", "1-2")
-    page.click("Add repeat")
-    page.wait_until(lambda: len(served.steps) == 5, "the block is there")
-    for base in (5.0, 10.0, 5.0, 10.0, 15.0):
-        page.click("Step")
-        served.wait_for_deg(page, [base, *HOME[1:]])
-    page.wait_for_notification("The program is over after this step")
-
-
-def test_a_program_is_edited_while_it_loops(page: Screen, served: ServedArm) -> None:
     put(page, served, (5.0, *HOME[1:]), (10.0, *HOME[1:]))
     page.click("Loop")
     page.wait_for_text(re.compile(r"runs step \d of 2"))
@@ -347,19 +352,3 @@ def test_a_program_is_edited_while_it_loops(page: Screen, served: ServedArm) -> 
     page.type_into("Angles °", "0, -3, -60, -20, 0")
     page.click("Apply to step")
     page.wait_for_notification(re.compile(r"The next pass would stop there.*below the floor", re.DOTALL))
-
-
-def test_a_program_that_a_crash_left_is_offered_and_restored(
-    page: Screen, served: ServedArm, tmp_path: Path
-) -> None:
-    left = LeftProgram(tmp_path / "left.toml", datetime(2026, 3, 4, 14, 3))
-    save_program(Program(robot="uzuner", name="stacking", steps=(WaitStep(seconds=1),) * 3), left.path)
-    assert served.edited.kept is not None
-    served.edited.kept.left.append(left)
-    page.open_tab("Serial motion")
-    page.wait_for_text("Restore the unsaved program from 2026-03-04, 14:03?")
-    page.screenshot("manual-restore")
-    page.click("Yes, restore it")
-    page.wait_for_text(re.compile("stacking · 3 steps"))
-    page.wait_until(lambda: "Restore the unsaved" not in page.text(), "it is not offered any more")
-    assert not left.path.exists()
