@@ -40,8 +40,37 @@ def stands_at(page: Screen, served: ServedArm, q: np.ndarray) -> None:
     served.wait_for_deg(page, np.degrees(q).tolist(), within=1e-7)
 
 
-def test_solve_page_select_and_go(solved: Screen, served: ServedArm) -> None:
+def test_a_solution_is_selected_in_the_curve_or_the_list_and_gone_to(
+    solved: Screen, served: ServedArm
+) -> None:
     robot, page = served.robot, solved
+    page.open_tab("Energy curve")
+    for criterion, title in (
+        ("least-rotation", "Energy (°): least-rotation"),
+        ("least-travel", "Energy (s): least-travel"),
+    ):
+        page.choose("Least energy is", criterion)
+        page.wait_for_text(title)
+    plot = page.page.locator(".uplot canvas").locator("visible=true").first
+    page.wait_until(lambda: (plot.bounding_box() or {"width": 0})["width"] > 300, "the plot has its width")
+    page.page.locator(".uplot").locator("visible=true").first.scroll_into_view_if_needed()
+    page.screenshot("inverse-curve")
+    inks = plot.evaluate(_INKS)
+    assert {"25,113,194", "47,158,68", "224,49,49"} <= set(inks)  # two branches and the mark
+    least = page.number("On the curve °")
+    over = page.page.locator(".u-over").locator("visible=true").first
+    width = (over.bounding_box() or {"width": 0})["width"]
+    over.click(position={"x": width / 4, "y": 100})
+    page.wait_for_text(re.compile("selected row [1-9]"))
+    page.wait_until(
+        lambda: abs(page.number("On the curve °") - least) > 1, "the click has selected another solution"
+    )
+    page.wait_for_text(re.compile(r"selected row (?!1:)"))
+    page.click("Back to the least")
+    page.wait_until(lambda: page.number("On the curve °") == least, "the least is selected again")
+    page.choose("Least energy is", "least-rotation")
+    page.open_tab("List")
+
     page.wait_for_text("front elbow-up: 1760; front elbow-down: 1760")
     found = solve(robot, Target.of(POINT), "least-rotation", robot.pose("home"))
     assert found.best is not None
@@ -70,59 +99,9 @@ def test_solve_page_select_and_go(solved: Screen, served: ServedArm) -> None:
     assert page.errors == []
 
 
-def test_least_energy_by_another_criterion(page: Screen, served: ServedArm) -> None:
-    page.type_xyz("220", "-196", "85")
-    page.choose("Least energy is", "published")
-    page.wait_for_text(re.compile("tables of the Uzuner paper"))
-    page.click("Solve")
-    page.wait_for_text(re.compile("−42.402, 14.400, −45.909, −1.305"))
-    page.click(LEAST)
-    stands_at(page, served, served.robot.inverse(POINT).best("published"))
-    wait_for_no_ghost(page, served.robot)
-
-
-def test_pitch_and_roll_are_used_where_they_are_ticked(page: Screen, served: ServedArm) -> None:
-    robot = served.robot
-    pitch, _ = robot.inverse_kinematics.pitch_and_roll(robot.pose("rest"))
-    assert pitch is not None
-    x, y, z = (1000 * robot.forward(robot.pose("rest"))[:3, 3]).tolist()
-    page.type_xyz(f"{x:.6f}", f"{y:.6f}", f"{z:.6f}")
-    page.tick("Use pitch")
-    page.tick("Use roll")
-    page.type_into("Pitch °", f"{np.degrees(pitch):.6f}")
-    page.type_into("Roll °", "12")
-    page.click("Solve")
-    page.wait_for_text("1 solution inside the limits")
-    page.click(LEAST)
-    served.wait_for_deg(page, [0.0, 110.0, -80.0, -70.0, 12.0])
-    page.open_tab("Energy curve")
-    page.wait_for_text(re.compile("No joint is free here"))
-
-
-def test_an_unreachable_point_says_why_and_offers_the_nearest(page: Screen, served: ServedArm) -> None:
-    robot = served.robot
-    page.type_xyz("300", "0", "600")
-    page.click("Solve")
-    page.wait_for_text("No solution")
-    page.wait_for_text(re.compile(r"Too far by 200\.\d mm.*nearest reachable point is \("))
-    nearest = robot.inverse([0.3, 0, 0.6])
-    assert nearest.nearest_q is not None and nearest.nearest_m is not None
-    wait_for_ghost(page, robot, nearest.nearest_q)
-    page.screenshot("inverse-unreachable")
-    assert not page.is_enabled(SELECTED)
-    page.wait_until(lambda: not page.is_enabled(LEAST), "nor can it go by least energy")
-    assert served.commanded_deg == HOME
-    page.click("Take nearest point")
-    page.wait_for_text(re.compile(r"solutions? inside the limits"))
-    assert page.number("X mm") == pytest.approx(1000 * nearest.nearest_m[0], abs=1e-3)
-    page.click(LEAST)
-    page.wait_until(
-        lambda: bool(np.abs(robot.forward(served.now.q_command)[:3, 3] - nearest.nearest_m).max() < 1e-6),
-        "the arm is at the nearest point",
-    )
-
-
-def test_what_is_not_solved_or_not_listed_moves_nothing(solved: Screen, served: ServedArm) -> None:
+def test_what_is_not_solved_or_not_listed_moves_nothing_and_what_is_solved_is_by_criterion_and_pitch(
+    solved: Screen, served: ServedArm
+) -> None:
     page = solved
     for row in ("0", "-4", "3521", "99999999"):
         page.type_into("Row", row)
@@ -143,37 +122,35 @@ def test_what_is_not_solved_or_not_listed_moves_nothing(solved: Screen, served: 
     page.click(LEAST)  # uses what the fields show, not what was solved
     stands_at(page, served, served.robot.inverse([0.2, -0.196, 0.085]).best("least-rotation"))
 
+    page.type_xyz("220", "-196", "85")
+    page.choose("Least energy is", "published")
+    page.wait_for_text(re.compile("tables of the Uzuner paper"))
+    page.click("Solve")
+    page.wait_for_text(re.compile("−42.402, 14.400, −45.909, −1.305"))
+    page.click(LEAST)
+    stands_at(page, served, served.robot.inverse(POINT).best("published"))
+    wait_for_no_ghost(page, served.robot)
 
-def test_the_energy_curve_is_drawn(solved: Screen) -> None:
-    page = solved
+    robot = served.robot
+    pitch, _ = robot.inverse_kinematics.pitch_and_roll(robot.pose("rest"))
+    assert pitch is not None
+    x, y, z = (1000 * robot.forward(robot.pose("rest"))[:3, 3]).tolist()
+    page.type_xyz(f"{x:.6f}", f"{y:.6f}", f"{z:.6f}")
+    page.tick("Use pitch")
+    page.tick("Use roll")
+    page.type_into("Pitch °", f"{np.degrees(pitch):.6f}")
+    page.type_into("Roll °", "12")
+    page.click("Solve")
+    page.wait_for_text("1 solution inside the limits")
+    page.click(LEAST)
+    served.wait_for_deg(page, [0.0, 110.0, -80.0, -70.0, 12.0])
     page.open_tab("Energy curve")
-    for criterion, title in (
-        ("least-rotation", "Energy (°): least-rotation"),
-        ("least-travel", "Energy (s): least-travel"),
-    ):
-        page.choose("Least energy is", criterion)
-        page.wait_for_text(title)
-    plot = page.page.locator(".uplot canvas").locator("visible=true").first
-    page.wait_until(lambda: (plot.bounding_box() or {"width": 0})["width"] > 300, "the plot has its width")
-    page.page.locator(".uplot").locator("visible=true").first.scroll_into_view_if_needed()
-    page.screenshot("inverse-curve")
-    inks = plot.evaluate(_INKS)
-    assert {"25,113,194", "47,158,68", "224,49,49"} <= set(inks)  # two branches and the mark
-    least = page.number("On the curve °")
-    over = page.page.locator(".u-over").locator("visible=true").first
-    width = (over.bounding_box() or {"width": 0})["width"]
-    over.click(position={"x": width / 4, "y": 100})
-    page.wait_for_text(re.compile("selected row [1-9]"))
-    page.wait_until(
-        lambda: abs(page.number("On the curve °") - least) > 1, "the click has selected another solution"
-    )
-    page.wait_for_text(re.compile(r"selected row (?!1:)"))
-    page.click("Back to the least")
-    page.wait_until(lambda: page.number("On the curve °") == least, "the least is selected again")
-    assert page.errors == []
+    page.wait_for_text(re.compile("No joint is free here"))
 
 
-def test_dragging_the_target_fills_the_fields_and_moves_no_arm(page: Screen, served: ServedArm) -> None:
+def test_a_target_is_dragged_and_an_unreachable_one_says_why_and_offers_the_nearest(
+    page: Screen, served: ServedArm
+) -> None:
     page.dismiss_graphics_warning()
     page.click("present position")
     page.tick("Show target")
@@ -189,6 +166,28 @@ def test_dragging_the_target_fills_the_fields_and_moves_no_arm(page: Screen, ser
     page.wait_for_text(re.compile(r"solutions inside the limits"))
     assert served.commanded_deg == HOME
     assert page.number("X mm") == 200
+    page.tick("Show target", on=False)
+
+    robot = served.robot
+    page.type_xyz("300", "0", "600")
+    page.click("Solve")
+    page.wait_for_text("No solution")
+    page.wait_for_text(re.compile(r"Too far by 200\.\d mm.*nearest reachable point is \("))
+    nearest = robot.inverse([0.3, 0, 0.6])
+    assert nearest.nearest_q is not None and nearest.nearest_m is not None
+    wait_for_ghost(page, robot, nearest.nearest_q)
+    page.screenshot("inverse-unreachable")
+    assert not page.is_enabled(SELECTED)
+    page.wait_until(lambda: not page.is_enabled(LEAST), "nor can it go by least energy")
+    assert served.commanded_deg == HOME
+    page.click("Take nearest point")
+    page.wait_for_text(re.compile(r"solutions? inside the limits"))
+    assert page.number("X mm") == pytest.approx(1000 * nearest.nearest_m[0], abs=1e-3)
+    page.click(LEAST)
+    page.wait_until(
+        lambda: bool(np.abs(robot.forward(served.now.q_command)[:3, 3] - nearest.nearest_m).max() < 1e-6),
+        "the arm is at the nearest point",
+    )
 
 
 def drag_upwards(page: Screen) -> None:
