@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.browser.ghost_view import ghost_tip_mm, wait_for_ghost, wait_for_no_ghost
 from tests.browser.kit import Screen
-from tests.browser.served_arm import HOME, ServedArm, served_arm
+from tests.browser.served_arm import HOME, ServedArm
 
 from armctl.robot import Robot
 from armctl.runtime import MoveJoints, State
@@ -198,26 +197,6 @@ def out_of_reach_the_angles_stay_and_nothing_moves(page: Screen, served: ServedA
     )
     page.click(REFERENCE)
     served.wait_for_deg(page, np.degrees(nearest).tolist())
-
-
-def test_the_other_arms_are_coupled_too(screen: Screen, tmp_path: Path) -> None:
-    """humanoid: Px, Py, Pz fill Q1 … Q5, and Q1 … Q5 the matrix."""
-    with served_arm(tmp_path, "humanoid") as served:
-        screen.open(served.url, until="STOP")
-        screen.open_tab("Forward")
-        robot, asked = served.robot, np.array([150.0, -100.0, -590.0])
-        screen.type_xyz("150", "-100", "-590")
-
-        def reached() -> bool:
-            tip = 1000 * robot.forward(np.radians(angles(screen, robot)))[:3, 3]
-            return float(np.abs(tip - asked).max()) < 0.05
-
-        screen.wait_until(reached, "the angles reach the point")
-        screen.open_tab("Matrix and Jacobian")
-        for text in ("150.00", "−100.00", "−590.00"):
-            screen.wait_for_text(text)
-        screen.screenshot("forward-humanoid")
-        assert screen.errors == []
 
 
 def test_the_ghost_belongs_to_the_screen_that_showed_it_last_and_figures_follow_the_fields(

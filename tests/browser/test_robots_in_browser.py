@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import re
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 from playwright.sync_api import expect
 from tests.browser.kit import PATIENCE_MS, Screen, Screens
 from tests.browser.served_arm import ServedArm
-from tests.browser.serving import serving
 
-from armctl.robot import Robot, load_robot, robots_folder
+from armctl.robot import Robot
 from armctl.runtime import State
 from armctl.ui.scene.arm_model import arm_model
 from armctl.ui.tabs.simulation.screen import Trail
@@ -99,6 +97,36 @@ def enable_and_go_home(page: Screen, served: ServedArm) -> None:
     )
 
 
+def joints_and_pose_are_coupled(page: Screen, served: ServedArm) -> None:
+    """Px, Py, Pz fill Q1 … Q5, and Q1 … Q5 the matrix."""
+    robot, asked = served.robot, np.array([150.0, -100.0, -590.0])
+    page.type_xyz("150", "-100", "-590")
+
+    def reached() -> bool:
+        angles = [page.number(f"{joint.title} °") for joint in robot.joints]
+        return float(np.abs(1000 * robot.forward(np.radians(angles))[:3, 3] - asked).max()) < 0.05
+
+    page.wait_until(reached, "the angles reach the point")
+    page.open_tab("Matrix and Jacobian")
+    for text in ("150.00", "−100.00", "−590.00"):
+        page.wait_for_text(text)
+
+
+def a_published_path_that_it_cannot_follow_is_explained(page: Screen, served: ServedArm) -> None:
+    del served
+    page.choose("Which motion", "Arc (58 points)")
+    page.wait_for_text(re.compile("Not for this arm: point 1 of 58: .*Elbow needs"))
+    page.click("Show")
+    page.wait_for_notification(re.compile("Elbow needs"))
+
+
+OF_ITS_OWN = {
+    ("humanoid", "Forward"): joints_and_pose_are_coupled,
+    ("humanoid", "Trajectory"): a_published_path_that_it_cannot_follow_is_explained,
+}
+"""what is shown of one robot on one tab, and not of Uzuner's"""
+
+
 def test_each_robot_brings_its_fields_limits_and_figure_and_moves(page: Screen, served: ServedArm) -> None:
     """One after the other on one page, and back to the first: nothing is left of the arms between."""
     control = page.panel("Control")
@@ -130,6 +158,8 @@ def test_each_robot_brings_its_fields_limits_and_figure_and_moves(page: Screen, 
         page.screenshot(f"robot-{name}-jog")
         for tab in ("Trajectory", "Forward", "Inverse", "Simulation"):
             page.open_tab(tab)
+            if (name, tab) in OF_ITS_OWN:
+                OF_ITS_OWN[name, tab](page, served)
             page.screenshot(f"robot-{name}-{tab.lower()}")
         assert page.errors == [], name
         before = name
@@ -147,8 +177,8 @@ def test_a_page_that_watches_follows_but_may_not_choose(
     watcher.wait_for_text(re.compile("This page is watching, browser page 1 operates"))
     expect(watcher.entry("Robot")).to_be_disabled()
     assert served.robot.name == "uzuner"
-    choose(page, served, "scorbot")
-    watcher.wait_for_notification(re.compile("browser page 1 chose Scorbot ER-4PC"))
+    choose(page, served, "mico")
+    watcher.wait_for_notification(re.compile("browser page 1 chose Kinova MICO"))
     wait_for_robot(watcher, served.robot)
     enable_and_go_home(page, served)
     watcher.wait_until(lambda: is_drawn_at_home(watcher, served.robot), "the watcher sees it")
@@ -220,27 +250,6 @@ def test_a_page_that_closes_in_the_middle_harms_nobody(
     )
     wait_for_robot(watcher, served.robot)
     watcher.click("Take control")
-    choose(watcher, served, "scorbot")
+    choose(watcher, served, "abaas")
     enable_and_go_home(watcher, served)
     assert watcher.errors == []
-
-
-def test_a_robot_file_of_ones_own_is_in_the_list(tmp_path: Path, screen: Screen) -> None:
-    own = tmp_path / "lab_arm.toml"
-    text = (robots_folder() / "uzuner.toml").read_text()
-    own.write_text(text.replace("Uzuner 5-DOF arm", "The lab's arm").replace('"uzuner"', '"lab_arm"'))
-    with serving(tmp_path, "--robot", str(own)) as url:
-        screen.open(url, until="STOP")
-        assert screen.value("Robot") == "The lab's arm"
-        own.write_text(text.replace("limit_deg = [-102.8, 107.26]", "limit_deg = [107.26, -102.8]"))
-        screen.choose("Robot", load_robot("mico").title)
-        screen.wait_for_text("Elbow")
-        screen.wait_until(lambda: screen.value("Robot") == TITLES["mico"], "the page is MICO's")
-        screen.wait_until(lambda: screen.button("P0").is_visible(), "MICO's points are there")
-        screen.choose("Robot", "The lab's arm")
-        screen.wait_for_notification(
-            re.compile(r"lab_arm\.toml: line \d+: joints\.base\.limit_deg = \[107\.26, -102\.8\]")
-        )
-        screen.wait_until(lambda: screen.value("Robot") == TITLES["mico"], "the present robot stays")
-        screen.click("Enable")
-        screen.wait_for_text("HOLDING")

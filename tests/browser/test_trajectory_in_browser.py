@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from playwright.sync_api import expect
 from tests.browser.ghost_view import wait_for_ghost
 from tests.browser.kit import PATIENCE_MS, Screen
-from tests.browser.served_arm import HOME, ServedArm, served_arm
+from tests.browser.served_arm import HOME, ServedArm
 
 from armctl.motion import line, plan_joints, plan_line
 from armctl.program import LineStep, MoveStep, Program
@@ -27,7 +26,30 @@ def csv_of(page: Screen, button: str) -> list[str]:
     return page.download(button).read_text().splitlines()
 
 
-def test_a_motion_is_plotted_with_its_peaks_and_run(page: Screen, served: ServedArm) -> None:
+def test_settings_that_were_not_shown_are_not_run_and_a_motion_is_plotted_with_its_peaks_and_run(
+    page: Screen, served: ServedArm
+) -> None:
+    page.wait_for_text("Nothing is shown yet; press Show first.")
+    expect(page.button("Run")).to_be_disabled()
+    page.choose("To", "zero")
+    page.click("Show")
+    page.wait_for_text("Peaks against the limits")
+    page.type_into("Duration s", "9")
+    page.wait_for_text("The settings have changed since: press Show.")
+    expect(page.button("Run")).to_be_disabled()
+    page.type_into("Duration s", "0.2")
+    page.click("Show")
+    page.wait_for_notification(re.compile("shortest possible duration"))
+    page.type_into("Duration s", "x")
+    page.click("Show")
+    page.wait_for_notification("Duration s: 'x' is not a number")
+    page.type_into("Duration s", "0")
+    page.choose("To", "X Y Z")
+    page.type_into("To X Y Z mm", "900, 0, 100")
+    page.click("Show")
+    page.wait_for_notification(re.compile("too far by"))
+    assert served.commanded_deg == HOME
+
     page.choose("To", "zero")
     page.click("Show")
     page.wait_for_text("Peaks against the limits")
@@ -60,71 +82,7 @@ def test_a_motion_is_plotted_with_its_peaks_and_run(page: Screen, served: Served
     assert page.errors == []
 
 
-def test_the_line_runs_from_its_first_point_and_is_reported(page: Screen, served: ServedArm) -> None:
-    page.choose(MOTION, LINE)
-    page.click("Show")
-    page.wait_for_text("Peaks against the limits")
-    assert page.value("Choose by") == "published"
-    page.open_tab("Error report")
-    page.wait_for_text("Theoretical: 29 points")
-    page.wait_for_text(re.compile("Applied: not run yet"))
-    page.click("Run")
-    page.wait_for_text(re.compile("Applied: recording"))
-    page.page.get_by_text("Applied: 29 points").wait_for(timeout=3 * PATIENCE_MS)
-    page.wait_for_text(re.compile("transmitted by the board, not measured"))
-    page.page.get_by_text("Applied: 29 points").scroll_into_view_if_needed()
-    page.screenshot("trajectory-report")
-    served.wait_for(page, State.HOLDING)
-    assert served.tool_mm == pytest.approx(1000 * line()[-1], abs=0.01)
-    head, *rows = csv_of(page, "Export error report (CSV)")
-    assert head.split(",")[:4] == ["point", "desired_x_mm", "desired_y_mm", "desired_z_mm"]
-    table = np.array([[float(cell) for cell in row.split(",")] for row in rows])
-    assert table.shape == (29, 10)
-    assert np.abs(table[:, 1:4] - table[:, 4:7]).max() < 1e-5  # theoretical
-    assert np.abs(table[:, 1:4] - table[:, 7:10]).max() < 0.5  # a quarter microsecond is 0.1 mm here
-    page.click("Next")
-    page.wait_for_text(re.compile("page 2 of 2"))
-    page.type_into("Row", "7")
-    wait_for_ghost(page, served.robot, served.robot.inverse(line()[6]).best("published"))
-
-
-def test_a_stopped_path_gives_no_report(page: Screen, served: ServedArm) -> None:
-    page.choose(MOTION, LINE)
-    page.type_into("Duration s", "60")
-    page.click("Show")
-    page.wait_for_text("Peaks against the limits")
-    page.open_tab("Error report")
-    page.click("Run")
-    page.wait_for_text(re.compile("Applied: recording"))
-    page.click("STOP")
-    page.wait_for_text(re.compile("did not come to its end"))
-    assert served.now.state is State.HOLDING
-
-
-def test_settings_that_were_not_shown_are_not_run(page: Screen, served: ServedArm) -> None:
-    page.wait_for_text("Nothing is shown yet; press Show first.")
-    expect(page.button("Run")).to_be_disabled()
-    page.choose("To", "zero")
-    page.click("Show")
-    page.wait_for_text("Peaks against the limits")
-    page.type_into("Duration s", "9")
-    page.wait_for_text("The settings have changed since: press Show.")
-    expect(page.button("Run")).to_be_disabled()
-    page.type_into("Duration s", "0.2")
-    page.click("Show")
-    page.wait_for_notification(re.compile("shortest possible duration"))
-    page.type_into("Duration s", "x")
-    page.click("Show")
-    page.wait_for_notification("Duration s: 'x' is not a number")
-    page.type_into("Duration s", "0")
-    page.choose("To", "X Y Z")
-    page.type_into("To X Y Z mm", "900, 0, 100")
-    page.click("Show")
-    page.wait_for_notification(re.compile("too far by"))
-    assert served.commanded_deg == HOME
-
-
-def test_a_program_is_drawn_with_its_lines_and_the_step_at_the_cursor_and_run(
+def test_a_program_and_a_path_are_drawn_run_and_reported_but_not_a_path_that_was_stopped(
     page: Screen, served: ServedArm
 ) -> None:
     page.choose(MOTION, "Program on the desk")
@@ -145,10 +103,70 @@ def test_a_program_is_drawn_with_its_lines_and_the_step_at_the_cursor_and_run(
     page.click("Run")
     served.wait_for_deg(page, [10.0, 80.0, -80.0, -40.0, 0.0])
 
+    page.choose(MOTION, LINE)
+    page.type_into("Duration s", "60")
+    page.click("Show")
+    page.wait_for_text("Peaks against the limits")
+    page.open_tab("Error report")
+    page.click("Run")
+    page.wait_for_text(re.compile("Applied: recording"))
+    page.click("STOP")
+    page.wait_for_text(re.compile("did not come to its end"))
+    assert served.now.state is State.HOLDING
 
-def test_two_motions_are_compared_played_exported_and_the_second_is_run(
+    page.type_into("Duration s", "0")
+    page.click("Show")
+    page.wait_for_text(re.compile("Applied: not run yet"))
+    page.wait_for_text("Theoretical: 29 points")
+    assert page.value("Choose by") == "published"
+    page.click("Run")
+    page.wait_for_text(re.compile("Applied: recording"))
+    page.page.get_by_text("Applied: 29 points").wait_for(timeout=3 * PATIENCE_MS)
+    page.wait_for_text(re.compile("transmitted by the board, not measured"))
+    page.page.get_by_text("Applied: 29 points").scroll_into_view_if_needed()
+    page.screenshot("trajectory-report")
+    served.wait_for(page, State.HOLDING)
+    assert served.tool_mm == pytest.approx(1000 * line()[-1], abs=0.01)
+    head, *rows = csv_of(page, "Export error report (CSV)")
+    assert head.split(",")[:4] == ["point", "desired_x_mm", "desired_y_mm", "desired_z_mm"]
+    table = np.array([[float(cell) for cell in row.split(",")] for row in rows])
+    assert table.shape == (29, 10)
+    assert np.abs(table[:, 1:4] - table[:, 4:7]).max() < 1e-5  # theoretical
+    assert np.abs(table[:, 1:4] - table[:, 7:10]).max() < 0.5  # a quarter microsecond is 0.1 mm here
+    page.click("Next")
+    page.wait_for_text(re.compile("page 2 of 2"))
+    page.type_into("Row", "7")
+    wait_for_ghost(page, served.robot, served.robot.inverse(line()[6]).best("published"))
+
+
+def test_a_study_is_exported_but_not_run_and_two_motions_are_compared_played_exported_and_run(
     page: Screen, served: ServedArm
 ) -> None:
+    page.choose(MOTION, "Joint by joint (study)")
+    page.wait_for_text(re.compile("A study: nothing moves"))
+    page.click("Show")
+    page.wait_for_text(re.compile(r"Shoulder moves the tip fastest: 73\.7 mm/s"))
+    page.wait_for_text("Tip speed by joint (mm/s)")
+    expect(page.page.locator(".uplot .u-legend .u-label").locator("visible=true")).to_have_text(
+        ["time (s)", *(joint.title for joint in served.robot.joints)]
+    )
+    expect(page.page.get_by_role("button", name="Run", exact=True).locator("visible=true")).to_have_count(0)
+    page.screenshot("trajectory-study")
+    head, *rows = csv_of(page, "Export study (CSV)")
+    assert head.startswith("time_s,base_deg") and head.endswith("tip_by_wrist_roll_mm_s")
+    assert len(rows) == 601
+    page.choose("Turn", "all joints at once")
+    page.wait_for_text("The settings have changed since: press Show.")
+    page.click("Show")
+    page.wait_for_text(re.compile(r"All joints together: at most 136\.2 mm/s"))
+    page.type_into("Joint speed °/s", "0")
+    page.click("Show")
+    page.wait_for_notification(re.compile("0 °/s is outside 1 … 360 °/s"))
+    page.choose(MOTION, "Joint motion")
+    page.wait_for_text(re.compile("Duration 0: as short as"))
+    page.button("Run").wait_for()
+    assert served.commanded_deg == HOME
+
     page.choose("To", "zero")
     page.click("Show")
     page.wait_for_text(re.compile("present pose to zero, cubic: "))
@@ -182,26 +200,7 @@ def test_two_motions_are_compared_played_exported_and_the_second_is_run(
     assert page.errors == []
 
 
-def test_the_tool_is_led_along_a_line_and_the_arm_goes_there(page: Screen, served: ServedArm) -> None:
-    robot = served.robot
-    tip = 1000 * robot.forward(robot.pose("home"))[:3, 3]
-    page.choose(MOTION, "Tool line")
-    end = tip.round(1) + np.array([0.0, 60.0, 0.0])
-    page.type_into("End X Y Z mm", ", ".join(f"{value:.1f}" for value in end.tolist()))
-    page.type_into("Tool speed mm/s", "80")
-    page.click("Show")
-    page.wait_for_text(re.compile(r"asked for: 80 mm/s"))
-    page.wait_for_text(re.compile("Pre-flight: clear"))
-    wait_for_ghost(page, robot, plan_line(robot, robot.pose("home"), end / 1000).end)
-    page.open_tab("Error report")
-    page.wait_for_text("Off the ideal line or arc")
-    page.click("Run")
-    page.page.get_by_text("Applied: 25 points").wait_for(timeout=3 * PATIENCE_MS)
-    assert served.tool_mm == pytest.approx(end, abs=0.05)
-    assert page.errors == []
-
-
-def test_a_line_whose_pitch_cannot_be_kept_is_planned_freer_by_one_button(
+def test_the_tool_is_led_along_a_line_freer_if_need_be_and_what_the_pre_flight_refuses_is_not_run(
     page: Screen, served: ServedArm
 ) -> None:
     page.page.set_viewport_size({"width": 1280, "height": 800})
@@ -219,10 +218,25 @@ def test_a_line_whose_pitch_cannot_be_kept_is_planned_freer_by_one_button(
     page.wait_for_text(re.compile("Pre-flight: clear"))
     page.click("Run")
     page.wait_until(lambda: bool(np.abs(served.tool_mm - [220, -60, 100]).max() < 0.05), "the tool is there")
+    served.arm.go_joints(HOME)
 
+    robot = served.robot
+    tip = 1000 * robot.forward(robot.pose("home"))[:3, 3]
+    page.choose("Tool pitch", "kept if possible")
+    end = tip.round(1) + np.array([0.0, 60.0, 0.0])
+    page.type_into("End X Y Z mm", ", ".join(f"{value:.1f}" for value in end.tolist()))
+    page.type_into("Tool speed mm/s", "80")
+    page.click("Show")
+    page.wait_for_text(re.compile(r"asked for: 80 mm/s"))
+    page.wait_for_text(re.compile("Pre-flight: clear"))
+    wait_for_ghost(page, robot, plan_line(robot, robot.pose("home"), end / 1000).end)
+    page.open_tab("Error report")
+    page.wait_for_text("Off the ideal line or arc")
+    page.click("Run")
+    page.page.get_by_text("Applied: 25 points").wait_for(timeout=3 * PATIENCE_MS)
+    assert served.tool_mm == pytest.approx(end, abs=0.05)
 
-def test_what_the_pre_flight_refuses_is_drawn_but_not_run(page: Screen, served: ServedArm) -> None:
-    page.choose(MOTION, "Tool line")
+    before = served.commanded_deg
     page.type_into("End X Y Z mm", "500 0 300")
     page.click("Show")
     page.wait_for_text(re.compile("Pre-flight: refused"))
@@ -238,42 +252,5 @@ def test_what_the_pre_flight_refuses_is_drawn_but_not_run(page: Screen, served: 
     page.type_into("To θ °", "200, 90, -80, -40, 0")
     page.click("Show")
     page.wait_for_text(re.compile("Not drawn: Base: 200.00° is outside"))
-    assert served.commanded_deg == HOME
-
-
-def test_joint_by_joint_is_studied_and_exported_but_not_run(page: Screen, served: ServedArm) -> None:
-    page.choose(MOTION, "Joint by joint (study)")
-    page.wait_for_text(re.compile("A study: nothing moves"))
-    page.click("Show")
-    page.wait_for_text(re.compile(r"Shoulder moves the tip fastest: 73\.7 mm/s"))
-    page.wait_for_text("Tip speed by joint (mm/s)")
-    expect(page.page.locator(".uplot .u-legend .u-label").locator("visible=true")).to_have_text(
-        ["time (s)", *(joint.title for joint in served.robot.joints)]
-    )
-    expect(page.page.get_by_role("button", name="Run", exact=True).locator("visible=true")).to_have_count(0)
-    page.screenshot("trajectory-study")
-    head, *rows = csv_of(page, "Export study (CSV)")
-    assert head.startswith("time_s,base_deg") and head.endswith("tip_by_wrist_roll_mm_s")
-    assert len(rows) == 601
-    page.choose("Turn", "all joints at once")
-    page.wait_for_text("The settings have changed since: press Show.")
-    page.click("Show")
-    page.wait_for_text(re.compile(r"All joints together: at most 136\.2 mm/s"))
-    page.type_into("Joint speed °/s", "0")
-    page.click("Show")
-    page.wait_for_notification(re.compile("0 °/s is outside 1 … 360 °/s"))
-    page.choose(MOTION, "Joint motion")
-    page.wait_for_text(re.compile("Duration 0: as short as"))
-    page.button("Run").wait_for()
-    assert served.commanded_deg == HOME
+    assert served.commanded_deg == before
     assert page.errors == []
-
-
-def test_a_published_path_that_an_arm_cannot_follow_is_explained(screen: Screen, tmp_path: Path) -> None:
-    with served_arm(tmp_path, "humanoid") as served:
-        screen.open(served.url, until="STOP")
-        screen.open_tab("Trajectory")
-        screen.choose(MOTION, "Arc (58 points)")
-        screen.wait_for_text(re.compile("Not for this arm: point 1 of 58: .*Elbow needs"))
-        screen.click("Show")
-        screen.wait_for_notification(re.compile("Elbow needs"))
