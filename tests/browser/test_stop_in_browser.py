@@ -88,27 +88,9 @@ def on_a_button(screen: Screen) -> None:
     screen.button("Pause").focus()
 
 
-def test_escape_stops_from_every_place_and_is_one_line_of_the_log(page: Screen, served: ServedArm) -> None:
-    places: tuple[Callable[[Screen], None], ...] = (
-        in_a_number_field,
-        in_a_text_field,
-        in_an_open_dropdown,
-        on_the_scene,
-        on_a_button,
-        in_the_command_palette,
-    )
-    for count, place in enumerate(places, start=1):
-        set_off(served, page)
-        place(page)
-        assert served.now.state is State.MOVING
-        page.page.keyboard.press("Escape")
-        served.wait_for(page, State.HOLDING)
-        page.pause(300)  # longer than the second way of the same press takes, through viser
-        assert [event.text for event in served.now.events].count(STOPPED) == count, place.__name__
-    assert page.errors == []
-
-
-def test_the_button_is_one_large_dark_and_counts_when_it_goes_down(page: Screen, served: ServedArm) -> None:
+def test_stop_is_one_large_dark_button_in_view_and_escape_from_every_place(
+    page: Screen, served: ServedArm
+) -> None:
     expect(page.page).to_have_title(f"armctl – {served.robot.title}")
     expect(stops(page)).to_have_count(1)
     assert_large_and_dark(page)
@@ -121,6 +103,35 @@ def test_the_button_is_one_large_dark_and_counts_when_it_goes_down(page: Screen,
     page.page.mouse.up()
     page.pause(300)
     assert [event.text for event in served.now.events].count(STOPPED) == 1
+
+    page.page.set_viewport_size({"width": 1280, "height": 60})
+    own = page.page.locator("#armctl-bar button")
+    expect(own).to_have_count(1)
+    set_off(served, page)
+    stops(page).click()
+    served.wait_for(page, State.HOLDING)
+    page.page.set_viewport_size({"width": 1280, "height": 800})
+    expect(own).to_have_count(0)
+    expect(stops(page)).to_have_count(1)
+
+    places: tuple[Callable[[Screen], None], ...] = (
+        in_a_number_field,
+        in_a_text_field,
+        in_an_open_dropdown,
+        on_the_scene,
+        on_a_button,
+        in_the_command_palette,
+    )
+    before = [event.text for event in served.now.events].count(STOPPED)
+    for count, place in enumerate(places, start=1):
+        set_off(served, page)
+        place(page)
+        assert served.now.state is State.MOVING
+        page.page.keyboard.press("Escape")
+        served.wait_for(page, State.HOLDING)
+        page.pause(300)  # longer than the second way of the same press takes, through viser
+        assert [event.text for event in served.now.events].count(STOPPED) == before + count, place.__name__
+    assert page.errors == []
 
 
 @pytest.fixture
@@ -149,24 +160,12 @@ def test_on_a_phone_stop_is_in_view_wherever_one_scrolls(phone: Screen, served: 
     assert phone.errors == []
 
 
-def test_where_the_panel_is_out_of_view_the_page_shows_a_stop_of_its_own(
+def test_a_page_that_hangs_stops_the_arm_within_a_second_and_one_without_its_line_through_viser(
     page: Screen, served: ServedArm
 ) -> None:
-    page.page.set_viewport_size({"width": 1280, "height": 60})
-    own = page.page.locator("#armctl-bar button")
-    expect(own).to_have_count(1)
-    set_off(served, page)
-    stops(page).click()
-    served.wait_for(page, State.HOLDING)
-    page.page.set_viewport_size({"width": 1280, "height": 800})
-    expect(own).to_have_count(0)
-    expect(stops(page)).to_have_count(1)
-
-
-def test_a_page_that_hangs_stops_the_arm_within_a_second(page: Screen, served: ServedArm) -> None:
-    """The best of a few: on a loaded machine everything comes late, the browser's timers included."""
     app = served.app
     served.app.server.stop_lines.attend(app._stop, app._silent, SILENCE_S)
+    # the best of a few: on a loaded machine everything comes late, the browser's timers included
     took: list[float] = []
     while not took or (took[-1] > 1.0 and len(took) < 3):
         set_off(served, page)
@@ -178,14 +177,13 @@ def test_a_page_that_hangs_stops_the_arm_within_a_second(page: Screen, served: S
         took.append(lines[0].stamp - began)
     assert 0.4 < took[-1] <= 1.0, took
 
-
-def test_a_page_without_its_line_says_so_and_stops_through_the_other(page: Screen, served: ServedArm) -> None:
     set_off(served, page)
     served.app.server.stop_lines.close()
     warning = page.page.get_by_role("alert").filter(has_text="STOP does not reach the arm. Use the power")
     warning.wait_for(timeout=PATIENCE_MS)
     page.screenshot("stop-not-connected")
     page.entry("Speed %").click()
+    assert served.now.state is State.MOVING
     page.page.keyboard.press("Escape")
     served.wait_for(page, State.HOLDING)
 
