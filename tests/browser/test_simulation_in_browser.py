@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,8 +21,27 @@ def shown(page: Screen, name: str, there: bool = True) -> None:
     page.wait_until(lambda: (page.node(name) is not None) is there, f"{name} is drawn: {there}")
 
 
-def test_the_twin_runs_the_program_while_the_arm_stands_still(page: Screen, served: ServedArm) -> None:
+def test_the_twin_is_exported_and_runs_what_can_be_run_while_the_arm_stands_still(
+    page: Screen, served: ServedArm
+) -> None:
+    page.wait_for_text("has no steps yet")
+    assert not page.is_enabled("Run on the twin only")
+    served.put((30.0, *HOME[1:]), (300.0, *HOME[1:]))
+    page.click("Run on the twin only")
+    page.wait_for_notification(re.compile(r"step 2: Base: 300\.00° is outside"))
+
     served.put((30.0, *HOME[1:]), tuple(HOME))
+    with page.page.expect_download() as download:
+        page.click("Export")
+    saved = Path(download.value.path())
+    assert download.value.suggested_filename.startswith("uzuner-") and saved.stat().st_size < 2e6
+    assert "Step 2 of 2: pose" in saved.read_text(encoding="utf-8")
+    with page.page.expect_download() as download:
+        page.choose("Rehearse", "go to zero")
+        page.click("Export")
+    assert download.value.suggested_filename == "uzuner-go-to-zero.html"
+    page.choose("Rehearse", "the program of Serial motion")
+
     page.click("Run on the twin only")
     page.wait_for_text(re.compile(r"\d\.\d / \d\.\d s · step 2 of 2: pose"))
     shown(page, "/twin")
@@ -30,12 +50,7 @@ def test_the_twin_runs_the_program_while_the_arm_stands_still(page: Screen, serv
     assert served.commanded_deg == HOME
     assert served.now.state is State.HOLDING
     assert not any("moving" in event.text and "program" in event.text for event in served.now.events)
-    assert page.errors == []
 
-
-def test_the_twin_goes_to_a_pose_and_can_be_stopped_also_without_an_enabled_arm(
-    page: Screen, served: ServedArm
-) -> None:
     served.arm.release()
     served.wait_for(page, State.OFF)
     before = served.commanded_deg
@@ -48,25 +63,16 @@ def test_the_twin_goes_to_a_pose_and_can_be_stopped_also_without_an_enabled_arm(
     shown(page, "/twin_path", False)
     assert served.commanded_deg == before
     assert served.now.state is State.OFF
+    assert page.errors == []
 
 
-def test_an_empty_program_and_an_impossible_one_are_refused_in_words(page: Screen, served: ServedArm) -> None:
-    page.wait_for_text("has no steps yet")
-    assert not page.is_enabled("Run on the twin only")
-    served.put((30.0, *HOME[1:]), (300.0, *HOME[1:]))
-    page.click("Run on the twin only")
-    page.wait_for_notification(re.compile(r"step 2: Base: 300\.00° is outside"))
-
-
-def test_the_trail_follows_the_arm_and_can_be_cleared_and_hidden(page: Screen, served: ServedArm) -> None:
+def test_the_arm_is_seen_in_trail_workspace_section_and_graph(page: Screen, served: ServedArm) -> None:
     assert page.node("/trail") is None
     served.arm.go_joints([20, 90, -80, -40, 0])
     shown(page, "/trail")
     page.click("Clear trail")
     shown(page, "/trail", False)
 
-
-def test_the_workspace_cloud_comes_and_goes(page: Screen, served: ServedArm) -> None:
     page.tick("Workspace cloud")
     shown(page, "/workspace")
     page.wait_for_text(re.compile("330 mm from the base axis, and from −49 to 493 mm"))
@@ -77,8 +83,6 @@ def test_the_workspace_cloud_comes_and_goes(page: Screen, served: ServedArm) -> 
     page.tick("Workspace cloud", on=False)
     shown(page, "/workspace", False)
 
-
-def test_the_section_follows_the_arm(page: Screen, served: ServedArm) -> None:
     page.tick("Section")
     dot = page.page.locator("svg.section-plot circle")
     dot.wait_for()
@@ -97,10 +101,7 @@ def test_the_section_follows_the_arm(page: Screen, served: ServedArm) -> None:
     page.wait_until(turned, "the plane has turned with the base")
     page.tick("Section", on=False)
     shown(page, "/section", False)
-    assert page.errors == []
 
-
-def test_the_graph_shows_the_motion_in_degrees(page: Screen, served: ServedArm) -> None:
     page.choose("Show", "Base")
     served.arm.go_joints([20, 90, -80, -40, 0])
 
@@ -114,3 +115,4 @@ def test_the_graph_shows_the_motion_in_degrees(page: Screen, served: ServedArm) 
 
     page.wait_until(ends_at_20, "both lines end at 20°")
     page.screenshot("simulation-graph")
+    assert page.errors == []

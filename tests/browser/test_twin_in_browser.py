@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 from tests.browser.kit import Screen
-from tests.browser.served_arm import HOME, ServedArm
 
 from armctl.program import MoveStep, Program, check_program
 from armctl.robot import load_robot
@@ -59,18 +58,3 @@ def test_a_file_plays_and_is_scrubbed_offline(screen: Screen, tmp_path: Path) ->
     page.context.set_offline(False)
     assert asked == [file.as_uri()]
     assert screen.errors == []
-
-
-def test_the_screen_exports_what_is_chosen(page: Screen, served: ServedArm) -> None:
-    served.put((30.0, *HOME[1:]), tuple(HOME))
-    page.open_tab("Simulation")
-    with page.page.expect_download() as download:
-        page.click("Export")
-    saved = Path(download.value.path())
-    assert download.value.suggested_filename.startswith("uzuner-") and saved.stat().st_size < 2e6
-    assert "Step 2 of 2: pose" in saved.read_text(encoding="utf-8")
-    with page.page.expect_download() as download:
-        page.choose("Rehearse", "go to zero")
-        page.click("Export")
-    assert download.value.suggested_filename == "uzuner-go-to-zero.html"
-    assert page.errors == []
