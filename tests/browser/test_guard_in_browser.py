@@ -50,7 +50,9 @@ def elsewhere() -> Iterator[str]:
         thread.join()
 
 
-def test_a_click_arrives_on_the_event_loop_which_can_answer(console: Console, screen: Screen) -> None:
+def test_a_click_arrives_on_the_event_loop_which_can_answer_also_after_a_lost_connection(
+    console: Console, screen: Screen
+) -> None:
     screen.open(console.url, until="STOP")
     screen.click("STOP", within=screen.panel("Control"))
     label, client_id = console.next_event()
@@ -69,8 +71,18 @@ def test_a_click_arrives_on_the_event_loop_which_can_answer(console: Console, sc
     assert screen.errors == []
     assert console.server.refusals == {}
 
+    before = set(console.server.get_clients())
+    console.server._websock_server.disconnect_all_clients()
+    screen.wait_until(
+        lambda: bool(set(console.server.get_clients()) - before), "the page to connect again under a new id"
+    )
+    screen.click("STOP")
+    assert console.next_event()[0] == "STOP"
 
-def test_every_kind_of_field_can_be_used(console: Console, screen: Screen, tmp_path: Path) -> None:
+
+def test_every_kind_of_field_can_be_used_and_what_is_beyond_its_limits_is_refused(
+    console: Console, screen: Screen, tmp_path: Path
+) -> None:
     screen.open(console.url, until="STOP")
     screen.type_into("X [mm]", "-75.5", by_key=True)
     assert console.last_event(screen) == ("X [mm]", -75.5)
@@ -102,12 +114,7 @@ def test_every_kind_of_field_can_be_used(console: Console, screen: Screen, tmp_p
     assert console.server.refusals == {}
     assert screen.errors == []
 
-
-def test_a_number_beyond_its_limits_arrives_and_one_beyond_a_slider_is_refused(
-    console: Console, screen: Screen
-) -> None:
-    """The screen has to see "900" to say that it is outside; the page puts 400 when the field is left."""
-    screen.open(console.url, until="STOP")
+    # the screen has to see "900" to say that it is outside; the page puts 400 when the field is left
     screen.type_into("X [mm]", "900", leave=False, by_key=True)
     assert console.last_event(screen) == ("X [mm]", 900.0)
     screen.leave("X [mm]")
@@ -119,8 +126,10 @@ def test_a_number_beyond_its_limits_arrives_and_one_beyond_a_slider_is_refused(
     screen.wait_until(lambda: screen.number("joint 1") == 9, "the number in force is shown again")
 
 
-def test_the_address_cannot_name_another_server(console: Console, screen: Screen) -> None:
-    """viser's page would load the screens, and send the clicks, of ``?websocket=``."""
+def test_the_page_cannot_be_led_to_another_server_nor_reach_one_by_any_means(
+    console: Console, screen: Screen
+) -> None:
+    # viser's page would load the screens, and send the clicks, of ``?websocket=``
     with socket.create_server(("127.0.0.1", 0)) as elsewhere:
         elsewhere.setblocking(False)
         screen.open(f"{console.url}?websocket=ws://127.0.0.1:{elsewhere.getsockname()[1]}", until="STOP")
@@ -130,9 +139,6 @@ def test_the_address_cannot_name_another_server(console: Console, screen: Screen
         with pytest.raises(BlockingIOError):
             elsewhere.accept()
 
-
-def test_the_page_cannot_reach_another_server_by_any_means(console: Console, screen: Screen) -> None:
-    screen.open(console.url, until="STOP")
     with socket.create_server(("127.0.0.1", 0)) as elsewhere:
         elsewhere.setblocking(False)
         there = f"127.0.0.1:{elsewhere.getsockname()[1]}"
@@ -229,14 +235,3 @@ def test_the_page_works_on_an_encrypted_line(browser: Browser, tmp_path: Path) -
     finally:
         page.close()
         console.server.stop()
-
-
-def test_the_page_comes_back_after_a_lost_connection(console: Console, screen: Screen) -> None:
-    screen.open(console.url, until="STOP")
-    before = set(console.server.get_clients())
-    console.server._websock_server.disconnect_all_clients()
-    screen.wait_until(
-        lambda: bool(set(console.server.get_clients()) - before), "the page to connect again under a new id"
-    )
-    screen.click("STOP")
-    assert console.next_event()[0] == "STOP"

@@ -85,16 +85,13 @@ def wait_for(stage: Stage, screen: Screen, what: str) -> None:
     screen.wait_until(has_come, what)
 
 
-def test_held_buttons_and_hot_keys_arrive(stage: Stage, screen: Screen) -> None:
+def test_held_buttons_hot_keys_clicks_and_drags_in_the_scene_arrive(stage: Stage, screen: Screen) -> None:
     screen.open(stage.url, until="Jog")
     screen.hold("Jog", 300)
     wait_for(stage, screen, "hold")
     screen.page.keyboard.press("Escape")
     wait_for(stage, screen, "hot key")
 
-
-def test_clicks_and_drags_in_the_scene_arrive(stage: Stage, screen: Screen) -> None:
-    screen.open(stage.url, until="Jog")
     canvas = screen.page.locator("canvas[data-engine]").bounding_box()
     assert canvas is not None
     x, y = canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] / 2
