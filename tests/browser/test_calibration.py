@@ -123,7 +123,7 @@ def test_a_servo_mounted_otherwise_is_measured_saved_tried_and_taken_back(
     assert page.errors == []
 
 
-def test_a_page_that_watches_reads_the_marks_and_changes_none(
+def test_marks_are_not_changed_by_a_page_that_watches_and_touched_points_name_the_joint_that_is_off(
     page: Screen, served: ServedArm, screens: Screens
 ) -> None:
     add_mark(page, 0.4)
@@ -153,9 +153,8 @@ def test_a_page_that_watches_reads_the_marks_and_changes_none(
     page.wait_for_text("1500.0 µs")
     page.click("Closed here")
     page.wait_until(lambda: work.jaw("closed") == 1500, "the gripper is closed here")
+    watcher.leave_page()
 
-
-def test_touched_points_name_the_joint_that_is_off(page: Screen, served: ServedArm) -> None:
     page.open_tab("Known points")
     for joints in TOUCHES:
         served.arm.go_joints(joints)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from tests.browser.kit import Screen, Screens
+from tests.browser.kit import Screens
 from tests.browser.served_arm import HOME, ServedArm
 
 from armctl.runtime import State
@@ -11,7 +11,16 @@ from armctl.runtime import State
 pytestmark = pytest.mark.browser
 
 
-def test_after_a_reconnect_enable_takes_the_arm_over_where_it_stands(page: Screen, served: ServedArm) -> None:
+def test_a_new_page_shows_the_speed_in_force_and_after_a_reconnect_enable_takes_the_arm_over(
+    screens: Screens, served: ServedArm
+) -> None:
+    first = screens(served.url)
+    first.type_into("Speed %", "20")
+    first.wait_until(lambda: served.now.speed == pytest.approx(0.2), "the override is in force")
+    first.page.close()
+    page = screens(served.url)
+    assert page.number("Speed %") == 20
+
     page.click("Disconnect")
     served.wait_for(page, State.DISCONNECTED)
     page.click("Connect")
@@ -25,12 +34,3 @@ def test_after_a_reconnect_enable_takes_the_arm_over_where_it_stands(page: Scree
     assert served.now.state is State.HOLDING
     page.click("DROPS! Click again")
     served.wait_for(page, State.OFF)
-
-
-def test_a_reloaded_page_shows_the_speed_that_is_in_force(screens: Screens, served: ServedArm) -> None:
-    first = screens(served.url)
-    first.type_into("Speed %", "20")
-    first.wait_until(lambda: served.now.speed == pytest.approx(0.2), "the override is in force")
-    first.page.close()
-    second = screens(served.url)
-    assert second.number("Speed %") == 20

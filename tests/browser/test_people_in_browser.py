@@ -42,7 +42,9 @@ def opened(screens: Screens, served: ServedArm) -> tuple[Screen, Screen]:
     return pages
 
 
-def test_control_is_asked_for_told_and_logged(screens: Screens, served: ServedArm) -> None:
+def test_control_is_asked_for_told_logged_and_locked_and_the_lock_opens_for_the_teacher_alone(
+    screens: Screens, served: ServedArm
+) -> None:
     first, second = opened(screens, served)
     first.type_into("Your name", "Ada")
     second.type_into("Your name", "Bob")
@@ -71,29 +73,26 @@ def test_control_is_asked_for_told_and_logged(screens: Screens, served: ServedAr
     expect(second.page.locator("#armctl-watching")).to_be_hidden()
     first.click("STOP")  # everybody's
     first.wait_until(lambda: logged(served, "STOP (browser page 1)"), "who watches stops it")
-    second.page.close()
-    first.wait_until(lambda: operator(served) is None, "control is free")
-    assert logged(served, "Bob no longer operates: the operator's page is gone; control is free")
 
-
-def test_a_locked_control_opens_for_the_teacher_alone(screens: Screens, served: ServedArm) -> None:
-    first, second = opened(screens, served)
-    first.click("Lock control")
-    second.wait_for_text("Control is locked by the operator.")
-    second.click("Take control")
-    second.click("Take control")
-    second.wait_for_text(
-        "browser page 1 has locked control; ask for it to be unlocked, or give the teacher's PIN"
-    )
-    second.type_into("Teacher's PIN", "0000")
-    second.click("Take control of the arm")
-    second.wait_for_text("that is not the teacher's PIN")
-    first.wait_for_text("Wrong PINs in the last hour:")
-    first.wait_for_text("browser page 2: 1 · pages at 127.0.0.1")
-    second.wait_until(lambda: second.value("Teacher's PIN") == "", "the PIN does not stay on the screen")
-    second.type_into("Teacher's PIN", PIN)
-    second.click("Take control of the arm")
-    first.wait_for_text("This page watches now: browser page 2 operates the arm.")
+    for page in (first, second):
+        page.open_tab("Who operates")
+    second.click("Lock control")
+    first.wait_for_text("Control is locked by the operator.")
+    first.click("Take control")
+    first.click("Take control")
+    first.wait_for_text("Bob has locked control; ask for it to be unlocked, or give the teacher's PIN")
+    first.type_into("Teacher's PIN", "0000")
+    first.click("Take control of the arm")
+    first.wait_for_text("that is not the teacher's PIN")
+    second.wait_for_text("Wrong PINs in the last hour:")
+    second.wait_for_text("Ada: 1 · pages at 127.0.0.1")
+    first.wait_until(lambda: first.value("Teacher's PIN") == "", "the PIN does not stay on the screen")
+    first.type_into("Teacher's PIN", PIN)
+    first.click("Take control of the arm")
+    second.wait_for_text("This page watches now: Ada operates the arm.")
     assert not logged(served, PIN)
-    assert served.now.control.operates("browser page 2")
+    assert served.now.control.operates("browser page 1")
     served.console.controller.stop(Origin("test")).result(5)
+    first.page.close()
+    second.wait_until(lambda: operator(served) is None, "control is free")
+    assert logged(served, "Ada no longer operates: the operator's page is gone; control is free")
