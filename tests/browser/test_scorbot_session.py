@@ -97,10 +97,57 @@ def joints_shown(page: Screen) -> list[float]:
     ]
 
 
-def test_home_move_lose_the_cable_and_go_on(page: Screen, cable: Cable) -> None:
+def stop_ends_homing(page: Screen, cable: Cable) -> None:
+    page.click("Homing")
+    page.wait_for_text("looks for its zero")
+    page.click("STOP")
+    page.wait_for_text("OFF")
+    page.wait_for_text("homing was stopped")
+    assert cable.mode is not Mode.HOMING
+    assert not page.is_enabled("Enable")
+
+
+def a_stalled_axis_is_told_in_words(page: Screen, cable: Cable) -> None:
+    with cable.server.inspect() as board:
+        board.axes[1].jammed = True
+    page.open_tab("Forward")
+    page.type_into("Shoulder °", "-80")
+    page.click(REFERENCE)
+    page.wait_for_text("FAULT")
+    page.wait_for_text(re.compile("Shoulder: "))
+    page.open_tab("Main")
+    page.screenshot("scorbot-stalled")
+    page.click("Clear fault")
+    page.wait_for_text("OFF")
+    with cable.server.inspect() as board:
+        board.axes[1].jammed = False
+    page.click("Enable")  # it still knows where it is
+    page.wait_for_text("HOLDING")
+
+
+def nothing_goes_on_by_itself_after_the_cable_is_pulled(page: Screen, cable: Cable) -> None:
+    """Nor once it is plugged in again, and connected."""
+    cable.pull()
+    page.wait_for_text("FAULT")
+    page.wait_for_text("last known; unknown until the arm is homed again")
+    page.open_tab("Main")
+    page.screenshot("scorbot-unplugged")
+    cable.plug_in()
+    page.pause(600)
+    assert cable.mode is Mode.OFF
+    assert cable.setpoints == []  # nothing goes on by itself
+    page.click("Connect")
+    page.wait_for_text("unknown until the arm is homed")
+    page.pause(600)
+    assert cable.setpoints == []
+    assert not page.is_enabled("Enable")
+
+
+def test_home_move_stall_lose_the_cable_and_go_on(page: Screen, cable: Cable) -> None:
     page.wait_for_text("unknown until the arm is homed")
     page.screenshot("scorbot-unhomed")
     assert not page.is_enabled("Enable")
+    stop_ends_homing(page, cable)
     home(page)
     page.wait_for_text("measured")
     page.wait_until(lambda: len(joints_shown(page)) == 5, "the panel shows five joints")
@@ -119,6 +166,7 @@ def test_home_move_lose_the_cable_and_go_on(page: Screen, cable: Cable) -> None:
     page.wait_until(lambda: abs(joints_shown(page)[0] + 20) < 0.3, "the arm stands there")
     page.wait_for_text("HOLDING")
     page.screenshot("scorbot-forward")
+    a_stalled_axis_is_told_in_words(page, cable)
 
     # a program in a loop
     page.open_tab("Manual", "Serial motion")
@@ -134,22 +182,7 @@ def test_home_move_lose_the_cable_and_go_on(page: Screen, cable: Cable) -> None:
     seen = len(cable.setpoints)
     page.wait_until(lambda: len(cable.setpoints) > seen + 20, "setpoints come")
 
-    # the cable is pulled in the middle of it
-    cable.pull()
-    page.wait_for_text("FAULT")
-    page.wait_for_text("last known; unknown until the arm is homed again")
-    page.open_tab("Main")
-    page.screenshot("scorbot-unplugged")
-    cable.plug_in()
-    page.pause(600)
-    assert cable.mode is Mode.OFF
-    assert cable.setpoints == []  # nothing goes on by itself
-    page.click("Connect")
-    page.wait_for_text("unknown until the arm is homed")
-    page.pause(600)
-    assert cable.setpoints == []
-    assert not page.is_enabled("Enable")
-
+    nothing_goes_on_by_itself_after_the_cable_is_pulled(page, cable)
     home(page)
     page.open_tab("Manual")
     page.click("Loop")
@@ -166,26 +199,3 @@ def test_home_move_lose_the_cable_and_go_on(page: Screen, cable: Cable) -> None:
     page.click("Disconnect")
     page.wait_for_text("DISCONNECTED")
     assert page.errors == []
-
-
-def test_stop_ends_homing_and_a_stalled_axis_is_told_in_words(page: Screen, cable: Cable) -> None:
-    page.click("Homing")
-    page.wait_for_text("looks for its zero")
-    page.click("STOP")
-    page.wait_for_text("OFF")
-    page.wait_for_text("homing was stopped")
-    assert cable.mode is not Mode.HOMING
-    assert not page.is_enabled("Enable")
-
-    home(page)
-    with cable.server.inspect() as board:
-        board.axes[1].jammed = True
-    page.open_tab("Forward")
-    page.type_into("Shoulder °", "-80")
-    page.click(REFERENCE)
-    page.wait_for_text("FAULT")
-    page.wait_for_text(re.compile("Shoulder: "))
-    page.open_tab("Main")
-    page.screenshot("scorbot-stalled")
-    page.click("Clear fault")
-    page.wait_for_text("OFF")
