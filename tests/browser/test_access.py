@@ -35,8 +35,18 @@ def violations(page: Screen, rules: list[str]) -> list[str]:
     ]
 
 
-def test_axe_finds_nothing_serious_on_any_tab_in_either_theme(page: Screen, served: ServedArm) -> None:
-    del served
+def tab_to(page: Screen, name: str) -> None:
+    """Press the tab key until what has this name has the focus."""
+    for _ in range(_MOST_TABS):
+        page.page.keyboard.press("Tab")
+        if page.page.evaluate(_FOCUSED) == name:
+            return
+    raise AssertionError(f"the tab key does not come to {name!r}")
+
+
+def test_axe_finds_nothing_serious_on_any_tab_in_either_theme_and_the_keyboard_alone_does_the_main_job(
+    page: Screen, served: ServedArm
+) -> None:
     for theme, rules in (("Light", ["wcag2a", "wcag2aa", "wcag21aa"]), ("Dark", ["color-contrast"])):
         page.choose("Theme", theme)
         for tab in TABS:
@@ -51,17 +61,7 @@ def test_axe_finds_nothing_serious_on_any_tab_in_either_theme(page: Screen, serv
     page.page.reload()  # the browser remembers the theme
     page.page.locator(":root[data-mantine-color-scheme=dark]").wait_for(state="attached")
 
-
-def tab_to(page: Screen, name: str) -> None:
-    """Press the tab key until what has this name has the focus."""
-    for _ in range(_MOST_TABS):
-        page.page.keyboard.press("Tab")
-        if page.page.evaluate(_FOCUSED) == name:
-            return
-    raise AssertionError(f"the tab key does not come to {name!r}")
-
-
-def test_the_keyboard_alone_does_the_main_job(page: Screen, served: ServedArm) -> None:
+    page.wait_until(lambda: served.now.control.operator is not None, "the page operates again")
     served.order(Release()).result(10)
     page.wait_for_text("OFF")
     page.page.wait_for_function(_NAMED)
