@@ -137,8 +137,6 @@ class MotionRefusedError(ArmctlError):
     """A motion that would leave the limits, found before the arm moves."""
 
     section = "a-motion-is-refused"
-    instead: Sequence[float] = ()
-    """joint angles [rad] of another solution of the target, to which the arm may go; empty: none was found"""
 
 
 class StateError(ArmctlError):

@@ -138,9 +138,11 @@ def test_rows_that_the_arm_may_not_go_to_are_called_refused_and_recommended_neve
             assert not next(one.refused for one in rows if one.row == int(row))
         refused, others = bool(found.way_refused), [one.row for one in rows if not one.refused]
         assert ("The way there is refused: " in said) is ("least energy would go to" in said) is refused
-        told = re.findall(r"may go to row (\d+) instead", said)
+        told = re.findall(r"goes to row (\d+) instead", said)
         assert len(told) <= refused and (told or not others or not refused)
+        assert found.best is None or told or found.next is found.best
         for row in map(int, told):  # none before it, and it may be none of the few
+            np.testing.assert_array_equal(found.next, found.q(row))
             assert row <= min(others, default=row)
             ways = [bool(way_refused(robot, home, "cubic", found.q(k + 1))) for k in range(min(row, 12))]
             assert ways == [k + 1 != row for k in range(len(ways))]

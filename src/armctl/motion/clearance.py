@@ -208,6 +208,20 @@ def stands_clear(robot: Robot, q: FloatArray) -> bool:
     return bool(robot.chain.keeps_turns(q)) and touching(sources(robot), robot, q) is None
 
 
+def ends_clear(robot: Robot, start: FloatArray, q: FloatArray) -> NDArray[np.bool_]:
+    """(k,) whether a motion from ``start`` (n,) [rad] may end at each of ``q`` (k, n) [rad].
+
+    Where the arm touches something at rest or at the start, it may touch it as much at the end.
+    """
+    clear = robot.chain.keeps_turns(q)
+    frames = robot.body_frames(np.concatenate([start[None], q]))
+    for source in sources(robot):
+        gaps = source.gaps(frames, _TOUCHES_M)
+        allowed = np.minimum(gaps[:, :1], source.closed[:, None]) - FLOOR_TOLERANCE_M
+        clear &= (gaps[:, 1:] >= allowed).all(axis=0)
+    return clear
+
+
 _QUARTER = np.pi / 2
 _MOST_TURNED, _TURNED = 4, 10
 """joints of a suggested pose that are a quarter turn from zero, at most so many of the first ones"""

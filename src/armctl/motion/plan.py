@@ -7,7 +7,7 @@ shortest that the limits allow; ``checked`` runs the pre-flight, without it the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Literal
 
@@ -16,9 +16,10 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError, UnreachableError
-from armctl.kinematics import DEFAULT_STEP, Choice, Target, checked_criterion
+from armctl.kinematics import Choice, Target
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion.blend import Leg, blend
+from armctl.motion.choices import admitted, first_possible, solve
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.paths.tool_path import PitchMode, TurnMode, follow, led_at_once
@@ -95,88 +96,37 @@ def plan_target(
 ) -> Trajectory:
     """Plan a motion of the tool to a target and check it; ``choose`` as in ``Arm.go``.
 
-    Raises as ``plan_joints``, and ``UnreachableError`` where there is no solution, with the reason and the
-    nearest point. Where the arm may go to another solution instead, a ``MotionRefusedError`` names it.
+    It goes to the best of the solutions to which the arm may go. Raises as ``plan_joints``, why the best of
+    all is refused, where it may go to none; ``UnreachableError`` where there is no solution, with the reason
+    and the nearest point.
     """
-    end = solve(robot, start, target, choose)
+    return plan_choice(robot, start, target, choose, duration_s, profile, checked=checked)[0]
 
-    def may_go(q: FloatArray) -> bool:
-        return may_go_to(robot, start, q, duration_s, profile, checked=checked)
 
+def plan_choice(
+    robot: Robot,
+    start: ArrayLike,
+    target: Target,
+    choose: Choice = "least-rotation",
+    duration_s: float | None = None,
+    profile: Profile = "cubic",
+    *,
+    checked: bool = True,
+) -> tuple[Trajectory, MotionRefusedError | None]:
+    """As ``plan_target``; and why it does not go to the best of all solutions, None where it does."""
+    best = solve(robot, start, target, choose)
     try:
-        return plan_joints(robot, start, end, duration_s, profile, checked=checked)
+        return plan_joints(robot, start, best, duration_s, profile, checked=checked), None
     except MotionRefusedError as refusal:
-        rows = _admitted(robot, start, target, choose)
-        possible = first_possible(rows, may_go, known=(end,))
-        if possible is not None:
-            angles = ", ".join(f"{angle:z.2f}" for angle in np.degrees(rows[possible]).tolist())
-            refusal.instead = rows[possible].tolist()
-            refusal.args = (f"{refusal}; another solution can be gone to: ({angles})°",)
-        raise
+        rows = admitted(robot, start, target, choose)
 
+        def may_go(q: FloatArray) -> bool:
+            return may_go_to(robot, start, q, duration_s, profile, checked=checked)
 
-def _admitted(robot: Robot, start: ArrayLike, target: Target, choose: Choice) -> FloatArray:
-    """All configurations (k, n) [rad] that a criterion admits for a target, the best first."""
-    begin = robot.chain.checked_one(start)
-    solutions = robot.inverse_kinematics.solve(target, DEFAULT_STEP, begin)
-    energy = solutions.energies(choose, begin)
-    order, q = np.argsort(energy, kind="stable"), solutions.q
-    if isinstance(choose, str):
-        name = checked_criterion(choose)
-        order, q = solutions.order(name, begin), solutions.taken(q, name, begin)
-    meets = np.isfinite(energy) & (solutions.residual_rad <= _TURNED)
-    return q[order[meets[order]]]
-
-
-_ANOTHER_RAD, _MOST_TRIED, _MOST_LOOKED_AT = 0.2, 24, 2000
-"""configurations that differ by less are not tried one by one, and no more than so many of so many"""
-_TURNED = 1e-6
-"""rotations that differ by less are the same [rad]"""
-
-
-def first_possible(
-    q: FloatArray, may_go: Callable[[FloatArray], bool], known: Sequence[FloatArray] = ()
-) -> int | None:
-    """Index of the first of configurations ``q`` (k, n) [rad] to which the arm may go; None: none was found.
-
-    Only some are tried, which differ from each other and from the ``known`` ones, which are refused.
-    """
-    tried, most = list(known), len(known) + _MOST_TRIED
-    for row in range(0, len(q), 1 + len(q) // _MOST_LOOKED_AT):
-        if all(np.abs(q[row] - other).max() > _ANOTHER_RAD for other in tried):
-            if may_go(q[row]):
-                return row
-            tried.append(q[row])
-            if len(tried) == most:
-                break
-    return None
-
-
-def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: Choice) -> FloatArray:
-    """The configuration (n,) [rad] that a criterion chooses for a target.
-
-    Raises ``InputError`` where there is no such criterion, ``UnreachableError`` where there is no solution:
-    with the reason and the nearest point. A solver answers an orientation that cannot be had by the nearest;
-    the arm is not sent there.
-    """
-    if not isinstance(target, Target):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise InputError(f"a target is made with Target.of(position), it is not {target!r}")
-    solver = robot.inverse_kinematics
-    position_only = target.pitch is None and target.roll is None and target.rotation is None
-    own = not isinstance(choose, str) and callable(choose)
-    if not own and checked_criterion(choose) == "least-rotation" and position_only and solver.direct:
-        q = robot.least_rotation(target.position)  # the same without listing ten thousand others
-        if np.isfinite(q).all():
-            return q
-    begin = None if start is None else robot.chain.checked_one(start)
-    solutions = solver.solve(target, DEFAULT_STEP, begin)
-    if not solutions.success:
-        raise UnreachableError(solutions.explanation or "there is no solution")
-    q = solutions.best(choose, start)
-    turned_off = robot.turned_off(solutions, q)
-    if turned_off is not None:
-        raise UnreachableError(turned_off)
-    return q
+        row = first_possible(robot, robot.chain.checked_one(start), rows, may_go, known=(best,))
+        if row is None:
+            raise
+        return plan_joints(robot, start, rows[row], duration_s, profile, checked=False), refusal
 
 
 # Motions of the tool along a line or an arc, and of the joints smoothly through points.

@@ -12,16 +12,24 @@ import numpy as np
 import armctl.runtime.commands as c
 from armctl.arrays import FloatArray
 from armctl.decoding import must_be
-from armctl.errors import ArmctlError, BoardError, InputError, StateError, out_of_range
+from armctl.errors import (
+    ArmctlError,
+    BoardError,
+    InputError,
+    MotionRefusedError,
+    StateError,
+    out_of_range,
+)
 from armctl.kinematics import Target
 from armctl.kinematics.target import as_numbers, checked_number
-from armctl.motion import plan_joints, plan_target
+from armctl.motion import Trajectory, plan_choice, plan_joints
 from armctl.program import Program
 from armctl.program.feed import require_runnable
 from armctl.robot import CarriedPart
 from armctl.runtime.core import Core
 from armctl.runtime.jog import JOG_EXPIRY_S, Jogger, tool_turns
 from armctl.runtime.live_target import FOLLOW_EXPIRY_S, STREAM_EXPIRY_S, Follower, Streamer
+from armctl.runtime.mover import PathMover
 from armctl.runtime.planner import checked_trajectory
 from armctl.runtime.power import enable, home, release
 from armctl.runtime.program_runner import ProgramRunner, begun_program
@@ -60,7 +68,8 @@ def _carry_out(core: Core, order: c.Order, now: float) -> bool:
             return False
         case c.MoveTo(target, choose, duration_s, profile):
             start = _held_at(core, "a motion")
-            core.plan(order, "move to a point", start, None, plan_target, target, choose, duration_s, profile)
+            take = partial(_to_a_point, core, order)
+            core.plan(order, _TO_A_POINT, start, take, plan_choice, target, choose, duration_s, profile)
             return False
         case c.Follow(trajectory):
             core.plan(order, "trajectory", _held_at(core, "a motion"), None, checked_trajectory, trajectory)
@@ -228,6 +237,21 @@ def _checked_tool_jog(core: Core, jog: c.JogTool) -> c.JogTool:
             if turn and not can:
                 raise InputError(f"the tool of {core.robot.name} cannot {name} while its point stays")
     return jog
+
+
+_TO_A_POINT = "move to a point"
+
+
+def _to_a_point(
+    core: Core, order: c.Order, planned: tuple[Trajectory, MotionRefusedError | None]
+) -> PathMover:
+    trajectory, refusal = planned
+    if refusal is not None:
+        core.log.warn(
+            f"{_TO_A_POINT} ({order.origin.who}): the best solution is refused ({refusal}); "
+            "the arm goes to the next best to which it may go"
+        )
+    return PathMover(core.robot, trajectory, core.speed, _TO_A_POINT)
 
 
 def _move_gripper(core: Core, opening: float, part: CarriedPart | None, order: c.Order) -> None:

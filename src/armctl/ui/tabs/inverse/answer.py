@@ -13,8 +13,9 @@ from armctl.errors import MotionRefusedError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
 from armctl.kinematics.energy import EnergyModel, energies
 from armctl.motion import FLOOR_TOLERANCE_M, Profile, plan_joints
+from armctl.motion.choices import first_possible
 from armctl.motion.figure import color_of
-from armctl.motion.plan import first_possible, may_go_to
+from armctl.motion.plan import may_go_to
 from armctl.robot import Robot
 from armctl.ui.widgets.html import fixed, muted, numbers, refused, strong, table, warned
 from armctl.ui.widgets.plots import Line, Picture, thinned
@@ -148,6 +149,11 @@ class Answer:
     representatives: tuple[Representative, ...] = ()
     """a few rows that stand for all; empty where there is no solution"""
 
+    @property
+    def next(self) -> FloatArray | None:
+        """(n,) where *Go by least energy* goes [rad]: to the best, or instead of one that is refused."""
+        return self.best if self.instead is None else self.q(self.instead)
+
     def q(self, row: int) -> FloatArray:
         """Configuration (n,) [rad] of a row of the list, counted from 1, as the criterion takes it."""
         return self.solutions.taken(self.solutions.q[self.order[row - 1]], self.criterion, self.start)
@@ -204,16 +210,16 @@ def answer(
     judged = _verdicts(robot, solutions, name, start, best, ways)
     found = Answer(solutions, name, start, energy, order, best, why_not, ways, judged, way)
     few = representatives(found) if solutions.success else ()
-    other = _first_possible(found, few) if way else None
+    other = _first_possible(robot, found, few) if way else None
     return replace(found, curve=_energy_curve(robot, found), representatives=few, instead=other)
 
 
-def _first_possible(found: Answer, few: Sequence[Representative]) -> int | None:
+def _first_possible(robot: Robot, found: Answer, few: Sequence[Representative]) -> int | None:
     """The first row to which the arm may go, of some that differ from each other and of the ``few``."""
     possible = min((one.row for one in few if not one.refused), default=len(found.order) + 1)
     before = found.solutions.q[found.order[: possible - 1]]
     taken = found.solutions.taken(before, found.criterion, found.start)
-    row = first_possible(taken, found.ways.possible)
+    row = first_possible(robot, found.start, taken, found.ways.possible)
     if row is not None:
         return row + 1
     return possible if possible <= len(found.order) else None
@@ -287,7 +293,9 @@ def result_html(robot: Robot, found: Answer) -> str:
         text += muted(f"Torques count {solutions.arm.energy.gravity.counted}.")
     text += way_html(found.way_refused)
     if found.instead is not None:
-        text += muted(f"The arm may go to row {found.instead} instead: select it under List.")
+        angles = _in_one_line(numbers(np.degrees(found.q(found.instead)).tolist(), 3))
+        text += f"<div>Go by least energy goes to row {found.instead} instead: {angles}</div>"
+        text += muted("It is the best to which the arm may go.")
     return text
 
 

@@ -226,10 +226,10 @@ class InverseScreen:
         found = self._present_answer(self._session.snapshot) or await self._update()
         if found is None:
             raise InputError("the target was changed while it was solved; look at the result and press again")
-        if found.best is None or found.why_not:
+        if found.next is None or found.why_not:
             raise UnreachableError(found.why_not)
         self._show_ghost()
-        await self._session.submit(MoveJoints(found.best, duration, profile))
+        await self._session.submit(MoveJoints(found.next, duration, profile))
 
     async def _on_go_selected(self) -> None:
         self._form.watch.require_settled()
@@ -338,11 +338,11 @@ class InverseScreen:
         self._curve.show(replace(found.curve, lines=(*branches, selected, least)))
 
     def _show_ghost(self) -> None:
-        """The one of least energy, else the nearest; none beside the ghosts of all branches."""
+        """Where *Go by least energy* goes, else the nearest; none beside the ghosts of all branches."""
         found = self._answer
         shown = None
         if found is not None and not self._branches.as_ghosts:
-            shown = found.best if found.solutions.success else found.solutions.nearest_q
+            shown = found.next if found.solutions.success else found.solutions.nearest_q
         if shown is None:
             self._preview.hide()
         else:
@@ -351,7 +351,8 @@ class InverseScreen:
     def _show_selected(self) -> None:
         """The ghost of the selected row; of the first one and of none, that of least energy."""
         found, row = self._answer, self._pager.row
-        if found is None or row is None or row == 1 or not found.solutions.success:
+        exact = row == 1 and found is not None and found.instead is None  # it may lie between two rows
+        if found is None or row is None or exact or not found.solutions.success:
             self._show_ghost()
         elif not self._branches.as_ghosts:
             self._preview.show(found.q(row), self._session.snapshot.q_command)
