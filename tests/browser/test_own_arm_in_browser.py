@@ -41,7 +41,32 @@ def opened(page: Screen, served: ServedArm, name: str) -> None:
     page.wait_until(lambda: page.value("Robot") == served.robot.title, "the list shows it")
 
 
-def test_a_palletiser_from_its_lengths(page: Screen, served: ServedArm) -> None:
+def test_a_file_with_two_tools_asks_which_one_and_a_palletiser_is_made_from_its_lengths(
+    page: Screen, served: ServedArm, tmp_path: Path
+) -> None:
+    steps = (
+        Step("pan", "revolute", "base", "body", "0 0 0.1"),
+        Step("lift", "revolute", "body", "upper", "0 0 0.05", axis="0 1 0"),
+        Step("elbow", "revolute", "upper", "lower", "0.3 0 0", axis="0 1 0"),
+        Step("back", "fixed", "lower", "back_tcp", "0 0 0.1"),
+        Step("front", "fixed", "lower", "front_tcp", "0.1 0 0"),
+    )
+    file = written(tmp_path / "forked.urdf", steps)
+    page.click("Discard")
+    page.open_tab("Arms from URDF files")
+    page.upload("Upload an arm", file)
+    page.wait_for_text("Which link is the tool?")
+    page.click("Cancel")
+    expect(page.page.get_by_text("Which link is the tool?")).to_have_count(0)
+    page.upload("Upload an arm", file)
+    page.wait_for_text("Which link is the tool?")
+    page.click("front_tcp")
+    page.wait_until(lambda: served.robot.source.endswith("to front_tcp"), "it is open with that tool")
+    page.wait_until(lambda: page.value("Robot") == served.robot.title, "the page is its own")
+
+    page.open_tab("Main", "Your own arm")
+    page.click("New arm")
+    page.wait_for_text("every solution in closed form")
     page.choose("Begin with", "3 joints, rods keep the hand level (MeArm, EEZYbotARM, uArm)")
     for label, mm in (("Height mm", "60"), ("Upper arm mm", "80"), ("Forearm mm", "80"), ("Hand mm", "68")):
         page.type_into(label, mm)
@@ -67,6 +92,51 @@ def test_a_palletiser_from_its_lengths(page: Screen, served: ServedArm) -> None:
     page.wait_until(
         lambda: float(np.abs(served.robot.forward(served.now.q)[:3, 3] - target).max()) < 1e-3, "it is there"
     )
+
+
+def test_a_copy_keeps_what_is_not_edited_and_wrong_rows_are_not_saved(
+    page: Screen, served: ServedArm
+) -> None:
+    old = served.robot
+    page.choose("Begin with", "A copy of the present robot")
+    page.open_tab("3 Save")
+    page.wait_until(lambda: page.value("Floor mm") == f"{1000 * old.floor_z:g}", "the floor is its own")
+    page.wait_until(lambda: page.value("Gripper channel") == "5", "the gripper is its own")
+    page.type_into("Title", "Twin")
+    page.wait_until(lambda: page.value("File name") == "twin", "the file is named after the title")
+    page.open_tab("2 Joints")
+    page.type_into("Highest °", "30")
+    page.choose("Joint", old.joint_names[1])
+    page.type_into("Speed °/s", "20")
+    page.open_tab("3 Save")
+    page.click("Save and open")
+    opened(page, served, "twin")
+    new = load_robot("twin")
+    assert new.limits[0, 1] == pytest.approx(np.radians(30))
+    assert (new.output_map, new.floor_z) == (old.output_map, old.floor_z)
+    assert new.joints[0].acceleration == pytest.approx(old.joints[0].acceleration)
+    ratio = new.joints[1].acceleration / old.joints[1].acceleration
+    assert ratio == pytest.approx(np.radians(20) / old.joints[1].speed)
+
+    page.open_tab("Main", "Your own arm")
+    page.click("New arm")
+    page.wait_for_text("every solution in closed form")
+    page.choose("Begin with", "DH rows")
+    rows = page.page.get_by_role("textbox", name="Rows").or_(page.entry("Rows")).first
+    rows.fill("0 90 80 0 base\n120 0 0 zero shoulder")
+    page.wait_for_text("row 2, theta_deg: 'zero' is not a number")
+    page.open_tab("3 Save")
+    page.wait_until(lambda: not page.is_enabled("Save and open"), "a wrong one is not saved")
+    page.open_tab("1 Lengths")
+    rows.fill("0 90 80 0 base\n120 0 0 0 shoulder\n100 0 0 0 elbow\n0 90 0 90")
+    page.wait_for_text("3 joints: yaw")
+    page.open_tab("3 Save")
+    page.type_into("File name", "uzuner")
+    page.click("Save and open")
+    page.wait_for_notification("a robot of armctl; choose another name")
+    page.click("Discard")
+    assert served.robot.name == "twin"
+    assert [file.name for file in user_robots_folder().iterdir()] == ["twin.toml"]
 
 
 def test_servos_whose_channels_are_found(page: Screen, served: ServedArm) -> None:
@@ -114,68 +184,3 @@ def test_servos_whose_channels_are_found(page: Screen, served: ServedArm) -> Non
         "the arm is opened with its channels",
     )
     assert load_robot("three") == served.robot
-
-
-def test_rows_are_checked_line_by_line_and_a_wrong_one_is_not_saved(page: Screen, served: ServedArm) -> None:
-    page.choose("Begin with", "DH rows")
-    rows = page.page.get_by_role("textbox", name="Rows").or_(page.entry("Rows")).first
-    rows.fill("0 90 80 0 base\n120 0 0 zero shoulder")
-    page.wait_for_text("row 2, theta_deg: 'zero' is not a number")
-    page.open_tab("3 Save")
-    page.wait_until(lambda: not page.is_enabled("Save and open"), "a wrong one is not saved")
-    page.open_tab("1 Lengths")
-    rows.fill("0 90 80 0 base\n120 0 0 0 shoulder\n100 0 0 0 elbow\n0 90 0 90")
-    page.wait_for_text("3 joints: yaw")
-    page.open_tab("3 Save")
-    page.type_into("File name", "uzuner")
-    page.click("Save and open")
-    page.wait_for_notification("a robot of armctl; choose another name")
-    page.click("Discard")
-    assert served.robot.name == "uzuner"
-    assert not user_robots_folder().exists()
-
-
-def test_a_copy_keeps_what_is_not_edited(page: Screen, served: ServedArm) -> None:
-    old = served.robot
-    page.choose("Begin with", "A copy of the present robot")
-    page.open_tab("3 Save")
-    page.wait_until(lambda: page.value("Floor mm") == f"{1000 * old.floor_z:g}", "the floor is its own")
-    page.wait_until(lambda: page.value("Gripper channel") == "5", "the gripper is its own")
-    page.type_into("Title", "Twin")
-    page.wait_until(lambda: page.value("File name") == "twin", "the file is named after the title")
-    page.open_tab("2 Joints")
-    page.type_into("Highest °", "30")
-    page.choose("Joint", old.joint_names[1])
-    page.type_into("Speed °/s", "20")
-    page.open_tab("3 Save")
-    page.click("Save and open")
-    opened(page, served, "twin")
-    new = load_robot("twin")
-    assert new.limits[0, 1] == pytest.approx(np.radians(30))
-    assert (new.output_map, new.floor_z) == (old.output_map, old.floor_z)
-    assert new.joints[0].acceleration == pytest.approx(old.joints[0].acceleration)
-    ratio = new.joints[1].acceleration / old.joints[1].acceleration
-    assert ratio == pytest.approx(np.radians(20) / old.joints[1].speed)
-
-
-def test_a_file_with_two_tools_asks_which_one(tmp_path: Path, screens: Screens) -> None:
-    steps = (
-        Step("pan", "revolute", "base", "body", "0 0 0.1"),
-        Step("lift", "revolute", "body", "upper", "0 0 0.05", axis="0 1 0"),
-        Step("elbow", "revolute", "upper", "lower", "0.3 0 0", axis="0 1 0"),
-        Step("back", "fixed", "lower", "back_tcp", "0 0 0.1"),
-        Step("front", "fixed", "lower", "front_tcp", "0.1 0 0"),
-    )
-    file = written(tmp_path / "forked.urdf", steps)
-    with served_arm(tmp_path) as served:
-        page = screens()
-        page.open(served.url, until="STOP")
-        page.open_tab("Main", "Arms from URDF files")
-        page.upload("Upload an arm", file)
-        page.wait_for_text("Which link is the tool?")
-        page.click("Cancel")
-        expect(page.page.get_by_text("Which link is the tool?")).to_have_count(0)
-        page.upload("Upload an arm", file)
-        page.wait_for_text("Which link is the tool?")
-        page.click("front_tcp")
-        page.wait_until(lambda: served.robot.source.endswith("to front_tcp"), "it is open with that tool")
