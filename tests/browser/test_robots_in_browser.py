@@ -170,7 +170,7 @@ def test_each_robot_brings_its_fields_limits_and_figure_and_moves(page: Screen, 
     assert page.errors == []
 
 
-def test_a_page_that_watches_follows_but_may_not_choose(
+def test_a_page_that_watches_follows_but_may_not_choose_and_one_that_closes_meanwhile_harms_nobody(
     page: Screen, served: ServedArm, screens: Screens
 ) -> None:
     watcher = screens(served.url)
@@ -191,8 +191,21 @@ def test_a_page_that_watches_follows_but_may_not_choose(
     wait_for_robot(page, served.robot)
     assert page.errors == watcher.errors == []
 
+    watcher.entry("Robot").click()
+    watcher.page.get_by_role("option", name=TITLES["mico"], exact=True).click()
+    watcher.page.close()
+    page.wait_for_text("nobody")
+    page.wait_until(lambda: served.app.robots.opening is None, "the change has ended, one way or the other")
+    wait_for_robot(page, served.robot)
+    page.click("Take control")
+    choose(page, served, "uzuner")
+    enable_and_go_home(page, served)
+    assert page.errors == []
 
-def test_a_moving_arm_is_not_left_and_an_unsaved_program_asks(page: Screen, served: ServedArm) -> None:
+
+def test_a_moving_arm_is_not_left_an_unsaved_program_asks_and_nothing_of_the_arm_before_is_left(
+    page: Screen, served: ServedArm
+) -> None:
     served.put((100, 90, -80, -40, 0), (-100, 90, -80, -40, 0))
     page.open_tab("Manual", "Serial motion")
     page.click("Loop")
@@ -213,11 +226,8 @@ def test_a_moving_arm_is_not_left_and_an_unsaved_program_asks(page: Screen, serv
     page.click("Change without saving")
     page.wait_until(lambda: served.robot.name == "mico", "the robot is changed")
     assert served.steps == ()  # the program is another arm's
-    assert page.errors == []
 
-
-def test_from_point_to_point_with_a_trail(page: Screen, served: ServedArm) -> None:
-    choose(page, served, "mico")
+    wait_for_robot(page, served.robot)
     enable_and_go_home(page, served)
 
     def tool_is_at(name: str) -> bool:
@@ -235,21 +245,3 @@ def test_from_point_to_point_with_a_trail(page: Screen, served: ServedArm) -> No
     page.screenshot("robot-points")
     choose(page, served, "uzuner")
     assert len(served.console.shared(Trail).since(0)) < 2  # nothing of the other arm's path is left
-
-
-def test_a_page_that_closes_in_the_middle_harms_nobody(
-    page: Screen, served: ServedArm, screens: Screens
-) -> None:
-    watcher = screens(served.url)
-    page.entry("Robot").click()
-    page.page.get_by_role("option", name=TITLES["mico"], exact=True).click()
-    page.page.close()
-    watcher.wait_for_text("nobody")
-    watcher.wait_until(
-        lambda: served.app.robots.opening is None, "the change has ended, one way or the other"
-    )
-    wait_for_robot(watcher, served.robot)
-    watcher.click("Take control")
-    choose(watcher, served, "abaas")
-    enable_and_go_home(watcher, served)
-    assert watcher.errors == []
