@@ -14,7 +14,7 @@ import pytest
 from tests.browser.kit import Screen, Screens
 from tests.browser.serving import serving
 
-from armctl.hardware.maestro.codec import Opcode, set_targets, us_to_quarters
+from armctl.hardware.maestro.codec import Opcode
 from armctl.hardware.maestro.simulated import SimulatedMaestro, simulated_maestro
 from armctl.hardware.simulation import BoardServer
 from armctl.robot import load_robot
@@ -35,10 +35,15 @@ def board(tmp_path: Path) -> Iterator[BoardServer[SimulatedMaestro]]:
 
 
 @pytest.fixture
-def page(board: BoardServer[SimulatedMaestro], tmp_path: Path, screen: Screen) -> Iterator[Screen]:
-    with serving(tmp_path, "--port", board.port) as url:
-        screen.open(url, until="STOP")
-        yield screen
+def link(board: BoardServer[SimulatedMaestro], tmp_path: Path) -> Iterator[str]:
+    with serving(tmp_path, "--port", board.port) as link:
+        yield link
+
+
+@pytest.fixture
+def page(link: str, screen: Screen) -> Screen:
+    screen.open(link, until="STOP")
+    return screen
 
 
 def pulses(board: BoardServer[SimulatedMaestro]) -> list[float | None]:
@@ -54,17 +59,6 @@ def holds(board: BoardServer[SimulatedMaestro], q_deg: list[float]) -> bool:
     return all(
         now is not None and abs(now - pulse) < QUARTER for now, pulse in zip(held, expected, strict=True)
     )
-
-
-def enable(page: Screen, board: BoardServer[SimulatedMaestro]) -> None:
-    """Take over an arm whose pulses are on, in the rest pose."""
-    assert ROBOT.output_map is not None
-    on = {**ROBOT.output_map.outputs(ROBOT.pose("rest")), 5: 1500.0}
-    with board.inspect() as model:
-        model.feed(set_targets({channel: us_to_quarters(us) for channel, us in on.items()}))
-    page.wait_for_text("takes the arm over where it stands")
-    press_until_on(page, "Enable", board)
-    page.wait_for_text("HOLDING")
 
 
 def press_until_on(page: Screen, label: str, board: BoardServer[SimulatedMaestro]) -> None:
@@ -90,8 +84,23 @@ def targets(board: BoardServer[SimulatedMaestro]) -> list[tuple[float, int, floa
     return [(entry.time, entry.data[0], (entry.data[1] | entry.data[2] << 7) / 4) for entry in log]
 
 
-def test_a_point_by_least_energy_a_recorded_loop_and_stop(
-    page: Screen, board: BoardServer[SimulatedMaestro]
+def closing_the_page_stops_the_arm(
+    page: Screen, watcher: Screen, board: BoardServer[SimulatedMaestro]
+) -> None:
+    page.click("Home")
+    for screen in (page, watcher):
+        screen.wait_for_text("MOVING")
+    page.page.close()
+    watcher.wait_for_text("HOLDING")
+    assert not holds(board, [0, 90, -80, -40, 0])
+    watcher.wait_for_text("nobody")
+    watcher.click("Take control")
+    watcher.click("Home")
+    watcher.wait_until(lambda: holds(board, [0, 90, -80, -40, 0]), "the watcher operates now")
+
+
+def test_a_point_by_least_energy_a_recorded_loop_stop_and_a_page_that_closes(
+    page: Screen, link: str, screens: Screens, board: BoardServer[SimulatedMaestro]
 ) -> None:
     assert pulses(board) == [None] * 5  # nothing is on before Enable
     page.click("Enable")
@@ -143,6 +152,7 @@ def test_a_point_by_least_energy_a_recorded_loop_and_stop(
     page.wait_until(lambda: holds(board, [0, 0, 0, 0, 0]), "the arm is stretched out")
     every_target_keeps_the_limits_and_speeds(board)
     assert page.errors == []
+    closing_the_page_stops_the_arm(page, screens(link), board)
 
 
 def every_target_keeps_the_limits_and_speeds(board: BoardServer[SimulatedMaestro]) -> None:
@@ -161,20 +171,3 @@ def every_target_keeps_the_limits_and_speeds(board: BoardServer[SimulatedMaestro
         span = at[5:] - at[:-5]
         moved = np.abs(q[5:] - q[:-5])
         assert (moved <= ROBOT.speed_limits[channel] * (span + 0.06) + 2 * resolution).all()
-
-
-def test_closing_the_page_stops_the_arm(
-    board: BoardServer[SimulatedMaestro], tmp_path: Path, screens: Screens
-) -> None:
-    with serving(tmp_path, "--port", board.port) as url:
-        page, watcher = screens(url), screens(url)
-        enable(page, board)
-        page.click("zero")
-        page.wait_for_text("MOVING")
-        page.page.close()
-        watcher.wait_for_text("HOLDING")
-        assert not holds(board, [0, 0, 0, 0, 0])
-        watcher.wait_for_text("nobody")
-        watcher.click("Take control")
-        watcher.click("Home")
-        watcher.wait_until(lambda: holds(board, [0, 90, -80, -40, 0]), "the watcher operates now")
