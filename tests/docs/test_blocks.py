@@ -28,6 +28,7 @@ import sys
 import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import cache
 from itertools import chain, pairwise
 from pathlib import Path
 from xml.etree import ElementTree
@@ -82,6 +83,17 @@ SNIPPET = re.compile(r'--8<-- "([^":]+)(?::\w+)*"')
 
 def all_blocks() -> list[Block]:
     return [block for page in reading_pages() for block in blocks(page)]
+
+
+@cache
+def first_places() -> dict[tuple[str, str], str]:
+    """Where a command stands first, by its title and words: what takes seconds is carried out there only."""
+    places: dict[tuple[str, str], str] = {}
+    for block in all_blocks():
+        if block.language == "bash":
+            for words in commands(block.text):
+                places.setdefault((block.title, shlex.join(words)), block.place)
+    return places
 
 
 @pytest.fixture
@@ -229,7 +241,10 @@ def try_command(
     for word in words[1:]:
         if path := PATHS.fullmatch(word):
             assert list(ROOT.glob(path[0])), f"{line}: there is no {path[0]}"
+    elsewhere = first_places().get((block.title, shlex.join(words)), block.place) != block.place
     match words[0], words[1:]:
+        case "make" | "pip", ["run" | "install", *_] if elsewhere:
+            pass  # the very same command
         case "make", ["run", *rest] if block.title in (BOARD, ENDLESS):
             asked = [shlex.split(one.removeprefix("ARGS=")) for one in rest]
             with serving(Path.cwd(), *chain.from_iterable(asked)):
