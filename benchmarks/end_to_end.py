@@ -36,7 +36,6 @@ from benchmarks.table import with_table
 
 from armctl import Arm, load_robot
 from armctl.program import MoveStep, Program, encode_program, write_csv
-from armctl.runtime.board import output_map
 
 PAGE = Path(__file__).parents[1] / "docs" / "speed.md"
 MARK = "make bench-live"
@@ -70,7 +69,7 @@ class _Arm:
     """The joint that swings, in the words of the line."""
 
     robot = load_robot(ROBOT)
-    outputs = output_map(robot)
+    outputs = robot.outputs
     quarters_per_rad = outputs.per_rad[_BASE] / US_PER_QUARTER
     speed = float(robot.speed_limits[_BASE])
     way_to_stand = speed**2 / (2 * float(robot.acceleration_limits[_BASE])) * quarters_per_rad

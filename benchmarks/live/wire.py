@@ -16,7 +16,6 @@ from armctl.hardware.maestro.codec import Opcode, PacketParser, us_to_quarters
 from armctl.hardware.maestro.simulated import simulated_maestro
 from armctl.hardware.simulation import BoardServer
 from armctl.robot import load_robot
-from armctl.runtime.board import output_map
 
 ROBOT = "uzuner"
 US_PER_QUARTER = 0.25
@@ -38,7 +37,7 @@ class _Board:
     def __init__(self) -> None:
         robot = load_robot(ROBOT)
         self._maestro = simulated_maestro(setup_of(robot).channels)
-        outputs = output_map(robot)
+        outputs = robot.outputs
         pulses = outputs.outputs(robot.pose("rest"))
         if outputs.gripper_channel is not None:
             pulses |= outputs.gripper_output(0.5)

@@ -34,7 +34,7 @@ from armctl.process.records import Ask, Codec, Hello
 from armctl.process.server import Server
 from armctl.robot import Robot, load_robot
 from armctl.runtime import Controller, InlineExecutor, ManualClock, PoseFolder, Snapshot, State, Ticket
-from armctl.runtime.board import channel_settings, output_map
+from armctl.runtime.board import channel_settings
 from armctl.runtime.commands import Command
 
 ROBOTS = {
@@ -252,7 +252,7 @@ class Bench:
     def outputs(self) -> FloatArray:
         """Where each joint's output stands, in the board's unit; NaN: its pulses or motors are off."""
         self._quietly()
-        channels = output_map(self.robot).channels
+        channels = self.robot.outputs.channels
         if self.kind == "maestro":
             where = [self.board.position_us(channel) for channel in channels]
         elif self.kind == "firmata":

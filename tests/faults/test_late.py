@@ -10,7 +10,6 @@ from tests.faults.kit import Bench
 from tests.runtime.kit import TEST, TICK
 
 from armctl.runtime import ClearFault, Connect, Enable, HomeAxes, MoveJoints, Release, Snapshot, State
-from armctl.runtime.board import output_map
 
 BOARDS = ("maestro", "firmata", "encoder")
 DELAYS_S = (0.01, 0.03, 0.06, 0.1, 0.15, 0.25, 0.4)
@@ -36,7 +35,7 @@ class PlantWatch:
     def __init__(self, bench: Bench) -> None:
         self.bench = bench
         self.stood = np.isnan(bench.outputs())
-        self.pose = output_map(bench.robot).outputs(bench.robot.pose("rest"))
+        self.pose = bench.robot.outputs.outputs(bench.robot.pose("rest"))
 
     def tick(self, asked: bool) -> Snapshot:
         """``asked``: servos may come on."""
@@ -126,8 +125,8 @@ def test_a_motion_that_is_called_finished_has_gone_out(bench: Bench, delay_s: fl
             break
     bench.run(1.0)
     if ticket.finished.done() and ticket.finished.exception(0) is None:
-        stands = output_map(bench.robot).angles(
-            dict(zip(output_map(bench.robot).channels, bench.outputs(), strict=True))
+        stands = bench.robot.outputs.angles(
+            dict(zip(bench.robot.outputs.channels, bench.outputs(), strict=True))
         )
         assert np.abs(stands - goal).max() < _END_RAD
 

@@ -30,7 +30,7 @@ from armctl.runtime import (
     State,
     StreamJoints,
 )
-from armctl.runtime.board import channel_settings, output_map
+from armctl.runtime.board import channel_settings
 from armctl.runtime.commands import Command
 
 TICKS = 1_000_000 if os.environ.get("ARMCTL_LONG") else 9_000
@@ -59,7 +59,7 @@ class Checked:
         self.count = self.first = 0
         self._bench = bench
         self._ranges = {one.channel: (one.minimum, one.maximum) for one in channel_settings(bench.robot)}
-        outputs, robot = output_map(bench.robot), bench.robot
+        outputs, robot = bench.robot.outputs, bench.robot
         self._units = dict(zip(outputs.channels, np.abs(outputs.per_rad), strict=True))
         self._speeds = dict(zip(outputs.channels, robot.speed_limits * np.abs(outputs.per_rad), strict=True))
         self._last: dict[int, tuple[float, float]] = {}
@@ -199,7 +199,7 @@ def one_run(bench: Bench, chance: random.Random) -> tuple[int, int, int, int]:
         if chance.random() < 1 / _COMMAND_EVERY:
             wanted = command(bench, chance)
             if isinstance(wanted, Enable) and wanted.q is not None:
-                checked.poses = [*checked.poses[-3:], dict(output_map(bench.robot).outputs(wanted.q))]
+                checked.poses = [*checked.poses[-3:], dict(bench.robot.outputs.outputs(wanted.q))]
             if wanted is None:
                 bench.controller.stop(TEST)
             else:

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armctl.motion import PointToPoint, arc, line, plan_arc, plan_line, plan_spline
+from armctl.motion.choices import solve_points
 from armctl.motion.error_report import (
     ErrorReport,
     PathError,
@@ -18,7 +19,7 @@ from armctl.motion.error_report import (
     path_error,
 )
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
-from armctl.motion.plan import plan_blended, plan_through, solve_points
+from armctl.motion.plan import plan_blended, plan_through
 from armctl.robot import load_robot
 
 ROBOT = load_robot("uzuner")

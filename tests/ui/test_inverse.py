@@ -13,6 +13,7 @@ from tests.ui.page_kit import FakePage
 
 from armctl.arrays import FloatArray
 from armctl.kinematics import CRITERIA, Target
+from armctl.motion.choices import way_refused
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.inverse.answer import (
@@ -25,7 +26,6 @@ from armctl.ui.tabs.inverse.answer import (
     same_place,
     short_branch,
     solve,
-    way_refused,
 )
 from armctl.ui.tabs.inverse.screen import InverseScreen
 from armctl.ui.widgets.html import Pager

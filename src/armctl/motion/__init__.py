@@ -1,19 +1,11 @@
 """Motion: profiles, trajectories, paths, pre-flight."""
 
-from armctl.motion.choices import solve
+from armctl.motion.choices import plan_choice, plan_target, solve
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, Obstacles, SelfCollision
 from armctl.motion.error_report import arc, line
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
 from armctl.motion.paths.tool_path import PitchMode, TurnMode, usual_pitch
-from armctl.motion.plan import (
-    Profile,
-    plan_arc,
-    plan_choice,
-    plan_joints,
-    plan_line,
-    plan_spline,
-    plan_target,
-)
+from armctl.motion.plan import Profile, plan_arc, plan_joints, plan_line, plan_spline
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import Finding, Kind, not_checked, preflight, require_clear
 from armctl.motion.profiles import PROFILES, PointToPoint, ProfileName, stopping_s

@@ -1,4 +1,7 @@
-"""Which of the configurations that meet a target the arm goes to: the best of those to which it may go."""
+"""Which of the configurations that meet a target the arm goes to: the best of those to which it may go.
+
+Everywhere: ``start`` (n,) [rad] is where the arm stands.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,61 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
-from armctl.errors import InputError, UnreachableError
+from armctl.errors import InputError, MotionRefusedError, UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Choice, Target, checked_criterion
 from armctl.motion.clearance import ends_clear
+from armctl.motion.plan import Profile, plan_joints
+from armctl.motion.preflight import passes
+from armctl.motion.trajectory import Trajectory
 from armctl.robot import Robot
+
+_ANOTHER_RAD, _MOST_TRIED, _MOST_LOOKED_AT = 0.2, 64, 2000
+"""configurations that differ by less are not tried one by one, and no more than so many of so many"""
+_AT_ONCE = 64
+"""configurations whose ends are looked at together"""
+_TURNED = 1e-6
+"""rotations that differ by less are the same [rad]"""
+
+
+def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: Choice) -> FloatArray:
+    """The configuration (n,) [rad] that a criterion chooses for a target.
+
+    Raises ``InputError`` where there is no such criterion, ``UnreachableError`` where there is no solution:
+    with the reason and the nearest point. A solver answers an orientation that cannot be had by the nearest;
+    the arm is not sent there.
+    """
+    if not isinstance(target, Target):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"a target is made with Target.of(position), it is not {target!r}")
+    solver = robot.inverse_kinematics
+    position_only = target.pitch is None and target.roll is None and target.rotation is None
+    own = not isinstance(choose, str) and callable(choose)
+    if not own and checked_criterion(choose) == "least-rotation" and position_only and solver.direct:
+        q = robot.least_rotation(target.position)  # the same without listing ten thousand others
+        if np.isfinite(q).all():
+            return q
+    begin = None if start is None else robot.chain.checked_one(start)
+    solutions = solver.solve(target, DEFAULT_STEP, begin)
+    if not solutions.success:
+        raise UnreachableError(solutions.explanation or "there is no solution")
+    q = solutions.best(choose, start)
+    turned_off = robot.turned_off(solutions, q)
+    if turned_off is not None:
+        raise UnreachableError(turned_off)
+    return q
+
+
+def solve_points(robot: Robot, points: FloatArray, choose: Choice, start: FloatArray) -> FloatArray:
+    """(k, n) joint angles [rad] for points (k, 3) [m], each chosen by a criterion from the one before.
+
+    Raises ``UnreachableError``: a point has no solution; says which and why.
+    """
+    found: list[FloatArray] = []
+    for number, point in enumerate(points, 1):
+        try:
+            found.append(solve(robot, found[-1] if found else start, Target.of(point), choose))
+        except UnreachableError as cause:
+            raise UnreachableError(f"point {number} of {len(points)}: {cause}") from cause
+    return np.array(found)
 
 
 def admitted(robot: Robot, start: ArrayLike, target: Target, choose: Choice) -> FloatArray:
@@ -27,12 +81,21 @@ def admitted(robot: Robot, start: ArrayLike, target: Target, choose: Choice) -> 
     return q[order[meets[order]]]
 
 
-_ANOTHER_RAD, _MOST_TRIED, _MOST_LOOKED_AT = 0.2, 64, 2000
-"""configurations that differ by less are not tried one by one, and no more than so many of so many"""
-_AT_ONCE = 64
-"""configurations whose ends are looked at together"""
-_TURNED = 1e-6
-"""rotations that differ by less are the same [rad]"""
+def may_go_to(
+    robot: Robot,
+    start: ArrayLike,
+    end: ArrayLike,
+    duration_s: float | None = None,
+    profile: Profile = "cubic",
+    *,
+    checked: bool = True,
+) -> bool:
+    """Whether ``plan_joints`` gives a motion; quicker, where why not is not asked."""
+    try:
+        trajectory = plan_joints(robot, start, end, duration_s, profile, checked=False)
+    except MotionRefusedError:
+        return False
+    return not checked or passes(robot, trajectory)
 
 
 def first_possible(
@@ -65,28 +128,90 @@ def first_possible(
     return None
 
 
-def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: Choice) -> FloatArray:
-    """The configuration (n,) [rad] that a criterion chooses for a target.
+class WaysFrom:
+    """Ways of an arm from where it stands, by motions of a profile; each is judged once."""
 
-    Raises ``InputError`` where there is no such criterion, ``UnreachableError`` where there is no solution:
-    with the reason and the nearest point. A solver answers an orientation that cannot be had by the nearest;
-    the arm is not sent there.
+    def __init__(self, robot: Robot, start: FloatArray, profile: Profile) -> None:
+        """Of an arm that stands at ``start`` (n,) [rad]."""
+        self._of = robot, start, profile
+        self._known: dict[bytes, str] = {}
+        self._possible: dict[bytes, bool] = {}
+
+    def refused(self, q: FloatArray) -> str:
+        """Why the arm may not go to ``q`` (n,) [rad]; empty where it may."""
+        key = _key(q)
+        if key not in self._known:
+            self._known[key] = way_refused(*self._of, q)
+        return self._known[key]
+
+    def possible(self, q: FloatArray) -> bool:
+        """Whether the arm may go to ``q`` (n,) [rad]; quicker, where why not is not asked."""
+        key = _key(q)
+        if key not in self._possible:
+            known = self._known.get(key)
+            robot, start, profile = self._of
+            may_go = may_go_to(robot, start, q, None, profile) if known is None else not known
+            self._possible[key] = may_go
+        return self._possible[key]
+
+    def known(self, q: FloatArray) -> str | None:
+        """As ``refused``; None where that has not been judged yet."""
+        return self._known.get(_key(q))
+
+
+def _key(q: FloatArray) -> bytes:
+    return (q + 0.0).tobytes()
+
+
+def way_refused(robot: Robot, start: FloatArray, profile: Profile, q: FloatArray) -> str:
+    """Why the arm may not go from ``start`` to ``q`` (n,) [rad] by a motion of the joints; empty: it may."""
+    try:
+        plan_joints(robot, start, q, None, profile)
+    except MotionRefusedError as refusal:
+        return str(refusal)
+    return ""
+
+
+def plan_target(
+    robot: Robot,
+    start: ArrayLike,
+    target: Target,
+    choose: Choice = "least-rotation",
+    duration_s: float | None = None,
+    profile: Profile = "cubic",
+    *,
+    checked: bool = True,
+) -> Trajectory:
+    """Plan a motion of the tool to a target and check it; ``choose`` as in ``Arm.go``.
+
+    It goes to the best of the solutions to which the arm may go. Raises as ``plan_joints``, why the best of
+    all is refused, where it may go to none; ``UnreachableError`` where there is no solution, with the reason
+    and the nearest point.
     """
-    if not isinstance(target, Target):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise InputError(f"a target is made with Target.of(position), it is not {target!r}")
-    solver = robot.inverse_kinematics
-    position_only = target.pitch is None and target.roll is None and target.rotation is None
-    own = not isinstance(choose, str) and callable(choose)
-    if not own and checked_criterion(choose) == "least-rotation" and position_only and solver.direct:
-        q = robot.least_rotation(target.position)  # the same without listing ten thousand others
-        if np.isfinite(q).all():
-            return q
-    begin = None if start is None else robot.chain.checked_one(start)
-    solutions = solver.solve(target, DEFAULT_STEP, begin)
-    if not solutions.success:
-        raise UnreachableError(solutions.explanation or "there is no solution")
-    q = solutions.best(choose, start)
-    turned_off = robot.turned_off(solutions, q)
-    if turned_off is not None:
-        raise UnreachableError(turned_off)
-    return q
+    return plan_choice(robot, start, target, choose, duration_s, profile, checked=checked)[0]
+
+
+def plan_choice(
+    robot: Robot,
+    start: ArrayLike,
+    target: Target,
+    choose: Choice = "least-rotation",
+    duration_s: float | None = None,
+    profile: Profile = "cubic",
+    *,
+    checked: bool = True,
+) -> tuple[Trajectory, MotionRefusedError | None]:
+    """As ``plan_target``; and why it does not go to the best of all solutions, None where it does."""
+    best = solve(robot, start, target, choose)
+    try:
+        return plan_joints(robot, start, best, duration_s, profile, checked=checked), None
+    except MotionRefusedError as refusal:
+        rows = admitted(robot, start, target, choose)
+
+        def may_go(q: FloatArray) -> bool:
+            return may_go_to(robot, start, q, duration_s, profile, checked=checked)
+
+        row = first_possible(robot, robot.chain.checked_one(start), rows, may_go, known=(best,))
+        if row is None:
+            raise
+        return plan_joints(robot, start, rows[row], duration_s, profile, checked=False), refusal

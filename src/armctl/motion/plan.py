@@ -16,10 +16,8 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError, UnreachableError
-from armctl.kinematics import Choice, Target
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion.blend import Leg, blend
-from armctl.motion.choices import admitted, first_possible, solve
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.paths.tool_path import PitchMode, TurnMode, follow, led_at_once
@@ -65,68 +63,6 @@ def plan_joints(
     if checked:
         require_clear(robot, trajectory)
     return trajectory
-
-
-def may_go_to(
-    robot: Robot,
-    start: ArrayLike,
-    end: ArrayLike,
-    duration_s: float | None = None,
-    profile: Profile = "cubic",
-    *,
-    checked: bool = True,
-) -> bool:
-    """Whether ``plan_joints`` gives a motion; quicker, where why not is not asked."""
-    try:
-        trajectory = plan_joints(robot, start, end, duration_s, profile, checked=False)
-    except MotionRefusedError:
-        return False
-    return not checked or passes(robot, trajectory)
-
-
-def plan_target(
-    robot: Robot,
-    start: ArrayLike,
-    target: Target,
-    choose: Choice = "least-rotation",
-    duration_s: float | None = None,
-    profile: Profile = "cubic",
-    *,
-    checked: bool = True,
-) -> Trajectory:
-    """Plan a motion of the tool to a target and check it; ``choose`` as in ``Arm.go``.
-
-    It goes to the best of the solutions to which the arm may go. Raises as ``plan_joints``, why the best of
-    all is refused, where it may go to none; ``UnreachableError`` where there is no solution, with the reason
-    and the nearest point.
-    """
-    return plan_choice(robot, start, target, choose, duration_s, profile, checked=checked)[0]
-
-
-def plan_choice(
-    robot: Robot,
-    start: ArrayLike,
-    target: Target,
-    choose: Choice = "least-rotation",
-    duration_s: float | None = None,
-    profile: Profile = "cubic",
-    *,
-    checked: bool = True,
-) -> tuple[Trajectory, MotionRefusedError | None]:
-    """As ``plan_target``; and why it does not go to the best of all solutions, None where it does."""
-    best = solve(robot, start, target, choose)
-    try:
-        return plan_joints(robot, start, best, duration_s, profile, checked=checked), None
-    except MotionRefusedError as refusal:
-        rows = admitted(robot, start, target, choose)
-
-        def may_go(q: FloatArray) -> bool:
-            return may_go_to(robot, start, q, duration_s, profile, checked=checked)
-
-        row = first_possible(robot, robot.chain.checked_one(start), rows, may_go, known=(best,))
-        if row is None:
-            raise
-        return plan_joints(robot, start, rows[row], duration_s, profile, checked=False), refusal
 
 
 # Motions of the tool along a line or an arc, and of the joints smoothly through points.
@@ -311,20 +247,6 @@ def _freer(
 
 Passing = Literal["stop", "spline", "blend"]
 """at rest in each point; smoothly through all points; turning off before each point, towards the next"""
-
-
-def solve_points(robot: Robot, points: FloatArray, choose: Choice, start: FloatArray) -> FloatArray:
-    """(k, n) joint angles [rad] for points (k, 3) [m], each chosen by a criterion from the one before.
-
-    Raises ``UnreachableError``: a point has no solution; says which and why.
-    """
-    found: list[FloatArray] = []
-    for number, point in enumerate(points, 1):
-        try:
-            found.append(solve(robot, found[-1] if found else start, Target.of(point), choose))
-        except UnreachableError as cause:
-            raise UnreachableError(f"point {number} of {len(points)}: {cause}") from cause
-    return np.array(found)
 
 
 def plan_through(

@@ -15,8 +15,9 @@ from armctl.arrays import FloatArray
 from armctl.errors import ProgramError
 from armctl.kinematics import CRITERIA, FROM_START, Target, rotation_from_rpy
 from armctl.motion.blend import Leg
+from armctl.motion.choices import solve
 from armctl.motion.paths.tool_path import TURN_MODES, PitchMode, TurnMode
-from armctl.motion.plan import follow_tool, plan_joints, plan_path, solve
+from armctl.motion.plan import follow_tool, plan_joints, plan_path
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import NOWHERE, PointToPoint, ProfileName
 from armctl.motion.trajectory import Trajectory

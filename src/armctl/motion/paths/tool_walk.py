@@ -8,10 +8,8 @@ however small it is marks the place where the branch ends. So is a jump onto ano
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -406,20 +404,14 @@ class _Inverse:
         return missed <= _CONSISTENT * max(1.0, float(np.abs(right).max()))
 
 
-@cache
-def _lapack() -> Any:
-    from scipy.linalg import lapack  # takes half of what a start would import, and few motions need it
-
-    return lapack
-
-
 def _inverted(matrix: FloatArray) -> FloatArray | None:
-    """None where elimination meets a zero; ``numpy.linalg.inv`` takes nearly twice as long."""
-    dgesv = cast("Callable[..., tuple[object, object, FloatArray, int]]", _lapack().dgesv)
-    _, _, inverse, info = dgesv(matrix, np.eye(len(matrix)))
-    return None if info else inverse
+    """None where elimination meets a zero."""
+    try:
+        return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return None
 
 
 def _largest(matrix: FloatArray) -> float:
     """Largest entry without its sign; not a number where one is none."""
-    return cast("Callable[..., float]", _lapack().dlange)("M", matrix)
+    return float(np.abs(matrix).max())

@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.errors import MotionRefusedError, UnreachableError
+from armctl.errors import UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
 from armctl.kinematics.energy import EnergyModel, energies
-from armctl.motion import FLOOR_TOLERANCE_M, Profile, plan_joints
-from armctl.motion.choices import first_possible
+from armctl.motion import FLOOR_TOLERANCE_M, Profile
+from armctl.motion.choices import WaysFrom, first_possible
 from armctl.motion.figure import color_of
-from armctl.motion.plan import may_go_to
 from armctl.robot import Robot
 from armctl.ui.widgets.html import fixed, muted, numbers, refused, strong, table, warned
 from armctl.ui.widgets.plots import Line, Picture, thinned
@@ -76,50 +75,6 @@ class Verdict:
         return f"{self.number}: {state}"
 
 
-class Ways:
-    """From where an arm stands, by motions of a profile; each is judged once."""
-
-    def __init__(self, robot: Robot, start: FloatArray, profile: Profile) -> None:
-        """Of an arm that stands at ``start`` (n,) [rad]."""
-        self._of = robot, start, profile
-        self._known: dict[bytes, str] = {}
-        self._possible: dict[bytes, bool] = {}
-
-    def refused(self, q: FloatArray) -> str:
-        """Why the arm may not go to ``q`` (n,) [rad]; empty where it may."""
-        key = _key(q)
-        if key not in self._known:
-            self._known[key] = way_refused(*self._of, q)
-        return self._known[key]
-
-    def possible(self, q: FloatArray) -> bool:
-        """Whether the arm may go to ``q`` (n,) [rad]; quicker, where why not is not asked."""
-        key = _key(q)
-        if key not in self._possible:
-            known = self._known.get(key)
-            robot, start, profile = self._of
-            may_go = may_go_to(robot, start, q, None, profile) if known is None else not known
-            self._possible[key] = may_go
-        return self._possible[key]
-
-    def known(self, q: FloatArray) -> str | None:
-        """As ``refused``; None where that has not been judged yet."""
-        return self._known.get(_key(q))
-
-
-def _key(q: FloatArray) -> bytes:
-    return (q + 0.0).tobytes()
-
-
-def way_refused(robot: Robot, start: FloatArray, profile: Profile, q: FloatArray) -> str:
-    """Why the arm may not go from ``start`` to ``q`` (n,) [rad] by a motion of the joints; empty: it may."""
-    try:
-        plan_joints(robot, start, q, None, profile)
-    except MotionRefusedError as refusal:
-        return str(refusal)
-    return ""
-
-
 @dataclass(frozen=True, eq=False)
 class Answer:
     """Solutions of one target, sorted by one criterion, and the one of least energy."""
@@ -136,7 +91,7 @@ class Answer:
     """(n,) [rad]; None: no solution, or none that the criterion admits"""
     why_not: str
     """why there is none to go to by itself: no best one, or not in that orientation; empty where there is"""
-    ways: Ways
+    ways: WaysFrom
     """from ``start``"""
     verdicts: tuple[Verdict, ...]
     """every branch, also those that are refused; empty where a joint is free"""
@@ -205,7 +160,7 @@ def answer(
     if solutions.success:
         energy = _shown(name, solutions.energies(name, start), solutions.arm.energy)
     order = solutions.order(name, start)
-    ways = Ways(robot, start, profile)
+    ways = WaysFrom(robot, start, profile)
     way = "" if best is None or why_not else ways.refused(best)
     judged = _verdicts(robot, solutions, name, start, best, ways)
     found = Answer(solutions, name, start, energy, order, best, why_not, ways, judged, way)
@@ -231,7 +186,7 @@ def _verdicts(
     criterion: Criterion,
     start: FloatArray,
     best: FloatArray | None,
-    ways: Ways,
+    ways: WaysFrom,
 ) -> tuple[Verdict, ...]:
     """Judge every branch, and the way to it from ``start`` (n,) [rad]."""
     verdicts: list[Verdict] = []

@@ -31,8 +31,9 @@ from armctl.motion import (
     solve,
 )
 from armctl.motion.analysis import MotionAnalysis, analyse
+from armctl.motion.choices import solve_points
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
-from armctl.motion.plan import Passing, follow_tool, plan_blended, plan_path, plan_through, solve_points
+from armctl.motion.plan import Passing, follow_tool, plan_blended, plan_path, plan_through
 from armctl.motion.profiles import PointToPoint
 from armctl.motion.timing import PathTrajectory
 from armctl.motion.trajectory import Peaks, peaks_of
