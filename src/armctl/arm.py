@@ -20,6 +20,7 @@ from armctl.hardware import Source
 from armctl.kinematics import Choice, Target, roll_pitch_yaw, rotation_of
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion import PathTrajectory, PitchMode, Profile, Trajectory, TurnMode, plan_choice
+from armctl.motion.choices import not_the_best
 from armctl.motion.clearance import clear_rest
 from armctl.motion.trajectory import KnowsPeaks
 from armctl.process import Link, RemoteLine, start_arm
@@ -280,7 +281,7 @@ class Arm:
         ``choose`` is the criterion among the solutions: its name, or a function of your own that takes the
         solutions (k, n) [rad] and where the arm stands (n,) [rad], and returns k energies. The solution of
         least energy is sent, or where the arm may not go there, the best of those to which it may; the
-        events say so. Infinity excludes a solution.
+        events say so, or the log where the criterion is your own. Infinity excludes a solution.
         ``profile`` is the law over time. Without ``duration_s`` the motion is as fast as the limits allow.
         ``blend_mm`` matters only in a program: a call stops at its end.
         UnreachableError: no solution, or none with that orientation. MotionRefusedError: the way there would
@@ -294,7 +295,7 @@ class Arm:
             return self._move(MoveTo(target, choose, duration, profile), wait)
         planned, refusal = plan_choice(self.robot, self._commanded(), target, choose, duration, profile)
         if refusal is not None:
-            _LOGGER.warning("the best solution is refused (%s); the arm goes to the next best", refusal)
+            _LOGGER.warning("%s", not_the_best(refusal))
         return self._move(MoveJoints(planned.end, duration, profile), wait)
 
     def go_joints(

@@ -319,7 +319,7 @@ def test_the_arm_goes_to_the_best_solution_to_which_it_may_go() -> None:
             target = Target.of(T) if robot.orients_tool else Target.of(T[:3, 3])
             trajectory, refusal = plan_choice(robot, start, target)
             np.testing.assert_allclose(robot.forward(trajectory.end)[:3, 3], T[:3, 3], atol=1e-7)
-            assert preflight(robot, plan_joints(robot, start, trajectory.end)) is not None
+            plan_joints(robot, start, trajectory.end)  # raises where the arm may not go there
             best = solve(robot, start, target, "least-rotation")
             if refusal is None:
                 np.testing.assert_allclose(trajectory.end, best, atol=1e-12)

@@ -201,7 +201,10 @@ def plan_choice(
     *,
     checked: bool = True,
 ) -> tuple[Trajectory, MotionRefusedError | None]:
-    """As ``plan_target``; and why it does not go to the best of all solutions, None where it does."""
+    """As ``plan_target``; and why it does not go to the best of all solutions, None where it does.
+
+    ``not_the_best`` says it.
+    """
     best = solve(robot, start, target, choose)
     try:
         return plan_joints(robot, start, best, duration_s, profile, checked=checked), None
@@ -215,3 +218,8 @@ def plan_choice(
         if row is None:
             raise
         return plan_joints(robot, start, rows[row], duration_s, profile, checked=False), refusal
+
+
+def not_the_best(refusal: MotionRefusedError) -> str:
+    """That another solution than the best is gone to, and why."""
+    return f"the best solution is refused ({refusal}); the arm goes to the next best to which it may go"

@@ -135,8 +135,8 @@ class PiecewisePolynomial(ByContent):
         # a piece can pass its ends only where a control point does
         i, j = np.nonzero((control.min(axis=1) < low) | (control.max(axis=1) > high))
         if len(i):
-            inside, places = unit[i, :, j].T, _level_places(unit[i, :, j].T)
-            values = _horner(inside[:, None], places)
+            inside = unit[i, :, j].T
+            values = _horner(inside[:, None], _level_places(inside))
             low[i, j] = np.minimum(low[i, j], values.min(axis=0))
             high[i, j] = np.maximum(high[i, j], values.max(axis=0))
         return low, high

@@ -19,7 +19,7 @@ from armctl.kinematics.solutions import decimals_apart, outside
 from armctl.kinematics.target import checked_number
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Gaps, sources
-from armctl.motion.trajectory import JoinedTrajectory, KnowsPeaks, Trajectory, peaks_of
+from armctl.motion.trajectory import JoinedTrajectory, KnowsPeaks, Trajectory, joined_peaks, peaks_of
 from armctl.robot import Robot
 
 _TRAVEL = math.radians(6)
@@ -222,7 +222,7 @@ class SampledMotion:
         """(m, n) [rad], [rad/s], [rad/s²]"""
         self.speed = np.concatenate(speeds)
         """(m, n) largest joint speeds of the part that each sample belongs to [rad/s]"""
-        self.peaks = JoinedTrajectory.peaks_with(peaks)
+        self.peaks = joined_peaks(peaks)
         ends = [
             (begins, state[1]) for (_, begins), state in zip(parts, states, strict=True) if len(state[1]) > 1
         ]

@@ -137,15 +137,7 @@ class JoinedTrajectory(KnowsPeaks):
     @property
     def peaks(self) -> Peaks:
         """As well known as those of its parts; the jerk of those that limit it."""
-        return self.peaks_with([peaks_of(part) for part in self.parts])
-
-    @staticmethod
-    def peaks_with(peaks: Sequence[Peaks]) -> Peaks:
-        """Extremes of motions one after the other, from those of each."""
-        low, high = np.min([one.low for one in peaks], axis=0), np.max([one.high for one in peaks], axis=0)
-        speed, acceleration = np.max([(one.speed, one.acceleration) for one in peaks], axis=0)
-        jerks = [one.jerk for one in peaks if one.jerk is not None]
-        return Peaks(low, high, speed, acceleration, np.max(jerks, axis=0) if jerks else None)
+        return joined_peaks([peaks_of(part) for part in self.parts])
 
     def leaves(self) -> list[tuple[Trajectory, float]]:
         """The parts, joined ones taken apart, and when each begins [s]."""
@@ -169,6 +161,14 @@ class JoinedTrajectory(KnowsPeaks):
             q[here], velocity[here] = part.q, part.velocity
             acceleration[here], jerk[here] = part.acceleration, part.jerk
         return Sample(q, velocity, acceleration, jerk)
+
+
+def joined_peaks(peaks: Sequence[Peaks]) -> Peaks:
+    """Extremes of motions one after the other, from those of each."""
+    low, high = np.min([one.low for one in peaks], axis=0), np.max([one.high for one in peaks], axis=0)
+    speed, acceleration = np.max([(one.speed, one.acceleration) for one in peaks], axis=0)
+    jerks = [one.jerk for one in peaks if one.jerk is not None]
+    return Peaks(low, high, speed, acceleration, np.max(jerks, axis=0) if jerks else None)
 
 
 _SAMPLES = 4001

@@ -23,6 +23,7 @@ from armctl.errors import (
 from armctl.kinematics import Target
 from armctl.kinematics.target import as_numbers, checked_number
 from armctl.motion import Trajectory, plan_choice, plan_joints
+from armctl.motion.choices import not_the_best
 from armctl.program import Program
 from armctl.program.feed import require_runnable
 from armctl.robot import CarriedPart
@@ -247,10 +248,7 @@ def _to_a_point(
 ) -> PathMover:
     trajectory, refusal = planned
     if refusal is not None:
-        core.log.warn(
-            f"{_TO_A_POINT} ({order.origin.who}): the best solution is refused ({refusal}); "
-            "the arm goes to the next best to which it may go"
-        )
+        core.log.warn(f"{_TO_A_POINT} ({order.origin.who}): {not_the_best(refusal)}")
     return PathMover(core.robot, trajectory, core.speed, _TO_A_POINT)
 
 
