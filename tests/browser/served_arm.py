@@ -76,6 +76,11 @@ class ServedArm:
 
         screen.wait_until(there, f"the arm stands at {np.round(degrees, 2).tolist()}")
 
+    def go_deg(self, screen: Screen, degrees: list[float]) -> None:
+        """Move the arm to joint angles [degrees] and wait for it; what it still carries out is finished first."""
+        self.wait_for(screen, State.HOLDING)
+        self.arm.go_joints(degrees)
+
     @property
     def steps_run(self) -> list[tuple[int, int]]:
         """Each pass and step of a program that came to run, in order."""

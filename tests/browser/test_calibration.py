@@ -159,7 +159,7 @@ def test_marks_are_not_changed_by_a_page_that_watches_and_touched_points_name_th
 
     page.open_tab("Known points")
     for joints in TOUCHES:
-        served.arm.go_joints(joints)
+        served.go_deg(page, joints)
         really = np.radians(np.add(joints, (0, 0, OFF_DEG, 0, 0)))
         page.type_xyz(*(f"{1000 * value:.2f}" for value in served.robot.forward(really)[:3, 3]))
         page.click("Add point")

@@ -43,7 +43,7 @@ def wait_for_angles(page: Screen, robot: Robot, q: np.ndarray) -> None:
 
 def begin_anew(page: Screen, served: ServedArm) -> None:
     """The arm is at home again, and the fields follow it, whatever was typed into them."""
-    served.arm.go_joints(HOME)
+    served.go_deg(page, HOME)
     page.click("present pose")
     page.wait_for_text("The fields follow the arm until you edit them.")
     wait_for_angles(page, served.robot, np.radians(HOME))

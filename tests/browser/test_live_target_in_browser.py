@@ -94,7 +94,7 @@ def test_dragging_the_arrows_leads_the_arm_and_a_page_that_hangs_leads_nothing(
     served.wait_for(page, State.HOLDING)
     page.wait_until(lambda: page.value("Live target") == "off", "the switch is off")
 
-    served.arm.go_joints(HOME)
+    served.go_deg(page, HOME)
     served.order(SetSpeed(0.05)).result(5)
     page.choose("Live target", "THE ARM follows")
     put_target(page, "Y", 200)

@@ -68,7 +68,7 @@ def test_the_twin_is_exported_and_runs_what_can_be_run_while_the_arm_stands_stil
 
 def test_the_arm_is_seen_in_trail_workspace_section_and_graph(page: Screen, served: ServedArm) -> None:
     assert page.node("/trail") is None
-    served.arm.go_joints([20, 90, -80, -40, 0])
+    served.go_deg(page, [20, 90, -80, -40, 0])
     shown(page, "/trail")
     page.click("Clear trail")
     shown(page, "/trail", False)
@@ -91,7 +91,7 @@ def test_the_arm_is_seen_in_trail_workspace_section_and_graph(page: Screen, serv
     dot.scroll_into_view_if_needed()
     page.screenshot("simulation-section")
     before = float(dot.get_attribute("cx") or "nan")
-    served.arm.go_joints([40, 60, -80, -40, 0])
+    served.go_deg(page, [40, 60, -80, -40, 0])
     page.wait_until(lambda: float(dot.get_attribute("cx") or "nan") > before + 5, "the dot has moved out")
 
     def turned() -> bool:
@@ -103,7 +103,7 @@ def test_the_arm_is_seen_in_trail_workspace_section_and_graph(page: Screen, serv
     shown(page, "/section", False)
 
     page.choose("Show", "Base")
-    served.arm.go_joints([20, 90, -80, -40, 0])
+    served.go_deg(page, [20, 90, -80, -40, 0])
 
     def ends_at_20() -> bool:
         (chart,) = page.page.evaluate(

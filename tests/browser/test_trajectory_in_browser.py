@@ -218,7 +218,7 @@ def test_the_tool_is_led_along_a_line_freer_if_need_be_and_what_the_pre_flight_r
     page.wait_for_text(re.compile("Pre-flight: clear"))
     page.click("Run")
     page.wait_until(lambda: bool(np.abs(served.tool_mm - [220, -60, 100]).max() < 0.05), "the tool is there")
-    served.arm.go_joints(HOME)
+    served.go_deg(page, HOME)
 
     robot = served.robot
     tip = 1000 * robot.forward(robot.pose("home"))[:3, 3]
