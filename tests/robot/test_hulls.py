@@ -24,7 +24,7 @@ from armctl.motion.profiles import PointToPoint
 from armctl.robot import Robot, hulls
 from armctl.robot.collision import NEAR_M
 from armctl.robot.fitting import hull_of
-from armctl.robot.hulls import Hull, HullPairs
+from armctl.robot.hulls import Hull, HullPairs, hull_of_few
 from armctl.robot.parts import Obstacle
 
 FAR = math.inf
@@ -101,6 +101,40 @@ def test_points_lines_faces_and_hulls_in_one_place() -> None:
     assert gap(box, box, 0.0, 0.0, 0.0) == pytest.approx(-0.1, abs=1e-4)
     assert gap(box, box, 0.1, 0.0, 0.0) == pytest.approx(0.0, abs=1e-4)
     assert gap(box, box, 0.2, 0.2, 0.0) == pytest.approx(0.1 * math.sqrt(2), abs=1e-4)
+
+
+def few_points(rng: np.random.Generator, kind: str) -> FloatArray:
+    count = int(rng.integers(5, 50))
+    points = rng.normal(size=(count, 3)) * 10 ** rng.uniform(-3, 1)
+    turned = Rotation.random(random_state=int(rng.integers(1 << 30))).as_matrix()
+    round_ = np.arange(14) * (math.tau / 14)
+    up = np.array([0.0, 0.0, 1.0])
+    disc = np.stack([np.cos(round_), np.sin(round_), 0 * round_], axis=1)
+    return {
+        "cloud": points,
+        "doubled": np.concatenate([points, points[:3], points.mean(axis=0)[None]]),
+        "swept": np.concatenate([points, points + rng.normal(size=3) * np.ptp(points)]),
+        "grid": rng.integers(-2, 3, size=(count + 10, 3)) @ turned.T + rng.normal(size=3),
+        "box": np.concatenate([np.indices((2, 2, 2)).reshape(3, -1).T] * 2)
+        * rng.uniform(0.01, 1, 3)
+        @ turned,
+        "drum": np.concatenate([disc, 0.5 * disc + up, disc + 2 * up]) * 0.02 @ turned,
+    }[kind]
+
+
+@pytest.mark.parametrize("kind", ["cloud", "doubled", "swept", "grid", "box", "drum"])
+def test_the_hull_of_few_points_is_that_of_scipy(kind: str) -> None:
+    """Its corners and its faces, with points that are doubled, in a line, in a face, or inside."""
+    spatial: Any = import_module("scipy.spatial")
+    rng = np.random.default_rng(5)
+    for _ in range(40):
+        points = few_points(rng, kind)
+        true, (corners, normals) = spatial.ConvexHull(points), hull_of_few(points)
+        assert len(corners) == len(true.vertices)
+        apart = np.linalg.norm(points[corners][:, None] - points[true.vertices], axis=2)
+        assert apart.min(axis=0).max() == apart.min(axis=1).max() == 0.0
+        apart = np.abs(normals[:, None] - true.equations[:, :3]).max(axis=2)
+        assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 2e-9
 
 
 def test_a_hull_of_few_corners_contains_all_points() -> None:

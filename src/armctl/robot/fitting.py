@@ -20,7 +20,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Chain
 from armctl.robot.body import ArmBody, Capsule
-from armctl.robot.hulls import Hull, distances
+from armctl.robot.hulls import Hull, distances, hull_of_few
 from armctl.robot.look.pieces import link_name
 from armctl.robot.meshes import ArmSolids, across, extent, too_large, units_for
 from armctl.robot.parts import Shape
@@ -56,6 +56,8 @@ makes up for those left out."""
 _LARGEST, _MIDDLE, _SMALLEST = 20.0, 5.0, 0.005
 """A mesh beyond so many lengths of the arm has another unit. So have all where half of those that joints move
 are beyond the second number, or none is larger than the third."""
+_MOST_OF_FEW = 100
+"""The hull of more points takes less time with scipy."""
 _FLAT_M = 1e-7
 """A hull that is no thicker has no inside."""
 
@@ -225,14 +227,19 @@ def contain(points: FloatArray) -> Fitted:
 
 
 def contained(corners: FloatArray) -> Fitted:
-    """The same, where the hull of few corners (k, 3) is wanted as it is; they may lie inside it."""
+    """The same, where the hull of corners (k, 3) is wanted as it is; they may lie inside it."""
+    if _is_flat(corners):
+        return _in_a_capsule(Hull(corners, _across(corners), 0.0))
+    if len(corners) <= _MOST_OF_FEW:
+        kept, normals = hull_of_few(corners)
+        return _in_a_capsule(Hull(corners[kept], normals, 0.0))
     qhull = _qhull(corners)
     kept = corners if qhull is None else corners[qhull.vertices]
     return _in_a_capsule(Hull(kept, _normals(kept), 0.0))
 
 
 def _in_a_capsule(hull: Hull) -> Fitted:
-    choices = np.concatenate([_along(hull.corners, axis) for axis in _axes(hull.corners)])
+    choices = _along(hull.corners, _axes(hull.corners))
     ends = choices[int(_volumes(hull.corners, choices).argmin())]
     radius = float(_distances(hull.corners, ends[None]).max() + hull.margin) * (1 + 1e-12) + 1e-9
     return Fitted(ends[:3].copy(), ends[3:].copy(), radius, hull)
@@ -273,15 +280,25 @@ def _normals(corners: FloatArray) -> FloatArray:
     qhull = _qhull(corners)
     if qhull is not None:
         return np.unique(qhull.equations[:, :3].round(9), axis=0)
+    return _across(corners)
+
+
+def _across(corners: FloatArray) -> FloatArray:
+    """Both normals of the plane in which corners (k, 3) lie."""
     across = np.linalg.svd(corners - corners.mean(axis=0))[2][2]
     return np.array([across, -across])
 
 
+def _is_flat(points: FloatArray) -> bool:
+    off = points - points.mean(axis=0)
+    return len(points) < 4 or bool(np.linalg.svd(off, compute_uv=False)[2] < _FLAT_M)
+
+
 def _qhull(points: FloatArray) -> Any:
     """The hull of points (k, 3), as scipy gives it; None where they lie in a plane."""
-    spatial = import_module("scipy.spatial")
-    if len(points) < 4 or np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[2] < _FLAT_M:
+    if _is_flat(points):
         return None
+    spatial = import_module("scipy.spatial")
     try:
         return spatial.ConvexHull(points)
     except spatial.QhullError:  # all but flat
@@ -311,19 +328,19 @@ def _outermost(points: FloatArray, count: int) -> FloatArray:
     return points[np.unique(best)]
 
 
-def _along(points: FloatArray, axis: FloatArray) -> FloatArray:
-    """Ends (2, 6) of segments along an axis: as long as the points, less a radius; and half of that."""
-    along = points @ axis
-    across = points - along[:, None] * axis
-    centre = across.mean(axis=0)
+def _along(points: FloatArray, axes: FloatArray) -> FloatArray:
+    """Ends (2 a, 6) of segments along axes (a, 3): as long as the points, less a radius; and half of that."""
+    along = np.stack([points @ axis for axis in axes])
+    across = points - along[:, :, None] * axes[:, None]
+    centre, row = across.mean(axis=1), np.arange(len(axes))
     for k in range(2, 30):  # Bădoiu and Clarkson: towards the farthest point, ever less
-        centre = centre + (across[((across - centre) ** 2).sum(axis=1).argmax()] - centre) / k
-    radius = math.sqrt(float(((across - centre) ** 2).sum(axis=1).max()))
-    half = max(0.5 * float(np.ptp(along)) - radius, 0.0)
-    middle = centre + 0.5 * (along.min() + along.max()) * axis
-    return np.array(
-        [np.concatenate([middle - s * half * axis, middle + s * half * axis]) for s in (1.0, 0.5)]
-    )
+        farthest = ((across - centre[:, None]) ** 2).sum(axis=2).argmax(axis=1)
+        centre += (across[row, farthest] - centre) / k
+    radius = np.sqrt(((across - centre[:, None]) ** 2).sum(axis=2).max(axis=1))
+    half = np.maximum(0.5 * np.ptp(along, axis=1) - radius, 0.0)[:, None] * axes
+    middle = centre + 0.5 * (along.min(axis=1) + along.max(axis=1))[:, None] * axes
+    ends = [np.hstack([middle - s * half, middle + s * half]) for s in (1.0, 0.5)]
+    return np.stack(ends, axis=1).reshape(-1, 6)
 
 
 def _volumes(points: FloatArray, ends: FloatArray) -> FloatArray:

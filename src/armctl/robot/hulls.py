@@ -243,3 +243,61 @@ def padded(arrays: Sequence[FloatArray], nothing: FloatArray) -> FloatArray:
     most = max(map(len, arrays), default=1)
     padded = [np.concatenate([one, np.broadcast_to(one[0], (most - len(one), 3))]) for one in arrays]
     return np.array(padded).reshape(-1, most, 3)
+
+
+_CLOSE, _LEVEL = 1e-6, 1e-7
+"""Points so near to each other, of the size of a hull, are one; faces that bend by so little are one."""
+_EACH = 4
+"""One in so many points tells of most lines that they are no edges."""
+
+
+def hull_of_few(points: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """The hull of few points (k, 3) that do not lie in a plane: indices of its corners, and normals (f, 3).
+
+    Each line through two points is looked along: it is an edge, or lies in a face, where all other points are
+    within half a turn about it, and the outermost of them span the faces. All k² lines are looked along at
+    once: in 1 ms for 28 points. ``scipy.spatial`` takes a fifth of that, but 0.4 s to import, which was most
+    of what it took to open an arm.
+    """
+    points = points - points.mean(axis=0)
+    close = _CLOSE * float(np.abs(points).max())
+    one, other = np.triu_indices(len(points), 1)
+    along = points[other] - points[one]
+    length = np.sqrt((along * along).sum(axis=1))
+    doubled = np.zeros(len(points), dtype=np.bool_)
+    doubled[other[length <= close]] = True
+    along /= np.maximum(length, close)[:, None]
+    # across a line: x towards the middle of all points, which is the origin, and y
+    y = _cross(points[one], along)
+    aside = np.sqrt((y * y).sum(axis=1))
+    kept = np.flatnonzero((aside > close) & ~(doubled[one] | doubled[other]))
+    y, x = y / np.maximum(aside, close)[:, None], np.empty_like(y)
+    x[kept] = _cross(y[kept], along[kept])
+    turn = _turns(x[kept] @ points[::_EACH].T + aside[kept, None], y[kept] @ points[::_EACH].T, close)
+    kept = kept[np.ptp(turn, axis=1) <= 2.0 + _LEVEL]
+    to_x, to_y = x[kept] @ points.T + aside[kept, None], y[kept] @ points.T
+    turn = _turns(to_x, to_y, close)
+    span = np.ptp(turn, axis=1)
+    face = np.flatnonzero(span <= 2.0 + _LEVEL)
+    normals = np.concatenate([
+        side * (to_x[face, at, None] * y[kept[face]] - to_y[face, at, None] * x[kept[face]])
+        for side, at in ((1.0, turn[face].argmax(axis=1)), (-1.0, turn[face].argmin(axis=1)))
+    ])  # fmt: skip
+    normals /= np.sqrt((normals * normals).sum(axis=1))[:, None]
+    # an edge ends where no point lies farther on its line
+    edge = np.flatnonzero(span < 2.0 - _LEVEL)
+    line = kept[edge]
+    ahead = along[line] @ points.T - (along[line] * points[one[line]]).sum(axis=1)[:, None]
+    on_line = np.abs(to_x[edge]) + np.abs(to_y[edge]) <= close
+    beyond = on_line & ((ahead < -close) | (ahead > length[line, None] + close))
+    line = line[~beyond.any(axis=1)]
+    return np.unique(np.concatenate([one[line], other[line]])), np.unique(normals.round(9), axis=0)
+
+
+def _turns(x: FloatArray, y: FloatArray, close: float) -> FloatArray:
+    """Angles from x, in a measure that is quickly found: 1 is a quarter of a turn; 0 next to the origin."""
+    away = np.abs(x) + np.abs(y)
+    turn: FloatArray = y / np.maximum(away, close)
+    turn = np.where(x < 0, np.copysign(2.0, y) - turn, turn)
+    turn[away <= close] = 0.0
+    return turn
