@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -9,7 +12,7 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.samples import joint_samples
 from armctl.motion.clearance import Floor, SelfCollision
 from armctl.robot import Robot, load_robot, shipped_robots
-from armctl.robot.collision import NEAR_M
+from armctl.robot.collision import NEAR_M, CollisionModel
 from armctl.robot.hulls import nearing
 from armctl.robot.look.pieces import Piece
 
@@ -133,3 +136,24 @@ def test_jaws_count_where_they_are() -> None:
             if one.hull is not None
         ]
         assert min(inside) < 5e-4
+
+
+@pytest.mark.parametrize("name", ["mearm", "uzuner", "scorbot"])
+def test_what_always_touches_does_with_the_gripper_closed_half_open_and_open(name: str) -> None:
+    bodies = load_robot(name).bodies
+    found = [
+        CollisionModel.build(
+            bodies.chain, body.capsules, bodies.limits, bodies.resting, mounts=body.mounts, solids=body.solids
+        ).touching_solids
+        for body in (bodies.at((opening, opening)) for opening in (0.0, 0.5, 1.0))
+    ]
+    assert bodies.opens
+    assert bodies.collision((0.3, 0.3)).touching_solids <= frozenset.intersection(*found)
+    assert bodies.collision((0.0, 0.0)).touching_solids == frozenset.intersection(*found)
+
+
+def test_a_body_of_a_look_takes_no_scipy() -> None:
+    """It would be most of what opening an arm takes."""
+    code = "import sys, armctl; r = armctl.load_robot('mearm'); r.collision; r.undersides; "
+    code += "sys.exit('scipy' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)

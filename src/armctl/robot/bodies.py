@@ -12,7 +12,7 @@ from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics.chain import Chain
 from armctl.robot.body import ANY_OPENING, ArmBody, Capsule, Openings
 from armctl.robot.carried import CarriedPart
-from armctl.robot.collision import CollisionModel, Underside, undersides
+from armctl.robot.collision import CollisionModel, SolidPairs, Underside, undersides
 from armctl.robot.look.pieces import Drawing, Piece
 from armctl.robot.parts import Look, Obstacle
 
@@ -102,7 +102,7 @@ class Bodies(ArrayRecord):
     def _solids(self) -> LookBody | None:
         if self.given is not None:
             return None
-        from armctl.robot.look_body import LookBody  # scipy
+        from armctl.robot.look_body import LookBody
 
         return LookBody(self.pieces, len(self.chain.segments))
 
@@ -115,13 +115,18 @@ class Bodies(ArrayRecord):
         return {}
 
     @cached_property
-    def _always(self) -> frozenset[tuple[int, int]]:
+    def _always(self) -> SolidPairs:
         """Solids that touch each other in all configurations, with the gripper closed, half open and open."""
-        models = [self._model((one, one), None) for one in (0.0, 0.5, 1.0)]
-        found = [{(model.solids[i], model.solids[j]) for i, j in model.touching} for model in models]
-        return frozenset(set[tuple[int, int]].intersection(*found))
+        found = self._model((0.0, 0.0)).touching_solids
+        for one in (0.5, 1.0):  # only jaws are elsewhere then
+            jaws = frozenset(pair for pair in found if self._solids is not None and self._solids.moves(*pair))
+            if jaws:
+                found = found - jaws | self._model((one, one), among=jaws).touching_solids
+        return found
 
-    def _model(self, openings: Openings, always: frozenset[tuple[int, int]] | None) -> CollisionModel:
+    def _model(
+        self, openings: Openings, always: SolidPairs | None = None, among: SolidPairs | None = None
+    ) -> CollisionModel:
         body = self.at(openings)
         return CollisionModel.build(
             self.chain,
@@ -132,6 +137,7 @@ class Bodies(ArrayRecord):
             mounts=body.mounts,
             solids=body.solids,
             always=always,
+            among=among,
         )
 
 

@@ -79,6 +79,8 @@ def _may_meet(inner: frozenset[int], outer: frozenset[int]) -> bool:
 
 
 Pairs = tuple[tuple[int, int], ...]
+SolidPairs = frozenset[tuple[int, int]]
+"""of solids of a look, of which a capsule each is in a pair"""
 
 
 def _chosen(pairs: Pairs, which: NDArray[np.intp]) -> Pairs:
@@ -125,11 +127,13 @@ class CollisionModel:
         obstacles: tuple[Obstacle, ...] = (),
         mounts: tuple[Mount, ...] = (),
         solids: Sequence[int] = (),
-        always: frozenset[tuple[int, int]] | None = None,
+        always: SolidPairs | None = None,
+        among: SolidPairs | None = None,
     ) -> Self:
         """Find the pairs of an arm with these ``limits`` (n, 2) and poses at rest (m, n) [rad].
 
         ``always``: pairs of ``solids`` that are known to touch in all configurations; None: look for them.
+        ``among``: the only ones that are looked at; None: all.
         """
         carried = [_mount(chain, mounts, one.link).links for one in capsules]
         order = sorted(range(len(carried)), key=lambda k: (max(carried[k]), capsules[k].link))
@@ -140,7 +144,7 @@ class CollisionModel:
             (i, j)
             for j, outer in enumerate(carried)
             for i, inner in enumerate(carried[:j])
-            if _may_meet(inner, outer)
+            if _may_meet(inner, outer) and (among is None or (solids[i], solids[j]) in among)
         )
         model = cls(chain, ordered, apart, np.zeros(len(apart)), mounts=mounts)
         model = model._of(np.flatnonzero(~model._side_by_side(joint_samples(limits, _FEW_SAMPLES))))
@@ -212,6 +216,7 @@ class CollisionModel:
         links, never = self.frames(samples), np.zeros(len(self.pairs), dtype=np.bool_)
         axes = np.array([links.rotation[j][:, 2] for j in range(len(self.chain.segments))])  # (links, 3, m)
         carried = [_mount(self.chain, self.mounts, one.link).links for one in self.capsules]
+        parallel: dict[tuple[int, int], bool] = {}
         extents: dict[tuple[int, int], FloatArray] = {}
 
         def extent(piece: int, axis: int) -> FloatArray:
@@ -228,11 +233,18 @@ class CollisionModel:
         for k, (i, j) in enumerate(self.pairs):
             first = min(min(carried[i]), min(carried[j])) + 1
             last = max(max(carried[i]), max(carried[j]))
-            turning = np.abs(np.einsum("jcm,cm->jm", axes[first : last + 1], axes[last]))
-            if turning.min(initial=1.0) > 1.0 - 1e-9:
+            if (first, last) not in parallel:
+                turning = np.abs(np.einsum("jcm,cm->jm", axes[first : last + 1], axes[last]))
+                parallel[first, last] = turning.min(initial=1.0) > 1.0 - 1e-9
+            if parallel[first, last]:
                 one, other = extent(i, last), extent(j, last)
                 never[k] = np.maximum(one[0] - other[1], other[0] - one[1]).min() > -_BESIDE_M
         return never
+
+    @property
+    def touching_solids(self) -> SolidPairs:
+        """Solids of which some are left out because they always touch."""
+        return frozenset((self.solids[i], self.solids[j]) for i, j in self.touching)
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -48,6 +48,10 @@ class LookBody:
         self.opens = any(solid.jaw is not None for solid in self._solids)
         """whether it depends on the opening of the gripper"""
 
+    def moves(self, *solids: int) -> bool:
+        """Whether one of these solids is a jaw."""
+        return any(self._solids[k].jaw is not None for k in solids)
+
     def at(self, openings: Openings) -> ArmBody:
         """The body with jaws where they are at the openings, and all between."""
         found, solids = list[Capsule](), list[int]()
