@@ -11,7 +11,8 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.robot.body import ArmBody, Capsule, Openings
-from armctl.robot.fitting import contained
+from armctl.robot.fitting import hull_as_it_is, in_capsules
+from armctl.robot.hulls import Hull
 from armctl.robot.look.pieces import Jaw, Piece
 
 _TURN = math.radians(10)
@@ -24,7 +25,9 @@ _INSIDE_M = 1e-3
 class _Solid:
     """A convex solid of a look."""
 
-    capsule: Capsule
+    link: int
+    part: str
+    hull: Hull
     """where it is drawn"""
     jaw: Jaw | None
 
@@ -41,12 +44,15 @@ class LookBody:
             mount = piece.mount
             link = mount.hangs if mount.is_link else links + self._mounts.index(mount)
             for corners in (corners for part in piece.parts for corners in part.corners):
-                one = _capsule(link, corners, piece.part)
-                still = (other.capsule for other in self._solids if other.jaw is None)
-                if piece.jaw is not None or not any(_inside(one, other) for other in still):
-                    self._solids.append(_Solid(one, piece.jaw))
+                hull = hull_as_it_is(corners)
+                still = (other.hull for other in self._solids if other.jaw is None and other.link == link)
+                if piece.jaw is not None or not any(_inside(hull, other) for other in still):
+                    self._solids.append(_Solid(link, piece.part, hull, piece.jaw))
         self.opens = any(solid.jaw is not None for solid in self._solids)
         """whether it depends on the opening of the gripper"""
+        self._still = self._capsules(
+            [(k, solid.hull) for k, solid in enumerate(self._solids) if solid.jaw is None]
+        )
 
     def moves(self, *solids: int) -> bool:
         """Whether one of these solids is a jaw."""
@@ -54,22 +60,23 @@ class LookBody:
 
     def at(self, openings: Openings) -> ArmBody:
         """The body with jaws where they are at the openings, and all between."""
-        found, solids = list[Capsule](), list[int]()
-        for k, solid in enumerate(self._solids):
-            one, jaw = solid.capsule, solid.jaw
-            here = (
-                [one]
-                if jaw is None
-                else [_capsule(one.link, moved, one.part) for moved in _swept(jaw, one.corners, *openings)]
-            )
-            found += here
-            solids += [k] * len(here)
-        return ArmBody(tuple(found), mounts=self._mounts, solids=tuple(solids))
+        moved = [
+            (k, hull_as_it_is(corners))
+            for k, solid in enumerate(self._solids)
+            if solid.jaw is not None
+            for corners in _swept(solid.jaw, solid.hull.corners, *openings)
+        ]
+        found = sorted([*self._still, *self._capsules(moved)], key=lambda one: one[0])
+        solids = tuple(k for k, _ in found)
+        return ArmBody(tuple(one for _, one in found), mounts=self._mounts, solids=solids)
 
-
-def _capsule(link: int, corners: FloatArray, part: str) -> Capsule:
-    fitted = contained(corners)
-    return Capsule(link, fitted.start, fitted.end, fitted.radius, part, fitted.hull)
+    def _capsules(self, hulls: Sequence[tuple[int, Hull]]) -> list[tuple[int, Capsule]]:
+        """Capsules round hulls, each with the index of its solid."""
+        found: list[tuple[int, Capsule]] = []
+        for (k, _), one in zip(hulls, in_capsules([hull for _, hull in hulls]), strict=True):
+            solid = self._solids[k]
+            found.append((k, Capsule(solid.link, one.start, one.end, one.radius, solid.part, one.hull)))
+        return found
 
 
 def _swept(jaw: Jaw, corners: FloatArray, low: float, high: float) -> Iterator[FloatArray]:
@@ -84,9 +91,7 @@ def _swept(jaw: Jaw, corners: FloatArray, low: float, high: float) -> Iterator[F
         yield np.concatenate([one, other])
 
 
-def _inside(one: Capsule, other: Capsule) -> bool:
+def _inside(one: Hull, other: Hull) -> bool:
     """Whether a hull adds nothing to another one of its frame."""
-    if one.link != other.link or one.hull is None or other.hull is None:
-        return False
-    heights = (other.hull.corners @ other.hull.normals.T).max(axis=0)
-    return bool((one.hull.corners @ other.hull.normals.T <= heights + _INSIDE_M).all())
+    heights = (other.corners @ other.normals.T).max(axis=0)
+    return bool((one.corners @ other.normals.T <= heights + _INSIDE_M).all())
