@@ -274,10 +274,7 @@ class Chain(ByContent):
         """
         angles = self._one(q)
         if angles is not None:
-            xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz = self._walk(self._link_turns(angles))
-            out = np.empty((4, 4))
-            _put_pose(out.data, 0, xx, yx, zx, px, xy, yy, zy, py, xz, yz, zz, pz, 0.0, 0.0, 0.0, 1.0)
-            return out
+            return _pose(self._walk(self._link_turns(angles)))
         return self._many(q, (4, 4), self._forward_into)
 
     def jacobian(self, q: ArrayLike) -> FloatArray:
@@ -288,14 +285,27 @@ class Chain(ByContent):
         angles = self._one(q)
         if angles is not None:
             links: list[tuple[float, ...]] = []
-            tx, ty, tz = self._walk(self._link_turns(angles), links)[9:]
-            columns: list[tuple[float, ...]] = []
-            for *_, x, y, z, px, py, pz in links:
-                px, py, pz = tx - px, ty - py, tz - pz
-                columns.append((y * pz - z * py, z * px - x * pz, x * py - y * px, x, y, z))
-            J = np.array(columns).T
-            return J.copy() if self.coupling is None else J @ self.coupling
+            return self._columns_of(self._walk(self._link_turns(angles), links), links)
         return self._many(q, (6, self.n), self._jacobian_into)
+
+    def pose_and_jacobian(self, q: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """``forward`` and ``jacobian`` of the same joint angles; of one configuration in half of the time."""
+        angles = self._one(q)
+        if angles is None:
+            return self.forward(q), self.jacobian(q)
+        links: list[tuple[float, ...]] = []
+        tool = self._walk(self._link_turns(angles), links)
+        return _pose(tool), self._columns_of(tool, links)
+
+    def _columns_of(self, tool: tuple[float, ...], links: list[tuple[float, ...]]) -> FloatArray:
+        """The Jacobian (6, n) where the tool frame and the links are as ``_walk`` gives them."""
+        tx, ty, tz = tool[9:]
+        columns: list[tuple[float, ...]] = []
+        for *_, x, y, z, px, py, pz in links:
+            px, py, pz = tx - px, ty - py, tz - pz
+            columns.append((y * pz - z * py, z * px - x * pz, x * py - y * px, x, y, z))
+        J = np.array(columns).T
+        return J.copy() if self.coupling is None else J @ self.coupling
 
     def frames(self, q: ArrayLike) -> FloatArray:
         """Poses ``T_base_frame`` (..., len(places), 4, 4) [m] of ``places`` at ``q`` (..., n) [rad].
@@ -479,6 +489,14 @@ class LinkFrames:
         R, o = np.stack([*self.rotation, R_base]), np.stack([*self.origin, o_base])
         back, there = R[one, :, :, at].transpose(0, 2, 1), o[other, :, at] - o[one, :, at]
         return back @ R[other, :, :, at], (back @ there[:, :, None])[:, :, 0]
+
+
+def _pose(frame: tuple[float, ...]) -> FloatArray:
+    """(4, 4) of a frame as ``Chain._walk`` gives it."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz = frame
+    out = np.empty((4, 4))
+    _put_pose(out.data, 0, xx, yx, zx, px, xy, yy, zy, py, xz, yz, zz, pz, 0.0, 0.0, 0.0, 1.0)
+    return out
 
 
 def _checked_coupling(coupling: ArrayLike, links: int) -> FloatArray:

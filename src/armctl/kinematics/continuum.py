@@ -16,6 +16,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, rotation_angle
 from armctl.kinematics.chain import Chain
+from armctl.kinematics.newton import Rows, newton, target_rows
 from armctl.kinematics.target import Target
 
 _LOOKED_AT = 256
@@ -27,7 +28,7 @@ _NULL = 1e-5
 _STEPS = 1e-3, 3e-5
 """along a null direction [rad], the second where limits leave no more; there what is isolated misses the
 target by about the square"""
-_ROUNDS, _NEARER = 24, 0.8
+_ROUNDS, _NEARER = 23, 0.8
 """to come back by, and what is left of the miss by each: with two null directions that do not depend on each
 other, a step may only halve how far off the right one the arm is"""
 _FAINT = 1e-9
@@ -53,7 +54,7 @@ def moving_joints(
     """
     free = [k for k in np.flatnonzero(limits[:, 0] < limits[:, 1]).tolist() if k not in held]
     q = q[np.unique(np.linspace(0, len(q) - 1, min(_LOOKED_AT, len(q))).astype(np.intp))]
-    J = _rows(chain, target, up, q, q)[1][:, :, free]
+    J = _rows(chain, target, up, q)(q)[1][:, :, free]
     _, sizes, directions = np.linalg.svd(J)
     rank = (sizes > _NULL * np.maximum(sizes[:, :1], _NULL)).sum(axis=1)
     singular = np.flatnonzero(rank < len(free))
@@ -79,7 +80,7 @@ def uncertainties(
     free = [k for k in np.flatnonzero(limits[:, 0] < limits[:, 1]).tolist() if k not in held]
     if len(q) == 0 or not free:
         return np.zeros(len(q))
-    sizes = np.linalg.svd(_rows(chain, target, up, q, q)[1][:, :, free], compute_uv=False)
+    sizes = np.linalg.svd(_rows(chain, target, up, q)(q)[1][:, :, free], compute_uv=False)
     return _MISFIT / np.maximum(sizes[:, -1], math.sqrt(_MISFIT))
 
 
@@ -98,54 +99,24 @@ def _moved(
 
     Whatever the limits.
     """
-    x = begun = q + step
     length = float(np.linalg.norm(step))
     ahead = step / length
-    least = math.inf
-    for _ in range(_ROUNDS):
-        r, J = _rows(chain, target, up, x[None], q[None])
-        missed = float(np.abs(r).max())
-        if missed < _MET * length**2:
-            aside = float(np.abs(x - q).max())
-            return x - q if 0.1 * length < aside < 10.0 * length else None
-        if missed > _NEARER * least:
-            return None
-        least = missed if x is not begun else math.inf
-        across = np.vstack([J[0][:, free], ahead[free]])
-        x = x.copy()
-        x[free] -= np.linalg.pinv(across, rcond=_FAINT) @ np.append(r[0], ahead @ (x - q) - length)
-    return None
+    miss = _rows(chain, target, up, q)
+    mask = np.isin(np.arange(chain.n), free)
+
+    def rows(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        r, J = miss(x)
+        return np.append(r, ahead @ (x - q) - length), np.vstack([J * mask, ahead])
+
+    met = _MET * length**2
+    x, missed = newton(rows, q + step, _ROUNDS, rank=_FAINT, gain=_NEARER, still=met)
+    aside = float(np.abs(x - q).max())
+    return x - q if missed <= met and 0.1 * length < aside < 10.0 * length else None
 
 
-def _rows(
-    chain: Chain, target: Target, up: FloatArray, q: FloatArray, solved: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """By how much configurations (k, n) miss a target (k, m), and the derivatives (k, m, n).
-
-    A rotation that the solutions ``solved`` (k, n) miss is to be missed by as much.
-    """
-    pose, J = chain.forward(q), chain.jacobian(q)
-    linear, axes = J[:, :3], J[:, 3:]
-    rows, slopes = [pose[:, :3, 3] - target.position], [linear]
-    if target.pitch is not None:
-        approach = pose[:, :3, 2]
-        turned = np.cross(axes, approach[:, :, None], axis=1)
-        if target.up is not None:
-            level = np.linalg.svd(up[None])[2][1:]
-            rows.append(approach @ level.T)
-            slopes.append(level @ turned)
-        else:
-            rows.append((approach @ up - math.sin(target.pitch))[:, None])
-            slopes.append((up @ turned)[:, None])
-    if target.rotation is not None:
-        off = pose[:, :3, :3] @ target.rotation.T
-        missed = rotation_angle(chain.forward(solved)[:, :3, :3] @ target.rotation.T)
-        axis = np.stack([off[:, i, j] - off[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1)
-        if missed.max() < _UNMET:
-            rows.append(0.5 * axis)
-            slopes.append(axes)
-        else:
-            axis /= np.maximum(np.linalg.norm(axis, axis=1), _UNMET)[:, None]
-            rows.append((rotation_angle(off) - missed)[:, None])
-            slopes.append(axis[:, None] @ axes)
-    return np.concatenate(rows, axis=1), np.concatenate(slopes, axis=1)
+def _rows(chain: Chain, target: Target, up: FloatArray, solved: FloatArray) -> Rows:
+    """As ``target_rows``; a rotation that solutions (..., n) miss is to be missed by as much."""
+    if target.rotation is None:
+        return target_rows(chain, target, up)
+    missed = rotation_angle(chain.forward(solved)[..., :3, :3] @ target.rotation.T)
+    return target_rows(chain, target, up, None if missed.max() < _UNMET else missed)

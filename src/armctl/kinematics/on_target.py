@@ -12,15 +12,18 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import skew_part
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import CUBIC_PEAKS, EnergyModel, rest_to_rest_times
+from armctl.kinematics.newton import Rows, newton, target_rows
 from armctl.kinematics.target import Target
 
 _BEGUN = (4, 0.2), (12, 1.0)
@@ -65,6 +68,11 @@ class OnTarget:
     target: Target
     up: FloatArray
     """(3,) what a pitch is measured against"""
+
+    @cached_property
+    def rows(self) -> Rows:
+        """By how much a configuration (n,) misses the target (m,), and the derivatives (m, n)."""
+        return target_rows(self.chain, self.target, self.up)
 
     @property
     def spare(self) -> int:
@@ -142,10 +150,10 @@ class OnTarget:
         zero, turns = problem.zero, problem.turns
 
         def missed(x: FloatArray) -> FloatArray:
-            return self._rows(zero + turns @ x)[0]
+            return self.rows(zero + turns @ x)[0]
 
         def slopes(x: FloatArray) -> FloatArray:
-            return self._rows(zero + turns @ x)[1] @ turns
+            return self.rows(zero + turns @ x)[1] @ turns
 
         met = {"type": "eq", "fun": missed, "jac": slopes}
         found: list[FloatArray] = []
@@ -182,33 +190,18 @@ class OnTarget:
         begin = np.full(len(q), math.inf) if start is None else np.clip(start, low, high)
         away = np.abs(q - begin) > _MOVED
         for free in (inside & away, inside | (low < high)):
-            there: FloatArray = np.where(away, q, begin)
-            for _ in range(_POLISH):
-                r, J = self._rows(there)
-                if np.abs(r).max() < _ROUNDING:
-                    break
-                step = np.asarray(np.linalg.pinv(J * free, rcond=_SINGULAR) @ r, dtype=np.float64)
-                there = np.clip(there - free * step, low, high)
-            if np.abs(self._rows(there)[0]).max() < _MET:
+
+            def rows(q: FloatArray, free: NDArray[np.bool_] = free) -> tuple[FloatArray, FloatArray]:
+                off, slopes = self.rows(q)
+                return off, slopes * free
+
+            there, missed = newton(
+                rows, np.where(away, q, begin), _POLISH, rank=_SINGULAR, gain=math.inf, still=_ROUNDING,
+                limits=self.limits,
+            )  # fmt: skip
+            if missed < _MET:
                 return there
         return None
-
-    def _rows(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """By how much a configuration (n,) misses the target (m,), and the derivatives (m, n)."""
-        T, J = self.chain.forward(q), self.chain.jacobian(q)
-        target = self.target
-        rows, slopes = [T[:3, 3] - target.position], [J[:3]]
-        if target.rotation is not None:
-            off = T[:3, :3] @ target.rotation.T
-            rows.append(skew_part(off))
-            slopes.append(J[3:])
-        elif target.pitch is not None:
-            approach = T[:3, 2]
-            turned = np.cross(J[3:], approach[:, None], axis=0)
-            wish = np.linalg.svd(self.up[None])[2][1:] if target.up is not None else self.up[None]
-            rows.append(wish @ approach - (0.0 if target.up is not None else math.sin(target.pitch)))
-            slopes.append(wish @ turned)
-        return np.concatenate(rows), np.concatenate(slopes)
 
 
 def _linear(slope: FloatArray) -> Callable[[FloatArray], tuple[float, FloatArray]]:

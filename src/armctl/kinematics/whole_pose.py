@@ -29,7 +29,7 @@ from armctl.kinematics.angles import (
 )
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.numeric.goals import rotation_vectors, tool_motion
+from armctl.kinematics.newton import misses, polished
 from armctl.kinematics.numeric.solver import NumericSolver
 from armctl.kinematics.samples import checked_step
 from armctl.kinematics.solutions import Solutions, SolvedArm, SolverOf
@@ -40,10 +40,6 @@ HIDDEN = "close to a singular pose: rounding may hide further solutions"
 """what an answer says whose list may miss some for that"""
 _SPREAD = 12
 """half of how many angles stand for a continuum"""
-_SINGULAR = 1e-12
-"""directions that the Jacobian keeps by less than this share are left alone by a Newton step"""
-_LONGEST = 0.3
-"""[rad]"""
 _ROUNDING = 2e-14
 """a miss that no step makes smaller"""
 _HALF_KNOWN = 1e-6
@@ -185,14 +181,6 @@ class WholePoses:
         return np.unique(values)
 
 
-def misses(chain: Chain, poses: FloatArray, q: FloatArray) -> FloatArray:
-    """By how much configurations (k, n) miss a pose each, or one for all, (..., 4, 4): (k,) [m] or [rad]."""
-    T = chain.forward(q)
-    turned = rotation_vectors(T[:, :3, :3] @ np.swapaxes(poses[..., :3, :3], -1, -2))
-    away = np.linalg.norm(T[:, :3, 3] - poses[..., :3, 3], axis=1)
-    return np.maximum(away, np.linalg.norm(turned, axis=1))
-
-
 def _moved_onto_limits(chain: Chain, pose: FloatArray, ways: Ways, limits: FloatArray) -> Ways:
     """Ways a little beyond limits (n, 2) [rad], moved onto them where they meet the pose so; no others.
 
@@ -254,41 +242,3 @@ def turned_onto(
 
 def _turned(chain: Chain, pose: FloatArray, q: FloatArray) -> FloatArray:
     return rotation_angle(chain.forward(q)[:, :3, :3].swapaxes(1, 2) @ pose[:3, :3])
-
-
-def polished(
-    chain: Chain,
-    poses: FloatArray,
-    q: FloatArray,
-    reach: float,
-    steps: int,
-    held: NDArray[np.bool_] | None = None,
-) -> FloatArray:
-    """Configurations (k, n) [rad] after Newton steps, each as long as it gets nearer to its pose.
-
-    ``poses`` (k, 4, 4), or one (4, 4) for all; lengths are taken over the ``reach`` [m]. Joints that are
-    ``held`` (k, n) stay.
-    """
-    R, t = np.swapaxes(poses[..., :3, :3], -1, -2), poses[..., :3, 3]
-    best, least = q, np.full(len(q), math.inf)
-    for _ in range(steps + 1):
-        motion = tool_motion(chain, q)
-        off = np.concatenate([(motion.position - t) / reach, rotation_vectors(motion.rotation @ R)], axis=1)
-        far = np.abs(off).max(axis=1, initial=0.0)
-        nearer = far < least
-        best, least = np.where(nearer[:, None], q, best), np.where(nearer, far, least)
-        if not (nearer & (far > _ROUNDING)).any():
-            break
-        J = np.concatenate([motion.linear / reach, motion.axes], axis=1)
-        q = q - _steps(J if held is None else np.where(held[:, None], 0.0, J), off)
-    return best
-
-
-def _steps(J: FloatArray, off: FloatArray) -> FloatArray:
-    """Newton steps (k, n), none longer than ``_LONGEST``."""
-    try:
-        step = np.linalg.solve(J, off[:, :, None])[:, :, 0]
-    except np.linalg.LinAlgError:
-        step = (np.linalg.pinv(J, rcond=_SINGULAR) @ off[:, :, None])[:, :, 0]
-    longest = np.abs(step).max(axis=1, initial=0.0)
-    return step * np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-300))[:, None]

@@ -19,6 +19,7 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.angles import TWO_PI
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.general_six.pencil import ComplexArray
+from armctl.kinematics.newton import newton_steps
 
 _FIRST, _LEAST, _NEAR = 0.1, 1e-7, 1e-7
 """shares of the way that is left: the first step, one so short that a path is given up; where a path ends"""
@@ -142,7 +143,10 @@ class _Way:
         self, q: ComplexArray, jacobian: ComplexArray, step: FloatArray
     ) -> tuple[ComplexArray, NDArray[np.bool_]]:
         """Configurations (m, 6) after steps (m,) along the tangents, and which steps are not too long."""
-        ahead = _solved(jacobian, np.broadcast_to(self._speed, q.shape).astype(np.complex128)) * step[:, None]
+        ahead = (
+            newton_steps(jacobian, np.broadcast_to(self._speed, q.shape).astype(np.complex128))
+            * step[:, None]
+        )
         good = np.abs(ahead).max(axis=1, initial=0.0) < _LEAP
         return np.where(good[:, None], q + ahead, q), good
 
@@ -154,7 +158,7 @@ class _Way:
         off, jacobian = self.off(q, share)
         length = np.full(len(q), np.inf)
         for _ in range(_NEWTON):
-            move = _solved(jacobian, off)
+            move = newton_steps(jacobian, off)
             length = np.abs(move).max(axis=1, initial=0.0)
             good = good & ((length <= most) | (length < met))
             q = np.where(good[:, None], q - move, q)
@@ -183,12 +187,3 @@ class _Way:
             off[:, 3 + k] = 0.5 * (turned[:, i, j] - turned[:, j, i])
         columns = np.concatenate([np.cross(axes, frame[:, None, :3, 3] - points) / self._unit, axes], axis=2)
         return off, columns.swapaxes(1, 2)
-
-
-def _solved(jacobian: ComplexArray, off: ComplexArray) -> ComplexArray:
-    """The steps (m, 6) that Jacobians (m, 6, 6) map to (m, 6)."""
-    try:
-        steps = np.linalg.solve(jacobian, off[..., None])
-    except np.linalg.LinAlgError:
-        steps = np.linalg.pinv(jacobian) @ off[..., None]
-    return steps[..., 0].astype(np.complex128, copy=False)

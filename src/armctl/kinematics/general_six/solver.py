@@ -15,13 +15,14 @@ from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.general_six.paths import Beside, followed, meeting, unreal
 from armctl.kinematics.general_six.pencil import Candidates, ComplexArray, Loop
+from armctl.kinematics.newton import misses, newton, polished
 from armctl.kinematics.numeric.goals import rotation_vectors
 from armctl.kinematics.numeric.solver import roll_joint
 from armctl.kinematics.samples import even_spread
 from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.target import Target
-from armctl.kinematics.whole_pose import HIDDEN, Ways, WholePoses, misses, polished
+from armctl.kinematics.whole_pose import HIDDEN, Ways, WholePoses
 
 _MOST = 16
 """no arm of six joints has more isolated configurations for a pose (E. J. F. Primrose, 1986)"""
@@ -195,20 +196,20 @@ class GeneralSixSolver(InverseKinematics):
         """(k, 6) singular configurations of a pose near ``starts`` (m, 6), to all digits.
 
         Newton steps find a double root to half of the digits, if at all. It is an ordinary root of
-        off(q) = λ u and σ(q) = 0, with σ, u and v the least singular value of the Jacobian and its vectors.
+        off(q) = λ u and σ(q) = 0, with σ, u and v the least singular value of the Jacobian and its vectors;
+        the other vectors U leave λ out of it: U off(q) = 0.
         """
+
+        def rows(q: FloatArray) -> tuple[FloatArray, FloatArray]:
+            J = self._scaled_jacobians(q)
+            u, sigma, vt = np.linalg.svd(J)
+            U = u[:, :-1].T
+            off = np.append(U @ self._off(pose, q), sigma[-1])
+            return off, np.vstack([U @ J, _slopes(J, u[:, -1], vt[-1])])
+
         found = [np.empty((0, 6))]
         for q in starts:
-            for _ in range(_STEPS):
-                J = self._scaled_jacobians(q)
-                u, sigma, vt = np.linalg.svd(J)
-                M = np.zeros((7, 7))
-                M[:6, :6], M[:6, 6], M[6, :6] = J, -u[:, -1], _slopes(J, u[:, -1], vt[-1])
-                move = np.linalg.lstsq(M, np.append(self._off(pose, q), sigma[-1]), rcond=_FLAT)[0][:6]
-                longest = float(np.abs(move).max())
-                q = q - move * min(1.0, _NEARLY_REAL / max(longest, 1e-300))
-                if longest < _EXACT:
-                    break
+            q, _ = newton(rows, q, _STEPS, rank=_FLAT, still=_ROUNDING / 3.0, longest=_NEARLY_REAL)
             if misses(self.chain, pose, q[None])[0] < _ROUNDING:
                 found.append(q[None])
         return np.concatenate(found)

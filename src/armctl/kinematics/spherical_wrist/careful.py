@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, distinct, rest_angle
 from armctl.kinematics.chain import Chain
+from armctl.kinematics.newton import newton
 from armctl.kinematics.spherical_wrist.closed_form import CLIPPED, ON_AXIS, ClosedForm, Placed, Three, Wrist
 
 _MET = 5e-10
@@ -26,7 +27,7 @@ _ROUNDING = 1e-12
 """an angle clipped by less than this is as good as inside [rad]"""
 _LEAST = 1e-16
 """less cannot be missed [m], [rad]; near a double root 1e-12 are angles of 1e-6"""
-_STEPS = 12
+_STEPS, _SINGULAR = 11, 1e-9
 _TURNED = 2.9
 """trace of a turn by less than a fifth of a radian"""
 _VALUES = {1: 721, 2: 37}
@@ -163,7 +164,7 @@ class CarefulSolver:
         for held in (over > 0.0, over > -LIMIT_TOLERANCE, over > -CLIPPED):
             found, _ = self._polished(inside, pose, held)
             found = np.clip(found, self._low, self._high)
-            if self._missed(found, pose) <= _MET:
+            if np.abs(self._off(found, pose)[0]).max() <= _MET:
                 return [found, *([exact] if met else [])]
         return [exact] if met else []
 
@@ -180,34 +181,26 @@ class CarefulSolver:
         first = q + TWO_PI * np.ceil((self._low - _ROUNDING - q) / TWO_PI)
         return bool((first <= self._high + _ROUNDING).all())
 
-    def _missed(self, q: FloatArray, pose: FloatArray) -> float:
-        """What a posture (6,) misses a pose by [m], [rad]."""
-        return float(np.abs(self._off(q, pose)).max())
+    def _off(self, q: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(6,) [m] and rotation vector [rad] from a pose that is nearly there to that of a posture (6,).
 
-    def _off(self, q: FloatArray, pose: FloatArray) -> FloatArray:
-        """(6,) [m] and rotation vector [rad] from a pose that is nearly there to that of a posture (6,)."""
-        T = self._chain.forward(q)
+        And the derivatives (6, 6).
+        """
+        T, J = self._chain.pose_and_jacobian(q)
         m = (T[:3, :3] @ pose[:3, :3].T).tolist()
         if m[0][0] + m[1][1] + m[2][2] < _TURNED:
-            return np.full(6, math.inf)
+            return np.full(6, math.inf), J
         turn = m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]
-        return np.concatenate([T[:3, 3] - pose[:3, 3], 0.5 * np.array(turn)])
+        return np.concatenate([T[:3, 3] - pose[:3, 3], 0.5 * np.array(turn)]), J
 
     def _polished(self, q: FloatArray, pose: FloatArray, held: NDArray[np.bool_]) -> tuple[FloatArray, float]:
         """Where Newton steps of the joints that are not held lead, and what is missed there [m], [rad]."""
-        best, least = q, math.inf
-        for _ in range(_STEPS):
-            off = self._off(q, pose)
-            missed = float(np.abs(off).max())
-            worth = missed < 0.5 * least
-            if missed < least:
-                best, least = q, missed
-            if not worth or missed < _LEAST:
-                break
-            J = np.where(held, 0.0, self._chain.jacobian(q))
-            steps: FloatArray = np.asarray(np.linalg.lstsq(J, off, rcond=1e-9)[0], dtype=np.float64)
-            q = q - steps
-        return best, least
+
+        def rows(q: FloatArray) -> tuple[FloatArray, FloatArray]:
+            off, J = self._off(q, pose)
+            return off, np.where(held, 0.0, J)
+
+        return newton(rows, q, _STEPS, rank=_SINGULAR, gain=0.5, still=_LEAST)
 
     def _told(self, free: tuple[int, ...], coupled: float) -> Iterator[str]:
         joint = self._closed.geometry.joint

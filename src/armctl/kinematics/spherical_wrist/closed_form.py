@@ -26,6 +26,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI
+from armctl.kinematics.newton import newton
 from armctl.kinematics.spherical_wrist.geometry import SphericalWrist
 from armctl.kinematics.subproblems import two_turns
 
@@ -42,7 +43,7 @@ NEAR = 1e-5
 rounding needs more care"""
 APART = 1e-3
 """as it does where two postures are so near to each other [rad]"""
-_STEPS = 6
+_STEPS = 5
 ALMOST_HALF_TURN = math.pi - NEAR
 CLIPPED = 1e-4
 """how far outside a limit rounding may put an angle [rad]: near a singular pose 1e-16 m are 1e-8 rad"""
@@ -374,25 +375,20 @@ class ClosedForm:
 
     def refined(self, centre: Three, arm: Three) -> Three:
         """θ1, φ2, φ3 [rad] that hold W at a point [m] to the last digit, from such that nearly do."""
-        least, best = math.inf, np.array(arm)
-        q = best
-        for _ in range(_STEPS):
+        z = np.array([0.0, 0.0, 1.0])
+
+        def rows(q: FloatArray) -> tuple[FloatArray, FloatArray]:
             first = _about_z(q[0])
             second = first @ _about_x(self.ca1, self.sa1) @ _about_z(q[1])
             third = second @ _about_x(self.ca2, self.sa2)
             beyond3 = third @ _about_z(q[2]) @ [self.r, 0.0, self.h]
             beyond2 = second @ self.geometry.q + beyond3
             W = first @ self.geometry.p + beyond2
-            off = np.array(centre) - W
-            missed = float(np.linalg.norm(off))
-            if not missed < least:
-                break
-            least, best = missed, q
-            z = np.array([0.0, 0.0, 1.0])
-            J = np.stack([np.cross(z, W), np.cross(second[:, 2], beyond2), np.cross(third[:, 2], beyond3)])
-            steps: FloatArray = np.asarray(np.linalg.lstsq(J.T, off, rcond=1e-10)[0], dtype=np.float64)
-            q = q + steps
-        return best[0], best[1], best[2]
+            axes = np.stack([z, second[:, 2], third[:, 2]])
+            return W - centre, np.cross(axes, np.stack([W, beyond2, beyond3])).T
+
+        first, second, third = newton(rows, np.array(arm), _STEPS, rank=1e-10)[0].tolist()
+        return first, second, third
 
     def wrists(self, M: FloatArray) -> list[Wrist]:
         """Both ways in which the wrist takes up M (3, 3), with care; none where it cannot."""

@@ -11,6 +11,7 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.angles import TWO_PI, distinct
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.newton import misses, polished
 from armctl.kinematics.numeric.solver import roll_joint
 from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.solver import InverseKinematics
@@ -24,7 +25,7 @@ from armctl.kinematics.three_parallel.closed_form import (
 )
 from armctl.kinematics.three_parallel.geometry import ThreeParallel, recognise_three_parallel
 from armctl.kinematics.three_parallel.one_pose import OnePose
-from armctl.kinematics.whole_pose import HIDDEN, Ways, WholePoses, misses, polished
+from armctl.kinematics.whole_pose import HIDDEN, Ways, WholePoses
 
 _NEAR = 1e-12
 """[m] and [rad]; farther ways are polished"""
