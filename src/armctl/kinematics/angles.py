@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from math import remainder
 from typing import NamedTuple
 
 import numpy as np
@@ -19,8 +20,13 @@ _OPEN_END = 1e-8
 
 def wrap(angle: float) -> float:
     """``angle`` [rad] brought into (-pi, pi]."""
-    wrapped = math.remainder(angle, TWO_PI)
+    wrapped = remainder(angle, TWO_PI)
     return math.pi if wrapped <= -math.pi else wrapped
+
+
+def wrapped(angles: FloatArray) -> FloatArray:
+    """As ``wrap``, of an array [rad]; half a turn may come out as either of its ends."""
+    return angles - TWO_PI * np.rint(angles / TWO_PI)
 
 
 def rest_angle(low: float, high: float) -> float:
@@ -31,7 +37,15 @@ def rest_angle(low: float, high: float) -> float:
 def central_image(angle: float, low: float, high: float) -> float:
     """The ``angle + 2 pi k`` nearest to the middle of limits [rad]."""
     middle = 0.5 * (low + high)
-    return middle + math.remainder(angle - middle, TWO_PI)
+    return middle + remainder(angle - middle, TWO_PI)
+
+
+def central_images(
+    angle: FloatArray, low: FloatArray | float, high: FloatArray | float, out: FloatArray | None = None
+) -> FloatArray:
+    """As ``central_image``, of an array; limits of its shape or one that broadcasts to it. NaN stays."""
+    turns = np.rint((angle - 0.5 * (low + high)) * (1.0 / TWO_PI))
+    return np.subtract(angle, TWO_PI * turns, out=out)
 
 
 def nearest_angle(angle: float, low: float, high: float) -> float:
@@ -60,6 +74,31 @@ def images(angle: float, low: float, high: float, tolerance: float = LIMIT_TOLER
     first = math.ceil((low - tolerance - angle) / TWO_PI)
     last = math.floor((high + tolerance - angle) / TWO_PI)
     return [min(max(angle + TWO_PI * k, low), high) for k in range(first, last + 1)]
+
+
+class Range(NamedTuple):
+    """The limits of one joint, for ``fitted`` [rad]."""
+
+    middle: float
+    inside: float
+    """an angle less than this from the middle is inside for sure"""
+    outside: float
+    """one farther than this is outside for sure"""
+
+    @classmethod
+    def of(cls, low: float, high: float, uncertain: float) -> Range:
+        """Of two limits; ``uncertain``: how far outside rounding may put an angle."""
+        half = 0.5 * (high - low)
+        return cls(0.5 * (low + high), half - LIMIT_TOLERANCE, half + uncertain)
+
+
+def fitted(angle: float, limits: Range) -> float:
+    """As ``central_image``; NaN: that is outside; inf: too close to a limit to tell."""
+    middle, inside, outside = limits
+    x = remainder(angle - middle, TWO_PI)
+    if -inside < x < inside:
+        return middle + x
+    return math.nan if x > outside or x < -outside else math.inf
 
 
 def half_angle_cos_sin(angle: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -102,7 +141,7 @@ def trigonometric_zeros(values: FloatArray, degree: int) -> FloatArray:
 
 def nearest_image(angle: float, low: float, high: float) -> float | None:
     """The image of an angle [rad] inside the limits that is nearest to zero, clipped onto them; or None."""
-    angle = math.remainder(angle, TWO_PI)
+    angle = remainder(angle, TWO_PI)
     if angle < low:
         if angle >= low - LIMIT_TOLERANCE:
             return low
@@ -123,9 +162,7 @@ def into_limits(angle: FloatArray, low: float, high: float) -> NDArray[np.bool_]
     False where the angle is NaN.
     """
     if high - low < TWO_PI:
-        middle = 0.5 * (low + high)
-        # only one image can be inside, and none nearer to the middle than this one
-        angle -= TWO_PI * np.rint((angle - middle) * (1.0 / TWO_PI))
+        central_images(angle, low, high, out=angle)  # only this one can be inside
     else:
         angle -= TWO_PI * np.rint(angle * (1.0 / TWO_PI))
         if low > -math.pi:
@@ -133,6 +170,33 @@ def into_limits(angle: FloatArray, low: float, high: float) -> NDArray[np.bool_]
         if high < math.pi:
             angle -= TWO_PI * np.ceil(np.maximum(0.0, angle - high - LIMIT_TOLERANCE) / TWO_PI)
     return (angle >= low - LIMIT_TOLERANCE) & (angle <= high + LIMIT_TOLERANCE)
+
+
+def within(
+    angle: FloatArray, low: FloatArray | float, high: FloatArray | float, tolerance: float = LIMIT_TOLERANCE
+) -> NDArray[np.bool_]:
+    """Whether an image of each angle [rad] lies inside limits, as ``central_images``; no for NaN."""
+    return np.abs(wrapped(angle - 0.5 * (low + high))) <= 0.5 * (high - low) + tolerance
+
+
+def turns_inside(
+    q: FloatArray, limits: FloatArray, tolerance: float = LIMIT_TOLERANCE
+) -> tuple[FloatArray, FloatArray]:
+    """The fewest and the most whole turns that keep ``q`` (..., n) [rad] inside limits (n, 2): (..., n) each.
+
+    Whole numbers; the first is the larger one where no image is inside.
+    """
+    low, high = limits.T
+    return np.ceil((low - tolerance - q) / TWO_PI), np.floor((high + tolerance - q) / TWO_PI)
+
+
+def images_toward(q: FloatArray, limits: FloatArray, start: FloatArray) -> FloatArray:
+    """The images inside limits (n, 2) of ``q`` (..., n) nearest to ``start`` (n,), clipped onto them [rad].
+
+    All have one.
+    """
+    first, last = turns_inside(q, limits)
+    return np.clip(q + TWO_PI * np.clip(np.rint((start - q) / TWO_PI), first, last), *limits.T)
 
 
 MOST_IMAGES = 4096
@@ -161,8 +225,7 @@ def all_images(
     nearest to ``start`` (n,) [rad] and those nearest to zero, and ``left_out`` counts the others.
     """
     low, high = limits.T
-    first = np.ceil((low - LIMIT_TOLERANCE - q) / TWO_PI)
-    last = np.floor((high + LIMIT_TOLERANCE - q) / TWO_PI)
+    first, last = turns_inside(q, limits)
     every = float(np.maximum(last - first + 1.0, 0.0).prod(axis=1).sum())
     about = np.clip(np.rint(((0.0 if start is None else start) - q) / TWO_PI), first, last)
     first, last = np.maximum(first, about - MOST_TURNS), np.minimum(last, about + MOST_TURNS)
@@ -200,7 +263,7 @@ def distinct(q: FloatArray, same: float = _SAME) -> NDArray[np.intp]:
     kept: list[int] = []
     for i in range(len(q)):
         apart = q[kept] - q[i]
-        if np.abs(apart - TWO_PI * np.rint(apart / TWO_PI)).max(axis=1).min(initial=math.inf) > same:
+        if np.abs(wrapped(apart)).max(axis=1).min(initial=math.inf) > same:
             kept.append(i)
     return np.array(kept, dtype=np.intp)
 

@@ -1,4 +1,4 @@
-"""Newton steps: from one start (``newton``), or from many at once (``newton_many``); and what they make zero.
+"""Newton steps: from one start (``newton``), or from many at once (``newton_many``); and rows of a target.
 
 Where there are more or fewer conditions than unknowns a step is that of Gauss and Newton: of those that least
 squares allow the shortest one (J. Nocedal and S. J. Wright, "Numerical optimization", 2006, chapter 10).
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import rotation_angle, skew_part
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.numeric.goals import rotation_vectors, tool_motion
 from armctl.kinematics.target import Target
 
 Rows = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
@@ -127,35 +126,3 @@ def target_rows(chain: Chain, target: Target, up: FloatArray, missed: FloatArray
         return np.concatenate(off, axis=-1), np.concatenate(slopes, axis=-2)
 
     return rows
-
-
-def misses(chain: Chain, poses: FloatArray, q: FloatArray) -> FloatArray:
-    """By how much configurations (k, n) miss a pose each, or one for all, (..., 4, 4): (k,) [m] or [rad]."""
-    T = chain.forward(q)
-    turned = rotation_vectors(T[:, :3, :3] @ np.swapaxes(poses[..., :3, :3], -1, -2))
-    away = np.linalg.norm(T[:, :3, 3] - poses[..., :3, 3], axis=1)
-    return np.maximum(away, np.linalg.norm(turned, axis=1))
-
-
-def polished(
-    chain: Chain,
-    poses: FloatArray,
-    q: FloatArray,
-    reach: float,
-    steps: int,
-    held: NDArray[np.bool_] | None = None,
-) -> FloatArray:
-    """Configurations (k, n) [rad] after Newton steps, each as long as it gets nearer to its pose.
-
-    ``poses`` (k, 4, 4), or one (4, 4) for all; lengths are taken over the ``reach`` [m]. Joints that are
-    ``held`` (k, n) stay.
-    """
-    R, t = np.swapaxes(poses[..., :3, :3], -1, -2), poses[..., :3, 3]
-
-    def rows(q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        motion = tool_motion(chain, q)
-        off = np.concatenate([(motion.position - t) / reach, rotation_vectors(motion.rotation @ R)], axis=1)
-        J = np.concatenate([motion.linear / reach, motion.axes], axis=1)
-        return off, J if held is None else np.where(held[:, None], 0.0, J)
-
-    return newton_many(rows, q, steps)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import TWO_PI, wrap
+from armctl.kinematics.angles import wrap
 
 TOLERANCE = 1e-10
 """what a condition may be missed by and still count as met, in the unit of the vectors"""
@@ -256,7 +256,7 @@ def _size(M: _Matrix) -> float:
 
 
 def _apart(a: _Pair, b: _Pair) -> float:
-    return max(abs(math.remainder(x - y, TWO_PI)) for x, y in zip(a, b, strict=True))
+    return max(abs(wrap(x - y)) for x, y in zip(a, b, strict=True))
 
 
 # For arrays of problems: vectors (..., 3), unit axes (3,), angles (...).

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray, content, read_only
 from armctl.errors import InputError
-from armctl.kinematics.angles import TWO_PI, rotation_from_rpy
+from armctl.kinematics.angles import TWO_PI, rotation_from_rpy, wrapped
 
 
 def as_numbers(value: ArrayLike, what: str) -> FloatArray:
@@ -328,7 +328,7 @@ def checked_pitches(value: ArrayLike, count: int) -> FloatArray:
 def _within_half_turn(pitches: FloatArray, *, rows: bool = False) -> FloatArray:
     """The same directions, within ±pi [rad]; more than a turn is a mistake in the unit."""
     _require_one_turn(pitches, "a pitch", rows=rows)
-    return pitches - TWO_PI * np.rint(pitches / TWO_PI)
+    return wrapped(pitches)
 
 
 def _require_one_turn(angles: FloatArray, what: str, *, rows: bool = False) -> None:

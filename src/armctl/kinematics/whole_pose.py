@@ -26,10 +26,12 @@ from armctl.kinematics.angles import (
     distinct,
     rest_angle,
     rotation_angle,
+    turns_inside,
 )
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.newton import misses, polished
+from armctl.kinematics.newton import newton_many
+from armctl.kinematics.numeric.goals import rotation_vectors, tool_motion
 from armctl.kinematics.numeric.solver import NumericSolver
 from armctl.kinematics.samples import checked_step
 from armctl.kinematics.solutions import Solutions, SolvedArm, SolverOf
@@ -66,10 +68,8 @@ class _Images:
 
     def __init__(self, q: FloatArray, limits: FloatArray, start: FloatArray | None) -> None:
         self._arguments = q, limits, start
-        low, high = limits.T
-        turns = np.floor((high + LIMIT_TOLERANCE - q) / TWO_PI) - np.ceil(
-            (low - LIMIT_TOLERANCE - q) / TWO_PI
-        )
+        first, last = turns_inside(q, limits)
+        turns = last - first
         every = float(np.maximum(turns + 1.0, 0.0).prod(axis=1).sum())
         known = every <= MOST_IMAGES and turns.max(initial=0.0) < MOST_TURNS  # then none is left out
         self.left_out = 0 if known else self.listed.left_out
@@ -181,6 +181,14 @@ class WholePoses:
         return np.unique(values)
 
 
+def misses(chain: Chain, poses: FloatArray, q: FloatArray) -> FloatArray:
+    """By how much configurations (k, n) miss a pose each, or one for all, (..., 4, 4): (k,) [m] or [rad]."""
+    T = chain.forward(q)
+    turned = rotation_vectors(T[:, :3, :3] @ np.swapaxes(poses[..., :3, :3], -1, -2))
+    away = np.linalg.norm(T[:, :3, 3] - poses[..., :3, 3], axis=1)
+    return np.maximum(away, np.linalg.norm(turned, axis=1))
+
+
 def _moved_onto_limits(chain: Chain, pose: FloatArray, ways: Ways, limits: FloatArray) -> Ways:
     """Ways a little beyond limits (n, 2) [rad], moved onto them where they meet the pose so; no others.
 
@@ -242,3 +250,27 @@ def turned_onto(
 
 def _turned(chain: Chain, pose: FloatArray, q: FloatArray) -> FloatArray:
     return rotation_angle(chain.forward(q)[:, :3, :3].swapaxes(1, 2) @ pose[:3, :3])
+
+
+def polished(
+    chain: Chain,
+    poses: FloatArray,
+    q: FloatArray,
+    reach: float,
+    steps: int,
+    held: NDArray[np.bool_] | None = None,
+) -> FloatArray:
+    """Configurations (k, n) [rad] after Newton steps, each as long as it gets nearer to its pose.
+
+    ``poses`` (k, 4, 4), or one (4, 4) for all; lengths are taken over the ``reach`` [m]. Joints that are
+    ``held`` (k, n) stay.
+    """
+    R, t = np.swapaxes(poses[..., :3, :3], -1, -2), poses[..., :3, 3]
+
+    def rows(q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        motion = tool_motion(chain, q)
+        off = np.concatenate([(motion.position - t) / reach, rotation_vectors(motion.rotation @ R)], axis=1)
+        J = np.concatenate([motion.linear / reach, motion.axes], axis=1)
+        return off, J if held is None else np.where(held[:, None], 0.0, J)
+
+    return newton_many(rows, q, steps)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI
+from armctl.kinematics.angles import within
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.samples import greatest, joint_samples
 from armctl.kinematics.velocity import manipulability
@@ -201,14 +201,6 @@ class Section(Protocol):
     def outline(self, q: FloatArray) -> tuple[FloatArray, ...]:
         """Closed lines (k, 2) in the plane's x and z [m]; a point inside an odd number of them is reached."""
         ...
-
-
-def within(
-    angle: FloatArray, low: float, high: float, tolerance: float = LIMIT_TOLERANCE
-) -> NDArray[np.bool_]:
-    """Whether an image of each angle [rad] lies inside limits; no for NaN."""
-    away = angle - 0.5 * (low + high)
-    return np.abs(away - TWO_PI * np.rint(away / TWO_PI)) <= 0.5 * (high - low) + tolerance
 
 
 class SampledSection:

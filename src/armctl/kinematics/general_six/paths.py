@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import TWO_PI
+from armctl.kinematics.angles import wrapped
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.general_six.pencil import ComplexArray
 from armctl.kinematics.newton import newton_steps
@@ -119,7 +119,7 @@ def meeting(ends: Ends) -> FloatArray:
     means: list[FloatArray] = []
     while len(q):
         off = q - q[0]
-        off -= TWO_PI * np.rint(off.real / TWO_PI)
+        off.real = wrapped(off.real)
         near = np.abs(off).max(axis=1) < _TOGETHER
         means.append((q[0] + off[near].mean(axis=0)).real)
         q = q[~near]

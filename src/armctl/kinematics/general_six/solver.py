@@ -10,19 +10,19 @@ from typing import Self
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import TWO_PI, distinct
+from armctl.kinematics.angles import distinct, wrapped
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.general_six.paths import Beside, followed, meeting, unreal
 from armctl.kinematics.general_six.pencil import Candidates, ComplexArray, Loop
-from armctl.kinematics.newton import misses, newton, polished
+from armctl.kinematics.newton import newton
 from armctl.kinematics.numeric.goals import rotation_vectors
 from armctl.kinematics.numeric.solver import roll_joint
 from armctl.kinematics.samples import even_spread
 from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.target import Target
-from armctl.kinematics.whole_pose import HIDDEN, Ways, WholePoses
+from armctl.kinematics.whole_pose import HIDDEN, Ways, WholePoses, misses, polished
 
 _MOST = 16
 """no arm of six joints has more isolated configurations for a pose (E. J. F. Primrose, 1986)"""
@@ -260,8 +260,7 @@ def _slopes(J: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
 
 def apart(q: FloatArray, one: FloatArray) -> FloatArray:
     """(k,) how far configurations (k, 6) are from one (6,), whole turns not counted [rad]."""
-    off = q - one
-    return np.asarray(np.abs(off - TWO_PI * np.rint(off / TWO_PI)).max(axis=1))
+    return np.asarray(np.abs(wrapped(q - one)).max(axis=1))
 
 
 def _samples(limits: FloatArray) -> FloatArray:

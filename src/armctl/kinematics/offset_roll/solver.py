@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import TWO_PI, each_once, images, rest_angle
+from armctl.kinematics.angles import each_once, images, rest_angle, wrap
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel
 from armctl.kinematics.numeric.solver import NumericSolver
@@ -339,7 +339,7 @@ class OffsetRollSolver(InverseKinematics):
             branches = [BaseBranch(True, yaw, 0.0) for yaw in images(plane.yaw_sign * base, *self._base)]
         found: list[_Candidate] = []
         for branch in branches:
-            off = math.remainder(plane.yaw_sign * branch.angle - base, TWO_PI)
+            off = wrap(plane.yaw_sign * branch.angle - base)
             if abs(off) > _ON_TARGET_RAD:
                 continue
             inward = tool_points_in(branch, None if plane.tool_angle is None else tool_angle)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, all_images, images
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, all_images, images, images_toward, wrapped
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel, energies
 from armctl.kinematics.numeric.solver import NumericSolver
@@ -122,7 +122,7 @@ class RedundantSolver(InverseKinematics):
         low, high = self.limits.T
         if ((q < low) | (q > high)).any() or not self._meets(pose, q[None])[0]:
             return found
-        apart = np.abs(self._toward(found.q, q) - q).max(axis=1)
+        apart = np.abs(images_toward(found.q, self.limits, q) - q).max(axis=1)
         nearest = 0 if len(apart) == 0 else int(apart.argmin())
         if len(apart) and apart[nearest] < _SAME:
             return found
@@ -233,9 +233,7 @@ class RedundantSolver(InverseKinematics):
         """
         middle, half = self.limits.mean(axis=1), 0.5 * np.ptp(self.limits, axis=1)
         found = self._locked.solve(pose, angles, _ANY)
-        off = found.q - middle
-        off -= TWO_PI * np.rint(off / TWO_PI)
-        return found.branch, found.row, half - np.abs(off)
+        return found.branch, found.row, half - np.abs(wrapped(found.q - middle))
 
     def _along(self, q: FloatArray, branch: IndexArray) -> tuple[FloatArray, IndexArray]:
         """Configurations (m, 7) and their branches (m,), along each branch."""
@@ -255,7 +253,7 @@ class RedundantSolver(InverseKinematics):
         found, lanes = [np.empty((0, q.shape[1]))], [np.empty(0, dtype=np.intp)]
         for _ in range(_HALVINGS):
             gap = right - left
-            turned = np.abs(gap - TWO_PI * np.rint(gap / TWO_PI)).max(axis=1, initial=0.0)
+            turned = np.abs(wrapped(gap)).max(axis=1, initial=0.0)
             far = (turned > _FAR * step) & (gap[:, free] > 2.0 * _END)
             left, right, lane = left[far], right[far], lane[far]
             if len(lane) == 0:
@@ -305,16 +303,9 @@ class RedundantSolver(InverseKinematics):
         """(m, 7) the best by a criterion from ``start`` (7,), as near to it as whole turns allow [rad]."""
 
         def cost(q: FloatArray) -> FloatArray:
-            return energies(criterion, self._toward(q, start), self.energy, (), start)
+            return energies(criterion, images_toward(q, self.limits, start), self.energy, (), start)
 
-        return self._toward(self._refined(pose, found, step, cost), start)
-
-    def _toward(self, q: FloatArray, start: FloatArray) -> FloatArray:
-        """Configurations (m, 7) at the images inside the limits nearest to ``start`` (7,) [rad]."""
-        low, high = self.limits.T
-        first = np.ceil((low - LIMIT_TOLERANCE - q) / TWO_PI)
-        last = np.floor((high + LIMIT_TOLERANCE - q) / TWO_PI)
-        return np.clip(q + TWO_PI * np.clip(np.rint((start - q) / TWO_PI), first, last), low, high)
+        return images_toward(self._refined(pose, found, step, cost), self.limits, start)
 
     def _refined(
         self, pose: FloatArray, found: Found, step: float, cost: Callable[[FloatArray], FloatArray]
@@ -352,7 +343,6 @@ def _repeated(q: FloatArray) -> NDArray[np.bool_]:
         if len(near) == 0:
             break
         first, second = order[near], order[near + lag]
-        apart = q[second] - q[first]
-        same = np.abs(apart - TWO_PI * np.rint(apart / TWO_PI)).max(axis=1) < _SAME
+        same = np.abs(wrapped(q[second] - q[first])).max(axis=1) < _SAME
         repeated[second[same]] = True
     return repeated

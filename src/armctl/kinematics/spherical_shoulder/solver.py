@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image, central_images
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel
 from armctl.kinematics.numeric.descent import Starts, come_nearest
@@ -314,7 +314,6 @@ class SphericalShoulderSolver(InverseKinematics):
         None: the shoulder joints cannot point the hand there at all.
         """
         low, high = self.limits[:3].T
-        middle = 0.5 * (low + high)
         best, least = None, math.inf
         # by the swivel, and by θ1: where one of them hardly changes the other does
         for by in (swivel.by_angle, swivel.by_first):
@@ -322,7 +321,7 @@ class SphericalShoulderSolver(InverseKinematics):
             for count in _VALUES:
                 value, q = by(np.linspace(centre - reach, centre + reach, count))
                 reach *= 2.0 / (count - 1)
-                near = q - TWO_PI * np.rint((q - middle) / TWO_PI)
+                near = central_images(q, low, high)
                 excess = np.maximum(0.0, np.maximum(low - near, near - high)).sum(axis=1)
                 if not len(excess):
                     break

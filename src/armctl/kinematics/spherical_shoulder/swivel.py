@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, rest_angle, trigonometric_zeros
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_images, rest_angle, trigonometric_zeros
 from armctl.kinematics.samples import grid_values
 from armctl.kinematics.spherical_shoulder.geometry import SphericalShoulder
 from armctl.kinematics.subproblems import across, angle_about, angle_between, circle, roots, turn, turned
@@ -106,7 +106,7 @@ class Swivel:
         """
         low, high = self.limits.T
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        near = q - TWO_PI * np.rint((q - middle) / TWO_PI)
+        near = central_images(q, low, high)
         more = np.ceil(np.maximum(0.0, half + tolerance - math.pi - LIMIT_TOLERANCE) / TWO_PI).astype(int)
         near[:, :kept], more[:kept] = q[:, :kept], 0
         turns = itertools.product(*(range(-k, k + 1) for k in more.tolist()))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, distinct, rest_angle
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, distinct, rest_angle, turns_inside, within
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.newton import newton
 from armctl.kinematics.spherical_wrist.closed_form import CLIPPED, ON_AXIS, ClosedForm, Placed, Three, Wrist
@@ -158,7 +158,7 @@ class CarefulSolver:
             return []
         inside = np.clip(image, self._low, self._high)
         over = np.maximum(image - self._high, self._low - image)
-        met = [inside] if missed <= _MET and self._has_image(exact) else []
+        met = [inside] if missed <= _MET and within(exact, self._low, self._high, _ROUNDING).all() else []
         if over.max() <= _ROUNDING and met:
             return met
         for held in (over > 0.0, over > -LIMIT_TOLERANCE, over > -CLIPPED):
@@ -170,16 +170,11 @@ class CarefulSolver:
 
     def _at_limits(self, q: FloatArray) -> FloatArray | None:
         """Of each angle (6,) the image farthest out, at most ``CLIPPED`` outside; None: there is none."""
-        first: FloatArray = q + TWO_PI * np.ceil((self._low - CLIPPED - q) / TWO_PI)
-        last: FloatArray = q + TWO_PI * np.floor((self._high + CLIPPED - q) / TWO_PI)
-        if (first > last + 1.0).any():
+        first, last = turns_inside(q, self._limits, CLIPPED)
+        if (first > last).any():
             return None
+        first, last = q + TWO_PI * first, q + TWO_PI * last
         return np.where(self._low - first > last - self._high, first, last)
-
-    def _has_image(self, q: FloatArray) -> bool:
-        """Whether each angle (6,) has an image inside, or outside by a rounding."""
-        first = q + TWO_PI * np.ceil((self._low - _ROUNDING - q) / TWO_PI)
-        return bool((first <= self._high + _ROUNDING).all())
 
     def _off(self, q: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(6,) [m] and rotation vector [rad] from a pose that is nearly there to that of a posture (6,).

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI
+from armctl.kinematics.angles import Range, fitted
 from armctl.kinematics.newton import newton
 from armctl.kinematics.spherical_wrist.geometry import SphericalWrist
 from armctl.kinematics.subproblems import two_turns
@@ -47,37 +47,11 @@ _STEPS = 5
 ALMOST_HALF_TURN = math.pi - NEAR
 CLIPPED = 1e-4
 """how far outside a limit rounding may put an angle [rad]: near a singular pose 1e-16 m are 1e-8 rad"""
-_remainder = math.remainder
 Row = tuple[float, float, float, float, float, float]
 """six joint angles [rad]"""
 Three = tuple[float, float, float]
 Pair = tuple[float, float, int]
 """θ1 and φ3 [rad], and which of the four ways it is"""
-
-
-class Range(NamedTuple):
-    """The limits of one joint, for ``fitted`` [rad]."""
-
-    middle: float
-    inside: float
-    """an angle less than this from the middle is inside for sure"""
-    outside: float
-    """one farther than this is outside for sure"""
-
-    @classmethod
-    def of(cls, low: float, high: float) -> Range:
-        """Of two limits."""
-        half = 0.5 * (high - low)
-        return cls(0.5 * (low + high), half - LIMIT_TOLERANCE, half + CLIPPED)
-
-
-def fitted(angle: float, limits: Range) -> float:
-    """The image of an angle nearest to the middle of limits [rad]; NaN: outside; inf: too close to tell."""
-    middle, inside, outside = limits
-    x = _remainder(angle - middle, TWO_PI)
-    if -inside < x < inside:
-        return middle + x
-    return math.nan if x > outside or x < -outside else math.inf
 
 
 class Wrist(NamedTuple):

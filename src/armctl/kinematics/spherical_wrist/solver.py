@@ -11,7 +11,7 @@ from typing import Self, cast
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, Range, images
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.numeric.solver import roll_joint
@@ -20,7 +20,7 @@ from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.spherical_wrist.batch import solve_poses
 from armctl.kinematics.spherical_wrist.careful import CarefulSolver
-from armctl.kinematics.spherical_wrist.closed_form import ClosedForm, Range, Row
+from armctl.kinematics.spherical_wrist.closed_form import CLIPPED, ClosedForm, Row
 from armctl.kinematics.spherical_wrist.geometry import SphericalWrist, recognise_wrist
 from armctl.kinematics.target import Target
 from armctl.kinematics.whole_pose import Ways, WholePoses
@@ -54,7 +54,7 @@ class SphericalWristSolver(InverseKinematics):
         self._answers = WholePoses(
             chain, limits, energy, titles, branch_names(self._closed), self._roll, self.of
         )
-        self._ranges = [Range.of(*pair) for pair in geometry.order(limits.T).T.tolist()]
+        self._ranges = [Range.of(low, high, CLIPPED) for low, high in geometry.order(limits.T).T.tolist()]
         self._careful = CarefulSolver(self._closed, chain, limits, titles)
         self._rough = geometry.misfit > _ROUNDING
         spans = [(k, low, high) for k, (low, high) in enumerate(limits.tolist())]

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import TWO_PI, half_angle_cos_sin
+from armctl.kinematics.angles import half_angle_cos_sin, wrapped
 from armctl.kinematics.subproblems import (
     Columns,
     added,
@@ -241,8 +241,7 @@ def _close_to_singular(
     gap = added(seen, side, -1.0)
     least = (radii[0] - radii[1]) ** 2 + (dot(wa, k) - dot(wa, side)) ** 2
     half = np.sqrt(np.maximum(dot(gap, gap) - least, 0.0) / np.maximum(4.0 * radii[0] * radii[1], 1e-300))
-    off = qa[way, pose] - middle
-    off -= TWO_PI * np.rint(off / TWO_PI)
+    off = wrapped(qa[way, pose] - middle)
     sign = np.where(off == 0.0, np.where(way < 2, 1.0, -1.0), np.sign(off))
     qa[way, pose] = middle + sign * 2.0 * np.arcsin(np.minimum(half, 1.0))
 
@@ -256,7 +255,7 @@ def _of(entry: FloatArray | float, way: NDArray[np.intp], pose: NDArray[np.intp]
 
 def _apart(angles: FloatArray) -> FloatArray:
     """Differences of angles [rad] without whole turns and sign."""
-    return np.abs(angles - TWO_PI * np.rint(angles / TWO_PI))
+    return np.abs(wrapped(angles))
 
 
 def _double(qa: FloatArray, qc: FloatArray) -> NDArray[np.bool_]:

@@ -8,10 +8,9 @@ from typing import Self
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import TWO_PI, distinct
+from armctl.kinematics.angles import distinct, wrapped
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.newton import misses, polished
 from armctl.kinematics.numeric.solver import roll_joint
 from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.solver import InverseKinematics
@@ -25,7 +24,7 @@ from armctl.kinematics.three_parallel.closed_form import (
 )
 from armctl.kinematics.three_parallel.geometry import ThreeParallel, recognise_three_parallel
 from armctl.kinematics.three_parallel.one_pose import OnePose
-from armctl.kinematics.whole_pose import HIDDEN, Ways, WholePoses
+from armctl.kinematics.whole_pose import HIDDEN, Ways, WholePoses, misses, polished
 
 _NEAR = 1e-12
 """[m] and [rad]; farther ways are polished"""
@@ -91,8 +90,7 @@ class ThreeParallelSolver(InverseKinematics):
         q = ways.q
         q[row, column] = self._sound(poses[row], q[row, column])
         close = np.flatnonzero(ways.doubtful.any(axis=1))
-        off = q[close, :, None] - q[close, None]
-        same = np.abs(off - TWO_PI * np.rint(off / TWO_PI)).max(axis=3) < _SAME
+        same = np.abs(wrapped(q[close, :, None] - q[close, None])).max(axis=3) < _SAME
         again = np.tril(same, -1).any(axis=2)
         q[close[:, None], np.arange(BRANCHES)] = np.where(again[..., None], np.nan, q[close])
         return BatchSolutions(q, ~np.isnan(q[..., 0]), self._names)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from math import acos, atan2, cos, remainder, sin, sqrt
+from math import acos, atan2, cos, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,9 @@ from armctl.kinematics.angles import (
     half_angle_cos_sin,
     images,
     into_limits,
+    nearest_image,
     rest_angle,
+    wrap,
 )
 from armctl.kinematics.solutions import BatchSolutions
 from armctl.kinematics.tool_plane import ToolPlane
@@ -114,7 +116,7 @@ class PlanePostures:
         last = tool_angle - (self.geometry.tool_angle or 0.0)  # absolute direction of the last link
         if len(lengths) == 2:
             pairs = self._pairs(x, y, last)
-            return [p for p in pairs if abs(math.remainder(sum(p) - last, TWO_PI)) < _PITCH_TOLERANCE]
+            return [p for p in pairs if abs(wrap(sum(p) - last)) < _PITCH_TOLERANCE]
         return self.reaching(x - lengths[2] * cos(last), y - lengths[2] * sin(last), last)
 
     def reaching(self, x: float, y: float, last: float | None) -> list[tuple[float, ...]]:
@@ -246,20 +248,9 @@ def _inside(limits: tuple[float, float]) -> Callable[[float], float | None]:
             return angle
         if above < angle < below + TWO_PI or above - TWO_PI < angle < below:  # in a gap between images
             return None
-        return _onto(angle, low, high)
+        return nearest_image(angle, low, high)
 
     return inside
-
-
-def _onto(angle: float, low: float, high: float) -> float | None:
-    """The image of an angle inside limits less than a turn apart, clipped onto them [rad]; or None."""
-    middle = 0.5 * (low + high)
-    angle = middle + remainder(angle - middle, TWO_PI)
-    if low <= angle <= high:
-        return angle
-    if low - LIMIT_TOLERANCE <= angle <= high + LIMIT_TOLERANCE:
-        return low if angle < low else high
-    return None
 
 
 # Many poses in arrays: each way to face the target with each reading of its pitch, and both elbows of each.
@@ -407,7 +398,7 @@ def _readings(
 
 def cosines_within(low: float, high: float) -> tuple[float, float]:
     """Between which cosines a bend inside its limits [rad] lies; no wider than the links reach."""
-    sizes = [abs(remainder(limit, TWO_PI)) for limit in (low, high)]
+    sizes = [abs(wrap(limit)) for limit in (low, high)]
     sharpest = math.pi if images(math.pi, low, high) else max(sizes)
     slightest = 0.0 if images(0.0, low, high) else min(sizes)
     slack = 2.0 * LIMIT_TOLERANCE

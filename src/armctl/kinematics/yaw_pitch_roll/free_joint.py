@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, images
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_images, images, wrap
 from armctl.kinematics.samples import grid_values
 from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.yaw_pitch_roll.closed_form import ON_JOINT, bend_angle, inner_angle, two_link
@@ -116,7 +116,7 @@ class _Part:
 
     def __init__(self, geometry: ToolPlane, limits: FloatArray) -> None:
         self._geometry, (self._low, self._high) = geometry, limits[2:4].T[..., None]
-        self._middle = 0.5 * float(limits[2].sum())
+        self._second: list[float] = limits[2].tolist()
         self._l2, self._l3, self._l4 = l2, l3, l4 = geometry.lengths
         self._plane = [geometry.plane_limits(k, limits) for k in range(3)]
         self._elbow_locks = [(v, *joined(l2, l3, v)) for v in self._plane[1]]
@@ -183,7 +183,7 @@ class _Part:
                 if run.shift != o3:
                     third[place] += s3 * (run.shift - o3)
         if not self._in_one_turn:
-            second -= TWO_PI * np.rint((second - self._middle) * (1.0 / TWO_PI))
+            central_images(second, *self._second, out=second)
         np.clip(q[1:], self._low, self._high, out=q[1:])
 
     def _triangle(
@@ -256,7 +256,7 @@ def joined(a: float, b: float, bend: float) -> tuple[float, float]:
 
 def _sign(angle: float) -> int:
     """Sign of an angle when wrapped; 0 where it is both (links in line)."""
-    angle = math.remainder(angle, TWO_PI)
+    angle = wrap(angle)
     if abs(angle) < 1e-7 or abs(abs(angle) - math.pi) < 1e-7:
         return 0
     return 1 if angle > 0 else -1

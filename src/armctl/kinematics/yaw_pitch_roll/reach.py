@@ -20,7 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image, images, nearest_angle, rest_angle
+from armctl.kinematics.angles import (
+    LIMIT_TOLERANCE,
+    TWO_PI,
+    central_image,
+    central_images,
+    images,
+    nearest_angle,
+    rest_angle,
+    wrap,
+)
 from armctl.kinematics.solutions import all_needs, too_far, too_near
 from armctl.kinematics.target import Target
 from armctl.kinematics.tool_plane import ToolPlane
@@ -291,7 +300,7 @@ class Reach:
 
 
 def _turned_alike(a: float, b: float) -> bool:
-    return abs(math.remainder(a - b, TWO_PI)) < _SEARCHED
+    return abs(wrap(a - b)) < _SEARCHED
 
 
 def _nearest_of(found: Iterable[_Nearest]) -> list[_Nearest]:
@@ -381,6 +390,5 @@ def _central_images(
     angle: FloatArray, low: FloatArray | float, high: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
     """The images of angles nearest to the middle of their limits, and how far outside they are [rad]."""
-    middle = 0.5 * (low + high)
-    near = angle - TWO_PI * np.rint((angle - middle) / TWO_PI)
-    return near, np.maximum(0.0, np.abs(near - middle) - 0.5 * (high - low))
+    near = central_images(angle, low, high)
+    return near, np.maximum(0.0, np.abs(near - 0.5 * (low + high)) - 0.5 * (high - low))

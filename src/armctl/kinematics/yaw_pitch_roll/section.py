@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, within
 from armctl.kinematics.tool_plane import ToolPlane
-from armctl.kinematics.workspace import within
 
 ComplexArray = NDArray[np.complex128]
 _NO_LENGTH = 1e-12

@@ -16,10 +16,10 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.angles import (
     LIMIT_TOLERANCE,
-    TWO_PI,
     images,
     quaternion_product,
     quaternion_wxyz,
+    wrap,
 )
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel
@@ -300,7 +300,7 @@ class YawPitchRollSolver(InverseKinematics):
 def _apart(one: Sequence[float], other: Sequence[float]) -> float:
     """The largest difference of two angles of postures, whole turns of all but the first not counted."""
     first, *rest = (a - b for a, b in zip(one, other, strict=True))
-    return max(abs(first), *(abs(math.remainder(angle, TWO_PI)) for angle in rest))
+    return max(abs(first), *(abs(wrap(angle)) for angle in rest))
 
 
 # Configurations that put the tool on a point and turn it as nearly as can be to a rotation asked for.

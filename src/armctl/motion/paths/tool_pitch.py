@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
-from armctl.kinematics.angles import LIMIT_TOLERANCE
+from armctl.kinematics.angles import LIMIT_TOLERANCE, central_images
 from armctl.kinematics.numeric.goals import crossed
 from armctl.kinematics.tool_plane import ToolPlane
 from armctl.kinematics.yaw_pitch_roll.geometry import bend_sense
@@ -242,8 +242,7 @@ class PitchGrid:
         plane = np.stack([first, bend, last - first - bend], axis=1)
         signs, offsets = np.array(geometry.signs)[:, None], np.array(geometry.offsets)[:, None]
         low, high = limits[1:4].T[..., None]
-        whole_turns = np.rint((signs * (plane - offsets) - 0.5 * (low + high)) / (2.0 * math.pi))
-        angles = signs * (plane - offsets) - 2.0 * math.pi * whole_turns
+        angles = central_images(signs * (plane - offsets), low, high)
         room = np.minimum(angles - low, high - angles)
         toll = _CLOSE * (np.maximum(1.0 - room / _MARGIN, 0.0) ** 2).sum(axis=1)
         toll += _CLOSE * (np.maximum(np.abs(cosine) - _BENT, 0.0) / (_STRAIGHT - _BENT)) ** 2
