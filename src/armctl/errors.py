@@ -11,12 +11,14 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import ClassVar, Self
 
+from armctl.facts import About, Reason, Said, say
+
 DOCS = "https://armctl-console.readthedocs.io/en/latest/"
 """where the documentation is published: the same as in pyproject.toml"""
 
 
 class ArmctlError(Exception):
-    """Anything that armctl refuses or that went wrong, in words for the user."""
+    """Anything that armctl refuses or that went wrong; its text is in words for the user."""
 
     section: ClassVar[str] = ""
     """the section of docs/troubleshooting.md that helps; empty: none does"""
@@ -25,9 +27,17 @@ class ArmctlError(Exception):
     line: int | None = None
     """of the file that it is about"""
 
+    def __init__(self, reason: Reason | str) -> None:
+        super().__init__(reason)
+        self.reason = reason if isinstance(reason, Reason) else Said(reason)
+        """why, as data"""
+
+    def __str__(self) -> str:
+        return say(self.reason)
+
     def about(self, what: str) -> Self:
         """The same, with what it is about before it."""
-        error = type(self)(f"{what}: {self}")
+        error = type(self)(About(what, self.reason))
         error.each = [one.about(what) for one in self.each]
         error.line = self.line
         return error

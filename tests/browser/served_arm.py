@@ -77,7 +77,7 @@ class ServedArm:
         screen.wait_until(there, f"the arm stands at {np.round(degrees, 2).tolist()}")
 
     def go_deg(self, screen: Screen, degrees: list[float]) -> None:
-        """Move the arm to joint angles [degrees] and wait for it; what it still carries out is finished first."""
+        """Move the arm to joint angles [degrees] once it holds, and wait until it is there."""
         self.wait_for(screen, State.HOLDING)
         self.arm.go_joints(degrees)
 

@@ -392,7 +392,7 @@ def test_an_overloaded_arm_may_be_brought_in() -> None:
 
 def test_what_is_not_known_is_said_and_not_invented() -> None:
     assert not_checked(ROBOT) == ()
-    assert "no stall torque of any joint" in not_checked(MICO)[0]
+    assert "no stall torque of any joint" in not_checked(MICO)[0].text
     assert of_kind("torque", MICO, (0, -100, 30, 0), (0, 0, 0, 0), payload_kg=50.0) == []
     bare = replace(ROBOT, gravity=replace(ROBOT.gravity, bodies=()))
-    assert "no masses of links, so there are no loads and no least-torque" in not_checked(bare)[0]
+    assert "no masses of links, so there are no loads and no least-torque" in not_checked(bare)[0].text

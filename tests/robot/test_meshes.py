@@ -457,7 +457,7 @@ def test_an_arm_folded_onto_itself_is_refused_also_where_it_touches_at_rest(tmp_
     lying = replace(robot, poses={"home": np.zeros(3), "rest": touching})
     depth = 1000 * -SelfCollision(lying).closed.min()
     assert depth >= 4
-    assert any(f"no deeper than at rest ({depth:.0f} mm)" in text for text in not_checked(lying))
+    assert any(f"no deeper than at rest ({depth:.0f} mm)" in one.text for one in not_checked(lying))
     assert refusals(lying, touching) == []
     (what,) = refusals(lying, deeper)
     assert what.endswith(" mm at rest)") and ", by convex hulls (" in what

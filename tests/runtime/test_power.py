@@ -7,6 +7,7 @@ import pytest
 from tests.runtime.kit import ROBOT, Rig, fails, make_rig
 
 from armctl.errors import BoardError, BoardTimeoutError, InputError, MotionRefusedError, PortError
+from armctl.facts import Quantities
 from armctl.hardware import BoardIdentity, Readback, Source
 from armctl.robot import load_robot
 from armctl.robot.parts import Obstacle
@@ -231,6 +232,7 @@ def test_what_a_board_measures_beside_the_positions_is_shown_by_joint(rig: Rig) 
     rig.driver.read = lambda: back  # type: ignore[method-assign]
     rig.do(Connect("sim")).result(0)
     assert rig.now.measured == {"Base": "load −12 %, 41 °C", "Shoulder": "40 °C, 7.4 V"}
+    assert rig.now.quantities["Base"] == Quantities(load=-0.123, temperature_c=41.2)
     back = Readback({}, Source.MEASURED, temperature={0: None, 1: 40.0}, faults=None)  # type: ignore[arg-type]
     rig.run(0.5)
     assert (rig.now.measured, rig.now.state) == ({"Shoulder": "40 °C"}, State.OFF)

@@ -31,7 +31,15 @@ from armctl.runtime import (
 from armctl.runtime.snapshot import Event, stands_as_before
 
 _TIME = {"stamp", "tick"}
-_BESIDE_STATE = {"velocity_command", "acceleration_command", "program", "measured", "unreachable", "doing"}
+_BESIDE_STATE = {
+    "velocity_command",
+    "acceleration_command",
+    "program",
+    "measured",
+    "quantities",
+    "unreachable",
+    "doing",
+}
 """They change with the state, or are for the eye."""
 CHANGES: dict[str, Any] = {
     "state": State.FAULT, "cause": "overload", "q_command": ROBOT.pose("home") + 1e-6, "commanded": False,

@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 from tests.runtime.kit import make_rig
 
+from armctl.facts import Quantities
 from armctl.hardware import BoardIdentity
 from armctl.robot import load_robot
 from armctl.runtime import AxisHoming, Snapshot, State
@@ -37,9 +38,9 @@ def test_boards_are_listed_with_serial_number_and_why_one_cannot_be_used() -> No
 def test_what_is_connected_is_told_with_its_notes(snapshot: Snapshot) -> None:
     assert words(board_html(snapshot)) == "Not connected."
     board = BoardIdentity("encoder board", "/dev/ttyACM0", "8573", notes=("motors & more",))
-    assert words(board_html(replace(snapshot, board=board, measured={"Base": "41 °C"}))) == (
-        "encoder board on /dev/ttyACM0 · serial number 8573 Base: 41 °C Motors &amp; more."
-    )
+    assert words(
+        board_html(replace(snapshot, board=board, quantities={"Base": Quantities(temperature_c=41.0)}))
+    ) == ("encoder board on /dev/ttyACM0 · serial number 8573 Base: 41 °C Motors &amp; more.")
 
 
 def test_homing_shows_every_axis(snapshot: Snapshot) -> None:

@@ -9,7 +9,9 @@ from html import unescape
 
 import pytest
 
+from armctl.facts import Said
 from armctl.motion import Finding
+from armctl.motion.preflight import Unchecked
 from armctl.ui.widgets.html import fixed, limited, muted, refused, warned
 from armctl.ui.widgets.verdict_list import first_error, verdict_html
 
@@ -37,14 +39,14 @@ def test_numbers_have_no_negative_zero(value: float, text: str) -> None:
     assert fixed(value, 1) == text
 
 
-FLOOR = Finding("12.3 mm below the floor", 1.84, "the tool", "raise the target", "floor")
-HOT = Finding("60 % of its stall torque", 0.5, "Shoulder", "do not stay there", "torque", "warning")
+FLOOR = Finding(Said("12.3 mm below the floor", "raise the target"), 1.84, "the tool", "floor")
+HOT = Finding(Said("60 % of its stall torque", "do not stay there"), 0.5, "Shoulder", "torque", "warning")
 
 
 def test_what_was_not_checked_is_not_said_to_be_checked() -> None:
     html = verdict_html([])
     assert "Pre-flight: clear" in html and "self-collision, singularity, torque." in html
-    html = verdict_html([], ["gravity torque: the file of mico gives no stall torque of any joint"])
+    html = verdict_html([], [Unchecked("torque", "gravity torque: no stall torque of any joint")])
     assert "self-collision, singularity." in html
     assert "Not checked: gravity torque" in html
 
@@ -60,18 +62,18 @@ def test_errors_come_first_long_lists_are_cut_steps_count_from_one_and_texts_are
     html = verdict_html([FLOOR] * 35)
     assert html.count("below the floor") == 12
     assert "and 23 more" in html
-    found = [replace(FLOOR, step=6), Finding("a wait takes 0 … 86400 s, not -1", step=1)]
+    found = [replace(FLOOR, step=6), Finding(Said("a wait takes 0 … 86400 s, not -1"), step=1)]
     html = verdict_html(found)
     assert "step 7 · 1.84 s · the tool" in html and "step 2</div>" in html
-    nasty = Finding("<b>", 0.0, "<img src=x onerror=alert(1)>", "&", "obstacle")
-    html = verdict_html([nasty], ["<i>masses</i>"])
+    nasty = Finding(Said("<b>", "&"), 0.0, "<img src=x onerror=alert(1)>", "obstacle")
+    html = verdict_html([nasty], [Unchecked("torque", "<i>masses</i>")])
     assert not any(tag in html for tag in ("<img", "<i>", "<b>"))
     assert "&lt;img" in html and "Not checked: &lt;i&gt;masses" in html
 
 
 def test_what_keeps_a_program_from_running_is_told_in_one_line() -> None:
-    warning = Finding("near a singularity", severity="warning", step=0)
-    far, low = Finding("too far by 671.0 mm", step=1), Finding("below the floor", step=2)
+    warning = Finding(Said("near a singularity"), severity="warning", step=0)
+    far, low = Finding(Said("too far by 671.0 mm"), step=1), Finding(Said("below the floor"), step=2)
     assert first_error([]) is None
     assert first_error([warning]) is None
     assert first_error([warning, far]) == "step 2: too far by 671.0 mm"

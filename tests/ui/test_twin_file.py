@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from armctl.errors import ArmctlError, ProgramError
+from armctl.facts import Said
 from armctl.motion.preflight import Finding
 from armctl.program import (
     EndStep,
@@ -126,7 +127,9 @@ def test_every_arm_has_a_page(name: str) -> None:
     robot = load_robot(name)
     plan = rehearse_pose(robot, robot.pose("home"), robot.pose("rest"), 0.5)
     told: list[float] = []
-    page = twin_file(robot, "to rest", plan, [Finding("nearly", severity="warning")], progress=told.append)
+    page = twin_file(
+        robot, "to rest", plan, [Finding(Said("nearly"), severity="warning")], progress=told.append
+    )
     assert "<li class='warning'>⚠ nearly</li>" in page and told[0] == 0.0
     assert len(page.encode()) < 1.2e6
 

@@ -16,6 +16,7 @@ from armctl.cli.opening import load_whole
 from armctl.cli.options import ROBOT, json_option, print_json
 from armctl.documents import DocumentKind
 from armctl.errors import ArmctlError, BoardError, InputError
+from armctl.facts import Advised, Said
 from armctl.hardware.boards import board_type
 from armctl.motion.clearance import clear_rest, kept_out, touching
 from armctl.motion.preflight import Finding, not_checked, preflight
@@ -62,9 +63,9 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
             program = open_program(file, given)
             arm = given or load_whole(program.robot)
             findings = check_on_terminal(program, arm)
-        unknown = not_checked(arm)
+        unknown = tuple(one.text for one in not_checked(arm))
     except ArmctlError as refusal:
-        findings = [Finding(str(one)) for one in refusal.each or (refusal,)]
+        findings = [Finding(one.reason) for one in refusal.each or (refusal,)]
     errors = [finding for finding in findings if finding.severity == "error"]
     if as_json:
         print_json({
@@ -139,21 +140,21 @@ def _check_robot(robot: Robot) -> Iterator[Finding]:
         try:
             board.check(setup_of(robot))
         except BoardError as refusal:
-            yield Finding(str(refusal), part="the board", mend="connecting is refused")
+            yield Finding(Advised(refusal.reason, "connecting is refused"), part="the board")
     # servos that are off may jump to where Enable sends them; motors stay where homing ended
     around = kept_out(robot)
     blocked = None if board.homing else touching(around, robot, robot.first_pose)
     if blocked is not None:
         mend = f"Enable is refused there; {_other('rest', robot)}"
-        yield Finding(blocked.words, part="the rest pose", mend=mend, kind=blocked.kind)
+        yield Finding(Advised(blocked, mend), part="the rest pose", kind=blocked.kind)
     note = across_the_link(robot.chain)
     if note is not None:
-        yield Finding(note.what, part="the tool axis", mend=note.mend, kind="reach", severity="warning")
+        yield Finding(Said(note.what, note.mend), part="the tool axis", kind="reach", severity="warning")
     home = robot.pose("home")
     away = touching(around, robot, home)
     if away is not None and (blocked is None or not np.array_equal(home, robot.first_pose)):
         mend = f"what leads there is refused; {_other('home', robot)}"
-        yield Finding(away.words, part="the home pose", mend=mend, kind=away.kind, severity="warning")
+        yield Finding(Advised(away, mend), part="the home pose", kind=away.kind, severity="warning")
     for name in robot.poses:
         if name != "home" and away is None:
             for finding in preflight(robot, PointToPoint.plan(robot, home, robot.pose(name))):
@@ -161,4 +162,4 @@ def _check_robot(robot: Robot) -> Iterator[Finding]:
                 yield replace(finding, part=part, severity="warning")
     for fault in faults(robot):
         part = "the look" if fault.row is None else called(fault.row, robot.look.rows[fault.row])
-        yield Finding(fault.what, part=part, mend=fault.mend, severity="warning")
+        yield Finding(Said(fault.what, fault.mend), part=part, severity="warning")

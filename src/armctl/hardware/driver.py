@@ -79,6 +79,7 @@ class Readback:
     load: Mapping[int, float | None] | None = None  # force of its motor, as a signed fraction of the largest
     temperature: Mapping[int, float | None] | None = None  # [°C]
     voltage: Mapping[int, float | None] | None = None  # of the supply [V]
+    current: Mapping[int, float | None] | None = None  # of its motor [A]
     # Questions put to the board since the last reading, and those that got no answer and were asked again.
     asked: int = 1
     lost: int = 0

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import ArrayRecord, ByContent, FloatArray, content, lock
 from armctl.errors import InputError, UnreachableError
+from armctl.facts.numbers import decimals_apart
 from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.continuum import moving_joints, uncertainties
@@ -589,18 +590,3 @@ def needs(title: str, limits: NDArray[np.float64] | Sequence[float], *angles: fl
     digits = max(decimals_apart(angle, low, high) for angle in needed)
     said = " or ".join(dict.fromkeys(f"{angle:z.{digits}f}°" for angle in needed))
     return f"{title} needs {said}, its limits are {low:z.{digits}f}° … {high:z.{digits}f}°"
-
-
-def outside(lower: float, upper: float, angle: float) -> str:
-    """Text for a joint angle beyond limits, all [rad]."""
-    low, high, got = (math.degrees(value) + 0.0 for value in (lower, upper, angle))
-    digits = decimals_apart(got, low, high)
-    return f"{got:z.{digits}f}° is outside {low:z.{digits}f}° … {high:z.{digits}f}°"
-
-
-def decimals_apart(value: float, *others: float, least: int = 2) -> int:
-    """With how many decimals a number and each of some others read differently."""
-    for k in range(least, 10):
-        if f"{value:.{k}f}" not in {f"{other:.{k}f}" for other in others}:
-            return k
-    return least

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray, content, read_only
 from armctl.errors import InputError
+from armctl.facts.english import WRONG_UNIT
 from armctl.kinematics.angles import TWO_PI, rotation_from_rpy, wrapped
 
 
@@ -39,10 +40,6 @@ def require_finite(array: FloatArray, what: str, *, rows: bool = False) -> None:
 
 # Numbers that are nearly certainly of another unit. Whoever is told may have typed millimetres or metres.
 
-_UNITS = (
-    "a wrong unit? Robot and armctl.motion count in metres and radians; Arm, programs, pages and the command "
-    "line in millimetres and degrees"
-)
 _FAR, _THOUSAND = (20.0, 3000.0), 1000.0
 """nobody means a target that is so many times as far off as the arm is long; one 1,000 times nearer, yes"""
 _TURNS = 4 * pi
@@ -57,13 +54,17 @@ def length_hint(away_m: float, length_m: float) -> str:
     low, high = (length_m * times for times in _FAR)
     millimetres = low <= away_m <= high
     metres = low / _THOUSAND <= _THOUSAND * away_m <= high / _THOUSAND
-    return f"; {_UNITS}" if millimetres or metres else ""
+    return f"; {WRONG_UNIT}" if millimetres or metres else ""
 
 
 def degrees_hint(*angles: float) -> str:
-    """The same for angles [rad] that are refused and, as degrees, would be within a turn."""
-    largest = max(map(abs, angles), default=0.0)
-    return f"; {_UNITS}" if _TURNS < largest <= 360.0 else ""
+    """The same for angles [rad] that are refused."""
+    return f"; {WRONG_UNIT}" if seem_degrees(*angles) else ""
+
+
+def seem_degrees(*angles: float) -> bool:
+    """Whether angles [rad] that are refused would be within a turn as degrees."""
+    return bool(_TURNS < max(map(abs, angles), default=0.0) <= 360.0)
 
 
 def checked_number(value: float, what: str) -> float:
@@ -230,7 +231,7 @@ def checked_point(value: ArrayLike) -> tuple[float, float, float]:
     checked_array(value, _POINT, "the target position")
     raise InputError(
         f"the target position is {math.hypot(x, y, z):.6g} m from the base, farther than {FARTHEST:.0f} m"
-        f"; {_UNITS}"
+        f"; {WRONG_UNIT}"
     )
 
 
@@ -247,7 +248,7 @@ def checked_positions(value: ArrayLike) -> FloatArray:
     if len(far):
         raise InputError(
             f"{what}: row {far[0]} is {np.linalg.norm(positions[far[0]]):.6g} m from the base, "
-            f"farther than {FARTHEST:.0f} m; {_UNITS}"
+            f"farther than {FARTHEST:.0f} m; {WRONG_UNIT}"
         )
     return positions
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import accumulate, product
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import FloatArray
+from armctl.facts import Blocked
 from armctl.kinematics.chain import LinkFrames
 from armctl.robot import Robot
 from armctl.robot.collision import NEAR_M
@@ -25,8 +26,6 @@ FLOOR_TOLERANCE_M = 5e-4
 
 _TOUCHES_M = 1e-9
 """Where it is only asked whether anything touches, gaps beyond need not be exact."""
-BY_HULLS = ", by convex hulls"
-"""what is said of parts that are fitted to shapes: the shapes themselves may be hollow there"""
 
 
 class Floor:
@@ -76,9 +75,9 @@ class Floor:
         """How deep a gap is closed at the first configuration [m], exact where ``gaps`` says ``about`` so."""
         return about
 
-    def words(self, part: int, depth_mm: float) -> tuple[str, str]:
-        """What is wrong where gap ``part`` is closed by ``depth_mm``, and what to do."""
-        return f"{depth_mm:.1f} mm below the floor", "raise the target, or go round by a higher point"
+    def blocked(self, part: int, depth_m: float) -> Blocked:
+        """What is wrong where gap ``part`` is closed by ``depth_m``."""
+        return Blocked(self.kind, self.parts[part], "", depth_m)
 
 
 def _joined(arrays: Sequence[FloatArray]) -> tuple[FloatArray, list[int]]:
@@ -113,13 +112,9 @@ class Obstacles:
         known = self._model.depth_in(links, self._obstacles[obstacle], self._model.moving[piece])
         return about if known is None else known
 
-    def words(self, part: int, depth_mm: float) -> tuple[str, str]:
-        """As ``Floor.words``."""
-        title = self._other(part)
-        return (
-            f"{depth_mm:.1f} mm inside {title}" + (BY_HULLS if self._fitted[part] else ""),
-            f"choose another target, or go round {title} by another point",
-        )
+    def blocked(self, part: int, depth_m: float) -> Blocked:
+        """As ``Floor.blocked``."""
+        return Blocked(self.kind, self.parts[part], self._other(part), depth_m, self._fitted[part])
 
     def _other(self, part: int) -> str:
         return self._obstacles[part // len(self._model.moving)].title
@@ -149,21 +144,18 @@ class SelfCollision:
             known = self._model.depth(links, part)
         return about if known is None else known
 
-    def words(self, part: int, depth_mm: float) -> tuple[str, str]:
-        """As ``Floor.words``."""
-        other = self._other(part)
-        mend = f"choose another target, or go round by a point farther from {other}"
-        if self._model.by_surface[part]:
-            distance_mm = 1000 * CLEAR_M - depth_mm
-            return f"{distance_mm:.1f} mm from {other}" if distance_mm > 0.0 else f"touches {other}", mend
-        at_rest = -1000 * float(self.closed[part])
+    def blocked(self, part: int, depth_m: float) -> Blocked:
+        """As ``Floor.blocked``."""
+        by_surface = bool(self._model.by_surface[part])
         hulls = (self._model.capsules[i].hull for i in self._model.pairs[part])
-        fitted = self._of_shapes and any(hull is not None for hull in hulls)
-        return (
-            f"{depth_mm:.1f} mm inside {other}"
-            + (BY_HULLS if fitted else "")
-            + (f" ({at_rest:.1f} mm at rest)" if at_rest > 0 else ""),
-            mend,
+        return Blocked(
+            self.kind,
+            self.parts[part],
+            self._other(part),
+            depth_m - CLEAR_M if by_surface else depth_m,
+            fitted=self._of_shapes and any(hull is not None for hull in hulls),
+            at_rest_m=-float(self.closed[part]),
+            surfaces=by_surface,
         )
 
     def _other(self, part: int) -> str:
@@ -183,14 +175,7 @@ def kept_out(robot: Robot) -> tuple[Floor | Obstacles, ...]:
     return Floor(robot), *((Obstacles(robot),) if robot.obstacles else ())
 
 
-class Touch(NamedTuple):
-    """What of an arm is where it may not be."""
-
-    kind: Literal["floor", "obstacle", "self-collision"]
-    words: str
-
-
-def touching(around: Sequence[Gaps], robot: Robot, q: FloatArray) -> Touch | None:
+def touching(around: Sequence[Gaps], robot: Robot, q: FloatArray) -> Blocked | None:
     """What of an arm at ``q`` (n,) [rad] would be where it may not be, in one place; None: nothing."""
     links = robot.body_frames(q[None])
     for source in around:
@@ -198,8 +183,7 @@ def touching(around: Sequence[Gaps], robot: Robot, q: FloatArray) -> Touch | Non
         lacks = gaps - source.closed + FLOOR_TOLERANCE_M < 0.0
         if lacks.any():
             part = int(np.where(lacks, gaps, np.inf).argmin())
-            what, _ = source.words(part, 1000 * source.depth(part, links, -float(gaps[part])))
-            return Touch(source.kind, f"{source.parts[part]}: {what}")
+            return source.blocked(part, source.depth(part, links, -float(gaps[part])))
     return None
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Literal
 
@@ -16,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError, UnreachableError
+from armctl.facts import Freer
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion.blend import Leg, blend
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
@@ -207,10 +209,9 @@ def follow_tool(
         seconds, cap = 0.0, _cap(speed)
         if cause.before is not None:  # when the tool comes there, without slowing down for it
             seconds = PathTrajectory.fastest(robot, cause.before, cap, last=math.inf).duration
-        freer, words = _freer(robot, q, curve, cap, pitch, orientation)
-        refusal = type(cause)(f"at {seconds:.2f} s, {cause}{words}", cause.place, cause.before)
-        refusal.freer = freer
-        raise refusal from cause
+        freer = _freer(robot, q, curve, cap, pitch, orientation)
+        told = replace(cause.on_curve, at_s=seconds, freer=freer)
+        raise type(cause)(told, cause.place, cause.before) from cause
 
 
 def _freer(
@@ -220,17 +221,17 @@ def _freer(
     cap: float,
     pitch: PitchMode | None,
     orientation: TurnMode | None,
-) -> tuple[Literal["kept", "free"] | None, str]:
-    """The tool pitch with which the curve can be followed all the same, and how a refusal says it."""
+) -> Freer | None:
+    """With how much less asked of the tool the curve can be followed all the same; None: it cannot."""
     whole = orientation is not None or (pitch is None and robot.orients_tool)
     if (orientation if whole else pitch) == "free":
-        return None, ""
-    ways: list[tuple[Literal["kept", "free"], str]] = [
-        ("free", f"the tool {'orientation' if whole else 'pitch'} free")
+        return None
+    ways: list[tuple[Literal["kept", "free"], Freer]] = [
+        ("free", "orientation free" if whole else "pitch free")
     ]
     if whole and robot.inverse_kinematics.pitch_and_roll(q)[0] is not None:
-        ways.insert(0, ("kept", "only the tool pitch kept"))
-    for mode, words in ways:
+        ways.insert(0, ("kept", "pitch kept"))
+    for mode, freer in ways:
         try:
             path = led_at_once(robot, q, curve, mode, Effort(_FREER_STEPS))
             if path is None:
@@ -239,8 +240,8 @@ def _freer(
         except (InputError, MotionRefusedError, UnreachableError):  # InputError: an arm that has no pitch
             continue
         if follows:
-            return mode, f"; with {words} the arm can follow it"
-    return None, ""
+            return freer
+    return None
 
 
 # Motions through a list of points: at rest in each, smoothly through all, or turning off before each.

@@ -7,15 +7,27 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, pairwise
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
+from armctl.facts import (
+    AngleLimit,
+    MotionEndsMoving,
+    Overload,
+    Rate,
+    RateLimit,
+    Reason,
+    Singular,
+    SpeedJump,
+    advice,
+    at,
+    what,
+)
 from armctl.kinematics import GravityModel
 from armctl.kinematics.chain import LinkFrames
-from armctl.kinematics.solutions import decimals_apart, outside
 from armctl.kinematics.target import checked_number
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Gaps, sources
@@ -54,14 +66,11 @@ Kind = Literal[
 class Finding:
     """One thing that is wrong with a motion or a program."""
 
-    what: str
-    """what is wrong, with numbers"""
+    reason: Reason
     time: float | None = None
     """when it is worst, from the start of the motion [s]; None: not a matter of time"""
     part: str = ""
     """the joint, or the part of the arm"""
-    mend: str = ""
-    """what to do about it; empty where ``what`` says it"""
     kind: Kind = "program"
     """which check found it"""
     severity: Severity = "error"
@@ -70,8 +79,18 @@ class Finding:
     digits: int = 2
     """decimals with which the text says the time"""
 
+    @property
+    def what(self) -> str:
+        """What is wrong, with numbers, in words."""
+        return what(self.reason)
+
+    @property
+    def mend(self) -> str:
+        """What to do about it; empty where ``what`` says it."""
+        return advice(self.reason)
+
     def __str__(self) -> str:
-        text = self.what if self.time is None else f"at {self.time:.{self.digits}f} s, {self.what}"
+        text = f"{at(self.time, self.digits)}{self.what}"
         if self.part:
             text = f"{self.part}: {text}"
         if self.mend:
@@ -212,9 +231,9 @@ class SampledMotion:
             times.append(begins + time)
             speeds.append(np.broadcast_to(speed, (len(time), robot.n)))
             states.append((state.q, state.velocity, state.acceleration))
-            for what, values in zip(("angle", "speed", "acceleration"), states[-1], strict=True):
+            for name, values in zip(("angle", "speed", "acceleration"), states[-1], strict=True):
                 if values.shape != (len(time), robot.n) or not np.isfinite(values).all():
-                    raise InputError(f"the trajectory gives a joint {what} that is not a finite number")
+                    raise InputError(f"the trajectory gives a joint {name} that is not a finite number")
         self.robot, self.trajectory = robot, trajectory
         self.time = np.concatenate(times)
         """(m,) rising [s]"""
@@ -258,7 +277,7 @@ class SampledMotion:
 
 # Joint limits, speeds, accelerations and jerks, rest at both ends.
 
-_RATES: tuple[Kind, ...] = ("speed", "acceleration", "jerk")
+_RATES: tuple[Rate, ...] = ("speed", "acceleration", "jerk")
 _ANGLE_TOLERANCE = 1e-9
 _RATE_TOLERANCE = 1e-6
 _REST_SPEED = 1e-6
@@ -275,10 +294,9 @@ def _limit_findings(motion: SampledMotion) -> Iterator[Finding]:
         joint, sense = robot.joints[j], 1.0 if below[j] >= above[j] else -1.0
         worst = peaks.low[j] if sense > 0.0 else peaks.high[j]
         yield Finding(
-            outside(joint.lower, joint.upper, float(worst)),
+            AngleLimit(joint.title, float(worst), joint.lower, joint.upper),
             _when_least(motion, j, sense),
             joint.title,
-            "keep away from this limit: another target, or a straighter way",
             "limits",
         )
 
@@ -296,10 +314,9 @@ def _turn_findings(motion: SampledMotion) -> Iterator[Finding]:
         if room(np.array([when]))[0] < -_ANGLE_TOLERANCE:
             turn = float(chain.turns(motion.trajectory.sample(np.array([when])).q)[0, limit.link])
             yield Finding(
-                outside(limit.lower, limit.upper, turn),
+                AngleLimit(limit.name, turn, limit.lower, limit.upper, between_links=True),
                 when,
                 limit.name,
-                "keep away from this limit: another target, or a way by another point",
                 "limits",
             )
 
@@ -310,36 +327,21 @@ def _when_least(motion: SampledMotion, j: int, sense: float) -> float:
     return motion.least_at(lambda time: sense * motion.trajectory.sample(time).q[:, j], *beside)
 
 
-def _rate_findings(motion: SampledMotion, kind: Kind) -> Iterator[Finding]:
+def _rate_findings(motion: SampledMotion, kind: Rate) -> Iterator[Finding]:
     """Joints whose speed, acceleration or jerk is over its limit."""
     robot, peaks = motion.robot, motion.peaks
     order = _RATES.index(kind)
     most = (peaks.speed, peaks.acceleration, peaks.jerk)[order]
     limits = (robot.speed_limits, robot.acceleration_limits, robot.jerk_limits)[order]
-    unit = ("°/s", "°/s²", "°/s³")[order]
     over = [] if most is None else np.flatnonzero(most > limits * (1 + _RATE_TOLERANCE)).tolist()
     if most is None or not over:
         return
     rates = motion.rates(motion.time, order)
     for j in over:
-        value, limit = np.degrees([most[j], limits[j]])
         when, digits = _when_most(motion, order, j, int(rates[:, j].argmax()))
-        shown = decimals_apart(value, limit, least=1)
-        what = f"{value:.{shown}f} {unit} is over its limit of {limit:.{shown}f} {unit}"
-        mend = "stop there, or round the path"
-        if math.isfinite(value):
-            longer = math.ceil(100.0 * (most[j] / limits[j]) ** (1 / (order + 1))) / 100.0
-            mend = f"take {longer:.2f} times as long"
-        else:
-            what = f"its speed jumps at a corner of the path; its limit is {limit:.1f} {unit}"
-        yield Finding(
-            what,
-            when,
-            robot.joints[j].title,
-            mend,
-            kind,
-            digits=digits,
-        )
+        title = robot.joints[j].title
+        reason = RateLimit(title, kind, float(most[j]), float(limits[j]))
+        yield Finding(reason, when, title, kind, digits=digits)
 
 
 def _when_most(motion: SampledMotion, order: int, j: int, at: int) -> tuple[float, int]:
@@ -360,26 +362,19 @@ def _seam_findings(motion: SampledMotion) -> Iterator[Finding]:
     for when, jump in motion.seams:
         j = int(np.abs(jump).argmax())
         if abs(jump[j]) > _REST_SPEED:
-            yield Finding(
-                f"its speed jumps by {np.degrees(abs(jump[j])):.2f} °/s between two parts of the motion",
-                when,
-                motion.robot.joints[j].title,
-                "let a part end as fast as the next one begins, or let both be at rest there",
-                "acceleration",
-            )
+            title = motion.robot.joints[j].title
+            yield Finding(SpeedJump(title, float(abs(jump[j]))), when, title, "acceleration")
 
 
 def _rest_findings(motion: SampledMotion) -> Iterator[Finding]:
-    for k, where in ((0, "starts"), (-1, "ends")):
+    ends: tuple[tuple[int, Literal["starts", "ends"]], ...] = ((0, "starts"), (-1, "ends"))
+    for k, end in ends:
         speeds = np.abs(motion.velocity[k])
         j = int(speeds.argmax())
         if speeds[j] > _REST_SPEED:
+            title = motion.robot.joints[j].title
             yield Finding(
-                f"the motion {where} at {np.degrees(speeds[j]):.2f} °/s",
-                float(motion.time[k]),
-                motion.robot.joints[j].title,
-                "let it start and end at rest",
-                "rest",
+                MotionEndsMoving(title, end, float(speeds[j])), float(motion.time[k]), title, "rest"
             )
 
 
@@ -503,8 +498,7 @@ def _deepest(motion: SampledMotion, source: Gaps, closed: _Closed) -> Finding:
     gap = float(depth_at(np.array([when]))[0])
     links = motion.robot.body_frames(motion.trajectory.sample(np.array([when])).q)
     depth = source.depth(part, links, -(gap if math.isfinite(gap) else least))
-    what, mend = source.words(part, 1000 * depth)
-    return Finding(what, when, source.parts[part], mend, source.kind, digits=digits)
+    return Finding(source.blocked(part, depth), when, source.parts[part], source.kind, digits=digits)
 
 
 # Does the tool lose a direction? The isotropy is the smallest over the largest singular value of the tool
@@ -539,23 +533,9 @@ def _singularity_findings(motion: SampledMotion, *, tool_path: bool) -> Iterator
         return float(isotropy_of(robot, robot.jacobian(motion.trajectory.sample(np.array([time])).q))[0][0])
 
     when, digits = motion.told(float(time[at]), lambda time: isotropy_at(time) < (_LOST if is_lost else NEAR))
-    percent = 100 * isotropy_at(when)
-    what = "singularity: the tool cannot move in one direction"
-    if percent >= 0.1:
-        what = (
-            f"near a singularity: in one direction the tool is only {percent:.1f} % as fast as in the fastest"
-        )
-    yield Finding(
-        what,
-        when,
-        "the tool",
-        "joint moves are fine; choose a line that does not pass there"
-        if is_lost
-        else "joint moves are fine; a line or a tool jog from there would be slow, or refused",
-        "singularity",
-        "error" if is_lost else "warning",
-        digits=digits,
-    )
+    severity: Severity = "error" if is_lost else "warning"
+    reason = Singular(isotropy_at(when), is_lost)
+    yield Finding(reason, when, "the tool", "singularity", severity, digits=digits)
 
 
 def isotropy_of(robot: Robot, jacobians: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -590,25 +570,10 @@ def _torque_findings(motion: SampledMotion, links: LinkFrames, payload_kg: float
         least = allowed if over else _WARM * stall
         when, digits = motion.told(float(motion.time[at]), partial(_holds_more, motion, gravity, j, least))
         most = _torque_at(motion, gravity, j, when)
-        what = f"its stall torque of {stall:.2f} N·m"
-        mend = "do not stay there for long: the motor gets hot"
-        if joint.torque_is_effort:  # which simulators need, and many files make up
-            what = f"the effort of {stall:.3g} N·m that its URDF file gives"
-            mend = (
-                f"if the motor is another one, write its stall_torque_nm of {joint.name} into the side file"
-            )
-        elif over:
-            mend = "keep the load nearer to the joint, or take a lighter one"
-        yield Finding(
-            f"gravity loads it with {most:.2f} N·m, {100 * most / stall:.0f} % of {what} "
-            f"(counted: {gravity.counted})",
-            when,
-            joint.title,
-            mend,
-            "torque",
-            "error" if over and not joint.torque_is_effort else "warning",
-            digits=digits,
-        )
+        effort = joint.torque_is_effort
+        reason = Overload(joint.title, joint.name, most, stall, gravity.counted, over, effort)
+        severity: Severity = "error" if over and not effort else "warning"
+        yield Finding(reason, when, joint.title, "torque", severity, digits=digits)
 
 
 def _torque_at(motion: SampledMotion, gravity: GravityModel, j: int, time: float) -> float:
@@ -620,14 +585,25 @@ def _holds_more(motion: SampledMotion, gravity: GravityModel, j: int, least: flo
     return _torque_at(motion, gravity, j, time) > least
 
 
-def not_checked(robot: Robot) -> tuple[str, ...]:
+class Unchecked(NamedTuple):
+    """Something that the pre-flight cannot judge."""
+
+    kind: Kind
+    """of the findings that are missing"""
+    text: str
+    """what, and why"""
+
+
+def not_checked(robot: Robot) -> tuple[Unchecked, ...]:
     """What the pre-flight cannot judge: the file gives no figures for it, or parts touch all the time."""
-    touching = robot.collision.notes
+    touching = tuple(Unchecked("self-collision", text) for text in robot.collision.notes)
     if not robot.gravity.weighs:
         why = f"the file of {robot.name} gives no masses of links"
-        return (f"gravity torque: {why}, so there are no loads and no least-torque either", *touching)
+        why = f"gravity torque: {why}, so there are no loads and no least-torque either"
+        return (Unchecked("torque", why), *touching)
     unknown = [joint.title for joint in robot.joints if joint.stall_torque is None]
     if not unknown:
         return touching
     which = "any joint" if len(unknown) == robot.n else ", ".join(unknown)
-    return (f"gravity torque: the file of {robot.name} gives no stall torque of {which}", *touching)
+    why = f"gravity torque: the file of {robot.name} gives no stall torque of {which}"
+    return (Unchecked("torque", why), *touching)

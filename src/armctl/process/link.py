@@ -251,7 +251,8 @@ class Link:
         return replace(
             self._snapshot, state=State.FAULT, cause=lost, unreachable=True, powered=powered,
             q=unknown, commanded=False, program=None,
-            velocity_command=still, acceleration_command=still, homing=(), warnings=(), measured={},
+            velocity_command=still, acceleration_command=still, homing=(), warnings=(),
+            measured={}, quantities={},
         )  # fmt: skip
 
     @property

@@ -13,6 +13,7 @@ import numpy as np
 
 from armctl.arrays import read_only
 from armctl.errors import ArmctlError, InputError, ProgramError
+from armctl.facts.records import fact_of, fact_record
 from armctl.kinematics import Chain, Target
 from armctl.kinematics.chain import DHRow, Place, TurnLimit
 from armctl.kinematics.target import as_numbers
@@ -182,6 +183,8 @@ class Answer(Record, frozen=True):
     """why it was refused, stopped or broken, in words; empty: it was not"""
     kind: str = ""
     """of the error, as the classes in ``armctl.errors``"""
+    reason: dict[str, Any] = msgspec.field(default_factory=dict[str, Any])
+    """why, as data: ``fact``, as the classes in ``armctl.facts``, and its fields; empty: words only"""
 
 
 class Recalled(Record, frozen=True):
@@ -487,12 +490,17 @@ def answer(number: int, error: BaseException | None, *, accepted: bool = False) 
     if error is None:
         return Answer(number, accepted=accepted, finished=not accepted)
     kind = next((one.__name__ for one in type(error).__mro__ if one.__name__ in _ERRORS), "ArmctlError")
-    return Answer(number, accepted=accepted, finished=not accepted, error=in_short(error), kind=kind)
+    reason = fact_record(error.reason) if isinstance(error, ArmctlError) else {}
+    if len(msgspec.json.encode(reason)) > _LONGEST_TEXT:  # what quotes a value of the client's
+        reason = {}
+    return Answer(number, accepted, not accepted, in_short(error), kind, reason)
 
 
 def error_of(record: Answer) -> ArmctlError | None:
-    """The error that an answer tells of."""
-    return _ERRORS.get(record.kind, ArmctlError)(record.error) if record.error else None
+    """The error that an answer tells of; its words are made here, in this reader's language."""
+    if not record.error:
+        return None
+    return _ERRORS.get(record.kind, ArmctlError)(fact_of(record.reason) or record.error)
 
 
 # A snapshot without what changes rarely.

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.documents import Document
 from armctl.errors import ArmctlError
+from armctl.facts import Said
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import sources
 from armctl.motion.preflight import Finding, isotropy_of, passes, preflight
@@ -43,12 +44,12 @@ def check_program(
     """
     findings: list[Finding] = []
     if program.robot != robot.name:
-        findings.append(Finding(f"it is for the robot {program.robot!r}, this one is {robot.name!r}"))
+        findings.append(Finding(Said(f"it is for the robot {program.robot!r}, this one is {robot.name!r}")))
     if not program.steps:
-        findings.append(Finding("it has no steps"))
+        findings.append(Finding(Said("it has no steps")))
     wrong = dict(_value_findings(program, robot))
     broken = Blocks.of(program.steps).findings
-    in_steps = [Finding(what, step=index) for index, what in (*wrong.items(), *broken)]
+    in_steps = [Finding(Said(what), step=index) for index, what in (*wrong.items(), *broken)]
     if motions and not broken:
         begin = None if start is None else robot.chain.checked(start)
         walk = _Walk(program, robot, wrong, payload_kg)
@@ -207,7 +208,7 @@ class _Walk:
                     self._known[key] = trajectory.end
                     self._add(index, step, trajectory)
             except ArmctlError as cause:
-                refusal = Finding(str(cause), step=index)
+                refusal = Finding(cause.reason, step=index)
                 if refusal not in self.found:
                     self.found.append(refusal)
         return self._known[key]

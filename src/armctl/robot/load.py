@@ -17,6 +17,7 @@ from armctl.arrays import FloatArray
 from armctl.decoding import REFUSED, did_you_mean, known
 from armctl.documents import Document, as_path, shipped_folder
 from armctl.errors import Errors, RobotFileError
+from armctl.facts import Several, say
 from armctl.kinematics import Body, Chain, DHRow, GravityModel
 from armctl.kinematics.chain import TurnLimit
 from armctl.robot.board_entries import read_outputs
@@ -211,8 +212,8 @@ def robot_of(document: Document) -> Robot:
     check_look(robot, document, errors)
     for name, pose in robot.poses.items():
         with errors:
-            if words := robot.turn_words(pose):
-                raise document.error(f"poses.{name}: {'; '.join(words)}", ("poses", name))
+            if beyond := robot.turns_beyond(pose):
+                raise document.error(f"poses.{name}: {say(Several(beyond))}", ("poses", name))
     errors.raise_all()
     if robot.body_is_guessed:
         return replace(robot, assumed=(*robot.assumed, BODY_GUESSED))

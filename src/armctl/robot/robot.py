@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import ArrayRecord, FloatArray, content, read_only
 from armctl.errors import InputError, MotionRefusedError
+from armctl.facts import AngleLimit, Several, WrongUnit
 from armctl.kinematics import (
     DEFAULT_STEP,
     BatchSolutions,
@@ -27,8 +28,7 @@ from armctl.kinematics import (
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.samples import joint_samples
-from armctl.kinematics.solutions import outside as outside_words
-from armctl.kinematics.target import degrees_hint
+from armctl.kinematics.target import seem_degrees
 from armctl.kinematics.velocity import NEAR, position_leaves_orientation
 from armctl.robot.bodies import MOST_OPENINGS, Bodies
 from armctl.robot.body import ANY_OPENING, ArmBody, Capsule, Openings
@@ -461,20 +461,20 @@ class Robot(ArrayRecord):
         q = self.chain.checked_one(q)
         outside = (q < self.limits[:, 0] - LIMIT_TOLERANCE) | (q > self.limits[:, 1] + LIMIT_TOLERANCE)
         if outside.any():
-            parts = [
-                f"{joint.title}: {outside_words(joint.lower, joint.upper, float(value))}"
+            beyond = [
+                AngleLimit(joint.title, float(value), joint.lower, joint.upper)
                 for joint, value, out in zip(self.joints, q, outside, strict=True)
                 if out
             ]
-            raise MotionRefusedError("; ".join(parts) + degrees_hint(*q))
+            raise MotionRefusedError(Several((*beyond, *[WrongUnit()] * seem_degrees(*q))))
         q = np.clip(q, self.limits[:, 0], self.limits[:, 1])
-        if words := self.turn_words(q):
-            raise MotionRefusedError("; ".join(words))
+        if beyond := self.turns_beyond(q):
+            raise MotionRefusedError(Several(beyond))
         return q
 
-    def turn_words(self, q: FloatArray) -> list[str]:
-        """A sentence for each angle between links that is beyond its limits at ``q`` (n,) [rad]."""
-        return [
-            f"{limit.name}: {outside_words(limit.lower, limit.upper, turn)}"
+    def turns_beyond(self, q: FloatArray) -> tuple[AngleLimit, ...]:
+        """Angles between links that are beyond their limits at ``q`` (n,) [rad]."""
+        return tuple(
+            AngleLimit(limit.name, turn, limit.lower, limit.upper, between_links=True)
             for limit, turn in self.chain.turns_beyond(q)
-        ]
+        )

@@ -1,5 +1,6 @@
 """The runtime: commands in, snapshots out."""
 
+from armctl.facts import Need, State
 from armctl.runtime.black_box import Recording, black_boxes
 from armctl.runtime.board import channel_settings
 from armctl.runtime.clock import Clock, ManualClock, MonotonicClock, wall_time
@@ -44,11 +45,9 @@ from armctl.runtime.snapshot import (
     Doing,
     Event,
     LastPose,
-    Need,
     Party,
     ProgramProgress,
     Snapshot,
-    State,
     WrongPins,
     unmet,
 )

@@ -9,8 +9,9 @@ and ``columns``.
 
 ``ticks.npy``: float64, a row a tick, oldest first, with ``columns``: ``time_s``; ``late_s``, how much later
 than its period it came; ``took_s``; ``state``, an index into ``states``; ``speed`` override; ``gripper``
-0..1; ``step`` of the program that runs; ``setpoint NAME`` and ``readback NAME`` of each joint [rad]. NaN:
-there is none, or it is not known.
+0..1; ``step`` of the program that runs; ``setpoint NAME`` and ``readback NAME`` of each joint [rad]; then
+``load NAME`` (a share of the largest), ``temperature_c NAME``, ``voltage_v NAME``, ``current_a NAME``, where
+the board measures them. NaN: there is none, or it is not known.
 """
 
 from __future__ import annotations
@@ -38,11 +39,13 @@ import platformdirs
 from armctl.arrays import FloatArray
 from armctl.documents import DocumentKind, write_atomically
 from armctl.errors import InputError
+from armctl.facts import State
+from armctl.facts.quantities import NAMES
 from armctl.kinematics import Target
 from armctl.program import Program
 from armctl.robot import Robot
 from armctl.runtime.clock import wall_time
-from armctl.runtime.snapshot import Event, Snapshot, State
+from armctl.runtime.snapshot import Event, Snapshot
 from armctl.system import private_folder
 
 LENGTH_S = 60.0
@@ -167,6 +170,7 @@ class BlackBox:
             *_PLAIN,
             *(f"{_SETPOINT}{name}" for name in robot.joint_names),
             *(f"{_READBACK}{name}" for name in robot.joint_names),
+            *(f"{quantity} {name}" for quantity in NAMES for name in robot.joint_names),
         )
         self._rows = np.full((math.ceil(_ROWS_A_PERIOD * LENGTH_S / period_s), len(self._columns)), np.nan)
         self._count = 0
@@ -222,7 +226,11 @@ class BlackBox:
                 np.nan if program is None else program.step,
             )
             row[plain : plain + n] = snapshot.q_command if snapshot.commanded else np.nan
-            row[plain + n :] = snapshot.q
+            row[plain + n : plain + 2 * n] = snapshot.q
+            row[plain + 2 * n :] = np.nan
+            for j, joint in enumerate(self._robot.joints):
+                if (measured := snapshot.quantities.get(joint.title)) is not None:
+                    row[plain + 2 * n + j :: n] = [getattr(measured, name) for name in NAMES]
             if before is None or snapshot.events is not before.events:
                 old = None if before is None or not before.events else before.events[-1]
                 self._lines += [

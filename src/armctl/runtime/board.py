@@ -6,13 +6,15 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, BoardError, BoardProtocolError, BoardTimeoutError, StateError
-from armctl.hardware import ChannelSettings, Driver, HomingState, Source
+from armctl.facts import Quantities
+from armctl.hardware import ChannelSettings, Driver, HomingState, Readback, Source
 from armctl.hardware.boards import board_type
 from armctl.hardware.driver import translated
 from armctl.robot import Robot
@@ -103,8 +105,8 @@ class Reading:
     """whether its outputs are on; None: it does not say"""
     homing: HomingState | None = None
     """None: there is nothing to home"""
-    measured: Mapping[str, str] = field(default_factory=dict[str, str])
-    """what else it measures of each joint, in words"""
+    quantities: Mapping[str, Quantities] = field(default_factory=dict[str, Quantities])
+    """by title: what else it measures of each joint, and of the gripper"""
     warnings: tuple[str, ...] = ()
     """what it reports and goes on with"""
     asked: int = 1
@@ -188,17 +190,6 @@ class Board:
         on = ~np.isnan(q) if back.powered is None else np.full(q.shape, back.powered)
         errors = tuple(f"{self.title(channel)}: {fault}" for channel, fault in (back.faults or {}).items())
         opening = self.map.opening(back.positions)
-        measured: dict[str, str] = {}
-        for values, scale, form in (
-            (back.load, 100, "load {:.0f} %"),
-            (back.temperature, 1, "{:.0f} °C"),
-            (back.voltage, 1, "{:.1f} V"),
-        ):
-            for channel, value in (values or {}).items():
-                if value is None:  # for once not measured
-                    continue
-                title, words = self.title(channel), form.format(scale * value).replace("-", "−")
-                measured[title] = f"{measured[title]}, {words}" if title in measured else words
         errors += back.errors
         warned = (back.warnings or {}).items()
         warnings = tuple(f"{self.title(channel)}: {words}" for channel, words in warned)
@@ -210,7 +201,7 @@ class Board:
             errors,
             back.powered,
             back.homing,
-            measured,
+            self._quantities(back),
             warnings,
             back.asked,
             back.lost,
@@ -218,6 +209,14 @@ class Board:
             tuple(map(self.title, back.expired)),
             back.sent,
         )
+
+    def _quantities(self, back: Readback) -> dict[str, Quantities]:
+        by_channel = [values or {} for values in (back.load, back.temperature, back.voltage, back.current)]
+        found = {
+            self.title(channel): Quantities(*(values.get(channel) for values in by_channel))
+            for channel in dict.fromkeys(chain.from_iterable(by_channel))
+        }
+        return {title: one for title, one in found.items() if one != Quantities()}
 
     def home(self) -> None:
         """Begin to look for the zeros of the axes: the arm moves."""

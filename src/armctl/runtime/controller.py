@@ -272,7 +272,8 @@ class Controller:
             warnings=core.notices.current(now),
             events=core.log.events,
             last_pose=core.poses.last,
-            measured=reading.measured,
+            measured={title: str(one) for title, one in reading.quantities.items()},
+            quantities=reading.quantities,
             control=core.desk.control,
         )
 

@@ -22,6 +22,7 @@ from armctl.errors import (
     StoppedError,
     out_of_range,
 )
+from armctl.facts import Need, State
 from armctl.hardware import Driver
 from armctl.motion.clearance import kept_out
 from armctl.motion.preflight import require_gaps
@@ -36,7 +37,7 @@ from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.last_pose import PoseFolder, PoseWatch
 from armctl.runtime.mover import GripperMover, PathMover
 from armctl.runtime.planner import LONGEST_PLAN_S, Grip, Pending, Submit, result_of
-from armctl.runtime.snapshot import BOARD_REPORTS, POWERED, Doing, EventLog, Need, Notices, State, unmet
+from armctl.runtime.snapshot import BOARD_REPORTS, POWERED, Doing, EventLog, Notices, unmet
 
 SLOWEST = 0.05
 """the smallest speed override"""
@@ -145,9 +146,10 @@ class Core:
         """Refuse (``StateError``) ``what`` ("a motion") needs the arm in another state."""
         homing = self.monitor.reading.homing
         homed, connected = homing is None or homing.done, self.board is not None
-        why = unmet(need, self.state, connected=connected, homed=homed, cause=self.cause, doing=self.doing)
+        state, cause, doing = self.state, self.cause, self.doing
+        why = unmet(need, state, asked=what, connected=connected, homed=homed, cause=cause, doing=doing)
         if why is not None:
-            raise StateError(f"{what} needs the arm {need.value}, it is {why}")
+            raise StateError(why)
 
     @property
     def held(self) -> Robot:

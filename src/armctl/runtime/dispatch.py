@@ -20,6 +20,7 @@ from armctl.errors import (
     StateError,
     out_of_range,
 )
+from armctl.facts import Need, State
 from armctl.kinematics import Target
 from armctl.kinematics.target import as_numbers, checked_number
 from armctl.motion import Trajectory, plan_choice, plan_joints
@@ -34,7 +35,6 @@ from armctl.runtime.mover import PathMover
 from armctl.runtime.planner import checked_trajectory
 from armctl.runtime.power import enable, home, release
 from armctl.runtime.program_runner import ProgramRunner, begun_program
-from armctl.runtime.snapshot import Need, State
 
 _STOPPED_FOLLOWING = "the arm was stopped; switch the live target on again once it stands"
 FASTEST_TOOL_M_S, FASTEST_TURN_RAD_S = 0.5, math.pi

@@ -15,10 +15,11 @@ from platformdirs import user_state_path
 from armctl.arrays import FloatArray
 from armctl.documents import write_atomically
 from armctl.errors import ArmctlError
+from armctl.facts import State
 from armctl.hardware import BoardIdentity
 from armctl.robot import Robot
 from armctl.runtime.clock import wall_time
-from armctl.runtime.snapshot import LastPose, State
+from armctl.runtime.snapshot import LastPose
 from armctl.system import private_folder
 
 _MOVING_INTERVAL_S = 0.5

@@ -17,6 +17,8 @@ from armctl.errors import (
     StateError,
     out_of_range,
 )
+from armctl.facts import Need, Said, Several, StandsOutside, State
+from armctl.facts.english import HOME_FIRST
 from armctl.hardware import Source
 from armctl.hardware.boards import board_type
 from armctl.kinematics import Chain
@@ -26,7 +28,7 @@ from armctl.runtime.activity import Setpoint
 from armctl.runtime.board import Board, BoolArray, Reading
 from armctl.runtime.commands import Enable, Order
 from armctl.runtime.core import Core
-from armctl.runtime.snapshot import HOME_FIRST, POWERED, Need, State
+from armctl.runtime.snapshot import POWERED
 
 ADOPT_TOLERANCE_RAD = np.radians(0.25)
 """how far outside a limit a joint may stand when it is taken over, and two readings may differ"""
@@ -76,7 +78,7 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         raise EnableError(f"nobody knows where the arm is{known}: {board.power} are off. {_SAY_WHERE}")
     start = _taken_over(core, board, np.where(live, reading.q, goal))
     if not live.all() and (touch := touching(core.around, core.robot, start)) is not None:
-        raise MotionRefusedError(f"{touch.words}; choose another pose to enable in")
+        raise MotionRefusedError(Several((touch, Said("choose another pose to enable in"))))
     if wanted is not None and live.any() and (np.abs(start - goal) > _tolerance(board)).any():
         core.log.warn("enabled where the arm stands, not in the pose asked for: move there now")
     opening = reading.opening
@@ -446,13 +448,11 @@ def _taken_over(core: Core, board: Board, q: FloatArray) -> FloatArray:
     i = int(outside.argmax())
     if outside[i] > 0:
         joint = core.robot.joints[i]
-        raise EnableError(
-            f"{joint.title} stands at {np.degrees(q[i]):.1f}°, outside {np.degrees(joint.lower):.1f}° … "
-            f"{np.degrees(joint.upper):.1f}°; {_BACK_INSIDE[core.monitor.reading.source]}"
-        )
+        reason = StandsOutside(joint.title, float(q[i]), joint.lower, joint.upper)
+        raise EnableError(Several((reason, Said(_BACK_INSIDE[core.monitor.reading.source]))))
     q = np.clip(_links_turned_back(core.robot.chain, np.clip(q, low, high), _tolerance(board)), low, high)
-    if words := core.robot.turn_words(q):
-        raise EnableError(f"{'; '.join(words)}; {_BACK_INSIDE[core.monitor.reading.source]}")
+    if beyond := core.robot.turns_beyond(q):
+        raise EnableError(Several((*beyond, Said(_BACK_INSIDE[core.monitor.reading.source]))))
     return q
 
 

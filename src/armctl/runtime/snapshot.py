@@ -7,12 +7,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from enum import Enum
 from operator import attrgetter
 
 import numpy as np
 
 from armctl.arrays import FloatArray
+from armctl.facts import Need, NotNow, Quantities, State
 from armctl.hardware import BoardIdentity, Source
 from armctl.program import Program
 from armctl.runtime.clock import wall_time
@@ -22,28 +22,6 @@ _LOG_LINES = 200
 _LONGEST_LINE = 2000
 _REPEAT_S = 5.0
 """a line of the log is not repeated sooner: a held key must not flood it"""
-
-
-class State(Enum):
-    """The controller's states."""
-
-    DISCONNECTED = "disconnected"
-    OFF = "off"  # connected; nothing is sent, and where the arm is counts for nothing
-    HOLDING = "holding"
-    MOVING = "moving"
-    PAUSED = "paused"
-    FAULT = "fault"
-
-
-class Need(Enum):
-    """What a command needs of the arm; the controller and the buttons of the pages ask the same rule."""
-
-    HOLDING = "holding"
-    JOG = "holding, or jogged"
-    PAUSE = "moving"
-    GRIPPER = "enabled"
-    OFF = "off"
-    OFF_OR_HOLDING = "off or holding"
 
 
 POWERED = (State.HOLDING, State.MOVING, State.PAUSED)
@@ -82,38 +60,24 @@ class Doing:
 
 
 def unmet(
-    need: Need, state: State, *, connected: bool, homed: bool, cause: str = "", doing: Doing | None = None
-) -> str | None:
+    need: Need,
+    state: State,
+    *,
+    asked: str = "",
+    connected: bool,
+    homed: bool,
+    cause: str = "",
+    doing: Doing | None = None,
+) -> NotNow | None:
     """Why a command is refused, and what to do: "off; enable first". None: its need is met.
 
-    ``connected``: there is a board; ``homed``: every axis that has to knows where it is; ``cause``: of the
-    state, to be named in the answer; ``doing``: what moves the arm.
+    ``asked``: what is asked for; ``connected``: there is a board; ``homed``: every axis that has to knows
+    where it is; ``cause``: of the state, to be named in the answer; ``doing``: what moves the arm.
     """
     if state in _MET_IN[need] if doing is None else doing.takes(need):
         return None
-    told = f" ({cause})" if cause else ""
-    match state:
-        case State.DISCONNECTED:
-            return f"disconnected; connect {'first' if State.OFF in _MET_IN[need] else 'and enable first'}"
-        case State.OFF:
-            return f"off; {'enable first' if homed else HOME_FIRST}"
-        case State.MOVING | State.PAUSED if doing is not None and doing.stopping:
-            return "stopping; wait until it stands"
-        case State.MOVING | State.PAUSED if need is Need.PAUSE and doing is not None:
-            return f"{state.value}{told}; {doing.label} cannot be paused; press STOP"
-        case State.MOVING | State.PAUSED if need is Need.GRIPPER:
-            return f"{state.value}{told}; the gripper is not free: wait, or stop first"
-        case State.MOVING | State.PAUSED if need is not Need.OFF:
-            return f"{state.value}{told}; stop first"
-        case State.FAULT:
-            return f"in fault{told}; {'clear the fault first' if connected else 'connect again'}"
-        case _ if need is Need.PAUSE:
-            return f"{state.value}{told}; there is nothing to pause"
-        case _:
-            return f"{state.value}{told}; the arm is enabled already"
-
-
-HOME_FIRST = "press Homing (every axis moves to its switch)"
+    label, stopping = ("", False) if doing is None else (doing.label, doing.stopping)
+    return NotNow(asked, need, state, cause, label, stopping, connected, homed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -308,7 +272,9 @@ class Snapshot:
     part_mm: tuple[float, float, float] | None = None
     """edges of the part that the gripper carries, along x, y and z of the tool [mm]; None: nothing"""
     measured: Mapping[str, str] = field(default_factory=dict[str, str])
-    """by joint: the load, temperature and voltage that the board measures, if it does"""
+    """``quantities`` in words"""
+    quantities: Mapping[str, Quantities] = field(default_factory=dict[str, Quantities])
+    """by title of a joint: load, temperature, voltage and current, as far as the board measures them"""
 
     @property
     def more_warnings(self) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from typing import Any, Literal, Protocol
 import viser
 
 from armctl.errors import ArmctlError
+from armctl.facts import say
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.look.stock import Theme
 from armctl.runtime import Command, ControlCommand, Need, Origin, Snapshot, Ticket, unmet
@@ -175,7 +176,7 @@ class Session:
             return "the arm does not answer; see Control"
         homed, connected = all(axis.homed for axis in snapshot.homing), snapshot.board is not None
         why = unmet(arm, snapshot.state, connected=connected, homed=homed, doing=snapshot.doing)
-        return None if why is None else f"the arm is {why}"
+        return None if why is None else say(why)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Enable and disable the controls for a snapshot."""

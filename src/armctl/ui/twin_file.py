@@ -27,6 +27,7 @@ from viser.infra._async_message_buffer import AsyncMessageBuffer
 from armctl import __version__
 from armctl.arrays import FloatArray
 from armctl.errors import ProgramError
+from armctl.facts import Said, Several
 from armctl.motion.figure import color_of
 from armctl.motion.preflight import Finding, not_checked
 from armctl.program import Program
@@ -72,8 +73,10 @@ def program_file(
 ) -> str:
     """The page of a program's plan, with the findings of ``check_program``; the rest as in ``twin_file``."""
     broken = plan.broken
-    if broken and not any(one.step == broken.index and one.severity == "error" for one in findings):
-        findings = [*findings, Finding(f"{broken.error}; the motion shown ends there", step=broken.index)]
+    told = broken and any(one.step == broken.index and one.severity == "error" for one in findings)
+    if broken and broken.error is not None and not told:
+        why = Several((broken.error.reason, Said("the motion shown ends there")))
+        findings = [*findings, Finding(why, step=broken.index)]
     steps = [f"{step.title or step.kind} {step.describe()}" for step in program.steps]
     return twin_file(robot, program.name, plan, findings, steps, progress)
 
@@ -251,7 +254,7 @@ def _found(robot: Robot, plan: Rehearsal, findings: Sequence[Finding], *, linked
         if finding.step in begins:
             text = f"<button type='button' data-time='{begins[finding.step]}'>{text}</button>"
         rows.append(f"<li class='{finding.severity}'>{text}</li>")
-    notes = [f"Not checked: {text}" for text in not_checked(robot)]
+    notes = [f"Not checked: {one.text}" for one in not_checked(robot)]
     if plan.cut:
         notes.append(f"Only the first {plan.duration:.0f} s are shown; there is more of the program.")
     listed = f"<ul>{''.join(rows)}</ul>" if rows else "<p>Nothing found.</p>"

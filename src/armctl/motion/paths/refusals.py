@@ -12,6 +12,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, MotionRefusedError, UnreachableError
+from armctl.facts import OnCurve, Said
 from armctl.kinematics import DEFAULT_STEP, Solutions, Target
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.numeric.solver import LinkBound
@@ -61,13 +62,19 @@ class PathPlace:
 class _PlacedError(ArmctlError):
     section = "a-line-or-an-arc-is-refused"
 
-    def __init__(self, message: str, place: PathPlace, before: PiecewisePolynomial | None) -> None:
-        super().__init__(message)
+    def __init__(self, reason: OnCurve, place: PathPlace, before: PiecewisePolynomial | None) -> None:
+        super().__init__(reason)
+        self.on_curve = reason
         self.place = place
         self.before = before
         """q(s) as far as the place; None where it cannot be left"""
-        self.freer: Literal["kept", "free"] | None = None
-        """the tool pitch with which the whole curve can be followed all the same; None: with neither"""
+
+    @property
+    def freer(self) -> Literal["kept", "free"] | None:
+        """The tool pitch with which the whole curve can be followed all the same; None: with neither."""
+        if self.on_curve.freer is None:
+            return None
+        return "kept" if self.on_curve.freer == "pitch kept" else "free"
 
 
 class ToolPathRefusedError(_PlacedError, MotionRefusedError):
@@ -195,12 +202,9 @@ def turn_refusal(tried: Attempt, task: ToolTask) -> ToolPathRefusedError | None:
         where_else = "they can in the arm's own vertical plane, and with the tool straight up or down"
     wish = "turn the tool like this" if turn.any() else "keep the tool's orientation"
     place = PathPlace(s, s / curve.length, curve.positions(s))
-    return ToolPathRefusedError(
-        f"{_where(curve, place)}: {len(task.moving)} joints cannot {wish} here, it would also turn "
-        f"by {math.degrees(besides) / 1000:.3g}° a mm; {where_else}",
-        place,
-        _before(walked.path, s),
-    )
+    joints = f"{len(task.moving)} joints cannot {wish} here"
+    why = Said(f"{joints}, it would also turn by {math.degrees(besides) / 1000:.3g}° a mm", where_else)
+    return ToolPathRefusedError(_on(curve, place, why), place, _before(walked.path, s))
 
 
 def limit_refusal(tried: Attempt, path: PiecewisePolynomial, s: float, k: int) -> ToolPathRefusedError:
@@ -212,11 +216,9 @@ def limit_refusal(tried: Attempt, path: PiecewisePolynomial, s: float, k: int) -
     at = float(path(s)[k])
     limit = min(robot.limits[k].tolist(), key=lambda bound: abs(bound - at))
     said = " and ".join(_need_words(tried, path, one) for one in beyond)
-    message = (
-        f"{_where(curve, place)}: {tried.found}{robot.joints[k].title} is at its limit of "
-        f"{_degrees(limit)}°; {said}; {_other_ways(tried)}"
-    )
-    return ToolPathRefusedError(message, place, _before(path, s))
+    at_limit = f"{tried.found}{robot.joints[k].title} is at its limit of {_degrees(limit)}°"
+    why = Said(f"{at_limit}; {said}", _other_ways(tried))
+    return ToolPathRefusedError(_on(curve, place, why), place, _before(path, s))
 
 
 class _Need(NamedTuple):
@@ -271,40 +273,37 @@ def end_refusal(tried: Attempt) -> ToolPathRefusedError | ToolPathUnreachableErr
     robot, curve, walked = tried.robot, tried.curve, tried.walked
     if not walked.knots:
         place = PathPlace(0.0, 0.0, curve.positions(0.0))
-        return ToolPathRefusedError(
-            f"{_where(curve, place)}: the arm stands in a singularity and cannot begin this {curve.kind}; "
+        why = Said(
+            f"the arm stands in a singularity and cannot begin this {curve.kind}",
             "bend the arm first (turn a joint, or Main → Home where that pose is bent)",
-            place,
-            None,
         )
+        return ToolPathRefusedError(_on(curve, place, why), place, None)
     last = walked.knots[-1]
     s, before = last.s, _before(walked.path, last.s)
     place = PathPlace(s, s / curve.length, curve.positions(s))
     why = _out_of_reach(tried, s)
     if why is not None:
-        return ToolPathUnreachableError(f"{_where(curve, place)}: {why}", place, before)
+        return ToolPathUnreachableError(_on(curve, place, why), place, before)
     k = int((np.abs(last.slope) / robot.speed_limits).argmax())
     title, rate = robot.joints[k].title, math.degrees(abs(float(last.slope[k]))) / 1000.0
     farther = f"; {tried.beyond}" if tried.beyond else ""
-    return ToolPathRefusedError(
-        f"{_where(curve, place)}: {tried.found}{title} would have to turn by {rate:.0f}° a mm, "
-        f"and more just beyond: a singularity{farther}; {_other_ways(tried)}",
-        replace(place, joint=k),
-        before,
-    )
+    turn = f"{tried.found}{title} would have to turn by {rate:.0f}° a mm, and more just beyond"
+    why = Said(f"{turn}: a singularity{farther}", _other_ways(tried))
+    return ToolPathRefusedError(_on(curve, place, why), replace(place, joint=k), before)
 
 
-def _out_of_reach(tried: Attempt, s: float) -> str | None:
+def _out_of_reach(tried: Attempt, s: float) -> Said | None:
     """Why no branch reaches the curve just beyond ``s`` [m], limits not looked at; None: one does."""
     curve = tried.curve
     if tried.reached(min(curve.length, s + _BEYOND * curve.length)) is not False:
         return None
     with_it = f" with that {tried.held}" if tried.held else ""
+    leaves, move = f"here it leaves what the arm reaches{with_it}", f"move the {curve.kind}"
     if tried.searches:
-        return f"here it leaves what the arm reaches{with_it}; {tried.beyond or f'move the {curve.kind}'}"
+        return Said(f"{leaves}; {tried.beyond}") if tried.beyond else Said(leaves, move)
     if tried.held == "pitch" and tried.turn is not None and tried.turn.rates(s).any():
         # farther on it is another pitch
-        return f"here it leaves what the arm reaches{with_it}; move the {curve.kind}"
+        return Said(leaves, move)
     # clearer than just beyond: far out, at whole percents, so that the figures hold where they say
     percent, first = 100, math.floor(100.0 * s / curve.length) + 1
     while percent >= first:
@@ -314,11 +313,11 @@ def _out_of_reach(tried: Attempt, s: float) -> str | None:
             why = solutions.explanation
             if solutions.success:
                 why = tried.robot.turned_off(solutions, solutions[int(solutions.residual_rad.argmin())]) or ""
-            return f"here it leaves what the arm reaches{with_it}; at {percent} %, {why}"
+            return Said(f"{leaves}; at {percent} %, {why}")
         if percent == first:
             break
         percent = (percent + first) // 2
-    return f"here it leaves what the arm reaches{with_it}; move the {curve.kind}"
+    return Said(leaves, move)
 
 
 def _other_ways(tried: Attempt) -> str:
@@ -370,9 +369,9 @@ def _may_be_followed(tried: Attempt, start: FloatArray, effort: Effort) -> bool:
     return passes(tried.robot, timed(tried.robot, path), tool_path=True)
 
 
-def _where(curve: ToolCurve, place: PathPlace) -> str:
-    x, y, z = (1000.0 * place.point).tolist()
-    return f"{100.0 * place.fraction:.0f} % of the {curve.kind} (x {x:z.1f}, y {y:z.1f}, z {z:z.1f} mm)"
+def _on(curve: ToolCurve, place: PathPlace, why: Said) -> OnCurve:
+    x, y, z = place.point.tolist()
+    return OnCurve(curve.kind, place.fraction, (x, y, z), why)
 
 
 def _degrees(angle: float) -> str:

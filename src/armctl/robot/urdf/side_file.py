@@ -21,8 +21,8 @@ from armctl.arrays import FloatArray
 from armctl.decoding import did_you_mean
 from armctl.documents import Document, not_written, write_atomically
 from armctl.errors import Errors, RobotFileError
+from armctl.facts import AngleLimit, what
 from armctl.kinematics.angles import rest_angle
-from armctl.kinematics.solutions import outside
 from armctl.robot.board_entries import read_outputs
 from armctl.robot.file import (
     ROBOT_FILES,
@@ -254,7 +254,7 @@ def _pose(values: Sequence[float], joints: Sequence[Joint], where: str) -> Float
     for value, joint in zip(values, joints, strict=True):
         low, high = math.degrees(joint.lower), math.degrees(joint.upper)
         if not low - _ROUNDED_DEG <= value <= high + _ROUNDED_DEG:
-            words = outside(joint.lower, joint.upper, math.radians(value))
+            words = what(AngleLimit(joint.title, math.radians(value), joint.lower, joint.upper))
             raise RobotFileError(f"{where}: {joint.name} = {words}")
     limits = np.array([(joint.lower, joint.upper) for joint in joints])
     return np.clip(np.radians(np.array(values, dtype=np.float64)), limits[:, 0], limits[:, 1])

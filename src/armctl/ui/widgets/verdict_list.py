@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from armctl.motion.preflight import Finding
+from armctl.motion.preflight import Finding, Unchecked
 from armctl.ui.widgets.html import ERROR, WARNING
 
 _MOST = 12
@@ -14,12 +14,12 @@ _MARK = {"error": ("✕ refused", ERROR), "warning": ("! warning", WARNING)}
 _BLOCK = "margin:4px 0;padding:2px 0 2px 8px;border-left:3px solid "
 
 
-def verdict_html(findings: Sequence[Finding], unknown: Sequence[str] = ()) -> str:
+def verdict_html(findings: Sequence[Finding], unknown: Sequence[Unchecked] = ()) -> str:
     """Findings as HTML, errors first, one block each; below them what is ``unknown`` (``not_checked``)."""
     if not findings:
-        # What is told as not checked must not be told as checked in the line above it.
-        left_out = [text.partition(":")[0] for text in unknown]
-        checked = ", ".join(word for word in _CHECKED if not any(word in text for text in left_out))
+        # What is not checked at all must not be told as checked in the line above it.
+        left_out = {one.kind for one in unknown if one.kind == "torque"}
+        checked = ", ".join(kind for kind in _CHECKED if kind not in left_out)
         summary = "<summary style='cursor:pointer'>Pre-flight: clear</summary>"
         verdict = f"<details style='opacity:.75'>{summary}Checked: {checked}.</details>"
     else:
@@ -27,7 +27,7 @@ def verdict_html(findings: Sequence[Finding], unknown: Sequence[str] = ()) -> st
         verdict = _headline(findings) + "".join(_block(finding) for finding in shown[:_MOST])
         if len(shown) > _MOST:
             verdict += f"<div style='opacity:.75'>and {len(shown) - _MOST} more</div>"
-    notes = "".join(f"<div style='opacity:.75'>Not checked: {escape(text)}.</div>" for text in unknown)
+    notes = "".join(f"<div style='opacity:.75'>Not checked: {escape(one.text)}.</div>" for one in unknown)
     return verdict + notes
 
 

@@ -127,7 +127,7 @@ def board_html(snapshot: Snapshot) -> str:
         return "<div>Not connected.</div>"
     kind = f"<b>{escape(board.title)}</b> on {escape(board.port)}"
     lines = [f"<div>{kind}{_serial(board.serial_number)}</div>"]
-    lines += [f"<div>{escape(title)}: {escape(words)}</div>" for title, words in snapshot.measured.items()]
+    lines += [f"<div>{escape(title)}: {one}</div>" for title, one in snapshot.quantities.items()]
     return "".join([*lines, *map(_note, (*board.notes, *board.earlier))])
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from bisect import bisect_right
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -72,7 +71,6 @@ _CUT_SHORT = (
     "Drawn as far as the arm can follow, as fast as its limits allow: profile and duration are ignored."
 )
 _JOINTS_DO = "A joint motion may reach this end: choose Joint motion, and To: X Y Z."
-_TIME = re.compile(r"^at [\d.]+ s, ")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -288,12 +286,12 @@ def _ends_here(
     robot: Robot, refusal: ToolPathRefusedError | ToolPathUnreachableError, time: float
 ) -> Finding:
     """A refusal as a finding at the end of what is drawn, which comes there later than at full speed."""
-    place, (what, _, mend) = refusal.place, _TIME.sub("", str(refusal)).rpartition("; ")
+    place = refusal.place
     part = "tool" if place.joint is None else robot.joints[place.joint].title
     kind: Kind = "singularity" if place.needed is None else "limits"
     if isinstance(refusal, ToolPathUnreachableError):
         kind = "reach"
-    return Finding(what or mend, time, part, mend if what else "", kind)
+    return Finding(refusal.on_curve, time, part, kind)
 
 
 def _judged(
@@ -322,8 +320,8 @@ def _program(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMo
     untimed = sum(
         program.steps[step.index].effect.opening is not None and step.duration == 0 for step in whole.steps
     )
-    if whole.broken is not None:
-        findings.insert(0, Finding(str(whole.broken.error), step=whole.broken.index))
+    if whole.broken is not None and whole.broken.error is not None:
+        findings.insert(0, Finding(whole.broken.error.reason, step=whole.broken.index))
         note = f"Drawn as far as step {whole.broken.index + 1}, which cannot be run."
     elif whole.cut:
         drawn = "step" if len(whole.steps) == 1 else f"{len(whole.steps)} steps"

@@ -1,0 +1,178 @@
+"""What is said of each kind of reason, in English."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from armctl.facts.numbers import decimals_apart, degrees_apart
+from armctl.facts.reasons import (
+    AngleLimit,
+    Blocked,
+    MotionEndsMoving,
+    NotNow,
+    OnCurve,
+    Overload,
+    RateLimit,
+    Reason,
+    Singular,
+    SpeedJump,
+    StandsOutside,
+    WrongUnit,
+)
+from armctl.facts.states import Need, State
+
+BY_HULLS = ", by convex hulls"
+"""what is said of parts that are fitted to shapes: the shapes themselves may be hollow there"""
+HOME_FIRST = "press Homing (every axis moves to its switch)"
+AT = "at {:.{}f} s, "
+STATES = {state: state.value for state in State}
+WRONG_UNIT = (
+    "a wrong unit? Robot and armctl.motion count in metres and radians; Arm, programs, pages and the command "
+    "line in millimetres and degrees"
+)
+_ALLOWS_OFF = (Need.OFF, Need.OFF_OR_HOLDING)
+UNITS = {"speed": "°/s", "acceleration": "°/s²", "jerk": "°/s³"}
+
+
+def _angle(one: AngleLimit) -> str:
+    angle, low, high = degrees_apart(one.angle, one.low, one.high)
+    return f"{angle} is outside {low} … {high}"
+
+
+def _stands(one: StandsOutside) -> str:
+    angle, low, high = (math.degrees(value) for value in (one.angle, one.low, one.high))
+    return f"{one.joint} stands at {angle:.1f}°, outside {low:.1f}° … {high:.1f}°"
+
+
+def _keep_away(one: AngleLimit) -> str:
+    other = "a way by another point" if one.between_links else "a straighter way"
+    return f"keep away from this limit: another target, or {other}"
+
+
+def _rate(one: RateLimit) -> str:
+    unit, limit, value = UNITS[one.rate], math.degrees(one.limit), math.degrees(one.value)
+    if not math.isfinite(value):
+        return f"its speed jumps at a corner of the path; its limit is {limit:.1f} {unit}"
+    shown = decimals_apart(value, limit, least=1)
+    return f"{value:.{shown}f} {unit} is over its limit of {limit:.{shown}f} {unit}"
+
+
+def _slower(one: RateLimit) -> str:
+    if not math.isfinite(one.value):
+        return "stop there, or round the path"
+    return f"take {one.longer:.2f} times as long"
+
+
+def _jump(one: SpeedJump) -> str:
+    return f"its speed jumps by {math.degrees(one.jump):.2f} °/s between two parts of the motion"
+
+
+def _blocked(one: Blocked) -> str:
+    depth_mm, at_rest_mm = 1000 * one.depth_m, 1000 * one.at_rest_m
+    if one.kind == "floor":
+        return f"{depth_mm:.1f} mm below the floor"
+    if one.surfaces:
+        return f"{-depth_mm:.1f} mm from {one.other}" if depth_mm < 0.0 else f"touches {one.other}"
+    hulls, rest = BY_HULLS if one.fitted else "", f" ({at_rest_mm:.1f} mm at rest)" if at_rest_mm > 0 else ""
+    return f"{depth_mm:.1f} mm inside {one.other}{hulls}{rest}"
+
+
+def _round_it(one: Blocked) -> str:
+    if one.kind == "floor":
+        return "raise the target, or go round by a higher point"
+    if one.kind == "obstacle":
+        return f"choose another target, or go round {one.other} by another point"
+    return f"choose another target, or go round by a point farther from {one.other}"
+
+
+def _singular(one: Singular) -> str:
+    percent = 100 * one.isotropy
+    if percent < 0.1:
+        return "singularity: the tool cannot move in one direction"
+    return f"near a singularity: in one direction the tool is only {percent:.1f} % as fast as in the fastest"
+
+
+def _by_joints(one: Singular) -> str:
+    if one.lost:
+        return "joint moves are fine; choose a line that does not pass there"
+    return "joint moves are fine; a line or a tool jog from there would be slow, or refused"
+
+
+def _overload(one: Overload) -> str:
+    motor = f"its stall torque of {one.stall:.2f} N·m"
+    if one.effort:
+        motor = f"the effort of {one.stall:.3g} N·m that its URDF file gives"
+    share = 100 * one.torque / one.stall
+    return f"gravity loads it with {one.torque:.2f} N·m, {share:.0f} % of {motor} (counted: {one.counted})"
+
+
+def _lighter(one: Overload) -> str:
+    if one.effort:
+        return f"if the motor is another one, write its stall_torque_nm of {one.joint} into the side file"
+    if one.over:
+        return "keep the load nearer to the joint, or take a lighter one"
+    return "do not stay there for long: the motor gets hot"
+
+
+_FREER = {
+    "pitch kept": "only the tool pitch kept",
+    "pitch free": "the tool pitch free",
+    "orientation free": "the tool orientation free",
+}
+
+
+def _on_curve(one: OnCurve) -> str:
+    x, y, z = (1000.0 * value for value in one.point_m)
+    return f"{100.0 * one.fraction:.0f} % of the {one.curve} (x {x:z.1f}, y {y:z.1f}, z {z:z.1f} mm)"
+
+
+def _not_now(one: NotNow) -> str:
+    why = _state(one)
+    return f"{one.asked} needs the arm {one.need.value}, it is {why}" if one.asked else f"the arm is {why}"
+
+
+def _state(one: NotNow) -> str:
+    told, moves = f" ({one.cause})" if one.cause else "", one.state in (State.MOVING, State.PAUSED)
+    if one.state is State.DISCONNECTED:
+        return f"disconnected; connect {'first' if one.need in _ALLOWS_OFF else 'and enable first'}"
+    if one.state is State.OFF:
+        return f"off; {'enable first' if one.homed else HOME_FIRST}"
+    if moves and one.stopping:
+        return "stopping; wait until it stands"
+    if moves and one.need is Need.PAUSE and one.doing:
+        return f"{one.state.value}{told}; {one.doing} cannot be paused; press STOP"
+    if moves and one.need is Need.GRIPPER:
+        return f"{one.state.value}{told}; the gripper is not free: wait, or stop first"
+    if moves and one.need is not Need.OFF:
+        return f"{one.state.value}{told}; stop first"
+    if one.state is State.FAULT:
+        return f"in fault{told}; {'clear the fault first' if one.connected else 'connect again'}"
+    nothing = "there is nothing to pause" if one.need is Need.PAUSE else "the arm is enabled already"
+    return f"{one.state.value}{told}; {nothing}"
+
+
+WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
+    AngleLimit: _angle,
+    StandsOutside: _stands,
+    WrongUnit: lambda _: WRONG_UNIT,
+    RateLimit: _rate,
+    SpeedJump: _jump,
+    MotionEndsMoving: lambda one: f"the motion {one.end} at {math.degrees(one.speed):.2f} °/s",
+    Blocked: _blocked,
+    Singular: _singular,
+    Overload: _overload,
+    OnCurve: _on_curve,
+    NotNow: _not_now,
+}
+ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
+    AngleLimit: _keep_away,
+    RateLimit: _slower,
+    SpeedJump: lambda _: "let a part end as fast as the next one begins, or let both be at rest there",
+    MotionEndsMoving: lambda _: "let it start and end at rest",
+    Blocked: _round_it,
+    Singular: _by_joints,
+    Overload: _lighter,
+    OnCurve: lambda one: f"with {_FREER[one.freer]} the arm can follow it" if one.freer else "",
+}

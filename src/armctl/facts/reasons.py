@@ -1,0 +1,199 @@
+"""The kinds of reasons: one frozen record each, in SI units and radians.
+
+A reason is what armctl knows, not what it says of it: ``armctl.facts.words`` has the words. ``part`` is the
+title of a joint, of an angle between links or of a part of the arm, as its robot file has it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from armctl.facts.states import Need, State
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """Why something is refused or warned of."""
+
+
+@dataclass(frozen=True, slots=True)
+class Said(Reason):
+    """What only a sentence tells so far."""
+
+    text: str
+    mend: str = ""
+    """what to do about it; empty where ``text`` says it"""
+
+
+@dataclass(frozen=True, slots=True)
+class Several(Reason):
+    """More than one reason at once."""
+
+    reasons: tuple[Reason, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class About(Reason):
+    """A reason with what it is about: a file, a step, a joint."""
+
+    thing: str
+    reason: Reason
+
+
+@dataclass(frozen=True, slots=True)
+class Advised(Reason):
+    """A reason, and what to do about it where it was met."""
+
+    reason: Reason
+    mend: str
+
+
+@dataclass(frozen=True, slots=True)
+class AngleLimit(Reason):
+    """A joint, or an angle between links, beyond its limits [rad]."""
+
+    part: str
+    angle: float
+    low: float
+    high: float
+    between_links: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class StandsOutside(Reason):
+    """A joint of an arm whose servos are off, beyond its limits [rad]."""
+
+    joint: str
+    """its title"""
+    angle: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class WrongUnit(Reason):
+    """Numbers that are nearly certainly of another unit."""
+
+
+Rate = Literal["speed", "acceleration", "jerk"]
+
+
+@dataclass(frozen=True, slots=True)
+class RateLimit(Reason):
+    """A joint faster than its limit of speed [rad/s], acceleration [rad/s²] or jerk [rad/s³] allows."""
+
+    part: str
+    rate: Rate
+    value: float
+    """infinite: its speed jumps at a corner of the path"""
+    limit: float
+
+    @property
+    def longer(self) -> float:
+        """How many times as long the motion must take, rounded up to hundredths."""
+        order = ("speed", "acceleration", "jerk").index(self.rate)
+        return math.ceil(100.0 * (self.value / self.limit) ** (1 / (order + 1))) / 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedJump(Reason):
+    """A joint whose speed jumps [rad/s] where one part of a motion ends and the next begins."""
+
+    part: str
+    jump: float
+
+
+@dataclass(frozen=True, slots=True)
+class MotionEndsMoving(Reason):
+    """A motion at one of whose ends a joint still moves [rad/s]."""
+
+    part: str
+    end: Literal["starts", "ends"]
+    speed: float
+
+
+@dataclass(frozen=True, slots=True)
+class Blocked(Reason):
+    """A part of the arm in the floor, in an obstacle, or in another part of the arm."""
+
+    kind: Literal["floor", "obstacle", "self-collision"]
+    part: str
+    other: str
+    """what it is in; of the floor empty"""
+    depth_m: float
+    """how deep; negative: so far from it, which is too near"""
+    fitted: bool = False
+    """told by convex hulls round shapes that may be hollow there"""
+    at_rest_m: float = 0.0
+    """how deep it is at rest, which is allowed"""
+    surfaces: bool = False
+    """told by the surfaces themselves, to which a distance is kept"""
+
+
+@dataclass(frozen=True, slots=True)
+class Singular(Reason):
+    """A pose in which the tool moves in one direction slowly, or not at all."""
+
+    isotropy: float
+    """speed in the slowest direction over that in the fastest"""
+    lost: bool
+    """whether the motion needs that direction"""
+
+
+@dataclass(frozen=True, slots=True)
+class Overload(Reason):
+    """A joint that gravity loads with much of what its motor can hold, or more [N·m]."""
+
+    part: str
+    joint: str
+    """its name in the robot file"""
+    torque: float
+    stall: float
+    counted: str
+    """the masses that are counted"""
+    over: bool
+    """more than the motor can hold"""
+    effort: bool
+    """``stall`` is the effort of a URDF file, which simulators need and many files make up"""
+
+
+Freer = Literal["pitch kept", "pitch free", "orientation free"]
+"""what is asked of the tool besides its point, where less would do"""
+
+
+@dataclass(frozen=True, slots=True)
+class OnCurve(Reason):
+    """Why the tool cannot be led along a line or an arc, and where."""
+
+    curve: str
+    """what it is called"""
+    fraction: float
+    """share of the way, 0 … 1"""
+    point_m: tuple[float, float, float]
+    """the tool point there, in the base frame"""
+    reason: Reason
+    at_s: float | None = None
+    """when the tool comes there; None: not known yet"""
+    freer: Freer | None = None
+    """with how much less asked of the tool the arm can follow the whole curve; None: with nothing less"""
+
+
+@dataclass(frozen=True, slots=True)
+class NotNow(Reason):
+    """A command that the arm does not take in the state that it is in."""
+
+    asked: str
+    """what was asked for ("a motion"); empty: it is known from where it is said"""
+    need: Need
+    state: State
+    cause: str = ""
+    """of the state"""
+    doing: str = ""
+    """what moves the arm"""
+    stopping: bool = False
+    connected: bool = True
+    """there is a board"""
+    homed: bool = True
+    """every axis that has to knows where it is"""

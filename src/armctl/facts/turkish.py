@@ -1,0 +1,191 @@
+"""What is said of each kind of reason, in Turkish."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from armctl.facts.numbers import decimals_apart, degrees_apart
+from armctl.facts.reasons import (
+    AngleLimit,
+    Blocked,
+    MotionEndsMoving,
+    NotNow,
+    OnCurve,
+    Overload,
+    RateLimit,
+    Reason,
+    Singular,
+    SpeedJump,
+    StandsOutside,
+    WrongUnit,
+)
+from armctl.facts.states import Need, State
+
+AT = "{:.{}f} saniyede, "
+STATES = {
+    State.DISCONNECTED: "bağlı değil",
+    State.OFF: "kapalı",
+    State.HOLDING: "konumunu koruyor",
+    State.MOVING: "hareket ediyor",
+    State.PAUSED: "duraklatıldı",
+    State.FAULT: "arızada",
+}
+_NEEDS = {
+    Need.HOLDING: "konumunu korumalı",
+    Need.JOG: "konumunu korumalı ya da elle sürülmeli",
+    Need.PAUSE: "hareket etmeli",
+    Need.GRIPPER: "etkin olmalı",
+    Need.OFF: "kapalı olmalı",
+    Need.OFF_OR_HOLDING: "kapalı olmalı ya da konumunu korumalı",
+}
+_HOME_FIRST = "Homing düğmesine basın (her eksen sıfırına gider)"
+_WRONG_UNIT = (
+    "birim yanlış mı? Robot ve armctl.motion metre ve radyan ile; Arm, programlar, sayfalar ve komut "
+    "satırı milimetre ve derece ile sayar"
+)
+_UNITS = {"speed": "°/s", "acceleration": "°/s²", "jerk": "°/s³"}
+_FREER = {
+    "pitch kept": "yalnız takım eğimi korunursa",
+    "pitch free": "takım eğimi serbest bırakılırsa",
+    "orientation free": "takım yönelimi serbest bırakılırsa",
+}
+_CURVES = {"line": "doğrunun", "arc": "yayın"}
+
+
+def _angle(one: AngleLimit) -> str:
+    angle, low, high = degrees_apart(one.angle, one.low, one.high)
+    return f"{angle}, {low} … {high} aralığının dışında"
+
+
+def _keep_away(one: AngleLimit) -> str:
+    other = "başka bir noktadan geçen bir yol" if one.between_links else "daha düz bir yol"
+    return f"bu sınırdan uzak durun: başka bir hedef ya da {other} seçin"
+
+
+def _stands(one: StandsOutside) -> str:
+    angle, low, high = (math.degrees(value) for value in (one.angle, one.low, one.high))
+    return f"{one.joint} {angle:.1f}° açısında duruyor, {low:.1f}° … {high:.1f}° aralığının dışında"
+
+
+def _rate(one: RateLimit) -> str:
+    unit, limit, value = _UNITS[one.rate], math.degrees(one.limit), math.degrees(one.value)
+    if not math.isfinite(value):
+        return f"yolun bir köşesinde hızı sıçrıyor; sınırı {limit:.1f} {unit}"
+    shown = decimals_apart(value, limit, least=1)
+    return f"{value:.{shown}f} {unit}, {limit:.{shown}f} {unit} olan sınırını aşıyor"
+
+
+def _slower(one: RateLimit) -> str:
+    if not math.isfinite(one.value):
+        return "orada durun ya da yolu yuvarlatın"
+    return f"süreyi {one.longer:.2f} katına çıkarın"
+
+
+def _blocked(one: Blocked) -> str:
+    depth_mm, at_rest_mm = 1000 * one.depth_m, 1000 * one.at_rest_m
+    if one.kind == "floor":
+        return f"zeminin {depth_mm:.1f} mm altında"
+    if one.surfaces:
+        near = f"{-depth_mm:.1f} mm yakın" if depth_mm < 0.0 else "değiyor"
+        return f"{one.other} parçasına {near}"
+    hulls = ", dışbükey gövdelere göre" if one.fitted else ""
+    rest = f" (dururken {at_rest_mm:.1f} mm)" if at_rest_mm > 0 else ""
+    return f"{one.other} parçasının {depth_mm:.1f} mm içinde{hulls}{rest}"
+
+
+def _round_it(one: Blocked) -> str:
+    if one.kind == "floor":
+        return "hedefi yükseltin ya da daha yüksek bir noktadan dolaşın"
+    if one.kind == "obstacle":
+        return f"başka bir hedef seçin ya da {one.other} çevresinden başka bir noktayla dolaşın"
+    return f"başka bir hedef seçin ya da {one.other} parçasından daha uzak bir noktadan dolaşın"
+
+
+def _singular(one: Singular) -> str:
+    percent = 100 * one.isotropy
+    if percent < 0.1:
+        return "tekillik: takım bir yönde hareket edemiyor"
+    return f"tekilliğe yakın: takım bir yönde en hızlı yöndekinin yalnız % {percent:.1f} hızında"
+
+
+def _by_joints(one: Singular) -> str:
+    if one.lost:
+        return "eklem hareketleri uygundur; oradan geçmeyen bir doğru seçin"
+    return "eklem hareketleri uygundur; oradan bir doğru ya da takım sürüşü yavaş olur ya da reddedilir"
+
+
+def _overload(one: Overload) -> str:
+    motor = f"{one.stall:.2f} N·m durma torkunun"
+    if one.effort:
+        motor = f"URDF dosyasındaki {one.stall:.3g} N·m değerinin"
+    share = 100 * one.torque / one.stall
+    return f"yerçekimi onu {one.torque:.2f} N·m ile yüklüyor, {motor} % {share:.0f} kadarı ({one.counted})"
+
+
+def _lighter(one: Overload) -> str:
+    if one.effort:
+        return f"motor başkaysa {one.joint} için stall_torque_nm değerini yan dosyaya yazın"
+    if one.over:
+        return "yükü ekleme yaklaştırın ya da daha hafif bir yük alın"
+    return "orada uzun durmayın: motor ısınır"
+
+
+def _on_curve(one: OnCurve) -> str:
+    x, y, z = (1000.0 * value for value in one.point_m)
+    share = f"{_CURVES.get(one.curve, one.curve)} % {100.0 * one.fraction:.0f} noktasında"
+    return f"{share} (x {x:z.1f}, y {y:z.1f}, z {z:z.1f} mm)"
+
+
+def _not_now(one: NotNow) -> str:
+    why = _state(one)
+    return f"{one.asked}: kol {_NEEDS[one.need]}, şimdi {why}" if one.asked else f"kol {why}"
+
+
+def _state(one: NotNow) -> str:
+    now, moves = STATES[one.state], one.state in (State.MOVING, State.PAUSED)
+    told = f"{now} ({one.cause})" if one.cause else now
+    if one.state is State.DISCONNECTED:
+        off = one.need in (Need.OFF, Need.OFF_OR_HOLDING)
+        return f"{now}; önce bağlanın" if off else f"{now}; bağlanın ve etkinleştirin"
+    if one.state is State.OFF:
+        return f"{now}; {'önce etkinleştirin' if one.homed else _HOME_FIRST}"
+    if moves and one.stopping:
+        return "duruyor; durana kadar bekleyin"
+    if moves and one.need is Need.PAUSE and one.doing:
+        return f"{told}; {one.doing} duraklatılamaz; STOP düğmesine basın"
+    if moves and one.need is Need.GRIPPER:
+        return f"{told}; tutucu serbest değil: bekleyin ya da önce durdurun"
+    if moves and one.need is not Need.OFF:
+        return f"{told}; önce durdurun"
+    if one.state is State.FAULT:
+        return f"{told}; {'önce arızayı temizleyin' if one.connected else 'yeniden bağlanın'}"
+    return f"{told}; {'duraklatılacak bir şey yok' if one.need is Need.PAUSE else 'kol zaten etkin'}"
+
+
+WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
+    AngleLimit: _angle,
+    StandsOutside: _stands,
+    WrongUnit: lambda _: _WRONG_UNIT,
+    RateLimit: _rate,
+    SpeedJump: lambda one: f"hareketin iki parçası arasında hızı {math.degrees(one.jump):.2f} °/s sıçrıyor",
+    MotionEndsMoving: lambda one: (
+        f"hareket {math.degrees(one.speed):.2f} °/s ile {'başlıyor' if one.end == 'starts' else 'bitiyor'}"
+    ),
+    Blocked: _blocked,
+    Singular: _singular,
+    Overload: _overload,
+    OnCurve: _on_curve,
+    NotNow: _not_now,
+}
+ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
+    AngleLimit: _keep_away,
+    RateLimit: _slower,
+    SpeedJump: lambda _: "bir parça, sonraki başladığı hızda bitsin, ya da ikisi de orada dursun",
+    MotionEndsMoving: lambda _: "durgun başlasın ve durgun bitsin",
+    Blocked: _round_it,
+    Singular: _by_joints,
+    Overload: _lighter,
+    OnCurve: lambda one: f"{_FREER[one.freer]} kol onu izleyebilir" if one.freer else "",
+}

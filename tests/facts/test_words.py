@@ -1,0 +1,149 @@
+"""Reasons travel as data, and every kind of them has words in every language."""
+
+from __future__ import annotations
+
+import json
+import math
+import pickle
+
+import pytest
+
+from armctl.errors import EnableError, StateError
+from armctl.facts import (
+    About,
+    Advised,
+    AngleLimit,
+    Blocked,
+    MotionEndsMoving,
+    Need,
+    NotNow,
+    OnCurve,
+    Overload,
+    RateLimit,
+    Reason,
+    Said,
+    Several,
+    Singular,
+    SpeedJump,
+    StandsOutside,
+    State,
+    WrongUnit,
+    advice,
+    at,
+    say,
+    state_words,
+    what,
+)
+from armctl.facts.records import KINDS, fact_of, fact_record
+from armctl.facts.words import LANGUAGES, preferred
+
+ELBOW = AngleLimit("Elbow", math.radians(190.004), -math.pi, math.radians(190))
+SAMPLES: list[Reason] = [
+    Said("no", "mend it"),
+    About("step 3", ELBOW),
+    Advised(ELBOW, "choose another pose"),
+    Several((ELBOW, WrongUnit())),
+    ELBOW,
+    AngleLimit("Angle between links", 1.0, 0.0, 0.5, between_links=True),
+    StandsOutside("Base", 2.0, -1.0, 1.0),
+    WrongUnit(),
+    RateLimit("Base", "speed", 2.0, 1.0),
+    RateLimit("Base", "jerk", 8.0, 1.0),
+    RateLimit("Base", "acceleration", math.inf, 1.0),
+    SpeedJump("Base", 0.5),
+    MotionEndsMoving("Base", "starts", 0.5),
+    MotionEndsMoving("Base", "ends", 0.5),
+    Blocked("floor", "the jaw", "", 0.012),
+    Blocked("obstacle", "the jaw", "the box", 0.012, fitted=True),
+    Blocked("self-collision", "the jaw", "the base", 0.012, at_rest_m=0.004),
+    Blocked("self-collision", "the jaw", "the base", -0.002, surfaces=True),
+    Singular(0.004, lost=True),
+    Singular(0.0, lost=False),
+    Overload("Shoulder", "shoulder", 1.2, 1.0, "links", over=True, effort=False),
+    Overload("Shoulder", "shoulder", 0.6, 1.0, "links", over=False, effort=True),
+    OnCurve("line", 0.25, (0.1, 0.2, 0.3), Said("it ends", "move the line"), 1.5),
+    OnCurve("arc", 0.25, (0.1, 0.2, 0.3), Said("it ends"), None, "pitch free"),
+    *(NotNow("a motion", need, state) for need in Need for state in State),
+    NotNow("", Need.PAUSE, State.MOVING, "a line", "a line", stopping=True),
+    NotNow("", Need.PAUSE, State.MOVING, "a line", "a line"),
+]
+
+
+def test_each_kind_of_reason_has_a_sample() -> None:
+    assert {type(one) for one in SAMPLES} == set(KINDS.values()) - {Reason}
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("reason", SAMPLES, ids=lambda one: type(one).__name__)
+def test_it_has_words_in_every_language(reason: Reason, language: str) -> None:
+    for text in (what(reason, language), say(reason, language)):
+        assert text and text == text.strip() and "None" not in text
+    assert advice(reason, language) == advice(reason, language).strip()
+    assert at(1.234, 2, language).strip().endswith(",") and at(None, language=language) == ""
+
+
+def test_no_kind_lacks_a_word_and_no_word_lacks_its_kind() -> None:
+    tables = [set(one.what) for one in LANGUAGES.values()]
+    assert all(one == tables[0] for one in tables)
+    assert tables[0] | {Said, About, Advised, Several, Reason} == set(KINDS.values())
+    assert len({frozenset(one.advice) for one in LANGUAGES.values()}) == 1
+    for language in LANGUAGES:
+        assert len({state_words(state, language) for state in State}) == len(State)
+
+
+@pytest.mark.parametrize("reason", SAMPLES, ids=lambda one: type(one).__name__)
+def test_it_travels_as_a_record(reason: Reason) -> None:
+    record = fact_record(reason)
+    assert record["fact"] == type(reason).__name__
+    assert fact_of(json.loads(json.dumps(record))) == reason
+    assert pickle.loads(pickle.dumps(reason)) == reason
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        {},
+        {"fact": "os.system"},
+        {"fact": "AngleLimit", "part": "Elbow"},
+        fact_record(ELBOW) | {"angle": "wide"},
+        fact_record(NotNow("a motion", Need.HOLDING, State.OFF)) | {"state": "asleep"},
+        fact_record(About("step 3", ELBOW)) | {"reason": {"fact": "Unheard"}},
+    ],
+)
+def test_a_record_that_is_none_is_nothing(record: dict[str, object]) -> None:
+    assert fact_of(record) is None
+
+
+@pytest.mark.parametrize(
+    ("settings", "language"),
+    [
+        ({}, "en"),
+        ({"LANG": "C.UTF-8"}, "en"),
+        ({"LANG": "tr_TR.UTF-8"}, "tr"),
+        ({"LANG": "de_DE.UTF-8"}, "en"),
+        ({"LANG": "tr_TR.UTF-8", "LC_ALL": "C"}, "en"),
+        ({"LANG": "en_GB", "LC_MESSAGES": "tr_TR"}, "tr"),
+    ],
+)
+def test_the_language_is_the_users(settings: dict[str, str], language: str) -> None:
+    assert preferred(settings) == language
+
+
+def test_an_error_keeps_its_reason_and_makes_its_words_when_they_are_read(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    error = StateError(NotNow("a motion", Need.HOLDING, State.OFF))
+    assert str(error) == "a motion needs the arm holding, it is off; enable first"
+    monkeypatch.setenv("LC_ALL", "tr_TR.UTF-8")
+    assert str(error) == "a motion: kol konumunu korumalı, şimdi kapalı; önce etkinleştirin"
+    assert str(EnableError("said in English")) == "said in English"
+    about = error.about("step 2")
+    assert isinstance(about, StateError) and about.reason == About("step 2", error.reason)
+    assert str(pickle.loads(pickle.dumps(about))) == str(about)
+
+
+def test_numbers_read_unlike_the_limit_that_they_pass() -> None:
+    assert say(ELBOW) == "Elbow: 190.004° is outside -180.000° … 190.000°"
+    assert RateLimit("Base", "speed", 2.0, 1.0).longer == 2.0
+    assert RateLimit("Base", "jerk", 8.0, 1.0).longer == 2.0
+    assert advice(RateLimit("Base", "jerk", 8.0, 1.0)) == "take 2.00 times as long"
