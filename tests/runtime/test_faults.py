@@ -32,7 +32,7 @@ from armctl.runtime.mover import PathMover
 from armctl.runtime.snapshot import EventLog
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
-SILENT = BoardTimeoutError("no answer; check the cable and the power supply")
+SILENT = BoardTimeoutError(Unanswered("no answer", "the cable and the power supply"))
 
 
 @pytest.fixture

@@ -19,6 +19,7 @@ from armctl.facts.reasons import (
     Singular,
     SpeedJump,
     StandsOutside,
+    Unanswered,
     WrongUnit,
 )
 from armctl.facts.states import Need, State
@@ -45,6 +46,7 @@ __all__ = [
     "SpeedJump",
     "StandsOutside",
     "State",
+    "Unanswered",
     "WrongUnit",
     "advice",
     "at",

@@ -28,6 +28,15 @@ class Said(Reason):
 
 
 @dataclass(frozen=True, slots=True)
+class Unanswered(Reason):
+    """A board that did not answer, or nothing that can be read."""
+
+    what: str
+    check: str
+    """where the cause may be"""
+
+
+@dataclass(frozen=True, slots=True)
 class Several(Reason):
     """More than one reason at once."""
 

@@ -19,6 +19,7 @@ from armctl.facts.reasons import (
     Singular,
     SpeedJump,
     StandsOutside,
+    Unanswered,
     WrongUnit,
 )
 from armctl.facts.states import Need, State
@@ -178,6 +179,7 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     Overload: _overload,
     OnCurve: _on_curve,
     NotNow: _not_now,
+    Unanswered: lambda one: f"{one.what}; şunu denetleyin: {one.check}",
 }
 ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     AngleLimit: _keep_away,

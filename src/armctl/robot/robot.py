@@ -39,8 +39,8 @@ from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
 from armctl.robot.parts import Gripper, Joint, Look, Obstacle, Shape
 
 _PROBES = 64
-BODY_ASSUMED = "the body: convex hulls of the shapes"
-"""how the line of ``assumed`` begins that ``with_body`` has more to say about"""
+BODY_ASSUMED = "the body: convex hulls of the shapes that are drawn (armctl check says how closely)"
+"""a line of ``assumed`` that ``with_body`` has more to say about"""
 BODY_GUESSED = (
     "the body: guessed from the lengths of the links, so what is called clear may touch. "
     "Give the arm a look: 'armctl new NAME --from ROBOT --look' prints the guess to go on from"
@@ -259,7 +259,7 @@ class Robot(ArrayRecord):
         return None if known is None else self._with(known)
 
     def _with(self, body: ArmBody) -> Robot:
-        assumed = tuple(text for text in self.assumed if not text.startswith(BODY_ASSUMED))
+        assumed = tuple(text for text in self.assumed if text != BODY_ASSUMED)
         shapes = tuple(shape for k, shape in enumerate(self.shapes) if k not in body.unused)
         return replace(self, capsules=body.capsules, assumed=(*assumed, *body.notes), shapes=shapes)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, BoardError, BoardProtocolError, BoardTimeoutError, StateError
-from armctl.facts import Quantities
+from armctl.facts import Quantities, Unanswered, say
 from armctl.hardware import ChannelSettings, Driver, HomingState, Readback, Source
 from armctl.hardware.boards import board_type
 from armctl.hardware.driver import translated
@@ -300,7 +300,8 @@ class Monitor:
             self.doubt()
             silent = now - self._answered_at
             if self._failures >= _READ_FAILURES and silent >= _SILENCE_S:
-                what = str(cause).partition("; check ")[0]  # what to check is said once
+                why = cause.reason
+                what = why.what if isinstance(why, Unanswered) else say(why)  # what to check is said once
                 raise BoardError(
                     f"lost the board: {self._failures} readings in a row failed in {silent:.1f} s ({what}); "
                     "check the cable and the power, then connect again"

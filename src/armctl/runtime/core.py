@@ -121,7 +121,9 @@ class Core:
     def doing(self) -> Doing | None:
         """What moves the arm."""
         it = self.activity
-        return None if it is None else Doing(it.label, it.pausable, it.gripping, bool(self.stopped_by))
+        if it is None:
+            return None
+        return Doing(it.label, it.pausable, it.gripping, bool(self.stopped_by), it.notice)
 
     @property
     def busy(self) -> bool:

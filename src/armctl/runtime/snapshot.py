@@ -47,6 +47,8 @@ class Doing:
     """the gripper is not free"""
     stopping: bool
     """it comes to rest, and does not go on"""
+    notice: str | None = None
+    """what holds it back, in words"""
 
     def takes(self, need: Need) -> bool:
         """Whether what needs this is taken meanwhile."""

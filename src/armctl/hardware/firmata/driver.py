@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
+from armctl.facts import Unanswered
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
 from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checked, ok, round_trips, warning
 from armctl.hardware.firmata import HOW_TO_LOAD, SCALE, codec, pin_table
@@ -22,6 +23,7 @@ COMMANDED_NOTE = "hobby servos tell nothing back: positions are what armctl comm
 _ASK_DEVICE_AFTER_S = 2.5
 _ASK_OTHERS_AFTER_S = 0.2
 _RELEASE_ATTEMPTS = 2
+_CABLE_AND_SUPPLY = "the cable and the board's power supply"
 _ASK_ATTEMPTS = 3
 _SILENT_PART = 0.5
 """of the time that an answer may take: so long without any, and no setpoint is sent"""
@@ -139,15 +141,11 @@ class FirmataDriver:
         if self._malformed:
             raw = self._malformed[0].raw
             self._malformed.clear()
-            raise BoardProtocolError(
-                f"{line.name}: the board sent {raw[:12].hex(' ')}, which is no whole message; "
-                "check the USB cable"
-            )
+            what = f"{line.name}: the board sent {raw[:12].hex(' ')}, which is no whole message"
+            raise BoardProtocolError(Unanswered(what, "the USB cable"))
         if self._silent:
-            raise BoardTimeoutError(
-                f"{line.name}: no answer for {1000 * watch.silent_s(self._now()):.0f} ms; check the cable "
-                "and the board's power supply"
-            )
+            what = f"{line.name}: no answer for {1000 * watch.silent_s(self._now()):.0f} ms"
+            raise BoardTimeoutError(Unanswered(what, _CABLE_AND_SUPPLY))
         words, self._words = tuple(dict.fromkeys(self._words)), []
         asked, watch.asked, lost, watch.lost = watch.asked, 0, watch.lost, 0
         delays = [one for one in (watch.delay_s, self._delay_s) if one is not None]
@@ -270,11 +268,11 @@ class FirmataDriver:
         return marker
 
     def _not_told(self, pins: Sequence[int]) -> BoardTimeoutError:
-        return BoardTimeoutError(
+        what = (
             f"{self._firmata.name}: the board did not tell the state of pin {_listed(pins)} within "
-            f"{self._timeout_s * 1000:.0f} ms, though asked {_ASK_ATTEMPTS} times; check the cable and the "
-            "board's power supply"
+            f"{self._timeout_s * 1000:.0f} ms, though asked {_ASK_ATTEMPTS} times"
         )
+        return BoardTimeoutError(Unanswered(what, _CABLE_AND_SUPPLY))
 
     def _sure_states(self, pins: Sequence[int]) -> dict[int, PinState]:
         """The states of ``pins`` that two answers agree on; what does not come in time is missing."""

@@ -7,6 +7,7 @@ from contextlib import suppress
 from typing import TypeVar
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
+from armctl.facts import Unanswered
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
 from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checked, ok, round_trips, warning
 from armctl.hardware.maestro import (
@@ -280,10 +281,9 @@ class MaestroLine:
         reply = self._transport.read(count, timeout_s)
         if len(reply) < count:
             self._resync()
-            raise BoardTimeoutError(
-                f"{self.name}: the board answered {len(reply)} of {count} bytes within "
-                f"{timeout_s * 1000:.0f} ms; check the cable and the board's power supply"
-            )
+            what = f"{self.name}: the board answered {len(reply)} of {count} bytes within"
+            check = "the cable and the board's power supply"
+            raise BoardTimeoutError(Unanswered(f"{what} {timeout_s * 1000:.0f} ms", check))
         return self._decode(channels, reply)
 
     def _decode(self, channels: Sequence[int], reply: bytes) -> tuple[dict[int, float | None], MaestroErrors]:

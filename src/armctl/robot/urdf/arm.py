@@ -438,7 +438,7 @@ def _about_shapes(
     tree: UrdfTree, way: Sequence[UrdfJoint], shapes: Sequence[Shape], missing: Sequence[str], side: SideFile
 ) -> Iterable[str]:
     if shapes:
-        yield f"{BODY_ASSUMED} that are drawn (armctl check says how closely)"
+        yield BODY_ASSUMED
         on_way = {joint.name for joint in way}
         idle = [
             joint.name

@@ -250,7 +250,7 @@ class LiveTarget:
         """Show what follows, and what holds it back."""
         note = None if self._twin is None else self._twin[0].notice
         if self._mode == ARM:
-            note = next((text for text in snapshot.warnings if text.startswith("live target")), None)
+            note = None if snapshot.doing is None else snapshot.doing.notice
         self._text.show(_TEXT[self._mode])
         self._note.visible = note is not None
         self._note.show(f"<div style='color:{WARNING}'>⚠ {escape(note or '')}</div>")
