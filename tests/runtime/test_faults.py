@@ -7,6 +7,7 @@ import pytest
 from tests.runtime.kit import ROBOT, TICK, Rig, fails
 
 from armctl.errors import (
+from armctl.facts import Unanswered
     ArmctlError,
     BoardError,
     BoardProtocolError,
