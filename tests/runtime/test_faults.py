@@ -7,13 +7,13 @@ import pytest
 from tests.runtime.kit import ROBOT, TICK, Rig, fails
 
 from armctl.errors import (
-from armctl.facts import Unanswered
     ArmctlError,
     BoardError,
     BoardProtocolError,
     BoardTimeoutError,
     MotionRefusedError,
 )
+from armctl.facts import Unanswered
 from armctl.program import Program, WaitStep
 from armctl.runtime import (
     ClearFault,
