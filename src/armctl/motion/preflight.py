@@ -304,12 +304,18 @@ def _limit_findings(motion: SampledMotion) -> Iterator[Finding]:
 def _turn_findings(motion: SampledMotion) -> Iterator[Finding]:
     """Angles between links of a parallel linkage beyond their limits."""
     chain = motion.robot.chain
-    for k, limit in enumerate(chain.turn_limits):
+    if not chain.turn_limits:
+        return
+    excess = chain.turn_excess(motion.q)
+    change = np.diff(motion.time)[:, None] * (motion.speed[1:] @ np.abs(chain.turn_rows()).T)
+    most = excess.max(axis=0) + 0.5 * change.max(axis=0, initial=0.0)
+    for k in np.flatnonzero(most > 0.0).tolist():
+        limit = chain.turn_limits[k]
 
         def room(time: FloatArray, k: int = k) -> FloatArray:
             return -chain.turn_excess(motion.trajectory.sample(time).q)[:, k]
 
-        at = int(chain.turn_excess(motion.q)[:, k].argmax())
+        at = int(excess[:, k].argmax())
         when = motion.least_at(room, *motion.beside(at))
         if room(np.array([when]))[0] < -_ANGLE_TOLERANCE:
             turn = float(chain.turns(motion.trajectory.sample(np.array([when])).q)[0, limit.link])
@@ -412,7 +418,7 @@ def _closed(motion: SampledMotion, source: Gaps, links: LinkFrames) -> _Closed |
     gap is at least (g₀ + g₁ - D) / 2 there. Where that does not prove it open, the interval is halved. Told
     are the samples, if a gap is closed too far at any of them, else the first halves that show one.
     """
-    if not len(source.parts):
+    if not len(source.levers):
         return None
     speed = np.minimum(motion.speed[1:], _TOO_FAST * motion.robot.speed_limits)
     change = source.levers @ (speed * np.diff(motion.time)[:, None]).T
@@ -436,7 +442,9 @@ def _closed(motion: SampledMotion, source: Gaps, links: LinkFrames) -> _Closed |
             middle = 0.5 * (early[0] + early[1])
             early[2 + 2 * k :] *= 0.5
             frames = motion.robot.body_frames(motion.trajectory.sample(middle).q)
-            slack = source.gaps(frames, 0.5 * early[2 + 2 * k :]) - allowed
+            never = 0.5 * (early[2 : 2 + k] + early[2 + k : 2 + 2 * k]) >= early[2 + 2 * k :]
+            enough = np.where(never, -np.inf, 0.5 * early[2 + 2 * k :])
+            slack = np.where(never, np.inf, source.gaps(frames, enough) - allowed)
             late = early.copy()
             early[1], early[2 + k : 2 + 2 * k] = middle, slack
             late[0], late[2 : 2 + k] = middle, slack
