@@ -168,7 +168,7 @@ def test_undersides_that_no_joint_lifts_are_left_out() -> None:
     robot = load_robot("uzuner")
     held = robot.limits.copy()
     held[1:] = held[1:, :1]  # only the base turns
-    assert undersides(robot.collision, [j.title for j in robot.joints], held) == ()
+    assert undersides(robot.collision, [j.title for j in robot.joints], held, held.T) == ()
 
 
 # Distances of segments against points sampled on them.

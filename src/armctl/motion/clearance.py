@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from itertools import accumulate, product
 from typing import ClassVar, Literal
 
@@ -52,10 +53,8 @@ class Floor:
             for link in dict.fromkeys(one.link for one in self._undersides)
             for which in [[k for k, one in enumerate(self._undersides) if one.link == link]]
         ]
-        self.closed = np.zeros(len(self.parts))
-        if robot.resting and self.parts:
-            posed = self.clearance(np.array(robot.resting)).min(axis=0)
-            self.closed = np.clip(posed, -thickness, 0.0)
+        rests = np.array([one.rests for one in self._undersides]) - robot.floor_z
+        self.closed = np.clip(rests, -thickness, 0.0)
 
     def clearance(self, q: ArrayLike) -> FloatArray:
         """(..., k) heights above the floor [m] at ``q`` (..., n) [rad], negative below it; k may be 0."""
@@ -130,8 +129,12 @@ class SelfCollision:
     def __init__(self, robot: Robot) -> None:
         self._model, self._of_shapes = robot.collision, bool(robot.shapes)
         self.levers = self._model.pair_levers
-        self.parts = tuple(self._model.capsules[j].part for _, j in self._model.pairs)
         self.closed = self._model.closed
+
+    @cached_property
+    def parts(self) -> tuple[str, ...]:
+        """Names, which only a refusal needs."""
+        return tuple(self._model.capsules[j].part for _, j in self._model.pairs)
 
     def gaps(self, links: LinkFrames, enough: ArrayLike = NEAR_M) -> FloatArray:
         """(k, m) [m] at m configurations, negative where a pair overlaps; lower bounds beyond ``enough``."""

@@ -93,6 +93,7 @@ class Bodies(ArrayRecord):
                 self.collision(openings),
                 self.titles,
                 self.limits,
+                self.resting,
                 None if part is None else part.hung(self.chain),
                 with_points=self.given is not None,
             )

@@ -60,6 +60,8 @@ def _of_joints(chain: Chain, levers: FloatArray) -> FloatArray:
 
 NEAR_M = 0.02
 """Beyond this a gap is given as a lower bound, which costs less than its exact size."""
+_AT_ONCE = 32
+"""configurations of which all capsules are compared with all, so that the processor's cache holds them"""
 _SAMPLES, _FIRST_SAMPLES, _FEW_SAMPLES = 512, 8, 3
 _BESIDE_M = 4e-4
 """What lies beside each other may overlap by this: less than the pre-flight lets parts dip."""
@@ -292,7 +294,7 @@ class CollisionModel:
     @cached_property
     def pair_levers(self) -> FloatArray:
         """(k, n) how much the gap of each pair changes a radian of each joint, at most [m/rad]."""
-        first, second = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
+        first, second = self._pieces
         levers = self._link_levers[first] + self._link_levers[second]
         for row, pair in zip(levers, self.pairs, strict=True):
             links = (_mount(self.chain, self.mounts, self.capsules[i].link).links for i in pair)
@@ -305,10 +307,12 @@ class CollisionModel:
         ``links``: as ``frames`` gives them. Beyond ``enough`` (k, m) [m] they are lower bounds, which cost
         less than exact ones. Without ``depths`` any negative one will do where hulls touch, within 0.1 mm.
         """
-        out = self._apart_by_balls(links)
+        starts, spans = placed = self._placed(links)
+        out = self._apart_by_balls(starts + 0.5 * spans)
         enough = np.broadcast_to(np.asarray(enough, dtype=np.float64), out.shape)
         pair, at = np.nonzero(out < enough)
-        out[pair, at] = self._gaps_at(links, pair, at, enough[pair, at], depths)
+        if len(pair):
+            out[pair, at] = self._gaps_at(links, placed, pair, at, enough[pair, at], depths)
         return out
 
     def depth(self, links: LinkFrames, pair: int) -> float | None:
@@ -325,14 +329,14 @@ class CollisionModel:
     def by_surface(self) -> NDArray[np.bool_]:
         """(k,) pairs whose surfaces decide where their hulls overlap."""
         known = np.array([None not in (c.hull, c.surface) for c in self.capsules], dtype=np.bool_)
-        first, second = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
+        first, second = self._pieces
         return known[first] & known[second] & (self.closed > -CLEAR_M)
 
     def _by_surfaces(
         self, links: LinkFrames, hulls: FloatArray, pair: NDArray[np.intp], at: NDArray[np.intp]
     ) -> FloatArray:
         """Gaps (m,) [m] of pairs at configurations where those of their ``hulls`` (m,) are negative."""
-        i, j = np.array(self.pairs, dtype=np.intp)[pair].T
+        i, j = self._pieces[:, pair]
         pose = links.relative(self._links[i], self._links[j], at)
         apart = self._surfaces.distances(i, j, *pose)
         return np.where(apart > 0.0, np.maximum(apart - CLEAR_M, hulls), np.minimum(hulls, -CLEAR_M))
@@ -340,57 +344,46 @@ class CollisionModel:
     def _gaps_at(
         self,
         links: LinkFrames,
+        placed: tuple[FloatArray, FloatArray],
         pair: NDArray[np.intp],
         at: NDArray[np.intp],
         enough: FloatArray,
         depths: bool,
     ) -> FloatArray:
-        """Gaps (e,) [m] of pairs at configurations: by balls, by capsules, by hulls, and by surfaces."""
-        i, j = np.array(self.pairs, dtype=np.intp).reshape(-1, 2)[pair].T
-        starts, spans = self._placed(links)
-        middles = starts + 0.5 * spans
-        apart = middles[i, :, at] - middles[j, :, at]
-        sizes = self._radii + self._halves
-        out = np.sqrt(np.einsum("ei,ei->e", apart, apart)) - sizes[i] - sizes[j]
-        near = np.flatnonzero(out < enough)
+        """Gaps (e,) [m] of pairs at configurations: by capsules, by hulls, and by surfaces.
+
+        ``placed``: as ``_placed`` gives them.
+        """
+        i, j = self._pieces[:, pair]
+        (start, span), (other_start, other_span) = ([one[:, k, at] for one in placed] for k in (i, j))
+        out = segment_distance(start, span, other_start, other_span) - self._radii[i] - self._radii[j]
+        near = np.flatnonzero((self._fitted[i] | self._fitted[j]) & (out < enough))
         i, j, at, enough = i[near], j[near], at[near], enough[near]
-        one, other = (starts[i, :, at].T, spans[i, :, at].T), (starts[j, :, at].T, spans[j, :, at].T)
-        out[near] = segment_distance(*one, *other) - self._radii[i] - self._radii[j]
-        some = np.flatnonzero((self._fitted[i] | self._fitted[j]) & (out[near] < enough))
-        near, i, j, at, enough = near[some], i[some], j[some], at[some], enough[some]
         pose = links.relative(self._links[i], self._links[j], at)
         out[near] = np.maximum(out[near], self._hulls.gaps(i, j, *pose, enough, depths=depths))
-        cut = near[(out[near] < np.minimum(enough, 0.0)) & self.by_surface[pair[near]]]
-        if len(cut):
-            out[cut] = self._by_surfaces(links, out[cut], pair[cut], at[np.isin(near, cut)])
+        cut = (out[near] < np.minimum(enough, 0.0)) & self.by_surface[pair[near]]
+        if cut.any():
+            out[near[cut]] = self._by_surfaces(links, out[near[cut]], pair[near[cut]], at[cut])
         return out
 
-    def _apart_by_balls(self, links: LinkFrames) -> FloatArray:
-        """Lower bounds (k, m) [m] of gaps: those of balls round all capsules of a frame."""
-        middles = np.array([links.place(link, middle)[:, 0] for link, middle, _ in self._balls])
-        one, other, which, sizes = self._ball_pairs
-        apart = middles[one] - middles[other]
-        return (np.sqrt(np.einsum("kim,kim->km", apart, apart)) - sizes)[which]
-
     @cached_property
-    def _ball_pairs(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], FloatArray]:
-        """Balls (b,) and others (b,) to compare, which of these a pair is in (k,), radii (b, 1) [m]."""
-        row = {link: k for k, (link, *_) in enumerate(self._balls)}
-        of = np.array([row[link] for link in self._links.tolist()], dtype=np.intp)
-        first, second = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
-        both, which = np.unique(np.stack([of[first], of[second]]), axis=1, return_inverse=True)
-        sizes = np.array([size for *_, size in self._balls])
-        return both[0], both[1], which.reshape(-1), (sizes[both[0]] + sizes[both[1]])[:, None]
+    def _pieces(self) -> NDArray[np.intp]:
+        """(2, k) indices of the capsules of each pair."""
+        return np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
 
-    @cached_property
-    def _balls(self) -> list[tuple[int, FloatArray, float]]:
-        """The frames that capsules are in: index, and middle (1, 3) and radius of a ball round them [m]."""
-        found: list[tuple[int, FloatArray, float]] = []
-        for link, which, points in self._ends:
-            middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-            reach = np.linalg.norm(points - middle, axis=1) + np.tile(self._radii[which], 2)
-            found.append((link, middle[None], float(reach.max())))
-        return found
+    def _apart_by_balls(self, middles: FloatArray) -> FloatArray:
+        """Lower bounds (k, m) [m] of gaps: those of balls round all capsules, ``middles`` (3, capsules, m)."""
+        places, (first, second) = middles.transpose(2, 1, 0), self._pieces
+        square = (places * places).sum(axis=2, keepdims=True)
+        one = np.concatenate([-2.0 * places, square, np.ones_like(square)], axis=2)
+        other = np.concatenate([places, np.ones_like(square), square], axis=2).transpose(0, 2, 1)
+        out, which = np.empty((len(first), len(places))), first * len(self.capsules) + second
+        for begin in range(0, len(places), _AT_ONCE):
+            some = slice(begin, begin + _AT_ONCE)
+            squares = one[some] @ other[some]  # of all distances
+            out[:, some] = squares.reshape(len(squares), -1).take(which, axis=1).T
+        sizes = self._radii + self._halves
+        return np.sqrt(np.maximum(out, 0.0)) - (sizes[first] + sizes[second])[:, None]
 
     def gaps_around(self, links: LinkFrames) -> FloatArray:
         """Gaps between each obstacle and each moving piece: (obstacles · moving, m) [m], as ``gaps``."""
@@ -400,11 +393,11 @@ class CollisionModel:
         places = ((obstacle, i) for obstacle in obstacles for i in self.moving)
         for gap, (obstacle, i) in zip(out, places, strict=True):
             radius = self.capsules[i].radius
-            middle = starts[i] + 0.5 * spans[i]
+            middle = starts[:, i] + 0.5 * spans[:, i]
             gap[:] = box_distance(middle, obstacle.low, obstacle.high) - (self._halves[i] + radius)
             near = np.flatnonzero(gap < NEAR_M)
             if len(near) and not self._fitted[i]:
-                axis = starts[i][:, near], spans[i][:, near]
+                axis = starts[:, i, near], spans[:, i, near]
                 gap[near] = segment_box_distance(*axis, obstacle.low, obstacle.high) - radius
         row, at = np.nonzero((out < NEAR_M) & self._fitted[piece][:, None])
         if len(row):
@@ -439,12 +432,12 @@ class CollisionModel:
         return np.array([capsule.radius for capsule in self.capsules])
 
     def _placed(self, links: LinkFrames) -> tuple[FloatArray, FloatArray]:
-        """Starts and spans of all capsules: (capsules, 3, m) each [m], base frame."""
-        ends = np.empty((2, len(self.capsules), 3, links.origin[0].shape[-1]))
+        """Starts and spans of all capsules: (3, capsules, m) each [m], base frame."""
+        starts, ends = np.empty((2, 3, len(self.capsules), links.tool.shape[1]))
         for link, which, points in self._ends:
-            placed = links.place(link, points).transpose(1, 0, 2)
-            ends[:, which] = placed.reshape(2, len(which), *placed.shape[1:])
-        return ends[0], ends[1] - ends[0]
+            placed = links.place(link, points)
+            starts[:, which], ends[:, which] = placed[:, : len(which)], placed[:, len(which) :]
+        return starts, ends - starts
 
     @cached_property
     def _ends(self) -> list[tuple[int, NDArray[np.intp], FloatArray]]:
@@ -484,6 +477,8 @@ class Underside:
     """how far below them the piece reaches [m]"""
     thickness: float
     """how far it may be below the floor where it lies on it in the home or the rest pose [m]"""
+    rests: float
+    """how high its lowest place is in the home or the rest pose, whichever is lower [m]; inf: in neither"""
     part: str
     """what a user calls the part that it belongs to"""
     levers: FloatArray
@@ -494,18 +489,19 @@ def undersides(
     model: CollisionModel,
     titles: Sequence[str],
     limits: FloatArray,
+    resting: FloatArray,
     carried: Capsule | None = None,
     *,
     with_points: bool = True,
 ) -> tuple[Underside, ...]:
-    """What joints raise or lower within limits (n, 2) [rad].
+    """What joints raise or lower within limits (n, 2) [rad], of an arm that rests in poses (m, n) [rad].
 
     Over a plane a capsule is lowest below one of its ends, and a hull below one of its corners. The ends of
     DH rows that no capsule ends at count without thickness (``with_points``), and so do a ``carried`` part
     beside those of ``model`` and the tool point, which comes last.
     """
     chain = model.chain
-    probes = model.frames(joint_samples(limits, _PROBES))
+    probes, rests = model.frames(joint_samples(limits, _PROBES)), model.frames(resting)
     upright = abs(chain.segments[0][2, 2]) > 1 - 1e-12  # then the first joint changes no height
     pieces = [
         (c.link, points, c.as_hull.margin, c.radius if c.hull is None else c.hull.thickness, c.part)
@@ -529,5 +525,7 @@ def undersides(
         if link >= 0 and np.ptp(probes.place(link, points)[2].min(axis=0)) > 1e-9:
             levers = model.levers_of(link, points)
             levers[0] *= not upright
-            found.append(Underside(link, points, radius, thickness, part, _of_joints(chain, levers)))
+            lowest = float(rests.place(link, points)[2].min(initial=np.inf)) - radius
+            levers = _of_joints(chain, levers)
+            found.append(Underside(link, points, radius, thickness, lowest, part, levers))
     return tuple(found)
