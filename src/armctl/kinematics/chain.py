@@ -236,6 +236,11 @@ class Chain(ByContent):
         segments, tail, places, rows, convention, coupling, _ = self.made_of()
         return Chain(segments, tail, places=places, rows=rows, convention=convention, coupling=coupling)
 
+    @cached_property
+    def links_alone(self) -> Chain:
+        """The chain of the links, each turned by a joint of its own: no coupling, no limits."""
+        return Chain(self.segments, self.tail)
+
     def with_last_held(self, angle: float) -> Chain:
         """The chain of the joints before the last one, which is held at an angle [rad].
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from tests.motion.paths.tool_kit import ROBOTS, SCORBOT, UZUNER, random_start
 
+from armctl import load_robot
 from armctl.motion.paths.tool_curve import ToolArc, ToolLine
 from armctl.motion.paths.tool_pitch import pitch_rows
 from armctl.motion.paths.tool_walk import ToolTask, first_crossing, repulsion, walk
@@ -54,6 +55,23 @@ def test_the_bend_is_the_derivative_of_the_slope_along_the_path(robot: Robot, mo
         assert knot.slope[-1] == 0.0 and knot.bend[-1] == 0.0
         tried += 1
     assert tried >= 3 or robot.name == "mico"
+
+
+@pytest.mark.parametrize("name", ["mearm", "uarm"])
+def test_a_parallel_linkage_follows_a_line_in_few_steps(name: str) -> None:
+    """Its links follow several joints: with the bend of a plain chain a step would be a millimetre long."""
+    robot = load_robot(name)
+    q = robot.pose("home")
+    tool = robot.forward(q)[:3, 3]
+    line = ToolLine(tool, tool + np.array([0.0, 0.05, 0.02]))
+    task = ToolTask(robot.chain, line, np.arange(3), None, robot.speed_limits, robot.limits)
+    knot, h = task.knot(q, 0.0), 1e-6
+    assert knot is not None
+    ahead, behind = (task.knot(q + k * h * knot.slope + 0.5 * h * h * knot.bend, k * h) for k in (1.0, -1.0))
+    assert ahead is not None and behind is not None
+    np.testing.assert_allclose(knot.bend, (ahead.slope - behind.slope) / (2 * h), rtol=1e-5, atol=1e-3)
+    way = walk(task, q, only_inside=True)
+    assert way.complete and len(way.knots) < 12
 
 
 def test_a_free_joint_moves_as_little_as_serves() -> None:

@@ -65,8 +65,8 @@ class PlanePitch:
         return self.senses[None]
 
     def turned(self, pose: FloatArray, jacobian: FloatArray, rates: FloatArray) -> FloatArray:
-        """(count, n) derivative of ``rows`` along joint rates (n,)."""
-        return np.zeros((1, len(self.senses)))
+        """(count, m) derivative of ``rows`` along the rates (m,) of links, of which ``jacobian`` is."""
+        return np.zeros((1, len(rates)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +111,7 @@ class AxisPitch:
         return _swung(pose, jacobian)[list(self.parts)]
 
     def turned(self, pose: FloatArray, jacobian: FloatArray, rates: FloatArray) -> FloatArray:
-        """(count, n)."""
+        """(count, m)."""
         return carried(_swung(pose, jacobian), jacobian[3:], rates)[list(self.parts)]
 
 
@@ -124,9 +124,9 @@ def _swung(pose: FloatArray, jacobian: FloatArray) -> FloatArray:
 
 
 def carried(columns: FloatArray, axes: FloatArray, rates: FloatArray) -> FloatArray:
-    """(3, n) derivative along joint rates (n,) of the derivatives ``columns`` (3, n) of a vector on the tool.
+    """(3, m) derivative along links' rates (m,) of the derivatives ``columns`` (3, m) of a vector on the tool.
 
-    With the joint axes z (3, n): ∂²v/∂q_i∂q_j = z_i x ∂v/∂q_j for i ≤ j.
+    With the links' axes z (3, m): ∂²v/∂q_i∂q_j = z_i x ∂v/∂q_j for i ≤ j.
     """
     turning, turned = np.empty((2, *axes.shape)), np.empty((2, *axes.shape))
     np.add.accumulate(axes * rates, axis=1, out=turning[0])

@@ -81,7 +81,7 @@ class ToolRotation:
         return jacobian[3:]
 
     def turned(self, pose: FloatArray, jacobian: FloatArray, rates: FloatArray) -> FloatArray:
-        """(count, n) derivative of ``rows`` along joint rates (n,): axes turn with the joints before them."""
+        """(count, m) derivative of ``rows`` along links' rates (m,): axes turn with the links before them."""
         axes = jacobian[3:]
         return crossed(np.add.accumulate(axes * rates, axis=1)[None], axes[None])[0]
 

@@ -337,9 +337,7 @@ class ToolTask:
         if not inverse.meets(rates, first):
             return None
         slope[move] = speed * rates
-        turned = carried(jacobian[:3], jacobian[3:], slope)
-        if self.turn is not None:
-            turned = np.append(turned, self.turn.turned(pose, jacobian, slope), 0)
+        turned = self._turned(pose, q, jacobian, slope)
         bends = inverse.least @ (second - turned @ slope)
         if self.redundant:
             # Lagrange's multipliers: the solution of A Aᵀ x = w' + A g
@@ -349,6 +347,16 @@ class ToolTask:
         bend[move] = speed * bends
         bounded = np.isfinite(bend).all() and (np.abs(slope) * SLOWEST_M_S <= self.speeds).all()
         return Knot(s, q, slope, bend) if bounded else None
+
+    def _turned(self, pose: FloatArray, q: FloatArray, jacobian: FloatArray, slope: FloatArray) -> FloatArray:
+        """(m, n) derivative of the rows along joint rates ``slope`` (n,)."""
+        coupling, rates = self.chain.coupling, slope
+        if coupling is not None:  # a link is turned by the links before it, not by their joints
+            jacobian, rates = self.chain.links_alone.jacobian(coupling @ q), coupling @ slope
+        turned = carried(jacobian[:3], jacobian[3:], rates)
+        if self.turn is not None:
+            turned = np.append(turned, self.turn.turned(pose, jacobian, rates), 0)
+        return turned if coupling is None else turned @ coupling
 
     def free_rates(self, q: FloatArray) -> FloatArray:
         """(k, f) rates that no equation sees at ``q`` (n,), in units of the speeds: unit vectors."""
