@@ -26,7 +26,8 @@ _LENGTH_M = 0.1
 _MOST_TRIES = 10_000
 """random configurations that are looked at for one that stands clear"""
 
-# a [mm], alpha [°], d [mm], lower and upper limit [°] of each joint, as the makers give them
+# a [mm], alpha [°], d [mm], lower and upper limit [°] of each joint, as the makers give them;
+# a first row without a range has no joint
 Row = tuple[float, float, float, float, float]
 SEVEN: dict[str, tuple[str, tuple[Row, ...]]] = {
     "panda": (
@@ -53,7 +54,7 @@ SEVEN: dict[str, tuple[str, tuple[Row, ...]]] = {
     "gen3": (
         "standard",
         (
-            (0, 90, -284.8, -179, 179), (0, 90, -11.8, -128, 128), (0, 90, -420.8, -179, 179),
+            (0, 180, 0, 0, 0), (0, 90, -284.8, -179, 179), (0, 90, -11.8, -128, 128), (0, 90, -420.8, -179, 179),
             (0, 90, -12.8, -147, 147), (0, 90, -314.3, -179, 179), (0, 90, 0, -120, 120),
             (0, 180, -167.4, -179, 179),
         ),
@@ -64,16 +65,17 @@ SEVEN: dict[str, tuple[str, tuple[Row, ...]]] = {
 def seven_joints(name: str) -> Robot:
     """One of ``SEVEN``."""
     convention, rows = SEVEN[name]
+    joined = [(low, high) for *_, low, high in rows if low < high]
     lines = [
-        f'{{ a_mm = {a}, alpha_deg = {alpha}, d_mm = {d}, joint = "j{i}" }}'
-        for i, (a, alpha, d, *_) in enumerate(rows, 1)
+        f"{{ a_mm = {a}, alpha_deg = {alpha}, d_mm = {d}" + (f', joint = "j{i}" }}' if i else " }")
+        for i, (a, alpha, d, *_) in enumerate(rows, 1 + len(joined) - len(rows))
     ]
     joints = [
         f'[[joints]]\nname = "j{i}"\ntitle = "Joint {i}"\nlimit_deg = [{low}, {high}]\n'
         "speed_deg_s = 150\nacceleration_deg_s2 = 600\n"
-        for i, (*_, low, high) in enumerate(rows, 1)
+        for i, (low, high) in enumerate(joined, 1)
     ]
-    middle = [round(0.4 * high + 0.6 * low) for *_, low, high in rows]
+    middle = [round(0.4 * high + 0.6 * low) for low, high in joined]
     poses = "".join(f"{pose} = {middle}\n" for pose in ("home", "rest", "zero"))
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"{name}.toml"
