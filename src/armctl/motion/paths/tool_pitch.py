@@ -128,7 +128,7 @@ def carried(columns: FloatArray, axes: FloatArray, rates: FloatArray) -> FloatAr
 
     With the links' axes z (3, m): ∂²v/∂q_i∂q_j = z_i x ∂v/∂q_j for i ≤ j.
     """
-    turning, turned = np.empty((2, *axes.shape)), np.empty((2, *axes.shape))
+    turning, turned = np.empty((2, 2, *axes.shape))
     np.add.accumulate(axes * rates, axis=1, out=turning[0])
     turned[0], turning[1] = columns, axes
     moved = np.add.accumulate(columns * rates, axis=1)

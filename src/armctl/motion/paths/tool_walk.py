@@ -212,10 +212,12 @@ _CONSISTENT = 1e-6
 """how much of the way may be left undone where a direction is lost, and still count as done (share)"""
 _CONVERGED = 1e-10
 """a correction this small leaves less than a hundredth of itself to do [rad]"""
+_LEFT = 1e-12
+"""what may be left to do [rad]"""
 _SLOW = 0.01
 """a correction that is a larger share of the one before calls for a new inverse"""
 _TOO_FAR = 1.0
-"""a correction this large leads to some other place, not to the next one [rad]"""
+"""a correction this large, or twice the one before, leads elsewhere or nowhere [rad]"""
 _CORRECTIONS = 8
 _MARGIN = 0.35
 """how far from a limit the push begins [rad], or a quarter of the joint's range"""
@@ -285,14 +287,16 @@ class ToolTask:
 
     def deviation(self, q: FloatArray, s: FloatArray) -> FloatArray:
         """(k,) how far ``q`` (k, n) is off the curve or the turn at ``s`` (k,) (1: as far as allowed)."""
-        poses = self.chain.forward(q)
+        # of so few as in a step each by itself is twice as quick
+        few = len(q) <= len(_SHARES)
+        poses = np.array([self.chain.forward(one) for one in q]) if few else self.chain.forward(q)
         away = np.linalg.norm(poses[:, :3, 3] - self.curve.positions(s), axis=1) / DEVIATION_M
         return away if self.turn is None else np.maximum(away, self.turn.tilt(q, poses, s) / TILT)
 
     def arrived(self, guess: FloatArray, s: float) -> Knot | None:
         """The knot at ``s`` [m] next to ``guess`` (n,) [rad]; None: not found, or as ``knot``."""
         q, point = guess.copy(), self.curve.positions(s)
-        speeds, inverse, before, size = self.speeds[self.moving], None, np.inf, np.inf
+        speeds, inverse, before, size = self.speeds[self.moving], None, _TOO_FAR, _TOO_FAR
         for _ in range(_CORRECTIONS):
             pose = self.chain.forward(q)
             if inverse is None or size > _SLOW * before:
@@ -305,10 +309,10 @@ class ToolTask:
                 missing = np.append(missing, self.turn.missing(q, pose, s))
             step = speeds * (inverse.least @ missing)
             size = float(np.abs(step).max())
-            if not size < _TOO_FAR:
+            if not size < min(_TOO_FAR, 2.0 * before):
                 return None
             q[self.moving] += step
-            if size < _CONVERGED:
+            if size < _CONVERGED or size * size < _LEFT * before:  # the next one is as much smaller again
                 off = self.overdetermined and self.deviation(q[None], np.array([s]))[0] > _AIM
                 return None if off else self.knot(q, s)
         return None
