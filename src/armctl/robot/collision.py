@@ -372,7 +372,7 @@ class CollisionModel:
         return np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
 
     def _apart_by_balls(self, middles: FloatArray) -> FloatArray:
-        """Lower bounds (k, m) [m] of gaps: those of balls round all capsules, ``middles`` (3, capsules, m)."""
+        """Lower bounds (k, m) [m] of gaps: of balls round all capsules, ``middles`` (3, capsules, m)."""
         places, (first, second) = middles.transpose(2, 1, 0), self._pieces
         square = (places * places).sum(axis=2, keepdims=True)
         one = np.concatenate([-2.0 * places, square, np.ones_like(square)], axis=2)

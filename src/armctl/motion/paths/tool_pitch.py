@@ -124,7 +124,7 @@ def _swung(pose: FloatArray, jacobian: FloatArray) -> FloatArray:
 
 
 def carried(columns: FloatArray, axes: FloatArray, rates: FloatArray) -> FloatArray:
-    """(3, m) derivative along links' rates (m,) of the derivatives ``columns`` (3, m) of a vector on the tool.
+    """(3, m) derivative along links' rates (m,) of derivatives ``columns`` (3, m) of a vector on the tool.
 
     With the links' axes z (3, m): ∂²v/∂q_i∂q_j = z_i x ∂v/∂q_j for i ≤ j.
     """
