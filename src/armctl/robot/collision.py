@@ -377,11 +377,11 @@ class CollisionModel:
         square = (places * places).sum(axis=2, keepdims=True)
         one = np.concatenate([-2.0 * places, square, np.ones_like(square)], axis=2)
         other = np.concatenate([places, np.ones_like(square), square], axis=2).transpose(0, 2, 1)
-        out, which = np.empty((len(first), len(places))), first * len(self.capsules) + second
+        out = np.empty((len(first), len(places)))
         for begin in range(0, len(places), _AT_ONCE):
             some = slice(begin, begin + _AT_ONCE)
-            squares = one[some] @ other[some]  # of all distances
-            out[:, some] = squares.reshape(len(squares), -1).take(which, axis=1).T
+            squares: FloatArray = one[some] @ other[some]  # of all distances
+            out[:, some] = squares[:, first, second].T
         sizes = self._radii + self._halves
         return np.sqrt(np.maximum(out, 0.0)) - (sizes[first] + sizes[second])[:, None]
 
