@@ -220,6 +220,27 @@ def plan_choice(
         return plan_joints(robot, start, rows[row], duration_s, profile, checked=False), refusal
 
 
+def choose_end(
+    robot: Robot,
+    start: FloatArray,
+    target: Target,
+    choose: Choice = "least-rotation",
+    duration_s: float | None = None,
+    profile: Profile = "cubic",
+) -> FloatArray:
+    """Where ``plan_target`` leads to, (n,) [rad]; the best of all solutions where the arm may go to none."""
+    best = solve(robot, start, target, choose)
+
+    def may_go(q: FloatArray) -> bool:
+        return may_go_to(robot, start, q, duration_s, profile)
+
+    if may_go(best):
+        return best
+    rows = admitted(robot, start, target, choose)
+    row = first_possible(robot, start, rows, may_go, known=(best,))
+    return best if row is None else rows[row]
+
+
 def not_the_best(refusal: MotionRefusedError) -> str:
     """That another solution than the best is gone to, and why."""
     return f"the best solution is refused ({refusal}); the arm goes to the next best to which it may go"

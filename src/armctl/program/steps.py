@@ -15,7 +15,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import ProgramError
 from armctl.kinematics import CRITERIA, FROM_START, Target, rotation_from_rpy
 from armctl.motion.blend import Leg
-from armctl.motion.choices import solve
+from armctl.motion.choices import choose_end, solve
 from armctl.motion.paths.tool_path import TURN_MODES, PitchMode, TurnMode
 from armctl.motion.plan import follow_tool, plan_joints, plan_path
 from armctl.motion.polynomial import PiecewisePolynomial
@@ -192,9 +192,7 @@ class MotionStep(Step, frozen=True, kw_only=True):
         UnreachableError: no solution, or the arm cannot follow. MotionRefusedError: outside the limits.
         """
         end = self.end(robot, start)
-        if end is None or np.abs(end - start).max() <= NOWHERE:
-            return None
-        return PiecewisePolynomial([0.0, 1.0], np.stack([start, end - start])[None])
+        return None if end is None else _straight(start, end)
 
     def leg(self, robot: Robot, start: FloatArray) -> Leg | None:
         """It as a leg of a blend, in which it has no law of its own; None: nowhere. Raises as ``path``."""
@@ -220,6 +218,13 @@ class MotionStep(Step, frozen=True, kw_only=True):
         if leg is None:
             return PointToPoint.lasting(start, start, self.duration_s or 0.0)
         return self.plan_leg(robot, leg, checked=checked)
+
+
+def _straight(start: FloatArray, end: FloatArray) -> PiecewisePolynomial | None:
+    """q(s) from (n,) [rad] straight to another place, s from 0 to 1; None where it goes nowhere."""
+    if np.abs(end - start).max() <= NOWHERE:
+        return None
+    return PiecewisePolynomial([0.0, 1.0], np.stack([start, end - start])[None])
 
 
 class MoveStep(MotionStep, frozen=True, kw_only=True, tag="move"):
@@ -322,6 +327,11 @@ class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
             solve(robot, None, target, "least-rotation")  # whether there is any
             return None
         return solve(robot, start, target, self.choose)
+
+    def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
+        """To the best solution to which the arm may go; where there is none, to the best of all."""
+        end = choose_end(robot, start, self._target(), self.choose, self.duration_s, self._law)
+        return _straight(start, end)
 
 
 class _LeadsTool(_Oriented):
