@@ -23,7 +23,7 @@ from armctl.process import Link, start_arm
 from armctl.process.link import LocalLine
 from armctl.process.records import Codec, Hello, Seen
 from armctl.program import MoveStep, Program
-from armctl.runtime import Connect, Enable, RunProgram
+from armctl.protocol import Connect, Enable, RunProgram
 
 PERIOD_S = 0.02
 SIDES = itertools.chain.from_iterable(itertools.repeat((45.0, -45.0), 50))

@@ -32,8 +32,8 @@ from armctl.boards import SIMULATED
 from armctl.calibration import CalibrationStore
 from armctl.process import start_arm
 from armctl.program import MoveStep, Program, encode_program, write_csv
+from armctl.protocol import Connect, Enable, Origin
 from armctl.robot import load_robot
-from armctl.runtime import Connect, Enable, Origin
 from armctl.ui import (
     App,
     CalibrationInForce,

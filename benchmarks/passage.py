@@ -20,7 +20,7 @@ from types import CodeType, FrameType
 
 import armctl
 from armctl.process import Host
-from armctl.runtime import Connect
+from armctl.protocol import Connect
 
 PACKAGE = Path(armctl.__file__).parent
 FIRST, SECOND = (200.0, 0.0, 100.0), (180.0, 60.0, 140.0)

@@ -3,7 +3,7 @@
 import time
 
 import armctl
-from armctl.runtime import State
+from armctl.facts import State
 
 with armctl.Arm.open("uzuner") as arm:
     arm.enable()

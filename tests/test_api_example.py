@@ -17,9 +17,10 @@ from tests.ui.tls_files import CERTIFICATE, KEY
 
 import armctl
 from armctl.errors import ArmctlError
+from armctl.facts import State
 from armctl.process import Link, registry
 from armctl.process.link import RemoteLine
-from armctl.runtime import Connect, Enable, MoveJoints, State
+from armctl.protocol import Connect, Enable, MoveJoints
 
 EXAMPLE = Path(__file__).parent.parent / "examples/api_client.js"
 

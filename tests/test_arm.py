@@ -27,6 +27,7 @@ from armctl.errors import (
     StateError,
     UnreachableError,
 )
+from armctl.facts import State
 from armctl.handles import Motion
 from armctl.hardware import BoardIdentity, Source
 from armctl.kinematics import quaternion_wxyz, roll_pitch_yaw, rotation_from_rpy
@@ -34,19 +35,8 @@ from armctl.kinematics.angles import rotation_angle
 from armctl.motion import PointToPoint, Sample, plan_joints
 from armctl.process.records import commands as known_commands
 from armctl.program import GripperStep, MoveStep, PointStep, Program, WaitStep
-from armctl.runtime import (
-    Command,
-    Connect,
-    Controller,
-    LastPose,
-    ManualClock,
-    Origin,
-    PoseFolder,
-    Snapshot,
-    State,
-    Ticket,
-    commands,
-)
+from armctl.protocol import Command, Connect, LastPose, ManualClock, Origin, Snapshot, Ticket, commands
+from armctl.runtime import Controller, PoseFolder
 
 MY_ARM = Path(__file__).parents[1] / "examples" / "my_arm.toml"
 
@@ -218,9 +208,9 @@ def test_stop_from_another_thread_ends_an_endless_program(arm: armctl.Arm) -> No
 
 def test_an_interrupt_while_an_arm_homes_stops_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C in ``armctl run``, and in a script."""
-    result, interrupted = armctl.runtime.Ticket.result, []
+    result, interrupted = armctl.protocol.Ticket.result, []
 
-    def once(ticket: armctl.runtime.Ticket, timeout: float | None = None) -> None:
+    def once(ticket: armctl.protocol.Ticket, timeout: float | None = None) -> None:
         if not interrupted:
             interrupted.append(ticket)
             ticket.accepted.result(5.0)
@@ -228,7 +218,7 @@ def test_an_interrupt_while_an_arm_homes_stops_it(monkeypatch: pytest.MonkeyPatc
         result(ticket, timeout)
 
     with armctl.Arm.open("scorbot") as arm:
-        monkeypatch.setattr(armctl.runtime.Ticket, "result", once)
+        monkeypatch.setattr(armctl.protocol.Ticket, "result", once)
         with pytest.raises(KeyboardInterrupt):
             arm.enable()
         assert arm.snapshot.state.value == "off"

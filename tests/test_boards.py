@@ -24,8 +24,8 @@ from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.firmata.driver import FirmataDriver
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.transport import PortInfo
+from armctl.protocol import MonotonicClock
 from armctl.robot import load_robot
-from armctl.runtime import MonotonicClock
 
 MAESTRO = PortInfo("/dev/ttyACM0", "Pololu Micro Maestro 6-channel", "", "00123", True, None)
 MEGA = PortInfo("/dev/ttyACM1", ARDUINO_MEGA, "", "8573", True, None)

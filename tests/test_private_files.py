@@ -18,9 +18,10 @@ from armctl.cli.main import cli
 from armctl.documents import write_atomically
 from armctl.hardware import BoardIdentity
 from armctl.program import Program, save_program
+from armctl.protocol import LastPose, black_boxes
 from armctl.robot import load_robot
-from armctl.runtime import LastPose, PoseFolder
-from armctl.runtime.black_box import BlackBox, black_boxes, save_recording
+from armctl.runtime import PoseFolder
+from armctl.runtime.black_box import BlackBox, save_recording
 from armctl.system import open_private, private_folder
 
 ROBOT = load_robot("uzuner")

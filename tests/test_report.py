@@ -16,9 +16,9 @@ from armctl import log_files
 from armctl.calibration import Calibration
 from armctl.cli.main import DONE, REFUSED, run
 from armctl.errors import BoardError
+from armctl.facts import State
+from armctl.protocol import MoveJoints, Origin, black_boxes, read_recording, saved_recordings
 from armctl.report import report
-from armctl.runtime import MoveJoints, Origin, State, black_boxes
-from armctl.runtime.black_box import read_recording, saved_recordings
 
 
 @pytest.fixture(autouse=True)

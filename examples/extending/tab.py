@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from armctl.runtime import MoveJoints, Need, Snapshot
+from armctl.facts import Need
+from armctl.protocol import MoveJoints, Snapshot
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.boards import ANY_BOARD, SIMULATED, board_name, calibrated_for
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, StateError
+from armctl.facts import State
 from armctl.handles import ORIGIN, JointStream, Motion
 from armctl.hardware import Source
 from armctl.kinematics import Choice, Target, roll_pitch_yaw, rotation_of
@@ -27,9 +28,7 @@ from armctl.process import Link, RemoteLine, start_arm
 from armctl.program import ArcStep, LineStep, Program, Step, WaitStep, checked_program, open_program
 from armctl.program.feed import whole_number
 from armctl.program.steps import WIDEST_BLEND_MM
-from armctl.robot import CarriedPart, Robot, load_robot
-from armctl.robot.robot import BODY_GUESSED
-from armctl.runtime import (
+from armctl.protocol import (
     ArmLink,
     ClearFault,
     Command,
@@ -38,12 +37,15 @@ from armctl.runtime import (
     Enable,
     Follow,
     FollowTarget,
+    Frame,
     HomeAxes,
     Jog,
     JogTool,
+    LockControl,
     MoveGripper,
     MoveJoints,
     MoveTo,
+    MovingCommand,
     Origin,
     Pause,
     Release,
@@ -51,12 +53,12 @@ from armctl.runtime import (
     RunProgram,
     SetSpeed,
     Snapshot,
-    State,
     TakeControl,
     Ticket,
     UpdateProgram,
 )
-from armctl.runtime.commands import Frame, LockControl, MovingCommand
+from armctl.robot import CarriedPart, Robot, load_robot
+from armctl.robot.robot import BODY_GUESSED
 
 Orientation = Literal["kept"]
 """of the tool, where ``Arm.go`` is not told by its numbers: as it is"""

@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
-from armctl.runtime import ArmLink, Cancel, MoveGripper, Origin, StreamJoints, Ticket
-from armctl.runtime.commands import MovingCommand
+from armctl.protocol import ArmLink, Cancel, MoveGripper, MovingCommand, Origin, StreamJoints, Ticket
 
 ORIGIN = Origin("library")
 _UNANSWERED = 5

@@ -18,9 +18,9 @@ from armctl.calibration import Calibration, encode_calibration
 from armctl.documents import DocumentKind
 from armctl.errors import ArmctlError, RobotFileError
 from armctl.hardware.doctor import without_personal_data
+from armctl.protocol import Recording, read_recording, saved_recordings
+from armctl.protocol.recording import Story, members, packed, zipped
 from armctl.robot import robot_path
-from armctl.runtime import Recording
-from armctl.runtime.black_box import Story, members, packed, read_recording, saved_recordings, zipped
 from armctl.version import __version__
 
 _PACKAGES = ("numpy", "scipy", "viser", "pyserial", "msgspec", "websockets")
@@ -29,7 +29,9 @@ _ROBOTS = DocumentKind(RobotFileError, most_bytes=4 << 20)
 _TOKEN = re.compile(r"(token|pin|secret)=[^\s&\"']+", re.IGNORECASE)
 _WHAT = {
     "versions.json": "versions of armctl, Python, its packages and the operating system",
-    "black_box.json": "the last 60 s: commands, answers, log, warnings (format: armctl/runtime/black_box.py)",
+    "black_box.json": (
+        "the last 60 s: commands, answers, log, warnings (format: armctl/protocol/recording.py)"
+    ),
     "ticks.npy": "the last 60 s: a row a tick, setpoints and readings; numpy.load reads it",
     "calibration.toml": "the calibration in force",
     "programs.txt": "names of the saved programs",

@@ -22,7 +22,7 @@ from armctl.hardware.ports import list_ports
 from armctl.hardware.simulation import BoardServer
 from armctl.process import Host
 from armctl.program import MoveStep, Program, save_program
-from armctl.runtime import Connect, MonotonicClock
+from armctl.protocol import Connect, MonotonicClock
 
 SRC = Path(__file__).parents[2] / "src" / "armctl"
 

@@ -9,12 +9,13 @@ from examples.extending.step import BlinkStep
 from tests.runtime.kit import make_rig
 
 from armctl.errors import InputError, ProgramError
+from armctl.facts import State
 from armctl.program import Program, Step, check_program, load_program, read_csv, save_program, write_csv
 from armctl.program import steps as registry
 from armctl.program.program import PLACES, add
 from armctl.program.steps import Effect, MoveStep
+from armctl.protocol import RunProgram
 from armctl.robot import load_robot
-from armctl.runtime import RunProgram, State
 from armctl.ui.tabs.manual.program_editor import recorded_kinds, step_here
 from armctl.ui.tabs.manual.serial_motion import step_table
 from armctl.ui.tabs.manual.step_form import by_label, edited, texts_of

@@ -18,20 +18,19 @@ from armctl.hardware.encoder import messages
 from armctl.hardware.encoder import simulated as encoder_simulated
 from armctl.process import records, server
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES
+from armctl.protocol import clock, commands
 from armctl.robot.file import ROBOT_FILES
 from armctl.robot.parts import MOST_JOINTS
 from armctl.robot.urdf.tree import URDF_FILES
 from armctl.runtime import (
     Controller,
     board,
-    clock,
     controller,
     core,
-    jog,
     last_pose,
-    live_target,
     pin,
     power,
+    tick_time,
 )
 from armctl.ui import app
 from armctl.ui.guard import stop_line
@@ -47,18 +46,18 @@ assert _HANG is not None
 NUMBERS = {
     "tick": TICK_S,
     "jog gap": core.JOG_GAP_S,
-    "jog": jog.JOG_EXPIRY_S,
-    "follow": live_target.FOLLOW_EXPIRY_S,
-    "stream": live_target.STREAM_EXPIRY_S,
+    "jog": commands.JOG_EXPIRY_S,
+    "follow": commands.FOLLOW_EXPIRY_S,
+    "stream": commands.STREAM_EXPIRY_S,
     "closing": controller._STOPPING_S,
     "page silent": app.SILENCE_S + stop_line._CHECK_S,
     "program silent": records.SILENCE_S + server._WATCH_S,
     "records": server._MOST_A_SECOND,
     "orphan": server._HOLD_S,
     "link silent": records.SILENCE_S,
-    "gap": clock.GAP_S,
+    "gap": tick_time.GAP_S,
     "after gap": clock.AFTER_GAP_S,
-    "late": clock._LATE_S,
+    "late": tick_time._LATE_S,
     "doubtful": board._DOUBTFUL_FAILURES,
     "trusted": board._OFF_READINGS,
     "board silent": board._SILENCE_S,

@@ -18,7 +18,7 @@ _SENTENCES = {"refusal", "cause", "error", "exc", "finding", "warning", "message
 KNOWN = {
     "decoding.py": "msgspec tells what is wrong with a document in words alone",
     "cli/check.py": "whether a finding names the file already",
-    "runtime/snapshot.py": "whether the cause of a state tells a warning already",
+    "protocol/snapshot.py": "whether the cause of a state tells a warning already",
     "robot/urdf/arm.py": "whether a refusal names the file already",
     "ui/tabs/main/urdf_arm.py": "a folder that the user never named is taken out of a refusal",
 }

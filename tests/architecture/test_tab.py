@@ -11,7 +11,7 @@ from examples.extending.tab import ANGLE_DEG, TurnScreen
 from tests.browser.served_arm import served_arm
 from tests.ui.guard_kit import PATIENCE_S, RawPage, uuid_of
 
-from armctl.runtime import Snapshot
+from armctl.protocol import Snapshot
 from armctl.ui.session import Session
 from armctl.ui.tabs import TABS, Tab
 

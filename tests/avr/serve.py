@@ -21,7 +21,7 @@ from tests.hardware.lines import LoopTransport
 
 from armctl.errors import BoardError
 from armctl.hardware.simulation import BoardServer
-from armctl.runtime.clock import MonotonicClock
+from armctl.protocol import MonotonicClock
 
 _LONGEST_STEP_S = 0.05
 

@@ -24,7 +24,7 @@ from armctl.errors import BoardError
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.firmata.driver import FirmataDriver
 from armctl.hardware.transport import Connection, SerialTransport
-from armctl.runtime.clock import MonotonicClock
+from armctl.protocol import MonotonicClock
 
 PATIENCE_S = 60.0
 

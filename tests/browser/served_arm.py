@@ -15,10 +15,11 @@ from tests.browser.serving import page_port
 
 from armctl.arm import Arm
 from armctl.calibration import CalibrationStore
+from armctl.facts import State
 from armctl.process import Host
 from armctl.program import MoveStep, Program, Step
+from armctl.protocol import Command, Connect, Enable, Origin, Snapshot, Ticket
 from armctl.robot import Robot, load_robot
-from armctl.runtime import Command, Connect, Enable, Origin, Snapshot, State, Ticket
 from armctl.ui import App, CalibrationInForce, Console, PortChoice, RobotChoice, RobotSwitch
 from armctl.ui.guard import guarded_server
 from armctl.ui.tabs.manual.shared_program import SharedProgram

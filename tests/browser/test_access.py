@@ -9,7 +9,8 @@ from axe_playwright_python.sync_playwright import Axe
 from tests.browser.kit import Screen
 from tests.browser.served_arm import ServedArm
 
-from armctl.runtime import Release, State
+from armctl.facts import State
+from armctl.protocol import Release
 from armctl.ui.tabs import TABS
 
 pytestmark = pytest.mark.browser

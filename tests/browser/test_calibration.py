@@ -12,8 +12,9 @@ from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import ServedArm
 
 from armctl.calibration import ToolError
+from armctl.facts import State
+from armctl.protocol import MoveJoints
 from armctl.robot import OutputMap, load_robot
-from armctl.runtime import MoveJoints, State
 from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration
 
 pytestmark = pytest.mark.browser

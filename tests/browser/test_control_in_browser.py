@@ -6,7 +6,7 @@ import pytest
 from tests.browser.kit import Screens
 from tests.browser.served_arm import HOME, ServedArm
 
-from armctl.runtime import State
+from armctl.facts import State
 
 pytestmark = pytest.mark.browser
 

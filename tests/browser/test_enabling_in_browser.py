@@ -14,10 +14,11 @@ from tests.browser.ghost_view import wait_for_ghost, wait_for_no_ghost
 from tests.browser.kit import Screen, Screens
 from tests.browser.serving import serving
 
+from armctl.hardware.channels import channel_settings
 from armctl.hardware.maestro.simulated import simulated_maestro
 from armctl.hardware.simulation import BoardServer
+from armctl.protocol import MonotonicClock
 from armctl.robot import load_robot
-from armctl.runtime import MonotonicClock, channel_settings
 
 pytestmark = pytest.mark.browser
 ROBOT = load_robot("uzuner")

@@ -11,8 +11,9 @@ from tests.browser.ghost_view import ghost_tip_mm, wait_for_ghost, wait_for_no_g
 from tests.browser.kit import Screen
 from tests.browser.served_arm import HOME, ServedArm
 
+from armctl.facts import State
+from armctl.protocol import MoveJoints
 from armctl.robot import Robot
-from armctl.runtime import MoveJoints, State
 
 pytestmark = pytest.mark.browser
 TAB = "Forward"

@@ -10,7 +10,7 @@ from playwright.sync_api import expect
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import HOME, ServedArm
 
-from armctl.runtime import State
+from armctl.facts import State
 
 pytestmark = pytest.mark.browser
 TAB = "Manual"

@@ -9,7 +9,8 @@ import pytest
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import HOME, ServedArm
 
-from armctl.runtime import Enable, SetSpeed, State
+from armctl.facts import State
+from armctl.protocol import Enable, SetSpeed
 
 pytestmark = pytest.mark.browser
 TAB = "Simulation"

@@ -11,6 +11,7 @@ from playwright.sync_api import expect
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import HOME, ServedArm
 
+from armctl.facts import State
 from armctl.program import (
     ArcStep,
     CommentStep,
@@ -26,7 +27,6 @@ from armctl.program import (
     load_program,
     save_program,
 )
-from armctl.runtime import State
 from armctl.ui.tabs.manual.shared_program import LeftProgram
 
 pytestmark = pytest.mark.browser

@@ -12,8 +12,8 @@ from tests.browser.served_arm import ServedArm, served_arm
 from tests.robot.urdf_kit import Step, written
 
 from armctl import load_robot
+from armctl.facts import State
 from armctl.robot import user_robots_folder
-from armctl.runtime import State
 
 pytestmark = pytest.mark.browser
 

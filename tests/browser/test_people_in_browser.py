@@ -10,7 +10,7 @@ from playwright.sync_api import expect
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import ServedArm, served_arm
 
-from armctl.runtime import Origin
+from armctl.protocol import Origin
 
 pytestmark = pytest.mark.browser
 

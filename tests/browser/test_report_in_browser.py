@@ -12,8 +12,7 @@ from tests.browser.serving import page_port
 
 from armctl.cli.replay import told
 from armctl.process import Host
-from armctl.runtime import MoveJoints
-from armctl.runtime.black_box import read_recording
+from armctl.protocol import MoveJoints, read_recording
 from armctl.ui.guard import guarded_server
 from armctl.ui.replay import ReplayApp
 

@@ -11,8 +11,8 @@ from playwright.sync_api import expect
 from tests.browser.kit import PATIENCE_MS, Screen, Screens
 from tests.browser.served_arm import ServedArm
 
+from armctl.facts import State
 from armctl.robot import Robot
-from armctl.runtime import State
 from armctl.ui.scene.arm_model import arm_model
 from armctl.ui.tabs.simulation.screen import Trail
 

@@ -11,11 +11,12 @@ import pytest
 from tests.browser.kit import Screen
 from tests.browser.serving import serving
 
+from armctl.hardware.channels import channel_settings
 from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
 from armctl.hardware.simulation import BoardServer
+from armctl.protocol import MonotonicClock
 from armctl.robot import load_robot
-from armctl.runtime import MonotonicClock, channel_settings
 
 pytestmark = pytest.mark.browser
 ROBOT = load_robot("scorbot")

@@ -11,7 +11,7 @@ from playwright.sync_api import expect
 from tests.browser.kit import Screen
 from tests.browser.served_arm import HOME, ServedArm
 
-from armctl.runtime import State
+from armctl.facts import State
 
 pytestmark = pytest.mark.browser
 TAB = "Simulation"

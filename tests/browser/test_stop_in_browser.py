@@ -11,7 +11,8 @@ from playwright.sync_api import Browser, Locator, expect
 from tests.browser.kit import PATIENCE_MS, Screen
 from tests.browser.served_arm import ServedArm
 
-from armctl.runtime import MoveJoints, SetSpeed, State
+from armctl.facts import State
+from armctl.protocol import MoveJoints, SetSpeed
 from armctl.ui.app import SILENCE_S
 
 pytestmark = pytest.mark.browser

@@ -14,8 +14,8 @@ from tests.browser.serving import serving
 from armctl.hardware.board_type import Setup
 from armctl.hardware.boards import board_type
 from armctl.hardware.simulation import BoardServer
+from armctl.protocol import MonotonicClock
 from armctl.robot import load_robot
-from armctl.runtime import MonotonicClock
 
 pytestmark = pytest.mark.browser
 

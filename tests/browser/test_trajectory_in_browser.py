@@ -11,9 +11,9 @@ from tests.browser.ghost_view import wait_for_ghost
 from tests.browser.kit import PATIENCE_MS, Screen
 from tests.browser.served_arm import HOME, ServedArm
 
+from armctl.facts import State
 from armctl.motion import line, plan_joints, plan_line
 from armctl.program import LineStep, MoveStep, Program
-from armctl.runtime import State
 
 pytestmark = pytest.mark.browser
 TAB = "Trajectory"

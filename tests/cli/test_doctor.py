@@ -18,7 +18,7 @@ from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.hardware.maestro.simulated import MaestroSettings, SimulatedMaestro, simulated_maestro
 from armctl.hardware.simulation import BoardServer
 from armctl.hardware.transport import PortInfo, SerialTransport
-from armctl.runtime.clock import ManualClock, MonotonicClock
+from armctl.protocol import ManualClock, MonotonicClock
 
 
 @pytest.fixture(autouse=True)

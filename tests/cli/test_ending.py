@@ -15,12 +15,13 @@ import pytest
 
 from armctl.cli.ending import end_event, ends_like_ctrl_c
 from armctl.cli.main import REFUSED
+from armctl.hardware.channels import channel_settings
 from armctl.hardware.maestro.codec import Opcode, set_targets, us_to_quarters
 from armctl.hardware.maestro.simulated import SimulatedMaestro, simulated_maestro
 from armctl.hardware.simulation import BoardServer
 from armctl.program import MoveStep, Program, save_program
+from armctl.protocol import MonotonicClock
 from armctl.robot import load_robot
-from armctl.runtime import MonotonicClock, channel_settings
 
 ENDS = (signal.SIGTERM, signal.SIGHUP)
 # `armctl` with a driver that does not take a board on a busy computer for one that has gone, and with

@@ -11,7 +11,7 @@ from armctl.cli.main import DONE, run
 from armctl.hardware.maestro.simulated import SimulatedMaestro, simulated_maestro
 from armctl.hardware.simulation import BoardServer
 from armctl.hardware.transport import PortInfo
-from armctl.runtime.clock import ManualClock
+from armctl.protocol import ManualClock
 
 MAESTRO = "Pololu Micro Maestro 6-channel"
 

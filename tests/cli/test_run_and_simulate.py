@@ -9,11 +9,12 @@ import serial
 from tests.cli.simulating import simulated
 
 from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
+from armctl.hardware.channels import channel_settings
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.maestro.codec import crc7
 from armctl.hardware.transport import Connection
+from armctl.protocol import MonotonicClock
 from armctl.robot import load_robot
-from armctl.runtime import MonotonicClock, channel_settings
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "pick_and_place.toml"
 

@@ -48,9 +48,9 @@ from armctl.cli.main import DONE, run
 from armctl.hardware.boards import board_type
 from armctl.hardware.simulation import BoardServer
 from armctl.program import check_program, decode_program
+from armctl.protocol import MonotonicClock
 from armctl.robot import robots_folder
 from armctl.robot.load import robot_of
-from armctl.runtime import MonotonicClock
 
 BOARD, ENDLESS, CONSOLE = "needs a board", "runs until Ctrl-C", "needs a running console"
 QUESTIONS, ADMINISTRATOR = "asks questions", "needs administrator rights"

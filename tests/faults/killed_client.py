@@ -10,10 +10,11 @@ import time
 from pathlib import Path
 
 from armctl.calibration import Calibration, CalibrationStore, JointCalibration
+from armctl.facts import State
 from armctl.process import start_arm
 from armctl.program import Program, WaitStep, save_program
+from armctl.protocol import Connect, Enable, MoveJoints, Origin
 from armctl.robot import load_robot
-from armctl.runtime import Connect, Enable, MoveJoints, Origin, State
 
 
 def save(folder: Path) -> None:

@@ -18,7 +18,9 @@ from tests.hardware.lines import LoopTransport
 from tests.runtime.kit import TEST, TICK
 
 from armctl.arrays import FloatArray
+from armctl.facts import State
 from armctl.hardware import BoardIdentity, ChannelSettings, Driver, Readback
+from armctl.hardware.channels import channel_settings
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import simulated_encoder_board
@@ -32,10 +34,9 @@ from armctl.hardware.maestro.simulated import ChannelConfig, MaestroSettings, Si
 from armctl.hardware.transport import Connection, SerialTransport
 from armctl.process.records import Ask, Codec, Hello
 from armctl.process.server import Server
+from armctl.protocol import Command, ManualClock, Snapshot, Ticket
 from armctl.robot import Robot, load_robot
-from armctl.runtime import Controller, InlineExecutor, ManualClock, PoseFolder, Snapshot, State, Ticket
-from armctl.runtime.board import channel_settings
-from armctl.runtime.commands import Command
+from armctl.runtime import Controller, InlineExecutor, PoseFolder
 
 ROBOTS = {
     board: load_robot(arm)

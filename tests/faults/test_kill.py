@@ -18,12 +18,13 @@ import pytest
 
 from armctl.calibration import CalibrationStore
 from armctl.documents import has_ended
+from armctl.hardware.channels import channel_settings
 from armctl.hardware.maestro.codec import Opcode, set_targets
 from armctl.hardware.maestro.simulated import simulated_maestro
 from armctl.hardware.simulation import BoardServer
 from armctl.program import load_program
+from armctl.protocol import MonotonicClock
 from armctl.robot import load_robot
-from armctl.runtime import MonotonicClock, channel_settings
 
 MOMENTS = 200 if os.environ.get("ARMCTL_LONG") else 2
 ROBOT = load_robot("uzuner")

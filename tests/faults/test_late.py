@@ -9,7 +9,8 @@ import pytest
 from tests.faults.kit import Bench
 from tests.runtime.kit import TEST, TICK
 
-from armctl.runtime import ClearFault, Connect, Enable, HomeAxes, MoveJoints, Release, Snapshot, State
+from armctl.facts import State
+from armctl.protocol import ClearFault, Connect, Enable, HomeAxes, MoveJoints, Release, Snapshot
 
 BOARDS = ("maestro", "firmata", "encoder")
 DELAYS_S = (0.01, 0.03, 0.06, 0.1, 0.15, 0.25, 0.4)

@@ -11,9 +11,12 @@ import pytest
 from tests.faults.kit import PORT, Bench
 from tests.runtime.kit import TEST, TICK
 
+from armctl.facts import State
+from armctl.hardware.channels import channel_settings
 from armctl.program import MoveStep, Program, WaitStep
-from armctl.runtime import (
+from armctl.protocol import (
     ClearFault,
+    Command,
     Connect,
     Disconnect,
     Enable,
@@ -27,11 +30,8 @@ from armctl.runtime import (
     Resume,
     RunProgram,
     SetSpeed,
-    State,
     StreamJoints,
 )
-from armctl.runtime.board import channel_settings
-from armctl.runtime.commands import Command
 
 TICKS = 1_000_000 if os.environ.get("ARMCTL_LONG") else 9_000
 """of all boards together"""

@@ -17,16 +17,8 @@ from tests.faults.kit import OTHER_PORT, PORT, ROBOTS, Bench
 from tests.runtime.kit import TEST, TICK
 
 from armctl.arrays import FloatArray
-from armctl.runtime import (
-    ClearFault,
-    Connect,
-    Enable,
-    HomeAxes,
-    Jog,
-    MoveJoints,
-    Release,
-    State,
-)
+from armctl.facts import State
+from armctl.protocol import ClearFault, Connect, Enable, HomeAxes, Jog, MoveJoints, Release
 
 _SETTLES_S = 12.0
 _IDLE_S, _IDLE_TICK_S = 5.0, 0.05
@@ -158,7 +150,7 @@ def frozen(seconds: float, bench: Bench) -> Callable[[], None]:
 
 
 def wall_clock(shift_s: float, bench: Bench) -> Callable[[], None]:
-    for module in ("snapshot", "last_pose", "black_box"):
+    for module in ("notices", "last_pose", "black_box"):
         bench.patch.setattr(f"armctl.runtime.{module}.wall_time", lambda: 1.7e9 + shift_s)
     return lambda: None
 

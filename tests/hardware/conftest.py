@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from armctl.runtime.clock import ManualClock
+from armctl.protocol import ManualClock
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ from armctl.hardware.maestro.simulated import (
 )
 from armctl.hardware.ports import PortChecks
 from armctl.hardware.transport import PortInfo
-from armctl.runtime.clock import ManualClock
+from armctl.protocol import ManualClock
 
 MICRO = MaestroModel.MICRO_6.label
 CHANNELS = [ChannelSettings(channel, 1000.0, 2000.0) for channel in range(4)]

@@ -15,7 +15,7 @@ from armctl.hardware.faults import Fault, FaultyModel, trouble
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import MaestroSettings, SimulatedMaestro
 from armctl.hardware.transport import Connection
-from armctl.runtime.clock import ManualClock
+from armctl.protocol import ManualClock
 
 CHANNELS = [ChannelSettings(channel, 1000.0, 2000.0) for channel in range(3)]
 

@@ -22,7 +22,7 @@ from armctl.hardware.maestro.simulated import (
 )
 from armctl.hardware.probe import Approach, Probed, approach, probe
 from armctl.hardware.transport import UNKNOWN
-from armctl.runtime.clock import ManualClock
+from armctl.protocol import ManualClock
 
 MICRO = MaestroModel.MICRO_6.label
 PTY = None

@@ -28,7 +28,7 @@ from armctl.hardware.maestro.simulated import (
 )
 from armctl.hardware.simulation import BoardServer
 from armctl.hardware.transport import Connection
-from armctl.runtime.clock import ManualClock, MonotonicClock
+from armctl.protocol import ManualClock, MonotonicClock
 
 SERVOS = [ChannelSettings(9, 1000.0, 2000.0), ChannelSettings(4, 1000.0, 2000.0)]
 PATIENT_S = 5.0  # the pty has a thread of its own, which a busy machine may keep waiting

@@ -13,7 +13,7 @@ import serial
 from armctl.errors import BoardError, PortError
 from armctl.hardware.simulation import BoardServer, make_link, remove_link
 from armctl.hardware.transport import SerialTransport
-from armctl.runtime.clock import ManualClock
+from armctl.protocol import ManualClock
 
 
 class Recorder:

@@ -9,7 +9,7 @@ import pytest
 from tests.process.kit import served
 from tests.runtime.kit import make_rig
 
-from armctl.runtime import Snapshot
+from armctl.protocol import Snapshot
 
 
 @pytest.fixture

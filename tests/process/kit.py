@@ -34,8 +34,8 @@ from armctl.process.records import (
     error_of,
 )
 from armctl.process.server import serve_arm
+from armctl.protocol import Command, Connect, Enable, Snapshot
 from armctl.robot import Robot, load_robot
-from armctl.runtime import Command, Connect, Enable, Snapshot
 
 ROBOT = load_robot("uzuner")
 SECRET = "secret"

@@ -17,6 +17,7 @@ from tests.process.test_server import refusal
 from websockets.exceptions import ConnectionClosed
 
 from armctl.errors import ArmctlError, InputError, StateError
+from armctl.facts import State
 from armctl.motion import plan_joints
 from armctl.process.limits import (
     MOST_BYTES_A_SECOND,
@@ -24,13 +25,14 @@ from armctl.process.limits import (
     Arrivals,
     Meter,
     Traffic,
+    near,
     source_of,
     who_gives_way,
 )
 from armctl.process.link import LocalLine
 from armctl.process.records import MOST_ELSE, Answer, Ask, Codec, Hello, Recall, Recalled, Stop, Trust, schema
 from armctl.program import MoveStep, Program, WaitStep
-from armctl.runtime import (
+from armctl.protocol import (
     Arrive,
     Command,
     Follow,
@@ -40,7 +42,6 @@ from armctl.runtime import (
     MoveJoints,
     RunProgram,
     SetSpeed,
-    State,
     TakeControl,
 )
 
@@ -463,3 +464,19 @@ def test_a_computer_connects_so_often(arm_at: Address, monkeypatch: pytest.Monke
     line, codec = WebSocketLine(arm_at, text=True, source="127.0.0.1"), Codec(json=True)
     line.send(codec.encode(Hello("again")))
     assert "too many connections from this computer" in refusal(line, codec)
+
+
+@pytest.mark.parametrize(
+    ("address", "is_"),
+    [
+        ("10.0.0.5", "10.0.0.5"),
+        ("::ffff:10.0.0.5", "10.0.0.5"),
+        ("::1", "::1"),
+        ("2001:db8:1:2:3:4:5:6", "2001:db8:1:2::/64"),
+        ("2001:db8:1:2:ffff::1", "2001:db8:1:2::/64"),
+        ("fe80::1%eth0", "fe80::/64"),
+        ("unix", "unix"),
+    ],
+)
+def test_a_computer_with_many_addresses_is_one_source(address: str, is_: str) -> None:
+    assert near(address) == is_

@@ -18,7 +18,7 @@ from armctl.process import Host
 from armctl.process import server as server_module
 from armctl.process.records import Ask, Codec, Hello, Record, Stop, Trust, commands
 from armctl.process.server import Server
-from armctl.runtime import Connect, Enable
+from armctl.protocol import Connect, Enable
 
 COUNT = int(os.environ.get("ARMCTL_FUZZ", "10000"))
 ODD: tuple[Any, ...] = (

@@ -19,23 +19,16 @@ from tests.process.kit import HOME, ROBOT
 from armctl.arm import Arm
 from armctl.boards import UNNUMBERED
 from armctl.errors import BoardError, PortError, StateError
+from armctl.facts import State
+from armctl.hardware.channels import channel_settings
 from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
 from armctl.hardware.simulation import BoardServer
 from armctl.motion import plan_joints
 from armctl.process import Host, Link, registry, start_arm
 from armctl.process.link import LocalLine
+from armctl.protocol import Connect, Enable, Follow, MonotonicClock, MoveJoints, SetSpeed
 from armctl.robot import load_robot
-from armctl.runtime import (
-    Connect,
-    Enable,
-    Follow,
-    MonotonicClock,
-    MoveJoints,
-    SetSpeed,
-    State,
-    channel_settings,
-)
 from armctl.system import start_apart
 
 SCORBOT = load_robot("scorbot")

@@ -18,12 +18,13 @@ from tests.runtime.kit import fails
 from websockets.http11 import Request
 from websockets.server import ServerProtocol
 
+from armctl.facts import State
 from armctl.motion.trajectory import Sample
 from armctl.process import link as link_module
 from armctl.process.link import Link, RemoteLine
 from armctl.process.records import SILENCE_S, Codec, Record, Seen, Welcome, light, robot_record
+from armctl.protocol import Follow, ManualClock, MoveJoints, SetSpeed, Snapshot
 from armctl.robot import Robot, load_robot
-from armctl.runtime import Follow, ManualClock, MoveJoints, SetSpeed, Snapshot, State
 
 MOVE = MoveJoints(ROBOT.pose("home"))
 

@@ -9,7 +9,7 @@ from tests.process.kit import ROBOT, SECRET, served
 
 from armctl.errors import BoardError, InputError
 from armctl.process.link import Link, LocalLine
-from armctl.runtime import Connect, Enable
+from armctl.protocol import Connect, Enable
 
 
 def test_a_client_gets_the_last_minute_and_a_closed_one_an_error(tmp_path: Path) -> None:

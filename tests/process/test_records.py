@@ -24,7 +24,7 @@ from armctl.process.records import (
     light,
 )
 from armctl.program import MoveStep, Program, WaitStep
-from armctl.runtime import Command, Follow, FollowTarget, MoveJoints, MoveTo, RunProgram
+from armctl.protocol import Command, Follow, FollowTarget, MoveJoints, MoveTo, RunProgram
 
 HOME = ROBOT.pose("home")
 AWAY = HOME + np.radians([30, -20, 30, 10, 0])

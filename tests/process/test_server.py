@@ -26,6 +26,7 @@ from tests.process.kit import (
 from websockets.exceptions import ConnectionClosed
 
 from armctl.errors import InputError, StateError
+from armctl.facts import State
 from armctl.kinematics import Target
 from armctl.process import connections
 from armctl.process.link import Link, LocalLine
@@ -48,7 +49,7 @@ from armctl.process.records import (
     Welcome,
 )
 from armctl.program import MoveStep, Program, WaitStep
-from armctl.runtime import (
+from armctl.protocol import (
     Arrive,
     LockControl,
     MoveGripper,
@@ -58,12 +59,11 @@ from armctl.runtime import (
     RememberWrongPins,
     RunProgram,
     SetSpeed,
-    State,
     TakeControl,
     UpdateProgram,
     WrongPins,
 )
-from armctl.runtime.black_box import unpacked
+from armctl.protocol.recording import unpacked
 
 AWAY = HOME + np.radians([60, 0, 0, 0, 0])
 SLOWLY = MoveJoints(AWAY, 20.0)

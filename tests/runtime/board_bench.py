@@ -10,11 +10,12 @@ from typing import Generic, TypeVar
 from tests.hardware.lines import LoopTransport
 from tests.runtime.kit import TEST, TICK
 
+from armctl.facts import State
 from armctl.hardware import ByteModel, Driver
 from armctl.hardware.faults import FaultyModel, Trouble
+from armctl.protocol import Command, ManualClock, Snapshot, Ticket
 from armctl.robot import Robot
-from armctl.runtime import Controller, InlineExecutor, ManualClock, Snapshot, State, Ticket
-from armctl.runtime.commands import Command
+from armctl.runtime import Controller, InlineExecutor
 
 Model = TypeVar("Model", bound=ByteModel)
 

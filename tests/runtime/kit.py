@@ -14,22 +14,12 @@ import pytest
 from numpy.typing import NDArray
 
 from armctl.errors import StateError
+from armctl.facts import State
 from armctl.hardware import BoardIdentity, ChannelSettings, Readback, Source
 from armctl.program import MoveStep, Step
+from armctl.protocol import Command, Connect, Enable, ManualClock, Origin, Snapshot, Ticket
 from armctl.robot import Robot, load_robot
-from armctl.runtime import (
-    Connect,
-    Controller,
-    Enable,
-    InlineExecutor,
-    ManualClock,
-    Origin,
-    PoseFolder,
-    Snapshot,
-    State,
-    Ticket,
-)
-from armctl.runtime.commands import Command
+from armctl.runtime import Controller, InlineExecutor, PoseFolder
 
 ROBOT = load_robot("uzuner")
 MIDDLE = ROBOT.pose("home") + np.radians([0, 0, 20, 0, 0])  # away from every limit

@@ -16,23 +16,26 @@ from tests.runtime.board_bench import BoardBench
 from tests.runtime.kit import MIDDLE, ROBOT, TICK, Rig, make_rig, swings
 
 from armctl.errors import BoardError, BoardTimeoutError, InputError
+from armctl.facts import State
+from armctl.hardware.channels import channel_settings
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import SimulatedMaestro, simulated_maestro
 from armctl.hardware.transport import Connection
 from armctl.kinematics import Target
 from armctl.program import Program
-from armctl.runtime import (
+from armctl.protocol import (
     Connect,
     Enable,
     Jog,
     MoveJoints,
     MoveTo,
     Origin,
+    Recording,
     RunProgram,
-    State,
-    channel_settings,
+    read_recording,
+    saved_recordings,
 )
-from armctl.runtime.black_box import Recording, read_recording, save_recording, saved_recordings
+from armctl.runtime.black_box import save_recording
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 

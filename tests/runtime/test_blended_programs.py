@@ -26,6 +26,7 @@ from tests.runtime.kit import (
 )
 
 from armctl.errors import ProgramError
+from armctl.facts import State
 from armctl.motion import arc
 from armctl.program import (
     ArcStep,
@@ -38,7 +39,8 @@ from armctl.program import (
     Step,
     WaitStep,
 )
-from armctl.runtime import InlineExecutor, Pause, Resume, RunProgram, State, UpdateProgram
+from armctl.protocol import Pause, Resume, RunProgram, UpdateProgram
+from armctl.runtime import InlineExecutor
 
 P = ParamSpec("P")
 T = TypeVar("T")

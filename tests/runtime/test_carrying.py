@@ -15,8 +15,7 @@ from armctl.motion import Floor, PointToPoint
 from armctl.motion.preflight import require_gaps
 from armctl.motion.trajectory import RestOfTrajectory
 from armctl.program import GripperStep, MoveStep
-from armctl.robot import CarriedPart, load_robot
-from armctl.runtime import (
+from armctl.protocol import (
     Cancel,
     Disconnect,
     Enable,
@@ -27,6 +26,7 @@ from armctl.runtime import (
     Release,
     RunProgram,
 )
+from armctl.robot import CarriedPart, load_robot
 from armctl.runtime.joint_servo import KeepClear
 
 CUBE = (30.0, 30.0, 30.0)

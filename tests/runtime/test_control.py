@@ -7,20 +7,20 @@ import pytest
 from tests.runtime.kit import LateExecutor, Rig, fails, make_rig
 
 from armctl.errors import StateError
-from armctl.runtime import (
+from armctl.facts import State
+from armctl.protocol import (
     Arrive,
     Command,
-    Controller,
     Leave,
     LockControl,
     MoveJoints,
     Origin,
     Release,
     SetSpeed,
-    State,
     TakeControl,
     Ticket,
 )
+from armctl.runtime import Controller
 
 ANNA, BEN = Origin("page 1"), Origin("page 2")
 AWAY = np.radians([60.0, 90, -60, -40, 0])

@@ -11,13 +11,13 @@ import pytest
 from tests.runtime.kit import ROBOT, TEST, RecordingDriver, Rig, fails, make_rig
 
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, StateError
+from armctl.facts import State
 from armctl.motion import PointToPoint, plan_joints
 from armctl.program import Program
-from armctl.runtime import (
+from armctl.protocol import (
     ClearFault,
     Command,
     Connect,
-    Controller,
     Disconnect,
     Enable,
     Follow,
@@ -30,9 +30,9 @@ from armctl.runtime import (
     Release,
     Resume,
     SetSpeed,
-    State,
     UpdateProgram,
 )
+from armctl.runtime import Controller
 from armctl.runtime.mover import PathMover
 
 PATIENCE_S = 20.0

@@ -23,6 +23,7 @@ from tests.runtime.kit import (
 )
 
 from armctl.errors import StateError
+from armctl.facts import State
 from armctl.program import (
     LineStep,
     MotionStep,
@@ -33,7 +34,7 @@ from armctl.program import (
     Step,
     WaitStep,
 )
-from armctl.runtime import Release, RunProgram, State, UpdateProgram
+from armctl.protocol import Release, RunProgram, UpdateProgram
 
 LONG = bool(os.environ.get("ARMCTL_LONG"))
 

@@ -12,17 +12,10 @@ from hypothesis import strategies as st
 from tests.runtime.kit import MIDDLE, ROBOT, TEST, TICK, Rig, fails, make_rig
 
 from armctl.errors import BoardError, EnableError, InputError, MotionRefusedError
+from armctl.facts import State
 from armctl.hardware import Source
+from armctl.protocol import Connect, Disconnect, Enable, MoveGripper, MoveJoints, Release
 from armctl.robot import load_robot
-from armctl.runtime import (
-    Connect,
-    Disconnect,
-    Enable,
-    MoveGripper,
-    MoveJoints,
-    Release,
-    State,
-)
 
 HOME, REST = ROBOT.pose("home"), ROBOT.pose("rest")
 ARMS = [load_robot(name) for name in ("uzuner", "abaas", "mico")]

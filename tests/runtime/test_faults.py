@@ -13,12 +13,11 @@ from armctl.errors import (
     BoardTimeoutError,
     MotionRefusedError,
 )
-from armctl.facts import Unanswered
+from armctl.facts import State, Unanswered
 from armctl.program import Program, WaitStep
-from armctl.runtime import (
+from armctl.protocol import (
     ClearFault,
     Connect,
-    Controller,
     Enable,
     MoveGripper,
     MoveJoints,
@@ -26,11 +25,11 @@ from armctl.runtime import (
     RunProgram,
     SetSpeed,
     Snapshot,
-    State,
 )
+from armctl.runtime import Controller
 from armctl.runtime.activity import Setpoint
 from armctl.runtime.mover import PathMover
-from armctl.runtime.snapshot import EventLog
+from armctl.runtime.notices import EventLog
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 SILENT = BoardTimeoutError(Unanswered("no answer", "the cable and the power supply"))
@@ -375,7 +374,7 @@ def test_the_log_is_bounded_and_a_clock_that_was_set_back_does_not_silence_it(
         holding.do(SetSpeed(0.5 + 0.5 * (k % 2)))
     assert len(holding.now.events) == 200
     times = iter([5000.0, 5001.0, 1000.0])
-    monkeypatch.setattr("armctl.runtime.snapshot.wall_time", lambda: next(times))
+    monkeypatch.setattr("armctl.runtime.notices.wall_time", lambda: next(times))
     log = EventLog()
     for _ in range(3):
         log.warn("STOP (test)")

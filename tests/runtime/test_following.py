@@ -14,10 +14,11 @@ from tests.runtime.kit import (
 )
 
 from armctl.errors import StateError
+from armctl.facts import State
 from armctl.kinematics import Target
 from armctl.motion import Floor
+from armctl.protocol import FollowTarget, MoveJoints, Pause, SetSpeed
 from armctl.robot import load_robot
-from armctl.runtime import FollowTarget, MoveJoints, Pause, SetSpeed, State
 from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.live_target import live_goal
 

@@ -10,9 +10,9 @@ import pytest
 from tests.runtime.kit import TEST, RecordingDriver, Rig, fails, make_rig
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, StateError
+from armctl.facts import State
 from armctl.hardware import HomingState, Readback, Source
-from armctl.robot import Robot, load_robot
-from armctl.runtime import (
+from armctl.protocol import (
     ClearFault,
     Command,
     Connect,
@@ -23,8 +23,8 @@ from armctl.runtime import (
     MoveJoints,
     Pause,
     Release,
-    State,
 )
+from armctl.robot import Robot, load_robot
 
 SCORBOT = load_robot("scorbot")
 REST = SCORBOT.pose("rest")

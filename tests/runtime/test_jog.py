@@ -19,9 +19,10 @@ from tests.runtime.kit import (
 )
 
 from armctl.errors import InputError
+from armctl.facts import State
 from armctl.motion import Floor
+from armctl.protocol import Command, Jog, JogTool, MoveGripper, MoveJoints, Pause, SetSpeed
 from armctl.robot import Robot, load_robot
-from armctl.runtime import Command, Jog, JogTool, MoveGripper, MoveJoints, Pause, SetSpeed, State
 
 HOME = ROBOT.pose("home")
 LOW = np.radians([0, 60, -80, -20, 0])

@@ -11,8 +11,9 @@ import pytest
 from tests.runtime.kit import ROBOT, TEST, TICK, Rig, fails, make_rig
 
 from armctl.errors import BoardError
+from armctl.facts import State
 from armctl.hardware import BoardIdentity
-from armctl.runtime import (
+from armctl.protocol import (
     Connect,
     Disconnect,
     Enable,
@@ -20,12 +21,10 @@ from armctl.runtime import (
     MoveGripper,
     MoveJoints,
     Pause,
-    PoseFolder,
     Release,
     Resume,
-    State,
-    last_pose,
 )
+from armctl.runtime import PoseFolder, last_pose
 
 HOME = ROBOT.pose("home")
 

@@ -18,11 +18,14 @@ from tests.runtime.kit import (
     make_rig,
 )
 
+from armctl.facts import State
 from armctl.kinematics import Target
 from armctl.motion import Floor
 from armctl.program import GripperStep, MoveStep, PointStep, Program, WaitStep
-from armctl.runtime import (
+from armctl.protocol import (
+    Command,
     FollowTarget,
+    HeldCommand,
     Jog,
     JogTool,
     MoveGripper,
@@ -31,9 +34,7 @@ from armctl.runtime import (
     Resume,
     RunProgram,
     SetSpeed,
-    State,
 )
-from armctl.runtime.commands import Command, HeldCommand
 
 SHARE = 1.0 if os.environ.get("ARMCTL_LONG") else 0.25
 """of the scripts"""

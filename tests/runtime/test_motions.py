@@ -15,9 +15,10 @@ from tests.runtime.kit import (
 )
 
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, StateError, UnreachableError
+from armctl.facts import State
 from armctl.kinematics import Target
 from armctl.motion import JoinedTrajectory, PointToPoint, arc, plan_joints, plan_target
-from armctl.runtime import Follow, Jog, MoveJoints, MoveTo, Pause, Release, Resume, SetSpeed, State
+from armctl.protocol import Follow, Jog, MoveJoints, MoveTo, Pause, Release, Resume, SetSpeed
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from tests.runtime.kit import ROBOT, TICK, Rig, fails, make_rig
 
+from armctl.facts import State
 from armctl.motion import PathTrajectory, PiecewisePolynomial
 from armctl.motion.blend import Leg, blend
-from armctl.runtime import MoveGripper, MoveJoints, SetSpeed, State
+from armctl.protocol import MoveGripper, MoveJoints, SetSpeed
 from armctl.runtime.activity import Setpoint
 from armctl.runtime.mover import PathMover
 

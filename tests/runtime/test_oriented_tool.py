@@ -12,8 +12,8 @@ from armctl.errors import InputError
 from armctl.kinematics import Target
 from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.numeric.goals import rotation_vectors
+from armctl.protocol import FollowTarget, JogTool
 from armctl.robot import Robot, load_robot
-from armctl.runtime import FollowTarget, JogTool
 
 ARMS = {"six": load_robot("ur5"), "seven": panda()}
 

@@ -1,4 +1,4 @@
-"""Nobody in the runtime writes another object's attributes."""
+"""Nobody in the runtime, and in what it says and hears, writes another object's attributes."""
 
 from __future__ import annotations
 
@@ -6,9 +6,14 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
+import armctl.protocol
 import armctl.runtime
 
-FOLDER = Path(armctl.runtime.__file__).parent
+FILES = [
+    file
+    for package in (armctl.protocol, armctl.runtime)
+    for file in sorted(Path(str(package.__file__)).parent.glob("*.py"))
+]
 
 
 def foreign_writes(tree: ast.Module) -> Iterator[ast.Attribute]:
@@ -23,13 +28,13 @@ def foreign_writes(tree: ast.Module) -> Iterator[ast.Attribute]:
 def test_a_class_that_owns_state_is_the_only_one_that_writes_it() -> None:
     found = [
         f"{file.name}:{node.lineno}: {ast.unparse(node)}"
-        for file in sorted(FOLDER.glob("*.py"))
+        for file in FILES
         for node in foreign_writes(ast.parse(file.read_text("utf-8")))
     ]
     assert found == []
 
 
 def test_only_the_core_changes_the_state() -> None:
-    for file in FOLDER.glob("*.py"):
+    for file in FILES:
         calls = [n for n in ast.walk(ast.parse(file.read_text("utf-8"))) if isinstance(n, ast.Attribute)]
         assert file.name == "core.py" or not any(n.attr in ("_enter", "__setattr__") for n in calls), file

@@ -11,21 +11,21 @@ import pytest
 from tests.runtime.kit import ROBOT, LateExecutor, RecordingDriver, Rig, fails, make_rig
 
 from armctl.errors import StateError
+from armctl.facts import State
 from armctl.motion.trajectory import Sample
 from armctl.program import MoveStep, Program
-from armctl.runtime import (
+from armctl.protocol import (
     Cancel,
     Connect,
-    Controller,
     Disconnect,
     Enable,
     Follow,
     MonotonicClock,
     MoveJoints,
     RunProgram,
-    State,
     UpdateProgram,
 )
+from armctl.runtime import Controller
 from armctl.runtime.planner import LONGEST_PLAN_S, Openers, Planner
 
 HOME = ROBOT.pose("home")

@@ -7,11 +7,11 @@ import pytest
 from tests.runtime.kit import ROBOT, Rig, fails, make_rig
 
 from armctl.errors import BoardError, BoardTimeoutError, InputError, MotionRefusedError, PortError
-from armctl.facts import Quantities
+from armctl.facts import Quantities, State
 from armctl.hardware import BoardIdentity, Readback, Source
+from armctl.protocol import Connect, Disconnect, Enable, MoveGripper, MoveJoints, Release
 from armctl.robot import load_robot
 from armctl.robot.parts import Obstacle
-from armctl.runtime import Connect, Disconnect, Enable, MoveGripper, MoveJoints, Release, State
 from armctl.runtime.power import _links_turned_back
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")

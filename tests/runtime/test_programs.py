@@ -15,9 +15,10 @@ from tests.runtime.kit import (
 )
 
 from armctl.errors import InputError, ProgramError
+from armctl.facts import State
 from armctl.motion import PointToPoint
 from armctl.program import GripperStep, MoveStep, PointStep, Program, Step, WaitStep
-from armctl.runtime import MoveGripper, MoveJoints, Pause, Resume, RunProgram, SetSpeed, State
+from armctl.protocol import MoveGripper, MoveJoints, Pause, Resume, RunProgram, SetSpeed
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 TO_HOME = MoveStep(joints_deg=tuple(np.degrees(HOME).tolist()))

@@ -11,9 +11,10 @@ from tests.runtime.kit import ROBOT, TEST, LateExecutor, Rig, fails, make_rig
 from tests.runtime.test_homing import make_homing_rig
 
 from armctl.errors import BoardError
+from armctl.facts import State
 from armctl.kinematics import Target
 from armctl.program import Program, WaitStep
-from armctl.runtime import (
+from armctl.protocol import (
     Command,
     Connect,
     Disconnect,
@@ -26,7 +27,6 @@ from armctl.runtime import (
     MoveJoints,
     Pause,
     RunProgram,
-    State,
 )
 
 HOME = ROBOT.pose("home")

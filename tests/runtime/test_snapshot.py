@@ -9,26 +9,26 @@ import numpy as np
 import pytest
 from tests.runtime.kit import ROBOT, TEST, Rig, make_rig
 
+from armctl.facts import Need, State
 from armctl.hardware import Source
 from armctl.program import GripperStep, Program, WaitStep
-from armctl.runtime import (
+from armctl.protocol import (
     AxisHoming,
     Command,
     Connect,
     Control,
     Enable,
+    Event,
     Jog,
     LastPose,
     MoveGripper,
     MoveJoints,
-    Need,
     Pause,
     RunProgram,
     Snapshot,
-    State,
+    stands_as_before,
     unmet,
 )
-from armctl.runtime.snapshot import Event, stands_as_before
 
 _TIME = {"stamp", "tick"}
 _BESIDE_STATE = {

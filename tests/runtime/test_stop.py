@@ -5,7 +5,8 @@ import pytest
 from tests.runtime.kit import ROBOT, TEST, TICK, Rig, assert_keeps_limits, fails
 
 from armctl.errors import ArmctlError, BoardTimeoutError, StoppedError
-from armctl.runtime import Jog, MoveGripper, MoveJoints, Origin, Pause, Resume, State, Ticket
+from armctl.facts import State
+from armctl.protocol import Jog, MoveGripper, MoveJoints, Origin, Pause, Resume, Ticket
 from armctl.runtime.mover import PathMover
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
@@ -159,7 +160,7 @@ def test_at_rest_a_stop_is_a_warning_and_a_closed_page_is_none(
 def test_a_press_that_comes_on_two_ways_is_one_line_and_each_motion_that_it_stops_another(
     holding: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("armctl.runtime.snapshot.wall_time", lambda: 1000.0)
+    monkeypatch.setattr("armctl.runtime.notices.wall_time", lambda: 1000.0)
     for count in (1, 2):
         holding.do(MoveJoints(FAR if count == 1 else HOME))
         holding.run(2 * TICK)

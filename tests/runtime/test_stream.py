@@ -9,8 +9,9 @@ import pytest
 from tests.runtime.kit import MIDDLE, TEST, TICK, Rig, assert_keeps_limits, fails, swings
 
 from armctl.errors import BoardError, InputError, MotionRefusedError
+from armctl.facts import State
 from armctl.program import Program, WaitStep
-from armctl.runtime import (
+from armctl.protocol import (
     Cancel,
     Connect,
     Enable,
@@ -20,7 +21,6 @@ from armctl.runtime import (
     MoveJoints,
     Pause,
     RunProgram,
-    State,
     StreamJoints,
 )
 

@@ -10,9 +10,10 @@ from tests.runtime.kit import Rig, assert_accelerations_keep_limits, make_rig
 
 from armctl.arrays import FloatArray
 from armctl.errors import EnableError
+from armctl.facts import State
 from armctl.kinematics import Target
+from armctl.protocol import Connect, Enable, FollowTarget, Jog, JogTool
 from armctl.robot import Robot, load_robot
-from armctl.runtime import Connect, Enable, FollowTarget, Jog, JogTool, State
 
 MEARM = load_robot("mearm")
 (LIMIT,) = MEARM.chain.turn_limits

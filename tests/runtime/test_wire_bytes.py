@@ -15,12 +15,13 @@ from tests.runtime.board_bench import BoardBench
 
 from armctl import load_robot
 from armctl.boards import setup_of
+from armctl.facts import State
 from armctl.hardware import ByteModel, Driver
 from armctl.hardware.boards import board_type
 from armctl.hardware.transport import Connection, Transport
 from armctl.program import open_program
+from armctl.protocol import Connect, Disconnect, Enable, HomeAxes, Release, RunProgram
 from armctl.robot import Robot
-from armctl.runtime import Connect, Disconnect, Enable, HomeAxes, Release, RunProgram, State
 
 ROBOTS = ("uzuner", "abaas", "scorbot")
 """one for each kind of board"""

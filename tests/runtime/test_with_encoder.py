@@ -8,24 +8,16 @@ from tests.runtime.board_bench import BoardBench
 from tests.runtime.kit import TEST, TICK, fails
 
 from armctl.errors import BoardError, StateError
+from armctl.facts import State
 from armctl.hardware import Source
+from armctl.hardware.channels import channel_settings
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
 from armctl.hardware.faults import Fault
 from armctl.hardware.transport import Connection
+from armctl.protocol import ClearFault, Connect, Enable, HomeAxes, MoveGripper, MoveJoints, Release
 from armctl.robot import load_robot
-from armctl.runtime import (
-    ClearFault,
-    Connect,
-    Enable,
-    HomeAxes,
-    MoveGripper,
-    MoveJoints,
-    Release,
-    State,
-    channel_settings,
-)
 
 SCORBOT = load_robot("scorbot")
 HOMING_S = 180.0

@@ -6,12 +6,13 @@ import pytest
 from tests.runtime.board_bench import BoardBench
 
 from armctl.errors import StateError
+from armctl.facts import State
 from armctl.hardware.faults import Trouble, trouble
 from armctl.hardware.firmata.driver import FirmataDriver
 from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.hardware.transport import Connection
+from armctl.protocol import Connect, Enable, MoveJoints, Release
 from armctl.robot import load_robot
-from armctl.runtime import Connect, Enable, MoveJoints, Release, State
 
 ABAAS = load_robot("abaas")
 REST, HOME = ABAAS.pose("rest"), ABAAS.pose("home")

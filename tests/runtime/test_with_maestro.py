@@ -11,6 +11,7 @@ from tests.runtime.board_bench import BoardBench
 from tests.runtime.kit import ROBOT, TEST, TICK
 
 from armctl.errors import StateError
+from armctl.facts import State
 from armctl.hardware import Source
 from armctl.hardware.faults import Fault, Trouble, trouble
 from armctl.hardware.maestro import MaestroModel
@@ -18,7 +19,7 @@ from armctl.hardware.maestro.codec import Opcode, command
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import ChannelConfig, MaestroSettings, SimulatedMaestro
 from armctl.hardware.transport import Connection
-from armctl.runtime import ClearFault, Connect, Enable, MoveJoints, State
+from armctl.protocol import ClearFault, Connect, Enable, MoveJoints
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 WIDE = {channel: ChannelConfig(minimum_us=500, maximum_us=2500) for channel in range(6)}

@@ -11,9 +11,11 @@ from typing import Any, cast
 import viser
 
 from armctl.arrays import FloatArray
+from armctl.facts import State
 from armctl.hardware import Driver
+from armctl.protocol import Command, ManualClock, Snapshot
 from armctl.robot import Robot
-from armctl.runtime import Command, Controller, ManualClock, Snapshot, State
+from armctl.runtime import Controller
 from armctl.ui.guard import GuardedServer
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.session import Session

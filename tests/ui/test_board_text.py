@@ -6,10 +6,10 @@ from dataclasses import replace
 import pytest
 from tests.runtime.kit import make_rig
 
-from armctl.facts import Quantities
+from armctl.facts import Quantities, State
 from armctl.hardware import BoardIdentity
+from armctl.protocol import AxisHoming, Snapshot
 from armctl.robot import load_robot
-from armctl.runtime import AxisHoming, Snapshot, State
 from armctl.ui import PortChoice
 from armctl.ui.enabling import enable_note
 from armctl.ui.tabs.main.boards import board_html, homing_html, ports_html

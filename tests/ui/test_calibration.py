@@ -24,9 +24,10 @@ from armctl.calibration import (
     own_calibration,
 )
 from armctl.errors import CalibrationError, InputError, PortError, StateError
+from armctl.facts import State
 from armctl.hardware import Source
+from armctl.protocol import Snapshot
 from armctl.robot import OutputMap, load_robot
-from armctl.runtime import Snapshot, State
 from armctl.ui import CalibrationInForce
 from armctl.ui.tabs.calibration.joint import (
     STEPS,

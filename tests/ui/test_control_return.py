@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from armctl.runtime import Control, Party
+from armctl.protocol import Control, Party
 from armctl.ui import control_return
 from armctl.ui.control_return import ControlReturn
 from armctl.ui.guard.stop_line import StopLines

@@ -16,8 +16,8 @@ from tests.robot.urdf_kit import Step, written
 from armctl import Arm, load_robot
 from armctl.errors import MotionRefusedError
 from armctl.motion.clearance import clear_rest, stands_clear
+from armctl.protocol import Enable
 from armctl.robot import Robot
-from armctl.runtime import Enable
 from armctl.ui.enabling import EnableButton
 
 CLEAR = "[0, -90, 0, 0, 0]"

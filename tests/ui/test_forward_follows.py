@@ -11,8 +11,9 @@ from tests.ui.page_kit import FakePage
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
+from armctl.facts import State
+from armctl.protocol import MoveJoints
 from armctl.robot import load_robot
-from armctl.runtime import MoveJoints, State
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.forward.screen import LAST, REFERENCE, SHOWN, ForwardScreen
 from armctl.ui.widgets import number_field

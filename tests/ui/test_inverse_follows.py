@@ -8,8 +8,8 @@ from tests.ui.page_kit import FakePage
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
+from armctl.facts import State
 from armctl.robot import load_robot
-from armctl.runtime import State
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.inverse.screen import InverseScreen
 

@@ -7,8 +7,9 @@ import pytest
 from tests.runtime.kit import make_rig
 
 from armctl.errors import BoardTimeoutError
+from armctl.facts import State
+from armctl.protocol import AxisHoming, Connect, Enable, Release
 from armctl.robot import load_robot
-from armctl.runtime import AxisHoming, Connect, Enable, Release, State
 from armctl.ui.console import LastKnown, known
 
 ROBOT = load_robot("uzuner")

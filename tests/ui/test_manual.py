@@ -15,8 +15,8 @@ from tests.runtime.kit import make_rig
 
 from armctl.errors import InputError, MotionRefusedError, StateError
 from armctl.motion import PointToPoint
+from armctl.protocol import ManualClock
 from armctl.robot import CarriedPart, load_robot
-from armctl.runtime import ManualClock
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.jog import KEYS, HeldJog, part_of, tool_axes, tool_jog
 from armctl.ui.tabs.manual.joints import checked_percent, stepped

@@ -12,8 +12,8 @@ from tests.ui.page_kit import FakePage
 from armctl.errors import InputError, UnreachableError
 from armctl.kinematics import Target, quaternion_wxyz, roll_pitch_yaw, rotation_from_rpy
 from armctl.kinematics.angles import rotation_angle
+from armctl.protocol import MoveJoints
 from armctl.robot import Robot, load_robot
-from armctl.runtime import MoveJoints
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.forward.screen import REFERENCE, ForwardScreen, coupled_joints
 from armctl.ui.tabs.inverse.answer import branches_html, result_html, solve

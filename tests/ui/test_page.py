@@ -12,7 +12,7 @@ import pytest
 from tests.browser.served_arm import served_arm
 from tests.ui.guard_kit import CAMERA, PATIENCE_S, RawPage, uuid_of
 
-from armctl.runtime import Snapshot
+from armctl.protocol import Snapshot
 from armctl.ui.console import page_name
 from armctl.ui.guard.filter import FloodGauge
 

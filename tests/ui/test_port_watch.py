@@ -11,9 +11,9 @@ from typing import cast
 import pytest
 from tests.ui.page_kit import snapshot_of
 
+from armctl.facts import State
 from armctl.hardware import BoardIdentity
 from armctl.robot import load_robot
-from armctl.runtime import State
 from armctl.ui import port_watch
 from armctl.ui.console import Console, PortChoice
 from armctl.ui.port_watch import PortWatch

@@ -12,11 +12,11 @@ from tests.arms import FIVE
 from tests.runtime.kit import make_rig
 
 from armctl.errors import InputError, StateError
+from armctl.facts import State
 from armctl.hardware import Source
 from armctl.kinematics import rotation_from_rpy
 from armctl.program import ArcStep, EndStep, GripperStep, LineStep, MoveStep, PointStep, RepeatStep, WaitStep
 from armctl.robot import Robot, load_robot
-from armctl.runtime import State
 from armctl.ui.tabs.manual.program_editor import (
     PAGE_ROWS,
     checked_seconds,

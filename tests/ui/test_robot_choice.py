@@ -15,10 +15,10 @@ from tests.ui.page_kit import snapshot_of
 
 from armctl.calibration import Calibration, CalibrationStore, own_calibration
 from armctl.errors import ArmctlError, BoardError, InputError, RobotFileError, StateError, StoppedError
+from armctl.facts import State
 from armctl.hardware import BoardIdentity, Source
 from armctl.process.heavy_work import Progress
-from armctl.robot import Robot, load_robot
-from armctl.runtime import (
+from armctl.protocol import (
     Arrive,
     Command,
     Connect,
@@ -31,10 +31,10 @@ from armctl.runtime import (
     RememberWrongPins,
     SetSpeed,
     Snapshot,
-    State,
     Ticket,
     WrongPins,
 )
+from armctl.robot import Robot, load_robot
 from armctl.ui import CalibrationInForce, Console, RobotChoice, RobotSwitch
 from armctl.ui.robot_switch import RobotChange, release_first, require_replaceable
 from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration

@@ -13,9 +13,10 @@ from tests.ui.page_kit import snapshot_of
 from viser import GuiEvent
 
 from armctl.errors import InputError
+from armctl.facts import Need, State
 from armctl.hardware import BoardIdentity
+from armctl.protocol import AxisHoming, Control, Doing, MoveJoints, Party, Snapshot, Ticket
 from armctl.robot import load_robot
-from armctl.runtime import AxisHoming, Control, Doing, MoveJoints, Need, Party, Snapshot, State, Ticket
 from armctl.ui import RobotChoice
 from armctl.ui import session as sessions
 from armctl.ui.guard import GuardedServer

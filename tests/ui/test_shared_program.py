@@ -11,7 +11,7 @@ import pytest
 
 from armctl.errors import ProgramError
 from armctl.program import EndStep, Program, RepeatStep, Step, WaitStep, load_program
-from armctl.runtime import ProgramProgress
+from armctl.protocol import ProgramProgress
 from armctl.ui.tabs.manual.shared_program import SharedProgram, Unsaved
 
 WAIT = WaitStep(seconds=2)

@@ -10,8 +10,8 @@ from tests.ui.page_kit import FakePage
 
 from armctl.errors import UnreachableError
 from armctl.kinematics import CRITERIA
+from armctl.protocol import MoveJoints
 from armctl.robot import load_robot
-from armctl.runtime import MoveJoints
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.forward.screen import LAST, REFERENCE, ForwardScreen
 from armctl.ui.tabs.inverse.screen import InverseScreen

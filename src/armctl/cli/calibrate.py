@@ -45,8 +45,8 @@ from armctl.cli.options import (
 )
 from armctl.documents import not_written
 from armctl.errors import CalibrationError
+from armctl.protocol import wall_time
 from armctl.robot import Robot, is_urdf, load_robot
-from armctl.runtime.clock import wall_time
 
 
 @click.group()

@@ -30,8 +30,8 @@ from armctl.calibration import (
 from armctl.cli.ending import ends_like_ctrl_c
 from armctl.errors import CalibrationError, MotionRefusedError, ProgramError
 from armctl.hardware import Source
+from armctl.protocol import wall_time
 from armctl.robot import Robot
-from armctl.runtime.clock import wall_time
 
 _MARGIN = 0.05
 """of the joint's range that is left free at either end"""

@@ -14,13 +14,14 @@ from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import ROBOT, json_option, named_port_option, print_json
 from armctl.documents import write_atomically
 from armctl.errors import ArmctlError, InputError
+from armctl.hardware.channels import channel_settings
 from armctl.hardware.doctor import Patient, examine
 from armctl.hardware.findings import Finding, Verdict, failed
 from armctl.hardware.ports import find_board, list_ports
 from armctl.hardware.transport import SerialTransport, describe_port
+from armctl.protocol import MonotonicClock
 from armctl.report import environment, report, scrubbed
 from armctl.robot import Robot, load_robot
-from armctl.runtime import MonotonicClock, channel_settings
 
 _WIDTH = 16
 

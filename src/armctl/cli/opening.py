@@ -10,8 +10,8 @@ import click
 
 from armctl.errors import StoppedError
 from armctl.process.heavy_work import worked_out
+from armctl.protocol import MonotonicClock
 from armctl.robot import Robot, load_robot
-from armctl.runtime import MonotonicClock
 
 _QUIET_S = 0.3
 

@@ -15,7 +15,7 @@ from armctl.hardware.access import udev_rules
 from armctl.hardware.ports import list_ports
 from armctl.hardware.probe import approach, probe
 from armctl.hardware.transport import PortInfo, SerialTransport
-from armctl.runtime.clock import MonotonicClock
+from armctl.protocol import MonotonicClock
 
 _WIDTH = 20
 

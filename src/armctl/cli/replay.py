@@ -15,9 +15,8 @@ from armctl.arrays import FloatArray
 from armctl.cli.ending import end_event
 from armctl.cli.options import ROBOT, has_display
 from armctl.errors import InputError, RobotFileError
+from armctl.protocol import Recording, read_recording
 from armctl.robot import Robot, load_robot
-from armctl.runtime import Recording
-from armctl.runtime.black_box import read_recording
 
 _LAST_TICKS = 12
 _MOST_ROBOT_BYTES = 4 << 20

@@ -18,7 +18,7 @@ from armctl.cli.options import ROBOT, SPEED_PERCENT, park_option, port_option, p
 from armctl.errors import ProgramError
 from armctl.hardware.boards import board_type
 from armctl.program import open_program
-from armctl.runtime import ProgramProgress
+from armctl.protocol import ProgramProgress
 
 _LOOK_S = 0.01
 

@@ -29,8 +29,8 @@ from armctl.hardware.boards import board_type
 from armctl.hardware.ports import list_ports
 from armctl.process import start_arm
 from armctl.process.heavy_work import Progress, worked_out
+from armctl.protocol import ArmLink, Connect, Event, Origin, wall_time
 from armctl.robot import Robot, hidden_robots, load_robot, robot_title, shipped_robots, user_robots
-from armctl.runtime import ArmLink, Connect, Event, Origin, wall_time
 from armctl.system import is_private, open_private, private_folder
 from armctl.ui import (
     App,

@@ -16,8 +16,8 @@ from armctl.hardware import BoardType, Setup, SimulatorOption
 from armctl.hardware.boards import board_type, board_types, find_board_type
 from armctl.hardware.faults import FAULT_HELP, FaultyModel, Trouble, trouble
 from armctl.hardware.simulation import BoardServer
+from armctl.protocol import MonotonicClock
 from armctl.robot import load_robot
-from armctl.runtime import MonotonicClock
 
 _LOOK_S = 0.1
 

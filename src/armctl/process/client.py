@@ -29,9 +29,8 @@ from armctl.process.records import (
     answer,
     most_bytes,
 )
-from armctl.runtime import ArmLink, Arrive, Command, Leave, Origin, Ticket
-from armctl.runtime.commands import ControlCommand, MovingCommand
-from armctl.runtime.snapshot import printable
+from armctl.protocol import ArmLink, Arrive, Command, ControlCommand, Leave, MovingCommand, Origin, Ticket
+from armctl.protocol.snapshot import printable
 
 _LOGGER = logging.getLogger("armctl.process")
 _MOST_OPEN = 256

@@ -10,19 +10,18 @@ from typing import Self
 
 from armctl.boards import ANY_BOARD, Boards
 from armctl.process.registry import holder
-from armctl.robot import Robot
-from armctl.runtime import (
+from armctl.protocol import (
     ArmLink,
     Command,
-    Controller,
     MonotonicClock,
     Origin,
-    PoseFolder,
     Recording,
     Snapshot,
     Ticket,
     black_boxes,
 )
+from armctl.robot import Robot
+from armctl.runtime import Controller, PoseFolder
 
 _SWITCH_INTERVAL_S = 2e-4
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar, cast
 
 from armctl.errors import InputError
-from armctl.runtime.pin import near
 
 MOST_BYTES_A_SECOND, MOST_BYTES_WATCHING = 8 * 1024 * 1024, 1024 * 1024
 """of the client that operates, of another one"""
@@ -24,6 +23,7 @@ _AT_ONCE, _REFILL_PER_S, _MOST_SOURCES = 120.0, 10.0, 1000
 """connections of one computer, at once and each second after that; computers that are remembered"""
 MOST_CONTROL_A_SECOND = 20
 """commands of one client about who operates"""
+_NETWORK_BITS = 64
 
 
 def source_of(peer: object) -> str:
@@ -34,6 +34,19 @@ def source_of(peer: object) -> str:
     except ValueError:
         return ""
     return near(host)
+
+
+def near(address: str) -> str:
+    """What stands for an address where guesses are counted: of IPv6 its network, as a computer has many."""
+    try:
+        ip = ipaddress.ip_address(address.partition("%")[0])
+    except ValueError:
+        return address
+    if isinstance(ip, ipaddress.IPv6Address) and ip.ipv4_mapped is not None:
+        ip = ip.ipv4_mapped
+    if ip.version == 4 or ip.is_loopback:
+        return str(ip)
+    return str(ipaddress.ip_network((ip, _NETWORK_BITS), strict=False))
 
 
 @dataclass(eq=False)

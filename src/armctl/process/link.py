@@ -22,6 +22,7 @@ from websockets.exceptions import InvalidStatus, WebSocketException
 from websockets.sync.client import connect
 
 from armctl.errors import ArmctlError, ArmProcessError, BoardError, InputError, StateError
+from armctl.facts import State
 from armctl.hardware.boards import board_type
 from armctl.process.records import (
     BEAT_S,
@@ -48,12 +49,12 @@ from armctl.process.records import (
     robot_of,
     whole,
 )
+from armctl.protocol import Command, Event, MonotonicClock, MovingCommand, Origin, Recording, Snapshot, Ticket
+from armctl.protocol.clock import AFTER_GAP_S
+from armctl.protocol.commands import Answer as TicketAnswer
+from armctl.protocol.commands import give
+from armctl.protocol.recording import unpacked
 from armctl.robot import Robot
-from armctl.runtime import Command, Event, MonotonicClock, Origin, Recording, Snapshot, State, Ticket
-from armctl.runtime.black_box import unpacked
-from armctl.runtime.clock import AFTER_GAP_S
-from armctl.runtime.commands import Answer as TicketAnswer
-from armctl.runtime.commands import MovingCommand, give
 from armctl.system import kill
 
 _BEAT = Codec().encode(Beat())

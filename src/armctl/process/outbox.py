@@ -14,7 +14,7 @@ from contextlib import suppress
 from armctl.process.connections import Connection
 from armctl.process.records import Answer, Codec, Logged, Recalled, Running, Seen, light, new_events
 from armctl.program import Program
-from armctl.runtime import Event, Snapshot
+from armctl.protocol import Event, Snapshot
 
 _MOST_UNREAD, _MOST_UNREAD_TEXT = 4096, 256 * 1024
 """answers that a client does not read, and letters of their errors; then it is shut out"""

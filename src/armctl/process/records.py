@@ -21,10 +21,10 @@ from armctl.motion import Trajectory
 from armctl.process.trajectories import Motion, built, carried
 from armctl.program import Program
 from armctl.program.program import MOST_STEPS
-from armctl.robot import Robot
-from armctl.runtime import (
+from armctl.protocol import (
     Arrive,
     Command,
+    ControlCommand,
     Event,
     Follow,
     FollowTarget,
@@ -36,8 +36,8 @@ from armctl.runtime import (
     Snapshot,
     UpdateProgram,
 )
-from armctl.runtime.commands import ControlCommand
-from armctl.runtime.snapshot import printable
+from armctl.protocol.snapshot import printable
+from armctl.robot import Robot
 from armctl.version import __version__
 
 MOST_BYTES = 8 * 1024 * 1024

@@ -38,10 +38,9 @@ from armctl.process.records import (
     robot_record,
 )
 from armctl.process.registry import Note, likeness, remove, write_note
+from armctl.protocol import ArmLink, Command, Leave, Origin, Snapshot, stands_as_before
+from armctl.protocol.recording import packed
 from armctl.robot import Robot
-from armctl.runtime import ArmLink, Command, Leave, Origin, Snapshot
-from armctl.runtime.black_box import packed
-from armctl.runtime.snapshot import stands_as_before
 from armctl.system import on_end
 from armctl.version import __version__
 

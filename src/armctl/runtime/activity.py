@@ -8,7 +8,7 @@ from typing import Protocol
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.motion import Trajectory
-from armctl.runtime.snapshot import ProgramProgress
+from armctl.protocol import ProgramProgress
 
 
 @dataclass(frozen=True, slots=True)

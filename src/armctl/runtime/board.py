@@ -14,19 +14,15 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, BoardError, BoardProtocolError, BoardTimeoutError, StateError
 from armctl.facts import Quantities, Unanswered, say
-from armctl.hardware import ChannelSettings, Driver, HomingState, Readback, Source
+from armctl.hardware import Driver, HomingState, Readback, Source
 from armctl.hardware.boards import board_type
+from armctl.hardware.channels import channel_settings
 from armctl.hardware.driver import translated
+from armctl.protocol.snapshot import BOARD_REPORTS
 from armctl.robot import Robot
-from armctl.runtime.snapshot import BOARD_REPORTS, Notices
+from armctl.runtime.notices import Notices
 
 BoolArray = NDArray[np.bool_]
-_SPEED_MARGIN = 1.5
-"""the board's own speed limit over the joint's: a second line of defence that never meets a good stream"""
-_ACCELERATION_MARGIN = 4.0
-"""the same for the acceleration: a stream of setpoints is one of small steps, which the board smooths"""
-_GRIPPER_UP_S = 0.1
-"""a gripper's motor may take this long to its speed"""
 _READ_FAILURES = 5
 _SILENCE_S = 1.0
 """how long a board may give no good answer before it counts as lost: a busy computer may be that late"""
@@ -65,28 +61,6 @@ _OUTAGE_OVER_S = 1.0
 _SEE_TO = "check its power and its errors, "
 _REPORTED = "board "
 """begins the names of what the board reports itself"""
-
-
-def channel_settings(robot: Robot) -> list[ChannelSettings]:
-    """What each channel of the robot's board may do; a simulated board is set up with the same.
-
-    A servo board's own acceleration limit stays off: its ramp would lag behind a 50 Hz stream of
-    setpoints and round off the path; the stream itself keeps the acceleration limits. Motors need one.
-    """
-    outputs, limited = robot.outputs, board_type(robot.board).limits_acceleration
-    units = np.abs(outputs.per_rad)
-    speeds = robot.speed_limits * units * _SPEED_MARGIN
-    accelerations = robot.acceleration_limits * units * _ACCELERATION_MARGIN
-    table = np.stack([outputs.low, outputs.high, speeds, accelerations], axis=1).tolist()
-    rows = list(zip(outputs.channels, table, strict=True))
-    if outputs.gripper_channel is not None and robot.gripper is not None:
-        low, high = sorted((outputs.gripper_closed, outputs.gripper_open))
-        speed = robot.gripper.speed * (high - low) * _SPEED_MARGIN
-        rows.append((outputs.gripper_channel, [low, high, speed, speed / _GRIPPER_UP_S]))
-    return [
-        ChannelSettings(channel, low, high, speed, acceleration if limited else None)
-        for channel, (low, high, speed, acceleration) in rows
-    ]
 
 
 @dataclass(frozen=True, slots=True)

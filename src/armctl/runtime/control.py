@@ -8,12 +8,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from armctl.errors import StateError
-from armctl.runtime.commands import Origin, Ticket
+from armctl.protocol import Control, Origin, Party, Ticket, WrongPins
+from armctl.protocol.commands import LONGEST_NAME
+from armctl.protocol.snapshot import printable
+from armctl.runtime.notices import EventLog
 from armctl.runtime.pin import PinGuard
-from armctl.runtime.snapshot import Control, EventLog, Party, WrongPins, printable
 
 MOST_PARTIES = 100
-LONGEST_NAME = 60
 _EACH_LOGGED = 5
 """wrong PINs of one name; from then on only each time that their number has doubled"""
 

@@ -13,25 +13,26 @@ import numpy as np
 
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.hardware import Driver
-from armctl.robot import Robot
-from armctl.runtime.black_box import BlackBox, Recording
-from armctl.runtime.clock import Clock
-from armctl.runtime.commands import (
-    Answer,
+from armctl.protocol import (
+    AxisHoming,
+    Clock,
     Command,
     ControlCommand,
     HeldCommand,
     MovingCommand,
-    Order,
     Origin,
+    Recording,
+    Snapshot,
     Ticket,
-    give,
 )
+from armctl.protocol.commands import Answer, give
+from armctl.robot import Robot
+from armctl.runtime.black_box import BlackBox
 from armctl.runtime.core import Core
 from armctl.runtime.dispatch import dispatch
 from armctl.runtime.last_pose import PoseFolder
+from armctl.runtime.order import Order
 from armctl.runtime.planner import Openers, Planner, planner
-from armctl.runtime.snapshot import AxisHoming, Snapshot
 
 P = ParamSpec("P")
 _LOGGER = logging.getLogger("armctl.runtime")

@@ -26,18 +26,22 @@ from armctl.facts import Need, State
 from armctl.hardware import Driver
 from armctl.motion.clearance import kept_out
 from armctl.motion.preflight import require_gaps
+from armctl.protocol import Doing, Origin, Ticket, unmet
+from armctl.protocol.clock import AFTER_GAP_S
+from armctl.protocol.needs import POWERED
+from armctl.protocol.snapshot import BOARD_REPORTS
 from armctl.robot import CarriedPart, Robot
 from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board, Monitor
-from armctl.runtime.clock import AFTER_GAP_S, LATE_SHOWN_S, LONGEST_TICKS, TickTime
-from armctl.runtime.commands import Order, Origin, Ticket
 from armctl.runtime.control import ControlDesk
 from armctl.runtime.gate import Gate
 from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.last_pose import PoseFolder, PoseWatch
 from armctl.runtime.mover import GripperMover, PathMover
+from armctl.runtime.notices import EventLog, Notices
+from armctl.runtime.order import Order
 from armctl.runtime.planner import LONGEST_PLAN_S, Grip, Pending, Submit, result_of
-from armctl.runtime.snapshot import BOARD_REPORTS, POWERED, Doing, EventLog, Notices, unmet
+from armctl.runtime.tick_time import LATE_SHOWN_S, LONGEST_TICKS, TickTime
 
 SLOWEST = 0.05
 """the smallest speed override"""

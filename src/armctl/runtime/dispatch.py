@@ -9,7 +9,7 @@ from typing import get_args
 import msgspec
 import numpy as np
 
-import armctl.runtime.commands as c
+import armctl.protocol.commands as c
 from armctl.arrays import FloatArray
 from armctl.decoding import must_be
 from armctl.errors import (
@@ -27,11 +27,14 @@ from armctl.motion import Trajectory, plan_choice, plan_joints
 from armctl.motion.choices import not_the_best
 from armctl.program import Program
 from armctl.program.feed import require_runnable
+from armctl.protocol.commands import FOLLOW_EXPIRY_S, JOG_EXPIRY_S, STREAM_EXPIRY_S
+from armctl.protocol.needs import tool_turns
 from armctl.robot import CarriedPart
 from armctl.runtime.core import Core
-from armctl.runtime.jog import JOG_EXPIRY_S, Jogger, tool_turns
-from armctl.runtime.live_target import FOLLOW_EXPIRY_S, STREAM_EXPIRY_S, Follower, Streamer
+from armctl.runtime.jog import Jogger
+from armctl.runtime.live_target import Follower, Streamer
 from armctl.runtime.mover import PathMover
+from armctl.runtime.order import Order
 from armctl.runtime.planner import checked_trajectory
 from armctl.runtime.power import enable, home, release
 from armctl.runtime.program_runner import ProgramRunner, begun_program
@@ -41,7 +44,7 @@ FASTEST_TOOL_M_S, FASTEST_TURN_RAD_S = 0.5, math.pi
 """What the tool may be jogged at; the joints' own limits are mostly lower."""
 
 
-def dispatch(core: Core, order: c.Order, now: float) -> None:
+def dispatch(core: Core, order: Order, now: float) -> None:
     """Carry out one order; a refusal goes to its ticket and into the log."""
     try:
         if core.leaving is not None and not isinstance(order.command, c.Release):
@@ -59,7 +62,7 @@ def dispatch(core: Core, order: c.Order, now: float) -> None:
             core.fault(error)
 
 
-def _carry_out(core: Core, order: c.Order, now: float) -> bool:
+def _carry_out(core: Core, order: Order, now: float) -> bool:
     """Whether it is over at once."""
     who = order.origin.who
     match order.command:
@@ -142,7 +145,7 @@ def _held_at(core: Core, what: str) -> FloatArray:
     return core.gate.q
 
 
-def _jog(core: Core, command: c.Jog | c.JogTool, order: c.Order, now: float) -> None:
+def _jog(core: Core, command: c.Jog | c.JogTool, order: Order, now: float) -> None:
     if core.still_held(order.given_at):
         raise StateError("the arm was stopped while it was jogged; let go first")
     if isinstance(command, c.Jog):
@@ -160,7 +163,7 @@ def _jog(core: Core, command: c.Jog | c.JogTool, order: c.Order, now: float) -> 
     activity.command(wanted, order.given_at + JOG_EXPIRY_S)
 
 
-def _follow_target(core: Core, target: Target | None, order: c.Order, now: float) -> None:
+def _follow_target(core: Core, target: Target | None, order: Order, now: float) -> None:
     activity = core.activity
     if target is None:
         if isinstance(activity, Follower):
@@ -177,7 +180,7 @@ def _follow_target(core: Core, target: Target | None, order: c.Order, now: float
     activity.aim(target, order.given_at + FOLLOW_EXPIRY_S)
 
 
-def _stream(core: Core, q: FloatArray, last: bool, order: c.Order, now: float) -> None:
+def _stream(core: Core, q: FloatArray, last: bool, order: Order, now: float) -> None:
     motion = order.motion
     if not motion:
         raise InputError("a stream needs a name of its own (motion), so that a STOP ends it")
@@ -243,16 +246,14 @@ def _checked_tool_jog(core: Core, jog: c.JogTool) -> c.JogTool:
 _TO_A_POINT = "move to a point"
 
 
-def _to_a_point(
-    core: Core, order: c.Order, planned: tuple[Trajectory, MotionRefusedError | None]
-) -> PathMover:
+def _to_a_point(core: Core, order: Order, planned: tuple[Trajectory, MotionRefusedError | None]) -> PathMover:
     trajectory, refusal = planned
     if refusal is not None:
         core.log.warn(f"{_TO_A_POINT} ({order.origin.who}): {not_the_best(refusal)}")
     return PathMover(core.robot, trajectory, core.speed, _TO_A_POINT)
 
 
-def _move_gripper(core: Core, opening: float, part: CarriedPart | None, order: c.Order) -> None:
+def _move_gripper(core: Core, opening: float, part: CarriedPart | None, order: Order) -> None:
     gripper = core.robot.gripper
     if gripper is None or core.board is None or core.board.map.gripper_channel is None:
         what = "is not connected" if gripper is not None and core.board is None else "has no gripper"
@@ -264,7 +265,7 @@ def _move_gripper(core: Core, opening: float, part: CarriedPart | None, order: c
     core.move_gripper(order, opening, part)
 
 
-def _update_program(core: Core, order: c.Order, program: Program) -> None:
+def _update_program(core: Core, order: Order, program: Program) -> None:
     runner = core.activity
     if not isinstance(runner, ProgramRunner):
         raise StateError("no program runs; press Run")

@@ -10,15 +10,13 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.angles import quaternion_wxyz
 from armctl.kinematics.numeric.goals import rotation_vectors
 from armctl.kinematics.subproblems import turn
-from armctl.kinematics.velocity import damped_inverse, position_leaves_pitch, turning_speeds
+from armctl.kinematics.velocity import damped_inverse, turning_speeds
 from armctl.motion.paths.tool_pitch import PitchRows, PlanePitch, pitch_rows
+from armctl.protocol import JogTool
+from armctl.protocol.needs import JOG
 from armctl.robot import Robot
-from armctl.runtime.commands import JogTool
 from armctl.runtime.joint_servo import JointServo, KeepClear, Led, Step, fastest_inside
-from armctl.runtime.snapshot import JOG
 
-JOG_EXPIRY_S = 0.1
-"""How long one jog command counts."""
 _PULL_BACK_S = 0.02
 """A tool beside its line comes back to it with this time constant, or within two ticks."""
 _SHARE_TO_BRAKE = 0.8
@@ -223,13 +221,6 @@ class ToolLine:
         """(n,) speeds in the direction of ``sign`` from which the joints can rest before their limits."""
         room = np.where(sign > 0, servo.high - servo.q, servo.q - servo.low)
         return fastest_inside(room, sign * servo.v, braking, dt)[0]
-
-
-def tool_turns(robot: Robot) -> tuple[bool, bool]:
-    """Whether the tool of an arm can be pitched, and rolled, while its point stays."""
-    roll = robot.inverse_kinematics.roll_joint
-    rolls = roll is not None and bool(robot.limits[roll, 0] < robot.limits[roll, 1])
-    return position_leaves_pitch(robot.chain, robot.limits), rolls
 
 
 def _lift_axis(pose: FloatArray) -> FloatArray:

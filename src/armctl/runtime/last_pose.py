@@ -17,9 +17,8 @@ from armctl.documents import write_atomically
 from armctl.errors import ArmctlError
 from armctl.facts import State
 from armctl.hardware import BoardIdentity
+from armctl.protocol import LastPose, wall_time
 from armctl.robot import Robot
-from armctl.runtime.clock import wall_time
-from armctl.runtime.snapshot import LastPose
 from armctl.system import private_folder
 
 _MOVING_INTERVAL_S = 0.5

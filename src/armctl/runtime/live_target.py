@@ -16,10 +16,6 @@ from armctl.runtime.activity import Setpoint
 from armctl.runtime.joint_servo import KeepClear, Led, Step
 from armctl.runtime.planner import Submit, result_of
 
-STREAM_EXPIRY_S = 0.15
-"""How long one setpoint of a stream counts."""
-FOLLOW_EXPIRY_S = 0.5
-"""How long one target counts. A page that follows repeats it five times as often."""
 _STEP = float(np.radians(0.05))
 """of a joint that is free [rad]"""
 _SAME_POSTURE = float(np.radians(20.0))

@@ -13,9 +13,9 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.motion import Sample, Trajectory, stopping_s
 from armctl.motion.trajectory import RestOfTrajectory
+from armctl.protocol import Ticket
 from armctl.robot import CarriedPart, Gripper, Robot
 from armctl.runtime.activity import Setpoint
-from armctl.runtime.commands import Ticket
 
 _PROBES: Final = np.linspace(0.0, 1.0, 9)  # a trapezoid's corners lie anywhere in a tick
 _HALVINGS = 12

@@ -22,13 +22,11 @@ from __future__ import annotations
 
 import hashlib
 import hmac
-import ipaddress
 import math
 from dataclasses import dataclass
 
 from armctl.errors import StateError
-from armctl.runtime.commands import Origin, Ticket
-from armctl.runtime.snapshot import WrongPins
+from armctl.protocol import Origin, Ticket, WrongPins
 
 FIRST_WAIT_S, LONGEST_WAIT_S = 2.0, 300.0
 """how long a party waits after its first wrong PIN, and at most; each wrong one doubles it"""
@@ -46,7 +44,6 @@ _MOST_SOURCES = 1000
 _MOST_STRANGERS = 100
 """who gives a PIN without being there, or has left while it had to wait"""
 _MOST_TOLD = 20
-_NETWORK_BITS = 64
 _WRONG = "that is not the teacher's PIN"
 
 
@@ -207,19 +204,6 @@ class PinGuard:
         self._late = [one for one in self._late if one not in due]
         for _, _, ticket in due:
             ticket.end(StateError(_WRONG))
-
-
-def near(address: str) -> str:
-    """What stands for an address where guesses are counted: of IPv6 its network, as a computer has many."""
-    try:
-        ip = ipaddress.ip_address(address.partition("%")[0])
-    except ValueError:
-        return address
-    if isinstance(ip, ipaddress.IPv6Address) and ip.ipv4_mapped is not None:
-        ip = ip.ipv4_mapped
-    if ip.version == 4 or ip.is_loopback:
-        return str(ip)
-    return str(ipaddress.ip_network((ip, _NETWORK_BITS), strict=False))
 
 
 def _digest(pin: str) -> bytes:

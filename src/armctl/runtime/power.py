@@ -24,11 +24,12 @@ from armctl.hardware.boards import board_type
 from armctl.kinematics import Chain
 from armctl.kinematics.target import checked_number
 from armctl.motion.clearance import touching
+from armctl.protocol import Enable
+from armctl.protocol.needs import POWERED
 from armctl.runtime.activity import Setpoint
 from armctl.runtime.board import Board, BoolArray, Reading
-from armctl.runtime.commands import Enable, Order
 from armctl.runtime.core import Core
-from armctl.runtime.snapshot import POWERED
+from armctl.runtime.order import Order
 
 ADOPT_TOLERANCE_RAD = np.radians(0.25)
 """how far outside a limit a joint may stand when it is taken over, and two readings may differ"""

@@ -10,12 +10,12 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, ProgramError
 from armctl.program import Program
 from armctl.program.feed import PlannedStep, PlanState, ProgramSource, begin_program, plan_next
+from armctl.protocol import ProgramProgress
 from armctl.robot import Robot
 from armctl.runtime.activity import Setpoint
 from armctl.runtime.core import Core
 from armctl.runtime.mover import PathMover, starving_s
 from armctl.runtime.planner import Submit, result_of
-from armctl.runtime.snapshot import ProgramProgress
 
 _EARLIER_S = 0.6
 """What is begun without a stop is taken this long before the arm would slow down for want of it."""

@@ -19,8 +19,8 @@ from armctl.errors import ArmctlError, ArmProcessError, InputError, StateError
 from armctl.process import Link
 from armctl.process.limits import source_of
 from armctl.process.records import Codec, Hello, Refused, in_short, schema
-from armctl.runtime import ArmLink
-from armctl.runtime.snapshot import printable
+from armctl.protocol import ArmLink
+from armctl.protocol.snapshot import printable
 from armctl.ui.guard import SocketDoor
 
 PATH = "/api"

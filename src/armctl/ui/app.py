@@ -12,9 +12,9 @@ from contextlib import suppress
 import viser
 
 from armctl.errors import ArmctlError
+from armctl.process.limits import near
+from armctl.protocol import Arrive, Leave, Origin, Snapshot
 from armctl.robot import CarriedPart
-from armctl.runtime import Arrive, Leave, Origin, Snapshot
-from armctl.runtime.pin import near
 from armctl.ui.console import Console, page_name
 from armctl.ui.control_return import ControlReturn
 from armctl.ui.guard import GuardedServer

@@ -16,8 +16,8 @@ from armctl.calibration import Calibration, CalibrationStore, calibrated
 from armctl.errors import PortError
 from armctl.hardware import Source
 from armctl.hardware.boards import board_type
+from armctl.protocol import ArmLink, Event, Snapshot
 from armctl.robot import Robot
-from armctl.runtime import ArmLink, Event, Snapshot
 
 
 def page_name(client_id: int) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 
 from armctl.documents import write_atomically
-from armctl.runtime import Control, Party
+from armctl.protocol import Control, Party
 from armctl.system import private_folder
 from armctl.ui.guard.stop_line import StopLines
 from armctl.ui.newest import OneAtATime

@@ -10,9 +10,10 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, MotionRefusedError
+from armctl.facts import Need, State
 from armctl.hardware.boards import board_type
 from armctl.motion.clearance import clear_rest
-from armctl.runtime import Enable, Need, Snapshot, State
+from armctl.protocol import Enable, Snapshot
 from armctl.ui.port_watch import PortWatch
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence

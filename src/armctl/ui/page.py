@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import viser
 
-from armctl.runtime import Snapshot
+from armctl.protocol import Snapshot
 from armctl.ui.panel import PANEL_WIDTH, ControlPanel
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.stage import look_at_arm

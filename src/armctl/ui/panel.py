@@ -10,20 +10,11 @@ import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
+from armctl.facts import Need, State
 from armctl.hardware.boards import board_type
 from armctl.kinematics import roll_pitch_yaw
+from armctl.protocol import ClearFault, Pause, Release, Resume, SetSpeed, Snapshot, TakeControl
 from armctl.robot import Robot
-from armctl.runtime import (
-    ClearFault,
-    Need,
-    Pause,
-    Release,
-    Resume,
-    SetSpeed,
-    Snapshot,
-    State,
-    TakeControl,
-)
 from armctl.ui.enabling import EnableButton
 from armctl.ui.scene.arm_figure import ARM, repaint
 from armctl.ui.scene.stage import add_floor

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Self
 
+from armctl.facts import State
 from armctl.hardware import BoardIdentity
-from armctl.runtime import Snapshot, State
+from armctl.protocol import Snapshot
 from armctl.ui.console import Console, PortChoice
 
 _FRAMES = 25

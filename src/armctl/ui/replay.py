@@ -11,8 +11,8 @@ import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
+from armctl.protocol import Recording
 from armctl.robot import Robot
-from armctl.runtime import Recording
 from armctl.ui.guard import GuardedServer
 from armctl.ui.scene.arm_figure import ARM, ArmFigure
 from armctl.ui.scene.ghost import THICKER, played

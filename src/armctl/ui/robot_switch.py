@@ -9,9 +9,10 @@ from dataclasses import dataclass, replace
 
 from armctl.boards import SIMULATED
 from armctl.errors import ArmctlError, InputError, StateError, StoppedError
+from armctl.facts import State
 from armctl.hardware import Source
 from armctl.process.heavy_work import Progress
-from armctl.runtime import (
+from armctl.protocol import (
     Arrive,
     Command,
     Connect,
@@ -22,7 +23,6 @@ from armctl.runtime import (
     RememberWrongPins,
     SetSpeed,
     Snapshot,
-    State,
     wall_time,
 )
 from armctl.ui.console import Console

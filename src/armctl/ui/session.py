@@ -16,10 +16,10 @@ from typing import Any, Literal, Protocol
 import viser
 
 from armctl.errors import ArmctlError
-from armctl.facts import say
+from armctl.facts import Need, say
+from armctl.protocol import Command, ControlCommand, Origin, Snapshot, Ticket, unmet
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.look.stock import Theme
-from armctl.runtime import Command, ControlCommand, Need, Origin, Snapshot, Ticket, unmet
 from armctl.ui.console import page_name
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.ghost import Ghost

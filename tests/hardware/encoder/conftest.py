@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from tests.hardware.encoder.kit import Bench
 
-from armctl.runtime.clock import ManualClock
+from armctl.protocol import ManualClock
 
 
 @pytest.fixture

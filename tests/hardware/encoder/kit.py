@@ -13,7 +13,7 @@ from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
 from armctl.hardware.encoder.simulated_axis import AxisPlant
 from armctl.hardware.faults import FaultyModel
 from armctl.hardware.transport import Connection
-from armctl.runtime.clock import ManualClock
+from armctl.protocol import ManualClock
 
 PERIOD_S = 0.02
 

@@ -12,7 +12,7 @@ from armctl.hardware.encoder.driver import SILENCE_NOTE
 from armctl.hardware.encoder.messages import BoardFlag, FaultKind, Mode, seal
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
 from armctl.hardware.faults import Fault
-from armctl.runtime.clock import ManualClock
+from armctl.protocol import ManualClock
 
 
 def test_identity(clock: ManualClock):

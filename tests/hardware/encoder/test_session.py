@@ -13,7 +13,7 @@ from armctl.hardware import ByteModel
 from armctl.hardware.encoder.messages import Answer, Banner, Realtime, seal
 from armctl.hardware.encoder.session import EncoderSession
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
-from armctl.runtime.clock import ManualClock
+from armctl.protocol import ManualClock
 
 HELLO, EN_1 = b"1 HELLO*7DF0\n", b"2 EN 1*5689\n"
 BANNER = Banner("armctl-encoder", "1.2.0", 3, 6, "power")

@@ -12,6 +12,7 @@ from tests.hardware.encoder.kit import AXES, CHANNELS, Bench, encoder_axis
 
 from armctl.hardware import ChannelSettings, Setup
 from armctl.hardware.boards import board_type
+from armctl.hardware.channels import channel_settings
 from armctl.hardware.encoder.axes import EncoderSettings
 from armctl.hardware.encoder.messages import Banner, FaultKind, Mode, Status, decode, seal
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
@@ -23,7 +24,6 @@ from armctl.hardware.encoder.simulated_axis import (
     plant_of,
 )
 from armctl.robot import load_robot
-from armctl.runtime import channel_settings
 
 
 @pytest.mark.parametrize("check", CONFORMANCE, ids=lambda check: check.__name__)

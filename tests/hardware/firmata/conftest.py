@@ -8,7 +8,7 @@ from tests.hardware.lines import LoopTransport
 from armctl.hardware import ByteModel, ChannelSettings
 from armctl.hardware.firmata.driver import FirmataDriver
 from armctl.hardware.transport import Connection
-from armctl.runtime.clock import ManualClock
+from armctl.protocol import ManualClock
 
 PINS = [9, 22]
 CHANNELS = [ChannelSettings(pin, 1000.0, 2000.0) for pin in PINS]

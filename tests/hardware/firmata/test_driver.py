@@ -15,7 +15,7 @@ from armctl.hardware.firmata.driver import COMMANDED_NOTE, WATCHDOG_NOTE, Firmat
 from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.hardware.maestro.simulated import SimulatedMaestro
 from armctl.hardware.transport import Connection
-from armctl.runtime.clock import ManualClock
+from armctl.protocol import ManualClock
 
 from .conftest import CHANNELS, FRAME_S, PINS, Session
 

@@ -12,7 +12,7 @@ from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware import ChannelSettings
 from armctl.hardware.faults import Fault, FaultyModel, trouble
 from armctl.hardware.firmata.simulated import SimulatedFirmata
-from armctl.runtime.clock import ManualClock
+from armctl.protocol import ManualClock
 
 from .conftest import CHANNELS
 

@@ -9,7 +9,7 @@ from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.hardware.firmata.codec import PinState, VersionReport
 from armctl.hardware.firmata.line import FirmataLine
 from armctl.hardware.firmata.simulated import SimulatedFirmata
-from armctl.runtime.clock import ManualClock
+from armctl.protocol import ManualClock
 
 from .conftest import RecordingTransport
 

@@ -15,7 +15,7 @@ from armctl.hardware.firmata.stream import (
     SetpointStream,
     spare_pin,
 )
-from armctl.runtime.clock import ManualClock
+from armctl.protocol import ManualClock
 
 SERVO, OUTPUT = 4, 1
 MARKER = 0

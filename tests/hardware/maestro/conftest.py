@@ -8,7 +8,7 @@ from tests.hardware.lines import LoopTransport
 from armctl.hardware import ByteModel, ChannelSettings
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.transport import Connection
-from armctl.runtime.clock import ManualClock
+from armctl.protocol import ManualClock
 
 CHANNELS = [ChannelSettings(channel, 1000.0, 2000.0) for channel in range(4)]
 

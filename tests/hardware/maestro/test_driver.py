@@ -22,7 +22,7 @@ from armctl.hardware.maestro.simulated import (
     SimulatedMaestro,
 )
 from armctl.hardware.transport import Connection
-from armctl.runtime.clock import ManualClock
+from armctl.protocol import ManualClock
 
 CHANNELS = [ChannelSettings(channel, 1000.0, 2000.0) for channel in range(4)]
 

@@ -8,7 +8,7 @@ from typing import Protocol, cast
 
 import viser
 
-from armctl.runtime import Snapshot
+from armctl.protocol import Snapshot
 from armctl.ui.session import Session
 
 __all__ = ["TABS", "Screen", "Tab"]

@@ -12,8 +12,9 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.calibration import LEAST_MARKS, JointFit, Mark, differences, own_calibration, own_map
 from armctl.errors import ArmctlError
+from armctl.facts import Need
+from armctl.protocol import Jog, MoveGripper, Snapshot
 from armctl.robot import Robot
-from armctl.runtime import Jog, MoveGripper, Need, Snapshot
 from armctl.ui.session import Session, refused_by
 from armctl.ui.tabs.calibration.points import numbered, show_numbers
 from armctl.ui.tabs.calibration.shared_calibration import (

@@ -10,7 +10,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.calibration import LEAST_POINTS, ToolError
 from armctl.errors import InputError
-from armctl.runtime import Snapshot
+from armctl.protocol import Snapshot
 from armctl.ui.session import Session, refused_by
 from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration, TouchedPoints, standing_outputs
 from armctl.ui.tabs.manual.jog import ToolJog

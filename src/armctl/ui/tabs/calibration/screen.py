@@ -12,7 +12,8 @@ import viser
 from armctl.boards import SIMULATED_SERIAL, UNNUMBERED
 from armctl.calibration import LEAST_MARKS, Calibration, CheckPose, Version, check_pose, narrowed
 from armctl.errors import ArmctlError, InputError
-from armctl.runtime import MoveJoints, Need, Snapshot
+from armctl.facts import Need
+from armctl.protocol import MoveJoints, Snapshot
 from armctl.ui.robot_switch import release_first
 from armctl.ui.session import Session, refused_by
 from armctl.ui.tabs.calibration.joint import CalibrationGripper, CalibrationJoint, on_edit, slow_duration

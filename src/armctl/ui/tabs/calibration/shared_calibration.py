@@ -29,9 +29,10 @@ from armctl.calibration import (
     tool_error,
 )
 from armctl.errors import ArmctlError, InputError, StateError
+from armctl.facts import State
 from armctl.hardware import Source
+from armctl.protocol import Snapshot, wall_time
 from armctl.robot import OutputMap, Robot
-from armctl.runtime import Snapshot, State, wall_time
 from armctl.ui.console import CalibrationInForce, Console
 
 _LARGEST_ANGLE = math.radians(720.0)

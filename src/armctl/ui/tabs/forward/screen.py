@@ -13,10 +13,11 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, UnreachableError
+from armctl.facts import Need, State
 from armctl.kinematics import DEFAULT_STEP, Target
 from armctl.kinematics.velocity import position_leaves_pitch
+from armctl.protocol import MoveJoints, Snapshot
 from armctl.robot import Robot
-from armctl.runtime import MoveJoints, Need, Snapshot, State
 from armctl.ui.newest import Newest, OneAtATime
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session

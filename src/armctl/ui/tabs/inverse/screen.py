@@ -13,8 +13,9 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, UnreachableError
+from armctl.facts import Need, State
 from armctl.kinematics import CRITERION_TEXT, FROM_START, Target, checked_criterion
-from armctl.runtime import MoveJoints, Need, Snapshot, State
+from armctl.protocol import MoveJoints, Snapshot
 from armctl.ui.newest import Newest, OneAtATime
 from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.ghost import THICKER, Preview

@@ -8,8 +8,8 @@ from html import escape
 import viser
 
 from armctl.errors import ArmctlError
+from armctl.protocol import Event, Snapshot
 from armctl.report import report
-from armctl.runtime import Event, Snapshot
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import ERROR, WARNING, LiveHtml, muted, time_of_day
 

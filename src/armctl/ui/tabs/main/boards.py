@@ -8,9 +8,9 @@ from functools import partial
 from html import escape
 from pathlib import Path
 
+from armctl.protocol import Snapshot
 from armctl.robot import Robot
 from armctl.robot.robot import BODY_GUESSED
-from armctl.runtime import Snapshot
 from armctl.ui.console import PortChoice
 from armctl.ui.robot_switch import RobotChoice, not_replaceable
 from armctl.ui.session import Session

@@ -7,8 +7,8 @@ from html import escape
 
 import viser
 
-from armctl.runtime import Arrive, Control, LockControl, Snapshot, TakeControl
-from armctl.runtime.control import LONGEST_NAME
+from armctl.protocol import Arrive, Control, LockControl, Snapshot, TakeControl
+from armctl.protocol.commands import LONGEST_NAME
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, muted
 

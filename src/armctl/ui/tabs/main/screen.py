@@ -11,19 +11,11 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
+from armctl.facts import Need, State
 from armctl.hardware.boards import board_type
 from armctl.kinematics import Target
+from armctl.protocol import Connect, Disconnect, HomeAxes, MoveJoints, MoveTo, Snapshot
 from armctl.robot import Robot
-from armctl.runtime import (
-    Connect,
-    Disconnect,
-    HomeAxes,
-    MoveJoints,
-    MoveTo,
-    Need,
-    Snapshot,
-    State,
-)
 from armctl.ui.console import PortChoice
 from armctl.ui.port_watch import PortWatch
 from armctl.ui.session import Disableable, Session

@@ -15,6 +15,7 @@ import viser
 
 from armctl.errors import InputError, RobotFileError, UnclearArmError
 from armctl.motion.clearance import clear_pose, stands_clear
+from armctl.protocol import Snapshot
 from armctl.robot import Robot, load_robot, urdf_path
 from armctl.robot.urdf import (
     ARM_SUFFIXES,
@@ -33,7 +34,6 @@ from armctl.robot.urdf import (
     side_path,
 )
 from armctl.robot.urdf.side_file import SIDE_SUFFIX
-from armctl.runtime import Snapshot
 from armctl.ui.enabling import show_typed
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.session import Session

@@ -8,9 +8,10 @@ import math
 import viser
 
 from armctl.errors import InputError, StateError
+from armctl.facts import Need
+from armctl.protocol import MoveJoints, Snapshot
 from armctl.robot import robot_path, user_robots_folder
 from armctl.robot.draft import Draft
-from armctl.runtime import MoveJoints, Need, Snapshot
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, muted
 

@@ -11,9 +11,10 @@ import numpy as np
 import viser
 
 from armctl.errors import ArmctlError
+from armctl.facts import Need
+from armctl.protocol import Jog, JogTool, MonotonicClock, MoveGripper, Snapshot
+from armctl.protocol.needs import tool_turns
 from armctl.robot import CarriedPart, Robot
-from armctl.runtime import Jog, JogTool, MonotonicClock, MoveGripper, Need, Snapshot
-from armctl.runtime.jog import tool_turns
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.joints import checked_percent
 from armctl.ui.widgets.html import LiveHtml, muted, table

@@ -12,8 +12,9 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, out_of_range
+from armctl.facts import Need
+from armctl.protocol import MoveJoints, Snapshot
 from armctl.robot import Robot
-from armctl.runtime import MoveJoints, Need, Snapshot
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml
 from armctl.ui.widgets.joint_angles import held_at, slider_degrees, slider_limits

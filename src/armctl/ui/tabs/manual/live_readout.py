@@ -10,8 +10,8 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.hardware import Source
 from armctl.kinematics import roll_pitch_yaw
+from armctl.protocol import Snapshot
 from armctl.robot import Robot
-from armctl.runtime import Snapshot
 from armctl.ui.widgets.html import LiveHtml, fixed, table
 
 _PROBE_S = 1e-4

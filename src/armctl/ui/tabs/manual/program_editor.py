@@ -19,8 +19,8 @@ from armctl.program import CommentStep, Program, SpeedStep, Step, WaitStep
 from armctl.program import steps as registry
 from armctl.program.program import PLACES, Change, add, delete, duplicate, move, repeat
 from armctl.program.steps import EDGES, LONGEST_WAIT_S, MOST_REPEATS, SLOWEST_PERCENT
+from armctl.protocol import Snapshot, UpdateProgram
 from armctl.robot import Robot
-from armctl.runtime import Snapshot, UpdateProgram
 from armctl.ui.session import Session, refused_by
 from armctl.ui.tabs.manual.joints import checked_percent
 from armctl.ui.tabs.manual.shared_program import SharedProgram

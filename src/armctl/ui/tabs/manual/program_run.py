@@ -10,10 +10,11 @@ from functools import partial
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, ProgramError, StateError
+from armctl.facts import Need, State
 from armctl.motion.preflight import Finding, not_checked
 from armctl.process.heavy_work import check_program_apart
 from armctl.program import Cursor, Program
-from armctl.runtime import Need, Pause, Resume, RunProgram, Snapshot, State
+from armctl.protocol import Pause, Resume, RunProgram, Snapshot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_editor import EMPTY, ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from armctl.runtime import Snapshot
+from armctl.protocol import Snapshot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.jog import JogControl
 from armctl.ui.tabs.manual.joints import JointControl

@@ -7,7 +7,7 @@ from html import escape
 
 from armctl.errors import InputError
 from armctl.program import Blocks, Step
-from armctl.runtime import Snapshot
+from armctl.protocol import Snapshot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_editor import EDIT_WAITS, PAGE_ROWS, ProgramEditor, ProgramRecord
 from armctl.ui.tabs.manual.program_files import ProgramFiles

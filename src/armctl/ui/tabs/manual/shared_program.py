@@ -20,7 +20,7 @@ import msgspec
 from armctl.documents import has_ended, not_written, write_atomically
 from armctl.errors import ProgramError
 from armctl.program import Blocks, Program, encode_program, load_program, save_program
-from armctl.runtime import ProgramProgress, Snapshot, wall_time
+from armctl.protocol import ProgramProgress, Snapshot, wall_time
 from armctl.system import private_folder
 from armctl.ui.console import Console
 

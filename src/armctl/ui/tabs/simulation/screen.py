@@ -12,14 +12,15 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.motion.figure import color_of
+from armctl.protocol import Snapshot
 from armctl.robot import Robot
-from armctl.runtime import Snapshot
 from armctl.ui.console import Console, known
 from armctl.ui.scene.body_view import BodyView
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.scene.stage import VIEWS, Marks
 from armctl.ui.session import Session
-from armctl.ui.tabs.simulation.twin import LiveTarget, TwinControl
+from armctl.ui.tabs.simulation.live_target import LiveTarget
+from armctl.ui.tabs.simulation.twin import TwinControl
 from armctl.ui.tabs.simulation.workspace import WorkspaceView
 from armctl.ui.widgets.html import LiveHtml, muted
 from armctl.ui.widgets.plots import Line, LinePlot, Picture

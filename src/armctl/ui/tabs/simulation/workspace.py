@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.workspace import Extent, Section, sample_workspace, workspace_extent
+from armctl.protocol import Snapshot
 from armctl.robot import Robot
-from armctl.runtime import Snapshot
 from armctl.ui.console import Console
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.session import Session

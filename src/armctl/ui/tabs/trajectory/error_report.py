@@ -21,7 +21,7 @@ from armctl.motion.error_report import (
     path_error,
     report_csv,
 )
-from armctl.runtime import Ticket
+from armctl.protocol import Ticket
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.plan import PlannedMotion

@@ -13,7 +13,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.motion.analysis import Derivative, Limit, analysis_csv, near_limits
 from armctl.motion.figure import FigureForm, TitledMotion, color_of, figure_file
-from armctl.runtime import Snapshot
+from armctl.protocol import Snapshot
 from armctl.ui.newest import Newest
 from armctl.ui.scene.ghost import Lines, Preview, played, segments
 from armctl.ui.session import Session

@@ -13,12 +13,13 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, out_of_range
+from armctl.facts import Need
 from armctl.kinematics import Target, roll_pitch_yaw, rotation_of
 from armctl.motion import PitchMode, TurnMode, not_checked, usual_pitch
 from armctl.motion.analysis import Turning
 from armctl.motion.plan import Passing
+from armctl.protocol import Follow, MoveJoints, RunProgram, Snapshot
 from armctl.robot import CarriedPart, Robot
-from armctl.runtime import Follow, MoveJoints, Need, RunProgram, Snapshot
 from armctl.ui.newest import Newest
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session

@@ -1,9 +1,7 @@
-"""What the controller shows of itself: one immutable record a tick, with the warnings and the log in it."""
+"""What an arm shows of itself: one immutable record a tick, with the warnings and the log in it."""
 
 from __future__ import annotations
 
-import logging
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -12,74 +10,10 @@ from operator import attrgetter
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.facts import Need, NotNow, Quantities, State
+from armctl.facts import Quantities, State
 from armctl.hardware import BoardIdentity, Source
 from armctl.program import Program
-from armctl.runtime.clock import wall_time
-
-_LOGGER = logging.getLogger("armctl.runtime")
-_LOG_LINES = 200
-_LONGEST_LINE = 2000
-_REPEAT_S = 5.0
-"""a line of the log is not repeated sooner: a held key must not flood it"""
-
-
-POWERED = (State.HOLDING, State.MOVING, State.PAUSED)
-JOG = "jog"
-_MET_IN = {
-    Need.HOLDING: (State.HOLDING,),
-    Need.JOG: (State.HOLDING,),
-    Need.PAUSE: (),
-    Need.GRIPPER: POWERED,
-    Need.OFF: (State.OFF,),
-    Need.OFF_OR_HOLDING: (State.OFF, State.HOLDING),
-}
-
-
-@dataclass(frozen=True, slots=True)
-class Doing:
-    """What moves the arm now, as far as it decides which commands are taken."""
-
-    label: str
-    """its name"""
-    pausable: bool
-    gripping: bool
-    """the gripper is not free"""
-    stopping: bool
-    """it comes to rest, and does not go on"""
-    notice: str | None = None
-    """what holds it back, in words"""
-
-    def takes(self, need: Need) -> bool:
-        """Whether what needs this is taken meanwhile."""
-        match need:
-            case Need.GRIPPER:
-                return not self.gripping
-            case Need.PAUSE:
-                return self.pausable and not self.stopping
-            case _:
-                return need is Need.JOG and self.label == JOG and not self.stopping
-
-
-def unmet(
-    need: Need,
-    state: State,
-    *,
-    asked: str = "",
-    connected: bool,
-    homed: bool,
-    cause: str = "",
-    doing: Doing | None = None,
-) -> NotNow | None:
-    """Why a command is refused, and what to do: "off; enable first". None: its need is met.
-
-    ``asked``: what is asked for; ``connected``: there is a board; ``homed``: every axis that has to knows
-    where it is; ``cause``: of the state, to be named in the answer; ``doing``: what moves the arm.
-    """
-    if state in _MET_IN[need] if doing is None else doing.takes(need):
-        return None
-    label, stopping = ("", False) if doing is None else (doing.label, doing.stopping)
-    return NotNow(asked, need, state, cause, label, stopping, connected, homed)
+from armctl.protocol.needs import Doing
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,63 +240,3 @@ def stands_as_before(snapshot: Snapshot, before: Snapshot) -> bool:
 def printable(text: str) -> str:
     """Text without what a terminal would carry out; spaces stand in its place."""
     return "".join([letter if letter.isprintable() else " " for letter in text])
-
-
-class EventLog:
-    """The newest lines, oldest first, passed on to Python's logging. Only the controller thread writes."""
-
-    def __init__(self) -> None:
-        self.events: tuple[Event, ...] = ()
-
-    def add(self, text: str, level: str = "info") -> None:
-        """Add a line; ``level`` is info, warning (the user should know) or error (something broke).
-
-        What a client has said may be in it: it is cut, and shows no control characters.
-        """
-        stamp, text = wall_time(), printable(text[:_LONGEST_LINE])
-        if self.events:
-            last = self.events[-1]
-            if (last.level, last.text) == (level, text) and 0 <= stamp - last.stamp < _REPEAT_S:
-                return
-        self.events = (*self.events, Event(stamp, level, text))[-_LOG_LINES:]
-        _LOGGER.log(getattr(logging, level.upper()), "%s", text)
-
-    def said(self, text: str, seconds: float) -> bool:
-        """Whether a line was added within the last ``seconds``."""
-        now = wall_time()
-        return any(event.text == text and 0 <= now - event.stamp < seconds for event in self.events[-10:])
-
-    def warn(self, text: str) -> None:
-        """Add a line that the user should know of."""
-        self.add(text, "warning")
-
-
-class Notices:
-    """Warnings by name, shown until they are cleared or their time is over."""
-
-    def __init__(self, log: EventLog) -> None:
-        self._log = log
-        self._texts: dict[str, tuple[str, float]] = {}
-
-    def set(self, key: str, text: str, until: float = math.inf) -> None:
-        """Show ``text`` until the clock says ``until``; a new one is logged once."""
-        if key not in self._texts:
-            self._log.warn(text)
-        self._texts[key] = (text, until)
-
-    def clear(self, key: str) -> None:
-        """It is no longer true."""
-        self._texts.pop(key, None)
-
-    def clear_from(self, start: str) -> None:
-        """Clear all whose names begin so."""
-        self._texts = {key: shown for key, shown in self._texts.items() if not key.startswith(start)}
-
-    def clear_all(self) -> None:
-        """Clear all of them: nothing is known any more."""
-        self._texts.clear()
-
-    def current(self, now: float) -> tuple[str, ...]:
-        """The texts to show at ``now``, oldest first."""
-        self._texts = {key: shown for key, shown in self._texts.items() if shown[1] >= now}
-        return tuple([text for text, _ in self._texts.values()])

@@ -1,4 +1,4 @@
-"""What the outside may ask of the controller, and its tickets. STOP is a call: ``Controller.stop``."""
+"""What an arm may be asked for, and its tickets. STOP is a call: ``ArmLink.stop``."""
 
 from __future__ import annotations
 
@@ -15,18 +15,27 @@ from armctl.errors import ArmctlError
 from armctl.kinematics import Target
 from armctl.motion import Profile, Trajectory
 from armctl.program import Program
+from armctl.protocol.recording import Recording
+from armctl.protocol.snapshot import Snapshot, WrongPins
 from armctl.robot import Robot
-from armctl.runtime.black_box import Recording
-from armctl.runtime.snapshot import Snapshot, WrongPins
 
 Frame = Literal["base", "tool"]
+LONGEST_NAME = 60
+"""letters of what somebody is called"""
+JOG_EXPIRY_S = 0.1
+"""How long one jog command counts."""
+FOLLOW_EXPIRY_S = 0.5
+"""How long one target counts. A page that follows repeats it five times as often."""
+STREAM_EXPIRY_S = 0.15
+"""How long one setpoint of a stream counts."""
 
 
-def _kebab(name: str) -> str:
+def kebab(name: str) -> str:
+    """``move-joints`` of ``MoveJoints``."""
     return re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower()
 
 
-class Command(msgspec.Struct, frozen=True, tag_field="command", tag=_kebab, forbid_unknown_fields=True):
+class Command(msgspec.Struct, frozen=True, tag_field="command", tag=kebab, forbid_unknown_fields=True):
     """What the controller may be asked for; ``command`` names its kind, e.g. ``move-joints``."""
 
 
@@ -295,30 +304,6 @@ def give(answers: list[Answer]) -> None:
             future.set_result(None)
         else:
             future.set_exception(error)
-
-
-@dataclass(frozen=True, slots=True)
-class Order:
-    """A command on its way to the controller thread."""
-
-    command: Command | None
-    """None: STOP"""
-    origin: Origin
-    ticket: Ticket
-    given_at: float
-    """controller clock [s]"""
-    number: int
-    """in the order in which they were given, stops included"""
-
-    @property
-    def label(self) -> str:
-        """What it asks for, in words."""
-        return "STOP" if self.command is None else _kebab(type(self.command).__name__).replace("-", " ")
-
-    @property
-    def motion(self) -> str:
-        """The name of the motion that it asks for; empty where it has none."""
-        return self.command.motion if isinstance(self.command, MovingCommand) else ""
 
 
 class ArmLink(Protocol):

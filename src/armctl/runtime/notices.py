@@ -1,0 +1,75 @@
+"""The log of an arm, and its warnings."""
+
+from __future__ import annotations
+
+import logging
+import math
+
+from armctl.protocol import Event, wall_time
+from armctl.protocol.snapshot import printable
+
+_LOGGER = logging.getLogger("armctl.runtime")
+_LOG_LINES = 200
+_LONGEST_LINE = 2000
+_REPEAT_S = 5.0
+"""a line of the log is not repeated sooner: a held key must not flood it"""
+
+
+class EventLog:
+    """The newest lines, oldest first, passed on to Python's logging. Only the controller thread writes."""
+
+    def __init__(self) -> None:
+        self.events: tuple[Event, ...] = ()
+
+    def add(self, text: str, level: str = "info") -> None:
+        """Add a line; ``level`` is info, warning (the user should know) or error (something broke).
+
+        What a client has said may be in it: it is cut, and shows no control characters.
+        """
+        stamp, text = wall_time(), printable(text[:_LONGEST_LINE])
+        if self.events:
+            last = self.events[-1]
+            if (last.level, last.text) == (level, text) and 0 <= stamp - last.stamp < _REPEAT_S:
+                return
+        self.events = (*self.events, Event(stamp, level, text))[-_LOG_LINES:]
+        _LOGGER.log(getattr(logging, level.upper()), "%s", text)
+
+    def said(self, text: str, seconds: float) -> bool:
+        """Whether a line was added within the last ``seconds``."""
+        now = wall_time()
+        return any(event.text == text and 0 <= now - event.stamp < seconds for event in self.events[-10:])
+
+    def warn(self, text: str) -> None:
+        """Add a line that the user should know of."""
+        self.add(text, "warning")
+
+
+class Notices:
+    """Warnings by name, shown until they are cleared or their time is over."""
+
+    def __init__(self, log: EventLog) -> None:
+        self._log = log
+        self._texts: dict[str, tuple[str, float]] = {}
+
+    def set(self, key: str, text: str, until: float = math.inf) -> None:
+        """Show ``text`` until the clock says ``until``; a new one is logged once."""
+        if key not in self._texts:
+            self._log.warn(text)
+        self._texts[key] = (text, until)
+
+    def clear(self, key: str) -> None:
+        """It is no longer true."""
+        self._texts.pop(key, None)
+
+    def clear_from(self, start: str) -> None:
+        """Clear all whose names begin so."""
+        self._texts = {key: shown for key, shown in self._texts.items() if not key.startswith(start)}
+
+    def clear_all(self) -> None:
+        """Clear all of them: nothing is known any more."""
+        self._texts.clear()
+
+    def current(self, now: float) -> tuple[str, ...]:
+        """The texts to show at ``now``, oldest first."""
+        self._texts = {key: shown for key, shown in self._texts.items() if shown[1] >= now}
+        return tuple([text for text, _ in self._texts.values()])
