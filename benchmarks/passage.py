@@ -19,7 +19,7 @@ from pathlib import Path
 from types import CodeType, FrameType
 
 import armctl
-from armctl.process import Host
+from armctl.process.host import Host
 from armctl.protocol import Connect
 
 PACKAGE = Path(armctl.__file__).parent

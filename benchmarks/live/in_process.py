@@ -6,7 +6,7 @@ from typing import Any
 
 from armctl.cli import serve
 from armctl.cli.main import main
-from armctl.process import Host
+from armctl.process.host import Host
 from armctl.robot import Robot
 
 

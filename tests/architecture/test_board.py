@@ -20,7 +20,7 @@ from armctl.hardware.board_type import ByteModel, Setup
 from armctl.hardware.boards import SHIPPED, board_type, board_types, kinds
 from armctl.hardware.ports import list_ports
 from armctl.hardware.simulation import BoardServer
-from armctl.process import Host
+from armctl.process.host import Host
 from armctl.program import MoveStep, Program, save_program
 from armctl.protocol import Connect, MonotonicClock
 

@@ -25,8 +25,6 @@ SAFE_YAML = {
 KNOWN = {
     ("kinematics/yaw_pitch_roll/closed_form.py", "compile"),  # of text that armctl itself writes
     ("kinematics/yaw_pitch_roll/closed_form.py", "exec"),
-    ("motion/figure.py", "pickle"),  # between processes of one armctl
-    ("process/start.py", "pickle"),
 }
 
 

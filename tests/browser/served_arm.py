@@ -16,7 +16,7 @@ from tests.browser.serving import page_port
 from armctl.arm import Arm
 from armctl.calibration import CalibrationStore
 from armctl.facts import State
-from armctl.process import Host
+from armctl.process.host import Host
 from armctl.program import MoveStep, Program, Step
 from armctl.protocol import Command, Connect, Enable, Origin, Snapshot, Ticket
 from armctl.robot import Robot, load_robot

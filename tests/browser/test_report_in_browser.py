@@ -11,7 +11,7 @@ from tests.browser.served_arm import ServedArm
 from tests.browser.serving import page_port
 
 from armctl.cli.replay import told
-from armctl.process import Host
+from armctl.process.host import Host
 from armctl.protocol import MoveJoints, read_recording
 from armctl.ui.guard import guarded_server
 from armctl.ui.replay import ReplayApp

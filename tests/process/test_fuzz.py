@@ -14,8 +14,8 @@ import pytest
 from tests.process.kit import HOME, ROBOT
 from tests.process.test_records import default
 
-from armctl.process import Host
 from armctl.process import server as server_module
+from armctl.process.host import Host
 from armctl.process.records import Ask, Codec, Hello, Record, Stop, Trust, commands
 from armctl.process.server import Server
 from armctl.protocol import Connect, Enable

@@ -25,7 +25,8 @@ from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
 from armctl.hardware.simulation import BoardServer
 from armctl.motion import plan_joints
-from armctl.process import Host, Link, registry, start_arm
+from armctl.process import Link, registry, start_arm
+from armctl.process.host import Host
 from armctl.process.link import LocalLine
 from armctl.protocol import Connect, Enable, Follow, MonotonicClock, MoveJoints, SetSpeed
 from armctl.robot import load_robot

@@ -22,9 +22,10 @@ from armctl.facts import State
 from armctl.motion.trajectory import Sample
 from armctl.process import link as link_module
 from armctl.process.link import Link, RemoteLine
-from armctl.process.records import SILENCE_S, Codec, Record, Seen, Welcome, light, robot_record
+from armctl.process.records import SILENCE_S, Codec, Record, Seen, Welcome, light
 from armctl.protocol import Follow, ManualClock, MoveJoints, SetSpeed, Snapshot
 from armctl.robot import Robot, load_robot
+from armctl.robot.record import robot_record
 
 MOVE = MoveJoints(ROBOT.pose("home"))
 

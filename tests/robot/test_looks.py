@@ -16,7 +16,6 @@ import pytest
 from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics.samples import joint_samples
-from armctl.process.records import robot_record
 from armctl.robot import Robot, load_robot, robots_folder, shipped_robots
 from armctl.robot.draft import BUILDS, Draft
 from armctl.robot.hulls import distances
@@ -25,6 +24,7 @@ from armctl.robot.look.solids import Part
 from armctl.robot.look.stock import MAKES, PAINTS, Material
 from armctl.robot.look_masses import MASSES_ASSUMED, masses
 from armctl.robot.look_sound import STRETCHED_M, Solids, faults, stretched
+from armctl.robot.record import robot_record
 
 _LONG = bool(os.environ.get("ARMCTL_LONG"))
 POSES, LOOKS = (200, 300) if _LONG else (8, 20)

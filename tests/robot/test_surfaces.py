@@ -20,8 +20,8 @@ from armctl.arrays import FloatArray
 from armctl.kinematics import rotation_from_rpy
 from armctl.kinematics.chain import LinkFrames
 from armctl.motion import PointToPoint, preflight
-from armctl.process.records import robot_of, robot_record
 from armctl.robot import Robot, mesh_cache, surfaces
+from armctl.robot.record import robot_of, robot_record
 from armctl.robot.solids import Solid, block, drum
 from armctl.robot.surfaces import CLEAR_M, Surface, SurfacePairs
 

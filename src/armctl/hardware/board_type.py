@@ -127,6 +127,13 @@ class BoardType(ABC):
     def simulated(self, setup: Setup, options: SimulatorOptions) -> ByteModel:
         """A simulated board, set up for a robot; ``options`` by name, as ``simulator_options`` has them."""
 
+    def settings_type(self) -> type | None:
+        """Of what ``entries`` reads besides the map of the outputs (None: nothing), for ``msgspec.convert``.
+
+        The arm process is told it as a record.
+        """
+        return None
+
     def check(self, setup: Setup) -> None:  # noqa: B027
         """Raise ``BoardError`` for a setup that the largest board of this kind would refuse."""
 

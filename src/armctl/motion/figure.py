@@ -6,16 +6,18 @@ matplotlib is imported when a figure is drawn, and without pyplot, which keeps s
 from __future__ import annotations
 
 import io
-import pickle
 import subprocess
 import sys
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from armctl.arrays import FloatArray
 from armctl.motion.analysis import Derivative, MotionAnalysis, near_limits
 from armctl.robot import Robot
+from armctl.robot.record import plain, robot_of, robot_record
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -96,6 +98,14 @@ def figure_bytes(
         return file.getvalue()
 
 
+class _Asked(msgspec.Struct, array_like=True):
+    """What ``figure_file`` has drawn."""
+
+    robot: dict[str, Any]
+    form: FigureForm
+    motions: list[tuple[str, dict[str, Any]]]
+
+
 _DRAW = "from armctl.motion.figure import main; main()"
 
 
@@ -103,7 +113,8 @@ def figure_file(
     robot: Robot, form: FigureForm, shown: TitledMotion, beside: TitledMotion | None = None
 ) -> bytes:
     """As ``figure_bytes``, by a process of its own: matplotlib lets no other thread run for up to 0.3 s."""
-    work = pickle.dumps((robot, form, shown, beside))
+    motions = [shown] if beside is None else [shown, beside]
+    work = msgspec.msgpack.encode((robot_record(robot), form, motions), enc_hook=plain)
     prepare = f"import sys; sys.path[:] = {sys.path!r}; {_DRAW}"
     # a group of its own: Ctrl-C is for the process that asks, whose end ends this one, too
     drawn = subprocess.run(
@@ -121,7 +132,16 @@ def color_of(i: int) -> str:
 
 def main() -> None:
     """Draw what standard input says, for ``figure_file``."""
-    sys.stdout.buffer.write(figure_bytes(*pickle.load(sys.stdin.buffer)))
+    asked = msgspec.msgpack.decode(sys.stdin.buffer.read(), type=_Asked)
+    motions = [
+        TitledMotion(title, MotionAnalysis(**{name: _array(rows) for name, rows in motion.items()}))
+        for title, motion in asked.motions
+    ]
+    sys.stdout.buffer.write(figure_bytes(robot_of(asked.robot), asked.form, *motions))
+
+
+def _array(rows: object) -> FloatArray:
+    return np.array(rows, dtype=np.float64)
 
 
 def _plain(text: str) -> str:

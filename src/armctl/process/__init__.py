@@ -1,7 +1,6 @@
 """The arm process: controller, planner, gate and driver in an interpreter of their own, and its clients."""
 
-from armctl.process.host import Host
 from armctl.process.link import Link, RemoteLine
 from armctl.process.start import start_arm
 
-__all__ = ["Host", "Link", "RemoteLine", "start_arm"]
+__all__ = ["Link", "RemoteLine", "start_arm"]

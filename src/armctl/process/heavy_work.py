@@ -17,12 +17,12 @@ from armctl.apart import Tell, apart
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, LimitError, RobotFileError
 from armctl.motion.preflight import Finding
-from armctl.process.records import robot_of, robot_record
 from armctl.program import Program
 from armctl.program.check import check_program
 from armctl.robot import Robot
 from armctl.robot.mesh_cache import keep, kept
 from armctl.robot.meshes import Drawn, coarse_solids
+from armctl.robot.record import robot_of, robot_record
 from armctl.robot.solids import Solid
 
 _CHECK_S, _ARM_S = 600.0, 120.0

@@ -46,7 +46,6 @@ from armctl.process.records import (
     Welcome,
     answer,
     error_of,
-    robot_of,
     whole,
 )
 from armctl.protocol import Command, Event, MonotonicClock, MovingCommand, Origin, Recording, Snapshot, Ticket
@@ -55,6 +54,7 @@ from armctl.protocol.commands import Answer as TicketAnswer
 from armctl.protocol.commands import give
 from armctl.protocol.recording import unpacked
 from armctl.robot import Robot
+from armctl.robot.record import robot_of
 from armctl.system import kill
 
 _BEAT = Codec().encode(Beat())

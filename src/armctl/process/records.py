@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
-from typing import Annotated, Any, Union, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Union, cast, get_args, get_origin
 
 import msgspec
 import numpy as np
@@ -14,8 +14,7 @@ import numpy as np
 from armctl.arrays import read_only
 from armctl.errors import ArmctlError, InputError, ProgramError
 from armctl.facts.records import fact_of, fact_record
-from armctl.kinematics import Chain, Target
-from armctl.kinematics.chain import DHRow, Place, TurnLimit
+from armctl.kinematics import Target
 from armctl.kinematics.target import as_numbers
 from armctl.motion import Trajectory
 from armctl.process.trajectories import Motion, built, carried
@@ -37,7 +36,7 @@ from armctl.protocol import (
     UpdateProgram,
 )
 from armctl.protocol.snapshot import printable
-from armctl.robot import Robot
+from armctl.robot.record import plain
 from armctl.version import __version__
 
 MOST_BYTES = 8 * 1024 * 1024
@@ -203,70 +202,7 @@ class Refused(Record, frozen=True):
 FromArm = Welcome | Seen | Logged | Running | Answer | Recalled | Refused
 
 
-# The arm itself, as numbers and words.
-
-
-def robot_record(robot: Robot) -> dict[str, Any]:
-    """A robot as plain values, without what only its board reads."""
-
-    def plain(value: object) -> object:
-        match value:
-            case Chain():
-                names = ("segments", "tail", "places", "rows", "convention", "coupling", "turn_limits")
-                return {name: getattr(value, name) for name in names}
-            case Mapping():
-                return dict(cast("Mapping[str, object]", value))
-            case _:
-                return _plain(value)
-
-    names = [one.name for one in fields(robot) if one.init and one.name != "board_settings"]
-    return {name: msgspec.to_builtins(getattr(robot, name), enc_hook=plain) for name in names}
-
-
-def robot_of(record: dict[str, Any]) -> Robot:
-    """The robot of ``robot_record``; ``InputError`` where it is of another version of this program."""
-
-    def built(kind: type, value: Any) -> Any:
-        if kind is not Chain:
-            return np.array(value, dtype=np.float64)
-        places = msgspec.convert(value["places"], tuple[Place, ...], dec_hook=built)
-        rows = msgspec.convert(value["rows"], tuple[DHRow, ...])
-        segments, tail = [np.array(one) for one in value["segments"]], np.array(value["tail"])
-        return Chain(
-            segments,
-            tail,
-            places=places,
-            rows=rows,
-            convention=value["convention"],
-            coupling=value["coupling"],
-            turn_limits=msgspec.convert(value["turn_limits"], tuple[TurnLimit, ...]),
-        )
-
-    hints = get_type_hints(Robot)
-    try:
-        return Robot(
-            **{name: msgspec.convert(one, hints[name], dec_hook=built) for name, one in record.items()}
-        )
-    except (msgspec.MsgspecError, KeyError, TypeError, ValueError) as cause:
-        raise InputError(
-            f"the arm is described in the words of another version of armctl: {cause}"
-        ) from cause
-
-
 # Encoding and decoding.
-
-
-def _plain(value: object) -> object:
-    """Arrays as lists, a number that is not known as null."""
-    if isinstance(value, np.ndarray):
-        return (
-            [None if math.isnan(one) else one for one in value.tolist()]
-            if value.ndim == 1
-            else value.tolist()
-        )
-    if isinstance(value, np.generic):
-        return cast("object", value.item())
-    raise NotImplementedError(f"a {type(value).__name__} does not travel")
 
 
 def _arrived(kind: type, value: Any) -> Any:
@@ -345,7 +281,7 @@ class Codec:
         """``house``: it reads the commands of the house, too."""
         self.json = json
         wire: Any = msgspec.json if json else msgspec.msgpack
-        self._encode = wire.Encoder(enc_hook=_plain).encode
+        self._encode = wire.Encoder(enc_hook=plain).encode
         arriving = _union([_Asked if kind is Ask else kind for kind in get_args(FromClient)])
         self._from_client = wire.Decoder(arriving).decode
         self._from_arm = wire.Decoder(FromArm, dec_hook=_arrived).decode

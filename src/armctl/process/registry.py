@@ -13,8 +13,8 @@ import msgspec
 
 from armctl.boards import AUTOMATIC, split_kind
 from armctl.errors import ArmProcessError
-from armctl.process.records import robot_record
 from armctl.robot import Robot
+from armctl.robot.record import robot_record
 from armctl.system import open_private, user_number, whose
 
 _LOGGER = logging.getLogger("armctl.process")

@@ -25,22 +25,12 @@ from armctl.process.connections import Connection, Hands, attend_stream
 from armctl.process.host import Host, collect_at_rest
 from armctl.process.limits import Arrivals, Traffic, who_gives_way
 from armctl.process.outbox import Broadcast
-from armctl.process.records import (
-    SILENCE_S,
-    Ask,
-    Codec,
-    FromClient,
-    Hello,
-    Refused,
-    Trust,
-    Welcome,
-    in_short,
-    robot_record,
-)
+from armctl.process.records import SILENCE_S, Ask, Codec, FromClient, Hello, Refused, Trust, Welcome, in_short
 from armctl.process.registry import Note, likeness, remove, write_note
 from armctl.protocol import ArmLink, Command, Leave, Origin, Snapshot, stands_as_before
 from armctl.protocol.recording import packed
 from armctl.robot import Robot
+from armctl.robot.record import robot_record
 from armctl.system import on_end
 from armctl.version import __version__
 

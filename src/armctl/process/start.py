@@ -2,47 +2,64 @@
 
 from __future__ import annotations
 
-import asyncio
-import ctypes
 import logging
 import os
-import pickle
-import platform
 import secrets
-import struct
 import sys
-import traceback
-from contextlib import suppress
-from dataclasses import dataclass
-from importlib import import_module
+from dataclasses import replace
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, Any, Self, cast
+
+import msgspec
 
 from armctl.boards import ANY_BOARD
-from armctl.errors import ArmProcessError, BoardError
-from armctl.log_files import begin as begin_log
+from armctl.errors import ArmProcessError, BoardError, InputError
+from armctl.hardware.boards import board_type
 from armctl.process.link import Link, LocalLine
 from armctl.process.registry import likeness, orphans, runtime_folder, sweep
-from armctl.process.server import serve_arm
 from armctl.robot import Robot
-from armctl.system import outlive_readers, start_apart
+from armctl.robot.record import plain, robot_of, robot_record
+from armctl.system import start_apart
 
 _LOGGER = logging.getLogger("armctl.process")
 
 
-@dataclass(frozen=True)
-class _Start:
+class Start(msgspec.Struct, frozen=True):
     """What an arm process is told by the process that starts it, over a pipe that nobody else has."""
 
-    robot: Robot
+    robot: dict[str, Any]
+    """see ``robot_record``"""
+    board_settings: Any
+    """of this robot, as plain values"""
     board: str
     rate_hz: float
-    folder: Path | None
+    folder: str | None
     """of its Unix socket; None: a port of the loopback address"""
     secret: str
     pin: str
     logs: bool
     """to standard error, as ``armctl serve`` does"""
+
+    @classmethod
+    def of(
+        cls, robot: Robot, board: str, rate_hz: float, folder: Path | None, pin: str, *, logs: bool
+    ) -> Self:
+        """For a robot with its body. ``InputError``: its board's settings cannot be told."""
+        kind = board_type(robot.board)
+        if robot.board_settings is not None and kind.settings_type() is None:
+            raise InputError(
+                f"{kind.title} reads settings from robot files, and its BoardType says no settings_type"
+            )
+        settings = msgspec.to_builtins(robot.board_settings, enc_hook=plain)
+        where, secret = None if folder is None else str(folder), secrets.token_urlsafe(24)
+        return cls(robot_record(robot), settings, board, rate_hz, where, secret, pin, logs)
+
+    def whole_robot(self) -> Robot:
+        """The robot, with what its board's driver reads."""
+        robot = robot_of(self.robot)
+        kind = board_type(robot.board).settings_type()
+        settings = None if kind is None else msgspec.convert(self.board_settings, kind | None)
+        return replace(robot, board_settings=settings)
 
 
 def start_arm(
@@ -68,7 +85,7 @@ def start_arm(
         sweep(folder)
         if port is not None and (link := _taken_over(folder, robot, board, rate_hz, pin, port, name, beats)):
             return link
-    start = _Start(robot, board, rate_hz, folder, secrets.token_urlsafe(24), pin, logs)
+    start = Start.of(robot, board, rate_hz, folder, pin, logs=logs)
     places = os.pathsep.join(os.path.abspath(entry) for entry in sys.path)
     process = start_apart(
         [sys.executable, "-P", "-m", "armctl.process", robot.name],  # the name is for who reads `ps`
@@ -77,7 +94,7 @@ def start_arm(
     told, says = cast("IO[bytes]", process.stdin), cast("IO[bytes]", process.stdout)
     try:
         with told:
-            pickle.dump(start, told)
+            told.write(msgspec.msgpack.encode(start))
         with says:
             kind, _, said = says.readline().decode().rstrip("\n").partition(" ")
         if kind != "ready":
@@ -106,53 +123,3 @@ def _taken_over(
         )  # fmt: skip
         return link
     return None
-
-
-_SLICE_NS = 100_000
-_SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
-"""numbers of the system call, of 64-bit programs"""
-
-
-def _ask_for_short_slices() -> None:
-    """Run soon after waking up on a busy computer, for short times; every user may ask Linux for that.
-
-    With four busy programs on two cores a tick comes 0.1 ms late instead of 3.5 (median), 2.7 instead of 8
-    (p90). Linux before 6.12 takes no notice.
-    """
-    number = _SCHED_SETATTR.get(platform.machine())
-    if sys.platform == "linux" and sys.maxsize > 2**32 and number is not None:
-        size, ordinary, nothing = 48, 0, 0
-        wish = struct.pack("=IIQiIQQQ", size, ordinary, 0, os.nice(0), nothing, _SLICE_NS, 0, 0)
-        ctypes.CDLL(None).syscall(number, 0, wish, 0)
-
-
-def main() -> None:
-    """The arm process."""
-    start: _Start = pickle.load(sys.stdin.buffer)
-    outlive_readers()
-    _ask_for_short_slices()
-    if start.logs:
-        logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
-    # What takes a while: here, before a motion waits for it, or a tick.
-    _ = start.robot.inverse_kinematics
-    import_module("scipy.optimize")  # and scipy.linalg with it
-
-    def ready(address: str) -> None:
-        with suppress(BrokenPipeError):  # who started it is gone: nobody will come
-            sys.stdout.write(f"ready {address}\n")
-            sys.stdout.close()
-
-    address = None if start.folder is None else start.folder / f"arm-{os.getpid()}.sock"
-    arm = serve_arm(start.robot, start.board, start.rate_hz, address, start.secret, ready, start.pin)
-    status = 1
-    try:
-        with begin_log("arm"):
-            asyncio.Runner().run(arm)
-        status = 0
-    except BaseException:
-        traceback.print_exc()
-    finally:
-        # The arm stands and its line is closed. Python would wait for threads that plan or decode.
-        with suppress(OSError, ValueError):
-            sys.stderr.flush()
-        os._exit(status)

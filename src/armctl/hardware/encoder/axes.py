@@ -128,12 +128,20 @@ def read_entries(part: BoardPart) -> tuple[OutputMap | None, EncoderSettings]:
         per_deg = abs(entry.counts_per_deg)
         toward = 1 if (entry.home_toward == "+") == (entry.counts_per_deg > 0) else -1
         axes.append(
-            EncoderAxis(entry, toward, entry.home_speed_deg_s * per_deg, entry.following_error_deg * per_deg)
+            EncoderAxis(
+                _axis_of(entry), toward, entry.home_speed_deg_s * per_deg, entry.following_error_deg * per_deg
+            )
         )
     if gripper is not None:
         toward = 1 if gripper.home_toward == "+" else -1
-        axes.append(EncoderAxis(gripper, toward, gripper.home_speed_counts_s, gripper.following_error_counts))
+        speed, error = gripper.home_speed_counts_s, gripper.following_error_counts
+        axes.append(EncoderAxis(_axis_of(gripper), toward, speed, error))
     return _output_map(part, encoders, gripper), EncoderSettings(tuple(axes), differential)
+
+
+def _axis_of(entry: AxisEntry) -> AxisEntry:
+    """What an entry says of the axis itself, without the angles or the opening that it is for."""
+    return AxisEntry(**{name: getattr(entry, name) for name in AxisEntry.__struct_fields__})
 
 
 def _check_joint(

@@ -75,6 +75,12 @@ class EncoderBoard(BoardType):
         for trouble, what in _TROUBLES
     )
 
+    def settings_type(self) -> type[EncoderSettings]:
+        """Its axes."""
+        from armctl.hardware.encoder.axes import EncoderSettings
+
+        return EncoderSettings
+
     def driver(self, setup: Setup, connection: Connection) -> Driver:
         """A driver."""
         from armctl.hardware.encoder.driver import EncoderDriver
