@@ -13,18 +13,17 @@ import viser
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.ui.guard_kit import CAMERA
-from viser._messages import FileTransferPart, FileTransferStartUpload
 
 from armctl.ui.guard import GuardedServer
 from armctl.ui.guard.filter import (
     MAX_ARM_BYTES,
     MAX_UPLOAD_BYTES,
-    UPLOAD_PART_BYTES,
     FloodGauge,
     FrameFilter,
     Tally,
     UploadLedger,
 )
+from armctl.ui.viser_seam.messages import UPLOAD_PART_BYTES, FileTransferPart, FileTransferStartUpload
 
 UUID = "3f0e1d9c-0000-4000-8000-000000000000"
 IDS = {"source_component_uuid": "upload", "transfer_uuid": "t"}
@@ -141,8 +140,7 @@ def test_other_messages_are_refused(page: Page, kind: str) -> None:
         ),
         "no message of a page": ("value",),
         "a number that is not finite": ({"value": math.nan}, {"value": [1.0, math.inf]}),
-        "a value that the control cannot take": ({"value": "x" * 4097}, {"value": "1" * 100_000}),
-        "a message that is too large": ({"value": ["x"] * (64 << 10)},),
+        "a message that is too large": ({"value": "x" * (20 << 10)}, {"value": ["x"] * (64 << 10)}),
     }.items(),
 )
 def test_only_a_finite_value_of_some_size_can_be_set(
@@ -152,7 +150,7 @@ def test_only_a_finite_value_of_some_size_can_be_set(
     assert page.tally.counts == {reason: len(wrong)}
 
 
-@pytest.mark.parametrize("value", [True, 5, -2.5, "text", "", (1, 2.5), (255, 0, 0, 255)])
+@pytest.mark.parametrize("value", [True, 5, -2.5, "text", "", "🦾" * 4096, (1, 2.5)])
 def test_a_plain_value_is_admitted(page: Page, value: object) -> None:
     assert page.admits("GuiUpdateMessage", uuid=UUID, updates={"value": value})
 

@@ -16,6 +16,7 @@ from armctl.ui.guard import SocketDoor, guarded_server
 from armctl.ui.guard import server as serving
 from armctl.ui.guard.door import Door
 from armctl.ui.guard.filter import Tally
+from armctl.ui.viser_seam import serving as viser_serving
 
 TOKEN = "a-secret-of-some-length_0123456789"
 
@@ -73,7 +74,7 @@ def test_extra_hosts_are_bare_names(name: str) -> None:
     ("target", "name", "value", "words"),
     [
         (viser, "__version__", "1.2.0", r"made for viser 1\.1\.1, but 1\.2\.0 is installed"),
-        (serving, "_VISER_SERVER", "viser.elsewhere", "viser did not open its server through it"),
+        (viser_serving, "_OPENER", "viser.elsewhere", "viser did not open its server through it"),
     ],
 )
 def test_another_viser_is_refused(

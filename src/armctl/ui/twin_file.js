@@ -28,16 +28,13 @@
 
   const fixed = (value) => (Math.abs(value) < 0.05 ? 0 : value).toFixed(1).replace("-", "−");
 
-  function pose(viewer, time) {
+  function pose(scene, time) {
     for (const [name, first] of twin.tracks) {
       const [x, y, z, ...turn] = [0, 1, 2, 3, 4, 5, 6].map((i) => sample(first + i, time));
       const length = Math.hypot(...turn);
-      viewer.messageQueue.push(
-        { type: "SetPositionMessage", name, owner: "", position: [x, y, z] },
-        { type: "SetOrientationMessage", name, owner: "", wxyz: turn.map((part) => part / length) },
-      );
+      scene.pose(name, [x, y, z], turn.map((part) => part / length));
     }
-    viewer.requestRender();
+    scene.draw();
   }
 
   const graphs = Array.from(document.querySelectorAll("#twin-side svg"));
@@ -63,8 +60,8 @@
 
   function frame(now) {
     requestAnimationFrame(frame);
-    const viewer = window.__viserMutable;
-    if (!viewer?.nodeRefFromName[twin.root]) return; // viser is still building the scene
+    const scene = armctlViser.scene(twin.root);
+    if (!scene) return; // viser is still building it
     if (playing && before !== null) {
       time = Math.min(time + ((now - before) / 1000) * +element("speed").value, duration);
       playing = time < duration;
@@ -73,7 +70,7 @@
     const state = `${time} ${playing}`;
     if (state === shown) return;
     shown = state;
-    pose(viewer, time);
+    pose(scene, time);
     tell();
   }
 

@@ -1,28 +1,22 @@
 """A planned motion as one HTML file, which plays in any browser, without armctl and without a network.
 
-The file is viser's client with the arm in it, as viser embeds a scene (``StateSerializer.as_html``), a
+The file is viser's client with the arm in it, as viser embeds a scene (``viser_seam/kept_scene.py``), a
 player of our own (``twin_file.js``), graphs, and what the pre-flight found. viser's own player would repeat
 the poses as messages of 80 bytes each; here a pose is seven numbers of two bytes, as differences, deflated.
 """
 
 from __future__ import annotations
 
-import asyncio
 import base64
 import json
 import math
-import threading
 import zlib
 from collections.abc import Callable, Sequence
 from html import escape
 from importlib import resources
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
-import viser
-from viser import InitialCameraConfig
-from viser.infra import StateSerializer, WebsockMessageHandler
-from viser.infra._async_message_buffer import AsyncMessageBuffer
 
 from armctl import __version__
 from armctl.arrays import FloatArray
@@ -36,6 +30,8 @@ from armctl.robot import Robot
 from armctl.ui.scene.arm_figure import ARM, HALF_OPEN, ArmFigure
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.scene.stage import Stage, first_view, set_lights
+from armctl.ui.viser_seam.kept_scene import KeptScene
+from armctl.ui.viser_seam.page import FILE_STYLE, SCRIPT, dressed
 
 FRAMES_A_S, _MOST_FRAMES = 30, 9_000
 """what is between two frames is interpolated; a motion of more than five minutes has fewer a second"""
@@ -96,8 +92,8 @@ def twin_file(
     """
     frames = min(math.ceil(plan.duration * FRAMES_A_S), _MOST_FRAMES - 1) + 1
     time = np.linspace(0.0, plan.duration, frames)
-    scene = _Scene()
-    figure = scene.draw(robot, plan)
+    scene = KeptScene()
+    figure = _draw(scene, robot, plan)
     tracks, columns = _columns(robot, plan, time, figure, progress or (lambda share: None))
     said = [
         (one.begins, f"Step {one.index + 1} of {len(steps)}: {steps[one.index]}")
@@ -122,50 +118,21 @@ def twin_file(
     return _page(scene.html(), title, side, data)
 
 
-class _Scene(WebsockMessageHandler):
-    """A scene that is kept, not served: viser's ``SceneApi`` writes to it as to a server."""
-
-    client_id = ""
-    """as viser's server calls itself"""
-
-    def __init__(self) -> None:
-        super().__init__()
-        nobody = asyncio.new_event_loop()
-        nobody.close()  # viser wakes it with each message, and takes a closed one for a server that has ended
-        self._buffer = AsyncMessageBuffer(nobody, persistent_messages=True)
-        self._websock_connection = self._viser_server = self
-        self._scene_lifecycle_lock = threading.RLock()
-        self.api = viser.SceneApi(cast(Any, self), cast(Any, None), nobody)
-
-    def get_message_buffer(self) -> AsyncMessageBuffer:
-        """What ``queue_message`` writes to: the newest of each kind for each part."""
-        return self._buffer
-
-    def draw(self, robot: Robot, plan: Rehearsal) -> ArmFigure:
-        """The stage, the tool's way, and the arm where the plan begins."""
-        set_lights(self.api)
-        Stage(self.api, robot)
-        Lines(self.api, "/path", _PATH).show(segments(plan.tool_path(robot, _PATH_POINTS)))
-        figure = ArmFigure(self.api, robot, ARM)
-        state = plan.sample(0.0)
-        figure.pose(state.q, state.opening)
-        camera = InitialCameraConfig(self.queue_message)
-        camera.fov = _VIEW
-        way = plan.trajectory.sample(np.linspace(0.0, plan.duration, _SEEN)).q
-        frames = robot.frames(way)[..., :3, 3].reshape(-1, 3)
-        room = _ROOM * robot.chain.length
-        points = np.vstack([frames - room, frames + room, [0.0, 0.0, robot.floor_z]])
-        camera.position, camera.look_at = first_view(robot, points, _VIEW, _ASPECT)
-        return figure
-
-    def html(self) -> str:
-        """Client of viser with this scene in it."""
-        serializer: StateSerializer = self.get_message_serializer(
-            lambda message: message.include_in_scene_serialization
-        )
-        for message in self._buffer.message_from_id.values():
-            serializer._insert_message(message)  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
-        return serializer.as_html()
+def _draw(scene: KeptScene, robot: Robot, plan: Rehearsal) -> ArmFigure:
+    """The stage, the tool's way, and the arm where the plan begins."""
+    set_lights(scene.api)
+    Stage(scene.api, robot)
+    Lines(scene.api, "/path", _PATH).show(segments(plan.tool_path(robot, _PATH_POINTS)))
+    figure = ArmFigure(scene.api, robot, ARM)
+    state = plan.sample(0.0)
+    figure.pose(state.q, state.opening)
+    scene.camera.fov = _VIEW
+    way = plan.trajectory.sample(np.linspace(0.0, plan.duration, _SEEN)).q
+    frames = robot.frames(way)[..., :3, 3].reshape(-1, 3)
+    room = _ROOM * robot.chain.length
+    points = np.vstack([frames - room, frames + room, [0.0, 0.0, robot.floor_z]])
+    scene.camera.position, scene.camera.look_at = first_view(robot, points, _VIEW, _ASPECT)
+    return figure
 
 
 # The motion as numbers.
@@ -228,21 +195,18 @@ _BAR = (
 def _page(client: str, title: str, side: str, data: dict[str, Any]) -> str:
     here = resources.files("armctl.ui")
     script, style = (here.joinpath(f"twin_file.{kind}").read_text("utf-8") for kind in ("js", "css"))
-    head, begins, rest = client.partition("<head>")
-    body, ends, tail = rest.rpartition("</body>")
-    if not (begins and ends):
-        raise RuntimeError("viser's page has no <head> and <body> to put the twin into")
-    body = body.replace("<title>Viser</title>", f"<title>{escape(title)}</title>", 1)
     speeds = "".join(
         f"<option value='{one}'{' selected' if one == '1' else ''}>{one}×</option>" for one in _SPEEDS
     )
     packed = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    return "".join((
-        head, begins, f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
-        f"<style>{style}</style>", body, side, _BAR.format(most=data["duration"], speeds=speeds),
+    return dressed(
+        client,
+        ahead=f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
+        f"<style>{style}{FILE_STYLE}</style><script>{SCRIPT}</script>",
+        title=escape(title),
+        behind=f"{side}{_BAR.format(most=data['duration'], speeds=speeds)}"
         f"<script id='twin-data' type='application/json'>{packed}</script><script>{script}</script>",
-        ends, tail,
-    ))  # fmt: skip
+    )
 
 
 def _found(robot: Robot, plan: Rehearsal, findings: Sequence[Finding], *, linked: bool) -> str:

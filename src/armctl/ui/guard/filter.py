@@ -7,12 +7,12 @@ import math
 import threading
 from collections import Counter
 from collections.abc import Callable
-from numbers import Real
 from typing import Any, cast
 
-import msgspec
 import viser
-from viser import _messages as wire
+
+from armctl.ui.viser_seam import messages as wire
+from armctl.ui.viser_seam.messages import UPLOAD_PART_BYTES, acknowledge_all, control_of
 
 LOG = logging.getLogger("armctl.ui.guard")
 
@@ -22,12 +22,8 @@ MAX_UPLOAD_BYTES = 1 << 20
 """The largest file that a page may upload: a program, whose files have this limit, too."""
 MAX_ARM_BYTES = 24 << 20
 """… and where an arm with its meshes is expected"""
-UPLOAD_PART_BYTES = 512 << 10
-"""The page cuts a file in parts of this size (``chunkSize`` in viser's UploadButton.tsx)."""
-_MAX_PLAIN_BYTES = 128 << 10
-"""of every frame that is neither a picture nor a part of a file"""
-_MAX_TEXT = 4096
-"""characters that a text field may hold"""
+_MAX_PLAIN_BYTES = 20 << 10
+"""of every frame that is neither a picture nor a part of a file: a text of 4096 characters has room in it"""
 
 ALLOWED = (
     wire.ViewerCameraMessage,
@@ -46,8 +42,7 @@ ALLOWED = (
     wire.FileTransferPart,
 )
 """Left out above all: ``ShareUrlRequest``, which opens a public tunnel."""
-_DECODERS = {kind.__name__: msgspec.msgpack.Decoder(kind) for kind in ALLOWED}
-"""They refuse a field that is not of its annotated type; viser's own decoding lets most of them pass."""
+_READER = wire.MessageReader(ALLOWED)
 
 
 class Tally:
@@ -175,7 +170,7 @@ class FrameFilter:
             return False
         dropped, size, cost = False, len(raw), len(raw)
         try:
-            message = _read(raw)
+            message = _READER.read(raw)
             if isinstance(message, wire.FileTransferPart) and self._uploads.is_leftover(message):
                 dropped, cost = True, 0
             elif isinstance(message, wire.GuiFormDirtyMessage):
@@ -199,14 +194,12 @@ class FrameFilter:
             return None
         if size > _MAX_PLAIN_BYTES:
             return "a message that is too large"
-        fields = vars(message)
         if isinstance(message, wire.GuiUpdateMessage) and message.updates.keys() != {"value"}:
             return "setting something else than a value"
-        if not _is_finite(fields):
+        if not _is_finite(vars(message)):
             return "a number that is not finite"
         client = self._client()
-        table = {} if client is None else client.gui._gui_input_handle_from_uuid  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
-        control = table.get(fields.get("uuid", fields.get("source_component_uuid", "")))
+        control = None if client is None else control_of(client, message)
         if control is not None and (control.disabled or not control.visible):
             return "a control that is disabled or hidden"  # the page greys it out, but sends all the same
         if isinstance(message, wire.GuiUpdateMessage) and not _fits(control, message.updates["value"]):
@@ -243,63 +236,27 @@ class FrameFilter:
 
 def _refuse_upload(client: viser.ClientHandle, start: wire.FileTransferStartUpload, most: int) -> None:
     """Tell the page that the file is too large; it takes the file for sent, and can send another one."""
-    size = start.size_bytes
-    done = wire.FileTransferPartAck(start.source_component_uuid, start.transfer_uuid, size, size)
-    client.gui._websock_interface.queue_message(done)  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
+    acknowledge_all(client, start)
     client.add_notification(
         "Upload refused",
-        f"{start.filename[:100]} was not taken: it has {size / 2**20:.1f} MiB, "
+        f"{start.filename[:100]} was not taken: it has {start.size_bytes / 2**20:.1f} MiB, "
         f"the largest that is taken has {most / 2**20:.0f} MiB.",
         color="red",
         auto_close_seconds=12.0,
     )
 
 
-class _Envelope(msgspec.Struct):
-    type: str
-
-
-def _read(raw: str | bytes) -> wire.Message | None:
-    """Decode a frame as viser does, each field checked against its type.
-
-    None for a message of a type that is not allowed; an exception of any kind where a field is of a wrong
-    type or viser could not read the frame.
-    """
-    if isinstance(raw, str):
-        raise TypeError("viser's pages send binary frames only")
-    decoder = _DECODERS.get(msgspec.msgpack.decode(raw, type=_Envelope).type)
-    if decoder is None:
-        return None
-    decoder.decode(raw)
-    return cast(wire.Message, wire.Message.deserialize(raw))
-
-
 def _fits(control: Any, value: object) -> bool:
-    """Tell whether a control can take a value: an option, within the slider, of the present value's type."""
-    if isinstance(value, str) and len(value) > _MAX_TEXT:
-        return False
-    if control is None:  # viser ignores it
-        return True
+    """Tell whether a list offers a value, and a slider has it: what uses them relies on these two alone.
+
+    viser casts everything else to the type that it has, or refuses it; the screens judge what they get.
+    """
     if (options := getattr(control, "options", None)) is not None:
         return value in options
-    if not _is_like(control.value, value):
-        return False
-    if not isinstance(control, viser.GuiSliderHandle | viser.GuiMultiSliderHandle):
+    if not isinstance(control, viser.GuiSliderHandle):
         return True  # a number field may leave its range: its screen says so
     slack = 1e-6 * (control.max - control.min)  # the page rounds to its digits
-    parts = cast("list[float]", value if isinstance(value, list | tuple) else [value])
-    return all(control.min - slack <= part <= control.max + slack for part in parts)
-
-
-def _is_like(present: object, value: object) -> bool:
-    """Tell whether ``value`` is of the type of ``present``; an integer will do for any number."""
-    if isinstance(present, bool | str):
-        return type(value) is type(present)
-    if isinstance(present, tuple | list):
-        old = cast("list[object]", present)
-        new = cast("list[object]", value) if isinstance(value, tuple | list) else []
-        return len(new) == len(old) and all(map(_is_like, old, new))
-    return isinstance(present, Real) and isinstance(value, int | float) and not isinstance(value, bool)
+    return isinstance(value, int | float) and control.min - slack <= value <= control.max + slack
 
 
 def _is_finite(value: object) -> bool:

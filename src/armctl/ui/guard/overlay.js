@@ -1,6 +1,6 @@
 // What armctl lays over viser's page. STOP that is always there: Escape from every place of the page, a large
 // button wherever the panel's own one is out of view, and a line to the arm that waits for nothing else
-// (stop_line.py). A banner on a page that watches. Names of fields for screen readers, folders for the keyboard.
+// (stop_line.py). A banner on a page that watches. What it asks of viser's page is `armctlViser` (seam.js).
 (() => {
   "use strict";
   const BEAT_MS = 200;
@@ -42,23 +42,18 @@
     }
   }
 
-  // viser reads this page's localStorage when the server asks: so the server learns which line is whose.
-  const getItem = Storage.prototype.getItem;
-  // What it asks for as theme is the one chosen here, or else the system's.
-  Storage.prototype.getItem = function (key) {
-    if (key === "viser-user:armctl-page") return page;
-    if (key === "viser-user:armctl-drawn-by") return drawnBy();
-    if (key === "viser-user:armctl-window") return `${innerWidth} ${innerHeight}`;
-    const kept = getItem.call(this, key);
-    if (kept === null && key === "viser-user:armctl-theme" && matchMedia("(prefers-color-scheme: dark)").matches)
-      return "Dark";
-    return kept;
-  };
+  // The server asks for these: so it learns which line is whose. The theme is the one chosen here, or else the
+  // system's.
+  armctlViser.answer({
+    "armctl-page": () => page,
+    "armctl-drawn-by": drawnBy,
+    "armctl-window": () => `${innerWidth} ${innerHeight}`,
+    "armctl-theme": (kept) => kept ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "Dark" : null),
+  });
 
-  // viser does not tell which tab is open. Short: a message on the line has 256 bytes.
+  // Short: a message on the line has 256 bytes.
   function openTabs() {
-    const tabs = document.querySelectorAll("#root [role=tab][aria-selected=true]");
-    return Array.from(tabs, (tab) => tab.textContent.trim().slice(0, 16)).slice(0, 3);
+    return armctlViser.openTabs().slice(0, 3).map((label) => label.slice(0, 16));
   }
 
   // Shadows are for a graphics card: they take two thirds of the pictures a second without one.
@@ -177,8 +172,7 @@
 
   function findPanelStop() {
     if (panelStop?.isConnected) return;
-    const buttons = document.querySelectorAll("#root button");
-    panelStop = Array.from(buttons).find((button) => button.textContent.trim() === "STOP") ?? null;
+    panelStop = armctlViser.buttonOf("STOP");
     panelStop?.setAttribute("data-armctl-stop", "");
     seen ||= panelStop !== null;
   }
@@ -198,76 +192,13 @@
     element.hidden = !text;
   }
 
-  // viser's labels name few of its fields, and its folders open by a click alone.
-  function nameFields() {
-    for (const label of document.querySelectorAll("#root p > label[for]")) {
-      const name = label.textContent;
-      const fields = label.parentElement.parentElement.nextElementSibling;
-      if (!fields || label.dataset.armctlNamed === name) continue;
-      const inputs = Array.from(fields.querySelectorAll("input:not([type=hidden]), textarea"));
-      inputs.forEach((input, i) => {
-        const axis = inputs.length > 1 && !fields.querySelector("[role=slider]") ? ` ${"xyz"[i]}` : "";
-        if (input.labels.length === 0) input.setAttribute("aria-label", name + axis);
-      });
-      fields.querySelector("[role=slider]")?.setAttribute("aria-label", name);
-      if (fields.querySelector("button") && !inputs.length) {
-        fields.setAttribute("role", "group");
-        fields.setAttribute("aria-label", name);
-      }
-      label.dataset.armctlNamed = name;
-    }
-    for (const icon of document.querySelectorAll("svg.tabler-icon-chevron-up, svg.tabler-icon-chevron-down")) {
-      const head = icon.parentElement;
-      if (!head?.matches(".mantine-Paper-root")) continue;
-      const open = String(icon.classList.contains("tabler-icon-chevron-up"));
-      if (head.getAttribute("aria-expanded") === open) continue;
-      head.setAttribute("role", "button");
-      head.setAttribute("tabindex", "0");
-      head.setAttribute("aria-label", `${head.textContent}, section`);
-      head.setAttribute("aria-expanded", open);
-    }
-  }
-
-  // viser's buttons without words.
-  const ICONS = {
-    ".mantine-Notification-closeButton": "Close this message",
-    "button:has(> * svg.tabler-icon-list-search)": "Commands (Ctrl+K)",
-    "button:has(> * svg.tabler-icon-adjustments)": "Settings of the view",
-  };
-  function nameIcons() {
-    document.getElementById("root").setAttribute("role", "main");
-    for (const [selector, name] of Object.entries(ICONS))
-      for (const button of document.querySelectorAll(`${selector}:not([aria-label])`)) button.setAttribute("aria-label", name);
-  }
-
-  // viser's plots give no clicks. A click on one fills the field that the words above the plot name, as typing
-  // there would; a drag zooms.
-  let pointerDown = null;
-  addEventListener("pointerdown", (event) => (pointerDown = event), true);
-  addEventListener("click", (event) => {
-    const over = event.target.closest?.(".u-over");
-    if (!over || Math.hypot(event.clientX - pointerDown.clientX, event.clientY - pointerDown.clientY) > 4) return;
-    const place = over.closest(".mantine-ScrollArea-content");
-    const field = place?.querySelector("[data-armctl-click-fills]")?.dataset.armctlClickFills;
-    const input = field && place.querySelector(`input[aria-label="${CSS.escape(field)}"]`);
-    const plot = Object.values(window.__viserTestpoints?.uplots ?? {}).find(({ chart }) => chart.over === over);
-    if (!input || !plot) return;
-    const value = plot.chart.posToVal(event.clientX - over.getBoundingClientRect().left, "x");
-    Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(input, value.toFixed(2));
-    input.dispatchEvent(new Event("input", { bubbles: true })); // React hears no other
-  }, true);
-
-  // A dropdown keeps the focus after a choice by mouse; the keys that jog would go on to be typed into it.
-  addEventListener("click", (event) => {
-    if (event.detail && event.target.closest?.("[role=option]")) setTimeout(() => document.activeElement.blur());
-  }, true);
-
-  addEventListener("keydown", (event) => {
-    const head = event.target instanceof Element && event.target.matches(".mantine-Paper-root[aria-expanded]");
-    if (!head || (event.key !== "Enter" && event.key !== " ")) return;
-    event.preventDefault();
-    event.target.click();
+  // A click on a plot fills the field that the words above the plot name.
+  armctlViser.onPlotClick((value, near) => {
+    const field = near("[data-armctl-click-fills]")?.dataset.armctlClickFills;
+    const input = field && near(`input[aria-label="${CSS.escape(field)}"]`);
+    if (input) armctlViser.type(input, value.toFixed(2));
   });
+  armctlViser.letGoOfLists(); // the keys that jog are pressed next
 
   function show(now) {
     findPanelStop();
@@ -283,8 +214,7 @@
     say(words, text);
     const operator = document.querySelector("[data-armctl-watching]")?.dataset.armctlWatching;
     say(banner, operator ? `WATCHING: ${operator} operates the arm` : "");
-    nameFields();
-    nameIcons();
+    armctlViser.name();
     const title = document.querySelector("[data-armctl-title]")?.dataset.armctlTitle;
     if (title && document.title !== title) document.title = title;
   }

@@ -9,20 +9,13 @@ import logging
 import re
 import socket
 import ssl
-import threading
-import traceback
-import types
-from collections.abc import AsyncGenerator, Callable, Generator, Mapping, Sequence
-from contextlib import asynccontextmanager, closing, contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from functools import partial
 from http import HTTPStatus
 from typing import Any
 
-import rich
 import viser
-import websockets.asyncio.server
-from viser import _assignable_props_api as props_api
-from viser import _gui_api as gui_api  # pyright: ignore[reportPrivateUsage]
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
@@ -32,6 +25,18 @@ from armctl.ui.guard.door import HOST_NAME, Door, SocketDoor
 from armctl.ui.guard.filter import LOG, MAX_FRAME_BYTES, Tally
 from armctl.ui.guard.listening import is_name, listening_socket, names_of, url_host
 from armctl.ui.guard.stop_line import STOP_PATH, OverlaidPage, StopLines
+from armctl.ui.viser_seam.serving import (
+    SUBPROTOCOL,
+    Handler,
+    PageServer,
+    connections_of,
+    failed_in_viser,
+    keep_quiet,
+    let_groups_be_disabled,
+    opening_through,
+    require_version,
+    share_type_hints,
+)
 
 _TIMEOUT_S = 3.0
 _REFUSALS = {HTTPStatus.FORBIDDEN, HTTPStatus.MISDIRECTED_REQUEST, HTTPStatus.UNAUTHORIZED}
@@ -48,45 +53,27 @@ class _WireLog(logging.Handler):
             LOG.debug("websocket: %s", record.getMessage())
 
 
-# The one place where viser is changed: how it opens its server.
-#
-# viser 1.1.1 exposes none of the options of ``websockets.asyncio.server.serve`` that the guard needs, but
-# looks the function up when it starts. While a server is constructed, this module puts another function in
-# its place, which passes on viser's call with the guard's options added; only documented ones are used.
-
-_VISER_SERVER = "viser.infra._infra"
-_REPLACING = threading.Lock()  # what is replaced belongs to the process, so the lock does too
-
-
-@contextmanager
-def _guarded_serve(
+def _arrangement(
     listener: socket.socket,
     door: Door,
     tls: ssl.SSLContext | None,
     client_of: Callable[[ServerConnection], viser.ClientHandle | None],
     *,
     overlay: bool,
-) -> Generator[list[Exception | None]]:
-    """Replace ``serve`` for viser alone, so that it listens on ``listener`` behind ``door``.
+) -> Callable[[Handler, PageServer], tuple[Handler, dict[str, Any]]]:
+    """How viser's server is to be opened: on ``listener``, behind ``door``.
 
-    ``client_of`` finds the client of a connection, once it has introduced itself. The list that is given
-    has one entry for each server that viser opened this way: None, or why it could not be opened.
+    ``client_of`` finds the client of a connection, once it has introduced itself.
     """
-    module = websockets.asyncio.server
-    opened: list[Exception | None] = []
     overlaid = OverlaidPage(overlay=overlay)
     wire = logging.Logger("armctl.ui.guard.wire", logging.INFO)  # else every frame is put into words
     wire.addHandler(_WireLog())
 
-    def guarded(handler: Callable[..., Any], host: Any = None, port: Any = None, **options: Any) -> Any:
-        if getattr(handler, "__module__", "") != _VISER_SERVER:
-            return serve(handler, host, port, **options)
-        serve_page = options["process_request"]
+    def own_socket(connection: ServerConnection) -> SocketDoor | None:
+        path = connection.socket_path if isinstance(connection, GuardedConnection) else None
+        return None if path is None else door.sockets[path]
 
-        def own_socket(connection: ServerConnection) -> SocketDoor | None:
-            path = connection.socket_path if isinstance(connection, GuardedConnection) else None
-            return None if path is None else door.sockets[path]
-
+    def arrange(handler: Handler, serve_page: PageServer) -> tuple[Handler, dict[str, Any]]:
         async def process_request(connection: ServerConnection, request: Request) -> Response | None:
             response = door.answer(connection, request)
             if response is None:
@@ -107,7 +94,7 @@ def _guarded_serve(
             elif not (isinstance(connection, GuardedConnection) and connection.handed_over):
                 await own.handle(connection)
 
-        options |= {
+        return route, {
             "sock": listener,
             "ssl": tls,
             "process_request": process_request,
@@ -120,26 +107,8 @@ def _guarded_serve(
             "close_timeout": 1,
             "logger": wire,
         }
-        opened.append(None)
-        try:
-            return serve(route, **options)
-        except Exception as cause:  # raised here, it would let viser's constructor wait for ever
-            opened[-1] = cause
-            return _serving_nothing()
 
-    with _REPLACING:
-        serve: Callable[..., Any] = module.serve
-        module.serve = guarded  # pyright: ignore[reportAttributeAccessIssue]
-        try:
-            yield opened
-        finally:
-            module.serve = serve
-
-
-@asynccontextmanager
-async def _serving_nothing() -> AsyncGenerator[types.SimpleNamespace]:
-    """What viser gets for a server that could not be opened: it serves nothing until it is stopped."""
-    yield types.SimpleNamespace(server=types.SimpleNamespace(sockets=()))
+    return arrange
 
 
 def _probe(address: str, port: int, door: Door) -> None:
@@ -164,7 +133,7 @@ def _probe(address: str, port: int, door: Door) -> None:
         "Connection": "Upgrade",
         "Sec-WebSocket-Version": "13",
         "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
-        "Sec-WebSocket-Protocol": f"viser-v{viser.__version__}",
+        "Sec-WebSocket-Protocol": SUBPROTOCOL,
     }
     for path in ("/", *door.sockets):
         for who, headers in strangers.items():
@@ -200,21 +169,6 @@ def _status(address: str, port: int, scheme: str, path: str, headers: Mapping[st
         raise ServerError(f"the web server does not answer on port {port}: {cause}") from cause
 
 
-def _share_type_hints() -> None:
-    """Let viser look up the types of a control's properties once a kind, instead of once a control.
-
-    That is half of the time in which a page is built, and nothing else runs on the event loop.
-    """
-    props_api.get_type_hints = gui_api.get_type_hints_cached  # pyright: ignore[reportPrivateImportUsage]
-
-
-def _let_groups_be_disabled() -> None:
-    """Have viser disable groups of buttons, too: it refuses, though its page shows them so."""
-    if "disabled" in vars(viser.GuiButtonGroupHandle):
-        delattr(viser.GuiButtonGroupHandle, "disabled")  # it is a property like any other then
-
-
-_VISER_VERSION = "1.1.1"
 TOKEN = re.compile(r"[A-Za-z0-9_-]{16,256}")
 """what a token may look like"""
 
@@ -263,14 +217,12 @@ class GuardedServer(viser.ViserServer):
 
     def client_of(self, connection: ServerConnection) -> viser.ClientHandle | None:
         """The client of a connection; None before it has introduced itself."""
-        live = self._websock_server._live_connections  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
-        ids = [number for number, one in tuple(live.items()) if one is connection]
+        ids = [number for number, one in connections_of(self).items() if one is connection]
         return self.get_clients().get(ids[0]) if ids else None
 
     def address_of(self, client_id: int) -> str:
         """The address that a client comes from; empty: it is gone."""
-        live = self._websock_server._live_connections  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
-        connection = live.get(client_id)
+        connection = connections_of(self).get(client_id)
         return "" if connection is None else str(connection.remote_address[0])
 
     def request_share_url(self, verbose: bool = True) -> str | None:
@@ -322,11 +274,7 @@ def guarded_server(
     Raises:
         ServerError: the address cannot be had, an option is unsafe, or the guard turns out not to hold.
     """
-    if viser.__version__ != _VISER_VERSION:
-        raise ServerError(
-            f"the guard is made for viser {_VISER_VERSION}, but {viser.__version__} is installed; "
-            f"install viser=={_VISER_VERSION}"
-        )
+    require_version()
     if token is not None and not TOKEN.fullmatch(token):
         raise ServerError("the token must be 16 … 256 letters, digits, '-' or '_'")
     for name in extra_hosts:
@@ -336,20 +284,21 @@ def guarded_server(
     extra_hosts = tuple(dict.fromkeys((*((host,) if is_name(host) else ()), *extra_hosts)))
     address, bound_port = listener.getsockname()[:2]
     server: GuardedServer | None = None
-    _share_type_hints()
-    _let_groups_be_disabled()
+    share_type_hints()
+    let_groups_be_disabled()
     tally, stop_lines = Tally(), StopLines()
     sockets = {STOP_PATH: SocketDoor(stop_lines.handle), **sockets}
     door = Door(extra_hosts, token, tally, "http" if tls is None else "https", sockets)
-    rich.get_console().quiet = True  # viser prints a banner and notices, also when it is stopped
+    keep_quiet()
     try:
-        with _guarded_serve(
+        arrange = _arrangement(
             listener,
             door,
             tls,
             lambda one: None if server is None else server.client_of(one),
             overlay=overlay,
-        ) as opened:
+        )
+        with opening_through(arrange) as opened:
             names = names_of(listener, host, extra_hosts)
             server = GuardedServer(door, stop_lines, listener, names, host=host, label=label)
         if opened and (failure := opened[0]) is not None:
@@ -380,10 +329,7 @@ def _on_loop_error(tally: Tally, loop: asyncio.AbstractEventLoop, context: dict[
     A callback of armctl that fails inside viser is a defect, too.
     """
     error = context.get("exception")
-    frames = [] if error is None else [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
-    modules: list[str] = [frame.f_globals["__name__"] for frame in frames]
-    is_ours = any(name.startswith("armctl.") and not name.startswith("armctl.ui.guard") for name in modules)
-    if modules and modules[-1].startswith("viser.") and not is_ours:
+    if failed_in_viser(error):
         tally.refuse("a value that viser cannot take")
         LOG.debug("refused by viser", exc_info=error)
     else:

@@ -15,7 +15,6 @@ from __future__ import annotations
 import asyncio
 import gzip
 import math
-import re
 import secrets
 import socket
 import threading
@@ -33,8 +32,8 @@ from websockets.http11 import Response
 from websockets.protocol import State
 from websockets.server import ServerProtocol
 
-from armctl.errors import ServerError
 from armctl.ui.guard.filter import LOG, FloodGauge
+from armctl.ui.viser_seam.page import CONSOLE_STYLE, SCRIPT, dressed
 
 STOP_PATH = "/stop"
 _CHECK_S = 0.05
@@ -48,11 +47,10 @@ _THERE_S = 0.6
 _MOST_PAGES = 1000
 _MAX_BYTES = 256
 _NO_NAME = "a browser page"
-_ICON = re.compile(rb'<link\s+rel="icon"[^>]*>')
 _OUR_ICON = (
-    b"<link rel=icon href=\"data:image/svg+xml,%3Csvg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 16 16'"
-    b" fill='none' stroke='%231864ab' stroke-width='2.5' stroke-linecap='round'%3E%3Cpath"
-    b" d='M2 14.5h9M6 14V9l-3-4 6-3 4 4v3'/%3E%3C/svg%3E\">"
+    "<link rel=icon href=\"data:image/svg+xml,%3Csvg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 16 16'"
+    " fill='none' stroke='%231864ab' stroke-width='2.5' stroke-linecap='round'%3E%3Cpath"
+    " d='M2 14.5h9M6 14V9l-3-4 6-3 4 4v3'/%3E%3C/svg%3E\">"
 )
 """a small arm"""
 
@@ -284,12 +282,13 @@ class StopLines:
 
 
 class OverlaidPage:
-    """The page of viser, ahead of its script ``overlay.css`` and, where an arm is driven, ``overlay.js``."""
+    """The page of viser with styles and, where an arm is driven, ``overlay.js`` ahead of its own script."""
 
     def __init__(self, *, overlay: bool = True) -> None:
         here = resources.files("armctl.ui.guard")
         script, style = (here.joinpath(f"overlay.{kind}").read_text() for kind in ("js", "css"))
-        self._overlay = (f"<style>{style}</style>" + f"<script>{script}</script>" * overlay).encode()
+        scripts = f"<script>{SCRIPT}</script><script>{script}</script>"
+        self._overlay = f"<style>{CONSOLE_STYLE}{style}</style>" + scripts * overlay
         self._bodies: dict[str, bytes | bytearray] = {}
 
     def answer(self, response: Response) -> Response:
@@ -297,13 +296,7 @@ class OverlaidPage:
         encoding = response.headers["Content-Encoding"]
         if encoding not in self._bodies:
             page = gzip.decompress(response.body) if encoding == "gzip" else response.body
-            head, found, rest = page.partition(b"<head>")
-            if not found:
-                raise ServerError("viser's page has no <head> to put STOP into")
-            rest = _ICON.sub(_OUR_ICON, rest, count=1).replace(
-                b"<title>Viser</title>", b"<title>armctl</title>"
-            )
-            page = head + found + self._overlay + rest
+            page = dressed(page.decode(), ahead=self._overlay, title="armctl", icon=_OUR_ICON).encode()
             self._bodies[encoding] = gzip.compress(page) if encoding == "gzip" else page
         response.body = self._bodies[encoding]
         del response.headers["Content-Length"]  # setting it adds another one

@@ -1,0 +1,135 @@
+// All that armctl's scripts hold of the page of viser 1.1.1: its elements, its classes, its keys and its
+// globals. `CONTRACT` in tests/ui/test_viser_seam.py lists what of it viser's client must have.
+const armctlViser = (() => {
+  "use strict";
+  const STORED = "viser-user:"; // what viser puts before the server's keys in localStorage
+  const SECTION = ".mantine-Paper-root"; // a folder of controls, and its head
+
+  // viser reads this page's localStorage when the server asks for a key. `answers` by key: each gets what is
+  // kept there, null for nothing, and gives what the server is told.
+  function answer(answers) {
+    const getItem = Storage.prototype.getItem;
+    Storage.prototype.getItem = function (key) {
+      const kept = getItem.call(this, key);
+      const name = String(key);
+      const own = name.startsWith(STORED) ? answers[name.slice(STORED.length)] : undefined;
+      return own ? own(kept) : kept;
+    };
+  }
+
+  // The labels of the tabs that are open: viser does not tell the server.
+  function openTabs() {
+    const tabs = document.querySelectorAll("#root [role=tab][aria-selected=true]");
+    return Array.from(tabs, (tab) => tab.textContent.trim());
+  }
+
+  // The button of viser's with this text, or null.
+  function buttonOf(text) {
+    const buttons = document.querySelectorAll("#root button");
+    return Array.from(buttons).find((button) => button.textContent.trim() === text) ?? null;
+  }
+
+  // viser's labels name few of its fields, for those who have them read aloud.
+  function nameFields() {
+    for (const label of document.querySelectorAll("#root p > label[for]")) {
+      const name = label.textContent;
+      const fields = label.parentElement.parentElement.nextElementSibling;
+      if (!fields || label.dataset.armctlNamed === name) continue;
+      const inputs = Array.from(fields.querySelectorAll("input:not([type=hidden]), textarea"));
+      inputs.forEach((input, i) => {
+        const axis = inputs.length > 1 && !fields.querySelector("[role=slider]") ? ` ${"xyz"[i]}` : "";
+        if (input.labels.length === 0) input.setAttribute("aria-label", name + axis);
+      });
+      fields.querySelector("[role=slider]")?.setAttribute("aria-label", name);
+      if (fields.querySelector("button") && !inputs.length) {
+        fields.setAttribute("role", "group");
+        fields.setAttribute("aria-label", name);
+      }
+      label.dataset.armctlNamed = name;
+    }
+  }
+
+  // viser's folders open by a click alone: they become buttons, which Enter and the space bar press.
+  function nameSections() {
+    for (const icon of document.querySelectorAll("svg.tabler-icon-chevron-up, svg.tabler-icon-chevron-down")) {
+      const head = icon.parentElement;
+      if (!head?.matches(SECTION)) continue;
+      const open = String(icon.classList.contains("tabler-icon-chevron-up"));
+      if (head.getAttribute("aria-expanded") === open) continue;
+      head.setAttribute("role", "button");
+      head.setAttribute("tabindex", "0");
+      head.setAttribute("aria-label", `${head.textContent}, section`);
+      head.setAttribute("aria-expanded", open);
+    }
+  }
+  addEventListener("keydown", (event) => {
+    const head = event.target instanceof Element && event.target.matches(`${SECTION}[aria-expanded]`);
+    if (!head || (event.key !== "Enter" && event.key !== " ")) return;
+    event.preventDefault();
+    event.target.click();
+  });
+
+  // viser's buttons without words.
+  const ICONS = {
+    ".mantine-Notification-closeButton": "Close this message",
+    "button:has(> * svg.tabler-icon-list-search)": "Commands (Ctrl+K)",
+    "button:has(> * svg.tabler-icon-adjustments)": "Settings of the view",
+  };
+  function nameIcons() {
+    document.getElementById("root").setAttribute("role", "main");
+    for (const [selector, name] of Object.entries(ICONS))
+      for (const button of document.querySelectorAll(`${selector}:not([aria-label])`)) button.setAttribute("aria-label", name);
+  }
+
+  // Everything that has no name yet.
+  function name() {
+    nameFields();
+    nameSections();
+    nameIcons();
+  }
+
+  // viser's plots give no clicks: `clicked(value, near)` gets where on its x axis a plot was clicked, and the
+  // first element that a selector finds among the controls around it. A drag zooms.
+  function onPlotClick(clicked) {
+    let pointerDown = null;
+    addEventListener("pointerdown", (event) => (pointerDown = event), true);
+    addEventListener("click", (event) => {
+      const over = event.target.closest?.(".u-over");
+      if (!over || Math.hypot(event.clientX - pointerDown.clientX, event.clientY - pointerDown.clientY) > 4) return;
+      const place = over.closest(".mantine-ScrollArea-content");
+      const plot = Object.values(window.__viserTestpoints?.uplots ?? {}).find(({ chart }) => chart.over === over);
+      if (!place || !plot) return;
+      const value = plot.chart.posToVal(event.clientX - over.getBoundingClientRect().left, "x");
+      clicked(value, (selector) => place.querySelector(selector));
+    }, true);
+  }
+
+  // Fill a field of viser's as typing there would: React hears no other event.
+  function type(input, text) {
+    Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(input, text);
+    input.dispatchEvent(new Event("input", { bubbles: true }));
+  }
+
+  // A dropdown keeps the focus after a choice by mouse; keys that do something would go on to be typed into it.
+  function letGoOfLists() {
+    addEventListener("click", (event) => {
+      if (event.detail && event.target.closest?.("[role=option]")) setTimeout(() => document.activeElement.blur());
+    }, true);
+  }
+
+  // The scene, once viser has built the node `root`; null before. Poses go where those of its server go.
+  function scene(root) {
+    const viewer = window.__viserMutable;
+    if (!viewer?.nodeRefFromName[root]) return null;
+    return {
+      pose: (name, position, wxyz) =>
+        viewer.messageQueue.push(
+          { type: "SetPositionMessage", name, owner: "", position },
+          { type: "SetOrientationMessage", name, owner: "", wxyz },
+        ),
+      draw: () => viewer.requestRender(),
+    };
+  }
+
+  return { answer, openTabs, buttonOf, name, onPlotClick, type, letGoOfLists, scene };
+})();

@@ -1,0 +1,272 @@
+"""Every hook into viser holds: what a later viser has to have, or armctl has to hold otherwise.
+
+Where something is gone, the message says which hook it was for. ``ui/viser_seam`` says what each one is for.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import re
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, get_type_hints
+
+import msgspec
+import numpy as np
+import pytest
+import viser
+import zstandard
+from tests.ui.guard_kit import Bell, RawPage, uuid_of
+from viser import _assignable_props_api, _gui_api, _messages
+
+from armctl.errors import ServerError
+from armctl.ui.guard import GuardedServer
+from armctl.ui.guard.filter import ALLOWED
+from armctl.ui.viser_seam import messages, page, serving
+from armctl.ui.viser_seam.kept_scene import KeptScene
+
+CLIENT = Path(viser.__file__).parent / "client"
+INDEX = (CLIENT / "build" / "index.html").read_text("utf-8")
+SEAM = Path(page.__file__).parent
+
+
+@cache
+def client_code() -> str:
+    """viser's client, unpacked from its page as the page does it: 4 bytes in 5 letters, zstd."""
+    packed = re.search(r'data-p="([^"]*)"', INDEX)
+    assert packed is not None, "viser's page packs its client otherwise: unpack it here as it does"
+    digits = np.zeros(127, np.int64)
+    digits[[letter for letter in range(0x21, 0x7F) if chr(letter) not in "\"&<>'`"]] = range(88)
+    letters = digits[np.frombuffer(packed[1].encode(), np.uint8)]
+    whole = len(letters) // 5 * 5
+    words = letters[:whole].reshape(-1, 5) @ 88 ** np.arange(4, -1, -1)
+    last = 0
+    for letter in letters[whole:].tolist():
+        last = 88 * last + letter
+    raw = words.astype(">u4").tobytes() + last.to_bytes(max(len(letters) - whole - 1, 0), "big")
+    return zstandard.ZstdDecompressor().decompress(raw).decode()
+
+
+# serving.py
+
+
+def test_require_version_and_subprotocol() -> None:
+    serving.require_version()
+    assert "`viser-v${" in client_code(), "SUBPROTOCOL: viser's page asks for another one"
+
+
+def served(arrange: Callable[..., Any]) -> list[Exception | None]:
+    with serving.opening_through(arrange) as opened:
+        viser.ViserServer(host="127.0.0.1", port=0, verbose=False).stop()
+    return opened
+
+
+def test_opening_through() -> None:
+    asked: list[tuple[Any, Any]] = []
+
+    def arrange(handler: Any, serve_page: Any) -> tuple[Any, dict[str, Any]]:
+        asked.append((handler, serve_page))
+        return handler, {"host": "127.0.0.1", "port": 0}
+
+    assert served(arrange) == [None], "opening_through: viser does not open its server through serve()"
+    ((handler, serve_page),) = asked
+    assert asyncio.iscoroutinefunction(handler), "opening_through: what serves a connection is no coroutine"
+    assert callable(serve_page), "opening_through: viser gives no process_request"
+    assert handler.__module__ == serving._OPENER, "opening_through: another module of viser opens its server"
+
+
+def test_opening_through_where_it_cannot_be_opened() -> None:
+    why = ServerError("it cannot")
+
+    def arrange(*_: object) -> Any:
+        raise why
+
+    assert served(arrange) == [why]  # and viser's constructor does not wait for ever
+
+
+def test_connections_of(server: GuardedServer) -> None:
+    with RawPage(server.get_port()) as one:
+        one.introduce()
+        client_id = Bell(server).ring_from(one)
+        live = serving.connections_of(server)
+        assert client_id in live, "connections_of: viser's server keeps its connections otherwise"
+        assert live[client_id].remote_address[0] == "127.0.0.1"
+        assert server.client_of(live[client_id]) is server.get_clients()[client_id]
+
+
+def test_keep_quiet(capfd: pytest.CaptureFixture[str]) -> None:
+    serving.keep_quiet()
+    viser.ViserServer(host="127.0.0.1", port=0, verbose=True).stop()
+    assert capfd.readouterr() == ("", ""), "keep_quiet: viser prints by another way"
+
+
+def test_share_type_hints(server: GuardedServer) -> None:
+    assert hasattr(_assignable_props_api, "get_type_hints"), "share_type_hints: nothing to be replaced"
+    serving.share_type_hints()
+    asked = _gui_api.get_type_hints_cached.cache_info().hits
+    server.gui.add_number("hints", 1.0).hint = "again"
+    server.gui.add_number("hints", 1.0).hint = "again"
+    after = _gui_api.get_type_hints_cached.cache_info().hits
+    assert after > asked, "share_type_hints: viser looks types up by another way"
+
+
+def test_let_groups_be_disabled(server: GuardedServer) -> None:
+    serving.let_groups_be_disabled()
+    serving.let_groups_be_disabled()
+    group = server.gui.add_button_group("group", ("a", "b"))
+    group.disabled = True
+    assert group.disabled, "let_groups_be_disabled: a group of buttons has no property of that name"
+    assert "disabled" in get_type_hints(_messages.GuiBaseProps), (
+        "let_groups_be_disabled: the page is not told"
+    )
+
+
+def test_failed_in_viser(server: GuardedServer) -> None:
+    number = server.gui.add_number("failing", 1.0)
+    update = _messages.GuiUpdateMessage(uuid_of(number), {"value": "no number"})
+    with pytest.raises(ValueError) as failure:
+        asyncio.run(server.gui._handle_gui_updates(0, update))
+    assert serving.failed_in_viser(failure.value), "failed_in_viser: viser casts values by another way"
+    assert not serving.failed_in_viser(None)
+    assert not serving.failed_in_viser(ValueError("it was never raised"))
+
+
+# messages.py
+
+
+@pytest.mark.parametrize("kind", ALLOWED)
+def test_message_reader_knows_each_kind_of_message(kind: type[messages.Message]) -> None:
+    known = messages.Message._subclass_from_type_string()
+    assert known.get(kind.__name__) is kind, (
+        f"MessageReader: viser calls {kind.__name__} otherwise on the line"
+    )
+    assert kind.__name__ in client_code(), f"MessageReader: viser's page sends no {kind.__name__}"
+
+
+def test_message_reader() -> None:
+    reader = messages.MessageReader([messages.CommandTriggerMessage])
+    trigger = msgspec.msgpack.encode({"type": "CommandTriggerMessage", "uuid": "k"})
+    assert reader.read(trigger) == messages.CommandTriggerMessage("k")
+    assert reader.read(msgspec.msgpack.encode({"type": "GuiFormSubmitMessage", "uuid": "k"})) is None
+    for wrong in (
+        trigger.decode("latin-1"),
+        msgspec.msgpack.encode({"type": "CommandTriggerMessage", "uuid": 1}),
+    ):
+        with pytest.raises((TypeError, msgspec.ValidationError)):
+            reader.read(wrong)
+
+
+def test_control_of(server: GuardedServer) -> None:
+    client: Any = SimpleNamespace(gui=server.gui)
+    number, upload = server.gui.add_number("x", 1.0), server.gui.add_upload_button("up")
+    start = messages.FileTransferStartUpload(uuid_of(upload), "t", "a.toml", "", 1, 5)
+    for handle, message in (
+        (number, messages.GuiUpdateMessage(uuid_of(number), {"value": 2.0})),
+        (upload, start),
+        (None, messages.GuiUpdateMessage("nobody", {"value": 2.0})),
+        (None, messages.TransformControlsDragStartMessage("/target")),
+    ):
+        found = messages.control_of(client, message)
+        assert found is handle, "control_of: viser keeps its controls, or names them in messages, otherwise"
+
+
+def test_acknowledge_all(server: GuardedServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    queued: list[Any] = []
+    monkeypatch.setattr(server.gui._websock_interface, "queue_message", queued.append)
+    start = messages.FileTransferStartUpload("button", "t", "a.toml", "", 1, 5)
+    messages.acknowledge_all(SimpleNamespace(gui=server.gui), start)  # type: ignore[arg-type]
+    (said,) = queued
+    assert (said.transfer_uuid, said.transferred_bytes, said.total_bytes) == ("t", 5, 5), "acknowledge_all"
+    assert "FileTransferPartAck" in client_code(), "acknowledge_all: viser's page hears it no more"
+
+
+def test_upload_part_bytes() -> None:
+    source = (CLIENT / "src" / "components" / "UploadButton.tsx").read_text("utf-8")
+    said = "UPLOAD_PART_BYTES: viser's page cuts files in parts of another size"
+    assert f"chunkSize = {messages.UPLOAD_PART_BYTES >> 10} * 1024;" in source, said
+
+
+# kept_scene.py
+
+
+def test_kept_scene() -> None:
+    scene = KeptScene()
+    scene.api.add_frame("/there", position=(1.0, 2.0, 3.0))
+    scene.api.add_frame("/gone").remove()
+    scene.camera.position = (4.0, 5.0, 6.0)
+    data = re.search(r'window\.__VISER_EMBED_DATA__="([^"]+)"', scene.html())
+    assert data is not None, "KeptScene: viser embeds a scene otherwise"
+    assert "__VISER_EMBED_DATA__" in client_code()
+    raw = base64.b64decode(data[1])
+    packed = raw[raw.index(b"\x28\xb5\x2f\xfd") :]  # from where the zstd frame begins
+    kept = zstandard.ZstdDecompressor().decompressobj().decompress(packed)
+    assert b"/there" in kept, "KeptScene: what is drawn is not kept"
+    assert b"SetCameraPosition" in kept, "KeptScene: the first view is not kept"
+
+
+# page.py, seam.js and the styles
+
+
+def test_dressed() -> None:
+    dressed = page.dressed(
+        INDEX, ahead="<i>ahead</i>", title="mine", icon="<link rel=icon>", behind="<i>behind</i>"
+    )
+    said = "dressed: viser's page has another"
+    assert "<head><i>ahead</i>" in dressed
+    assert "<title>mine</title>" in dressed and page._TITLE not in dressed, f"{said} title"
+    assert "<link rel=icon>" in dressed and 'rel="icon"' not in dressed, f"{said} icon"
+    assert dressed.index("<i>behind</i>") > dressed.index('<div id="root">'), f"{said} root"
+    assert re.search(r"<i>behind</i></body>\s*</html>\s*$", dressed)
+    with pytest.raises(ServerError, match="has no <head>"):
+        page.dressed("<html></html>", ahead="", title="mine")
+
+
+CONTRACT = {
+    "answer": ("viser-user:", "localStorage"),
+    "openTabs": ("aria-selected", "role:`tab`"),
+    "nameSections": ("chevron-up", "chevron-down", "`Paper`"),
+    "nameIcons": ("closeButton", "`Notification`", "list-search", "adjustments", "tabler-icon"),
+    "onPlotClick": ("u-over", "__viserTestpoints", "uplots", "posToVal", "`ScrollArea`"),
+    "letGoOfLists": ("role:`option`",),
+    "scene": (
+        "__viserMutable",
+        "nodeRefFromName",
+        "messageQueue",
+        "requestRender",
+        "`SetPositionMessage`",
+        "`SetOrientationMessage`",
+    ),
+    "console.css": (
+        "--mantine-primary-color-filled",
+        "data-mantine-color-scheme",
+        "`Button`",
+        "`Spotlight`",
+        "actionDescription",
+        "--scrollarea-scrollbar-size",
+        "data-dock-tab",
+        "width:`20em`",
+    ),
+    "file.css": ("scene tree",),
+}
+"""what of viser's client each function of ``seam.js``, and each style, holds"""
+
+
+@pytest.mark.parametrize(
+    ("hook", "name"), [(hook, name) for hook, names in CONTRACT.items() for name in names]
+)
+def test_the_page_of_viser_has_what_scripts_and_styles_hold(hook: str, name: str) -> None:
+    assert name in client_code(), f"{hook}: viser's client has no {name!r} any more"
+
+
+def test_the_contract_names_all_globals_and_classes_of_the_page() -> None:
+    texts = {path.name: path.read_text("utf-8") for path in SEAM.iterdir() if path.suffix in (".js", ".css")}
+    held = {name.strip("`") for names in CONTRACT.values() for name in names}
+    used = re.compile(
+        r"__viser\w+|(?<=mantine-)[A-Z]\w+(?=-)|(?<=tabler-icon-)[\w-]+|data-dock[\w-]+|Set\w+Message"
+    )
+    for name, text in texts.items():
+        assert set(used.findall(text)) <= held, name
+    assert all(f"function {hook}(" in texts["seam.js"] for hook in CONTRACT if "." not in hook)
