@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import gc
 import logging
+import math
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.browser.served_arm import served_arm
 from tests.ui.guard_kit import CAMERA, PATIENCE_S, RawPage, uuid_of
@@ -16,7 +18,7 @@ from armctl.protocol import Snapshot
 from armctl.ui.console import page_name
 from armctl.ui.guard.filter import FloodGauge
 
-GARBAGE = ("garbage", "", True, -1e9, 1e9, 10**18, (1.0, 2.0), ())
+GARBAGE = ("garbage", "", True, -1e9, 1e9, math.nan, math.inf, 10**18, (1.0, 2.0), ())
 
 
 def test_garbage_for_every_control_gives_at_most_a_refusal(
@@ -80,17 +82,23 @@ def test_a_page_that_cannot_be_built_does_not_operate(tmp_path: Path) -> None:
             assert operator is not None and operator.id == page_name(built)
 
 
-def test_a_target_out_of_this_world_ends_the_live_target(tmp_path: Path) -> None:
+@pytest.mark.parametrize("where", [1e9, math.nan, math.inf])
+@pytest.mark.parametrize("follows", ["the twin follows", "THE ARM follows"])
+def test_a_target_out_of_this_world_ends_the_live_target(
+    tmp_path: Path, follows: str, where: float, caplog: pytest.LogCaptureFixture
+) -> None:
     with served_arm(tmp_path) as served, RawPage(served.app.server.get_port()) as page:
         page.operate()
         (client,) = served.app.server.get_clients().values()
         handles = client.gui._gui_input_handle_from_uuid.values()
         (switch,) = (handle for handle in handles if getattr(handle, "label", "") == "Live target")
-        page.set(uuid_of(switch), "the twin follows")
-        target = {"name": "/live_target", "wxyz": (1, 0, 0, 0), "position": (1e9, 0, 0)}
+        page.set(uuid_of(switch), follows)
+        target = {"name": "/live_target", "wxyz": (1, 0, 0, 0), "position": (where, 0, 0)}
         page.say("TransformControlsUpdateMessage", **target, owner=str(client.client_id))
         page.read_until(b"Live target is off")
         assert switch.value == "off"
+        np.testing.assert_allclose(served.now.q_command, served.robot.pose("home"), rtol=0, atol=1e-9)
+    assert [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR] == []
 
 
 @pytest.mark.logs_a_defect

@@ -7,7 +7,8 @@ import math
 import threading
 from collections import Counter
 from collections.abc import Callable
-from typing import Any, cast
+from itertools import chain
+from typing import Any
 
 import viser
 
@@ -196,8 +197,8 @@ class FrameFilter:
             return "a message that is too large"
         if isinstance(message, wire.GuiUpdateMessage) and message.updates.keys() != {"value"}:
             return "setting something else than a value"
-        if not _is_finite(vars(message)):
-            return "a number that is not finite"
+        if isinstance(message, wire.ViewerCameraMessage) and not _is_finite(message):
+            return "a camera that is nowhere"  # the page could not be built
         client = self._client()
         control = None if client is None else control_of(client, message)
         if control is not None and (control.disabled or not control.visible):
@@ -247,9 +248,9 @@ def _refuse_upload(client: viser.ClientHandle, start: wire.FileTransferStartUplo
 
 
 def _fits(control: Any, value: object) -> bool:
-    """Tell whether a list offers a value, and a slider has it: what uses them relies on these two alone.
+    """Tell whether a list offers a value, and a slider has it; viser casts all others to their type.
 
-    viser casts everything else to the type that it has, or refuses it; the screens judge what they get.
+    Callbacks look up what a list gives, and viser's page sends each digit that is typed beside a slider.
     """
     if (options := getattr(control, "options", None)) is not None:
         return value in options
@@ -259,9 +260,7 @@ def _fits(control: Any, value: object) -> bool:
     return isinstance(value, int | float) and control.min - slack <= value <= control.max + slack
 
 
-def _is_finite(value: object) -> bool:
-    if isinstance(value, float):
-        return math.isfinite(value)
-    if isinstance(value, dict):
-        value = list(cast("dict[object, object]", value).values())
-    return not isinstance(value, list | tuple) or all(map(_is_finite, cast("list[object]", value)))
+def _is_finite(camera: wire.ViewerCameraMessage) -> bool:
+    numbers = (camera.fov, camera.near, camera.far)
+    places = (camera.position, camera.look_at, camera.up_direction, camera.wxyz)
+    return all(map(math.isfinite, (*numbers, *chain(*places))))
