@@ -1,4 +1,4 @@
-"""What pyproject.toml declares is what is imported, and ARCHITECTURE.md names files that are there."""
+"""What pyproject.toml declares is what is imported, and the pages of developers name files that are there."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ import ast
 import re
 import sys
 import tomllib
+from functools import cache
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[2]
 
@@ -40,12 +43,26 @@ def test_what_is_imported_is_declared_and_what_is_declared_is_imported() -> None
     assert used == declared()
 
 
-def test_every_file_and_folder_that_the_architecture_names_is_there() -> None:
-    named = re.findall(r"`([\w./-]+(?:\.py|/))`", (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8"))
-    paths = [path for folder in ("docs", "src", "tests") for path in (ROOT / folder).rglob("*")]
-    there = {f"/{path.relative_to(ROOT).as_posix()}{'/' if path.is_dir() else ''}" for path in paths}
-    assert len(named) > 30
-    assert not [name for name in named if not any(path.endswith(f"/{name}") for path in there)]
+PAGES = [ROOT / "ARCHITECTURE.md", *sorted((ROOT / "docs" / "decisions").glob("*.md"))]
+MOST_WORDS = {"ARCHITECTURE.md": 2500}
+"""so that a newcomer reads the page on the first day; of a decision: a page"""
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_every_file_and_folder_that_a_page_names_is_there(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    named = re.findall(r"`([\w./-]+(?:\.py|/))`", text)
+    assert page.name != "ARCHITECTURE.md" or len(named) > 30
+    assert not [name for name in named if not any(path.endswith(f"/{name}") for path in there())]
+    assert page.stem == "index" or len(text.split()) <= MOST_WORDS.get(page.name, 300)
+
+
+@cache
+def there() -> set[str]:
+    """Files and folders, each with its whole path."""
+    folders = [ROOT / name for name in ("docs", "robots", "src", "tests")]
+    paths = [*folders, *(path for folder in folders for path in folder.rglob("*"))]
+    return {f"/{path.relative_to(ROOT).as_posix()}{'/' if path.is_dir() else ''}" for path in paths}
 
 
 INSIDES = {"viser", "websockets", "rich", "pyserial", "msgspec", "trimesh", "pycollada"}
