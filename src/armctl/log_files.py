@@ -56,7 +56,7 @@ def begin(name: str, where: Path | None = None) -> Generator[Path | None]:
         yield None
         return
     waiting: queue.Queue[logging.LogRecord | None] = queue.Queue(_MOST_WAITING)
-    lines = _Lines(waiting, file)
+    lines = _LogQueue(waiting, file)
     listener = _Writer(waiting, file)
     level = _LOG.level
     _LOG.setLevel(logging.INFO)
@@ -112,7 +112,7 @@ class _Format(logging.Formatter):
         return "\n    ".join(super().format(record).splitlines())
 
 
-class _Lines(QueueHandler):
+class _LogQueue(QueueHandler):
     """Hands records over to the thread that writes; never waits."""
 
     def __init__(self, waiting: queue.Queue[logging.LogRecord | None], file: _LogFile) -> None:

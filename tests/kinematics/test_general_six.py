@@ -28,7 +28,7 @@ from tests.kinematics.six_joints import (
 
 from armctl.kinematics import Chain, Target
 from armctl.kinematics.general_six.paths import Beside, followed
-from armctl.kinematics.general_six.pencil import Loop, dual_quaternions, product
+from armctl.kinematics.general_six.pencil import ArmPencil, dual_quaternions, product
 from armctl.kinematics.numeric.solver import NumericSolver
 
 LONG = bool(os.environ.get("ARMCTL_LONG"))
@@ -275,7 +275,7 @@ def test_dual_quaternions_multiply_as_poses_do() -> None:
 def test_paths_from_a_complex_pose_end_at_all_ways(name: str) -> None:
     """Those that the eigenvalues of the pose itself say, complex ones too."""
     arm = GENERAL[name]
-    loop = Loop(arm.chain)
+    loop = ArmPencil(arm.chain)
     rng = np.random.default_rng(53)
     q = random_q(rng, np.clip(arm.limits, -3.0, 3.0), 3)
     for pose in plain_pose(arm.chain, q):
@@ -298,7 +298,7 @@ def test_paths_from_a_complex_pose_end_at_all_ways(name: str) -> None:
 def test_sixteen_complex_ways_and_eight_that_are_no_turns() -> None:
     arm = GENERAL["j2s6s200"]
     q = random_q(np.random.default_rng(49), np.clip(arm.limits, -3.0, 3.0), 20)
-    found = Loop(arm.chain).candidates(plain_pose(arm.chain, q), 0, 2.0)
+    found = ArmPencil(arm.chain).candidates(plain_pose(arm.chain, q), 0, 2.0)
     assert ((found.isotropy < 1e-6).sum(axis=1) == 8).all()
     real = np.abs(found.q.imag).max(axis=2) < 1e-6
     away = np.abs(np.exp(1j * found.q.real) - np.exp(1j * q[:, None])).max(axis=2)

@@ -18,7 +18,7 @@ from armctl.errors import InputError
 from armctl.kinematics import Chain, DHRow, Target
 from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.numeric.goals import rotation_vectors
-from armctl.kinematics.redundant.locked import Found, LockedArm
+from armctl.kinematics.redundant.locked import LockedArm, LockedSolutions
 from armctl.kinematics.redundant.solver import RedundantSolver, _repeated
 from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.solutions import Solutions
@@ -248,7 +248,7 @@ def test_tight_limits_cost_no_more_than_others(monkeypatch: pytest.MonkeyPatch) 
     solved: list[int] = []
     plain = LockedArm.solve
 
-    def counted(self: LockedArm, pose: FloatArray, angles: FloatArray, limits: FloatArray) -> Found:
+    def counted(self: LockedArm, pose: FloatArray, angles: FloatArray, limits: FloatArray) -> LockedSolutions:
         solved.append(len(angles))
         return plain(self, pose, angles, limits)
 

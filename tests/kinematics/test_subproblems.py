@@ -11,7 +11,7 @@ from tests.kinematics.kit import rotation_about
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import wrap
 from armctl.kinematics.subproblems import (
-    Answer,
+    AnglePairs,
     angle_about,
     angle_onto,
     circle,
@@ -37,7 +37,7 @@ def near(found: float, angle: float) -> bool:
     return abs(math.remainder(found - angle, math.tau)) < 1e-6
 
 
-def has(answer: Answer, *angles: float) -> bool:
+def has(answer: AnglePairs, *angles: float) -> bool:
     return any(all(map(near, found, angles)) for found in answer.angles)
 
 

@@ -19,7 +19,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from armctl.boards import ANY_BOARD
 from armctl.errors import ArmctlError
-from armctl.process.link import Line, Link, LocalLine, hand_over
+from armctl.process.link import Link, LocalLine, ProcessLine, hand_over
 from armctl.process.records import (
     SILENCE_S,
     Answer,
@@ -116,7 +116,9 @@ R = TypeVar("R", bound=Record)
 class Client:
     """Says and hears records one by one; nothing goes on by itself."""
 
-    def __init__(self, line: Line, name: str = "c", *, json: bool = False, watch: bool = False) -> None:
+    def __init__(
+        self, line: ProcessLine, name: str = "c", *, json: bool = False, watch: bool = False
+    ) -> None:
         self.line, self.codec = line, Codec(json=json)
         self.seen: list[FromArm] = []
         self.address: Address

@@ -17,7 +17,7 @@ from armctl.motion.choices import way_refused
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.inverse.answer import (
-    Answer,
+    RankedSolutions,
     answer,
     branches_html,
     comparison_html,
@@ -37,11 +37,11 @@ TARGETS = range(12) if os.environ.get("ARMCTL_LONG") else (6, 8, 9)
 """of twelve poses: none can be gone to, the least energy can, another one can instead"""
 
 
-def solved(x: float, y: float, z: float, criterion: str = "least-rotation") -> Answer:
+def solved(x: float, y: float, z: float, criterion: str = "least-rotation") -> RankedSolutions:
     return solve(ROBOT, Target.of(np.array([x, y, z]) / 1000), criterion, HOME)
 
 
-def at_home() -> Answer:
+def at_home() -> RankedSolutions:
     """The home pose asked for by position and pitch: its solutions are isolated."""
     pitch, _ = ROBOT.inverse_kinematics.pitch_and_roll(HOME)
     return solve(ROBOT, Target.of(ROBOT.forward(HOME)[:3, 3], pitch), "least-rotation", HOME)
@@ -302,7 +302,7 @@ def test_the_curve_is_small_and_its_mark_is_its_lowest_point(criterion: str) -> 
     assert at == pytest.approx(np.degrees(found.best[1]), abs=between_rows)
 
 
-def answered(*point_mm: float) -> Answer:
+def answered(*point_mm: float) -> RankedSolutions:
     return solve(MICO, Target.of(np.array(point_mm) / 1000), "least-rotation", MICO.pose("home"))
 
 

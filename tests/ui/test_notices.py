@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from armctl.ui.session import Color, Notices, reading_seconds
+from armctl.ui.session import Color, Notifications, reading_seconds
 
 
 class Board:
@@ -25,7 +25,7 @@ class Board:
 
 def test_a_message_takes_the_place_of_its_like_or_of_the_oldest_and_closes_by_itself() -> None:
     board = Board()
-    notices = Notices(board)
+    notices = Notifications(board)
     for text in ("enable first", "home first", "enable first"):
         notices.show("Refused", text, "red")
     assert board.shown == ["red Refused: home first", "red Refused: enable first"]
@@ -34,7 +34,7 @@ def test_a_message_takes_the_place_of_its_like_or_of_the_oldest_and_closes_by_it
         notices.show("Saved", text, "blue")
     assert board.shown == ["red Refused: enable first", "blue Saved: three", "blue Saved: four"]
     board = Board()
-    Notices(board).show("Refused", "enable first", "red")
+    Notifications(board).show("Refused", "enable first", "red")
     assert board.seconds == [reading_seconds("enable first", "red")]
     assert 0 < reading_seconds("a.toml", "blue") < reading_seconds("a.toml", "yellow") < 60
     long = "it cannot go there. " * 20

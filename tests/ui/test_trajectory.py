@@ -57,7 +57,7 @@ from armctl.ui.tabs.trajectory.study import (
     study_html,
     study_picture,
 )
-from armctl.ui.widgets.plots import Line
+from armctl.ui.widgets.plots import PlotLine
 
 ROBOT = load_robot("uzuner")
 REST, HOME, ZERO = ROBOT.pose("rest"), ROBOT.pose("home"), ROBOT.pose("zero")
@@ -74,7 +74,7 @@ def of_program(*steps: Step) -> PlannedMotion:
     return planned(PROGRAM, program=Program(robot="uzuner", name="test", steps=steps))
 
 
-def lines_of(found: PlannedMotion, of: str, quantity: str, limits: str) -> list[Line]:
+def lines_of(found: PlannedMotion, of: str, quantity: str, limits: str) -> list[PlotLine]:
     """What is drawn beside the cursor."""
     return list(graph(found, of, quantity, limits, 0.0, None).lines[:-1])
 

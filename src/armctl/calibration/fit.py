@@ -117,7 +117,7 @@ def fit_joint(marks: Sequence[Mark], unit: str = "µs") -> JointFit:
     )
 
 
-class _Line(NamedTuple):
+class _FittedLine(NamedTuple):
     """angle = middle + slope · (output - centre), by least squares."""
 
     slope: float
@@ -129,12 +129,12 @@ class _Line(NamedTuple):
     """summed squares of the residuals [rad²]"""
 
 
-def _line(outputs: FloatArray, angles: FloatArray) -> _Line:
+def _line(outputs: FloatArray, angles: FloatArray) -> _FittedLine:
     centre, middle = float(outputs.mean()), float(angles.mean())
     away, turned = outputs - centre, angles - middle
     slope = float(away @ turned) / float(away @ away)
     left = turned - slope * away
-    return _Line(slope, centre, middle, float(left @ left))
+    return _FittedLine(slope, centre, middle, float(left @ left))
 
 
 def _wrong_mark(outputs: FloatArray, angles: FloatArray) -> tuple[int | None, bool]:

@@ -13,9 +13,9 @@ from armctl.hardware.boards import board_type, board_types
 from armctl.hardware.driver import ChannelSettings, translated
 from armctl.hardware.findings import (
     OF_ANOTHER_BOARD,
+    ChannelsToCheck,
     CheckUp,
     Finding,
-    Needs,
     Verdict,
     failed,
     not_checked,
@@ -67,7 +67,7 @@ def examine(
             return (*findings, *_unseen()[1:])
         # Another board than expected is not asked for the robot's channels.
         fits = patient.expected in (None, probed.board) or not patient.channels
-        needs = Needs(patient.channels) if fits else OF_ANOTHER_BOARD
+        needs = ChannelsToCheck(patient.channels) if fits else OF_ANOTHER_BOARD
         check_up = CheckUp(line, now, needs, patient.listing, probed.reported, patient.simulated)
         try:
             findings += translated("the check-up", board_type(probed.board).examine, check_up)

@@ -39,7 +39,7 @@ not_checked = partial(Finding, verdict=Verdict.NOT_CHECKED)  # unknown, or an ea
 
 
 @dataclass(frozen=True, slots=True)
-class Needs:
+class ChannelsToCheck:
     """The channels of a robot file, or why none can be checked."""
 
     channels: Sequence[ChannelSettings] = ()
@@ -51,7 +51,7 @@ class Needs:
         return not_checked(check, self.why_none, self.advice)
 
 
-OF_ANOTHER_BOARD = Needs(
+OF_ANOTHER_BOARD = ChannelsToCheck(
     why_none="the robot file is for another kind of board", advice="choose the robot that belongs to this one"
 )
 
@@ -62,7 +62,7 @@ class CheckUp:
 
     line: Transport  # open
     now: Callable[[], float]  # the clock [s]
-    needs: Needs = Needs()
+    needs: ChannelsToCheck = ChannelsToCheck()
     listing: str | None = None  # how the port is listed; None: it is not
     reported: tuple[str, ...] = ()  # errors that the board had kept from before
     simulated: bool = False

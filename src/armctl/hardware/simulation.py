@@ -27,7 +27,7 @@ _CHUNK = 4096
 _LARGEST_BACKLOG = 65_536
 
 
-class _Line(Protocol):
+class _SimulatorLine(Protocol):
     """The board's end of a line."""
 
     address: str
@@ -156,7 +156,7 @@ class BoardServer(Generic[Model]):
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
         self._cleanup = ExitStack()
-        self._line: _Line | None = None
+        self._line: _SimulatorLine | None = None
         self._wake: socket.socket
         self._waker: socket.socket
         self._backlog = bytearray()

@@ -50,7 +50,7 @@ class DHRow:
     joint: bool = True
 
 
-class Place(NamedTuple):
+class FixedFrame(NamedTuple):
     """A frame that is fixed to a link."""
 
     link: int
@@ -81,7 +81,7 @@ class Chain(ByContent):
         segments: Sequence[FloatArray],
         tail: FloatArray,
         *,
-        places: Sequence[Place] = (),
+        places: Sequence[FixedFrame] = (),
         rows: Sequence[DHRow] = (),
         convention: Convention | None = None,
         coupling: ArrayLike | None = None,
@@ -105,9 +105,9 @@ class Chain(ByContent):
         """number of joints"""
         self.rows, self.convention = tuple(rows), convention
         self.places = tuple(places) or (
-            Place(-1, np.eye(4)),
-            *(Place(j, np.eye(4)) for j in range(len(segments))),
-            Place(len(segments) - 1, tail),
+            FixedFrame(-1, np.eye(4)),
+            *(FixedFrame(j, np.eye(4)) for j in range(len(segments))),
+            FixedFrame(len(segments) - 1, tail),
         )
         """frames along the chain, as ``frames`` lists them"""
         if self.rows:
@@ -166,7 +166,7 @@ class Chain(ByContent):
                 raise InputError(f"DH row {i} holds a value that is not a finite number: {row}")
         segments: list[FloatArray] = []
         T_link_frame = np.eye(4)
-        places = [Place(-1, T_link_frame)]
+        places = [FixedFrame(-1, T_link_frame)]
         for row in rows:
             if convention == "modified":
                 T_link_frame = T_link_frame @ _x_part(row)
@@ -176,7 +176,7 @@ class Chain(ByContent):
             T_link_frame = T_link_frame @ _z_part(row)
             if convention == "standard":
                 T_link_frame = T_link_frame @ _x_part(row)
-            places.append(Place(len(segments) - 1, T_link_frame))
+            places.append(FixedFrame(len(segments) - 1, T_link_frame))
         return cls(
             segments, T_link_frame, places=places, rows=rows, convention=convention, coupling=coupling,
             turn_limits=turn_limits,

@@ -33,7 +33,7 @@ _SAME = 1e-7
 """angles this near to each other are one [rad]"""
 
 
-class Answer(NamedTuple):
+class AnglePairs(NamedTuple):
     """Angles that meet two conditions."""
 
     angles: tuple[tuple[float, ...], ...]
@@ -145,7 +145,7 @@ _NEWTON = 8
 _SPREAD = 24
 
 
-def two_turns(A: _Matrix, B: _Matrix, c: _Pair, tolerance: float = TOLERANCE) -> Answer:
+def two_turns(A: _Matrix, B: _Matrix, c: _Pair, tolerance: float = TOLERANCE) -> AnglePairs:
     """Angles with ``A (cos θ1, sin θ1) + B (cos θ2, sin θ2) = c``: up to four pairs.
 
     One angle is eliminated by its unit length, the one whose matrix has the larger determinant. What is left,
@@ -156,14 +156,14 @@ def two_turns(A: _Matrix, B: _Matrix, c: _Pair, tolerance: float = TOLERANCE) ->
     if still_a or still_b:
         angles = _one_turn(B if still_a else A, c, tolerance)
         pairs = tuple((0.0, x) if still_a else (x, 0.0) for x in angles)
-        return Answer(pairs, (0,) if still_a else (1,))
+        return AnglePairs(pairs, (0,) if still_a else (1,))
     if abs(_determinant_of(A)) > abs(_determinant_of(B)):
         answer = _two_turns(B, A, c, tolerance)
         return answer._replace(angles=tuple((x, y) for y, x in answer.angles))
     return _two_turns(A, B, c, tolerance)
 
 
-def _two_turns(A: _Matrix, B: _Matrix, c: _Pair, tolerance: float) -> Answer:
+def _two_turns(A: _Matrix, B: _Matrix, c: _Pair, tolerance: float) -> AnglePairs:
     firsts, anywhere = _eliminated(A, B, c)
     met: list[_Pair] = []
     for first, second in _starts(A, B, c, firsts):
@@ -171,8 +171,8 @@ def _two_turns(A: _Matrix, B: _Matrix, c: _Pair, tolerance: float) -> Answer:
         if missed <= tolerance and all(_apart(pair, other) > _SAME for other in met):
             met.append(pair)
     if anywhere and met:  # the angles hang on each other
-        return Answer((met[0],), (0, 1))
-    return Answer(tuple(met))
+        return AnglePairs((met[0],), (0, 1))
+    return AnglePairs(tuple(met))
 
 
 def _eliminated(A: _Matrix, B: _Matrix, c: _Pair) -> tuple[list[float], bool]:

@@ -50,7 +50,7 @@ _MET, _STEPS, _HELD = 1e-10, 4, 3
 """[m] or [rad]: what Newton steps leave of a pose that is met, how many they are, and rounds of them"""
 
 
-class Ways(NamedTuple):
+class Configurations(NamedTuple):
     """Every configuration that has a pose, whatever the joint limits."""
 
     q: FloatArray
@@ -128,7 +128,7 @@ class WholePoses:
         target: Target,
         step: float,
         start: FloatArray | None,
-        every_way: Callable[[FloatArray, FloatArray | None], Ways],
+        every_way: Callable[[FloatArray, FloatArray | None], Configurations],
     ) -> Solutions:
         """As ``InverseKinematics.solve``, by ``every_way`` of a tool pose (4, 4) with that start.
 
@@ -189,13 +189,15 @@ def misses(chain: Chain, poses: FloatArray, q: FloatArray) -> FloatArray:
     return np.maximum(away, np.linalg.norm(turned, axis=1))
 
 
-def _moved_onto_limits(chain: Chain, pose: FloatArray, ways: Ways, limits: FloatArray) -> Ways:
+def _moved_onto_limits(
+    chain: Chain, pose: FloatArray, ways: Configurations, limits: FloatArray
+) -> Configurations:
     """Ways a little beyond limits (n, 2) [rad], moved onto them where they meet the pose so; no others.
 
     Two ways that are nearly one, as of an elbow that is nearly straight, are known to half of their digits:
     what is on a limit may come out beyond it.
     """
-    none = Ways(np.empty((0, chain.n)), np.empty(0, dtype=np.int8))
+    none = Configurations(np.empty((0, chain.n)), np.empty(0, dtype=np.int8))
     if not ways.double:
         return none
     low, high = limits.T
@@ -209,10 +211,10 @@ def _moved_onto_limits(chain: Chain, pose: FloatArray, ways: Ways, limits: Float
     there = polished(chain, pose, ways.q[beside] + held * move[beside], 1.0, _STEPS, held)
     met = np.flatnonzero(misses(chain, pose, there) < _ROUNDING)
     met = met[distinct(there[met])]
-    return Ways(there[met], ways.branch[beside[met]])
+    return Configurations(there[met], ways.branch[beside[met]])
 
 
-def _with_joint(ways: Ways, index: int, angle: float) -> Ways:
+def _with_joint(ways: Configurations, index: int, angle: float) -> Configurations:
     q = ways.q.copy()
     q[:, index] = angle
     return ways._replace(q=q)

@@ -70,7 +70,7 @@ def blend(robot: Robot, legs: Sequence[Leg], entry: Entry | None = None) -> Blen
     trajectories: list[PathTrajectory] = []
     entries: list[Entry | None] = []
     begin, rate = (legs[0].path.low, 0.0) if entry is None else (entry.s, entry.rate)
-    run: list[_Piece] = []  # legs that follow on each other without a stop are planned together
+    run: list[_LegWithCorner] = []  # legs that follow on each other without a stop are planned together
     for k, (leg, bend) in enumerate(zip(legs, corners, strict=True)):
         next_cap = 0.0 if bend is None else legs[k + 1].rate_cap
         run.append(_piece(leg, begin, run[-1].next_scale if run else 1.0, bend, next_cap))
@@ -140,7 +140,7 @@ def _at_radius(robot: Robot, path: PiecewisePolynomial, near: float, far: float,
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Piece:
+class _LegWithCorner:
     """A leg from where it is begun, with the corner at its end, over one variable from 0."""
 
     path: PiecewisePolynomial
@@ -152,7 +152,7 @@ class _Piece:
     """where the next leg is begun; None: this one ends at rest"""
 
 
-def _piece(leg: Leg, begin: float, scale: float, bend: _Corner | None, next_cap: float) -> _Piece:
+def _piece(leg: Leg, begin: float, scale: float, bend: _Corner | None, next_cap: float) -> _LegWithCorner:
     """A leg from ``begin`` on; ``scale``: the run's variable per variable of the leg."""
     end = leg.path.high if bend is None else bend.leaves
     parts: list[PiecewisePolynomial] = []
@@ -162,14 +162,14 @@ def _piece(leg: Leg, begin: float, scale: float, bend: _Corner | None, next_cap:
         parts.append(PiecewisePolynomial(body.breaks - begin, body.coefficients).scaled(scale))
     caps = np.full(sum(len(part.coefficients) for part in parts), leg.rate_cap * scale)
     if bend is None:
-        return _Piece(parts[0], caps)
+        return _LegWithCorner(parts[0], caps)
     next_scale = scale * bend.before / bend.after
     parts.append(bend.path.scaled(scale * bend.before))
     cap = min(leg.rate_cap * scale, next_cap * next_scale)
-    return _Piece(parts[0].followed_by(*parts[1:]), np.append(caps, cap), next_scale, bend.joins)
+    return _LegWithCorner(parts[0].followed_by(*parts[1:]), np.append(caps, cap), next_scale, bend.joins)
 
 
-def _planned(robot: Robot, run: Sequence[_Piece], first: float) -> list[tuple[PathTrajectory, float]]:
+def _planned(robot: Robot, run: Sequence[_LegWithCorner], first: float) -> list[tuple[PathTrajectory, float]]:
     """The motion of each piece of a run that is begun at the rate ``first``, and its last rate."""
     path = run[0].path.followed_by(*(piece.path for piece in run[1:]))
     limits = PathLimits.of(robot, path, np.concatenate([piece.caps for piece in run]))

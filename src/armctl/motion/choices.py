@@ -128,7 +128,7 @@ def first_possible(
     return None
 
 
-class WaysFrom:
+class JudgedConfigurations:
     """Ways of an arm from where it stands, by motions of a profile; each is judged once."""
 
     def __init__(self, robot: Robot, start: FloatArray, profile: Profile) -> None:

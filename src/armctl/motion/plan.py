@@ -23,7 +23,7 @@ from armctl.motion.blend import Leg, blend
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.paths.tool_path import PitchMode, TurnMode, follow, led_at_once
-from armctl.motion.paths.tool_walk import Effort
+from armctl.motion.paths.tool_walk import StepBudget
 from armctl.motion.polynomial import PiecewisePolynomial, points_apart, spline_through
 from armctl.motion.preflight import passes, require_clear, require_robot
 from armctl.motion.profiles import PointToPoint, ProfileName, checked_profile, lasting_s
@@ -233,7 +233,7 @@ def _freer(
         ways.insert(0, ("kept", "pitch kept"))
     for mode, freer in ways:
         try:
-            path = led_at_once(robot, q, curve, mode, Effort(_FREER_STEPS))
+            path = led_at_once(robot, q, curve, mode, StepBudget(_FREER_STEPS))
             if path is None:
                 continue
             follows = passes(robot, PathTrajectory.fastest(robot, path, cap), tool_path=True)

@@ -189,8 +189,8 @@ def fastest_rates(limits: PathLimits, first: float = 0.0, last: float = 0.0) -> 
     blocks = limits.blocks()
 
     @lru_cache(maxsize=_BLOCKS)
-    def lines(number: int) -> _Lines:
-        return _Lines.of(limits, blocks[number])
+    def lines(number: int) -> _IntervalBounds:
+        return _IntervalBounds.of(limits, blocks[number])
 
     x = min(last * last, float(limits.most[-1]))
     most = [x]
@@ -216,7 +216,7 @@ def fastest_rates(limits: PathLimits, first: float = 0.0, last: float = 0.0) -> 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Lines:
+class _IntervalBounds:
     """The limits of m intervals as lines: x is at most the least of c + d y, y that of e + f x."""
 
     c: FloatArray
@@ -228,7 +228,7 @@ class _Lines:
     """(m,) the y at which x may be largest"""
 
     @classmethod
-    def of(cls, limits: PathLimits, block: slice) -> _Lines:
+    def of(cls, limits: PathLimits, block: slice) -> _IntervalBounds:
         a, b = limits.rows(block)
         most = limits.most[block.start : block.stop + 1]
         c, d = _ceilings(a, b)

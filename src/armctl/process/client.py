@@ -10,7 +10,7 @@ from concurrent.futures import Future
 from typing import Any, Protocol
 
 from armctl.errors import ArmctlError, InputError, StateError
-from armctl.process.connections import Connection, nobody, nothing_large
+from armctl.process.connections import RecordConnection, nobody, nothing_large
 from armctl.process.limits import MOST_CONTROL_A_SECOND, Meter
 from armctl.process.outbox import Broadcast, Outbox
 from armctl.process.records import (
@@ -44,7 +44,7 @@ _RECALL_EVERY_S = 2.0
 """how often a client gets the last minute: packing it costs a quarter of a second"""
 
 
-class House(Protocol):
+class SharedByClients(Protocol):
     """What the clients of an arm share."""
 
     arm: ArmLink
@@ -91,9 +91,9 @@ class Client:
 
     def __init__(
         self,
-        server: House,
+        server: SharedByClients,
         codec: Codec,
-        line: Connection,
+        line: RecordConnection,
         hello: Hello,
         number: int,
         *,

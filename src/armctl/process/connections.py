@@ -36,7 +36,7 @@ MOST_UNSENT = 16 * 1024 * 1024
 """bytes that wait for a client that does not read"""
 
 
-class Connection(Protocol):
+class RecordConnection(Protocol):
     """Carries the records of one client both ways."""
 
     alive: Callable[[int], None]
@@ -243,7 +243,7 @@ async def _read_out(reader: asyncio.StreamReader) -> bool:
     return False
 
 
-Attend = Callable[[Connection, bool, str], Awaitable[None]]
+Attend = Callable[[RecordConnection, bool, str], Awaitable[None]]
 """serves a client until its connection ends; True: it has shown its token at the door of the page server; and
 which computer it comes from, as far as is known"""
 
@@ -288,7 +288,7 @@ async def attend_websocket(
         websocket.close()
 
 
-class Hands:
+class ConnectionHandover:
     """Takes connections that are handed over (``hand_over``), with the request that came on each."""
 
     def __init__(self, attend: Attend, address: Path, secret: str) -> None:

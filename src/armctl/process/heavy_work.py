@@ -51,7 +51,7 @@ def _apart(work: str, request: bytes, seconds: float, parts: int, progress: Prog
     return apart(f"{__name__}:{work}", request, seconds=seconds, told=told, look=look)
 
 
-class _Asked(msgspec.Struct):
+class _CheckRequest(msgspec.Struct):
     robot: dict[str, Any]
     program: Program
     start: list[float] | None
@@ -78,7 +78,7 @@ def check_program_apart(
     if len(program.steps) <= few:
         return here()
     begin = None if start is None else np.asarray(start, dtype=np.float64).tolist()
-    request = msgspec.msgpack.encode(_Asked(robot_record(robot), program, begin, payload_kg))
+    request = msgspec.msgpack.encode(_CheckRequest(robot_record(robot), program, begin, payload_kg))
     try:
         found = _apart("do_check", request, _CHECK_S, len(program.steps), progress)
     except InputError:  # made in Python, with values that no file holds
@@ -89,7 +89,7 @@ def check_program_apart(
 def do_check(request: bytes, tell: Tell) -> bytes:
     """The ``Work`` of ``check_program_apart``."""
     try:
-        asked = msgspec.msgpack.decode(request, type=_Asked)
+        asked = msgspec.msgpack.decode(request, type=_CheckRequest)
     except msgspec.MsgspecError as cause:
         raise InputError(str(cause)) from cause
     often = max(1, len(asked.program.steps) // _TOLD)
@@ -111,7 +111,7 @@ def do_check(request: bytes, tell: Tell) -> bytes:
     return msgspec.msgpack.encode(found)
 
 
-class _Piece(msgspec.Struct, array_like=True):
+class _DrawnPiece(msgspec.Struct, array_like=True):
     """Of a ``Drawn``."""
 
     link: int
@@ -123,7 +123,7 @@ class _Piece(msgspec.Struct, array_like=True):
 class _Worked(msgspec.Struct):
     capsules: list[dict[str, Any]]
     assumed: tuple[str, ...]
-    drawn: list[list[_Piece]]
+    drawn: list[list[_DrawnPiece]]
 
 
 def worked_out(
@@ -165,18 +165,18 @@ def do_work_out(request: bytes, tell: Tell) -> bytes:
         tell(msgspec.msgpack.encode((done, parts)))
 
     robot = arm.with_body(progress)
-    drawn: list[list[_Piece]] = []
+    drawn: list[list[_DrawnPiece]] = []
     for done, most in enumerate(sizes, arm.n + 1):
         progress(done, parts)
         solids = keep(Drawn, robot.shapes, most, make=partial(coarse_solids, robot.shapes, most))
         drawn.append([
-            _Piece(link, color, solid.vertices.tobytes(), solid.faces.astype(np.int64).tobytes())
+            _DrawnPiece(link, color, solid.vertices.tobytes(), solid.faces.astype(np.int64).tobytes())
             for link, color, solid in solids
         ])  # fmt: skip
     return msgspec.msgpack.encode(_Worked(robot_record(robot)["capsules"], robot.assumed, drawn))
 
 
-def _solid(piece: _Piece) -> tuple[int, tuple[int, int, int] | None, Solid]:
+def _solid(piece: _DrawnPiece) -> tuple[int, tuple[int, int, int] | None, Solid]:
     vertices = np.frombuffer(piece.vertices, np.float64).reshape(-1, 3)
     faces = np.frombuffer(piece.faces, np.int64).reshape(-1, 3)
     return piece.link, piece.color, Solid(vertices.copy(), faces.copy())

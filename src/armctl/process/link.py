@@ -69,7 +69,7 @@ _CLOSE_S = 15.0
 """how long an arm process may take to bring the arm to rest and end"""
 
 
-class Line(Protocol):
+class ProcessLine(Protocol):
     """Carries records to an arm process and back. One thread sends, another receives.
 
     ``OSError``: it is broken; after ``close``, also for a thread that waits in ``receive``.
@@ -176,7 +176,7 @@ class Link:
 
     def __init__(
         self,
-        line: Line,
+        line: ProcessLine,
         name: str = "library",
         robot: Robot | None = None,
         process: subprocess.Popen[bytes] | int | None = None,

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 
-from armctl.process.connections import Connection
+from armctl.process.connections import RecordConnection
 from armctl.process.records import Answer, Codec, Logged, Recalled, Running, Seen, light, new_events
 from armctl.program import Program
 from armctl.protocol import Event, Snapshot
@@ -50,7 +50,7 @@ class Broadcast:
 class Outbox:
     """What waits to be sent to one client."""
 
-    def __init__(self, line: Connection, codec: Codec, broadcast: Broadcast, *, bounded: bool) -> None:
+    def __init__(self, line: RecordConnection, codec: Codec, broadcast: Broadcast, *, bounded: bool) -> None:
         """``bounded``: it may be anybody's; else an owner's, who reads."""
         self.wake = asyncio.Event()
         """there is something to send"""

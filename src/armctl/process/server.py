@@ -21,7 +21,7 @@ import msgspec
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.hardware.boards import board_type
 from armctl.process.client import Client, command_of
-from armctl.process.connections import Connection, Hands, attend_stream
+from armctl.process.connections import ConnectionHandover, RecordConnection, attend_stream
 from armctl.process.host import Host, collect_at_rest
 from armctl.process.limits import Arrivals, Traffic, who_gives_way
 from armctl.process.outbox import Broadcast
@@ -75,7 +75,7 @@ class Server:
         """bytes of clients that are no owners, which wait to be decoded"""
         self._large: Client | None = None
         """the only one of them of whom a large record is in memory"""
-        self._unnamed: dict[Connection, str] = {}
+        self._unnamed: dict[RecordConnection, str] = {}
         """connections that have not said hello, and where they come from; the oldest first"""
         self._arrivals = Arrivals(self._loop.time)
         self._traffic = Traffic(self._loop.time)
@@ -135,7 +135,7 @@ class Server:
         for client in self._clients:
             client.outbox.wake.set()
 
-    async def attend(self, line: Connection, let_in: bool, source: str = "") -> None:
+    async def attend(self, line: RecordConnection, let_in: bool, source: str = "") -> None:
         """Serve one client until its connection ends.
 
         ``let_in``: it has shown its token at the door; else it has to know the secret of this process.
@@ -193,7 +193,7 @@ class Server:
                 if client.owns and not any(one.owns for one in self._clients):
                     self._orphan(client.name)
 
-    def _await_hello(self, line: Connection, source: str) -> None:
+    def _await_hello(self, line: RecordConnection, source: str) -> None:
         """Somebody has connected, and says nothing yet; of many the one that has waited longest has to go."""
         if len(self._unnamed) >= _MOST_UNNAMED:
             sources = list(self._unnamed.values())
@@ -353,7 +353,7 @@ async def serve_arm(
         task.add_done_callback(connections.discard)
 
     chores: list[asyncio.Task[None]] = []
-    hands: Hands | None = None
+    hands: ConnectionHandover | None = None
     try:
         if address is None:
             listener = await asyncio.start_server(connected, "127.0.0.1", 0)
@@ -361,7 +361,7 @@ async def serve_arm(
             before = os.umask(0o177)
             try:
                 listener = await asyncio.start_unix_server(connected, address)
-                hands = Hands(server.attend, address, secret)
+                hands = ConnectionHandover(server.attend, address, secret)
             finally:
                 os.umask(before)
             like = likeness(robot, board, rate_hz, pin)

@@ -24,7 +24,7 @@ from armctl.robot import Robot
 
 CsvForm = Literal["angles", "points"]
 """angles: every step as it is; points: moves to angles become points of the tool"""
-Place = tuple[str, int | None]
+Cell = tuple[str, int | None]
 """a step's key, and which joint it is of, if any"""
 _UNITS: tuple[dict[str, float], ...] = (
     {"mm_s": 1.0, "cm_s": 10.0, "m_s": 1000.0},
@@ -44,7 +44,7 @@ _NOTES = ("comment", "comments", "remark", "remarks", "notes", "description", "l
 """heads under which people write notes"""
 _TIMES = {"t": 1.0, "time": 1.0, "time_from_start": 1.0, "timestamp": 1.0}
 """heads of the time at which a row is reached, also with a unit [s]"""
-_TIME: Place = ("time", None)
+_TIME: Cell = ("time", None)
 _COMMENTS = ("#", "%", "//")
 _NEAR, _FAR = 0.05, 1.05
 """shares of the arm's length between which the farthest point of a program lies"""
@@ -64,7 +64,7 @@ class Column:
     """What one head means."""
 
     head: str
-    place: Place | None
+    place: Cell | None
     """None: the column is not read"""
     factor: float | None = None
     """to the step's unit; None: not a number with a unit"""
@@ -139,7 +139,7 @@ class Columns:
         joints, others = ", ".join(self._joints), ", ".join(self._others)
         return f"column {head!r} is not known; known are {joints}, or x_mm, y_mm, z_mm, also {others}"
 
-    def _add_number(self, head: str, place: Place) -> None:
+    def _add_number(self, head: str, place: Cell) -> None:
         """A column for each unit that a number may have."""
         self._known[head] = Column(head, place, 1.0)
         for units in _UNITS:
@@ -188,9 +188,9 @@ def write_csv(program: Program, robot: Robot, form: CsvForm = "angles") -> str:
     return out.getvalue()
 
 
-def _cells(step: Step) -> dict[Place | None, object]:
+def _cells(step: Step) -> dict[Cell | None, object]:
     """What the cells of a step hold; what is as by default is left out."""
-    cells: dict[Place | None, object] = {(_DO, None): step.kind}
+    cells: dict[Cell | None, object] = {(_DO, None): step.kind}
     for key in keys_of(type(step)):
         value = getattr(step, key.name)
         if key.name == _JOINTS:
@@ -251,7 +251,7 @@ class _Table:
 
     def __init__(self, text: str, robot: Robot) -> None:
         self._known = Columns(robot.joint_names)
-        self._joints: list[Place] = [(_JOINTS, i) for i in range(robot.n)]
+        self._joints: list[Cell] = [(_JOINTS, i) for i in range(robot.n)]
         delimiter: str | None = None
         if match := _SEPARATOR_LINE.match(text):  # Excel's; an empty line in its place keeps the numbers
             text, delimiter = "\n" + text[match.end() :], match[1]
@@ -272,7 +272,7 @@ class _Table:
         for head, column in zip(map(unguarded, heads), self._columns, strict=True):
             if column is None and head.strip():
                 raise ProgramError(f"line {line}, {self._known.why_not(head.strip())}")
-        self._by_place: dict[Place | None, Column] = {}
+        self._by_place: dict[Cell | None, Column] = {}
         for column in filter(None, self._columns):
             if (same := self._by_place.get(column.place)) is not None:
                 what = f"column {column.head!r} says the same as {same.head!r}; keep one of them"
@@ -326,16 +326,16 @@ class _Table:
                 names = ", ".join(heads[k].strip() for k in columns)
                 self.told.append(f"{names}: read in {unit}, the only unit that fits the arm")
 
-    def _numbers(self, cells: Sequence[str], columns: Mapping[int, Column]) -> dict[Place, float]:
+    def _numbers(self, cells: Sequence[str], columns: Mapping[int, Column]) -> dict[Cell, float]:
         """The numbers of a row in the units of steps; what is none is left out."""
-        found: dict[Place, float] = {}
+        found: dict[Cell, float] = {}
         for k, column in columns.items():
             if k < len(cells) and cells[k].strip() and column.place is not None:
                 with suppress(ProgramError):
                     found[column.place] = float(column.value(cells[k], comma=self._delimiter != ","))
         return found
 
-    def _is_possible(self, rows: Sequence[Mapping[Place, float]], robot: Robot, size: float) -> bool:
+    def _is_possible(self, rows: Sequence[Mapping[Cell, float]], robot: Robot, size: float) -> bool:
         """Whether an arm of this size [mm] could be meant by points [mm] or angles [degrees]."""
         if not rows:
             return False
@@ -351,10 +351,10 @@ class _Table:
         some = points[:: len(points) // _LOOKED_AT + 1] / 1000
         return any(robot.inverse(point).success for point in some)
 
-    def rows(self, errors: Errors) -> Iterator[tuple[int, dict[Place, float | int | str]]]:
+    def rows(self, errors: Errors) -> Iterator[tuple[int, dict[Cell, float | int | str]]]:
         """(line, what its cells hold) of each row that is not empty; ``errors`` takes what is wrong."""
         for line, cells in self._records:
-            values: dict[Place, float | int | str] = {}
+            values: dict[Cell, float | int | str] = {}
             before = len(errors.found)
             sign = next((sign for sign in _COMMENTS if cells and cells[0].lstrip().startswith(sign)), None)
             if sign is not None and not (self._columns[0] and self._columns[0].place == ("note", None)):
@@ -367,7 +367,7 @@ class _Table:
             if values and len(errors.found) == before:
                 yield line, values
 
-    def _cell(self, line: int, column: Column | None, text: str) -> dict[Place, float | int | str]:
+    def _cell(self, line: int, column: Column | None, text: str) -> dict[Cell, float | int | str]:
         """What a cell holds; ``column``: None without a head."""
         if column is None:
             if text.strip():
@@ -382,7 +382,7 @@ class _Table:
         except ProgramError as refusal:
             raise ProgramError(f"line {line}, column {column.head}: {refusal}") from refusal
 
-    def steps(self, line: int, cells: dict[Place, float | int | str]) -> Iterator[Step]:
+    def steps(self, line: int, cells: dict[Cell, float | int | str]) -> Iterator[Step]:
         """The steps that a row asks for."""
         record: dict[str, object] = {key: value for (key, joint), value in cells.items() if joint is None}
         has_angles = any(place in cells for place in self._joints)
@@ -449,7 +449,7 @@ class _Table:
         column = "" if key is None else f", column {self._head((key, 0 if key == _JOINTS else None))}"
         return ProgramError(f"line {line}{column}: {what}")
 
-    def _head(self, place: Place) -> str:
+    def _head(self, place: Cell) -> str:
         """The head under which a step's key stands, or would stand."""
         columns = (*self._by_place.values(), *self._known.written)
         return next(column.head for column in columns if column.place == place)

@@ -171,7 +171,7 @@ def fit(solids: Sequence[Solid]) -> tuple[list[Fitted], float]:
     """
     corners = np.concatenate([solid.vertices[solid.faces] for solid in solids])
     shared = _cut(corners) if len(corners) < _MOST_SHARED else corners
-    pieces = [_Piece.of(shared, shared[:: max(1, len(shared) // _FEW)])]
+    pieces = [_FittedPiece.of(shared, shared[:: max(1, len(shared) // _FEW)])]
     while len(pieces) < MOST_PIECES:
         halves = [(i, split) for i, piece in enumerate(pieces) if (split := piece.halves) is not None]
         if not halves:
@@ -186,7 +186,7 @@ def fit(solids: Sequence[Solid]) -> tuple[list[Fitted], float]:
 
 
 @dataclass(frozen=True)
-class _Piece:
+class _FittedPiece:
     triangles: FloatArray
     """(k, 3, 3) [m]"""
     few: FloatArray
@@ -200,10 +200,10 @@ class _Piece:
         return cls(triangles, few, 0.0 if qhull is None else float(qhull.volume))
 
     @cached_property
-    def halves(self) -> list[_Piece] | None:
+    def halves(self) -> list[_FittedPiece] | None:
         """The best of a few ways to share the triangles of one hull out to two; None: none is worth it."""
         middles, of_all = self.few.mean(axis=1), self.triangles.mean(axis=1)
-        best: list[_Piece] | None = None
+        best: list[_FittedPiece] | None = None
         least = _WORTH * self.volume
         for axis in _axes(middles):
             along = middles @ axis
@@ -214,7 +214,7 @@ class _Piece:
                     continue
                 here = of_all @ axis < border
                 parts = ((self.triangles[here], self.few[first]), (self.triangles[~here], self.few[~first]))
-                halves = [_Piece.of(*part) for part in parts]
+                halves = [_FittedPiece.of(*part) for part in parts]
                 volume = sum(half.volume for half in halves)
                 if volume < least:
                     best, least = halves, volume

@@ -59,7 +59,7 @@ class _Node(msgspec.Struct):
     children: list[_Number] = []
 
 
-class _Scene(msgspec.Struct, rename="camel"):
+class _GlbFile(msgspec.Struct, rename="camel"):
     """What bounds the size of a GLB file once it is read (glTF 2.0, section 5)."""
 
     buffers: list[_Buffer] = []
@@ -86,7 +86,7 @@ def require_bounded_glb(glb: bytes, most: int, most_bytes: int) -> None:
     """Refuse a GLB file of more than ``most`` triangles once it is read: a part may be drawn often."""
     end = 20 + int.from_bytes(glb[12:16], "little")
     try:
-        scene = msgspec.json.decode(glb[20:end], type=_Scene)
+        scene = msgspec.json.decode(glb[20:end], type=_GlbFile)
         points = [sum(max(map(scene.count, one.used)) for one in mesh.primitives) for mesh in scene.meshes]
         drawn = sum(points[node.mesh] for node in scene.nodes if node.mesh is not None)
     except LookupError as cause:

@@ -31,7 +31,7 @@ _SAMPLES, _AT_ONCE = 64, 20_000
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class LookFault:
     """One thing that is wrong with a look."""
 
     row: int | None
@@ -53,7 +53,7 @@ def check_look(robot: Robot, document: Document, errors: Errors) -> None:
                 raise document.error(f"{called(i, row)}: {key}: {what}", ("look", "solids", i, key))
 
 
-def faults(robot: Robot, samples: int = 6) -> Iterator[Fault]:
+def faults(robot: Robot, samples: int = 6) -> Iterator[LookFault]:
     """What is wrong with the look of an arm; nothing where it has none.
 
     Besides home and rest it looks for what floats at some configurations over the limits (``samples``).
@@ -68,19 +68,19 @@ def faults(robot: Robot, samples: int = 6) -> Iterator[Fault]:
     for row in sorted({row for rows in adrift for row in rows}):
         at = next(k for k, rows in enumerate(adrift) if row in rows)
         where = f"in the pose {tuple(poses)[at]}" if at < len(poses) else f"at {_degrees(many[at])}"
-        yield Fault(
+        yield LookFault(
             row, f"floats: {where} it touches nothing that stands on the base", "move it, or make it longer"
         )
     yield from _standing(robot, solids, poses)
     for row, other in solids.hidden(np.stack(list(poses.values()))):
-        yield Fault(row, f"is inside row {other + 1} altogether, where nobody sees it", "take it out")
+        yield LookFault(row, f"is inside row {other + 1} altogether, where nobody sees it", "take it out")
     yield from _opening(robot, solids, poses["home"])
     for row, link in solids.unpinned(poses["home"]):
         what = f"its pin at {link} is in the air: no solid that moves with it is there"
-        yield Fault(row, what, "move it, add one there, or correct the turns_with of one that is")
+        yield LookFault(row, what, "move it, add one there, or correct the turns_with of one that is")
     for row, change in stretched(robot, joint_samples(robot.limits, _SAMPLES)).items():
         if change > STRETCHED_M:
-            yield Fault(
+            yield LookFault(
                 row,
                 f"the rod changes its length by {1000 * change:.1f} mm over the joint limits",
                 "its pins must make a parallelogram with the joints, or it hangs on another link",
@@ -88,14 +88,14 @@ def faults(robot: Robot, samples: int = 6) -> Iterator[Fault]:
     tool = robot.forward(poses["home"])[None, :3, 3]
     away = min(float(_apart([one], [tool])[0]) for one in solids.placed(poses["home"][None], [0.0])[0])
     if away > REACHED_M:
-        yield Fault(
+        yield LookFault(
             None,
             f"no solid comes nearer to the tool point than {1000 * away:.0f} mm",
             f"a hand or a tip goes on to it ({1000 * REACHED_M:.0f} mm or nearer)",
         )
 
 
-def _standing(robot: Robot, solids: Solids, poses: dict[str, FloatArray]) -> Iterator[Fault]:
+def _standing(robot: Robot, solids: Solids, poses: dict[str, FloatArray]) -> Iterator[LookFault]:
     """How the foot stands, and what reaches below the floor."""
     below: dict[int, tuple[float, str]] = {}
     foot = np.inf
@@ -109,22 +109,22 @@ def _standing(robot: Robot, solids: Solids, poses: dict[str, FloatArray]) -> Ite
                 if height < below.get(row, (-STANDS_M, ""))[0]:
                     below[row] = height, name
     for row, (height, name) in sorted(below.items()):
-        yield Fault(row, f"is {-1000 * height:.1f} mm below the floor in the pose {name}", "lift it")
+        yield LookFault(row, f"is {-1000 * height:.1f} mm below the floor in the pose {name}", "lift it")
     if foot == np.inf:
-        yield Fault(None, "nothing stands still with the base", "give the foot rows without joint")
+        yield LookFault(None, "nothing stands still with the base", "give the foot rows without joint")
     elif foot > STANDS_M:
-        yield Fault(
+        yield LookFault(
             None,
             f"the arm stands {1000 * foot:.1f} mm above the floor",
             "let the foot reach down to it, or say in [floor] where the floor is",
         )
 
 
-def _opening(robot: Robot, solids: Solids, q: FloatArray) -> Iterator[Fault]:
+def _opening(robot: Robot, solids: Solids, q: FloatArray) -> Iterator[LookFault]:
     """Jaws that nothing opens, and pairs that close while the gripper opens."""
     if robot.gripper is None:
         for row in dict.fromkeys(solids.rows[k] for k in solids.jaws):
-            yield Fault(row, "opens with a gripper, but the arm has none", "add a table [gripper]")
+            yield LookFault(row, "opens with a gripper, but the arm has none", "add a table [gripper]")
         return
     closed, half = solids.placed(np.stack([q, q]), [0.0, 0.5])
     for row in dict.fromkeys(solids.rows[k] for k in solids.jaws):
@@ -137,7 +137,9 @@ def _opening(robot: Robot, solids: Solids, q: FloatArray) -> Iterator[Fault]:
                 for at in (closed, half)
             )
             if after @ before < before @ before:  # nearer, or already past each other
-                yield Fault(row, "closes while the gripper opens", "change the sign of open_mm or open_deg")
+                yield LookFault(
+                    row, "closes while the gripper opens", "change the sign of open_mm or open_deg"
+                )
 
 
 def stretched(robot: Robot, q: FloatArray) -> dict[int, float]:

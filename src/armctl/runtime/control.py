@@ -19,7 +19,7 @@ _EACH_LOGGED = 5
 """wrong PINs of one name; from then on only each time that their number has doubled"""
 
 
-class ControlDesk:
+class ControlHandover:
     """Hands control from one to another. Only the controller's thread uses it."""
 
     def __init__(self, log: EventLog, pin: str = "") -> None:

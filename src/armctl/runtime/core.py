@@ -73,7 +73,7 @@ class Core:
         self._open_line = submit if open_line is None else open_line
         self.log = EventLog()
         self.notices = Notices(self.log)
-        self.desk = ControlDesk(self.log, pin)
+        self.desk = ControlHandover(self.log, pin)
         self.around = kept_out(robot)
         self.clear = KeepClear(robot)
         self.gate = Gate(robot, LONGEST_TICKS * period)

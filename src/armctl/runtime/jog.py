@@ -44,7 +44,7 @@ class Jogger(Led):
         """Stand at ``q`` (n,) [rad]; ``speed`` is the override."""
         super().__init__(robot, clear, q, speed)
         self._wanted: FloatArray | JogTool = np.zeros(robot.n)
-        self._line: ToolLine | None = None
+        self._line: JogLine | None = None
 
     def command(self, wanted: FloatArray | JogTool, expires: float) -> None:
         """Move on until ``expires`` [s]; ``wanted``: (n,) -1 ... 1 of the speed limits, or of the tool."""
@@ -80,11 +80,11 @@ class Jogger(Led):
         if expired or not isinstance(wanted, JogTool) or (self._line is None and not servo.standing):
             return np.zeros(self._robot.n), None
         if self._line is None:
-            self._line = ToolLine(self._robot, servo.q, wanted)
+            self._line = JogLine(self._robot, servo.q, wanted)
         return self._line.lead(servo, self._speed, dt, wanted)
 
 
-class ToolLine:
+class JogLine:
     """One straight line of the tool, from where it is when the jog begins, and its pitch and roll.
 
     The position comes first. What it leaves of the joints keeps the tool's pitch and roll, or the orientation

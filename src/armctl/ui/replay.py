@@ -18,7 +18,7 @@ from armctl.ui.scene.arm_figure import ARM, ArmFigure
 from armctl.ui.scene.ghost import THICKER, played
 from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
 from armctl.ui.widgets.html import ERROR, WARNING, LiveHtml, fixed, heading, muted, table
-from armctl.ui.widgets.plots import Line, LinePlot, Picture, thinned, upright
+from armctl.ui.widgets.plots import LinePlot, Picture, PlotLine, thinned, upright
 
 LOG = logging.getLogger("armctl.ui")
 _WIDTH = 460
@@ -185,9 +185,9 @@ class ReplayPage:
         known = [one for one in (sent, read) if np.isfinite(one).any()]
         low = min((float(np.nanmin(one)) for one in known), default=0.0)
         high = max((float(np.nanmax(one)) for one in known), default=1.0)
-        lines = [Line("setpoint", sent, "#e8590c"), Line("reading", read, "#1971c2", (3, 4), 2.2)]
+        lines = [PlotLine("setpoint", sent, "#e8590c"), PlotLine("reading", read, "#1971c2", (3, 4), 2.2)]
         if len(x) > 1:
-            lines.append(Line("shown", upright(x, self._now, low, high), "#495057"))
+            lines.append(PlotLine("shown", upright(x, self._now, low, high), "#495057"))
         self._plot.show(Picture(f"{self._joint.value} °", "s before the end", x, tuple(lines)))
 
 

@@ -45,7 +45,7 @@ class Session:
 
     def __init__(self, client: viser.ClientHandle, robots: RobotSwitch) -> None:
         self.client = client
-        self._notices = Notices(client)
+        self._notices = Notifications(client)
         self.robots = robots
         self.console = robots.console
         self._tasks: set[asyncio.Task[None]] = set()
@@ -441,7 +441,7 @@ class _Offer:
     anyone: bool
 
 
-class Notices:
+class Notifications:
     """One page's newest few notifications; the same again replaces the first, one too many the oldest."""
 
     def __init__(self, client: viser.ClientHandle) -> None:

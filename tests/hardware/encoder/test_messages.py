@@ -11,11 +11,11 @@ from tests.avr.encoder_conformance import crc16 as crc16_bit_by_bit
 
 from armctl.errors import BoardError, BoardProtocolError, InputError, StateError
 from armctl.hardware.encoder.messages import (
-    Answer,
     Banner,
     BoardFlag,
     FaultKind,
     LineReader,
+    LineReply,
     Mode,
     Status,
     crc16,
@@ -49,10 +49,10 @@ def said(text: str):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("7 ok", Answer(7, "")),
-        ("65535 ok a b=1", Answer(65535, "a b=1")),
-        ("9 err LIMIT 2 600 -500 500", Answer(9, "2 600 -500 500", "LIMIT")),
-        ("0 err CRC", Answer(0, "", "CRC")),
+        ("7 ok", LineReply(7, "")),
+        ("65535 ok a b=1", LineReply(65535, "a b=1")),
+        ("9 err LIMIT 2 600 -500 500", LineReply(9, "2 600 -500 500", "LIMIT")),
+        ("0 err CRC", LineReply(0, "", "CRC")),
         ("! home failed 3 notfound", ("home", "failed", "3", "notfound")),
         ("# armctl-encoder 1.2.0 proto=3 axes=6 reset=external", BANNER),
         ("@ 12340 T 23 02 09 000910000000 040f00 0 -120 4000 7 8 -2147483648", STATUS),
@@ -129,7 +129,7 @@ def test_whatever_comes_is_a_message_or_a_protocol_error(data):
     ],
 )
 def test_refusals_in_words(code, kind, words):
-    error = Answer(5, "3", code).error("EN 1")
+    error = LineReply(5, "3", code).error("EN 1")
     assert type(error) is kind
     assert "the board refused 'EN 1'" in str(error)
     assert words in str(error)

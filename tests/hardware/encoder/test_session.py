@@ -10,7 +10,7 @@ from tests.hardware.lines import LoopTransport
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError, StateError
 from armctl.hardware import ByteModel
-from armctl.hardware.encoder.messages import Answer, Banner, Realtime, seal
+from armctl.hardware.encoder.messages import Banner, LineReply, Realtime, seal
 from armctl.hardware.encoder.session import EncoderSession
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
 from armctl.protocol import ManualClock
@@ -121,7 +121,7 @@ def test_a_posted_line_is_not_waited_for(wire: Wire, session: EncoderSession, cl
     wire.expect(EN_1)
     session.post("EN 1")
     wire.incoming = seal("1 err OFF first") + seal("2 err HOLD second") + seal("7 err FAULT of another")
-    assert session.settle() == (Answer(1, "first", "OFF"), Answer(2, "second", "HOLD"))
+    assert session.settle() == (LineReply(1, "first", "OFF"), LineReply(2, "second", "HOLD"))
     assert session.settle() == ()
     assert clock.now() == began
 

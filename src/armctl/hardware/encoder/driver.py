@@ -22,7 +22,16 @@ from armctl.hardware.encoder.messages import (
     lost_words,
 )
 from armctl.hardware.encoder.session import UNKNOWN_RESET, EncoderSession, protocol_advice
-from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checked, ok, round_trips, warning
+from armctl.hardware.findings import (
+    ChannelsToCheck,
+    CheckUp,
+    Finding,
+    failed,
+    not_checked,
+    ok,
+    round_trips,
+    warning,
+)
 from armctl.hardware.transport import Connection
 
 WATCHDOG_MS = 500
@@ -361,7 +370,7 @@ def examine_encoder(check_up: CheckUp) -> list[Finding]:
     ]
 
 
-def _axes(banner: Banner, needs: Needs) -> Finding:
+def _axes(banner: Banner, needs: ChannelsToCheck) -> Finding:
     if not needs.channels:
         return needs.not_known("channels")
     axes = [one.channel for one in needs.channels]

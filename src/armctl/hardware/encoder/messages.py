@@ -277,7 +277,7 @@ _WHY = {
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class LineReply:
     """What the board answers to line ``sequence``; 0: it could not read a line."""
 
     sequence: int
@@ -313,7 +313,7 @@ class Banner:
         return f"{self.firmware} {self.version} proto={self.protocol} axes={self.axes} reset={self.reset}"
 
 
-Message = Answer | Status | Banner | tuple[str, ...]
+Message = LineReply | Status | Banner | tuple[str, ...]
 """a tuple: the words of an event on the board, as ``("homed", "3")``"""
 
 
@@ -330,7 +330,7 @@ def decode(line: bytes) -> Message:
     found = _ANSWER.fullmatch(text)
     if found is None or int(found[1]) > LARGEST_SEQUENCE:
         raise BoardProtocolError(f"{text!r} is nothing that an armctl encoder board says")
-    return Answer(int(found[1]), found[2] or found[4] or "", found[3] or "")
+    return LineReply(int(found[1]), found[2] or found[4] or "", found[3] or "")
 
 
 def decode_banner(text: str) -> Banner:

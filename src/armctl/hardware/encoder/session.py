@@ -15,9 +15,9 @@ from armctl.hardware.encoder.messages import (
     LARGEST_SEQUENCE,
     LONGEST_MESSAGE,
     PROTOCOL,
-    Answer,
     Banner,
     LineReader,
+    LineReply,
     Message,
     Realtime,
     Status,
@@ -65,7 +65,7 @@ class _InFlight:
     text: str
     line: bytes
     awaited: bool
-    reply: Answer | None = None
+    reply: LineReply | None = None
     unreadable: bool = False
 
 
@@ -86,7 +86,7 @@ class EncoderSession:
         self._in_flight: _InFlight | None = None
         self._superseded: deque[int] = deque(maxlen=_MOST_SUPERSEDED)
         self._waiting_since = self._sent_at = self._status_at = now()
-        self._refused: list[Answer] = []
+        self._refused: list[LineReply] = []
         self._greeting = True
         self._prelude = b""  # the first bytes that came before the board was known, whoever sent them
         self._board_ms: int | None = None
@@ -179,7 +179,7 @@ class EncoderSession:
         """Send the line for ``text`` in place of a posted one; ``settle`` takes the answer."""
         self._ask(text, awaited=False)
 
-    def settle(self) -> tuple[Answer, ...]:
+    def settle(self) -> tuple[LineReply, ...]:
         """The refusals of posted lines; resends the newest if due. ``BoardTimeoutError`` if that fails."""
         self.drain()
         refused, self._refused = tuple(self._refused), []
@@ -270,7 +270,7 @@ class EncoderSession:
                 continue
             self.spoken = True
             match message:
-                case Answer():
+                case LineReply():
                     self._accept_answer(message)
                 case Status():
                     # A clock that goes back shows a restart also where its banner was lost.
@@ -291,7 +291,7 @@ class EncoderSession:
                 case _:
                     pass
 
-    def _accept_answer(self, answer: Answer) -> None:
+    def _accept_answer(self, answer: LineReply) -> None:
         sent = self._in_flight
         if sent is not None and answer.sequence == 0:
             sent.unreadable = True

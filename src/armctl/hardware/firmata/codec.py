@@ -17,7 +17,7 @@ _MAX_14_BIT = 0x3FFF
 _MAX_PIN = 0x7F
 
 
-class Command(IntEnum):
+class MessageStart(IntEnum):
     """Bytes that begin a message, in both directions."""
 
     DIGITAL_MESSAGE = 0x90
@@ -65,10 +65,10 @@ END_OF_PIN = 0x7F
 
 def sysex(kind: Sysex, *data: int) -> bytes:
     """A message of any length, of data bytes of 7 bits."""
-    return bytes((Command.START_SYSEX, kind, *data, Command.END_SYSEX))
+    return bytes((MessageStart.START_SYSEX, kind, *data, MessageStart.END_SYSEX))
 
 
-VERSION_QUERY = bytes((Command.REPORT_VERSION,))
+VERSION_QUERY = bytes((MessageStart.REPORT_VERSION,))
 """the only question that does no harm whatever the board has received before: inside an unfinished sysex it
 is one more data byte, and it does not end that sysex"""
 FIRMWARE_QUERY = sysex(Sysex.REPORT_FIRMWARE)
@@ -86,13 +86,13 @@ def pin_state_query(pin: int) -> bytes:
 def pin_mode(pin: int, mode: PinMode) -> bytes:
     """Set a pin's mode; every mode but SERVO detaches a servo."""
     _check("pin", pin, 0, _MAX_PIN)
-    return bytes((Command.SET_PIN_MODE, pin, mode))
+    return bytes((MessageStart.SET_PIN_MODE, pin, mode))
 
 
 def pin_low(pin: int) -> bytes:
     """Set a pin low that is an output; sketches before protocol 2.5 ignore it."""
     _check("pin", pin, 0, _MAX_PIN)
-    return bytes((Command.SET_DIGITAL_PIN, pin, 0))
+    return bytes((MessageStart.SET_DIGITAL_PIN, pin, 0))
 
 
 def servo_config(pin: int, minimum_us: int, maximum_us: int) -> bytes:
@@ -201,7 +201,7 @@ Reply: TypeAlias = VersionReport | FirmwareReport | CapabilityReport | PinState 
 _LONGEST_SYSEX = 8192
 """the capabilities of a Mega are about 700 bytes; anything this long is no Firmata"""
 _COMMAND_BIT = 0x80
-_START, _PIN_ENDS = bytes((Command.START_SYSEX,)), bytes((END_OF_PIN,))
+_START, _PIN_ENDS = bytes((MessageStart.START_SYSEX,)), bytes((END_OF_PIN,))
 _DECODED = (Sysex.REPORT_FIRMWARE, Sysex.CAPABILITY_RESPONSE, Sysex.PIN_STATE_RESPONSE, Sysex.STRING_DATA)
 
 
@@ -220,30 +220,32 @@ class ReplyParser:
         replies: list[Reply] = []
         for byte in data:
             raw = self._raw
-            if byte == Command.END_SYSEX and raw.startswith(_START):
+            if byte == MessageStart.END_SYSEX and raw.startswith(_START):
                 self._raw = bytearray()
                 replies += _decode(bytes(raw[1:]))
             elif byte & _COMMAND_BIT:
                 replies += [Malformed(bytes(raw))] if raw else []
-                name_report = bytes(raw) == _START and byte == Command.REPORT_VERSION  # with one bit wrong
+                name_report = (
+                    bytes(raw) == _START and byte == MessageStart.REPORT_VERSION
+                )  # with one bit wrong
                 self._raw = bytearray((byte,) if _length(byte) and not name_report else ())
             elif raw:
                 raw.append(byte)
                 if len(raw) == _length(raw[0]):
                     self._raw = bytearray()
-                    if raw[0] == Command.REPORT_VERSION:
+                    if raw[0] == MessageStart.REPORT_VERSION:
                         replies.append(VersionReport(raw[1], raw[2]))
-                    elif raw[0] == Command.START_SYSEX:
+                    elif raw[0] == MessageStart.START_SYSEX:
                         replies.append(Malformed(bytes(raw)))
         return replies
 
 
 def _length(command: int) -> int:
     """Bytes of a message that begins so, of a sysex the most; 0 where none does."""
-    if command == Command.START_SYSEX:
+    if command == MessageStart.START_SYSEX:
         return _LONGEST_SYSEX
-    reported = command & 0xF0 in (Command.ANALOG_MESSAGE, Command.DIGITAL_MESSAGE)
-    return 3 if reported or command == Command.REPORT_VERSION else 0
+    reported = command & 0xF0 in (MessageStart.ANALOG_MESSAGE, MessageStart.DIGITAL_MESSAGE)
+    return 3 if reported or command == MessageStart.REPORT_VERSION else 0
 
 
 def _decode(body: bytes) -> list[Reply]:

@@ -7,7 +7,16 @@ from collections.abc import Mapping, Sequence
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.facts import Unanswered
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
-from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checked, ok, round_trips, warning
+from armctl.hardware.findings import (
+    ChannelsToCheck,
+    CheckUp,
+    Finding,
+    failed,
+    not_checked,
+    ok,
+    round_trips,
+    warning,
+)
 from armctl.hardware.firmata import HOW_TO_LOAD, SCALE, codec, pin_table
 from armctl.hardware.firmata.codec import BoardText, FirmwareReport, Malformed, PinMode, PinState, Reply
 from armctl.hardware.firmata.line import FirmataLine
@@ -369,7 +378,7 @@ def examine_firmata(check_up: CheckUp) -> list[Finding]:
     ]
 
 
-def _pins(needs: Needs, servo_pins: Sequence[int]) -> list[Finding]:
+def _pins(needs: ChannelsToCheck, servo_pins: Sequence[int]) -> list[Finding]:
     """Whether the board can drive a servo on each pin, in the range that the robot file wants."""
     problems: list[str] = []
     for one in needs.channels:

@@ -7,7 +7,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from armctl.errors import InputError
-from armctl.hardware.firmata.codec import END_OF_PIN, Command, PinMode, Sysex, split_14_bits, sysex
+from armctl.hardware.firmata.codec import END_OF_PIN, MessageStart, PinMode, Sysex, split_14_bits, sysex
 
 # One servo of a simulated sketch: what the Arduino Servo library does with what it is given.
 
@@ -103,7 +103,7 @@ _MOST_MISSED = 50
 """rounds of analog reports that are made up for after nobody has looked at the board for a while"""
 _TIME_SLACK_S = 1e-9
 _VERSION = (2, 3)
-_VERSION_REPORT = bytes((Command.REPORT_VERSION, *_VERSION))
+_VERSION_REPORT = bytes((MessageStart.REPORT_VERSION, *_VERSION))
 
 
 def _with_text(kind: Sysex, text: str, *data: int) -> bytes:
@@ -196,7 +196,7 @@ class SimulatedFirmata:
             return b""
         values = [(channel, self.analog[channel]) for channel in sorted(self._channels)]
         one = b"".join(
-            bytes((Command.ANALOG_MESSAGE | channel, *split_14_bits(value)))
+            bytes((MessageStart.ANALOG_MESSAGE | channel, *split_14_bits(value)))
             for channel, value in values
             if self._modes[_FIRST_ANALOG_PIN + channel] == PinMode.ANALOG
         )
@@ -205,21 +205,21 @@ class SimulatedFirmata:
     def _obey(self, message: SketchMessage) -> bytes:
         data = message.data
         match message.command:
-            case Command.START_SYSEX if len(data) > SYSEX_BUFFER:
+            case MessageStart.START_SYSEX if len(data) > SYSEX_BUFFER:
                 self._crashed = True
-            case Command.START_SYSEX if data:
+            case MessageStart.START_SYSEX if data:
                 return self._obey_sysex(data[0], data[1:])
-            case Command.REPORT_VERSION:
+            case MessageStart.REPORT_VERSION:
                 return _VERSION_REPORT
-            case Command.SYSTEM_RESET:
+            case MessageStart.SYSTEM_RESET:
                 for pin in range(PINS):
                     self._set_mode(pin, _mode_after_reset(pin))
                 self._channels.clear()
-            case Command.REPORT_ANALOG:
+            case MessageStart.REPORT_ANALOG:
                 self._report_analog(message.channel, data[0] != 0)
-            case Command.SET_PIN_MODE:
+            case MessageStart.SET_PIN_MODE:
                 return self._set_mode(data[0], data[1])
-            case Command.ANALOG_MESSAGE:
+            case MessageStart.ANALOG_MESSAGE:
                 self._analog_write(message.channel, data[0] | data[1] << 7)
             case _:
                 pass  # digital pins and their reports: no input ever changes
@@ -305,14 +305,14 @@ SYSEX_BUFFER = 64
 
 _COMMAND_BIT = 0x80
 _DATA_BYTES: dict[int, int] = {
-    Command.ANALOG_MESSAGE: 2,
-    Command.DIGITAL_MESSAGE: 2,
-    Command.SET_PIN_MODE: 2,
-    Command.SET_DIGITAL_PIN: 2,
-    Command.REPORT_ANALOG: 1,
-    Command.REPORT_DIGITAL: 1,
-    Command.REPORT_VERSION: 0,
-    Command.SYSTEM_RESET: 0,
+    MessageStart.ANALOG_MESSAGE: 2,
+    MessageStart.DIGITAL_MESSAGE: 2,
+    MessageStart.SET_PIN_MODE: 2,
+    MessageStart.SET_DIGITAL_PIN: 2,
+    MessageStart.REPORT_ANALOG: 1,
+    MessageStart.REPORT_DIGITAL: 1,
+    MessageStart.REPORT_VERSION: 0,
+    MessageStart.SYSTEM_RESET: 0,
 }
 
 
@@ -320,7 +320,7 @@ _DATA_BYTES: dict[int, int] = {
 class SketchMessage:
     """A command and its data: of a sysex any bytes at all, for the sketch does not look at them."""
 
-    command: Command
+    command: MessageStart
     data: bytes = b""
     channel: int = 0  # of commands below F0
 
@@ -334,7 +334,7 @@ class SketchParser:
 
     def __init__(self) -> None:
         self._sysex: bytearray | None = None
-        self._command: Command | None = None
+        self._command: MessageStart | None = None
         self._channel = 0
         self._data = bytearray()
 
@@ -355,22 +355,22 @@ class SketchParser:
         return message
 
     def _push_sysex(self, body: bytearray, byte: int) -> SketchMessage | None:
-        if byte == Command.END_SYSEX:
+        if byte == MessageStart.END_SYSEX:
             self._sysex = None
         else:
             body.append(byte)
             if len(body) <= SYSEX_BUFFER:
                 return None
-        return SketchMessage(Command.START_SYSEX, bytes(body))
+        return SketchMessage(MessageStart.START_SYSEX, bytes(body))
 
     def _begin(self, byte: int) -> SketchMessage | None:
-        channel = byte & 0x0F if byte < Command.START_SYSEX else 0
-        if byte == Command.START_SYSEX:
+        channel = byte & 0x0F if byte < MessageStart.START_SYSEX else 0
+        if byte == MessageStart.START_SYSEX:
             self._sysex = bytearray()
         length = _DATA_BYTES.get(byte - channel)
         if length is None:  # a sysex, or a command that the sketch does not know
             return None
-        command = Command(byte - channel)
+        command = MessageStart(byte - channel)
         if length == 0:
             return SketchMessage(command)
         self._command, self._channel, self._data = command, channel, bytearray()

@@ -9,7 +9,16 @@ from typing import TypeVar
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.facts import Unanswered
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
-from armctl.hardware.findings import CheckUp, Finding, Needs, failed, not_checked, ok, round_trips, warning
+from armctl.hardware.findings import (
+    ChannelsToCheck,
+    CheckUp,
+    Finding,
+    failed,
+    not_checked,
+    ok,
+    round_trips,
+    warning,
+)
 from armctl.hardware.maestro import (
     FACTORY_MAXIMUM_US,
     FACTORY_MINIMUM_US,
@@ -347,7 +356,9 @@ def examine_maestro(check_up: CheckUp, model: MaestroModel | None) -> list[Findi
     ]
 
 
-def _channels(line: MaestroLine, model: MaestroModel | None, count: int, needs: Needs) -> list[Finding]:
+def _channels(
+    line: MaestroLine, model: MaestroModel | None, count: int, needs: ChannelsToCheck
+) -> list[Finding]:
     """Whether the board has the channels, and what they do now."""
     wanted = sorted(one.channel for one in needs.channels)
     if not wanted:
@@ -376,7 +387,7 @@ def _channels(line: MaestroLine, model: MaestroModel | None, count: int, needs: 
     return findings
 
 
-def _ranges(needs: Needs) -> Finding:
+def _ranges(needs: ChannelsToCheck) -> Finding:
     """The board's own ranges cannot be read over a serial port; the factory's are known."""
     wider = [
         f"channel {one.channel} {one.minimum:g} … {one.maximum:g} µs"

@@ -81,7 +81,7 @@ class Ends(NamedTuple):
 
 def followed(chain: Chain, pose: FloatArray, beside: Beside, starts: ComplexArray, unit: float) -> Ends:
     """Where the paths from configurations ``starts`` (m, 6) of the complex pose end."""
-    way = _Way(chain, pose, beside, unit)
+    way = _PosePath(chain, pose, beside, unit)
     q, share, step = starts, np.ones(len(starts)), np.full(len(starts), _FIRST)
     jacobian = way.off(q, share)[1]
     ended, left = [q[:0]], [share[:0]]
@@ -131,7 +131,7 @@ def unreal(q: ComplexArray) -> FloatArray:
     return np.abs(q.imag).max(axis=1, initial=0.0)
 
 
-class _Way:
+class _PosePath:
     """The way from the complex pose to the one that is asked for."""
 
     def __init__(self, chain: Chain, pose: FloatArray, beside: Beside, unit: float) -> None:

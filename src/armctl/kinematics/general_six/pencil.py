@@ -46,7 +46,7 @@ class Candidates(NamedTuple):
     """(m, 24) how far rounding may have carried each [rad]; to first order"""
 
 
-class Loop:
+class ArmPencil:
     """The constants of one arm. Immutable."""
 
     def __init__(self, chain: Chain) -> None:

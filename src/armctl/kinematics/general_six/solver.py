@@ -14,7 +14,7 @@ from armctl.kinematics.angles import distinct, wrapped
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.general_six.paths import Beside, followed, meeting, unreal
-from armctl.kinematics.general_six.pencil import Candidates, ComplexArray, Loop
+from armctl.kinematics.general_six.pencil import ArmPencil, Candidates, ComplexArray
 from armctl.kinematics.newton import newton
 from armctl.kinematics.numeric.goals import rotation_vectors
 from armctl.kinematics.numeric.solver import roll_joint
@@ -22,7 +22,7 @@ from armctl.kinematics.samples import even_spread
 from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.target import Target
-from armctl.kinematics.whole_pose import HIDDEN, Ways, WholePoses, misses, polished
+from armctl.kinematics.whole_pose import HIDDEN, Configurations, WholePoses, misses, polished
 
 _MOST = 16
 """no arm of six joints has more isolated configurations for a pose (E. J. F. Primrose, 1986)"""
@@ -69,7 +69,7 @@ class GeneralSixSolver(InverseKinematics):
         super().__init__(chain, limits, energy, titles, roll_joint=roll_joint(chain))
         self._names = tuple(f"way {i + 1}" for i in range(_MOST))
         self._answers = WholePoses(chain, limits, energy, titles, self._names, self._roll, self.of)
-        self._loop = Loop(chain)
+        self._loop = ArmPencil(chain)
 
     @classmethod
     def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:
@@ -91,7 +91,7 @@ class GeneralSixSolver(InverseKinematics):
             q[i, : len(ways)] = ways
         return BatchSolutions(q, ~np.isnan(q[..., 0]), self._names)
 
-    def _every_way(self, pose: FloatArray, _: FloatArray | None) -> Ways:
+    def _every_way(self, pose: FloatArray, _: FloatArray | None) -> Configurations:
         q, sure = self._isolated(pose)
         least = self._singular_values(q)
         reason = None if sure else HIDDEN
@@ -107,7 +107,7 @@ class GeneralSixSolver(InverseKinematics):
                 "singular: joints can turn here without moving the tool; a spread of that continuum is listed"
             )
         branch = np.minimum(np.arange(len(q)), _MOST - 1).astype(np.int8)
-        return Ways(q, branch, reason)
+        return Configurations(q, branch, reason)
 
     def _isolated(self, pose: FloatArray) -> tuple[FloatArray, bool]:
         """(k, 6) configurations of a pose (4, 4) [rad], and whether it is sure that there are no more."""

@@ -24,7 +24,7 @@ _LEAST_DAMPING, _MOST_DAMPING = 1e-12, 1e9
 _PATIENCE = 8
 
 
-class Effort(NamedTuple):
+class StoppingRule(NamedTuple):
     """When a descent stops."""
 
     iterations: int
@@ -36,7 +36,7 @@ class Effort(NamedTuple):
     """True where the second derivatives are exact, and so may be those of a saddle"""
 
 
-def descend(objective: Objective, q: FloatArray, box: FloatArray, effort: Effort) -> FloatArray:
+def descend(objective: Objective, q: FloatArray, box: FloatArray, effort: StoppingRule) -> FloatArray:
     """Where starts ``q`` (k, n) come to on the way down (k, n), never outside a ``box`` ([k,] n, 2)."""
     q, boxes = q.copy(), np.broadcast_to(box, (*q.shape, 2))
     live: IndexArray = np.arange(len(q))
@@ -122,13 +122,13 @@ class Starts:
 # Meeting goals inside joint limits: all of them from many starts, or one strictly before another.
 # ``q`` are (k, n) starts inside the ``box`` (n, 2); what comes back (k, n) is inside it too [rad].
 
-_SEARCH = Effort(iterations=80, floor=0.5e-26, progress=0.02)
-_POLISH = Effort(iterations=60, floor=0.5e-28)
-_NEAREST = Effort(iterations=150, indefinite=True)
-_INNER = Effort(iterations=40, indefinite=True)
+_SEARCH = StoppingRule(iterations=80, floor=0.5e-26, progress=0.02)
+_POLISH = StoppingRule(iterations=60, floor=0.5e-28)
+_NEAREST = StoppingRule(iterations=150, indefinite=True)
+_INNER = StoppingRule(iterations=40, indefinite=True)
 _STIFFNESS = 1e3
 _OUTER = 8
-_ROUGH, _ROUGH_OUTER = Effort(iterations=8, indefinite=True), 3
+_ROUGH, _ROUGH_OUTER = StoppingRule(iterations=8, indefinite=True), 3
 
 
 def meet(chain: Chain, goal: Goal, q: FloatArray, box: FloatArray, polish: bool = False) -> FloatArray:

@@ -45,7 +45,7 @@ _SAME = 1e-9
 """rolls this near to each other are one [rad]"""
 
 
-class Place(NamedTuple):
+class BaseTarget(NamedTuple):
     """A target in the coordinates of the base axis: forward, left, up [m]."""
 
     x: float
@@ -55,7 +55,7 @@ class Place(NamedTuple):
     """[rad]; None with two pitch joints, where the position decides it"""
 
 
-class _Way(NamedTuple):
+class _FacingBranch(NamedTuple):
     """One way to face the target, to point and to bend."""
 
     back: int
@@ -82,7 +82,7 @@ class RollSweep:
         self._ranges: list[tuple[float, float]] = [(low, high) for low, high in limits.tolist()]
         self._wide = bool((limits[:-1, 1] - limits[:-1, 0] >= TWO_PI - 2.0 * LIMIT_TOLERANCE).any())
 
-    def solve(self, place: Place, step: float) -> Rows:
+    def solve(self, place: BaseTarget, step: float) -> Rows:
         """Every configuration with the roll on the grid of a step [rad].
 
         Where a whole interval lies between two values of the grid, one in its middle.
@@ -108,7 +108,7 @@ class RollSweep:
             found.append(self._rows(way, *self._follow(place, way, rolls), rolls))
         return self._together(found)
 
-    def at(self, place: Place, rolls: FloatArray, start: FloatArray | None = None) -> Rows:
+    def at(self, place: BaseTarget, rolls: FloatArray, start: FloatArray | None = None) -> Rows:
         """Every configuration at roll angles (m,) [rad]."""
         ways = list(self._ways(place))
         return self._together(
@@ -116,7 +116,7 @@ class RollSweep:
         )
 
     def candidates(
-        self, place: Place, start: FloatArray, weights: FloatArray, step: float, listed: FloatArray
+        self, place: BaseTarget, start: FloatArray, weights: FloatArray, step: float, listed: FloatArray
     ) -> FloatArray:
         """Configurations (m, n) among which Σ weight · |θ - start| is least, (n,) [rad] and positive.
 
@@ -138,7 +138,7 @@ class RollSweep:
             reach *= 2.0 / (_ZOOM - 1)
         return np.concatenate([*kept, best[None]])
 
-    def _ways(self, place: Place) -> Iterator[_Way]:
+    def _ways(self, place: BaseTarget) -> Iterator[_FacingBranch]:
         plane = self._geometry.plane
         pitch = place.pitch
         readings = tool_angles(pitch)
@@ -150,9 +150,11 @@ class RollSweep:
                 outward = 0.0 if angle is None else (1 - 2 * back) * math.cos(angle)
                 turn = None if angle is None else angle - zero
                 for sense in (1, -1):
-                    yield _Way(back, turn, outward < -LEVEL, sense)
+                    yield _FacingBranch(back, turn, outward < -LEVEL, sense)
 
-    def _follow(self, place: Place, way: _Way, rolls: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    def _follow(
+        self, place: BaseTarget, way: _FacingBranch, rolls: FloatArray
+    ) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Joint angles (m, n) [rad] of a way at roll angles (m,), and where they are inside the limits.
 
         Of equal angles the one nearest to zero.
@@ -194,7 +196,7 @@ class RollSweep:
             q[:, joint] = column
         return np.clip(q, *self._limits.T), ok
 
-    def _rows(self, way: _Way, q: FloatArray, ok: NDArray[np.bool_], rolls: FloatArray) -> Rows:
+    def _rows(self, way: _FacingBranch, q: FloatArray, ok: NDArray[np.bool_], rolls: FloatArray) -> Rows:
         kept = q[ok]
         kept[:, -1] = rolls[ok]
         index = np.full(len(kept), branch_index(not way.back, way.sense, way.tool_in), dtype=np.int8)
@@ -213,7 +215,7 @@ class RollSweep:
 
     # Where feasibility may change.
 
-    def knots(self, place: Place, kinks: FloatArray | None = None) -> FloatArray:
+    def knots(self, place: BaseTarget, kinks: FloatArray | None = None) -> FloatArray:
         """Roll angles (m,) inside the limits, rising, the limits included [rad].
 
         With ``kinks`` (n,) [rad], angles of the joints, also where a joint is at its one.
@@ -226,7 +228,7 @@ class RollSweep:
         inside = [image for angle in found for image in images(angle, low, high)]
         return np.unique([low, *inside, high])
 
-    def _base_knots(self, place: Place, kinks: FloatArray | None) -> Iterator[float]:
+    def _base_knots(self, place: BaseTarget, kinks: FloatArray | None) -> Iterator[float]:
         """Where the tool plane touches the target's circle about the base axis, or the base is at a limit."""
         rho, azimuth = math.hypot(place.x, place.y), math.atan2(place.y, place.x)
         values = [rho, -rho]
@@ -236,7 +238,7 @@ class RollSweep:
             yield from circle_angles(*self._geometry.side, value)[0]
 
     def _locks(
-        self, place: Place, turn: float | None, kinks: FloatArray | None
+        self, place: BaseTarget, turn: float | None, kinks: FloatArray | None
     ) -> Iterator[tuple[FloatArray, int]]:
         """Values at ``_SAMPLES`` rolls, and the degree, of polynomials that are zero at the knots."""
         geometry, plane = self._geometry, self._geometry.plane
@@ -277,7 +279,7 @@ class RollSweep:
         stretched = (G * G + 4.0 * a1 * a1 * square - 4.0 * l2 * l2 * size) ** 2
         yield stretched - 16.0 * a1 * a1 * square * G * G, _STRETCHED_DEGREE
 
-    def pitch_rolls(self, place: Place, pitch: float) -> FloatArray:
+    def pitch_rolls(self, place: BaseTarget, pitch: float) -> FloatArray:
         """Roll angles (m,) inside the limits at which two pitch joints may hold the tool at a pitch [rad]."""
         geometry, plane = self._geometry, self._geometry.plane
         rolls = np.linspace(0.0, TWO_PI, _SAMPLES, endpoint=False)

@@ -19,7 +19,7 @@ from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel
 from armctl.kinematics.numeric.solver import NumericSolver
 from armctl.kinematics.offset_roll.geometry import OffsetRoll, recognise_offset_roll
-from armctl.kinematics.offset_roll.roll_sweep import Place, RollSweep
+from armctl.kinematics.offset_roll.roll_sweep import BaseTarget, RollSweep
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step
 from armctl.kinematics.solutions import Further, Solutions, SolvedArm
 from armctl.kinematics.solver import InverseKinematics, held_roll
@@ -145,8 +145,8 @@ class OffsetRollSolver(InverseKinematics):
             chain, plane, self.limits[:-1], self.energy, self.titles[:-1], compiled=False
         )
 
-    def _place(self, target: Target) -> Place:
-        return Place(*self.geometry.plane.local_of(*target.point), target.pitch)
+    def _place(self, target: Target) -> BaseTarget:
+        return BaseTarget(*self.geometry.plane.local_of(*target.point), target.pitch)
 
     # A roll given, or several.
 
@@ -192,14 +192,14 @@ class OffsetRollSolver(InverseKinematics):
             further=partial(self._swept_travel, place, step, rows.q),
         )  # fmt: skip
 
-    def _swept_optimum(self, place: Place, step: float, rows: FloatArray) -> FloatArray:
+    def _swept_optimum(self, place: BaseTarget, step: float, rows: FloatArray) -> FloatArray:
         """(n,) that of least rotation, from the rows of a sweep on."""
         zero, ones = np.zeros(self.chain.n), np.ones(self.chain.n)
         found = self._sweep.candidates(place, zero, ones, step, rows)
         return found[int(np.abs(found).sum(axis=1).argmin())].copy()
 
     def _swept_travel(
-        self, place: Place, step: float, rows: FloatArray, _: Criterion, start: FloatArray
+        self, place: BaseTarget, step: float, rows: FloatArray, _: Criterion, start: FloatArray
     ) -> FloatArray:
         """(m, n) among which that of least travel is."""
         return self._sweep.candidates(place, start, 1.0 / self.energy.speed_limits, step, rows)

@@ -54,7 +54,7 @@ _UNMOVED = 1e-11
 IndexArray = NDArray[np.intp]
 
 
-class Found(NamedTuple):
+class LockedSolutions(NamedTuple):
     """Configurations that meet a pose, each for one of the angles of the locked joint."""
 
     row: IndexArray
@@ -117,7 +117,7 @@ class LockedArm:
         """Of the inner product of the ways from the elbow axis to W and to P, over θ3 [m²]."""
         return circle(self.axes[3], self.wrist - self.elbow, self.shoulder - self.elbow)
 
-    def solve(self, pose: FloatArray, angles: FloatArray, limits: FloatArray) -> Found:
+    def solve(self, pose: FloatArray, angles: FloatArray, limits: FloatArray) -> LockedSolutions:
         """Every solution inside limits (7, 2) [rad] of ``T_base_tool`` (4, 4), for angles (k,) [rad]."""
         h: list[Columns] = [tuple(axis) for axis in self.axes.tolist()]
         limits = limits if self.joint == 0 else limits[::-1]
@@ -169,7 +169,7 @@ class LockedArm:
         branch = 4 * elbow[of] + 2 * shoulder[of] + wrist
         if self.joint != 0:
             q = q[:, ::-1]
-        return Found(row[of][inside], branch[inside], q[inside])
+        return LockedSolutions(row[of][inside], branch[inside], q[inside])
 
 
 def _taken(a: Columns, of: IndexArray) -> Columns:

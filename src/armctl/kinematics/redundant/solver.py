@@ -15,7 +15,7 @@ from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, all_images, images
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel, energies
 from armctl.kinematics.numeric.solver import NumericSolver
-from armctl.kinematics.redundant.locked import JOINTS, Found, IndexArray, LockedArm
+from armctl.kinematics.redundant.locked import JOINTS, IndexArray, LockedArm, LockedSolutions
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step, grid_values
 from armctl.kinematics.solutions import Solutions, SolvedArm
 from armctl.kinematics.solver import InverseKinematics
@@ -117,7 +117,7 @@ class RedundantSolver(InverseKinematics):
         """See ``InverseKinematics``; by the free joint in steps of a degree."""
         return len(self._locked.solve(pose, _EVERY_DEGREE, _ANY).q) > 0
 
-    def _with(self, pose: FloatArray, found: Found, q: FloatArray) -> Found:
+    def _with(self, pose: FloatArray, found: LockedSolutions, q: FloatArray) -> LockedSolutions:
         """With a configuration (7,) among them that meets the pose: of a singular one not all are listed."""
         low, high = self.limits.T
         if ((q < low) | (q > high)).any() or not self._meets(pose, q[None])[0]:
@@ -128,7 +128,7 @@ class RedundantSolver(InverseKinematics):
             return found
         lane = found.branch[nearest] if len(apart) else 0
         rows, branch = self._along(np.vstack([found.q, q]), np.append(found.branch, lane))
-        return Found(np.arange(len(rows)), branch, rows)
+        return LockedSolutions(np.arange(len(rows)), branch, rows)
 
     def _grid(self, step: float, start: FloatArray | None) -> FloatArray:
         """The angles of the sweep (k,) [rad], rising: no more than a turn, its images are added later."""
@@ -142,7 +142,7 @@ class RedundantSolver(InverseKinematics):
             angles = np.sort(np.append(angles[np.abs(angles - angle) > _SAME], angle))
         return angles
 
-    def _listed(self, pose: FloatArray, angles: FloatArray, step: float) -> Found:
+    def _listed(self, pose: FloatArray, angles: FloatArray, step: float) -> LockedSolutions:
         """What the angles (k,) have, and the ends between them; along each branch."""
         angles = np.unique(angles)
         found = self._locked.solve(pose, angles, self.limits)
@@ -164,7 +164,7 @@ class RedundantSolver(InverseKinematics):
         middle, lane = self._between(pose, q, branch, step)
         q, branch = self._along(np.concatenate([q, middle]), np.concatenate([branch, lane]))
         met = np.flatnonzero(self._meets(pose, q) & ~_repeated(q))
-        return Found(met, branch[met], q[met])
+        return LockedSolutions(met, branch[met], q[met])
 
     def _short_runs(self, pose: FloatArray, angles: FloatArray, step: float) -> FloatArray:
         """Angles (m,) between those of the sweep (k,) where a run shorter than a step keeps the limits.
@@ -290,7 +290,7 @@ class RedundantSolver(InverseKinematics):
         turned = np.linalg.norm(there[:, :3, :3] - pose[:3, :3], axis=(1, 2)) / math.sqrt(2.0)
         return (off < _MET_M) & (turned < _MET_RAD)
 
-    def _least_rotation(self, pose: FloatArray, found: Found, step: float) -> FloatArray | None:
+    def _least_rotation(self, pose: FloatArray, found: LockedSolutions, step: float) -> FloatArray | None:
         """The configuration (7,) of least Σ|θ| over the continuum: the least of the list, refined."""
         q = self._refined(pose, found, step, lambda q: np.abs(q).sum(axis=1))
         turned = np.abs(q).sum(axis=1)
@@ -298,7 +298,7 @@ class RedundantSolver(InverseKinematics):
         return q[int(turned.argmin())] if least <= np.abs(found.q).sum(axis=1).min() else None
 
     def _further(
-        self, pose: FloatArray, found: Found, step: float, criterion: Criterion, start: FloatArray
+        self, pose: FloatArray, found: LockedSolutions, step: float, criterion: Criterion, start: FloatArray
     ) -> FloatArray:
         """(m, 7) the best by a criterion from ``start`` (7,), as near to it as whole turns allow [rad]."""
 
@@ -308,7 +308,7 @@ class RedundantSolver(InverseKinematics):
         return images_toward(self._refined(pose, found, step, cost), self.limits, start)
 
     def _refined(
-        self, pose: FloatArray, found: Found, step: float, cost: Callable[[FloatArray], FloatArray]
+        self, pose: FloatArray, found: LockedSolutions, step: float, cost: Callable[[FloatArray], FloatArray]
     ) -> FloatArray:
         """(m, 7) local minima of a cost over the continuum: those of the list, searched for in between."""
         listed = cost(found.q)

@@ -34,7 +34,7 @@ _VALUES = {1: 721, 2: 37}
 """how many angles are tried of one joint that is free, and of each of two"""
 
 
-class Found(NamedTuple):
+class CarefulSolutions(NamedTuple):
     """What there is at one pose."""
 
     q: FloatArray
@@ -59,7 +59,7 @@ class CarefulSolver:
         self._closed, self._chain, self._limits, self._titles = closed, chain, limits, titles
         self._low, self._high = limits.T
 
-    def solve(self, pose: FloatArray, start: FloatArray | None) -> Found:
+    def solve(self, pose: FloatArray, start: FloatArray | None) -> CarefulSolutions:
         """Every posture that has a tool pose (4, 4) and an image inside the limits."""
         placed = self._closed.place(pose[:3, 3].tolist(), pose[:3, :3])
         rest = np.array([rest_angle(*pair) for pair in self._limits.tolist()]) if start is None else start
@@ -75,7 +75,7 @@ class CarefulSolver:
         q = np.array(postures).reshape(-1, 6)
         kept: list[int] = distinct(q).tolist()
         told = dict.fromkeys(text for k in kept for text in continua[k])
-        return Found(q[kept], [branches[k] for k in kept], tuple(told))
+        return CarefulSolutions(q[kept], [branches[k] for k in kept], tuple(told))
 
     def _arms(self, placed: Placed) -> Iterator[_Arm]:
         x, y, z = placed.centre

@@ -23,7 +23,7 @@ from armctl.kinematics.spherical_wrist.careful import CarefulSolver
 from armctl.kinematics.spherical_wrist.closed_form import CLIPPED, ClosedForm, Row
 from armctl.kinematics.spherical_wrist.geometry import SphericalWrist, recognise_wrist
 from armctl.kinematics.target import Target
-from armctl.kinematics.whole_pose import Ways, WholePoses
+from armctl.kinematics.whole_pose import Configurations, WholePoses
 
 _ROUNDING = 1e-13
 """how far the wrist's axes may miss each other where nothing has to be made up for [m]"""
@@ -94,7 +94,7 @@ class SphericalWristSolver(InverseKinematics):
                 return self._with_images(target, *quick)
         return self._answers.solve(target, step, start, self._every_way)
 
-    def _every_way(self, pose: FloatArray, start: FloatArray | None) -> Ways:
+    def _every_way(self, pose: FloatArray, start: FloatArray | None) -> Configurations:
         quick = None
         if not self._rough:
             placed = self._closed.place(pose[:3, 3].tolist(), pose[:3, :3])
@@ -104,7 +104,7 @@ class SphericalWristSolver(InverseKinematics):
         else:
             q, branches, continua = np.array(quick[0]).reshape(-1, 6), quick[1], ()
             q = self.geometry.order(q)
-        return Ways(q, np.array(branches, dtype=np.int8), "; ".join(continua) or None)
+        return Configurations(q, np.array(branches, dtype=np.int8), "; ".join(continua) or None)
 
     def _with_images(self, target: Target, rows: list[Row], branches: list[int]) -> Solutions:
         """The answer of configurations [rad] in the geometry's order, with their few images."""

@@ -57,7 +57,7 @@ _ONE_ELBOW = 1e-7
 """elbows bent less than this, to both sides, are one: straight [rad]"""
 
 
-class Ways(NamedTuple):
+class BranchConfigurations(NamedTuple):
     """What many poses have; a column a branch."""
 
     q: FloatArray
@@ -72,7 +72,7 @@ class Ways(NamedTuple):
     """(m, 8) where rounding counts for more, so close to a singularity"""
 
 
-class Loop(NamedTuple):
+class ClosedLoop(NamedTuple):
     """The closed loop of arm and m targets."""
 
     G: FloatArray
@@ -82,7 +82,7 @@ class Loop(NamedTuple):
     points: tuple[FloatArray, FloatArray, FloatArray]
 
     @classmethod
-    def of(cls, arm: ThreeParallel, poses: FloatArray) -> Loop:
+    def of(cls, arm: ThreeParallel, poses: FloatArray) -> ClosedLoop:
         """Of tool poses ``T_base_tool`` (m, 4, 4)."""
         G = poses @ arm.T_tool_base
         axes: list[FloatArray] = []
@@ -96,19 +96,23 @@ class Loop(NamedTuple):
         return cls(G, (axes[0], axes[1], axes[2]), (points[0], points[1], points[2]))
 
 
-def all_ways(arm: ThreeParallel, poses: FloatArray) -> Ways:
+def all_ways(arm: ThreeParallel, poses: FloatArray) -> BranchConfigurations:
     """Of tool poses ``T_base_tool`` (m, 4, 4) [m]; where a joint is free it is at 0."""
-    parts: list[Ways] = []
+    parts: list[BranchConfigurations] = []
     for at in range(0, max(len(poses), 1), _CHUNK):
-        loop = Loop.of(arm, poses[at : at + _CHUNK])
+        loop = ClosedLoop.of(arm, poses[at : at + _CHUNK])
         pairs, free = two_turns_of_many(*_conditions(arm, loop), _MET)
         parts.append(_rest(arm, loop, pairs)._replace(pairs_free=free))
-    return parts[0] if len(parts) == 1 else Ways(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    return (
+        parts[0]
+        if len(parts) == 1
+        else BranchConfigurations(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    )
 
 
 def with_pair(arm: ThreeParallel, pose: FloatArray, values: FloatArray) -> FloatArray:
     """(m, 8, 6) ways of one pose (4, 4) where a or c is free, with that one at ``values`` (m,) [rad]."""
-    loop = Loop.of(arm, np.broadcast_to(pose, (len(values), 4, 4)))
+    loop = ClosedLoop.of(arm, np.broadcast_to(pose, (len(values), 4, 4)))
     A, B, right = _conditions(arm, loop)
     holds_a = arm.meet[1] or np.linalg.norm(A[0]) <= _STILL * np.linalg.norm(B[0])
     held, other = (A, B) if holds_a else (B, A)
@@ -126,8 +130,8 @@ def with_pair(arm: ThreeParallel, pose: FloatArray, values: FloatArray) -> Float
 
 def with_wrist(arm: ThreeParallel, pose: FloatArray, way: int, values: FloatArray) -> FloatArray:
     """(m, 2, 6) ways of one pose (4, 4) with a and c as in column ``way`` and b at ``values`` (m,) [rad]."""
-    loop = Loop.of(arm, np.broadcast_to(pose, (len(values), 4, 4)))
-    found, _ = two_turns_of_many(*_conditions(arm, Loop.of(arm, pose[None])), _MET)
+    loop = ClosedLoop.of(arm, np.broadcast_to(pose, (len(values), 4, 4)))
+    found, _ = two_turns_of_many(*_conditions(arm, ClosedLoop.of(arm, pose[None])), _MET)
     pairs = np.full((len(values), 4, 2), np.nan)
     pairs[:, 0] = found[0, way]
     return _rest(arm, loop, pairs, values).q[:, [0, 4]]
@@ -142,7 +146,7 @@ def with_shoulder(arm: ThreeParallel, q: FloatArray, values: FloatArray) -> Floa
     return out
 
 
-def _conditions(arm: ThreeParallel, loop: Loop) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _conditions(arm: ThreeParallel, loop: ClosedLoop) -> tuple[FloatArray, FloatArray, FloatArray]:
     """A, B (m, 2, 2) and d (m, 2) of ``A (cos θa, sin θa) + B (cos θc, sin θc) = d``, without units."""
     (wa, wb, wc), (pa, pb, pc) = map(_all_columns, (loop.axes, loop.points))
     k, R, t = arm.plane[2], loop.G[:, :3, :3], columns(loop.G[:, :3, 3])
@@ -168,7 +172,9 @@ def _conditions(arm: ThreeParallel, loop: Loop) -> tuple[FloatArray, FloatArray,
     return A, B, right
 
 
-def _rest(arm: ThreeParallel, loop: Loop, pairs: FloatArray, wrist: FloatArray | None = None) -> Ways:
+def _rest(
+    arm: ThreeParallel, loop: ClosedLoop, pairs: FloatArray, wrist: FloatArray | None = None
+) -> BranchConfigurations:
     """The ways of pairs (m, 4, 2); where b is free it is at ``wrist`` (m,) [rad], or 0."""
     (wa, wb, wc), (pa, pb, pc) = map(_all_columns, (loop.axes, loop.points))
     R, t = loop.G[:, :3, :3], loop.G[:, :3, 3]
@@ -222,7 +228,7 @@ def _rest(arm: ThreeParallel, loop: Loop, pairs: FloatArray, wrist: FloatArray |
     none = np.zeros(m, dtype=np.bool_)
     q = q.reshape(6, BRANCHES, m).transpose(2, 1, 0)
     free = by_pose(still, np.isfinite(qa))
-    return Ways(q, none, free, by_pose(shoulder_free, there), by_pose(doubtful, there))
+    return BranchConfigurations(q, none, free, by_pose(shoulder_free, there), by_pose(doubtful, there))
 
 
 def _close_to_singular(

@@ -24,7 +24,7 @@ from armctl.kinematics.three_parallel.closed_form import (
 )
 from armctl.kinematics.three_parallel.geometry import ThreeParallel, recognise_three_parallel
 from armctl.kinematics.three_parallel.one_pose import OnePose
-from armctl.kinematics.whole_pose import HIDDEN, Ways, WholePoses, misses, polished
+from armctl.kinematics.whole_pose import HIDDEN, Configurations, WholePoses, misses, polished
 
 _NEAR = 1e-12
 """[m] and [rad]; farther ways are polished"""
@@ -95,12 +95,12 @@ class ThreeParallelSolver(InverseKinematics):
         q[close[:, None], np.arange(BRANCHES)] = np.where(again[..., None], np.nan, q[close])
         return BatchSolutions(q, ~np.isnan(q[..., 0]), self._names)
 
-    def _every_way(self, pose: FloatArray, start: FloatArray | None) -> Ways:
+    def _every_way(self, pose: FloatArray, start: FloatArray | None) -> Configurations:
         arm = self.geometry
         if self._one_pose is not None:
             few = self._one_pose.ways(pose.tolist())
             if few is not None:
-                return Ways(np.array(few[0]).reshape(-1, 6), np.array(few[1], dtype=np.int8))
+                return Configurations(np.array(few[0]).reshape(-1, 6), np.array(few[1], dtype=np.int8))
         ways = all_ways(arm, pose[None])
         index = np.arange(BRANCHES, dtype=np.int8)
         reason: str | None = None
@@ -131,7 +131,7 @@ class ThreeParallelSolver(InverseKinematics):
             reason = HIDDEN if misses(self.chain, pose, lost).min() < _NEARLY_MET else None
         there = np.flatnonzero(~np.isnan(q[:, 0]))
         there = there[distinct(q[there])]
-        return Ways(q[there], branch[there], reason, double=True)
+        return Configurations(q[there], branch[there], reason, double=True)
 
     def _sound(self, poses: FloatArray, q: FloatArray) -> FloatArray:
         """Ways (k, 6) of poses (k, 4, 4), polished where they miss them; NaN where that does not help."""

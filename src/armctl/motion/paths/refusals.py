@@ -22,7 +22,7 @@ from armctl.motion.clearance import stands_clear
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
 from armctl.motion.paths.tool_pitch import PitchRows, elevations
 from armctl.motion.paths.tool_rotation import ToolRotation, TurnRows
-from armctl.motion.paths.tool_walk import TILT, Effort, ToolTask, Walk
+from armctl.motion.paths.tool_walk import TILT, StepBudget, ToolTask, Walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import passes
 from armctl.motion.timing import timed
@@ -115,7 +115,7 @@ class Attempt:
     """the joints leave a choice of ways, and other ways may lead farther than the best that was found"""
     pitch: PitchRows | None
     """what is asked of the pitch, where the position decides it"""
-    lead: Callable[[FloatArray, Effort], PiecewisePolynomial | None]
+    lead: Callable[[FloatArray, StepBudget], PiecewisePolynomial | None]
     """q(s) along the whole curve from another start (n,) [rad] inside the limits; None: none was found"""
 
     @property
@@ -353,12 +353,12 @@ def _other_branches(tried: Attempt) -> list[str]:
         if solutions.residual_rad[i] < _TURNED:
             starts.setdefault(str(solutions.branch[i]), solutions.q[i])
     mine = solutions.branch_of(q)
-    effort = Effort(_OTHER_STEPS)
+    effort = StepBudget(_OTHER_STEPS)
     others = [name for name in starts if name != mine]  # the nearest first
     return sorted(name for name in others if _may_be_followed(tried, starts[name], effort))
 
 
-def _may_be_followed(tried: Attempt, start: FloatArray, effort: Effort) -> bool:
+def _may_be_followed(tried: Attempt, start: FloatArray, effort: StepBudget) -> bool:
     """Whether the arm is known to follow the whole curve from a start (n,) [rad], clear of all in the way."""
     if effort.left <= 0 or not stands_clear(tried.robot, start):
         return False

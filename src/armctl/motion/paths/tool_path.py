@@ -23,7 +23,7 @@ from armctl.motion.paths.refusals import Attempt, end_refusal, limit_refusal, pi
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
 from armctl.motion.paths.tool_pitch import PitchRows, led_pitches, pitch_rows
 from armctl.motion.paths.tool_rotation import ToolRotation
-from armctl.motion.paths.tool_walk import SHORTEST, Effort, ToolTask, Walk, walk
+from armctl.motion.paths.tool_walk import SHORTEST, StepBudget, ToolTask, Walk, walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot
 
@@ -114,7 +114,7 @@ def follow(
     walked = _best_walk(robot, task, q)
     path, crossing = walked.path, walked.crossing
 
-    def lead(start: FloatArray, effort: Effort) -> PiecewisePolynomial | None:
+    def lead(start: FloatArray, effort: StepBudget) -> PiecewisePolynomial | None:
         task, pitch = _task(robot, start, robot.forward(start), curve, turn)
         return _whole(robot, walk(task, start, only_inside=True, effort=effort), pitch, curve)
 
@@ -134,7 +134,7 @@ def follow(
 
 
 def led_at_once(
-    robot: Robot, q: FloatArray, curve: ToolCurve, mode: PitchMode, effort: Effort
+    robot: Robot, q: FloatArray, curve: ToolCurve, mode: PitchMode, effort: StepBudget
 ) -> PiecewisePolynomial | None:
     """As ``follow`` with the pitch "kept" or "free", where a short search leads along the whole curve.
 
@@ -240,7 +240,7 @@ def _task(
 def _best_walk(robot: Robot, task: ToolTask, q: FloatArray) -> Walk:
     """The least motion; where that fails and a joint is free, the attempt that leads farthest."""
     attempts: list[tuple[Walk, ToolTask]] = []
-    effort = Effort(_TRIED_STEPS) if task.redundant else None
+    effort = StepBudget(_TRIED_STEPS) if task.redundant else None
     for tried in _tasks(robot, task, q):
         walked = walk(tried, q, only_inside=True, effort=effort)
         if walked.complete and walked.crossing is None:
@@ -252,7 +252,7 @@ def _best_walk(robot: Robot, task: ToolTask, q: FloatArray) -> Walk:
     if effort is None and best.crossing is None:
         return best
     # what a joint would need is known only from the whole curve, and where a branch ends from short steps
-    last = None if effort is None else Effort(_LAST_STEPS, SHORTEST)
+    last = None if effort is None else StepBudget(_LAST_STEPS, SHORTEST)
     return walk(tried, q, only_inside=best.crossing is None, effort=last)
 
 

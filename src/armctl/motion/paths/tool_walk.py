@@ -41,7 +41,7 @@ _FIRST, _FARTHEST = 0.2, 1.2
 
 
 @dataclass(slots=True)
-class Effort:
+class StepBudget:
     """How many more steps may be spent on some walks: one takes about a millisecond.
 
     Counted, not timed, so that the same question has the same answer on every machine.
@@ -73,7 +73,7 @@ class Walk:
         return self.knots[-1].s if self.knots else 0.0
 
 
-def walk(task: ToolTask, q_start: FloatArray, *, only_inside: bool, effort: Effort | None = None) -> Walk:
+def walk(task: ToolTask, q_start: FloatArray, *, only_inside: bool, effort: StepBudget | None = None) -> Walk:
     """Follow a curve from ``q_start`` (n,) [rad]; ``only_inside``: at most to a knot beyond the limits.
 
     With an ``effort`` the walk is given up where that ends.
@@ -84,7 +84,7 @@ def walk(task: ToolTask, q_start: FloatArray, *, only_inside: bool, effort: Effo
 
 
 def _walked(
-    task: ToolTask, q_start: FloatArray, bounds: FloatArray | None, aim: float, effort: Effort | None
+    task: ToolTask, q_start: FloatArray, bounds: FloatArray | None, aim: float, effort: StepBudget | None
 ) -> tuple[list[Knot], bool]:
     """The knots, and whether they lead to the end."""
     length = task.curve.length

@@ -16,7 +16,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Body, Chain, GravityModel
 from armctl.kinematics.angles import rest_angle
-from armctl.kinematics.chain import Place, frame_along
+from armctl.kinematics.chain import FixedFrame, frame_along
 from armctl.kinematics.families import has_closed_form
 from armctl.kinematics.offset_roll.geometry import recognise_offset_roll
 from armctl.kinematics.yaw_pitch_roll.geometry import recognise
@@ -165,7 +165,7 @@ def _joint(joint: UrdfJoint, name: str) -> Joint:
     )
 
 
-def _carried(tree: UrdfTree, way: Sequence[UrdfJoint], arm: ArmChain) -> dict[str, Place]:
+def _carried(tree: UrdfTree, way: Sequence[UrdfJoint], arm: ArmChain) -> dict[str, FixedFrame]:
     """Which link of the chain carries each link (-1: none), and where; what is off the chain at its zero."""
     frames = arm.chain.frames(np.zeros(arm.chain.n))
     poses, carrier = {tree.root: np.eye(4)}, {tree.root: -1}
@@ -175,10 +175,10 @@ def _carried(tree: UrdfTree, way: Sequence[UrdfJoint], arm: ArmChain) -> dict[st
         poses[joint.child] = poses[joint.parent] @ joint.origin
         carrier[joint.child] = arm.link_of.get(joint.name, carrier[joint.parent])
     inverse = np.linalg.inv(frames).astype(np.float64)
-    return {name: Place(carrier[name], inverse[carrier[name] + 1] @ poses[name]) for name in tree.links}
+    return {name: FixedFrame(carrier[name], inverse[carrier[name] + 1] @ poses[name]) for name in tree.links}
 
 
-def _bodies(tree: UrdfTree, carried: Mapping[str, Place]) -> Iterable[Body]:
+def _bodies(tree: UrdfTree, carried: Mapping[str, FixedFrame]) -> Iterable[Body]:
     """The masses that each joint carries, in its link's frame."""
     for name, link in tree.links.items():
         k, T = carried[name]
@@ -188,7 +188,7 @@ def _bodies(tree: UrdfTree, carried: Mapping[str, Place]) -> Iterable[Body]:
 
 
 def _shapes(
-    source: UrdfSource, tree: UrdfTree, carried: Mapping[str, Place]
+    source: UrdfSource, tree: UrdfTree, carried: Mapping[str, FixedFrame]
 ) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
     """The shapes of all links in the frames of their carriers, and what was passed over.
 

@@ -19,7 +19,7 @@ _LABEL_FONT = "12px sans-serif"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Line:
+class PlotLine:
     """One line: ``y`` (k,), NaN where it has no value. A mark is drawn as dots only."""
 
     name: str
@@ -40,7 +40,7 @@ class Picture:
     x_label: str
     x: FloatArray
     """(k,) ascending"""
-    lines: tuple[Line, ...]
+    lines: tuple[PlotLine, ...]
 
 
 class LinePlot:
@@ -92,7 +92,7 @@ class LinePlot:
             self._handle = None
 
 
-def span(lines: Sequence[Line]) -> tuple[float, float]:
+def span(lines: Sequence[PlotLine]) -> tuple[float, float]:
     """Bottom and top of a plot, with a margin; given, because uPlot finds none where a value is NaN."""
     low = min((float(np.fmin.reduce(line.y)) for line in lines), default=0.0)
     high = max((float(np.fmax.reduce(line.y)) for line in lines), default=1.0)
@@ -116,7 +116,7 @@ def thinned(count: int, most: int, keep: Sequence[int] = ()) -> NDArray[np.int64
     return np.unique(np.concatenate([even, np.array(keep, dtype=np.int64)]))
 
 
-def _series(line: Line) -> uplot.Series:
+def _series(line: PlotLine) -> uplot.Series:
     series: uplot.Series = {"label": line.name, "stroke": line.color, "width": 0 if line.mark else line.width}
     if line.mark:
         series["points"] = {"show": True, "size": 9, "fill": line.color, "stroke": line.color}

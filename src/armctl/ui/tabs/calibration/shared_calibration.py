@@ -206,7 +206,7 @@ class CalibrationWork:
 
 
 @dataclass(frozen=True, slots=True)
-class Touch:
+class TouchedPoint:
     """The tool stood on a point."""
 
     outputs: Mapping[int, float]
@@ -221,7 +221,7 @@ class TouchedPoints:
     def __init__(self, robot: Robot, calibrated: Collection[str] = ()) -> None:
         """``robot``: as the arm runs; ``calibrated``: the joints that the calibration in force covers."""
         self._robot, self._calibrated = robot, calibrated
-        self.touches: tuple[Touch, ...] = ()
+        self.touches: tuple[TouchedPoint, ...] = ()
         """in the order in which they were made"""
         self.result: ToolError | str | None = None
         """the tool error, or why there is none, in words; None: too few points, or not known yet"""
@@ -241,7 +241,7 @@ class TouchedPoints:
         if not (np.isfinite(point_m).all() and np.linalg.norm(point_m) < _FARTHEST_M):
             raise InputError(f"a point is less than {_FARTHEST_M:.0f} m from the base; give X, Y, Z in mm")
         x, y, z = point_m.tolist()
-        self._set((*self.touches, Touch(dict(outputs), (x, y, z))))
+        self._set((*self.touches, TouchedPoint(dict(outputs), (x, y, z))))
 
     def delete(self, index: int) -> None:
         """Take a touch away, from 0."""
@@ -268,7 +268,7 @@ class TouchedPoints:
         if self.touches is touches:  # else they have changed meanwhile, and are computed anew
             self._set(touches, result)
 
-    def _set(self, touches: tuple[Touch, ...], result: ToolError | str | None = None) -> None:
+    def _set(self, touches: tuple[TouchedPoint, ...], result: ToolError | str | None = None) -> None:
         self.touches, self.result = touches, result
         self.version += 1
 

@@ -13,11 +13,11 @@ from armctl.errors import UnreachableError
 from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
 from armctl.kinematics.energy import EnergyModel, energies
 from armctl.motion import FLOOR_TOLERANCE_M, Profile
-from armctl.motion.choices import WaysFrom, first_possible
+from armctl.motion.choices import JudgedConfigurations, first_possible
 from armctl.motion.figure import color_of
 from armctl.robot import Robot
 from armctl.ui.widgets.html import fixed, muted, numbers, refused, strong, table, warned
-from armctl.ui.widgets.plots import Line, Picture, thinned
+from armctl.ui.widgets.plots import Picture, PlotLine, thinned
 
 _UNITS: dict[Criterion, tuple[float, str]] = {
     "least-rotation": (180 / np.pi, "°"),
@@ -58,7 +58,7 @@ def _unit(criterion: Criterion, model: EnergyModel) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class BranchVerdict:
     """One branch of a target, numbered as the page and the 3D view number it."""
 
     number: int
@@ -76,7 +76,7 @@ class Verdict:
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class RankedSolutions:
     """Solutions of one target, sorted by one criterion, and the one of least energy."""
 
     solutions: Solutions
@@ -91,9 +91,9 @@ class Answer:
     """(n,) [rad]; None: no solution, or none that the criterion admits"""
     why_not: str
     """why there is none to go to by itself: no best one, or not in that orientation; empty where there is"""
-    ways: WaysFrom
+    ways: JudgedConfigurations
     """from ``start``"""
-    verdicts: tuple[Verdict, ...]
+    verdicts: tuple[BranchVerdict, ...]
     """every branch, also those that are refused; empty where a joint is free"""
     way_refused: str = ""
     """why the arm may not go to ``best`` from where it stands; empty where it may"""
@@ -137,7 +137,7 @@ class Answer:
 
 def solve(
     robot: Robot, target: Target, criterion: str, start: FloatArray, profile: Profile = "cubic"
-) -> Answer:
+) -> RankedSolutions:
     """Solve a target, and then as ``answer``."""
     solutions = robot.inverse_kinematics.solve(target, DEFAULT_STEP, start)
     return answer(robot, solutions, criterion, start, profile)
@@ -145,7 +145,7 @@ def solve(
 
 def answer(
     robot: Robot, solutions: Solutions, criterion: str, start: FloatArray, profile: Profile = "cubic"
-) -> Answer:
+) -> RankedSolutions:
     """Sort solutions, choose among them, and judge the ways to a few of them by motions of a ``profile``.
 
     ``start`` (n,) [rad] is where the arm stands.
@@ -160,16 +160,16 @@ def answer(
     if solutions.success:
         energy = _shown(name, solutions.energies(name, start), solutions.arm.energy)
     order = solutions.order(name, start)
-    ways = WaysFrom(robot, start, profile)
+    ways = JudgedConfigurations(robot, start, profile)
     way = "" if best is None or why_not else ways.refused(best)
     judged = _verdicts(robot, solutions, name, start, best, ways)
-    found = Answer(solutions, name, start, energy, order, best, why_not, ways, judged, way)
+    found = RankedSolutions(solutions, name, start, energy, order, best, why_not, ways, judged, way)
     few = representatives(found) if solutions.success else ()
     other = _first_possible(robot, found, few) if way else None
     return replace(found, curve=_energy_curve(robot, found), representatives=few, instead=other)
 
 
-def _first_possible(robot: Robot, found: Answer, few: Sequence[Representative]) -> int | None:
+def _first_possible(robot: Robot, found: RankedSolutions, few: Sequence[Representative]) -> int | None:
     """The first row to which the arm may go, of some that differ from each other and of the ``few``."""
     possible = min((one.row for one in few if not one.refused), default=len(found.order) + 1)
     before = found.solutions.q[found.order[: possible - 1]]
@@ -186,10 +186,10 @@ def _verdicts(
     criterion: Criterion,
     start: FloatArray,
     best: FloatArray | None,
-    ways: WaysFrom,
-) -> tuple[Verdict, ...]:
+    ways: JudgedConfigurations,
+) -> tuple[BranchVerdict, ...]:
     """Judge every branch, and the way to it from ``start`` (n,) [rad]."""
-    verdicts: list[Verdict] = []
+    verdicts: list[BranchVerdict] = []
     point, pitch, roll, rotation = solutions.target
     for number, found in enumerate(robot.branches(point, pitch, roll, rotation), 1):
         branch = replace(found, q=solutions.taken(found.q, criterion, start))
@@ -198,13 +198,13 @@ def _verdicts(
         if chosen and best is not None:
             branch = replace(branch, q=best)
         refusal = "; ".join(branch.forbidden) or ways.refused(branch.q)
-        verdicts.append(Verdict(number, branch, refusal, bool(chosen)))
+        verdicts.append(BranchVerdict(number, branch, refusal, bool(chosen)))
     return tuple(verdicts)
 
 
-def same_place(robot: Robot, found: Sequence[Verdict]) -> list[list[Verdict]]:
+def same_place(robot: Robot, found: Sequence[BranchVerdict]) -> list[list[BranchVerdict]]:
     """Groups of branches whose links are in the same place, e.g. with the base turned by 180°."""
-    groups: list[list[Verdict]] = []
+    groups: list[list[BranchVerdict]] = []
     for one in found:
         points = robot.frames(one.branch.q)[:, :3, 3]
         for group in groups:
@@ -216,7 +216,7 @@ def same_place(robot: Robot, found: Sequence[Verdict]) -> list[list[Verdict]]:
     return groups
 
 
-def result_html(robot: Robot, found: Answer) -> str:
+def result_html(robot: Robot, found: RankedSolutions) -> str:
     """Count and branches, and the configuration of least energy; or why there is none."""
     solutions, best = found.solutions, found.best
     if not solutions.success:
@@ -282,7 +282,7 @@ class Representative:
         return f"row {self.row}: least {' and '.join(self.names)}{' (refused)' if self.refused else ''}"
 
 
-def representatives(found: Answer) -> tuple[Representative, ...]:
+def representatives(found: RankedSolutions) -> tuple[Representative, ...]:
     """The least by each criterion and of each branch, those chosen by the criterion in force first."""
     solutions, start = found.solutions, found.start
     place = np.empty(len(found.order), dtype=np.int64)
@@ -317,7 +317,7 @@ def representatives(found: Answer) -> tuple[Representative, ...]:
     return tuple(rows)
 
 
-def comparison_html(found: Answer) -> str:
+def comparison_html(found: RankedSolutions) -> str:
     """The representatives side by side, and what others save against the first."""
     rows, model = found.representatives, found.solutions.arm.energy
     if len(rows) < 2:
@@ -356,12 +356,12 @@ def _savings(rows: Sequence[Representative]) -> list[str]:
     return texts
 
 
-def list_head(found: Answer) -> list[str]:
+def list_head(found: RankedSolutions) -> list[str]:
     """The heads of the list of solutions."""
     return ["#", *_theta(len(found.start)), "branch", f"energy {found.unit}"]
 
 
-def list_row(found: Answer, row: int) -> list[str]:
+def list_row(found: RankedSolutions, row: int) -> list[str]:
     """One row of the list, counted from 1."""
     index = found.order[row - 1]
     return [
@@ -372,7 +372,7 @@ def list_row(found: Answer, row: int) -> list[str]:
     ]
 
 
-def selected_html(found: Answer, row: int | None) -> str:
+def selected_html(found: RankedSolutions, row: int | None) -> str:
     """Where the selected row, from 1, goes, and why the way to it is refused, once that is judged."""
     if row is None:
         return muted(f"No row is selected: type a row from 1 to {len(found.solutions)}.")
@@ -385,7 +385,7 @@ def selected_html(found: Answer, row: int | None) -> str:
     return text + way_html(why or "")
 
 
-def branches_html(found: Answer) -> str:
+def branches_html(found: RankedSolutions) -> str:
     """Every branch with its energy, and why some are refused."""
     if not found.verdicts:
         if not found.solutions.success:
@@ -422,7 +422,7 @@ def short_branch(name: str) -> str:
     return name.replace("shoulder-", "").replace("elbow-", "").replace("tool-in", "in")
 
 
-def _energy_curve(robot: Robot, found: Answer) -> Picture | str:
+def _energy_curve(robot: Robot, found: RankedSolutions) -> Picture | str:
     """The energy over the free joint, one line a branch, with the best one marked; or why there is none."""
     solutions, free, count = found.solutions, found.solutions.free_joint, len(found.solutions)
     if count == 0:
@@ -440,21 +440,21 @@ def _energy_curve(robot: Robot, found: Answer) -> Picture | str:
     angles = unique.astype(np.float64)
     best = None if found.best is None else int(np.abs(angles - np.degrees(found.best[free])).argmin())
     kept = thinned(len(angles), _MOST_POINTS, [] if best is None else [best])
-    lines: list[Line] = []
+    lines: list[PlotLine] = []
     for i, name in enumerate(solutions.branch_names):
         here = solutions.branch_index == i
         energy = np.full(len(angles), np.inf)
         np.minimum.at(energy, place.reshape(-1)[here], found.energy[here])
         energy[~np.isfinite(energy)] = np.nan
         if np.isfinite(energy[kept]).any():  # else the criterion admits none of this branch
-            lines.append(Line(name, energy[kept], color_of(i)))
+            lines.append(PlotLine(name, energy[kept], color_of(i)))
     if not lines:
         return "The criterion excludes every solution."
     if best is not None:
         at = np.searchsorted(kept, best)
         dot = np.full(len(kept), np.nan)
         dot[at] = np.fmin.reduce([line.y[at] for line in lines])
-        lines.append(Line("least energy", dot, "#e03131", mark=True))
+        lines.append(PlotLine("least energy", dot, "#e03131", mark=True))
     title = f"Energy ({found.unit}): {found.criterion}"
     return Picture(title, f"{robot.joints[free].title} (°)", angles[kept], tuple(lines))
 

@@ -21,7 +21,7 @@ from armctl.ui.scene.arm_figure import ArmFigure
 from armctl.ui.scene.ghost import THICKER, Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import (
-    Answer,
+    RankedSolutions,
     answer,
     branches_html,
     comparison_html,
@@ -37,7 +37,7 @@ from armctl.ui.widgets.events import Action
 from armctl.ui.widgets.html import LiveHtml, Pager, muted, refused, warned
 from armctl.ui.widgets.number_field import DraggedPoint, EditWatch, Following, NumberField
 from armctl.ui.widgets.orientation import OrientationFields
-from armctl.ui.widgets.plots import Line, LinePlot
+from armctl.ui.widgets.plots import LinePlot, PlotLine
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
 _NOTE = (
@@ -70,7 +70,7 @@ class InverseScreen:
         self._preview = Preview(session.ghost, _TAB)
         scene = session.client.scene
         self._mark = scene.add_icosphere("/inverse_mark", 0.006, color=_MARK_COLOR, visible=False)
-        self._answer: Answer | None = None
+        self._answer: RankedSolutions | None = None
         self._answered: tuple[str | None, ...] = ()
         self._ghost_is_old = False
         self._newest = Newest()
@@ -203,7 +203,7 @@ class InverseScreen:
         await self._update()
         await asyncio.sleep(_DRAG_PAUSE_S)
 
-    async def _update(self) -> Answer | None:
+    async def _update(self) -> RankedSolutions | None:
         """Solve what the fields hold and show it; None if something newer was asked for meanwhile."""
         is_newest, start = self._newest.begin(), self._session.snapshot.q_command
         self._form.following.follow(start)
@@ -244,7 +244,7 @@ class InverseScreen:
         self._on_row()
         await self._session.submit(MoveJoints(found.q(row), duration, profile))
 
-    def _present_answer(self, snapshot: Snapshot) -> Answer | None:
+    def _present_answer(self, snapshot: Snapshot) -> RankedSolutions | None:
         """The answer for the present fields, criterion and pose; None: it has to be solved first."""
         found = self._answer
         stale = found is None or self._out_of_date(snapshot) or found.criterion != self._criterion.value
@@ -298,7 +298,7 @@ class InverseScreen:
         self._branches.forget()
         self._preview.hide()
 
-    def _show(self, found: Answer) -> None:
+    def _show(self, found: RankedSolutions) -> None:
         solutions = found.solutions
         self._answer, self._ghost_is_old = found, False
         self._note.visible = self._stale.visible = False
@@ -323,7 +323,7 @@ class InverseScreen:
             self._curve_note.show(f"{muted(_CURVE_NOTE)}<i hidden data-armctl-click-fills='{_ALONG}'></i>")
             self._draw_curve(found)
 
-    def _draw_curve(self, found: Answer) -> None:
+    def _draw_curve(self, found: RankedSolutions) -> None:
         """The curve with the selected row on it; the slider follows."""
         row, free = self._pager.row, found.solutions.free_joint
         if isinstance(found.curve, str) or free is None:
@@ -334,7 +334,7 @@ class InverseScreen:
             angle = math.degrees(float(q[free]))
             dot[int(np.abs(found.curve.x - angle).argmin())] = found.energy_of(q)
             self._along.value = min(max(round(angle, 2), self._along.min), self._along.max)
-        selected = Line("selected", dot, _SELECTED_INK, mark=True)
+        selected = PlotLine("selected", dot, _SELECTED_INK, mark=True)
         *branches, least = found.curve.lines  # which stays in view where it is the one selected
         self._curve.show(replace(found.curve, lines=(*branches, selected, least)))
 
@@ -358,7 +358,7 @@ class InverseScreen:
         elif not self._branches.as_ghosts:
             self._preview.show(found.q(row), self._session.snapshot.q_command)
 
-    def _draw_list(self, found: Answer) -> None:
+    def _draw_list(self, found: RankedSolutions) -> None:
         count, row = len(found.solutions), self._pager.row
         self._compared.visible = self._few.visible = len(found.representatives) > 1
         self._selected.visible = count > 0
@@ -522,7 +522,7 @@ class BranchView:
         self._robot, self._ghost = session.console.robot, session.ghost
         self._scene = session.client.scene
         self._ghosts: list[viser.FrameHandle | viser.LabelHandle] = []
-        self._answer: Answer | None = None
+        self._answer: RankedSolutions | None = None
         gui = session.gui
         self._ticked = gui.add_checkbox("Show as ghosts", initial_value=False)
         # no hint on the checkbox: it would lie over the Go button above
@@ -535,7 +535,7 @@ class BranchView:
         """Whether the branches are in the 3D view now."""
         return self._ticked.value and self._answer is not None and bool(self._answer.verdicts)
 
-    def show(self, found: Answer) -> None:
+    def show(self, found: RankedSolutions) -> None:
         """Show the branches of an answer."""
         self._answer = found
         self._legend.visible = bool(found.verdicts)

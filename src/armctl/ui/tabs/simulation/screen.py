@@ -23,7 +23,7 @@ from armctl.ui.tabs.simulation.live_target import LiveTarget
 from armctl.ui.tabs.simulation.twin import TwinControl
 from armctl.ui.tabs.simulation.workspace import WorkspaceView
 from armctl.ui.widgets.html import LiveHtml, muted
-from armctl.ui.widgets.plots import Line, LinePlot, Picture
+from armctl.ui.widgets.plots import LinePlot, Picture, PlotLine
 
 
 class SimulationScreen:
@@ -207,7 +207,7 @@ class JointGraph:
     def _picture(self) -> Picture:
         times, commanded, board = self._history.table()
         lines = [
-            Line(f"{self._robot.joints[i].title}{source}", angles[:, i].copy(), color_of(i), dash, width)
+            PlotLine(f"{self._robot.joints[i].title}{source}", angles[:, i].copy(), color_of(i), dash, width)
             for angles, source, dash, width in ((commanded, "", None, 1.5), (board, " board", (3, 4), 2.5))
             for i in self._joints
         ]

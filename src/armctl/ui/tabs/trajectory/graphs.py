@@ -19,7 +19,7 @@ from armctl.ui.scene.ghost import Lines, Preview, played, segments
 from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.plan import PlannedMotion
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, numbers, strong, table
-from armctl.ui.widgets.plots import Line, LinePlot, Picture, span, thinned, upright
+from armctl.ui.widgets.plots import LinePlot, Picture, PlotLine, span, thinned, upright
 
 OF = ("Tool", "Joints")
 QUANTITIES: dict[str, tuple[Derivative, str]] = {
@@ -215,24 +215,24 @@ def graph(
     lines = _lines(shown, of, quantity, time, "" if beside is None else "B ")
     if beside is not None:
         others = _lines(beside, of, quantity, time, "A ")
-        lines += [Line(line.name, line.y, line.color, dash=_OTHER_DASH, width=1.2) for line in others]
+        lines += [PlotLine(line.name, line.y, line.color, dash=_OTHER_DASH, width=1.2) for line in others]
     lines += [
-        Line(name, np.full(len(time), value), color, dash=_LIMIT_DASH, width=1.2)
+        PlotLine(name, np.full(len(time), value), color, dash=_LIMIT_DASH, width=1.2)
         for name, value, color in _limits(shown, of, quantity, limits)
     ]
-    lines.append(Line("cursor", upright(time, cursor, *span(lines)), _CURSOR, width=1.2))
+    lines.append(PlotLine("cursor", upright(time, cursor, *span(lines)), _CURSOR, width=1.2))
     who, unit = ("Joint", "°") if of == "Joints" else ("Tool", "mm")
     title = f"{who} {quantity.lower()} ({unit}{QUANTITIES[quantity][1]})"
     return Picture(title, "time (s)", time, tuple(lines))
 
 
-def _lines(shown: PlannedMotion, of: str, quantity: str, time: FloatArray, mark: str) -> list[Line]:
+def _lines(shown: PlannedMotion, of: str, quantity: str, time: FloatArray, mark: str) -> list[PlotLine]:
     joints, tool = shown.motion.of(QUANTITIES[quantity][0])
     names, values, at = ["x", "y", "z"], 1000 * tool, shown.motion.time
     if of == "Joints":
         names, values = [joint.title for joint in shown.robot.joints], np.degrees(joints)
     return [
-        Line(f"{mark}{name}", np.interp(time, at, values[:, i], right=np.nan), color_of(i))
+        PlotLine(f"{mark}{name}", np.interp(time, at, values[:, i], right=np.nan), color_of(i))
         for i, name in enumerate(names)
     ]
 

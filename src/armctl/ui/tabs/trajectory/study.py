@@ -17,7 +17,7 @@ from armctl.motion.figure import color_of
 from armctl.robot import Robot
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, strong, table
-from armctl.ui.widgets.plots import Line, LinePlot, Picture
+from armctl.ui.widgets.plots import LinePlot, Picture, PlotLine
 
 PAPER_DEG_S = 20.0
 _NONE = "Nothing is shown yet: press Show. A study moves nothing."
@@ -87,11 +87,11 @@ def study_picture(shown: ShownStudy) -> Picture:
     robot, study = shown.robot, shown.study
     speeds = 1000 * study.tip_speed
     lines = [
-        Line(robot.joints[joint].title, np.ascontiguousarray(speeds[:, i]), color_of(joint))
+        PlotLine(robot.joints[joint].title, np.ascontiguousarray(speeds[:, i]), color_of(joint))
         for i, joint in enumerate(study.moving)
     ]
     if study.total is not None:
-        lines.append(Line("all together", 1000 * study.total, "#212529"))
+        lines.append(PlotLine("all together", 1000 * study.total, "#212529"))
     return Picture("Tip speed by joint (mm/s)", "time (s)", study.time, tuple(lines))
 
 
