@@ -209,3 +209,15 @@ def test_a_browser_without_webgl_is_told_what_to_do_and_stops_the_arm(
         screen.screenshot("no-webgl")
     finally:
         screen.page.close()  # the script would stay in this window
+
+
+def test_stop_stands_though_viser_s_page_is_not_as_it_was(screen: Screen, served: ServedArm) -> None:
+    # armctl's script for viser's page cannot begin where its name is taken
+    screen.page.add_init_script("Object.defineProperty(window, 'armctlViser', { value: {} });")
+    screen.open(served.url, until="STOP")
+    set_off(served, screen)
+    screen.page.keyboard.press("Escape")
+    served.wait_for(screen, State.HOLDING)
+    assert served.now.cause.startswith("stopped by")
+    assert any("armctlViser" in one or "viser's page" in one for one in screen.errors)
+    screen.page.close()  # the window would keep that script

@@ -98,7 +98,7 @@ def figure_bytes(
         return file.getvalue()
 
 
-class _Asked(msgspec.Struct, array_like=True):
+class _FigureRequest(msgspec.Struct, array_like=True):
     """What ``figure_file`` has drawn."""
 
     robot: dict[str, Any]
@@ -132,7 +132,7 @@ def color_of(i: int) -> str:
 
 def main() -> None:
     """Draw what standard input says, for ``figure_file``."""
-    asked = msgspec.msgpack.decode(sys.stdin.buffer.read(), type=_Asked)
+    asked = msgspec.msgpack.decode(sys.stdin.buffer.read(), type=_FigureRequest)
     motions = [
         TitledMotion(title, MotionAnalysis(**{name: _array(rows) for name, rows in motion.items()}))
         for title, motion in asked.motions

@@ -6,7 +6,10 @@ import logging
 import os
 import secrets
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import reduce
+from importlib import import_module
 from pathlib import Path
 from typing import IO, Any, Self, cast
 
@@ -14,6 +17,7 @@ import msgspec
 
 from armctl.boards import ANY_BOARD
 from armctl.errors import ArmProcessError, BoardError, InputError
+from armctl.hardware import BoardType
 from armctl.hardware.boards import board_type
 from armctl.process.link import Link, LocalLine
 from armctl.process.registry import likeness, orphans, runtime_folder, sweep
@@ -31,6 +35,8 @@ class Start(msgspec.Struct, frozen=True):
     """see ``robot_record``"""
     board_settings: Any
     """of this robot, as plain values"""
+    settings_class: str
+    """of these, ``module:name``, where the board does not say it; empty: it does, or there are none"""
     board: str
     rate_hz: float
     folder: str | None
@@ -45,21 +51,45 @@ class Start(msgspec.Struct, frozen=True):
         cls, robot: Robot, board: str, rate_hz: float, folder: Path | None, pin: str, *, logs: bool
     ) -> Self:
         """For a robot with its body. ``InputError``: its board's settings cannot be told."""
-        kind = board_type(robot.board)
-        if robot.board_settings is not None and kind.settings_type() is None:
+        given, kind = robot.board_settings, board_type(robot.board)
+        given = dict(cast("Mapping[Any, Any]", given)) if isinstance(given, Mapping) else given
+        named = "" if given is None or kind.settings_type() else _class_name(kind, type(given))
+        try:
+            settings = msgspec.to_builtins(given, enc_hook=plain)
+        except (TypeError, NotImplementedError) as cause:
             raise InputError(
-                f"{kind.title} reads settings from robot files, and its BoardType says no settings_type"
-            )
-        settings = msgspec.to_builtins(robot.board_settings, enc_hook=plain)
+                f"{kind.title}: a {type(given).__name__} of settings cannot be told to the arm process; "
+                "let its BoardType say a settings_type, a msgspec.Struct or a dataclass"
+            ) from cause
         where, secret = None if folder is None else str(folder), secrets.token_urlsafe(24)
-        return cls(robot_record(robot), settings, board, rate_hz, where, secret, pin, logs)
+        return cls(robot_record(robot), settings, named, board, rate_hz, where, secret, pin, logs)
 
     def whole_robot(self) -> Robot:
         """The robot, with what its board's driver reads."""
         robot = robot_of(self.robot)
-        kind = board_type(robot.board).settings_type()
+        board = board_type(robot.board)
+        kind = board.settings_type() or _class_of(board, self.settings_class)
         settings = None if kind is None else msgspec.convert(self.board_settings, kind | None)
         return replace(robot, board_settings=settings)
+
+
+# A board of an older package does not say of which class its settings are: it is its own, or a plain one.
+
+
+def _class_name(board: BoardType, kind: type) -> str:
+    if kind.__module__.partition(".")[0] not in (type(board).__module__.partition(".")[0], "builtins"):
+        raise InputError(
+            f"{board.title}: settings of a foreign class {kind.__qualname__}; say a settings_type"
+        )
+    return f"{kind.__module__}:{kind.__qualname__}"
+
+
+def _class_of(board: BoardType, name: str) -> type | None:
+    if not name:
+        return None
+    module, _, path = name.partition(":")
+    found = cast("type", reduce(getattr, path.split("."), import_module(module)))
+    return found if _class_name(board, found) == name else None
 
 
 def start_arm(

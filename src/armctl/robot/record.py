@@ -12,7 +12,7 @@ import numpy as np
 
 from armctl.errors import InputError
 from armctl.kinematics import Chain
-from armctl.kinematics.chain import DHRow, Place, TurnLimit
+from armctl.kinematics.chain import DHRow, FixedFrame, TurnLimit
 from armctl.robot.robot import Robot
 
 
@@ -39,7 +39,7 @@ def robot_of(record: dict[str, Any]) -> Robot:
     def built(kind: type, value: Any) -> Any:
         if kind is not Chain:
             return np.array(value, dtype=np.float64)
-        places = msgspec.convert(value["places"], tuple[Place, ...], dec_hook=built)
+        places = msgspec.convert(value["places"], tuple[FixedFrame, ...], dec_hook=built)
         rows = msgspec.convert(value["rows"], tuple[DHRow, ...])
         segments, tail = [np.array(one) for one in value["segments"]], np.array(value["tail"])
         return Chain(

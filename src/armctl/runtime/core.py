@@ -33,7 +33,7 @@ from armctl.protocol.snapshot import BOARD_REPORTS
 from armctl.robot import CarriedPart, Robot
 from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board, Monitor
-from armctl.runtime.control import ControlDesk
+from armctl.runtime.control import ControlHandover
 from armctl.runtime.gate import Gate
 from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.last_pose import PoseFolder, PoseWatch

@@ -42,9 +42,21 @@
     }
   }
 
+  // STOP and its line stand whatever of viser's page is not as it was: what cannot be asked of it is told once.
+  const failed = new Set();
+  function viser(what, ...given) {
+    try {
+      return armctlViser[what](...given);
+    } catch (error) {
+      if (!failed.has(what)) console.error(`viser's page: ${what}`, error);
+      failed.add(what);
+      return null;
+    }
+  }
+
   // The server asks for these: so it learns which line is whose. The theme is the one chosen here, or else the
   // system's.
-  armctlViser.answer({
+  viser("answer", {
     "armctl-page": () => page,
     "armctl-drawn-by": drawnBy,
     "armctl-window": () => `${innerWidth} ${innerHeight}`,
@@ -53,7 +65,7 @@
 
   // Short: a message on the line has 256 bytes.
   function openTabs() {
-    return armctlViser.openTabs().slice(0, 3).map((label) => label.slice(0, 16));
+    return (viser("openTabs") ?? []).slice(0, 3).map((label) => label.slice(0, 16));
   }
 
   // Shadows are for a graphics card: they take two thirds of the pictures a second without one.
@@ -172,7 +184,7 @@
 
   function findPanelStop() {
     if (panelStop?.isConnected) return;
-    panelStop = armctlViser.buttonOf("STOP");
+    panelStop = viser("buttonOf", "STOP");
     panelStop?.setAttribute("data-armctl-stop", "");
     seen ||= panelStop !== null;
   }
@@ -193,12 +205,12 @@
   }
 
   // A click on a plot fills the field that the words above the plot name.
-  armctlViser.onPlotClick((value, near) => {
+  viser("onPlotClick", (value, near) => {
     const field = near("[data-armctl-click-fills]")?.dataset.armctlClickFills;
     const input = field && near(`input[aria-label="${CSS.escape(field)}"]`);
-    if (input) armctlViser.type(input, value.toFixed(2));
+    if (input) viser("type", input, value.toFixed(2));
   });
-  armctlViser.letGoOfLists(); // the keys that jog are pressed next
+  viser("letGoOfLists"); // the keys that jog are pressed next
 
   function show(now) {
     findPanelStop();
@@ -214,7 +226,7 @@
     say(words, text);
     const operator = document.querySelector("[data-armctl-watching]")?.dataset.armctlWatching;
     say(banner, operator ? `WATCHING: ${operator} operates the arm` : "");
-    armctlViser.name();
+    viser("name");
     const title = document.querySelector("[data-armctl-title]")?.dataset.armctlTitle;
     if (title && document.title !== title) document.title = title;
   }
