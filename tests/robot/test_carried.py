@@ -10,6 +10,7 @@ import pytest
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
+from armctl.facts import say
 from armctl.kinematics.samples import joint_samples
 from armctl.motion import plan_joints
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, Obstacles, SelfCollision, touching
@@ -154,4 +155,4 @@ def test_rest_is_no_excuse_for_it() -> None:
     arm = UZUNER.carrying(CUBE)
     found = touching((Floor(arm),), arm, low)
     assert found is not None
-    assert found.words.startswith(f"{CARRIED}: 0.8 mm below the floor")
+    assert say(found).startswith(f"{CARRIED}: 0.8 mm below the floor")

@@ -16,6 +16,8 @@ import numpy as np
 from armctl.apart import Tell, apart
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, LimitError, RobotFileError
+from armctl.facts import Said
+from armctl.facts.records import fact_of, fact_record
 from armctl.motion.preflight import Finding
 from armctl.program import Program
 from armctl.program.check import check_program
@@ -83,7 +85,11 @@ def check_program_apart(
         found = _apart("do_check", request, _CHECK_S, len(program.steps), progress)
     except InputError:  # made in Python, with values that no file holds
         return here()
-    return msgspec.msgpack.decode(found, type=list[Finding])
+    return [_finding(*one) for one in msgspec.msgpack.decode(found)]
+
+
+def _finding(record: dict[str, Any], text: str, *others: Any) -> Finding:
+    return Finding(fact_of(record) or Said(text), *others)
 
 
 def do_check(request: bytes, tell: Tell) -> bytes:
@@ -108,7 +114,10 @@ def do_check(request: bytes, tell: Tell) -> bytes:
         payload_kg=asked.payload_kg,
         progress=progress,
     )
-    return msgspec.msgpack.encode(found)
+    return msgspec.msgpack.encode([
+        (fact_record(one.reason), one.what, one.time, one.part, one.kind, one.severity, one.step, one.digits)
+        for one in found
+    ])  # fmt: skip
 
 
 class _DrawnPiece(msgspec.Struct, array_like=True):

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.documents import Document
 from armctl.errors import ArmctlError
-from armctl.facts import Said
+from armctl.facts import Reason, Said
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import sources
 from armctl.motion.preflight import Finding, isotropy_of, passes, preflight
@@ -49,7 +49,8 @@ def check_program(
         findings.append(Finding(Said("it has no steps")))
     wrong = dict(_value_findings(program, robot))
     broken = Blocks.of(program.steps).findings
-    in_steps = [Finding(Said(what), step=index) for index, what in (*wrong.items(), *broken)]
+    in_steps = [Finding(why, step=index) for index, why in wrong.items()]
+    in_steps += [Finding(Said(what), step=index) for index, what in broken]
     if motions and not broken:
         begin = None if start is None else robot.chain.checked(start)
         walk = _Walk(program, robot, wrong, payload_kg)
@@ -87,14 +88,14 @@ def _is_sound(steps: Sequence[Step], robot: Robot) -> bool:
     return True
 
 
-def _value_findings(program: Program, robot: Robot) -> Iterator[tuple[int, str]]:
+def _value_findings(program: Program, robot: Robot) -> Iterator[tuple[int, Reason]]:
     for index, step in () if _is_sound(program.steps, robot) else enumerate(program.steps):
         try:
             # A file's values were checked when it was decoded; a program made in Python is checked here only.
             Document(PROGRAM_FILES, msgspec.to_builtins(step)).convert(type(step))
             step.check(robot)
         except ArmctlError as cause:
-            yield index, str(cause)
+            yield index, cause.reason
 
 
 _Key = tuple[bytes, Openings, CarriedPart | None]
