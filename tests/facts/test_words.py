@@ -71,6 +71,14 @@ SAMPLES: list[Reason] = [
 ]
 
 
+def deep(levels: int) -> dict[str, object]:
+    """A reason about a reason about a reason …"""
+    record: dict[str, object] = fact_record(ELBOW)
+    for _ in range(levels):
+        record = {"fact": "About", "thing": "step 3", "reason": record}
+    return record
+
+
 def test_each_kind_of_reason_has_a_sample() -> None:
     assert {type(one) for one in SAMPLES} == set(KINDS.values()) - {Reason}
 
@@ -106,7 +114,13 @@ def test_it_travels_as_a_record(reason: Reason) -> None:
     [
         {},
         {"fact": "os.system"},
+        {"fact": []},
+        {"fact": "Reason"},
         {"fact": "AngleLimit", "part": "Elbow"},
+        {"fact": "Said", "text": 5, "mend": ""},
+        {"fact": "Said", "text": "no", "mend": None},
+        fact_record(RateLimit("Base", "speed", 2.0, 1.0)) | {"limit": 0.0},
+        deep(2_000),
         fact_record(ELBOW) | {"angle": "wide"},
         fact_record(NotNow("a motion", Need.HOLDING, State.OFF)) | {"state": "asleep"},
         fact_record(About("step 3", ELBOW)) | {"reason": {"fact": "Unheard"}},
@@ -123,6 +137,8 @@ def test_a_record_that_is_none_is_nothing(record: dict[str, object]) -> None:
         ({"LANG": "C.UTF-8"}, "en"),
         ({"LANG": "tr_TR.UTF-8"}, "tr"),
         ({"LANG": "de_DE.UTF-8"}, "en"),
+        ({"LANG": "trv_TW.UTF-8"}, "en"),
+        ({"LANG": "tr"}, "tr"),
         ({"LANG": "tr_TR.UTF-8", "LC_ALL": "C"}, "en"),
         ({"LANG": "en_GB", "LC_MESSAGES": "tr_TR"}, "tr"),
     ],

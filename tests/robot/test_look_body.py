@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from itertools import product
 
 import numpy as np
 import pytest
@@ -13,8 +14,10 @@ from armctl.kinematics.samples import joint_samples
 from armctl.motion.clearance import Floor, SelfCollision
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.robot.collision import NEAR_M, CollisionModel
+from armctl.robot.fitting import hull_as_it_is
 from armctl.robot.hulls import nearing
 from armctl.robot.look.pieces import Piece
+from armctl.robot.look_body import _inside
 
 _STEP = 0.05
 """[rad]"""
@@ -157,3 +160,14 @@ def test_a_body_of_a_look_takes_no_scipy() -> None:
     code = "import sys, armctl; r = armctl.load_robot('mearm'); r.collision; r.undersides; "
     code += "sys.exit('scipy' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize(
+    "size", [(0.3, 0.3, 1.5e-7), (1.0, 1.0, 5e-7), (10.0, 10.0, 5e-6), (0.3, 1.5e-7, 1.5e-7)]
+)
+def test_nothing_is_inside_what_is_all_but_flat(size: tuple[float, float, float]) -> None:
+    box = np.array(list(product((-0.5, 0.5), repeat=3)))
+    thin, cube = hull_as_it_is(box * size), hull_as_it_is(0.03 * box)
+    assert not _inside(cube, thin)
+    assert np.ptp(thin.corners, axis=0) == pytest.approx(size)
+    assert _inside(hull_as_it_is(0.01 * box), cube)

@@ -10,7 +10,7 @@ from typing import Any, cast
 from armctl.facts import reasons
 from armctl.facts.reasons import Reason
 from armctl.facts.states import Need, State
-from armctl.facts.words import say
+from armctl.facts.words import advice, say
 
 
 def _kinds(module: ModuleType) -> dict[str, type[Reason]]:
@@ -34,18 +34,18 @@ def _plain(value: Any) -> Any:
         return fact_record(value)
     if isinstance(value, tuple):
         return [_plain(one) for one in cast(tuple[Any, ...], value)]
+    if isinstance(value, float):
+        return float(value)  # numpy's is none that every format knows
     return value.value if isinstance(value, Enum) else value
 
 
 def fact_of(record: dict[str, Any]) -> Reason | None:
     """The reason of a record; None where it is none that this version knows, or can say."""
-    kind = KINDS.get(record.get("fact", ""))
-    if kind is None:
-        return None
     try:
+        kind = KINDS[record["fact"]]
         reason = kind(**{one.name: _valued(one.name, record[one.name]) for one in fields(kind)})
-        say(reason)
-    except (KeyError, TypeError, ValueError):
+        "".join([say(reason), advice(reason)])  # texts, or it is none
+    except (KeyError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError):
         return None
     return reason
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -32,7 +33,7 @@ LANGUAGES = {
 def preferred(environment: Mapping[str, str] = os.environ) -> str:
     """The language that a user's settings name (``LC_ALL``, ``LC_MESSAGES``, ``LANG``), or English."""
     named = next(filter(None, map(environment.get, ("LC_ALL", "LC_MESSAGES", "LANG"))), "")
-    code = named[:2].lower()
+    code = re.split(r"[_.@-]", named)[0].lower()
     return code if code in LANGUAGES else "en"
 
 

@@ -6,6 +6,7 @@ Everywhere: ``start`` (n,) [rad] is where the arm stands.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -209,15 +210,26 @@ def plan_choice(
     try:
         return plan_joints(robot, start, best, duration_s, profile, checked=checked), None
     except MotionRefusedError as refusal:
-        rows = admitted(robot, start, target, choose)
-
-        def may_go(q: FloatArray) -> bool:
-            return may_go_to(robot, start, q, duration_s, profile, checked=checked)
-
-        row = first_possible(robot, robot.chain.checked_one(start), rows, may_go, known=(best,))
-        if row is None:
+        begin = robot.chain.checked_one(start)
+        ask = partial(may_go_to, robot, begin, duration_s=duration_s, profile=profile, checked=checked)
+        other = _next_best(robot, begin, target, choose, best, ask)
+        if other is None:
             raise
-        return plan_joints(robot, start, rows[row], duration_s, profile, checked=False), refusal
+        return plan_joints(robot, start, other, duration_s, profile, checked=False), refusal
+
+
+def _next_best(
+    robot: Robot,
+    start: FloatArray,
+    target: Target,
+    choose: Choice,
+    best: FloatArray,
+    may_go: Callable[[FloatArray], bool],
+) -> FloatArray | None:
+    """The first (n,) [rad] after the best to which the arm may go; None: none was found."""
+    rows = admitted(robot, start, target, choose)
+    row = first_possible(robot, start, rows, may_go, known=(best,))
+    return None if row is None else rows[row]
 
 
 def choose_end(
@@ -230,15 +242,9 @@ def choose_end(
 ) -> FloatArray:
     """Where ``plan_target`` leads to, (n,) [rad]; the best of all solutions where the arm may go to none."""
     best = solve(robot, start, target, choose)
-
-    def may_go(q: FloatArray) -> bool:
-        return may_go_to(robot, start, q, duration_s, profile)
-
-    if may_go(best):
-        return best
-    rows = admitted(robot, start, target, choose)
-    row = first_possible(robot, start, rows, may_go, known=(best,))
-    return best if row is None else rows[row]
+    ask = partial(may_go_to, robot, start, duration_s=duration_s, profile=profile)
+    other = None if ask(best) else _next_best(robot, start, target, choose, best, ask)
+    return best if other is None else other
 
 
 def not_the_best(refusal: MotionRefusedError) -> str:

@@ -427,7 +427,7 @@ def answer(number: int, error: BaseException | None, *, accepted: bool = False) 
         return Answer(number, accepted=accepted, finished=not accepted)
     kind = next((one.__name__ for one in type(error).__mro__ if one.__name__ in _ERRORS), "ArmctlError")
     reason = fact_record(error.reason) if isinstance(error, ArmctlError) else {}
-    if len(msgspec.json.encode(reason)) > _LONGEST_TEXT:  # what quotes a value of the client's
+    if len(repr(reason)) > 2 * _LONGEST_TEXT:  # what quotes a value of the client's
         reason = {}
     return Answer(number, accepted, not accepted, in_short(error), kind, reason)
 

@@ -321,17 +321,17 @@ class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
         return Target.of(_metres(self, _END), pitch, roll, self._rotation)
 
     def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray | None:
-        """The solution that is chosen; by some criteria it depends on the start."""
+        """The best solution to which the arm may go by itself; where there is none, the best of all.
+
+        Without a start the best of all, where that does not depend on it.
+        """
         target = self._target()
-        if start is None and self.choose in FROM_START:
+        if start is not None:
+            return choose_end(robot, start, target, self.choose, self.duration_s, self._law)
+        if self.choose in FROM_START:
             solve(robot, None, target, "least-rotation")  # whether there is any
             return None
         return solve(robot, start, target, self.choose)
-
-    def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
-        """To the best solution to which the arm may go; where there is none, to the best of all."""
-        end = choose_end(robot, start, self._target(), self.choose, self.duration_s, self._law)
-        return _straight(start, end)
 
 
 class _LeadsTool(_Oriented):

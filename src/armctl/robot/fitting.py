@@ -58,7 +58,7 @@ _LARGEST, _MIDDLE, _SMALLEST = 20.0, 5.0, 0.005
 are beyond the second number, or none is larger than the third."""
 _MOST_OF_FEW = 100
 """The hull of more points takes less time with scipy."""
-_FLAT_M = 1e-7
+_FLAT_M, _FLAT = 1e-7, 1e-5
 """A hull that is no thicker has no inside."""
 
 
@@ -228,7 +228,7 @@ def contain(points: FloatArray) -> Fitted:
 
 def hull_as_it_is(points: FloatArray) -> Hull:
     """The hull of points (k, 3), some of which may lie inside it, with all its corners."""
-    if _is_flat(points):
+    if _is_flat(points, _FLAT * float(np.ptp(points, axis=0).max())):
         return Hull(points, _across(points), 0.0)
     if len(points) <= _MOST_OF_FEW:
         kept, normals = hull_of_few(points)
@@ -294,9 +294,10 @@ def _across(corners: FloatArray) -> FloatArray:
     return np.array([across, -across])
 
 
-def _is_flat(points: FloatArray) -> bool:
+def _is_flat(points: FloatArray, least_m: float = 0.0) -> bool:
     off = points - points.mean(axis=0)
-    return len(points) < 4 or bool(np.linalg.svd(off, compute_uv=False)[2] < _FLAT_M)
+    thin = np.linalg.svd(off, compute_uv=False)[2] < max(_FLAT_M, least_m) if len(points) >= 4 else True
+    return bool(thin)
 
 
 def _qhull(points: FloatArray) -> Any:

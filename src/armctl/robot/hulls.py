@@ -239,12 +239,9 @@ _EACH = 4
 """One in so many points tells of most lines that they are no edges."""
 
 
-_AFTER, _BEFORE = [1, 2, 0], [2, 0, 1]
-
-
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """As ``np.cross`` of vectors (k, 3), in a third of its time for some hundred."""
-    return a[:, _AFTER] * b[:, _BEFORE] - a[:, _BEFORE] * b[:, _AFTER]
+    return a[:, _NEXT] * b[:, _LAST] - a[:, _LAST] * b[:, _NEXT]
 
 
 def hull_of_few(points: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:

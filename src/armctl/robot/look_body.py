@@ -17,6 +17,8 @@ from armctl.robot.look.pieces import Jaw, Piece
 
 _TURN = math.radians(10)
 """A jaw that turns farther is more than one hull."""
+_FEWEST_FACES = 4
+"""of a hull with an inside"""
 _INSIDE_M = 1e-3
 """A hull that reaches no farther out of another one of its frame is left out: a motor in its bracket."""
 
@@ -92,6 +94,8 @@ def _swept(jaw: Jaw, corners: FloatArray, low: float, high: float) -> Iterator[F
 
 
 def _inside(one: Hull, other: Hull) -> bool:
-    """Whether a hull adds nothing to another one of its frame."""
+    """Whether a hull adds nothing to another one of its frame; in a flat one nothing is inside."""
+    if len(other.normals) < _FEWEST_FACES:
+        return False
     heights = (other.corners @ other.normals.T).max(axis=0)
     return bool((one.corners @ other.normals.T <= heights + _INSIDE_M).all())

@@ -24,7 +24,7 @@ MAX_UPLOAD_BYTES = 1 << 20
 MAX_ARM_BYTES = 24 << 20
 """… and where an arm with its meshes is expected"""
 _MAX_PLAIN_BYTES = 20 << 10
-"""of every frame that is neither a picture nor a part of a file: a text of 4096 characters has room in it"""
+"""of every frame that is neither a picture nor a part of a file"""
 
 ALLOWED = (
     wire.ViewerCameraMessage,

@@ -218,7 +218,10 @@ class DraggedPoint:
         self.target.position = point
 
     def _on_drag(self) -> Awaitable[object] | None:
-        self.xyz.fill(np.array(self.target.position), digits=1)
+        point = np.array(self.target.position)
+        if not np.isfinite(point).all():  # no page drags it there
+            return None
+        self.xyz.fill(point, digits=1)
         return self._dragged()
 
 
