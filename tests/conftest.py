@@ -45,6 +45,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.flaky(reruns=1))
 
 
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say why each test was tried again: a rerun hides a race."""
+    for report in terminalreporter.stats.get("rerun", []):
+        why = [line for line in report.longreprtext.splitlines() if line.startswith("E  ")][:3]
+        terminalreporter.write_line(f"why {report.nodeid.rpartition('::')[2]} was tried again:")
+        terminalreporter.write_line("\n".join(why) or report.longreprtext[-300:])
+
+
 def pytest_collection_finish() -> None:
     """What is there now stays: the collector does not look through thousands of tests again and again."""
     gc.collect()
