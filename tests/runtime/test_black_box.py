@@ -17,6 +17,7 @@ from tests.runtime.kit import MIDDLE, ROBOT, TICK, Rig, make_rig, swings
 
 from armctl.errors import BoardError, BoardTimeoutError, InputError
 from armctl.facts import State
+from armctl.hardware import Readback, Source
 from armctl.hardware.channels import channel_settings
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import SimulatedMaestro, simulated_maestro
@@ -143,6 +144,21 @@ def test_who_asked_for_what_and_how_it_was_answered(holding: Rig) -> None:
     assert (run.answer, run.answered_s) == ("", None)
     assert (nonsense.what, len(nonsense.who)) == ("str", 400)
     assert "not a command" in nonsense.answer
+
+
+def test_what_a_board_measures_is_kept_as_numbers(rig: Rig) -> None:
+    back = Readback({}, Source.MEASURED, load={0: -0.25}, temperature={0: 41.5, 1: None}, voltage={1: 7.5})
+    rig.driver.read = lambda: back  # type: ignore[method-assign]
+    rig.do(Connect("sim")).result(0)
+    rig.run(0.2)
+    base, shoulder, *_ = ROBOT.joint_names
+    recording = rig.controller.black_box()
+    last = {name: recording.column(name)[-1] for name in recording.columns}
+    assert (last[f"load {base}"], last[f"temperature_c {base}"]) == (-0.25, 41.5)
+    assert last[f"voltage_v {shoulder}"] == 7.5
+    assert np.isnan(
+        [last[f"temperature_c {shoulder}"], last[f"current_a {base}"], last[f"load {shoulder}"]]
+    ).all()
 
 
 def test_a_minute_and_no_more_however_long_it_runs(holding: Rig) -> None:

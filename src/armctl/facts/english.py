@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from armctl.facts.numbers import decimals_apart, degrees_apart
+from armctl.facts.numbers import UNITS, decimals_apart, degrees_apart
 from armctl.facts.reasons import (
     AngleLimit,
     Blocked,
@@ -24,7 +24,7 @@ from armctl.facts.reasons import (
 )
 from armctl.facts.states import Need, State
 
-BY_HULLS = ", by convex hulls"
+_BY_HULLS = ", by convex hulls"
 """what is said of parts that are fitted to shapes: the shapes themselves may be hollow there"""
 HOME_FIRST = "press Homing (every axis moves to its switch)"
 AT = "at {:.{}f} s, "
@@ -34,7 +34,6 @@ WRONG_UNIT = (
     "line in millimetres and degrees"
 )
 _ALLOWS_OFF = (Need.OFF, Need.OFF_OR_HOLDING)
-UNITS = {"speed": "°/s", "acceleration": "°/s²", "jerk": "°/s³"}
 
 
 def _angle(one: AngleLimit) -> str:
@@ -76,7 +75,7 @@ def _blocked(one: Blocked) -> str:
         return f"{depth_mm:.1f} mm below the floor"
     if one.surfaces:
         return f"{-depth_mm:.1f} mm from {one.other}" if depth_mm < 0.0 else f"touches {one.other}"
-    hulls, rest = BY_HULLS if one.fitted else "", f" ({at_rest_mm:.1f} mm at rest)" if at_rest_mm > 0 else ""
+    hulls, rest = _BY_HULLS if one.fitted else "", f" ({at_rest_mm:.1f} mm at rest)" if at_rest_mm > 0 else ""
     return f"{depth_mm:.1f} mm inside {one.other}{hulls}{rest}"
 
 

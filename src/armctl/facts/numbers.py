@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+UNITS = {"speed": "°/s", "acceleration": "°/s²", "jerk": "°/s³"}
+"""of the rates of a joint, as people read them"""
+
 
 def decimals_apart(value: float, *others: float, least: int = 2) -> int:
     """With how many decimals a number and each of some others read differently."""

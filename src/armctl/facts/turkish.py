@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from armctl.facts.numbers import decimals_apart, degrees_apart
+from armctl.facts.numbers import UNITS, decimals_apart, degrees_apart
 from armctl.facts.reasons import (
     AngleLimit,
     Blocked,
@@ -46,7 +46,6 @@ _WRONG_UNIT = (
     "birim yanlış mı? Robot ve armctl.motion metre ve radyan ile; Arm, programlar, sayfalar ve komut "
     "satırı milimetre ve derece ile sayar"
 )
-_UNITS = {"speed": "°/s", "acceleration": "°/s²", "jerk": "°/s³"}
 _FREER = {
     "pitch kept": "yalnız takım eğimi korunursa",
     "pitch free": "takım eğimi serbest bırakılırsa",
@@ -71,7 +70,7 @@ def _stands(one: StandsOutside) -> str:
 
 
 def _rate(one: RateLimit) -> str:
-    unit, limit, value = _UNITS[one.rate], math.degrees(one.limit), math.degrees(one.value)
+    unit, limit, value = UNITS[one.rate], math.degrees(one.limit), math.degrees(one.value)
     if not math.isfinite(value):
         return f"yolun bir köşesinde hızı sıçrıyor; sınırı {limit:.1f} {unit}"
     shown = decimals_apart(value, limit, least=1)

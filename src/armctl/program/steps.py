@@ -192,7 +192,9 @@ class MotionStep(Step, frozen=True, kw_only=True):
         UnreachableError: no solution, or the arm cannot follow. MotionRefusedError: outside the limits.
         """
         end = self.end(robot, start)
-        return None if end is None else _straight(start, end)
+        if end is None or np.abs(end - start).max() <= NOWHERE:
+            return None
+        return PiecewisePolynomial([0.0, 1.0], np.stack([start, end - start])[None])
 
     def leg(self, robot: Robot, start: FloatArray) -> Leg | None:
         """It as a leg of a blend, in which it has no law of its own; None: nowhere. Raises as ``path``."""
@@ -218,13 +220,6 @@ class MotionStep(Step, frozen=True, kw_only=True):
         if leg is None:
             return PointToPoint.lasting(start, start, self.duration_s or 0.0)
         return self.plan_leg(robot, leg, checked=checked)
-
-
-def _straight(start: FloatArray, end: FloatArray) -> PiecewisePolynomial | None:
-    """q(s) from (n,) [rad] straight to another place, s from 0 to 1; None where it goes nowhere."""
-    if np.abs(end - start).max() <= NOWHERE:
-        return None
-    return PiecewisePolynomial([0.0, 1.0], np.stack([start, end - start])[None])
 
 
 class MoveStep(MotionStep, frozen=True, kw_only=True, tag="move"):

@@ -296,8 +296,7 @@ def _across(corners: FloatArray) -> FloatArray:
 
 def _is_flat(points: FloatArray, least_m: float = 0.0) -> bool:
     off = points - points.mean(axis=0)
-    thin = np.linalg.svd(off, compute_uv=False)[2] < max(_FLAT_M, least_m) if len(points) >= 4 else True
-    return bool(thin)
+    return len(points) < 4 or bool(np.linalg.svd(off, compute_uv=False)[2] < max(_FLAT_M, least_m))
 
 
 def _qhull(points: FloatArray) -> Any:

@@ -122,7 +122,7 @@ class BlackBox:
             row[plain : plain + n] = snapshot.q_command if snapshot.commanded else np.nan
             row[plain + n : plain + 2 * n] = snapshot.q
             row[plain + 2 * n :] = np.nan
-            for j, joint in enumerate(self._robot.joints):
+            for j, joint in enumerate(self._robot.joints if snapshot.quantities else ()):
                 if (measured := snapshot.quantities.get(joint.title)) is not None:
                     row[plain + 2 * n + j :: n] = [getattr(measured, name) for name in NAMES]
             if before is None or snapshot.events is not before.events:
