@@ -24,7 +24,7 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.chain import LinkFrames
 from armctl.motion import PointToPoint, preflight
 from armctl.robot import Robot
-from armctl.robot.meshes import ArmSolids
+from armctl.robot.meshes.reading import ArmSolids
 
 _TURN = np.radians(0.5)
 """no joint turns farther from one place that is looked at to the next"""

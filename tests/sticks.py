@@ -10,9 +10,9 @@ import numpy as np
 
 from armctl.kinematics import Chain
 from armctl.robot import Robot, load_robot
-from armctl.robot.body import Capsule, capsule, moved
+from armctl.robot.body.arm_body import Capsule, capsule, moved
+from armctl.robot.body.shape import width
 from armctl.robot.parts import Look
-from armctl.robot.shape import width
 from armctl.robot.solids import Point
 
 # The gripper, as fractions of the reach (y from finger to finger, z along the tool) ...

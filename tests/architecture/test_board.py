@@ -39,8 +39,7 @@ def plugged_in(toy_arm: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Board
     with BoardServer(board_type("toy").simulated(Setup(), {}), MonotonicClock().now) as server:
         port = ListPortInfo(server.port)
         port.vid, port.pid, port.hwid, port.serial_number = 0x1209, 0x0001, "USB VID:PID=1209:0001", "42"
-        for command in ("ports", "doctor"):
-            monkeypatch.setattr(f"armctl.cli.{command}.list_ports", lambda: list_ports(lambda: [port]))
+        monkeypatch.setattr("armctl.cli.boards.list_ports", lambda: list_ports(lambda: [port]))
         yield server
 
 

@@ -23,8 +23,8 @@ SAFE_YAML = {
 }
 """all that may be used of PyYAML: its loader of plain data, and what that is given and raises"""
 KNOWN = {
-    ("kinematics/yaw_pitch_roll/closed_form.py", "compile"),  # of text that armctl itself writes
-    ("kinematics/yaw_pitch_roll/closed_form.py", "exec"),
+    ("kinematics/families/yaw_pitch_roll/closed_form.py", "compile"),  # of text that armctl itself writes
+    ("kinematics/families/yaw_pitch_roll/closed_form.py", "exec"),
 }
 
 

@@ -17,7 +17,7 @@ from armctl.program.steps import Effect, MoveStep
 from armctl.protocol import RunProgram
 from armctl.robot import load_robot
 from armctl.ui.tabs.manual.program_editor import recorded_kinds, step_here
-from armctl.ui.tabs.manual.serial_motion import step_table
+from armctl.ui.tabs.manual.screen import step_table
 from armctl.ui.tabs.manual.step_form import by_label, edited, texts_of
 
 ROBOT = load_robot("uzuner")

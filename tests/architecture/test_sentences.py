@@ -17,7 +17,7 @@ _SENTENCES = {"refusal", "cause", "error", "exc", "finding", "warning", "message
 """what is called so is an error, a finding or a sentence of one"""
 KNOWN = {
     "decoding.py": "msgspec tells what is wrong with a document in words alone",
-    "cli/check.py": "whether a finding names the file already",
+    "cli/programs.py": "whether a finding names the file already",
     "protocol/snapshot.py": "whether the cause of a state tells a warning already",
     "robot/urdf/arm.py": "whether a refusal names the file already",
     "ui/tabs/main/urdf_arm.py": "a folder that the user never named is taken out of a refusal",

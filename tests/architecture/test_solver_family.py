@@ -12,7 +12,7 @@ from examples.extending.family import TwoLinks
 
 import armctl
 from armctl.cli.kinematics import ik
-from armctl.kinematics import families
+from armctl.kinematics.families import registry as families
 
 SOURCES = Path(armctl.__file__).parent
 PLOTTER = Path(__file__).parents[2] / "examples" / "extending" / "plotter.toml"

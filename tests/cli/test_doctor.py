@@ -24,7 +24,7 @@ from armctl.protocol import ManualClock, MonotonicClock
 @pytest.fixture(autouse=True)
 def nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     """A computer without boards, whose names would show if they got into a report."""
-    monkeypatch.setattr("armctl.cli.doctor.list_ports", list)
+    monkeypatch.setattr("armctl.cli.boards.list_ports", list)
     monkeypatch.setattr(socket, "gethostname", lambda: "babbage.lan")
     monkeypatch.setattr(getpass, "getuser", lambda: "lovelace")
     monkeypatch.setattr(Path, "home", lambda: Path("/home/lovelace"))
@@ -138,7 +138,7 @@ def test_a_board_behind_a_socket(capsys: pytest.CaptureFixture[str]):
 def test_auto_without_a_robot_finds_an_arduino_too(capsys: pytest.CaptureFixture[str], tmp_path, monkeypatch):
     port = str(tmp_path / "mega")
     listing = [PortInfo(port, "Arduino Mega", "Mega", "75", True, None)]
-    monkeypatch.setattr("armctl.cli.doctor.list_ports", lambda: listing)
+    monkeypatch.setattr("armctl.cli.boards.list_ports", lambda: listing)
     with BoardServer(SimulatedFirmata(), MonotonicClock().now, link=tmp_path / "mega"):
         _, verdicts, seen = record(capsys, "--port", "auto")
     assert seen["port"] == "Arduino Mega, USB serial number 75"
@@ -192,6 +192,6 @@ def test_what_breaks_the_listing_is_a_report(capsys: pytest.CaptureFixture[str],
     def broken() -> list[object]:
         raise PortError("the system lists no ports")
 
-    monkeypatch.setattr("armctl.cli.doctor.list_ports", broken)
+    monkeypatch.setattr("armctl.cli.boards.list_ports", broken)
     status, _, seen = record(capsys, "--port", "auto")
     assert (status, seen) == (REFUSED, {"port": "the system lists no ports"})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from armctl.cli.opening import MeshProgress
+from armctl.cli.options import MeshProgress
 from armctl.errors import StoppedError
 
 

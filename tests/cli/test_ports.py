@@ -20,7 +20,7 @@ MAESTRO = "Pololu Micro Maestro 6-channel"
 def listing(monkeypatch: pytest.MonkeyPatch) -> list[PortInfo]:
     """What the system lists, to be filled."""
     found: list[PortInfo] = []
-    monkeypatch.setattr("armctl.cli.ports.list_ports", lambda: found)
+    monkeypatch.setattr("armctl.cli.boards.list_ports", lambda: found)
     return found
 
 

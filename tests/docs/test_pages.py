@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import armctl
-from armctl.robot.look.stock import MAKES
+from armctl.robot.look.rows import MAKES
 from armctl.ui.tabs import TABS
 
 ROOT = Path(__file__).parents[2]

@@ -35,8 +35,7 @@ from armctl.facts import (
     state_words,
     what,
 )
-from armctl.facts.records import KINDS, fact_of, fact_record
-from armctl.facts.words import LANGUAGES, preferred
+from armctl.facts.words import KINDS, LANGUAGES, fact_of, fact_record, preferred
 
 ELBOW = AngleLimit("Elbow", math.radians(190.004), -math.pi, math.radians(190))
 SAMPLES: list[Reason] = [

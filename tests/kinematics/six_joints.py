@@ -9,7 +9,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain, DHRow, EnergyModel, GravityModel, InverseKinematics, Solutions, Target
-from armctl.kinematics.families import FAMILIES
+from armctl.kinematics.families.registry import FAMILIES
 
 QUARTER = math.pi / 2
 STEP = math.radians(0.01)

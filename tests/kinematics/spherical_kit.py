@@ -10,7 +10,7 @@ import numpy as np
 from tests.kinematics.kit import FloatArray, random_q, rows_of, solver_of
 
 from armctl.kinematics import Chain, DHRow, Solutions
-from armctl.kinematics.spherical_shoulder.solver import SphericalShoulderSolver
+from armctl.kinematics.families.spherical_shoulder.solver import SphericalShoulderSolver
 
 QUARTER = math.pi / 2
 STEP = math.radians(0.5)

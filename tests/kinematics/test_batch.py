@@ -23,8 +23,8 @@ from armctl import Robot, load_robot
 from armctl.errors import InputError
 from armctl.kinematics import BatchSolutions, Chain, DHRow, Target
 from armctl.kinematics import chain as chain_kernel
-from armctl.kinematics.yaw_pitch_roll import closed_form
-from armctl.kinematics.yaw_pitch_roll.closed_form import cosines_within
+from armctl.kinematics.families.yaw_pitch_roll import closed_form
+from armctl.kinematics.families.yaw_pitch_roll.closed_form import cosines_within
 
 
 def assert_true(chain: Chain, limits: FloatArray, batch: BatchSolutions, position: FloatArray) -> None:

@@ -23,7 +23,7 @@ from armctl.kinematics import (
     Solutions,
     Target,
 )
-from armctl.kinematics.numeric.solver import NumericSolver
+from armctl.kinematics.families.numeric.solver import NumericSolver
 from armctl.motion import plan_joints
 
 START = np.radians([10, 100, -60, -20, 5.0])

@@ -27,9 +27,9 @@ from tests.kinematics.six_joints import (
 )
 
 from armctl.kinematics import Chain, Target
-from armctl.kinematics.general_six.paths import Beside, followed
-from armctl.kinematics.general_six.pencil import ArmPencil, dual_quaternions, product
-from armctl.kinematics.numeric.solver import NumericSolver
+from armctl.kinematics.families.general_six.paths import Beside, followed
+from armctl.kinematics.families.general_six.pencil import ArmPencil, dual_quaternions, product
+from armctl.kinematics.families.numeric.solver import NumericSolver
 
 LONG = bool(os.environ.get("ARMCTL_LONG"))
 FAMILY = "six joints in general"

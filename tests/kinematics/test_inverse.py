@@ -22,7 +22,7 @@ from tests.kinematics.kit import (
 from armctl import load_robot
 from armctl.errors import InputError
 from armctl.kinematics import Chain, DHRow, InverseKinematics, Solutions, Target
-from armctl.kinematics.yaw_pitch_roll import solver
+from armctl.kinematics.families.yaw_pitch_roll import solver
 
 STEP = math.radians(0.5)
 

@@ -17,7 +17,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics import Chain, DHRow, EnergyModel, GravityModel, Target, rotation_from_rpy
 from armctl.kinematics.angles import rotation_angle
-from armctl.kinematics.numeric.goals import (
+from armctl.kinematics.families.numeric.goals import (
     Goal,
     PitchGoal,
     PositionGoal,
@@ -27,7 +27,7 @@ from armctl.kinematics.numeric.goals import (
     rotation_vectors,
     tool_motion,
 )
-from armctl.kinematics.numeric.solver import LinkBound, NumericSolver
+from armctl.kinematics.families.numeric.solver import LinkBound, NumericSolver
 from armctl.kinematics.solutions import Solutions
 from armctl.robot import Robot
 

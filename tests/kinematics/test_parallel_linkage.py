@@ -19,7 +19,7 @@ from armctl.errors import MotionRefusedError, RobotFileError
 from armctl.kinematics import Body, Chain, DHRow, GravityModel
 from armctl.kinematics.chain import TurnLimit
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.families import inverse_kinematics
+from armctl.kinematics.families.registry import inverse_kinematics
 from armctl.kinematics.target import Target
 from armctl.motion import plan_joints
 from armctl.robot import robots_folder

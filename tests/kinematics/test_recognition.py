@@ -10,8 +10,8 @@ from tests.kinematics.kit import chain_of, random_planar_arm, solver_of
 
 from armctl import load_robot
 from armctl.kinematics import Chain, DHRow, Target
-from armctl.kinematics.spherical_shoulder.geometry import recognise_spherical
-from armctl.kinematics.yaw_pitch_roll.geometry import recognise
+from armctl.kinematics.families.spherical_shoulder.geometry import recognise_spherical
+from armctl.kinematics.families.yaw_pitch_roll.geometry import recognise
 
 RIGHT = math.pi / 2
 

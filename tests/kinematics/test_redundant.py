@@ -17,9 +17,9 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics import Chain, DHRow, Target
 from armctl.kinematics.angles import rotation_angle
-from armctl.kinematics.numeric.goals import rotation_vectors
-from armctl.kinematics.redundant.locked import LockedArm, LockedSolutions
-from armctl.kinematics.redundant.solver import RedundantSolver, _repeated
+from armctl.kinematics.families.numeric.goals import rotation_vectors
+from armctl.kinematics.families.redundant.locked import LockedArm, LockedSolutions
+from armctl.kinematics.families.redundant.solver import RedundantSolver, _repeated
 from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.solutions import Solutions
 

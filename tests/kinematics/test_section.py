@@ -9,15 +9,15 @@ from tests.kinematics.kit import chain_of, random_planar_arm, random_q
 
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
-from armctl.kinematics.tool_plane import ToolPlane
+from armctl.kinematics.families.yaw_pitch_roll.geometry import recognise
+from armctl.kinematics.families.yaw_pitch_roll.section import PlanarSection, boundary_arcs, joined, reaches
+from armctl.kinematics.geometry.tool_plane import ToolPlane
 from armctl.kinematics.workspace import (
     SampledSection,
     cell_outline,
     enclosed_area,
     smoothed,
 )
-from armctl.kinematics.yaw_pitch_roll.geometry import recognise
-from armctl.kinematics.yaw_pitch_roll.section import PlanarSection, boundary_arcs, joined, reaches
 from armctl.robot import load_robot
 
 PLANAR = ("uzuner", "abaas", "scorbot", "mico")

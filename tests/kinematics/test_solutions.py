@@ -14,7 +14,7 @@ from tests.robot.panda_kit import panda
 
 from armctl.arrays import FloatArray
 from armctl.kinematics import InverseKinematics, Solutions, Target
-from armctl.kinematics.families import FAMILIES, Branch
+from armctl.kinematics.families.registry import FAMILIES, Branch
 from armctl.kinematics.solutions import BatchSolutions
 from armctl.kinematics.velocity import Freedom, position_freedom
 from armctl.robot import load_robot

@@ -23,7 +23,7 @@ from tests.kinematics.spherical_kit import (
 
 from armctl.errors import InputError
 from armctl.kinematics import Target
-from armctl.kinematics.spherical_shoulder.solver import SphericalShoulderSolver
+from armctl.kinematics.families.spherical_shoulder.solver import SphericalShoulderSolver
 
 LONG = bool(os.environ.get("ARMCTL_LONG"))
 PRINTED = np.array([0.15, -0.10, -0.59])

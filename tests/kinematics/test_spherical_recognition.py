@@ -10,8 +10,8 @@ from tests.kinematics.kit import plain_forward, random_q
 from tests.kinematics.spherical_kit import HUMANOID, HUMANOID_LIMITS, random_arm, spherical_solver
 
 from armctl.kinematics import Chain, DHRow
-from armctl.kinematics.spherical_shoulder.geometry import recognise_spherical
-from armctl.kinematics.subproblems import turned
+from armctl.kinematics.families.spherical_shoulder.geometry import recognise_spherical
+from armctl.kinematics.geometry.subproblems import turned
 
 
 def test_the_humanoid_is_recognised() -> None:

@@ -25,8 +25,8 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics import Chain, InverseKinematics, Solutions, Target
 from armctl.kinematics.angles import TWO_PI, distinct
+from armctl.kinematics.families.spherical_wrist.geometry import recognise_wrist
 from armctl.kinematics.samples import DEFAULT_STEP
-from armctl.kinematics.spherical_wrist.geometry import recognise_wrist
 
 LONG = "ARMCTL_LONG" in os.environ
 ARMS, POSES, STARTS = (300, 100, 600) if LONG else (300, 1, 60)

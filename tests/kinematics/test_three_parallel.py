@@ -27,7 +27,7 @@ from tests.kinematics.six_joints import (
 )
 
 from armctl.kinematics import Chain, Target
-from armctl.kinematics.numeric.solver import NumericSolver
+from armctl.kinematics.families.numeric.solver import NumericSolver
 
 LONG = bool(os.environ.get("ARMCTL_LONG"))
 FAMILY = "three parallel axes"

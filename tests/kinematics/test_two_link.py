@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from armctl.kinematics.yaw_pitch_roll.closed_form import bend_angle, two_link
+from armctl.kinematics.families.yaw_pitch_roll.closed_form import bend_angle, two_link
 
 LENGTHS = ((0.15, 0.15), (0.2, 0.05), (0.05, 0.2), (0.15, 0.15 + 1e-9), (0.15, 0.15 - 1e-7))
 TURN = 0.7

@@ -11,7 +11,7 @@ from tests.sticks import of_sticks
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain, GravityModel
 from armctl.robot import Joint, Robot
-from armctl.robot.body import Capsule
+from armctl.robot.body.arm_body import Capsule
 
 
 def arm(chain: Chain, limits: FloatArray) -> Robot:

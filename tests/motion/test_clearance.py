@@ -24,7 +24,7 @@ from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, Gaps, Obstacles, S
 from armctl.motion.preflight import SampledMotion, preflight
 from armctl.motion.profiles import PROFILES, PointToPoint
 from armctl.robot import Robot
-from armctl.robot.body import capsule
+from armctl.robot.body.arm_body import capsule
 from armctl.robot.parts import Obstacle
 
 UZUNER, SCORBOT = of_sticks("uzuner"), of_sticks("scorbot")

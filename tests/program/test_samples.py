@@ -6,7 +6,7 @@ import pytest
 from tests.arms import FIVE
 
 from armctl.program import check_program
-from armctl.program.samples import SAMPLES, sample_program
+from armctl.program.files import SAMPLES, sample_program
 from armctl.robot import load_robot
 
 

@@ -15,8 +15,8 @@ from armctl.kinematics.samples import joint_samples
 from armctl.motion import plan_joints
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, Obstacles, SelfCollision, touching
 from armctl.robot import CarriedPart, Robot, load_robot
-from armctl.robot.carried import CARRIED
-from armctl.robot.collision import NEAR_M
+from armctl.robot.body.arm_body import CARRIED
+from armctl.robot.body.collision import NEAR_M
 from armctl.robot.parts import Obstacle
 
 UZUNER = load_robot("uzuner").gripping(0.3)

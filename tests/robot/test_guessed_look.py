@@ -22,9 +22,8 @@ from armctl.errors import RobotFileError
 from armctl.motion.clearance import sources
 from armctl.robot import Robot, load_robot, shipped_robots
 from armctl.robot.draft import BUILDS, Draft
-from armctl.robot.look.rows import AnyRow
+from armctl.robot.look.rows import MAKES, PAINTS, AnyRow, paint
 from armctl.robot.look.rows import written as as_written
-from armctl.robot.look.stock import MAKES, PAINTS, paint
 from armctl.robot.look_guess import SOURCE, nearest_paint
 from armctl.robot.look_sound import faults
 from armctl.robot.parts import Hand, Look

@@ -21,10 +21,11 @@ from armctl.kinematics.chain import LinkFrames
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, stands_clear
 from armctl.motion.preflight import preflight
 from armctl.motion.profiles import PointToPoint
-from armctl.robot import Robot, hulls
-from armctl.robot.collision import NEAR_M
-from armctl.robot.fitting import hull_of
-from armctl.robot.hulls import Hull, HullPairs, hull_of_few
+from armctl.robot import Robot
+from armctl.robot.body import hulls
+from armctl.robot.body.collision import NEAR_M
+from armctl.robot.body.fitting import hull_of
+from armctl.robot.body.hulls import Hull, HullPairs, hull_of_few
 from armctl.robot.parts import Obstacle
 
 FAR = math.inf

@@ -13,11 +13,11 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.samples import joint_samples
 from armctl.motion.clearance import Floor, SelfCollision
 from armctl.robot import Robot, load_robot, shipped_robots
-from armctl.robot.collision import NEAR_M, CollisionModel
-from armctl.robot.fitting import hull_as_it_is
-from armctl.robot.hulls import nearing
+from armctl.robot.body.collision import NEAR_M, CollisionModel
+from armctl.robot.body.fitting import hull_as_it_is
+from armctl.robot.body.hulls import nearing
+from armctl.robot.body.of_look import _inside
 from armctl.robot.look.pieces import Piece
-from armctl.robot.look_body import _inside
 
 _STEP = 0.05
 """[rad]"""

@@ -17,12 +17,11 @@ from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics.samples import joint_samples
 from armctl.robot import Robot, load_robot, robots_folder, shipped_robots
+from armctl.robot.body.hulls import distances
 from armctl.robot.draft import BUILDS, Draft
-from armctl.robot.hulls import distances
-from armctl.robot.look.pieces import Piece
+from armctl.robot.look.pieces import MASSES_ASSUMED, Piece, masses
+from armctl.robot.look.rows import MAKES, PAINTS, Material
 from armctl.robot.look.solids import Part
-from armctl.robot.look.stock import MAKES, PAINTS, Material
-from armctl.robot.look_masses import MASSES_ASSUMED, masses
 from armctl.robot.look_sound import STRETCHED_M, Solids, faults, stretched
 from armctl.robot.record import robot_record
 

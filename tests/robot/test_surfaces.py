@@ -20,10 +20,12 @@ from armctl.arrays import FloatArray
 from armctl.kinematics import rotation_from_rpy
 from armctl.kinematics.chain import LinkFrames
 from armctl.motion import PointToPoint, preflight
-from armctl.robot import Robot, mesh_cache, surfaces
+from armctl.robot import Robot
+from armctl.robot.body import surfaces
+from armctl.robot.body.surfaces import CLEAR_M, Surface, SurfacePairs
+from armctl.robot.meshes import cache as mesh_cache
 from armctl.robot.record import robot_of, robot_record
 from armctl.robot.solids import Solid, block, drum
-from armctl.robot.surfaces import CLEAR_M, Surface, SurfacePairs
 
 STEPS = (
     Step("pan", "revolute", "base", "body", "0 0 0.1"),

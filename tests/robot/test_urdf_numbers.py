@@ -11,7 +11,7 @@ from tests.robot.plain_arm import NAMES, write_plain_arm
 
 from armctl import Robot, load_robot
 from armctl.errors import MotionRefusedError, RobotFileError
-from armctl.kinematics.families import has_closed_form
+from armctl.kinematics.families.registry import has_closed_form
 from armctl.motion.preflight import preflight, require_clear
 from armctl.motion.profiles import PointToPoint
 from armctl.robot.urdf import changed_side_file

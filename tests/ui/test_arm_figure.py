@@ -14,12 +14,11 @@ from tests.ui.test_scene import without_look
 
 from armctl.kinematics.chain import LinkFrames
 from armctl.robot import CarriedPart, Robot, load_robot, shipped_robots
-from armctl.robot.look.stock import paint
+from armctl.robot.look.rows import paint
 from armctl.robot.solids import block, creased, drum, grown, joined
 from armctl.ui.guard import GuardedServer
 from armctl.ui.scene.arm_figure import ArmFigure, repaint
-from armctl.ui.scene.arm_mesh import TOOL
-from armctl.ui.scene.arm_model import arm_model
+from armctl.ui.scene.arm_model import TOOL, arm_model
 from armctl.ui.scene.body_view import BodyView, body_solids
 
 ARMS = {name: load_robot(name) for name in shipped_robots()}

@@ -19,8 +19,7 @@ from armctl.protocol import ManualClock
 from armctl.robot import CarriedPart, load_robot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.jog import KEYS, HeldJog, part_of, tool_axes, tool_jog
-from armctl.ui.tabs.manual.joints import checked_percent, stepped
-from armctl.ui.tabs.manual.live_readout import joint_table, tool_motion, tool_table
+from armctl.ui.tabs.manual.joints import checked_percent, joint_table, stepped, tool_motion, tool_table
 from armctl.ui.widgets.joint_angles import slider_degrees, slider_limits
 
 ROBOT = load_robot("uzuner")

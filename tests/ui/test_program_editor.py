@@ -25,7 +25,7 @@ from armctl.ui.tabs.manual.program_editor import (
     step_here,
     tool_point_mm,
 )
-from armctl.ui.tabs.manual.serial_motion import step_table
+from armctl.ui.tabs.manual.screen import step_table
 
 ROBOT = load_robot("uzuner")
 HOME_DEG = (0.0, 90.0, -80.0, -40.0, 0.0)

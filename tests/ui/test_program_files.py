@@ -12,10 +12,10 @@ from tests.ui.page_kit import FakePage
 from armctl.errors import ArmctlError
 from armctl.motion.preflight import Finding
 from armctl.program import Program, WaitStep
-from armctl.program.samples import SAMPLES
+from armctl.program.files import SAMPLES
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
-from armctl.ui.tabs.manual.program_files import ProgramFiles
+from armctl.ui.tabs.manual.program_run import ProgramFiles
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 
 ROBOT = load_robot("uzuner")

@@ -18,9 +18,10 @@ from armctl.calibration.record import (
     encode_calibration,
     iso_time,
     read_calibration,
+    read_marks,
+    read_points,
 )
 from armctl.calibration.store import CalibrationStore, Version, renamed
-from armctl.calibration.table import read_marks, read_points
 from armctl.calibration.tool_error import LEAST_POINTS, ToolError, tool_error
 
 __all__ = [

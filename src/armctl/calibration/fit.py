@@ -11,7 +11,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import CalibrationError
-from armctl.facts.numbers import decimals_apart
+from armctl.facts.reasons import decimals_apart
 
 LEAST_MARKS = 3
 _LEAST_SPREAD = math.radians(10.0)

@@ -27,7 +27,7 @@ from armctl.calibration import (
     own_map,
     safe_outputs,
 )
-from armctl.cli.ending import ends_like_ctrl_c
+from armctl.cli.options import ends_like_ctrl_c
 from armctl.errors import CalibrationError, MotionRefusedError, ProgramError
 from armctl.hardware import Source
 from armctl.protocol import wall_time

@@ -18,19 +18,19 @@ from armctl.version import __version__
 COMMANDS = {
     "serve": "armctl.cli.serve:serve",
     "robots": "armctl.cli.kinematics:robots",
-    "ports": "armctl.cli.ports:ports",
-    "firmware": "armctl.cli.ports:firmware",
+    "ports": "armctl.cli.boards:ports",
+    "firmware": "armctl.cli.boards:firmware",
     "fk": "armctl.cli.kinematics:fk",
     "ik": "armctl.cli.kinematics:ik",
-    "run": "armctl.cli.run:run",
+    "run": "armctl.cli.programs:run",
     "new": "armctl.cli.new:new",
-    "check": "armctl.cli.check:check",
-    "twin": "armctl.cli.twin:twin",
+    "check": "armctl.cli.programs:check",
+    "twin": "armctl.cli.programs:twin",
     "calibrate": "armctl.cli.calibrate:calibrate",
-    "doctor": "armctl.cli.doctor:doctor",
+    "doctor": "armctl.cli.boards:doctor",
     "replay": "armctl.cli.replay:replay",
     "published": "armctl.cli.published:published",
-    "simulate": "armctl.cli.simulate:simulate",
+    "simulate": "armctl.cli.boards:simulate",
 }
 UNNAMED = "serve"
 """the command that is meant where none is named"""

@@ -14,11 +14,10 @@ import numpy as np
 from armctl.cli.options import NUMBER
 from armctl.errors import InputError
 from armctl.robot import Robot, is_urdf, load_robot, robot_path
+from armctl.robot.body.shape import across_the_link
 from armctl.robot.draft import BUILDS, Build, Draft, build_named
-from armctl.robot.look.rows import written
-from armctl.robot.look.stock import MAKES
+from armctl.robot.look.rows import MAKES, written
 from armctl.robot.parts import Hand, Look
-from armctl.robot.shape import across_the_link
 
 
 @click.command()

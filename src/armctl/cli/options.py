@@ -5,8 +5,13 @@ from __future__ import annotations
 import json
 import math
 import os
+import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from types import FrameType
 from typing import Any, cast
 
 import click
@@ -14,6 +19,139 @@ import numpy as np
 from click.decorators import FC
 from click.shell_completion import CompletionItem
 from numpy.typing import NDArray
+
+from armctl.errors import StoppedError
+from armctl.protocol import MonotonicClock
+from armctl.robot import Robot, load_robot
+from armctl.system import ending_signals
+
+# Signals that end a command: Ctrl-C, a service manager, a terminal that is closed.
+
+
+_LOOK_S = 0.5
+"""Windows runs no handler while its program waits without end."""
+
+
+class EndEvent:
+    """Set by signals. A ``threading.Event`` would lock up where one signal interrupts another's handler."""
+
+    def __init__(self) -> None:
+        self._signals: SimpleQueue[int] = SimpleQueue()
+        self.came = False
+        self.patient = True
+        """False: a second signal interrupts what is under way, which may never end"""
+
+    def set(self, signum: int) -> None:
+        """From a signal's handler, also in the middle of ``wait`` or of itself."""
+        if self.came and not self.patient:
+            raise KeyboardInterrupt
+        self.came = True
+        self._signals.put(signum)
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait for a signal; whether one came within ``timeout`` [s]."""
+        while True:
+            try:
+                self._signals.put(self._signals.get(timeout=_LOOK_S if timeout is None else timeout))
+            except Empty:
+                if timeout is not None:
+                    return False
+            else:  # put back: it stays set
+                return True
+
+
+def end_event() -> EndEvent:
+    """An event that these signals set; from now on they do nothing else."""
+    ended = EndEvent()
+
+    def end(signum: int, frame: FrameType | None) -> None:
+        ended.set(signum)
+
+    for number in (signal.SIGINT, *_quiet_ends()):  # Ctrl-C also where a shell's & has it ignored
+        signal.signal(number, end)
+    return ended
+
+
+@contextmanager
+def ends_like_ctrl_c() -> Generator[None]:
+    """These signals raise ``KeyboardInterrupt`` inside, so that a moving arm is stopped first.
+
+    Ctrl-C does so already. Where it is ignored, as in a script's background job, it stays ignored: there it
+    is meant for the job in front. SIGTERM ends the command all the same.
+    """
+
+    def interrupt(signum: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt) for number in _quiet_ends()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)  # None: not Python's own
+
+
+def _quiet_ends() -> tuple[signal.Signals, ...]:
+    """SIGTERM and SIGHUP, without one that is ignored, as ``nohup`` does with SIGHUP."""
+    return tuple(number for number in ending_signals() if signal.getsignal(number) is not signal.SIG_IGN)
+
+
+# Arms with meshes take seconds to open, the first time: the command line says so meanwhile.
+
+
+_QUIET_S = 0.3
+
+
+def load_whole(name: str | Path) -> Robot:
+    """As ``load_robot``, with the body worked out of its meshes."""
+    return with_body(load_robot(name))
+
+
+def with_body(robot: Robot) -> Robot:
+    """The arm with its body; standard error tells of the work."""
+    progress = MeshProgress(robot.title)
+    try:
+        from armctl.process.heavy_work import worked_out  # pyserial: 10 ms that ``armctl ik`` does not need
+
+        return worked_out(robot, progress=progress)[0]
+    finally:
+        progress.end()
+
+
+class MeshProgress:
+    """Tells on standard error how far the work on an arm's meshes is, once it takes a while."""
+
+    def __init__(
+        self,
+        title: str,
+        is_over: Callable[[], bool] = lambda: False,
+        now: Callable[[], float] | None = None,
+    ) -> None:
+        """``is_over``: whether nobody waits for it any more, so that it ends."""
+        self._title, self._is_over, self._now = title, is_over, now or MonotonicClock().now
+        self._began = self._now()
+        self._told = -1
+        self.given_up = False
+        """set from another thread: the work ends"""
+
+    def __call__(self, done: int, parts: int) -> None:
+        """Called ten times a second."""
+        if self.given_up or self._is_over():
+            raise StoppedError(f"{self._title} is not opened: it was given up")
+        if self._now() - self._began < _QUIET_S or done == self._told:
+            return
+        if self._told < 0:
+            what = f"armctl: reading the meshes of {self._title}; this takes seconds, the first time"
+            click.echo(f"{what} (Ctrl-C ends it)", err=True)
+        self._told = done
+        if sys.stderr.isatty():
+            click.echo(f"\r{done} of {parts} parts done", err=True, nl=False)
+
+    def end(self) -> None:
+        """Leave the line clean."""
+        if self._told >= 0 and sys.stderr.isatty():
+            click.echo("\r" + " " * 30 + "\r", err=True, nl=False)
+
 
 QUERY_SETTINGS = {"ignore_unknown_options": True, "help_option_names": ["-h", "--help"]}
 """For commands with number arguments: ``-196`` is a number, not an option."""

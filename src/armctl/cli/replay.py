@@ -12,8 +12,7 @@ import click
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.cli.ending import end_event
-from armctl.cli.options import ROBOT, has_display
+from armctl.cli.options import ROBOT, end_event, has_display
 from armctl.errors import InputError, RobotFileError
 from armctl.protocol import Recording, read_recording
 from armctl.robot import Robot, load_robot

@@ -20,9 +20,7 @@ from armctl import log_files
 from armctl.arm import bring_to_rest
 from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
 from armctl.calibration import CalibrationStore
-from armctl.cli.ending import end_event
-from armctl.cli.opening import MeshProgress
-from armctl.cli.options import ROBOT, has_display, park_option, port_option
+from armctl.cli.options import ROBOT, MeshProgress, end_event, has_display, park_option, port_option
 from armctl.documents import sweep_litter, write_atomically
 from armctl.errors import ArmctlError, ServerError, StoppedError, with_help
 from armctl.hardware.boards import board_type
@@ -44,7 +42,7 @@ from armctl.ui import (
 from armctl.ui.api import PATH as API_PATH
 from armctl.ui.api import api_door
 from armctl.ui.guard import TOKEN, GuardedServer, encryption, guarded_server
-from armctl.ui.scene.shape_drawings import MOST_DRAWN, MOST_GHOSTLY, keep_drawn
+from armctl.ui.scene.arm_model import MOST_DRAWN, MOST_GHOSTLY, keep_drawn
 
 LOG = logging.getLogger("armctl.cli.serve")
 _TAKEN_OVER = (

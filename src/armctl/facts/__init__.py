@@ -1,6 +1,5 @@
 """Why something is refused or warned of, as data; words for it are made last (``say``)."""
 
-from armctl.facts.quantities import Quantities
 from armctl.facts.reasons import (
     About,
     Advised,
@@ -8,9 +7,11 @@ from armctl.facts.reasons import (
     Blocked,
     Freer,
     MotionEndsMoving,
+    Need,
     NotNow,
     OnCurve,
     Overload,
+    Quantities,
     Rate,
     RateLimit,
     Reason,
@@ -19,10 +20,10 @@ from armctl.facts.reasons import (
     Singular,
     SpeedJump,
     StandsOutside,
+    State,
     Unanswered,
     WrongUnit,
 )
-from armctl.facts.states import Need, State
 from armctl.facts.words import advice, at, say, state_words, what
 
 __all__ = [

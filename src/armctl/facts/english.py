@@ -6,11 +6,12 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from armctl.facts.numbers import UNITS, decimals_apart, degrees_apart
 from armctl.facts.reasons import (
+    UNITS,
     AngleLimit,
     Blocked,
     MotionEndsMoving,
+    Need,
     NotNow,
     OnCurve,
     Overload,
@@ -19,10 +20,12 @@ from armctl.facts.reasons import (
     Singular,
     SpeedJump,
     StandsOutside,
+    State,
     Unanswered,
     WrongUnit,
+    decimals_apart,
+    degrees_apart,
 )
-from armctl.facts.states import Need, State
 
 _BY_HULLS = ", by convex hulls"
 """what is said of parts that are fitted to shapes: the shapes themselves may be hollow there"""

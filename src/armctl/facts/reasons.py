@@ -7,10 +7,85 @@ title of a joint, of an angle between links or of a part of the arm, as its robo
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from enum import Enum
 from typing import Literal
 
-from armctl.facts.states import Need, State
+# What a board measures of a joint besides where it is.
+
+
+@dataclass(frozen=True, slots=True)
+class Quantities:
+    """Numbers of one moment; None: not measured, or for once not known."""
+
+    load: float | None = None
+    """force of its motor, as a signed share of the largest"""
+    temperature_c: float | None = None
+    """[°C]"""
+    voltage_v: float | None = None
+    """of its supply [V]"""
+    current_a: float | None = None
+    """[A]"""
+
+    def __str__(self) -> str:
+        """As people read them: ``load −12 %, 41 °C``."""
+        told = (
+            form.format(scale * value).replace("-", "−")
+            for value, (scale, form) in zip((getattr(self, name) for name in NAMES), _FORMS, strict=True)
+            if value is not None
+        )
+        return ", ".join(told)
+
+
+NAMES = tuple(one.name for one in fields(Quantities))
+_FORMS = ((100, "load {:.0f} %"), (1, "{:.0f} °C"), (1, "{:.1f} V"), (1, "{:.2f} A"))
+
+
+# The states of an arm, and what a command needs of them.
+
+
+class State(Enum):
+    """The controller's states."""
+
+    DISCONNECTED = "disconnected"
+    OFF = "off"  # connected; nothing is sent, and where the arm is counts for nothing
+    HOLDING = "holding"
+    MOVING = "moving"
+    PAUSED = "paused"
+    FAULT = "fault"
+
+
+class Need(Enum):
+    """What a command needs of the arm; the controller and the buttons of the pages ask the same rule."""
+
+    HOLDING = "holding"
+    JOG = "holding, or jogged"
+    PAUSE = "moving"
+    GRIPPER = "enabled"
+    OFF = "off"
+    OFF_OR_HOLDING = "off or holding"
+
+
+# Numbers as texts that tell them apart.
+
+
+UNITS = {"speed": "°/s", "acceleration": "°/s²", "jerk": "°/s³"}
+"""of the rates of a joint, as people read them"""
+
+
+def decimals_apart(value: float, *others: float, least: int = 2) -> int:
+    """With how many decimals a number and each of some others read differently."""
+    for k in range(least, 10):
+        if f"{value:.{k}f}" not in {f"{other:.{k}f}" for other in others}:
+            return k
+    return least
+
+
+def degrees_apart(value: float, *others: float) -> tuple[str, ...]:
+    """Angles [rad] as texts in degrees, with so many decimals that the first reads unlike the others."""
+    first, *rest = (math.degrees(angle) + 0.0 for angle in (value, *others))
+    digits = decimals_apart(first, *rest)
+    return tuple(f"{angle:z.{digits}f}°" for angle in (first, *rest))
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from armctl.kinematics.energy import (
     GravityModel,
     checked_criterion,
 )
-from armctl.kinematics.families import Branch, BranchFinder, inverse_kinematics
+from armctl.kinematics.families.registry import Branch, BranchFinder, inverse_kinematics
 from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.solutions import BatchSolutions, Choice, Solutions
 from armctl.kinematics.solver import InverseKinematics

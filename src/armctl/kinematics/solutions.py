@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import ArrayRecord, ByContent, FloatArray, content, lock
 from armctl.errors import InputError, UnreachableError
-from armctl.facts.numbers import decimals_apart
+from armctl.facts.reasons import decimals_apart
 from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.continuum import moving_joints, uncertainties

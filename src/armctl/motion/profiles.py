@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray, lock
 from armctl.errors import InputError, MotionRefusedError
-from armctl.facts.numbers import decimals_apart
+from armctl.facts.reasons import decimals_apart
 from armctl.kinematics.energy import CUBIC_PEAKS, rest_to_rest_times
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion.polynomial import PiecewisePolynomial

@@ -17,13 +17,13 @@ from armctl.apart import Tell, apart
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, LimitError, RobotFileError
 from armctl.facts import Said
-from armctl.facts.records import fact_of, fact_record
+from armctl.facts.words import fact_of, fact_record
 from armctl.motion.preflight import Finding
 from armctl.program import Program
 from armctl.program.check import check_program
 from armctl.robot import Robot
-from armctl.robot.mesh_cache import keep, kept
-from armctl.robot.meshes import Drawn, coarse_solids
+from armctl.robot.meshes.cache import keep, kept
+from armctl.robot.meshes.reading import Drawn, coarse_solids
 from armctl.robot.record import robot_of, robot_record
 from armctl.robot.solids import Solid
 

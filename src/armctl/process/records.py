@@ -13,7 +13,7 @@ import numpy as np
 
 from armctl.arrays import read_only
 from armctl.errors import ArmctlError, InputError, ProgramError
-from armctl.facts.records import fact_of, fact_record
+from armctl.facts.words import fact_of, fact_record
 from armctl.kinematics import Target
 from armctl.kinematics.target import as_numbers
 from armctl.motion import Trajectory

@@ -20,7 +20,7 @@ from armctl.motion.trajectory import JoinedTrajectory, Trajectory
 from armctl.program.program import PROGRAM_FILES, Blocks, Cursor, Program
 from armctl.program.steps import AnyStep, EndStep, MotionStep, MoveStep, RepeatStep, Step
 from armctl.robot import CarriedPart, Robot
-from armctl.robot.body import Openings
+from armctl.robot.body.arm_body import Openings
 
 
 def check_program(

@@ -23,7 +23,7 @@ from armctl.motion.profiles import NOWHERE, PointToPoint, ProfileName
 from armctl.motion.trajectory import Trajectory
 from armctl.program.keys import Field, Key, keys_of, literal
 from armctl.robot import CarriedPart, Robot
-from armctl.robot.carried import LARGEST_PART_MM, THINNEST_PART_MM, edge_words
+from armctl.robot.body.arm_body import LARGEST_PART_MM, THINNEST_PART_MM, edge_words
 
 LONGEST_WAIT_S = 86_400
 MOST_REPEATS = 1_000_000

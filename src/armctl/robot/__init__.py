@@ -1,6 +1,6 @@
 """What an arm is, and the robot files that say so."""
 
-from armctl.robot.carried import CarriedPart
+from armctl.robot.body.arm_body import CarriedPart
 from armctl.robot.load import (
     hidden_robots,
     is_urdf,

@@ -13,8 +13,7 @@ from msgspec import Meta
 
 from armctl.documents import Document, DocumentKind
 from armctl.errors import Errors, RobotFileError
-from armctl.robot.look.rows import SOLIDS, AnyRow
-from armctl.robot.look.stock import MakeName, Material
+from armctl.robot.look.rows import SOLIDS, AnyRow, MakeName, Material
 from armctl.robot.parts import MOST_JOINTS, Hand, Look, Obstacle
 from armctl.robot.parts import Color as Rgb
 

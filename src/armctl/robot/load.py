@@ -21,7 +21,7 @@ from armctl.facts import Several, say
 from armctl.kinematics import Body, Chain, DHRow, GravityModel
 from armctl.kinematics.chain import TurnLimit
 from armctl.robot.board_entries import read_outputs
-from armctl.robot.body import Capsule, capsule
+from armctl.robot.body.arm_body import Capsule, capsule
 from armctl.robot.file import (
     ROBOT_FILES,
     CapsuleEntry,
@@ -30,7 +30,7 @@ from armctl.robot.file import (
     RobotFile,
     without_board,
 )
-from armctl.robot.look_masses import MASSES_ASSUMED, masses
+from armctl.robot.look.pieces import MASSES_ASSUMED, masses
 from armctl.robot.look_sound import check_look
 from armctl.robot.parts import JERK_UP_S, Gripper, Joint, Look
 from armctl.robot.robot import BODY_GUESSED, Robot

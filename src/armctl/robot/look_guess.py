@@ -17,8 +17,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain, LinkFrames
-from armctl.robot.look.rows import AnyRow
-from armctl.robot.look.stock import MAKES, PAINTS, MakeName, Paint, paint
+from armctl.robot.look.rows import MAKES, PAINTS, AnyRow, MakeName, Paint, paint
 from armctl.robot.parts import Color, Hand, Look
 
 SOURCE = "the chain alone: sizes are guessed from its lengths"

@@ -13,7 +13,7 @@ from armctl.documents import Document
 from armctl.errors import Errors
 from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.samples import joint_samples
-from armctl.robot.hulls import nearing, padded
+from armctl.robot.body.hulls import nearing, padded
 from armctl.robot.look.pieces import Jaw, Mount
 from armctl.robot.look.rows import called
 from armctl.robot.robot import Robot

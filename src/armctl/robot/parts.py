@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from armctl.arrays import ArrayRecord, FloatArray
-from armctl.robot.look.rows import AnyRow
-from armctl.robot.look.stock import MakeName, Material
+from armctl.robot.look.rows import AnyRow, MakeName, Material
 
 MOST_JOINTS = 64
 """no arm has more: solvers and checks take time and memory for each"""

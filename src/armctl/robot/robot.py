@@ -30,10 +30,9 @@ from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.target import seem_degrees
 from armctl.kinematics.velocity import NEAR, position_leaves_orientation
-from armctl.robot.bodies import MOST_OPENINGS, Bodies
-from armctl.robot.body import ANY_OPENING, ArmBody, Capsule, Openings
-from armctl.robot.carried import CarriedPart
-from armctl.robot.collision import CollisionModel, Underside
+from armctl.robot.body.arm_body import ANY_OPENING, ArmBody, Capsule, CarriedPart, Openings
+from armctl.robot.body.bodies import MOST_OPENINGS, Bodies
+from armctl.robot.body.collision import CollisionModel, Underside
 from armctl.robot.look.pieces import Drawing, Piece
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
 from armctl.robot.parts import Gripper, Joint, Look, Obstacle, Shape
@@ -224,10 +223,10 @@ class Robot(ArrayRecord):
 
     def _worked_out(self, progress: Callable[[int, int], None] | None) -> ArmBody:
         """The hulls of its shapes."""
-        from armctl.robot.mesh_cache import keep  # what reads meshes, and fits hulls to them
+        from armctl.robot.meshes.cache import keep  # what reads meshes, and fits hulls to them
 
         def fit() -> ArmBody:
-            from armctl.robot.fitting import fitted_body  # scipy, and seconds of work
+            from armctl.robot.body.fitting import fitted_body  # scipy, and seconds of work
 
             drawn = [one for one in self._drawn.at(ANY_OPENING).capsules if one.link >= 0]
             return fitted_body(self.chain, self.shapes, self.link_titles, drawn, progress)
@@ -253,7 +252,7 @@ class Robot(ArrayRecord):
         """The same, where it takes no time, because the body is kept; else None."""
         if not self.shapes or self.capsules is not None:
             return self
-        from armctl.robot.mesh_cache import kept
+        from armctl.robot.meshes.cache import kept
 
         known = kept(ArmBody, self.shapes, *self._body_of)
         return None if known is None else self._with(known)

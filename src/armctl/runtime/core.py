@@ -35,8 +35,8 @@ from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board, Monitor
 from armctl.runtime.control import ControlHandover
 from armctl.runtime.gate import Gate
-from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.last_pose import PoseFolder, PoseWatch
+from armctl.runtime.led.joint_servo import KeepClear
 from armctl.runtime.mover import GripperMover, PathMover
 from armctl.runtime.notices import EventLog, Notices
 from armctl.runtime.order import Order

@@ -31,8 +31,8 @@ from armctl.protocol.commands import FOLLOW_EXPIRY_S, JOG_EXPIRY_S, STREAM_EXPIR
 from armctl.protocol.needs import tool_turns
 from armctl.robot import CarriedPart
 from armctl.runtime.core import Core
-from armctl.runtime.jog import Jogger
-from armctl.runtime.live_target import Follower, Streamer
+from armctl.runtime.led.jog import Jogger
+from armctl.runtime.led.live_target import Follower, Streamer
 from armctl.runtime.mover import PathMover
 from armctl.runtime.order import Order
 from armctl.runtime.planner import checked_trajectory

@@ -19,7 +19,7 @@ from armctl.errors import ArmctlError
 from armctl.facts import Need, say
 from armctl.protocol import Command, ControlCommand, Origin, Snapshot, Ticket, unmet
 from armctl.robot import CarriedPart, Robot
-from armctl.robot.look.stock import Theme
+from armctl.robot.look.rows import Theme
 from armctl.ui.console import page_name
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.ghost import Ghost

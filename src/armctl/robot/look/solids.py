@@ -10,8 +10,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
-from armctl.robot.look.rows import AnyRow, Bar, Box, Bracket, Direction, Motor, Plate, Rod, Tube, Widths
-from armctl.robot.look.stock import MAKES, Paint
+from armctl.robot.look.rows import (
+    MAKES,
+    AnyRow,
+    Bar,
+    Box,
+    Bracket,
+    Direction,
+    Motor,
+    Paint,
+    Plate,
+    Rod,
+    Tube,
+    Widths,
+)
 from armctl.robot.solids import Solid
 
 _SIDES, _BODY_SIDES = 28, 14

@@ -26,7 +26,7 @@ from platformdirs import user_cache_path
 from armctl.documents import DocumentKind, not_written, write_atomically
 from armctl.errors import RobotFileError, UnclearArmError
 from armctl.robot.file import ROBOT_FILES
-from armctl.robot.meshes import SUFFIXES
+from armctl.robot.meshes.reading import SUFFIXES
 from armctl.robot.urdf.side_file import SIDE_SUFFIX, decode_side_file
 
 ARM_SUFFIXES = (".urdf", ".xacro")

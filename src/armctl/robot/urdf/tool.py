@@ -9,8 +9,9 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import UnclearArmError
-from armctl.robot.urdf.joints import ArmEnds, arm_ends
-from armctl.robot.urdf.names import (
+from armctl.robot.urdf.joints import (
+    ArmEnds,
+    arm_ends,
     customary_tools,
     is_beside,
     is_hand,

@@ -8,12 +8,11 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.kinematics import quaternion_wxyz
 from armctl.robot import CarriedPart, Robot
-from armctl.robot.look.stock import Theme
+from armctl.robot.body.shape import width
+from armctl.robot.look.rows import Theme
 from armctl.robot.parts import Color
-from armctl.robot.shape import width
 from armctl.robot.solids import Solid
-from armctl.ui.scene.arm_mesh import TOOL
-from armctl.ui.scene.arm_model import arm_model
+from armctl.ui.scene.arm_model import TOOL, arm_model
 
 ARM = "/arm"
 """the name of the present arm's figure, which all pages share"""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -12,15 +13,112 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.robot import Robot
+from armctl.robot.body.shape import width
 from armctl.robot.look.pieces import Jaw, Mount, Piece
-from armctl.robot.shape import width
+from armctl.robot.look.rows import Paint, Theme, paint
+from armctl.robot.meshes.reading import Drawn, coarse_solids
+from armctl.robot.parts import Color, Shape
 from armctl.robot.solids import Solid, creased, grown, joined
-from armctl.ui.scene.arm_mesh import TOOL, Mesh, link_frame
-from armctl.ui.scene.shape_drawings import MOST_DRAWN, MOST_GHOSTLY, shape_meshes
+
+# The shapes of an arm's files as they are drawn, kept for all pages.
+
+
+MOST_DRAWN, MOST_GHOSTLY = 30_000, 8_000
+"""triangles of an arm (0.8 MB for each page), and of a ghost, of which a page may have many"""
+_KEPT = 8
+"""drawings: those of four arms"""
+
+
+class _Drawings:
+    """The drawings of some arms, as every page and every ghost asks for them, and reading takes seconds."""
+
+    def __init__(self) -> None:
+        self._kept: dict[tuple[tuple[Shape, ...], int], tuple[object, Drawn]] = {}
+
+    def of(self, shapes: tuple[Shape, ...], most: int, *, anew: bool) -> Drawn:
+        known = self._kept.get((shapes, most))
+        if known is None or (anew and known[0] != _stamps(shapes)):
+            return self.keep(shapes, most, coarse_solids(shapes, most))
+        self._kept[shapes, most] = self._kept.pop((shapes, most))  # the newest: what is shown stays
+        return known[1]
+
+    def keep(self, shapes: tuple[Shape, ...], most: int, drawn: Drawn) -> Drawn:
+        self._kept.pop((shapes, most), None)
+        while len(self._kept) >= _KEPT:
+            del self._kept[next(iter(self._kept))]
+        self._kept[shapes, most] = _stamps(shapes), drawn
+        return drawn
+
+
+_DRAWINGS = _Drawings()
+
+
+def drawn_solids(shapes: tuple[Shape, ...], most: int = MOST_DRAWN) -> Drawn:
+    """As ``coarse_solids``, kept; read anew where a file has changed. May take seconds."""
+    return _DRAWINGS.of(shapes, most, anew=True)
+
+
+def keep_drawn(shapes: tuple[Shape, ...], drawn: Mapping[int, Drawn]) -> None:
+    """Keep drawings by their number of triangles: the pages draw an arm as it was when it was opened."""
+    for most, one in drawn.items():
+        _DRAWINGS.keep(shapes, most, one)
+
+
+def _stamps(shapes: tuple[Shape, ...]) -> tuple[tuple[int, int] | None, ...]:
+    """What changes with the files: their times and sizes; None: there is none."""
+    return tuple(_stamp(shape.file) for shape in shapes)
+
+
+def _stamp(file: str) -> tuple[int, int] | None:
+    try:
+        status = os.stat(file)
+    except (OSError, ValueError):
+        return None
+    return status.st_mtime_ns, status.st_size
+
+
+def shape_meshes(robot: Robot, out: float, most: int) -> list[tuple[int, Mesh]]:
+    """What the arm's file shows of its links, and of which link: ``out`` [m] larger all round."""
+    look, found = robot.look, list[tuple[int, Mesh]]()
+    for i, (link, color, solid) in enumerate(_DRAWINGS.of(robot.shapes, most, anew=False)):
+        color = color or look.links[max(link, 0) % len(look.links)]
+        solid = grown(solid, out) if out > 0 else solid
+        found.append((link, Mesh(f"{link_frame(link)}/s{i}", solid, color, flat=True)))
+    return found
+
+
+# One mesh of an arm as it is drawn, and the names of the frames that meshes are in.
+
+
+TOOL = "tool"
+"""the frame at the tool point"""
+
+
+def link_frame(link: int) -> str:
+    """The name of a link's frame below the arm's own; -1: the base."""
+    return f"link{link}" if link >= 0 else "base"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """One surface of one colour."""
+
+    name: str
+    """below the arm's own: that of its frame, and what tells it from others there"""
+    solid: Solid
+    """in that frame [m]"""
+    color: Color | Paint
+    flat: bool = False
+    """each triangle is seen, as machines have edges; else its normals leave only doubled vertices sharp"""
+
+    def color_in(self, theme: Theme) -> Color:
+        """Red, green and blue (0..255)."""
+        return paint(self.color, theme) if isinstance(self.color, str) else self.color
+
 
 _CREASE = math.radians(38)
 """Faces that meet at a flatter angle are shaded as one surface."""
-_KEPT = 16
+_FIGURES = 16
 """models: the present arm, its ghost, and one for each branch of a target"""
 
 
@@ -68,7 +166,7 @@ def arm_model(robot: Robot, thicker: float = 1.0, *, ghostly: bool = False) -> A
     return replace(model, meshes=model.meshes + meshes, tool_axes=robot.n - 1 in shown)
 
 
-@lru_cache(_KEPT)
+@lru_cache(_FIGURES)
 def _look_model(robot: Robot, out: float, ghostly: bool, shown: frozenset[int]) -> ArmModel:
     """A frame for all that moves as one, and there a mesh a colour, but of links that are ``shown``."""
     frames = _Frames(robot.chain)

@@ -12,7 +12,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.kinematics import quaternion_wxyz
 from armctl.robot import Robot
-from armctl.robot.body import Capsule
+from armctl.robot.body.arm_body import Capsule
 from armctl.robot.look.pieces import Mount
 from armctl.robot.solids import Solid, grown, joined, tube
 from armctl.ui.scene.arm_figure import ARM, add_solid

@@ -1,0 +1,141 @@
+"""The registry of solver families: the solver that an arm's own joint axes call for, and all its branches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armctl.arrays import ArrayRecord, FloatArray
+from armctl.errors import InputError
+from armctl.kinematics.angles import LIMIT_TOLERANCE, rest_angle, whole_turns
+from armctl.kinematics.chain import Chain
+from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.families.general_six.solver import GeneralSixSolver
+from armctl.kinematics.families.numeric.solver import NumericSolver
+from armctl.kinematics.families.offset_roll.solver import OffsetRollSolver
+from armctl.kinematics.families.parallel_linkage.solver import ParallelLinkageSolver
+from armctl.kinematics.families.redundant.solver import RedundantSolver
+from armctl.kinematics.families.spherical_shoulder.solver import SphericalShoulderSolver
+from armctl.kinematics.families.spherical_wrist.solver import SphericalWristSolver
+from armctl.kinematics.families.three_parallel.solver import ThreeParallelSolver
+from armctl.kinematics.families.yaw_pitch_roll.solver import YawPitchRollSolver
+from armctl.kinematics.samples import DEFAULT_STEP
+from armctl.kinematics.solutions import needs
+from armctl.kinematics.solver import InverseKinematics
+from armctl.kinematics.target import Target
+
+FAMILIES: tuple[type[InverseKinematics], ...] = (
+    YawPitchRollSolver,
+    OffsetRollSolver,
+    SphericalShoulderSolver,
+    SphericalWristSolver,
+    ThreeParallelSolver,
+    GeneralSixSolver,
+    RedundantSolver,
+    ParallelLinkageSolver,
+    NumericSolver,
+)
+"""tried in turn; the last one takes any serial arm. A new family is one more entry before it."""
+
+
+def inverse_kinematics(
+    chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]
+) -> InverseKinematics:
+    """The solver of the first family that the arm belongs to; arguments as of ``InverseKinematics.of``."""
+    for family in FAMILIES:
+        if chain.coupling is not None and not family.takes_linkages:
+            continue
+        solver = family.of(chain, limits, energy, titles)
+        if solver is not None:
+            return solver
+    raise InputError(
+        "no solver takes this parallel linkage; a palletiser has a yaw joint, two parallel pitch joints, a "
+        "link that follows them so that it stays level, and at most a joint that turns it about the vertical"
+    )
+
+
+def has_closed_form(chain: Chain) -> bool:
+    """Whether a serial arm belongs to a family that needs no search for a whole pose."""
+    return any(family.recognises(chain) for family in FAMILIES)
+
+
+# Every closed-form branch of a target, those that the joint limits forbid too, with what forbids them.
+
+_SAME = 1e-6
+"""configurations this near to each other are one [rad]"""
+_MET = 1e-6
+"""how far what meets a target may be off it [m], [rad]: some families list what is nearest to a rotation"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Branch(ArrayRecord):
+    """One way to meet a target."""
+
+    name: str
+    q: FloatArray
+    """(n,) [rad]; each joint at the image nearest to the middle of its limits"""
+    forbidden: tuple[str, ...]
+    """a sentence for each joint that would have to leave its limits; empty where the arm can stand so"""
+
+
+class BranchFinder:
+    """The branches of one arm. Immutable; safe in several threads.
+
+    The arm's own solver, given a whole turn about the middle of each joint's limits, lists every branch once.
+    """
+
+    def __init__(self, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> None:
+        self._limits, self._titles = limits, tuple(titles)
+        self._chain = chain
+        self._solver = inverse_kinematics(chain.without_turn_limits(), whole_turns(limits), energy, titles)
+
+    def forbids(self, target: Target) -> str:
+        """What keeps the arm from a target as it is asked for, in words; empty where that is not known."""
+        if self._solver.is_swept(target):
+            return ""
+        branches = self.find(target)
+        if not branches:
+            if self._solver.complete:
+                return "the links do not allow the one asked for, whatever the joint limits"
+            return "none was found without the joint limits, either"
+        if not all(branch.forbidden for branch in branches):
+            return ""
+        away = [np.abs(branch.q - np.clip(branch.q, *self._limits.T)).sum() for branch in branches]
+        least = "at the least, " if len(branches) > 1 else ""
+        return f"for the one asked for, {least}{' and '.join(branches[int(np.argmin(away))].forbidden)}"
+
+    def find(self, target: Target) -> tuple[Branch, ...]:
+        """All branches by order of their names; none where nothing meets the target, or a joint is free."""
+        if self._solver.is_swept(target):
+            return ()  # a continuum, not branches
+        if self._solver.complete and self._solver.searches_parts and target.rotation is not None:
+            pose = np.eye(4)  # a list would search for the nearest orientation where there is none
+            pose[:3, :3], pose[:3, 3] = target.rotation, target.point
+            if not self._solver.solve_poses(pose[None]).found.any():
+                return ()
+        joint = self._solver.roll_joint
+        if target.roll is None and target.rotation is None and joint is not None:
+            # any roll will do: the one at which the arm itself answers, not one of the widened joint
+            low, high = self._limits[joint].tolist()
+            target = target._replace(roll=rest_angle(low, high))
+        solutions = self._solver.solve(target, DEFAULT_STEP)
+        meets = np.maximum(solutions.residual_m, solutions.residual_rad) <= _MET
+        found: list[Branch] = []
+        for i in np.argsort(solutions.branch_index, kind="stable").tolist():
+            q = solutions.q[i]
+            if not meets[i]:
+                continue
+            if any(np.abs(np.exp(1j * q) - np.exp(1j * other.q)).max() < _SAME for other in found):
+                continue
+            inside = np.clip(q, *self._limits.T)  # takes rounding off the joints that are inside
+            outside = np.abs(inside - q) > LIMIT_TOLERANCE
+            why = [
+                needs(self._titles[k], self._limits[k], float(q[k])) for k in np.flatnonzero(outside).tolist()
+            ]
+            q = np.where(outside, q, inside)
+            for limit, turn in self._chain.turns_beyond(q):
+                why.append(needs(limit.name, (limit.lower, limit.upper), turn))
+            found.append(Branch(str(solutions.branch[i]), q, tuple(why)))
+        return tuple(found)

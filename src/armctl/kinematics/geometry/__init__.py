@@ -1,0 +1,1 @@
+"""Geometry that solver families share."""

@@ -1,0 +1,142 @@
+"""The pieces of an arm that are kept apart from each other and from what is around it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armctl.arrays import ArrayRecord, FloatArray
+from armctl.errors import InputError, out_of_range
+from armctl.kinematics.chain import Chain
+from armctl.kinematics.target import as_numbers
+from armctl.robot.body.hulls import Hull
+from armctl.robot.body.surfaces import Surface
+from armctl.robot.look.pieces import Mount, link_name
+
+Openings = tuple[float, float]
+"""between which a gripper is, 0 (closed) to 1"""
+ANY_OPENING: Openings = (0.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Capsule(ArrayRecord):
+    """A piece of the arm's body: all points within a radius of a segment, or a hull inside that."""
+
+    link: int
+    """index of its link; -1: the base; beyond the links: of ``ArmBody.mounts``"""
+    start: FloatArray
+    """(3,) in the link's frame (``LinkFrames``) [m]"""
+    end: FloatArray
+    """(3,) [m]"""
+    radius: float
+    """[m]"""
+    part: str
+    """what a user calls it"""
+    hull: Hull | None = None
+    """what is kept apart instead, inside the capsule, where the piece was fitted to shapes"""
+    surface: Surface | None = None
+    """what is inside the hull: it decides where hulls overlap"""
+
+    @property
+    def corners(self) -> FloatArray:
+        """(k, 3) of the hull, or both ends of the axis [m]."""
+        return np.array([self.start, self.end]) if self.hull is None else self.hull.corners
+
+    @property
+    def as_hull(self) -> Hull:
+        """The hull of the mesh, or the axis with the radius round it."""
+        return Hull(self.corners, np.empty((0, 3)), self.radius) if self.hull is None else self.hull
+
+
+@dataclass(frozen=True, slots=True)
+class ArmBody:
+    """The pieces of an arm, and what is to be said of them."""
+
+    capsules: tuple[Capsule, ...]
+    notes: tuple[str, ...] = ()
+    unused: tuple[int, ...] = ()
+    """which of the arm's shapes could not be read, or have another unit"""
+    mounts: tuple[Mount, ...] = ()
+    """frames of capsules that move with two links: their indices follow those of the links"""
+    solids: tuple[int, ...] = ()
+    """which solid of a look each capsule is of"""
+
+
+def capsule(
+    chain: Chain, titles: Sequence[str], frame: int, ends: tuple[ArrayLike, ArrayLike], radius: float
+) -> Capsule:
+    """A capsule between two points (3,) [m] of a frame, an index into ``chain.places``."""
+    link, T = chain.places[frame]
+    start, end = (moved(T, point) for point in ends)
+    return Capsule(link, start, end, radius, link_name(link, titles))
+
+
+def moved(T: FloatArray, point: ArrayLike) -> FloatArray:
+    """A point (3,) [m] of a frame, as its pose T (4, 4) places it."""
+    return T[:3, :3] @ np.asarray(point, dtype=np.float64) + T[:3, 3]
+
+
+# A part that the arm carries between its jaws, as large as a step or a person says.
+
+
+CARRIED = "the carried part"
+"""what refusals call it"""
+THINNEST_PART_MM, LARGEST_PART_MM = 0.1, 1000.0
+"""no edge is shorter, or longer"""
+Edges = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class CarriedPart:
+    """A box round what is between the jaws: its edges are along x, y and z of the tool frame.
+
+    The middle of the box is at the tool point. It moves with the tool, until the gripper moves again.
+    ``InputError``: an edge is shorter than ``THINNEST_PART_MM``, or longer than ``LARGEST_PART_MM``.
+    """
+
+    edges_mm: Edges
+    """along x, y and z of the tool frame [mm]"""
+
+    def __post_init__(self) -> None:
+        for axis, edge in zip("xyz", self.edges_mm, strict=True):
+            if not THINNEST_PART_MM <= edge <= LARGEST_PART_MM:
+                words = out_of_range(edge, THINNEST_PART_MM, LARGEST_PART_MM, "mm")
+                raise InputError(f"part_mm: the edge along {axis} of the tool, {words}")
+
+    @classmethod
+    def of(cls, part_mm: Sequence[float] | None) -> Self | None:
+        """The part with these three edges [mm]; None: nothing is carried. ``InputError`` as above."""
+        if part_mm is None:
+            return None
+        edges = as_numbers(part_mm, "part_mm")
+        if edges.shape != (3,):
+            raise InputError(
+                f"part_mm must be three edges in mm, along x, y and z of the tool, got {part_mm!r}"
+            )
+        x, y, z = edges.tolist()
+        return cls((x, y, z))
+
+    def __str__(self) -> str:
+        return edge_words(self.edges_mm)
+
+    def hung(self, chain: Chain) -> Capsule:
+        """It as a piece of the link that the tool frame is in."""
+        link, T = chain.places[-1]
+        R, middle = T[:3, :3], T[:3, 3]
+        half = np.array(self.edges_mm) / 2000
+        corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
+        long = int(half.argmax())
+        ends = np.outer([-half[long], half[long]], R[:, long]) + middle
+        radius = math.sqrt(float(half @ half - half[long] ** 2))
+        hull = Hull(corners @ R.T + middle, np.vstack([R.T, -R.T]), 0.0)
+        return Capsule(link, ends[0], ends[1], radius, CARRIED, hull)
+
+
+def edge_words(edges_mm: Sequence[float | None]) -> str:
+    """How large a part is, "20 × 30 × 40 mm"; an edge that is not given is a question mark."""
+    return " × ".join("?" if edge is None else f"{edge:g}" for edge in edges_mm) + " mm"

@@ -1,0 +1,1 @@
+"""Meshes of other people's files: read within bounds, and kept on disk."""

@@ -1,0 +1,1 @@
+"""What leads the arm tick by tick: jogs, and targets that are dragged."""
