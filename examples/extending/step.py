@@ -7,9 +7,8 @@ from typing import Annotated, ClassVar
 from msgspec import Meta
 
 from armctl.errors import ProgramError
-from armctl.program import Step
+from armctl.program import Effect, Step
 from armctl.program.keys import Field
-from armctl.program.steps import Effect
 from armctl.robot import Robot
 
 

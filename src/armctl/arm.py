@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.boards import ANY_BOARD, SIMULATED, board_name, calibrated_for
-from armctl.errors import ArmctlError, InputError, MotionRefusedError, StateError
+from armctl.errors import InputError, MotionRefusedError, StateError
 from armctl.facts import State
-from armctl.handles import ORIGIN, JointStream, Motion
+from armctl.handles import ORIGIN, STOP_S, JointStream, Motion, bring_to_rest
 from armctl.hardware import Source
 from armctl.kinematics import Choice, Target, roll_pitch_yaw, rotation_of
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
@@ -41,16 +41,17 @@ from armctl.protocol import (
     HomeAxes,
     Jog,
     JogTool,
+    LimitTorque,
     LockControl,
     MoveGripper,
     MoveJoints,
     MoveTo,
     MovingCommand,
-    Origin,
     Pause,
     Release,
     Resume,
     RunProgram,
+    SetOutput,
     SetSpeed,
     Snapshot,
     TakeControl,
@@ -67,31 +68,11 @@ LAST_POSE = "last"
 LAST_MOVING = "last-moving"
 """the same where the arm was moving then: somebody has looked at it, and it stands there"""
 _LOGGER = logging.getLogger("armctl.arm")
-_STOP_S = 5.0
-"""so long an interrupt waits for the arm to stand [s]"""
 _TO_DO = {
     State.DISCONNECTED: "reconnect() and enable() the arm",
     State.OFF: "enable() the arm",
     State.FAULT: "see to the cause, then clear_fault() or reconnect(), and enable() the arm",
 }
-
-
-def bring_to_rest(link: ArmLink, origin: Origin) -> None:
-    """Park: stop, then go to the rest pose, where the arm has power.
-
-    A way that is refused is told in the log; then the arm holds where it is. After a fault nothing moves.
-    """
-    link.stop(origin).result(_STOP_S)
-    if link.snapshot.state is not State.HOLDING:
-        return
-    ticket = link.submit(MoveJoints(link.robot.pose("rest")), origin)
-    try:
-        ticket.result()
-    except ArmctlError as refusal:
-        _LOGGER.warning("not parked, the arm holds where it is: %s", refusal)
-    except KeyboardInterrupt:
-        link.stop(origin).result(_STOP_S)
-        raise
 
 
 class Arm:
@@ -239,11 +220,19 @@ class Arm:
         """
         return self._move(HomeAxes(), wait)
 
-    def release(self) -> None:
-        """Switch the pulses off. The arm drops."""
-        if self._park:
+    def release(self, *joints: str) -> None:
+        """Switch the pulses off: the arm drops. Of named joints only, where the board can: others hold."""
+        if self._park and not joints:
             bring_to_rest(self.link, ORIGIN)
-        self._do(Release())
+        self._do(Release(joints))
+
+    def limit_torque(self, share: float, *joints: str) -> None:
+        """How strong the motors of these joints (none: all) may be, 0 … 1, where the board can limit it."""
+        self._do(LimitTorque(share, joints))
+
+    def set_output(self, name: str, value: float) -> None:
+        """Switch an output of the board that moves no joint: 0, 1, or a share of it."""
+        self._do(SetOutput(name, value))
 
     def stop(self) -> None:
         """Decelerate inside the limits and hold; may be called from any thread."""
@@ -559,7 +548,7 @@ class Arm:
             asked.result()
         except KeyboardInterrupt:
             with suppress(TimeoutError):  # closing waits for it once more
-                self.link.stop(ORIGIN).result(_STOP_S)
+                self.link.stop(ORIGIN).result(STOP_S)
             raise
 
 

@@ -1,8 +1,9 @@
-"""What some calls of ``Arm`` give to hold: a motion that is under way, a stream of setpoints."""
+"""What some calls of ``Arm`` give to hold: a motion that is under way, a stream of setpoints; parking."""
 
 from __future__ import annotations
 
 import asyncio
+import logging
 import uuid
 from collections import deque
 from collections.abc import Generator
@@ -16,12 +17,25 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
-from armctl.protocol import ArmLink, Cancel, MoveGripper, MovingCommand, Origin, StreamJoints, Ticket
+from armctl.facts import State
+from armctl.protocol import (
+    ArmLink,
+    Cancel,
+    MoveGripper,
+    MoveJoints,
+    MovingCommand,
+    Origin,
+    StreamJoints,
+    Ticket,
+)
 
 ORIGIN = Origin("library")
 _UNANSWERED = 5
 """so many setpoints of a stream may be on their way to the arm"""
 _ANSWER_S = 1.0
+STOP_S = 5.0
+"""so long an interrupt waits for the arm to stand [s]"""
+_LOGGER = logging.getLogger("armctl.arm")
 
 
 class Motion:
@@ -121,3 +135,21 @@ class JointStream:
         """What was raised already says more than what this meets."""
         with suppress(ArmctlError, TimeoutError):
             self._link.submit(Cancel(self._name), ORIGIN).result(_ANSWER_S)
+
+
+def bring_to_rest(link: ArmLink, origin: Origin) -> None:
+    """Park: stop, then go to the rest pose, where the arm has power.
+
+    A way that is refused is told in the log; then the arm holds where it is. After a fault nothing moves.
+    """
+    link.stop(origin).result(STOP_S)
+    if link.snapshot.state is not State.HOLDING:
+        return
+    ticket = link.submit(MoveJoints(link.robot.pose("rest")), origin)
+    try:
+        ticket.result()
+    except ArmctlError as refusal:
+        _LOGGER.warning("not parked, the arm holds where it is: %s", refusal)
+    except KeyboardInterrupt:
+        link.stop(origin).result(STOP_S)
+        raise

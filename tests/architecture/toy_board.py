@@ -15,6 +15,10 @@ from armctl.robot import robots_folder
 
 PACKAGE = "toyboard"
 SOURCE = Path(__file__).parents[2] / "examples" / "extending" / "board.py"
+SHOULDER = "channel = 1, zero_steps = 781.795, steps_per_deg = 10, range_steps = [749, 2251]"
+OTHER_SIDE = "channel = 11, zero_steps = 3218, steps_per_deg = -10, range_steps = [1749, 3251]"
+TOY = f"toy = {PACKAGE}:ToyBoard"
+ABLE = Path(__file__).with_name("able_board.py")
 
 
 @contextmanager
@@ -29,10 +33,23 @@ def toy_board(folder: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def installed(folder: Path) -> Iterator[None]:
+def able_board(folder: Path) -> Iterator[Path]:
+    """As ``toy_board``, of a board with more abilities; its shoulder has two servos, one on each side."""
+    with installed(folder, ABLE, f"able = {PACKAGE}:AbleBoard"):
+        path = robot_file(folder / "able_arm.toml", "able")
+        text = path.read_text(encoding="utf-8")
+        assert SHOULDER in text
+        path.write_text(text.replace(SHOULDER, f"{SHOULDER}, also = [{{ {OTHER_SIDE} }}]"), encoding="utf-8")
+        yield path
+
+
+@contextmanager
+def installed(
+    folder: Path, source: Path = SOURCE, entry: str = f"toy = {PACKAGE}:ToyBoard"
+) -> Iterator[None]:
     """As ``toy_board``, without an arm."""
-    install(folder, PACKAGE, f"toy = {PACKAGE}:ToyBoard")
-    shutil.copy(SOURCE, folder / f"{PACKAGE}.py")
+    install(folder, PACKAGE, entry)
+    shutil.copy(source, folder / f"{PACKAGE}.py")
     sys.path.insert(0, str(folder))
     forget()
     try:
@@ -57,10 +74,10 @@ def forget() -> None:
     board_types.cache_clear()
 
 
-def robot_file(path: Path) -> Path:
+def robot_file(path: Path, kind: str = "toy") -> Path:
     text = (robots_folder() / "uzuner.toml").read_text(encoding="utf-8")
     text = re.sub(r"\[board\]\nkind = .*\n", "", text).replace("pulse_us", "range_steps")
     text = text.replace("_us =", "_steps =").replace("us_per_deg", "steps_per_deg")
-    text = text.replace('name = "uzuner"', 'name = "toy_arm"', 1)
-    path.write_text(text + '\n[board]\nkind = "toy"\n', encoding="utf-8")
+    text = text.replace('name = "uzuner"', f'name = "{path.stem}"', 1)
+    path.write_text(text + f'\n[board]\nkind = "{kind}"\n', encoding="utf-8")
     return path

@@ -42,7 +42,7 @@ def default(kind: type[Command]) -> Command:
     """One with plain values in what it needs."""
     plain = {
         "port": "sim", "q": AWAY, "target": Target.of([0.2, 0, 0.1], 0.3), "rate": np.zeros(5),
-        "locked": True,
+        "locked": True, "share": 0.5, "value": 1.0,
         "linear": np.zeros(3), "opening": 0.5, "fraction": 0.5, "trajectory": plan_joints(ROBOT, HOME, AWAY),
         "program": Program(robot="uzuner", steps=(MoveStep(joints_deg=(1, 2, 3, 4, 5)), WaitStep(seconds=1))),
     }  # fmt: skip

@@ -48,6 +48,7 @@ CHANGES: dict[str, Any] = {
     "homing": (AxisHoming("axis 1", homed=True, running=False),),
     "warnings": ("the supply is low",), "events": (Event(0.0, "info", "new"),),
     "control": Control(locked=True), "progress": 0.5, "busy": True,
+    "inputs": {"door": 1.0}, "outputs": {"lamp": 1.0}, "limp": ("Elbow",),
     "last_pose": LastPose(ROBOT.pose("home"), None, 0.0, ""),
 }  # fmt: skip
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +20,8 @@ from armctl.hardware.maestro.codec import Opcode, command
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import ChannelConfig, MaestroSettings, SimulatedMaestro
 from armctl.hardware.transport import Connection
-from armctl.protocol import ClearFault, Connect, Enable, MoveJoints
+from armctl.protocol import ClearFault, Connect, Enable, MoveJoints, Release
+from armctl.robot import load_robot, robots_folder
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 WIDE = {channel: ChannelConfig(minimum_us=500, maximum_us=2500) for channel in range(6)}
@@ -158,3 +160,55 @@ def test_pulses_off_while_holding_are_a_fault_and_enable_sets_the_board_up_anew(
     bench.do(Enable())
     bench.until(State.HOLDING)
     assert any(command.raw[0] == 0x87 for command in bench.board.log[before:])  # Set Speed again
+
+
+def test_one_joint_is_released_and_comes_on_where_somebody_says_it_stands() -> None:
+    bench = bench_of()
+    before = bench.now.q_command
+    bench.do(Release(("elbow",)))
+    bench.run(0.5)
+    assert bench.now.limp == ("Elbow",) and bench.now.state is State.HOLDING
+    assert np.isnan(bench.now.q).tolist() == [False, False, True, False, False]
+    bench.do(Enable(before + np.radians([0, 0, 5, 0, 0])))
+    assert bench.now.state is State.MOVING
+    bench.until(State.HOLDING)
+    assert bench.now.limp == () and bench.now.warnings == ()
+    assert np.degrees(bench.now.q - before) == pytest.approx([0, 0, 5, 0, 0], abs=0.05)
+
+
+def test_a_fault_while_a_joint_is_limp_ends_that_too() -> None:
+    bench = bench_of()
+    bench.do(Release(("elbow",)))
+    bench.do(Release())
+    assert bench.run(0.1).state is State.OFF and bench.now.limp == ()
+    bench.do(Enable())
+    bench.until(State.HOLDING)
+
+
+def test_a_joint_with_two_servos_moves_both(tmp_path: Path) -> None:
+    text = (robots_folder() / "uzuner.toml").read_text(encoding="utf-8")
+    shoulder = "channel = 1, zero_us = 781.795, us_per_deg = 10, pulse_us = [749, 2251]"
+    other = "channel = 11, zero_us = 2218.205, us_per_deg = -10, pulse_us = [749, 2251]"
+    assert shoulder in text
+    path = tmp_path / "strong.toml"
+    path.write_text(text.replace(shoulder, f"{shoulder}, also = [{{ {other} }}]"), encoding="utf-8")
+    arm = load_robot(path)
+    board = SimulatedMaestro(
+        MaestroModel.MINI_12, MaestroSettings(channels=dict.fromkeys(range(12), WIDE[0]))
+    )
+    bench = BoardBench.of(
+        arm,
+        board,
+        lambda line, _now: MaestroDriver(
+            Connection(line, lambda: 0.0, simulated=True), model=MaestroModel.MINI_12
+        ),
+    )
+    bench.do(Connect("sim"))
+    bench.do(Enable())
+    bench.until(State.HOLDING)
+    bench.do(MoveJoints(arm.pose("home")))
+    bench.until(State.HOLDING)
+    bench.run(0.2)  # the servos' ramp follows
+    first, second = (board.position_us(channel) for channel in (1, 11))
+    assert first + second == pytest.approx(3000, abs=0.5)
+    assert first == pytest.approx(arm.outputs.outputs(arm.pose("home"))[1], abs=0.25)

@@ -17,12 +17,12 @@ import click
 from platformdirs import user_data_path, user_state_path
 
 from armctl import log_files
-from armctl.arm import bring_to_rest
 from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
 from armctl.calibration import CalibrationStore
 from armctl.cli.options import ROBOT, MeshProgress, end_event, has_display, park_option, port_option
 from armctl.documents import sweep_litter, write_atomically
 from armctl.errors import ArmctlError, ServerError, StoppedError, with_help
+from armctl.handles import bring_to_rest
 from armctl.hardware.boards import board_type
 from armctl.hardware.ports import list_ports
 from armctl.process import start_arm

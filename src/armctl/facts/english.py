@@ -138,6 +138,8 @@ def _not_now(one: NotNow) -> str:
 
 def _state(one: NotNow) -> str:
     told, moves = f" ({one.cause})" if one.cause else "", one.state in (State.MOVING, State.PAUSED)
+    if one.limp:
+        return f"holding without {', '.join(one.limp)}; enable first"
     if one.state is State.DISCONNECTED:
         return f"disconnected; connect {'first' if one.need in _ALLOWS_OFF else 'and enable first'}"
     if one.state is State.OFF:

@@ -64,6 +64,7 @@ class Need(Enum):
     GRIPPER = "enabled"
     OFF = "off"
     OFF_OR_HOLDING = "off or holding"
+    HOLDING_SOME = "holding, some joints at least"
 
 
 # Numbers as texts that tell them apart.
@@ -281,3 +282,5 @@ class NotNow(Reason):
     """there is a board"""
     homed: bool = True
     """every axis that has to knows where it is"""
+    limp: tuple[str, ...] = ()
+    """titles of joints that were released by themselves"""

@@ -43,6 +43,7 @@ _NEEDS = {
     Need.GRIPPER: "etkin olmalı",
     Need.OFF: "kapalı olmalı",
     Need.OFF_OR_HOLDING: "kapalı olmalı ya da konumunu korumalı",
+    Need.HOLDING_SOME: "en az birkaç eklemiyle konumunu korumalı",
 }
 _HOME_FIRST = "Homing düğmesine basın (her eksen sıfırına gider)"
 _WRONG_UNIT = (
@@ -149,6 +150,8 @@ def _not_now(one: NotNow) -> str:
 def _state(one: NotNow) -> str:
     now, moves = STATES[one.state], one.state in (State.MOVING, State.PAUSED)
     told = f"{now} ({one.cause})" if one.cause else now
+    if one.limp:
+        return f"duruyor, ama {', '.join(one.limp)} serbest; önce etkinleştirin"
     if one.state is State.DISCONNECTED:
         off = one.need in (Need.OFF, Need.OFF_OR_HOLDING)
         return f"{now}; önce bağlanın" if off else f"{now}; bağlanın ve etkinleştirin"

@@ -10,6 +10,7 @@ from armctl.hardware.board_type import (
     SimulatorOptions,
 )
 from armctl.hardware.driver import (
+    Abilities,
     BoardIdentity,
     ChannelScale,
     ChannelSettings,
@@ -22,6 +23,7 @@ from armctl.hardware.driver import (
 from armctl.robot.board_entries import BoardEntries, BoardPart, ServoEntries
 
 __all__ = [
+    "Abilities",
     "BoardEntries",
     "BoardIdentity",
     "BoardPart",

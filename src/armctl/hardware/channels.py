@@ -28,6 +28,10 @@ def channel_settings(robot: Robot) -> list[ChannelSettings]:
     accelerations = robot.acceleration_limits * units * _ACCELERATION_MARGIN
     table = np.stack([outputs.low, outputs.high, speeds, accelerations], axis=1).tolist()
     rows = list(zip(outputs.channels, table, strict=True))
+    for one in outputs.mirrors:
+        low, high, speed, acceleration = table[one.joint]
+        low, high = sorted((one.output(low), one.output(high)))
+        rows.append((one.channel, [low, high, abs(one.ratio) * speed, abs(one.ratio) * acceleration]))
     if outputs.gripper_channel is not None and robot.gripper is not None:
         low, high = sorted((outputs.gripper_closed, outputs.gripper_open))
         speed = robot.gripper.speed * (high - low) * _SPEED_MARGIN

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import ParamSpec, Protocol, TypeVar
 
-from armctl.errors import ArmctlError, BoardError, out_of_range
+from armctl.errors import ArmctlError, BoardError, StateError, out_of_range
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -32,6 +32,7 @@ class BoardIdentity:
     simulated: bool = False
     notes: tuple[str, ...] = ()  # what to know of this kind of board, e.g. what its watchdog does
     earlier: tuple[str, ...] = ()  # what was wrong with this one before it was connected
+    abilities: tuple[str, ...] = ()  # methods of ``Abilities`` that its driver has; armctl fills this in
 
     @property
     def title(self) -> str:
@@ -89,6 +90,11 @@ class Readback:
     # The driver brings them to the next setpoint no faster than they may move.
     expired: tuple[int, ...] = ()
     sent: bool = True  # nothing that was written still waits for the line
+    # By channel, whether it is on, of a board that switches each by itself; else ``powered`` says it.
+    on: Mapping[int, bool] | None = None
+    # What its other pins are at, by the names that people call them: 0 or 1, or a share 0 ... 1.
+    inputs: Mapping[str, float] = field(default_factory=dict[str, float])
+    outputs: Mapping[str, float] = field(default_factory=dict[str, float])
 
 
 class Driver(Protocol):
@@ -126,6 +132,32 @@ class Driver(Protocol):
 
     def close(self) -> None:
         """Close the line; safe to call twice, and after an unplug. Leaves the outputs as they are."""
+
+
+class Abilities:
+    """What only some boards can do. A driver that is one of these has what it overrides; the rest refuses.
+
+    A driver that is none has none of them. A refusal is no fault of the board: the arm goes on.
+    """
+
+    def release_channels(self, channels: Sequence[int]) -> None:
+        """Switch off these channels only; a setpoint switches one on again."""
+        raise StateError("this board switches its outputs off all at once only")
+
+    def limit_torque(self, limits: Mapping[int, float]) -> None:
+        """How strong motors may be, by channel: a share 0 ... 1 of their full torque."""
+        raise StateError("this board cannot limit the torque of its motors")
+
+    def set_output(self, name: str, value: float) -> None:
+        """Switch an output that moves no joint, as ``Readback.outputs`` names it: 0, 1, or a share."""
+        raise StateError("this board has no outputs beside those of the joints")
+
+
+def abilities_of(driver: object) -> tuple[str, ...]:
+    """The methods of ``Abilities`` that a driver has."""
+    names = ("release_channels", "limit_torque", "set_output")
+    own = type(driver) if isinstance(driver, Abilities) else Abilities
+    return tuple(name for name in names if getattr(own, name) is not getattr(Abilities, name))
 
 
 # The outputs of a board: how they are called and counted, and what each may be sent.

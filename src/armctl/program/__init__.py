@@ -2,6 +2,7 @@
 
 from armctl.program.check import check_program
 from armctl.program.csv import read_csv, write_csv
+from armctl.program.effect import Effect, Senses, Until
 from armctl.program.files import (
     PROGRAM_SUFFIXES,
     checked_program,
@@ -35,6 +36,7 @@ __all__ = [
     "Blocks",
     "CommentStep",
     "Cursor",
+    "Effect",
     "EndStep",
     "GripperStep",
     "LineStep",
@@ -43,8 +45,10 @@ __all__ = [
     "PointStep",
     "Program",
     "RepeatStep",
+    "Senses",
     "SpeedStep",
     "Step",
+    "Until",
     "WaitStep",
     "check_program",
     "checked_program",

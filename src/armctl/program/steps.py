@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Union
 
 import msgspec
@@ -21,6 +20,7 @@ from armctl.motion.plan import follow_tool, plan_joints, plan_path
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import NOWHERE, PointToPoint, ProfileName
 from armctl.motion.trajectory import Trajectory
+from armctl.program.effect import Effect
 from armctl.program.keys import Field, Key, keys_of, literal
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.body.arm_body import LARGEST_PART_MM, THINNEST_PART_MM, edge_words
@@ -29,27 +29,6 @@ LONGEST_WAIT_S = 86_400
 MOST_REPEATS = 1_000_000
 SLOWEST_PERCENT = 5
 WIDEST_BLEND_MM = 1000
-
-
-@dataclass(frozen=True, slots=True)
-class Effect:
-    """What a step does; of one that moves joints only ``says`` counts."""
-
-    wait_s: float | None = None
-    """the joints stand so long"""
-    opening: float | None = None
-    """where the gripper goes, 0..1; the joints stand meanwhile"""
-    part: CarriedPart | None = None
-    """what is between its jaws from then on; None: nothing"""
-    percent: float | None = None
-    """speed of the steps after it, on top of the operator's override"""
-    says: str = ""
-    """what the log says when it begins; empty: nothing"""
-
-    @property
-    def stands(self) -> bool:
-        """The joints stand while it lasts."""
-        return self.wait_s is not None or self.opening is not None
 
 
 _POINT_HINT, _VIA_HINT = "X, Y, Z of the tool at the end.", "X, Y, Z of a point on the arc."

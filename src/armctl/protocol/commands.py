@@ -80,6 +80,27 @@ class HomeAxes(MovingCommand, frozen=True):
 class Release(Command, frozen=True):
     """Pulses off: the arm drops. Asked for twice in the UI, at once here."""
 
+    joints: tuple[str, ...] = ()
+    """names of the only ones that are switched off, of an arm that holds; its board must be able to"""
+
+
+class LimitTorque(Command, frozen=True):
+    """How strong motors may be, of a board that can limit them."""
+
+    share: float
+    """0 ... 1 of their full torque"""
+    joints: tuple[str, ...] = ()
+    """names; empty: all"""
+
+
+class SetOutput(Command, frozen=True):
+    """Switch an output of the board that moves no joint."""
+
+    name: str
+    """as ``Snapshot.outputs`` has it"""
+    value: float
+    """0, 1, or a share"""
+
 
 class Pause(Command, frozen=True):
     """Slow down along the path and stand."""

@@ -17,6 +17,7 @@ _MET_IN = {
     Need.GRIPPER: POWERED,
     Need.OFF: (State.OFF,),
     Need.OFF_OR_HOLDING: (State.OFF, State.HOLDING),
+    Need.HOLDING_SOME: (State.HOLDING,),
 }
 
 
@@ -54,16 +55,20 @@ def unmet(
     homed: bool,
     cause: str = "",
     doing: Doing | None = None,
+    limp: tuple[str, ...] = (),
 ) -> NotNow | None:
     """Why a command is refused, and what to do: "off; enable first". None: its need is met.
 
     ``asked``: what is asked for; ``connected``: there is a board; ``homed``: every axis that has to knows
-    where it is; ``cause``: of the state, to be named in the answer; ``doing``: what moves the arm.
+    where it is; ``cause``: of the state, to be named in the answer; ``doing``: what moves the arm; ``limp``:
+    titles of joints that were released by themselves.
     """
-    if state in _MET_IN[need] if doing is None else doing.takes(need):
+    if state is not State.HOLDING or need not in (Need.HOLDING, Need.JOG):
+        limp = ()
+    if not limp and (state in _MET_IN[need] if doing is None else doing.takes(need)):
         return None
     label, stopping = ("", False) if doing is None else (doing.label, doing.stopping)
-    return NotNow(asked, need, state, cause, label, stopping, connected, homed)
+    return NotNow(asked, need, state, cause, label, stopping, connected, homed, limp)
 
 
 def tool_turns(robot: Robot) -> tuple[bool, bool]:

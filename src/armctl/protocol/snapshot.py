@@ -10,10 +10,10 @@ from operator import attrgetter
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.facts import Quantities, State
+from armctl.facts import Need, NotNow, Quantities, State
 from armctl.hardware import BoardIdentity, Source
 from armctl.program import Program
-from armctl.protocol.needs import Doing
+from armctl.protocol.needs import Doing, unmet
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,6 +211,17 @@ class Snapshot:
     """``quantities`` in words"""
     quantities: Mapping[str, Quantities] = field(default_factory=dict[str, Quantities])
     """by title of a joint: load, temperature, voltage and current, as far as the board measures them"""
+    inputs: Mapping[str, float] = field(default_factory=dict[str, float])
+    """what the board's other pins are at, by name: 0, 1, or a share"""
+    outputs: Mapping[str, float] = field(default_factory=dict[str, float])
+    """what it drives beside the joints, likewise"""
+    limp: tuple[str, ...] = ()
+    """titles of joints that were released by themselves, while the others hold"""
+
+    def unmet(self, need: Need) -> NotNow | None:
+        """Why what needs this of the arm would be refused now; None: it would not."""
+        homed, connected = all(axis.homed for axis in self.homing), self.board is not None
+        return unmet(need, self.state, connected=connected, homed=homed, doing=self.doing, limp=self.limp)
 
     @property
     def more_warnings(self) -> tuple[str, ...]:
@@ -220,7 +231,7 @@ class Snapshot:
 
 _TOLD = attrgetter(
     "state", "cause", "commanded", "source", "powered", "gripper", "part_mm", "speed", "progress", "board",
-    "homing", "warnings", "control", "busy", "unreachable",
+    "homing", "warnings", "control", "busy", "unreachable", "inputs", "outputs", "limp",
 )  # fmt: skip
 _STILL_RAD = 1e-3
 """readings that differ by less are those of an arm that stands"""

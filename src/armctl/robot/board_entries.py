@@ -7,7 +7,7 @@ Each board reads its own part, for only it knows its tables (``BoardEntries``). 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any, Protocol, TypeVar, cast
@@ -20,7 +20,7 @@ from armctl.decoding import Place, did_you_mean, must_be
 from armctl.documents import Document
 from armctl.errors import ArmctlError, Errors, RefusedBeforeError
 from armctl.robot.file import Channel, Strict, Table, board_tables
-from armctl.robot.outputs import DEFAULT_BOARD, FLATTEST_PER_DEG, OutputMap
+from armctl.robot.outputs import DEFAULT_BOARD, FLATTEST_PER_DEG, Mirror, OutputMap
 
 Entry = TypeVar("Entry", bound=msgspec.Struct)
 _ROUNDING = 0.125
@@ -110,12 +110,15 @@ class BoardPart:
             raise self.error(where, f": {both}; they must differ, or it cannot move")
         return entry
 
-    def check_channels(self, channels: Sequence[int], gripper: int | None, what: str) -> None:
+    def check_channels(
+        self, channels: Sequence[int], gripper: int | None, what: str, mirrors: Sequence[Mirror] = ()
+    ) -> None:
         """Refuse two ``what`` on one channel."""
-        everything = [*channels, *([] if gripper is None else [gripper])]
-        for i, channel in enumerate(everything):
+        places = [f"joints.{name}" for name, _ in self.joints[: len(channels)]]
+        places += [f"joints.{self.joints[one.joint][0]}" for one in mirrors]
+        everything = [*channels, *(one.channel for one in mirrors), *([] if gripper is None else [gripper])]
+        for i, (channel, where) in enumerate(zip(everything, [*places, "gripper"], strict=False)):
             if channel in everything[:i]:
-                where = f"joints.{self.joints[i][0]}" if i < len(self.joints) else "gripper"
                 raise self.error(where, f": two {what} are on the same channel: {everything}")
 
     def check_scale(self, per_deg: float, where: str) -> None:
@@ -157,7 +160,8 @@ class ServoEntries:
     """Entries of servos, or of any outputs that are proportional to the angle: output = zero + scale · angle.
 
     In a robot file: ``servo = { channel = 0, zero_us = 1500, us_per_deg = 10, pulse_us = [600, 2400] }`` in
-    each joint, and ``servo = { channel = 5, closed_us = 1000, open_us = 2000 }`` in the gripper.
+    each joint, and ``servo = { channel = 5, closed_us = 1000, open_us = 2000 }`` in the gripper. A joint that
+    two servos turn has the second one in its servo's table: ``also = [{ channel = 6, zero_us = 1500, … }]``.
     """
 
     unit: str = "µs"
@@ -173,7 +177,6 @@ class ServoEntries:
 
     def read(self, part: BoardPart) -> tuple[OutputMap | None, object]:
         """The map of the outputs; None where the file has none."""
-        zero, per_deg = f"zero_{self.key}", f"{self.key}_per_deg"
         closed, opened = f"closed_{self.key}", f"open_{self.key}"
         joint, gripper = self.models
         errors, servos = Errors(), list[dict[str, Any]]()
@@ -181,29 +184,31 @@ class ServoEntries:
         with errors:
             part.board(NoOptions)
         with errors:
-            servos = [msgspec.structs.asdict(one) for one in part.outputs("servo", joint)]
+            servos = [msgspec.to_builtins(one) for one in part.outputs("servo", joint)]
             for (name, limits), servo in zip(part.joints, servos, strict=bool(servos)):
-                with errors:
-                    self._check_range(part, servo, limits, f"joints.{name}.servo")
-                with errors:
-                    part.check_scale(servo[per_deg], f"joints.{name}.servo.{per_deg}")
+                for one, where in _with_places(servo, f"joints.{name}.servo"):
+                    with errors:
+                        self._check_range(part, one, limits, where)
+                    with errors:
+                        part.check_scale(one[self._per_deg], f"{where}.{self._per_deg}")
         with errors:
             if servos or "servo" in board_tables(part.document.record.get("gripper")):
                 found = part.gripper("servo", gripper, closed, opened)
         hand: dict[str, Any] = {} if found is None else msgspec.structs.asdict(found)
-        channels = tuple(servo["channel"] for servo in servos)
+        channels, mirrors = tuple(servo["channel"] for servo in servos), self._mirrors(servos)
         with errors:
-            part.check_channels(channels, hand.get("channel"), "servos")
+            part.check_channels(channels, hand.get("channel"), "servos", mirrors)
         errors.raise_all()
         if not servos:
             return None, None
+        safe = [self._safe(servo) for servo in servos]
         outputs = OutputMap(
             unit=self.unit,
             channels=channels,
-            zero=np.array([servo[zero] for servo in servos]),
-            per_rad=np.array([servo[per_deg] for servo in servos]) * (180 / math.pi),
-            low=np.array([servo[self.range_key][0] for servo in servos]),
-            high=np.array([servo[self.range_key][1] for servo in servos]),
+            zero=np.array([servo[self._zero] for servo in servos]),
+            per_rad=np.array([servo[self._per_deg] for servo in servos]) * (180 / math.pi),
+            low=np.array([low for low, _ in safe]),
+            high=np.array([high for _, high in safe]),
             gripper_channel=hand.get("channel"),
             gripper_closed=hand.get(closed, 0.0),
             gripper_open=hand.get(opened, 0.0),
@@ -211,8 +216,36 @@ class ServoEntries:
             highest=self.highest,
             key=self.key,
             range_key=self.range_key,
+            mirrors=mirrors,
         )
         return outputs, None
+
+    @property
+    def _zero(self) -> str:
+        return f"zero_{self.key}"
+
+    @property
+    def _per_deg(self) -> str:
+        return f"{self.key}_per_deg"
+
+    def _mirrors(self, servos: Sequence[dict[str, Any]]) -> tuple[Mirror, ...]:
+        """The further servos of all joints."""
+        return tuple(
+            self._mirror(i, servo, other) for i, servo in enumerate(servos) for other in servo["also"]
+        )
+
+    def _mirror(self, joint: int, servo: dict[str, Any], other: dict[str, Any]) -> Mirror:
+        ratio = other[self._per_deg] / servo[self._per_deg] if servo[self._per_deg] else 1.0  # refused then
+        return Mirror(joint, other["channel"], other[self._zero] - ratio * servo[self._zero], ratio)
+
+    def _safe(self, servo: dict[str, Any]) -> tuple[float, float]:
+        """The outputs that are safe for a servo and, as it takes them along, for those beside it."""
+        low, high = servo[self.range_key]
+        for other in servo["also"]:
+            mirror = self._mirror(0, servo, other)
+            ends = sorted((end - mirror.zero) / mirror.ratio for end in other[self.range_key])
+            low, high = max(low, ends[0]), min(high, ends[1])
+        return low, high
 
     @cached_property
     def models(self) -> tuple[type[msgspec.Struct], type[msgspec.Struct]]:
@@ -224,19 +257,19 @@ class ServoEntries:
             self.range_key: tuple[allowed, allowed],
         }
         gripper = {f"closed_{self.key}": allowed, f"open_{self.key}": allowed}
-        joint_model, gripper_model = (
-            msgspec.defstruct(
-                "ServoEntry", [("channel", Channel), *fields.items()], bases=(Strict,), frozen=True
-            )
-            for fields in (joint, gripper)
-        )
-        return joint_model, gripper_model
+
+        def model(fields: dict[str, Any], *more: tuple[str, Any, Any]) -> type[msgspec.Struct]:
+            every = [("channel", Channel), *fields.items(), *more]
+            return msgspec.defstruct("ServoEntry", every, bases=(Strict,), frozen=True)
+
+        several = tuple[model(joint), ...]
+        return model(joint, ("also", several, ())), model(gripper)
 
     def _check_range(
         self, part: BoardPart, servo: dict[str, Any], limits: tuple[float, float], where: str
     ) -> None:
         """Refuse limits [degrees] that the safe range of outputs does not hold."""
-        zero, per_deg = servo[f"zero_{self.key}"], servo[f"{self.key}_per_deg"]
+        zero, per_deg = servo[self._zero], servo[self._per_deg]
         least, most = sorted(zero + per_deg * angle for angle in limits)
         low, high = servo[self.range_key]
         if least < low - _ROUNDING or most > high + _ROUNDING:
@@ -245,6 +278,13 @@ class ServoEntries:
                 f": the limits {limits[0]}° … {limits[1]}° need pulses of {least:.1f} … {most:.1f} "
                 f"{self.unit}, {self.range_key} allows {low} … {high} {self.unit}",
             )
+
+
+def _with_places(servo: dict[str, Any], where: str) -> Iterator[tuple[dict[str, Any], str]]:
+    """A servo and those beside it, with their places in the file."""
+    yield servo, where
+    for k, other in enumerate(servo["also"]):
+        yield other, f"{where}.also[{k}]"
 
 
 def read_outputs(

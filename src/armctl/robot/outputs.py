@@ -20,6 +20,26 @@ _HELD, _HELD_US_PER_RAD = 1e-6, 573.0
 """a joint with less room than this does not move [rad]; its map only needs some scale"""
 
 
+@dataclass(frozen=True, slots=True)
+class Mirror:
+    """A second output of a joint, such as the other one of two servos that turn it from both sides.
+
+    It follows the joint's first output, whatever a calibration says of that: output = zero + ratio · first.
+    """
+
+    joint: int
+    """index of the joint"""
+    channel: int
+    zero: float
+    """output where the first one is at 0"""
+    ratio: float
+    """how far it goes with a unit of the first one, signed"""
+
+    def output(self, first: float) -> float:
+        """Its output where the first one is at ``first``."""
+        return self.zero + self.ratio * first
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class OutputMap(ArrayRecord):
     """One affine map a joint, and one for the gripper: output = zero + per_rad · angle.
@@ -54,6 +74,8 @@ class OutputMap(ArrayRecord):
     """the unit in the keys of that table"""
     range_key: str = "pulse_us"
     """the key of the safe outputs in that table"""
+    mirrors: tuple[Mirror, ...] = ()
+    """further outputs of joints; ``channels`` has the first one of each joint"""
 
     @classmethod
     def stand_in(cls, limits: FloatArray, *, gripper: bool) -> OutputMap:
@@ -79,8 +101,13 @@ class OutputMap(ArrayRecord):
         )
 
     def outputs(self, q: FloatArray) -> dict[int, float]:
-        """Output by channel for joint angles ``q`` (n,) [rad]."""
+        """The first output of each joint by channel for joint angles ``q`` (n,) [rad]."""
         return dict(zip(self.channels, (self.zero + self.per_rad * q).tolist(), strict=True))
+
+    def mirrored(self, first: Mapping[int, float]) -> dict[int, float]:
+        """Further outputs by channel of the joints whose first outputs these are."""
+        known = ((one, first.get(self.channels[one.joint])) for one in self.mirrors)
+        return {one.channel: one.output(value) for one, value in known if value is not None}
 
     def gripper_output(self, opening: float) -> dict[int, float]:
         """Output of the gripper's channel for an opening of 0 (closed) to 1 (open)."""
@@ -92,7 +119,18 @@ class OutputMap(ArrayRecord):
     def angles(self, outputs: Mapping[int, float | None]) -> FloatArray:
         """Joint angles (n,) [rad] of outputs by channel; NaN where one is off or not reported."""
         known = np.array([outputs.get(channel) for channel in self.channels], dtype=np.float64)  # None: NaN
+        known[[one.joint for one in self.mirrors if outputs.get(one.channel) is None]] = np.nan
         return (known - self.zero) / self.per_rad
+
+    def disagreements(self, outputs: Mapping[int, float | None]) -> dict[int, float]:
+        """How far a joint's outputs are apart [rad], by the channel of each further one that is known."""
+        found: dict[int, float] = {}
+        for one in self.mirrors:
+            first, own = outputs.get(self.channels[one.joint]), outputs.get(one.channel)
+            if first is not None and own is not None:
+                per_rad = one.ratio * float(self.per_rad[one.joint])
+                found[one.channel] = abs((own - one.output(first)) / per_rad)
+        return found
 
     def opening(self, outputs: Mapping[int, float | None]) -> float | None:
         """Gripper opening 0..1 of outputs by channel; None where it is off, unknown or not there."""

@@ -275,6 +275,9 @@ class Controller:
             last_pose=core.poses.last,
             measured={title: str(one) for title, one in reading.quantities.items()},
             quantities=reading.quantities,
+            inputs=reading.inputs,
+            outputs=reading.outputs,
+            limp=core.limp,
             control=core.desk.control,
         )
 

@@ -32,11 +32,12 @@ from armctl.protocol.needs import POWERED
 from armctl.protocol.snapshot import BOARD_REPORTS
 from armctl.robot import CarriedPart, Robot
 from armctl.runtime.activity import Activity, Setpoint
-from armctl.runtime.board import Board, Monitor
+from armctl.runtime.board import Board, close_opened
 from armctl.runtime.control import ControlHandover
 from armctl.runtime.gate import Gate
 from armctl.runtime.last_pose import PoseFolder, PoseWatch
 from armctl.runtime.led.joint_servo import KeepClear
+from armctl.runtime.monitor import Monitor
 from armctl.runtime.mover import GripperMover, PathMover
 from armctl.runtime.notices import EventLog, Notices
 from armctl.runtime.order import Order
@@ -152,10 +153,19 @@ class Core:
         """Refuse (``StateError``) ``what`` ("a motion") needs the arm in another state."""
         homing = self.monitor.reading.homing
         homed, connected = homing is None or homing.done, self.board is not None
-        state, cause, doing = self.state, self.cause, self.doing
-        why = unmet(need, state, asked=what, connected=connected, homed=homed, cause=cause, doing=doing)
+        why = unmet(
+            need, self.state, asked=what, connected=connected, homed=homed, cause=self.cause,
+            doing=self.doing, limp=self.limp,
+        )  # fmt: skip
         if why is not None:
             raise StateError(why)
+
+    @property
+    def limp(self) -> tuple[str, ...]:
+        """Titles of joints that were released by themselves, while the others hold."""
+        if self.board is None:
+            return ()
+        return tuple([j.title for j, limp in zip(self.robot.joints, self.board.limp, strict=True) if limp])
 
     @property
     def held(self) -> Robot:
@@ -226,7 +236,7 @@ class Core:
         self._drop_all(StateError("disconnected"))
         if self._opening is not None:
             self._opening.order.ticket.end(StateError(f"disconnected while {self._port} was being opened"))
-            self._opening.future.add_done_callback(_close_opened)
+            self._opening.future.add_done_callback(close_opened)
             self._opening = None
         self._close_board()
         self._enter(State.DISCONNECTED, cause)
@@ -748,9 +758,3 @@ class Core:
         self.forget()
         self.monitor.reset()
         self.notices.clear_all()
-
-
-def _close_opened(opening: Future[Board]) -> None:
-    """Close a board that nobody waits for any more."""
-    if not opening.cancelled() and opening.exception() is None:
-        opening.result().close()

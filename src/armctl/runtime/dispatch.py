@@ -31,12 +31,13 @@ from armctl.protocol.commands import FOLLOW_EXPIRY_S, JOG_EXPIRY_S, STREAM_EXPIR
 from armctl.protocol.needs import tool_turns
 from armctl.robot import CarriedPart
 from armctl.runtime.core import Core
+from armctl.runtime.homing import home
 from armctl.runtime.led.jog import Jogger
 from armctl.runtime.led.live_target import Follower, Streamer
 from armctl.runtime.mover import PathMover
 from armctl.runtime.order import Order
 from armctl.runtime.planner import checked_trajectory
-from armctl.runtime.power import enable, home, release
+from armctl.runtime.power import enable, limit_torque, release, set_output
 from armctl.runtime.program_runner import ProgramRunner, begun_program
 
 _STOPPED_FOLLOWING = "the arm was stopped; switch the live target on again once it stands"
@@ -105,8 +106,12 @@ def _carry_out(core: Core, order: Order, now: float) -> bool:
         case c.Connect(port):
             core.connect(order, port, now)
             return False
-        case c.Release():
-            release(core, who)
+        case c.Release(joints):
+            release(core, who, joints)
+        case c.LimitTorque(share, joints):
+            limit_torque(core, share, joints, who)
+        case c.SetOutput(name, value):
+            set_output(core, name, value, who)
         case c.ClearFault():
             core.clear_fault(who)
         case c.Pause():
@@ -117,6 +122,19 @@ def _carry_out(core: Core, order: Order, now: float) -> bool:
             core.set_speed(checked_number(fraction, "the speed"), who)
         case c.Jog() | c.JogTool():
             _jog(core, order.command, order, now)
+        case c.FollowTarget(target):
+            _follow_target(core, target, order, now)
+        case c.ControlCommand():
+            return _about_control(core, order, now)
+        case _:
+            raise InputError(f"not a command: {order.command!r}")
+    return True
+
+
+def _about_control(core: Core, order: Order, now: float) -> bool:
+    """Who operates; whether it is over at once."""
+    who = order.origin.who
+    match order.command:
         case c.Arrive(name, watch):
             core.desk.arrive(order.origin, name, now, watch=watch)
         case c.Leave(why):
@@ -130,8 +148,6 @@ def _carry_out(core: Core, order: Order, now: float) -> bool:
             return core.desk.lock(order.origin, locked, pin, now, order.ticket)
         case c.RememberWrongPins(wrong_pins):
             core.desk.remember(wrong_pins, now)
-        case c.FollowTarget(target):
-            _follow_target(core, target, order, now)
         case _:
             raise InputError(f"not a command: {order.command!r}")
     return True

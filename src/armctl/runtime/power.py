@@ -1,8 +1,9 @@
-"""Switching the outputs on and off, and homing: how the arm is taken over where it stands."""
+"""Switching the outputs on and off, all of them or some: how the arm is taken over where it stands."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -53,18 +54,15 @@ _CONFIRMED_S = 2.0
 """so long a board may take to confirm that a servo came on"""
 _UNKNOWN_OPENING = 0.5
 """where a gripper comes on that nobody has seen: so it jumps by half of its way at most"""
-_SETTLE_S = 0.3
-"""what is read before this may still be from before homing began, or was stopped"""
-_LONGEST_S = 180.0
 
 
 def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
     """Pulses on where the arm stands; whether that is done at once: servos that were off take their time."""
     wanted, who = command.q, order.origin.who
-    if core.state in POWERED and core.gate.q is not None and wanted is None:
+    if core.state in POWERED and core.gate.q is not None and wanted is None and not core.limp:
         return True
     board = core.board
-    if core.state is not State.OFF or board is None:
+    if board is None or (core.state is not State.OFF and not (core.limp and core.state is State.HOLDING)):
         core.require(Need.OFF, "enable")
         raise StateError("there is no board; connect first")
     goal = core.robot.check_limits(core.robot.pose("rest") if wanted is None else wanted)
@@ -77,13 +75,15 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
     if not (live.all() or wanted is not None or board.identity.simulated):
         known = "" if core.poses.last is None else f" ({core.poses.last})"
         raise EnableError(f"nobody knows where the arm is{known}: {board.power} are off. {_SAY_WHERE}")
-    start = _taken_over(core, board, np.where(live, reading.q, goal))
+    start = taken_over(core, board, np.where(live, reading.q, goal))
     if not live.all() and (touch := touching(core.around, core.robot, start)) is not None:
         raise MotionRefusedError(Several((touch, Said("choose another pose to enable in"))))
     if wanted is not None and live.any() and (np.abs(start - goal) > _tolerance(board)).any():
         core.log.warn("enabled where the arm stands, not in the pose asked for: move there now")
     opening = reading.opening
     grips = board.map.gripper_channel is not None and core.robot.gripper is not None
+    core.gate.forget()  # of an arm that held without some joints: it is taken over anew
+    board.take_back()
     if live.all() and (opening is not None or not grips):
         core.adopt(start, opening, now)
         board.write(start, None)
@@ -111,33 +111,52 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
     return False
 
 
-def home(core: Core, order: Order, now: float) -> None:
-    """Have the board look for the zero of every axis: the arm moves. It holds where that ends."""
-    core.require(Need.OFF_OR_HOLDING, "homing")
-    if core.board is None or core.monitor.reading.homing is None:
-        raise StateError(
-            "the servos of this arm know their angles: there is nothing to home; to go to the "
-            "pose that is called home, move there (go_pose)"
-        )
-    who = order.origin.who
-    instead = StateError(f"the arm is being homed ({who})")
-    core.drop_motion(instead)
-    core.gripper.stop(instead)
-    core.board.configure()
-    homing = Homing(core, core.board, now)
-    core.forget()
-    core.monitor.acknowledged()
-    core.monitor.enabled()
-    core.begin(homing, who, now, order.ticket, order.motion)
-
-
-def release(core: Core, who: str) -> None:
-    """Outputs off: the arm drops."""
+def release(core: Core, who: str, names: Sequence[str] = ()) -> None:
+    """Outputs off: the arm drops. Of some joints only, by name: these go limp, the others hold."""
     if core.board is None:
         raise StateError(f"nothing to release: {core.state.value}")
+    if names:
+        joints = _joints(core, names)
+        core.require(Need.HOLDING_SOME, "a release of joints")
+        core.board.release_joints(joints)
+        core.log.warn(f"RELEASE ({who}): {', '.join(core.limp)}: {core.board.power} off")
+        return
     core.board.release()
     core.log.warn(f"RELEASE ({who}): {core.board.power} off")
     core.power_off(f"released ({who})")
+
+
+def limit_torque(core: Core, share: float, names: Sequence[str], who: str) -> None:
+    """How strong the motors of some joints (none named: of all) may be, 0 ... 1."""
+    joints = _joints(core, names)
+    if not 0 <= checked_number(share, "the torque limit") <= 1:
+        raise InputError(f"a torque limit of {out_of_range(100 * share, 0, 100, '%')}")
+    if core.board is None:
+        raise StateError("there is no board; connect first")
+    core.board.limit_torque(share, joints)
+    core.log.add(f"torque limit {100 * share:.0f} % of {', '.join(names) or 'all joints'} ({who})")
+
+
+def set_output(core: Core, name: str, value: float, who: str) -> None:
+    """Switch an output of the board that moves no joint."""
+    known = core.monitor.reading.outputs
+    if core.board is None:
+        raise StateError("there is no board; connect first")
+    if known and name not in known:
+        raise InputError(f"there is no output {name!r}; there are {', '.join(known)}")
+    if not 0 <= checked_number(value, f"output {name}") <= 1:
+        raise InputError(f"output {name}: {out_of_range(value, 0, 1)}")
+    core.board.set_output(name, value)
+    core.log.add(f"output {name}: {value:g} ({who})")
+
+
+def _joints(core: Core, names: Sequence[str]) -> BoolArray:
+    """(n,) which joints these are, by name; none named: all."""
+    known = core.robot.joint_names
+    for name in names:
+        if name not in known:
+            raise InputError(f"there is no joint {name!r}; there are {', '.join(known)}")
+    return np.array([not names or name in names for name in known])
 
 
 class Enabling:
@@ -305,108 +324,6 @@ class Enabling:
             self._arrived_at = max(self._arrived_at, now + arrival_s)
 
 
-class Homing:
-    """Watches a board that homes; sends nothing. When it is done the arm is taken over where it stands."""
-
-    label = "homing"
-    begun = True
-    pausable = False
-    gripping = True  # nothing is sent to the board
-    rest = None
-    program = None
-
-    def __init__(self, core: Core, board: Board, now: float) -> None:
-        """Have the board begin; ``BoardError`` where it does not."""
-        self.error: ArmctlError | None = None
-        """why not every axis is homed"""
-        self._core, self._board = core, board
-        self._logged = ""
-        self._began: float | None = now
-        self.done = False
-        self._stopping = False
-        board.home()
-
-    @property
-    def standing(self) -> bool:
-        """The joints are at rest: it is over."""
-        return self.done
-
-    @property
-    def progress(self) -> float | None:
-        """Share of the axes that know where they are."""
-        homing = self._core.monitor.reading.homing
-        return None if homing is None else sum(homing.homed.values()) / len(homing.homed)
-
-    @property
-    def notice(self) -> str | None:
-        """Which axis is looked for."""
-        homing = self._core.monitor.reading.homing
-        if self.done or homing is None or homing.running is None:
-            return None
-        place = min(sum(homing.homed.values()) + 1, len(homing.homed))
-        title = self._board.title(homing.running)
-        return f"homing: {title} looks for its zero ({place} of {len(homing.homed)}); keep clear"
-
-    def advance(self, now: float, dt: float) -> Setpoint | None:
-        """Look how far the board is."""
-        if self.done:
-            return None
-        if self._began is None:
-            self._began = now
-        looking = self.notice
-        if looking is not None and looking != self._logged:
-            self._logged = looking
-            self._core.log.warn(looking)  # a hand may be near the axis that begins now
-        if now - self._began >= _SETTLE_S:
-            self._conclude(self._core.monitor.reading, now, now - self._began)
-        return None
-
-    def set_speed(self, fraction: float) -> None:
-        """Axes look for their zeros at their own, slow speed."""
-
-    def pause(self, paused: bool) -> None:
-        """Never called: it is not ``pausable``."""
-
-    def stop(self) -> None:
-        """Have the board brake, at once: it goes on by itself, whether setpoints may be sent or not."""
-        if not self._stopping:
-            self._stopping = True
-            self._began = None
-            self._board.hold()
-
-    def halt(self) -> None:
-        """Nothing is sent anyway: the board goes on by itself."""
-
-    def _conclude(self, reading: Reading, now: float, since: float) -> None:
-        homing = reading.homing
-        failed = ""
-        if self._stopping:
-            self.done = homing is None or homing.running is None
-        elif homing is None or reading.powered is False:
-            failed = "; ".join(reading.errors) or "the board switched its motors off"
-        elif homing.running is not None:
-            if since > _LONGEST_S:
-                self.error = BoardError(
-                    f"homing was given up after {_LONGEST_S:.0f} s: an axis still looks for its zero; "
-                    "see to its home switch"
-                )
-                self.stop()
-        elif homing.done:
-            self.done = True
-            try:
-                q = _taken_over(self._core, self._board, reading.q)
-                self._core.adopt(q, reading.opening, now)
-            except ArmctlError as error:
-                self.error = error
-        else:
-            missing = [self._board.title(channel) for channel, homed in homing.homed.items() if not homed]
-            failed = "; ".join(reading.errors) or f"{', '.join(missing)} did not find a zero"
-        if failed:
-            again = "" if "home again" in failed else "; see to that and home again"
-            self.error = BoardError(f"homing ended before every axis had its zero: {failed}{again}")
-            self.done = True
-
-
 def _where_it_is(core: Core, board: Board, now: float) -> Reading:
     """What two readings agree on: answers carry no checksum, and the arm is held where they say it is.
 
@@ -442,7 +359,7 @@ def _tolerance(board: Board) -> FloatArray:
     return np.maximum(ADOPT_TOLERANCE_RAD, _ADOPT_TOLERANCE_STEPS / board.unit_per_rad)
 
 
-def _taken_over(core: Core, board: Board, q: FloatArray) -> FloatArray:
+def taken_over(core: Core, board: Board, q: FloatArray) -> FloatArray:
     """``q`` (n,) [rad] inside the limits; refused where a joint stands clearly outside."""
     low, high = core.robot.limits.T
     outside = np.maximum(low - q, q - high) - _tolerance(board)

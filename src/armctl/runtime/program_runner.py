@@ -9,6 +9,7 @@ from dataclasses import replace
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, ProgramError
 from armctl.program import Program
+from armctl.program.effect import Senses, Until
 from armctl.program.feed import PlannedStep, PlanState, ProgramSource, begin_program, plan_next
 from armctl.protocol import ProgramProgress
 from armctl.robot import Robot
@@ -52,7 +53,7 @@ class ProgramRunner:
         self.label = f"program {self._program.name!r}"
         self._loops = loops
         self._speed, self._percent = core.speed, 100.0
-        self._gripper = core.gripper
+        self._gripper, self._monitor = core.gripper, core.monitor
         self._log = core.log
         self._early_s = starving_s(robot) + _EARLIER_S
         self._feed = ProgramFeed(robot, begun, core.submit, self._early_s)
@@ -60,6 +61,8 @@ class ProgramRunner:
         self._first = first
         self._mover: PathMover | None = None
         self._wait_left = 0.0
+        self._until: Until | None = None
+        """what is waited for; not longer than ``_wait_left``"""
         self._gripping = False
         """a gripper step is running"""
         self.begun = False
@@ -86,7 +89,9 @@ class ProgramRunner:
 
     @property
     def notice(self) -> str | None:
-        """That what comes next was not planned in time."""
+        """What is waited for, or that what comes next was not planned in time."""
+        if self._until is not None:
+            return f"waiting for {self._until.what}"
         return None if self._mover is None else self._mover.notice
 
     @property
@@ -145,10 +150,23 @@ class ProgramRunner:
                     self._outdated = None
         elif self._wait_left > 0 and not self._paused:
             self._wait_left -= dt
+            if self._until is not None:
+                self._look(self._until)
         if self._gripping and self._gripper.goal is None:
             self._gripping = False
         self._take_steps()
         return setpoint
+
+    def _look(self, until: Until) -> None:
+        """Whether what is waited for has come."""
+        reading = self._monitor.reading
+        if until.holds(Senses(reading.quantities, reading.inputs)):
+            self._wait_left, self._until = 0.0, None
+        elif self._wait_left <= 0:
+            self._feed.drop()
+            where = "" if self._running is None else f": step {self._running.index + 1}"
+            waited = f"waited {until.longest_s:g} s for {until.what}, which did not come"
+            self.error = ProgramError(f"{self._program.name}{where}: {waited}")
 
     @property
     def program(self) -> ProgramProgress:
@@ -209,6 +227,8 @@ class ProgramRunner:
         effect = step.step.effect
         if effect.wait_s is not None:
             self._wait_left = effect.wait_s
+        if (until := effect.until) is not None:
+            self._wait_left, self._until = until.longest_s, until
         if effect.opening is not None:
             self._gripper.move_to(effect.opening, effect.part)
             self._gripping = True

@@ -17,7 +17,7 @@ import viser
 
 from armctl.errors import ArmctlError
 from armctl.facts import Need, say
-from armctl.protocol import Command, ControlCommand, Origin, Snapshot, Ticket, unmet
+from armctl.protocol import Command, ControlCommand, Origin, Snapshot, Ticket
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.look.rows import Theme
 from armctl.ui.console import page_name
@@ -174,8 +174,7 @@ class Session:
             return None
         if snapshot.unreachable:
             return "the arm does not answer; see Control"
-        homed, connected = all(axis.homed for axis in snapshot.homing), snapshot.board is not None
-        why = unmet(arm, snapshot.state, connected=connected, homed=homed, doing=snapshot.doing)
+        why = snapshot.unmet(arm)
         return None if why is None else say(why)
 
     def refresh(self, snapshot: Snapshot) -> None:

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.facts import Unanswered
-from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
+from armctl.hardware.driver import Abilities, BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
 from armctl.hardware.findings import (
     ChannelsToCheck,
     CheckUp,
@@ -44,7 +44,7 @@ UNKNOWN_MODEL_NOTE = (
 )
 
 
-class MaestroDriver:
+class MaestroDriver(Abilities):
     """A Maestro behind the ``Driver`` protocol. Units are µs, µs/s and µs/s².
 
     The Maestro's answers carry no checksum: a garbled position that is still a possible one cannot
@@ -147,7 +147,11 @@ class MaestroDriver:
 
     def release(self) -> None:
         """Switch the pulses of every configured channel off: the arm drops."""
-        self._send_targets(dict.fromkeys(self._table.channels, 0))
+        self.release_channels(self._table.channels)
+
+    def release_channels(self, channels: Sequence[int]) -> None:
+        """The same of some of them: a target of 0 ends the pulses of one channel."""
+        self._send_targets(dict.fromkeys(channels, 0))
 
     def close(self) -> None:
         """Close the line; never raises. The outputs stay as they are."""
