@@ -159,6 +159,8 @@ class Search:
 
     def _best(self, q: FloatArray, cost: Callable[[FloatArray], float]) -> Best:
         there = np.abs(self.rows(q)[0]).max() < _MET and self.robot.chain.keeps_turns(q)
+        if there and self.rotation is not None:  # what ``rows`` has of a turn is 0 at half a turn, too
+            there = turned(self.pose(q)[0] @ self.rotation.T) < 1.0
         return (cost(q), q) if there else (math.inf, q)
 
 

@@ -26,7 +26,7 @@ FOLDERS = {
     "program": (10, 2_500),
     "protocol": (6, 1_130),
     "robot": (45, 11_250),
-    "runtime": (24, 5_550),
+    "runtime": (24, 5_600),
     "ui": (81, 15_050),
 }
 """files and lines, at most"""

@@ -209,6 +209,6 @@ def test_a_joint_with_two_servos_moves_both(tmp_path: Path) -> None:
     bench.do(MoveJoints(arm.pose("home")))
     bench.until(State.HOLDING)
     bench.run(0.2)  # the servos' ramp follows
-    first, second = (board.position_us(channel) for channel in (1, 11))
+    first, second = (board.position_us(channel) or 0.0 for channel in (1, 11))
     assert first + second == pytest.approx(3000, abs=0.5)
     assert first == pytest.approx(arm.outputs.outputs(arm.pose("home"))[1], abs=0.25)

@@ -9,7 +9,6 @@ from armctl.kinematics.velocity import position_leaves_pitch
 from armctl.robot import Robot
 
 POWERED = (State.HOLDING, State.MOVING, State.PAUSED)
-JOG = "jog"
 _MET_IN = {
     Need.HOLDING: (State.HOLDING,),
     Need.JOG: (State.HOLDING,),
@@ -34,6 +33,8 @@ class Doing:
     """it comes to rest, and does not go on"""
     notice: str | None = None
     """what holds it back, in words"""
+    jogged: bool = False
+    """it goes on by jogs"""
 
     def takes(self, need: Need) -> bool:
         """Whether what needs this is taken meanwhile."""
@@ -43,7 +44,7 @@ class Doing:
             case Need.PAUSE:
                 return self.pausable and not self.stopping
             case _:
-                return need is Need.JOG and self.label == JOG and not self.stopping
+                return need is Need.JOG and self.jogged and not self.stopping
 
 
 def unmet(

@@ -209,6 +209,11 @@ class Board:
         """The next setpoint switches joints on that were switched off by themselves."""
         self.limp = np.zeros_like(self.limp)
 
+    @property
+    def limp_titles(self) -> tuple[str, ...]:
+        """Which joints are limp."""
+        return tuple(self._titles[self.map.channels[i]] for i in np.flatnonzero(self.limp).tolist())
+
     def limit_torque(self, share: float, joints: BoolArray) -> None:
         """How strong the motors of joints (n,) may be, 0 ... 1."""
         limits = dict.fromkeys(self._channels(joints), share)

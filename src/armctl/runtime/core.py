@@ -26,7 +26,7 @@ from armctl.facts import Need, State
 from armctl.hardware import Driver
 from armctl.motion.clearance import kept_out
 from armctl.motion.preflight import require_gaps
-from armctl.protocol import Doing, Origin, Ticket, unmet
+from armctl.protocol import Command, Doing, Origin, Ticket, unmet
 from armctl.protocol.clock import AFTER_GAP_S
 from armctl.protocol.needs import POWERED
 from armctl.protocol.snapshot import BOARD_REPORTS
@@ -125,10 +125,12 @@ class Core:
     @property
     def doing(self) -> Doing | None:
         """What moves the arm."""
+        return None if self.activity is None else self.activity.doing(bool(self.stopped_by))
+
+    def led_by(self, command: Command) -> Activity | None:
+        """What moves the arm, if it goes on by commands of this kind."""
         it = self.activity
-        if it is None:
-            return None
-        return Doing(it.label, it.pausable, it.gripping, bool(self.stopped_by), it.notice)
+        return it if it is not None and isinstance(command, it.led_by) else None
 
     @property
     def busy(self) -> bool:
@@ -163,9 +165,7 @@ class Core:
     @property
     def limp(self) -> tuple[str, ...]:
         """Titles of joints that were released by themselves, while the others hold."""
-        if self.board is None:
-            return ()
-        return tuple([j.title for j, limp in zip(self.robot.joints, self.board.limp, strict=True) if limp])
+        return () if self.board is None else self.board.limp_titles
 
     @property
     def held(self) -> Robot:

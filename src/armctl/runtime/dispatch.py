@@ -21,11 +21,9 @@ from armctl.errors import (
     out_of_range,
 )
 from armctl.facts import Need, State
-from armctl.kinematics import Target
 from armctl.kinematics.target import as_numbers, checked_number
 from armctl.motion import Trajectory, plan_choice, plan_joints
 from armctl.motion.choices import not_the_best
-from armctl.program import Program
 from armctl.program.feed import require_runnable
 from armctl.protocol.commands import FOLLOW_EXPIRY_S, JOG_EXPIRY_S, STREAM_EXPIRY_S
 from armctl.protocol.needs import tool_turns
@@ -84,8 +82,8 @@ def _carry_out(core: Core, order: Order, now: float) -> bool:
             start = _held_at(core, "a motion")
             core.plan(order, label, start, take, begun_program, program, loops, first, count)
             return False
-        case c.UpdateProgram(program):
-            _update_program(core, order, program)
+        case c.UpdateProgram():
+            _update_program(core, order, order.command)
             return False
         case c.MoveGripper(opening, part_mm):
             _move_gripper(core, opening, CarriedPart.of(part_mm), order)
@@ -94,7 +92,8 @@ def _carry_out(core: Core, order: Order, now: float) -> bool:
             home(core, order, now)
             return False
         case c.StreamJoints(q, last):
-            _stream(core, core.robot.check_limits(q), last, order, now)
+            checked = core.robot.check_limits(q)
+            _stream(core, msgspec.structs.replace(order.command, q=checked), order, now)
             return not last
         case c.Cancel(motion):
             core.cancel(motion, order.origin, order.ticket)
@@ -122,8 +121,8 @@ def _carry_out(core: Core, order: Order, now: float) -> bool:
             core.set_speed(checked_number(fraction, "the speed"), who)
         case c.Jog() | c.JogTool():
             _jog(core, order.command, order, now)
-        case c.FollowTarget(target):
-            _follow_target(core, target, order, now)
+        case c.FollowTarget():
+            _follow_target(core, order.command, order, now)
         case c.ControlCommand():
             return _about_control(core, order, now)
         case _:
@@ -165,53 +164,49 @@ def _jog(core: Core, command: c.Jog | c.JogTool, order: Order, now: float) -> No
     if core.still_held(order.given_at):
         raise StateError("the arm was stopped while it was jogged; let go first")
     if isinstance(command, c.Jog):
-        wanted = _checked_rate(core, command.rate)
+        wanted: c.Jog | c.JogTool = c.Jog(_checked_rate(core, command.rate))
     else:
         wanted = _checked_tool_jog(core, command)
     core.require(Need.JOG, "a jog")
-    activity = core.activity
-    if not isinstance(activity, Jogger):
+    activity = core.led_by(wanted)
+    if activity is None:
         q = _held_at(core, "a jog")
-        if not (wanted.twist if isinstance(wanted, c.JogTool) else wanted).any():
+        if not (wanted.twist if isinstance(wanted, c.JogTool) else wanted.rate).any():
             return
         activity = Jogger(core.robot, core.clear, q, core.speed)
         core.begin(activity, order.origin.who, now)
-    activity.command(wanted, order.given_at + JOG_EXPIRY_S)
+    activity.lead(wanted, order.given_at + JOG_EXPIRY_S)
 
 
-def _follow_target(core: Core, target: Target | None, order: Order, now: float) -> None:
-    activity = core.activity
-    if target is None:
-        if isinstance(activity, Follower):
-            activity.stop()
-        return
-    if core.still_held(order.given_at):
+def _follow_target(core: Core, command: c.FollowTarget, order: Order, now: float) -> None:
+    activity, leaves = core.led_by(command), command.target is None
+    if not leaves and (core.still_held(order.given_at) or (activity is not None and core.stopped_by)):
         raise StateError(_STOPPED_FOLLOWING)
-    if not isinstance(activity, Follower):
+    if activity is None:
+        if leaves:
+            return
         q = _held_at(core, "to follow a target")
         activity = Follower(core.robot, core.clear, q, core.speed, core.submit)
         core.begin(activity, order.origin.who, now)
-    elif core.stopped_by:
-        raise StateError(_STOPPED_FOLLOWING)
-    activity.aim(target, order.given_at + FOLLOW_EXPIRY_S)
+    activity.lead(command, order.given_at + FOLLOW_EXPIRY_S)
 
 
-def _stream(core: Core, q: FloatArray, last: bool, order: Order, now: float) -> None:
+def _stream(core: Core, command: c.StreamJoints, order: Order, now: float) -> None:
     motion = order.motion
     if not motion:
         raise InputError("a stream needs a name of its own (motion), so that a STOP ends it")
     if motion == core.stopped_motion:
         raise StateError(f"the setpoint stream is over ({core.cause}); begin another one")
-    activity = core.activity
-    if not isinstance(activity, Streamer):
+    activity = core.led_by(command)
+    if activity is None:
         activity = Streamer(core.robot, core.clear, _held_at(core, "a setpoint stream"), core.speed)
         core.begin(activity, order.origin.who, now, motion=motion)
     elif motion != core.motion:
         raise StateError("another setpoint stream runs; stop it first")
     elif core.stopped_by:
         raise StateError("the arm is stopping; begin another stream once it stands")
-    activity.aim(q, order.given_at + STREAM_EXPIRY_S, last=last)
-    if last:
+    activity.lead(command, order.given_at + STREAM_EXPIRY_S)
+    if command.last:
         core.await_last(order.ticket)
 
 
@@ -281,15 +276,15 @@ def _move_gripper(core: Core, opening: float, part: CarriedPart | None, order: O
     core.move_gripper(order, opening, part)
 
 
-def _update_program(core: Core, order: Order, program: Program) -> None:
-    runner = core.activity
-    if not isinstance(runner, ProgramRunner):
+def _update_program(core: Core, order: Order, command: c.UpdateProgram) -> None:
+    runner, program = core.led_by(command), command.program
+    if runner is None:
         raise StateError("no program runs; press Run")
 
     def take(_: None) -> None:
         if core.activity is not runner:  # another run may have begun: the edit was not for it
             raise StateError("the program has ended; run it again")
-        runner.update(program)
+        runner.lead(command, math.inf)
         name, who = program.name, order.origin.who
         core.log.add(f"program {name!r} was edited; this takes effect at the next pass ({who})")
 

@@ -8,7 +8,7 @@ from armctl.errors import (
     StateError,
 )
 from armctl.facts import Need
-from armctl.runtime.activity import Setpoint
+from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board, Reading
 from armctl.runtime.core import Core
 from armctl.runtime.order import Order
@@ -39,24 +39,17 @@ def home(core: Core, order: Order, now: float) -> None:
     core.begin(homing, who, now, order.ticket, order.motion)
 
 
-class Homing:
+class Homing(Activity):
     """Watches a board that homes; sends nothing. When it is done the arm is taken over where it stands."""
 
     label = "homing"
-    begun = True
-    pausable = False
     gripping = True  # nothing is sent to the board
-    rest = None
-    program = None
 
     def __init__(self, core: Core, board: Board, now: float) -> None:
         """Have the board begin; ``BoardError`` where it does not."""
-        self.error: ArmctlError | None = None
-        """why not every axis is homed"""
         self._core, self._board = core, board
         self._logged = ""
         self._began: float | None = now
-        self.done = False
         self._stopping = False
         board.home()
 
@@ -95,12 +88,6 @@ class Homing:
             self._conclude(self._core.monitor.reading, now, now - self._began)
         return None
 
-    def set_speed(self, fraction: float) -> None:
-        """Axes look for their zeros at their own, slow speed."""
-
-    def pause(self, paused: bool) -> None:
-        """Never called: it is not ``pausable``."""
-
     def stop(self) -> None:
         """Have the board brake, at once: it goes on by itself, whether setpoints may be sent or not."""
         if not self._stopping:
@@ -115,7 +102,7 @@ class Homing:
         homing = reading.homing
         failed = ""
         if self._stopping:
-            self.done = homing is None or homing.running is None
+            self._done = homing is None or homing.running is None
         elif homing is None or reading.powered is False:
             failed = "; ".join(reading.errors) or "the board switched its motors off"
         elif homing.running is not None:
@@ -126,7 +113,7 @@ class Homing:
                 )
                 self.stop()
         elif homing.done:
-            self.done = True
+            self._done = True
             try:
                 q = taken_over(self._core, self._board, reading.q)
                 self._core.adopt(q, reading.opening, now)
@@ -138,4 +125,4 @@ class Homing:
         if failed:
             again = "" if "home again" in failed else "; see to that and home again"
             self.error = BoardError(f"homing ended before every axis had its zero: {failed}{again}")
-            self.done = True
+            self._done = True

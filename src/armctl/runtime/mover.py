@@ -15,7 +15,7 @@ from armctl.motion import Sample, Trajectory, stopping_s
 from armctl.motion.trajectory import RestOfTrajectory
 from armctl.protocol import Ticket
 from armctl.robot import CarriedPart, Gripper, Robot
-from armctl.runtime.activity import Setpoint
+from armctl.runtime.activity import Activity, Setpoint
 
 _PROBES: Final = np.linspace(0.0, 1.0, 9)  # a trapezoid's corners lie anywhere in a tick
 _HALVINGS = 12
@@ -44,7 +44,7 @@ class _Stretch:
     ends: float
 
 
-class PathMover:
+class PathMover(Activity):
     """Follows trajectories, one after another.
 
     With path time s and its rate r = ds/dt, a joint's speed is ``q' r`` and its acceleration
@@ -52,11 +52,7 @@ class PathMover:
     a change of the rate takes what acceleration is left, and where none is left, waits.
     """
 
-    begun = True
     pausable = True
-    gripping = False
-    error: ArmctlError | None = None
-    program = None
 
     def __init__(
         self,
@@ -72,7 +68,7 @@ class PathMover:
         self.label = label
         self.goes_on = goes_on
         """what it has does not end at rest: another trajectory must follow"""
-        self.notice: str | None = None
+        self._notice = None
         self._stretches = deque([_Stretch(trajectory, tag, 0.0, trajectory.duration)])
         self._end = trajectory.duration
         self._limits = robot.acceleration_limits * (1 + _TOLERANCE)
@@ -167,7 +163,7 @@ class PathMover:
         self._time = min(self._time + 0.5 * (self._rate + rate) * dt, self._end)
         if self.goes_on and self._time >= self._end:
             if rate > 0.0:
-                self.notice = _OVERRUN
+                self._notice = _OVERRUN
             rate = 0.0  # what follows is begun from rest, on the way
         self._rate = rate
         state = self._sample(np.array([self._time]))

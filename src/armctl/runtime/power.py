@@ -9,7 +9,6 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import (
-    ArmctlError,
     BoardError,
     BoardTimeoutError,
     EnableError,
@@ -27,7 +26,7 @@ from armctl.kinematics.target import checked_number
 from armctl.motion.clearance import touching
 from armctl.protocol import Enable
 from armctl.protocol.needs import POWERED
-from armctl.runtime.activity import Setpoint
+from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board, BoolArray, Reading
 from armctl.runtime.core import Core
 from armctl.runtime.order import Order
@@ -159,7 +158,7 @@ def _joints(core: Core, names: Sequence[str]) -> BoolArray:
     return np.array([not names or name in names for name in known])
 
 
-class Enabling:
+class Enabling(Activity):
     """Switches servos on, one after the other from the base outward, the gripper last; streams nothing.
 
     Each gets one pulse width, that of the pose in which the arm is said to stand. The arm is taken over once
@@ -168,19 +167,12 @@ class Enabling:
     """
 
     label = "enabling"
-    begun = True
-    pausable = False
     gripping = True  # it comes on with the arm
-    rest = None
-    program = None
 
     def __init__(
         self, core: Core, board: Board, q: FloatArray, live: BoolArray, opening: float | None, now: float
     ) -> None:
         """``q`` (n,) [rad]; ``live`` (n,): what is on already; ``opening`` None: there is no gripper."""
-        self.error: ArmctlError | None = None
-        """what the board has reported meanwhile"""
-        self.done = False
         self._core, self._board = core, board
         self._q, self._opening = q, opening
         self._on, self._seen_on = live.copy(), live.copy()
@@ -243,14 +235,8 @@ class Enabling:
         elif now >= self._arrived_at:
             self._core.adopt(self._q, self._opening, now)
             self._core.monitor.enabled()
-            self.done = True
+            self._done = True
         return None
-
-    def set_speed(self, fraction: float) -> None:
-        """A servo that comes on turns at its own speed."""
-
-    def pause(self, paused: bool) -> None:
-        """Never called: it is not ``pausable``."""
 
     def stop(self) -> None:
         """Switch on no more; what is on, stays on. A fault that stops it has a cause of its own to tell."""
@@ -316,7 +302,7 @@ class Enabling:
                 if is_on
             )
             self._core.log.warn(f"{on}: on and held; the others are off. Enable goes on, Release ends it")
-        self.done = True
+        self._done = True
 
     def _wait(self, arrival_s: float, now: float) -> None:
         if not self._quick:

@@ -11,9 +11,9 @@ from armctl.errors import ArmctlError, ProgramError
 from armctl.program import Program
 from armctl.program.effect import Senses, Until
 from armctl.program.feed import PlannedStep, PlanState, ProgramSource, begin_program, plan_next
-from armctl.protocol import ProgramProgress
+from armctl.protocol import Command, ProgramProgress, UpdateProgram
 from armctl.robot import Robot
-from armctl.runtime.activity import Setpoint
+from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.core import Core
 from armctl.runtime.mover import PathMover, starving_s
 from armctl.runtime.planner import Submit, result_of
@@ -39,12 +39,12 @@ def begun_program(
     return (source, *plan_next(robot, source, state))
 
 
-class ProgramRunner:
+class ProgramRunner(Activity):
     """One program on its way. At most one step is begun a tick, so that an empty loop cannot hang it."""
 
     pausable = True
     gripping = True  # its motions are checked with the gripper as its steps leave it
-    rest = None
+    led_by = (UpdateProgram,)
 
     def __init__(self, core: Core, loops: int | None, first: int, begun: Begun) -> None:
         """Begin ``begun`` with step ``first``, ``loops`` times (None: for ever)."""
@@ -70,8 +70,6 @@ class ProgramRunner:
         self._stopped = False
         self._outdated: PlannedStep | None = None
         """the first moving step of a pass that was edited: the arm stops, then the pass begins anew"""
-        self.error: ArmctlError | None = None
-        """which step could not be run, and why"""
         self._take_steps()
 
     @property
@@ -103,8 +101,12 @@ class ProgramRunner:
         of_step = 0.0 if self._mover is None else self._mover.progress
         return min((at.loop + (at.step + of_step) / at.steps) / at.loops, 1.0)
 
-    def update(self, program: Program) -> None:
+    def lead(self, command: Command, expires: float) -> None:
         """Go on with another version of the program, which was checked, at the next pass."""
+        if isinstance(command, UpdateProgram):
+            self._update(command.program)
+
+    def _update(self, program: Program) -> None:
         self._program = program
         self.label = f"program {program.name!r}"
         self._feed.update(program)

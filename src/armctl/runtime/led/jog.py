@@ -12,8 +12,7 @@ from armctl.kinematics.families.numeric.goals import rotation_vectors
 from armctl.kinematics.geometry.subproblems import turn
 from armctl.kinematics.velocity import damped_inverse, turning_speeds
 from armctl.motion.paths.tool_pitch import PitchRows, PlanePitch, pitch_rows
-from armctl.protocol import JogTool
-from armctl.protocol.needs import JOG
+from armctl.protocol import Command, Jog, JogTool
 from armctl.robot import Robot
 from armctl.runtime.led.joint_servo import JointServo, KeepClear, Led, Step, fastest_inside
 
@@ -38,7 +37,8 @@ _UPRIGHT = 0.05
 class Jogger(Led):
     """Joint speeds that follow the jog commands inside every limit."""
 
-    label = JOG
+    label = "jog"
+    led_by = (Jog, JogTool)
 
     def __init__(self, robot: Robot, clear: KeepClear, q: FloatArray, speed: float) -> None:
         """Stand at ``q`` (n,) [rad]; ``speed`` is the override."""
@@ -46,10 +46,11 @@ class Jogger(Led):
         self._wanted: FloatArray | JogTool = np.zeros(robot.n)
         self._line: JogLine | None = None
 
-    def command(self, wanted: FloatArray | JogTool, expires: float) -> None:
-        """Move on until ``expires`` [s]; ``wanted``: (n,) -1 ... 1 of the speed limits, or of the tool."""
-        self._wanted = wanted
-        self._lead_on(expires)
+    def lead(self, command: Command, expires: float) -> None:
+        """Move on until ``expires`` [s], by joints or by the tool."""
+        if isinstance(command, Jog | JogTool):
+            self._wanted = command.rate if isinstance(command, Jog) else command
+            self._lead_on(expires)
 
     def stop(self) -> None:
         """Slow down as hard as the limits allow."""

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError
 from armctl.motion import Floor, Obstacles, SelfCollision
 from armctl.motion.clearance import Gaps
 from armctl.robot import Robot
-from armctl.runtime.activity import Setpoint
+from armctl.runtime.activity import Activity, Setpoint
 
 BoolArray = NDArray[np.bool_]
 Step = tuple[FloatArray, FloatArray]
@@ -278,17 +277,11 @@ class _Watched:
         return source.levers @ np.abs(path - here).max(axis=0) < room
 
 
-class Led(ABC):
-    """A jog or a live target: at each tick, the arm can still rest before limits and obstacles."""
+class Led(Activity):
+    """A jog or a live target: at each tick, the arm can still rest before limits and obstacles.
 
-    label = ""
-    begun = True
-    pausable = False  # letting go ends it
-    gripping = False
-    rest = None  # it looks ahead at each tick, with the gripper as it is then
-    error: ArmctlError | None = None  # what cannot be done is no error: the notice says why
-    program = None
-    progress: float | None = None  # nobody knows how long it is led
+    It needs no check of its rest: it looks ahead with the gripper as it is then.
+    """
 
     def __init__(self, robot: Robot, clear: KeepClear, q: FloatArray, speed: float) -> None:
         """Stand at ``q`` (n,) [rad]; ``speed`` is the override."""
@@ -297,10 +290,6 @@ class Led(ABC):
         self._servo = JointServo(robot, q)
         self._speed = speed
         self._expires = -math.inf
-        self.notice: str | None = None
-        """what is not as it is asked for: a limit, the floor, a singular pose"""
-        self.done = False
-        """at rest, and no command leads it any more"""
 
     @property
     def standing(self) -> bool:
@@ -311,18 +300,15 @@ class Led(ABC):
         """Go towards this speed override inside the acceleration limits."""
         self._speed = fraction
 
-    def pause(self, paused: bool) -> None:  # noqa: B027
-        """Never called: it is not ``pausable``."""
-
     def stop(self) -> None:
         """Slow down as hard as the limits allow."""
         self._expires = -math.inf
-        self.done = self.standing
+        self._done = self.standing
 
     def halt(self) -> None:
         """No setpoint is sent for now: go on from rest."""
         self._servo.halt()
-        self.done = self._expires == -math.inf
+        self._done = self._expires == -math.inf
 
     def advance(self, now: float, dt: float) -> Setpoint | None:
         """Go on by ``dt`` seconds to ``now``; None where the joints stand."""
@@ -334,9 +320,9 @@ class Led(ABC):
             q, v = self._rest(dt)
         if servo.leaves_turns(q, v):
             q, v = servo.brake(dt)
-        self.notice = None if expired else notice
+        self._notice = None if expired else notice
         if not v.any() and servo.standing and np.array_equal(q, servo.q):
-            self.done = expired
+            self._done = expired
             return None
         acceleration = (v - servo.v) / dt
         servo.take(q, v)
@@ -349,7 +335,7 @@ class Led(ABC):
     def _lead_on(self, expires: float) -> None:
         """Go on until the clock says ``expires``."""
         self._expires = expires
-        self.done = False
+        self._done = False
 
     def _rest(self, dt: float) -> Step:
         return self._servo.step(np.zeros(self._robot.n), dt)

@@ -11,6 +11,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, MotionRefusedError
 from armctl.kinematics import Solutions, Target
+from armctl.protocol import Command, FollowTarget, StreamJoints
 from armctl.robot import Robot
 from armctl.runtime.activity import Setpoint
 from armctl.runtime.led.joint_servo import KeepClear, Led, Step
@@ -44,6 +45,7 @@ class Follower(Led):
     """Joints that move toward the newest target; one at a time is solved for, on another thread."""
 
     label = "live target"
+    led_by = (FollowTarget,)
 
     def __init__(self, robot: Robot, clear: KeepClear, q: FloatArray, speed: float, submit: Submit) -> None:
         """Stand at ``q`` (n,) [rad]; ``speed`` is the override, ``submit`` runs ``live_goal`` elsewhere."""
@@ -62,6 +64,14 @@ class Follower(Led):
     def q(self) -> FloatArray:
         """(n,) where the joints are [rad]."""
         return self._servo.q.copy()
+
+    def lead(self, command: Command, expires: float) -> None:
+        """Follow the target of a command until ``expires`` [s]; none: slow down."""
+        if isinstance(command, FollowTarget):
+            if command.target is None:
+                self.stop()
+            else:
+                self.aim(command.target, expires)
 
     def aim(self, target: Target, expires: float) -> None:
         """Follow ``target`` until the clock says ``expires``."""
@@ -117,19 +127,19 @@ class Streamer(Led):
     """Joints that move toward the newest setpoint of a stream, behind it by their braking way."""
 
     label = "setpoint stream"
+    led_by = (StreamJoints,)
 
     def __init__(self, robot: Robot, clear: KeepClear, q: FloatArray, speed: float) -> None:
         """Stand at ``q`` (n,) [rad]; ``speed`` is the override."""
         super().__init__(robot, clear, q, speed)
-        self.error: ArmctlError | None = None
-        """what is in the way of the last setpoint"""
         self._goal = q
         self._last = False
 
-    def aim(self, q: FloatArray, expires: float, *, last: bool) -> None:
-        """Go toward ``q`` (n,) [rad] until ``expires`` [s]; ``last``: all the way, then be done."""
-        self._goal, self._last = q, last
-        self._lead_on(math.inf if last else expires)
+    def lead(self, command: Command, expires: float) -> None:
+        """Go toward a setpoint until ``expires`` [s]; the last one: all the way, then be done."""
+        if isinstance(command, StreamJoints):
+            self._goal, self._last = command.q, command.last
+            self._lead_on(math.inf if command.last else expires)
 
     def stop(self) -> None:
         """Slow down as hard as the limits allow."""
@@ -140,7 +150,7 @@ class Streamer(Led):
         """Go on; the last setpoint is reached, or what is in the way of it ends the stream."""
         setpoint = super().advance(now, dt)
         if self._last and setpoint is None:
-            self.done = True
+            self._done = True
             if not np.array_equal(self._servo.q, self._goal):
                 self.error = MotionRefusedError(self.notice or f"{self.label}: the arm cannot go on")
         return setpoint
