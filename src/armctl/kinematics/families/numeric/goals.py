@@ -13,6 +13,8 @@ from armctl.kinematics.angles import skew_part
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.target import straight_up
 
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+"""of each of x, y, z, the two others"""
 Rows = tuple[FloatArray, FloatArray]
 """residuals (k, m) and their derivatives by the joint angles (k, m, n)"""
 Cost = tuple[FloatArray, FloatArray, FloatArray]
@@ -54,10 +56,8 @@ def _first_last(columns: list[FloatArray]) -> FloatArray:
 
 
 def crossed(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross products of (k, 3, n) or (k, 3, 1) columns; ``numpy.cross`` takes three times as long."""
-    ax, ay, az = a[:, 0], a[:, 1], a[:, 2]
-    bx, by, bz = b[:, 0], b[:, 1], b[:, 2]
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+    """Cross products of (k, 3, n) or (k, 3, 1) columns; ``numpy.cross`` takes ten times as long for few."""
+    return a.take(_NEXT, 1) * b.take(_LAST, 1) - a.take(_LAST, 1) * b.take(_NEXT, 1)
 
 
 def second_derivatives(motion: ToolMotion, weights: FloatArray, columns: FloatArray) -> FloatArray:
