@@ -70,11 +70,12 @@ class ToolRotation:
 
     def rates(self, s: float) -> FloatArray:
         """(2, count) angular velocity over the way that is asked for, and its derivative."""
-        return np.stack([self.rate, np.zeros(3)])
+        return np.array([self.rate, np.zeros(3)])
 
     def tilt(self, q: FloatArray, poses: FloatArray, s: FloatArray) -> FloatArray:
         """(k,) by what angle tool poses (k, 4, 4) are off at ``s`` (k,) [rad]."""
-        return rotation_angle(poses[:, :3, :3] @ self.at(s).swapaxes(1, 2))
+        wanted = self.at(s).swapaxes(1, 2) if self._angle else self.start.T
+        return rotation_angle(poses[:, :3, :3] @ wanted)
 
     def rows(self, pose: FloatArray, jacobian: FloatArray) -> FloatArray:
         """(count, n) the angular velocity of the tool for each joint's rate."""

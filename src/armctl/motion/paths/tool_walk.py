@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +33,8 @@ _AIM = 0.3
 """what share of the deviation a step aims at"""
 _SHARES = np.array([0.15, 0.35, 0.5, 0.65, 0.85])
 _POWERS = np.arange(6)
-_SHARES_POWERS = _SHARES[:, None] ** _POWERS
+_BETWEEN: FloatArray = (_SHARES[:, None] ** _POWERS) @ quintic(*np.eye(6).reshape(2, 3, 6))
+"""(5, 6) at these shares of a way of 1, by value, slope and bend at both ends"""
 _DENSE = np.arange(1, 16) / 16
 _LONGEST, SHORTEST, _SHORTEST_TRIED = 1 / 2, 1e-6, 1e-4
 """steps, as shares of the whole curve; the shortest of a walk that is only tried"""
@@ -140,8 +142,8 @@ def _step(task: ToolTask, here: Knot, s: float, aim: float) -> tuple[Knot | None
         there = task.arrived(ahead, s)
     if there is None:
         return None, math.inf
-    ends = [_over(h, np.array([knot.q, knot.slope, knot.bend])) for knot in (here, there)]
-    between = _SHARES_POWERS @ quintic(*ends)
+    scale = np.array([1.0, h, h * h, 1.0, h, h * h])
+    between = (_BETWEEN * scale) @ np.array([here.q, here.slope, here.bend, there.q, there.slope, there.bend])
     return there, float(task.deviation(between, here.s + h * _SHARES).max()) / aim
 
 
@@ -150,14 +152,9 @@ def hermite(knots: Sequence[Knot]) -> PiecewisePolynomial:
     s = np.array([knot.s for knot in knots])
     h = s[1:] - s[:-1]
     states = np.array([(knot.q, knot.slope, knot.bend) for knot in knots]).swapaxes(0, 1)
-    unit = quintic(_over(h[:, None], states[:, :-1]), _over(h[:, None], states[:, 1:]))
+    over = np.array([np.ones(len(h)), h, h * h])[..., None]  # a way that is 1 instead of h
+    unit = quintic(over * states[:, :-1], over * states[:, 1:])
     return PiecewisePolynomial(s, (unit / h[:, None] ** _POWERS[:, None, None]).swapaxes(0, 1))
-
-
-def _over(h: float | FloatArray, states: FloatArray) -> FloatArray:
-    """Value, slope and bend (3, ..., n) over a way that is 1 instead of ``h``, a number or (..., 1) [m]."""
-    value, slope, bend = states
-    return np.array([value, h * slope, h * h * bend])
 
 
 def first_crossing(path: PiecewisePolynomial, bounds: FloatArray) -> tuple[float, int] | None:
@@ -241,10 +238,10 @@ def repulsion(q: FloatArray, limits: FloatArray, strength: float) -> tuple[Float
     """(n,) smooth push dq/ds [rad/m] away from limits (n, 2), ``strength`` on the upper one, and its d/dq."""
     low, high = limits.T
     margin = np.maximum(np.minimum(_MARGIN, 0.25 * (high - low)), 1e-6)
-    near_low = np.maximum(1.0 - (q - low) / margin, 0.0)
-    near_high = np.maximum(1.0 - (high - q) / margin, 0.0)
-    change = 3.0 * strength * (near_low**2 + near_high**2) / margin
-    return strength * (near_high**3 - near_low**3), change
+    near = np.maximum(1.0 - np.array([q - low, high - q]) / margin, 0.0)
+    square = near * near
+    near_low, near_high = square * near
+    return strength * (near_high - near_low), 3.0 * strength * (square[0] + square[1]) / margin
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -287,8 +284,7 @@ class ToolTask:
 
     def deviation(self, q: FloatArray, s: FloatArray) -> FloatArray:
         """(k,) how far ``q`` (k, n) is off the curve or the turn at ``s`` (k,) (1: as far as allowed)."""
-        # of so few as in a step each by itself is twice as quick
-        few = len(q) <= len(_SHARES)
+        few = len(q) <= len(_SHARES)  # as in a step: each by itself is twice as quick
         poses = np.array([self.chain.forward(one) for one in q]) if few else self.chain.forward(q)
         away = np.linalg.norm(poses[:, :3, 3] - self.curve.positions(s), axis=1) / DEVIATION_M
         return away if self.turn is None else np.maximum(away, self.turn.tilt(q, poses, s) / TILT)
@@ -298,15 +294,17 @@ class ToolTask:
         q, point = guess.copy(), self.curve.positions(s)
         speeds, inverse, before, size = self.speeds[self.moving], None, _TOO_FAR, _TOO_FAR
         for _ in range(_CORRECTIONS):
-            pose = self.chain.forward(q)
             if inverse is None or size > _SLOW * before:
-                inverse = _Inverse.of(self._scaled_rows(pose, self.chain.jacobian(q)))
+                pose, jacobian = self.chain.pose_and_jacobian(q)
+                inverse = _Inverse.of(self._scaled_rows(pose, jacobian))
                 if inverse is None:
                     return None
+            else:
+                pose = self.chain.forward(q)
             before = size
             missing = point - pose[:3, 3]
             if self.turn is not None:
-                missing = np.append(missing, self.turn.missing(q, pose, s))
+                missing = np.concatenate([missing, self.turn.missing(q, pose, s)])
             step = speeds * (inverse.least @ missing)
             size = float(np.abs(step).max())
             if not size < min(_TOO_FAR, 2.0 * before):
@@ -319,38 +317,39 @@ class ToolTask:
 
     def knot(self, q: FloatArray, s: float) -> Knot | None:
         """The derivatives where ``q`` (n,) meets the equations; None: a joint would turn without bound."""
-        pose, jacobian, move = self.chain.forward(q), self.chain.jacobian(q), self.moving
+        (pose, jacobian), move = self.chain.pose_and_jacobian(q), self.moving
         inverse = _Inverse.of(self._scaled_rows(pose, jacobian))
         if inverse is None:
             return None
-        _, first, second = self.curve.derivatives(s)
+        wanted = self.curve.derivatives(s)[1:]
         if self.turn is not None:
-            turn_first, turn_second = self.turn.rates(s)
-            first, second = np.append(first, turn_first), np.append(second, turn_second)
-        speed = self.speeds[move]
+            wanted = np.concatenate([wanted, self.turn.rates(s)], axis=1)
+        first, second = wanted
+        redundant, speed = self.redundant, self.speeds[move]
         slope, bend = np.zeros(len(q)), np.zeros(len(q))
         rates = inverse.least @ first
         lean, push_change = np.zeros((2, len(move)))  # the gradient g, in units of the speeds
-        if self.redundant and self.push:
-            push, push_change = np.array(repulsion(q, self.limits, self.push))[:, move] / speed**2
-            lean = speed * push
-        if self.redundant and self.drift is not None:
+        if redundant and self.push:
+            push, push_change = repulsion(q[move], self.limits[move], self.push)
+            lean, push_change = push / speed, push_change / speed**2
+        if redundant and self.drift is not None:
             lean = lean - self.drift
-        if lean.any():
+        if redundant and lean.any():
             rates = rates - inverse.null(lean)
         if not inverse.meets(rates, first):
             return None
         slope[move] = speed * rates
+        if not (np.abs(slope) * SLOWEST_M_S <= self.speeds).all():
+            return None
         turned = self._turned(pose, q, jacobian, slope)
         bends = inverse.least @ (second - turned @ slope)
-        if self.redundant:
+        if redundant:
             # Lagrange's multipliers: the solution of A Aᵀ x = w' + A g
             right = first + inverse.rows @ lean
             multipliers = inverse.least.T @ (inverse.least @ right)
             bends += inverse.null(speed * (turned[:, move].T @ multipliers - push_change * slope[move]))
         bend[move] = speed * bends
-        bounded = np.isfinite(bend).all() and (np.abs(slope) * SLOWEST_M_S <= self.speeds).all()
-        return Knot(s, q, slope, bend) if bounded else None
+        return Knot(s, q, slope, bend) if math.isfinite(bend.sum()) else None
 
     def _turned(self, pose: FloatArray, q: FloatArray, jacobian: FloatArray, slope: FloatArray) -> FloatArray:
         """(m, n) derivative of the rows along joint rates ``slope`` (n,)."""
@@ -359,7 +358,7 @@ class ToolTask:
             jacobian, rates = self.chain.links_alone.jacobian(coupling @ q), coupling @ slope
         turned = carried(jacobian[:3], jacobian[3:], rates)
         if self.turn is not None:
-            turned = np.append(turned, self.turn.turned(pose, jacobian, rates), 0)
+            turned = np.concatenate([turned, self.turn.turned(pose, jacobian, rates)])
         return turned if coupling is None else turned @ coupling
 
     def free_rates(self, q: FloatArray) -> FloatArray:
@@ -389,15 +388,16 @@ class _Inverse:
     @classmethod
     def of(cls, rows: FloatArray) -> _Inverse | None:
         """None where the rows are not finite or all zero."""
-        if not math.isfinite(_largest(rows)):
+        if not math.isfinite(largest := _largest(rows)):
             return None
         # most poses: good enough for the normal equations, twice as quick as the singular values
         square = rows.shape[0] == rows.shape[1]
         matrix: FloatArray = rows if square else rows @ rows.T
-        inverse = _inverted(matrix) if rows.shape[0] <= rows.shape[1] else None
-        if inverse is not None and _largest(matrix) * _largest(inverse) < _WELL:
-            least: FloatArray = inverse if square else rows.T @ inverse
-            return cls(rows, least, whole=True)
+        if rows.shape[0] <= rows.shape[1]:
+            with suppress(np.linalg.LinAlgError):  # elimination meets a zero
+                inverse: FloatArray = np.linalg.inv(matrix)
+                if (largest if square else _largest(matrix)) * _largest(inverse) < _WELL:
+                    return cls(rows, inverse if square else rows.T @ inverse, whole=True)
         u, sizes, vt = np.linalg.svd(rows, full_matrices=False)
         rank = int(np.count_nonzero(sizes > _RANK * sizes[0]))
         if not rank:
@@ -414,14 +414,6 @@ class _Inverse:
             return True
         missed = float(np.abs(self.rows @ solution - right).max())
         return missed <= _CONSISTENT * max(1.0, float(np.abs(right).max()))
-
-
-def _inverted(matrix: FloatArray) -> FloatArray | None:
-    """None where elimination meets a zero."""
-    try:
-        return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        return None
 
 
 def _largest(matrix: FloatArray) -> float:
