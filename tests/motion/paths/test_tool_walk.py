@@ -12,7 +12,7 @@ from tests.motion.paths.tool_kit import ROBOTS, SCORBOT, UZUNER, random_start
 from armctl import load_robot
 from armctl.motion.paths.tool_curve import ToolArc, ToolLine
 from armctl.motion.paths.tool_pitch import pitch_rows
-from armctl.motion.paths.tool_walk import ToolTask, first_crossing, repulsion, walk
+from armctl.motion.paths.tool_walk import SHORTEST, StepBudget, ToolTask, first_crossing, repulsion, walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot
 
@@ -72,6 +72,28 @@ def test_a_parallel_linkage_follows_a_line_in_few_steps(name: str) -> None:
     np.testing.assert_allclose(knot.bend, (ahead.slope - behind.slope) / (2 * h), rtol=1e-5, atol=1e-3)
     way = walk(task, q, only_inside=True)
     assert way.complete and len(way.knots) < 12
+
+
+@pytest.mark.parametrize("most", [3, 40])
+def test_a_walk_that_was_given_up_goes_on_as_if_it_had_not_been(most: int) -> None:
+    rng, farther = np.random.default_rng(8), 0
+    for q in (random_start(rng, SCORBOT) for _ in range(5)):
+        tool = SCORBOT.forward(q)[:3, 3]
+        curve = ToolLine(tool, tool + np.array([0.3, 0.2, -0.3]))  # most end at a limit or out of reach
+        pitch = pitch_rows(SCORBOT, q, curve.length, None)
+        task = ToolTask(SCORBOT.chain, curve, np.arange(4), pitch, SCORBOT.speed_limits, SCORBOT.limits)
+        left = StepBudget(most, SHORTEST)
+        anew = walk(task, q, only_inside=False, effort=left)
+        for steps in (1, 6, 20):
+            given_up, going_on = (
+                walk(task, q, only_inside=True, effort=StepBudget(steps)),
+                StepBudget(most, SHORTEST),
+            )
+            way = walk(task, q, only_inside=False, effort=going_on, before=given_up)
+            assert [knot.s for knot in way.knots] == [knot.s for knot in anew.knots]
+            assert (way.complete, way.crossing, going_on.left) == (anew.complete, anew.crossing, left.left)
+            farther += len(way.knots) > len(given_up.knots) > 1
+    assert farther >= 3 or most == 3
 
 
 def test_a_free_joint_moves_as_little_as_serves() -> None:

@@ -253,7 +253,7 @@ def _best_walk(robot: Robot, task: ToolTask, q: FloatArray) -> Walk:
         return best
     # what a joint would need is known only from the whole curve, and where a branch ends from short steps
     last = None if effort is None else StepBudget(_LAST_STEPS, SHORTEST)
-    return walk(tried, q, only_inside=best.crossing is None, effort=last)
+    return walk(tried, q, only_inside=best.crossing is None, effort=last, before=best)
 
 
 def _tasks(

@@ -8,6 +8,7 @@ however small it is marks the place where the branch ends. So is a jump onto ano
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -66,6 +67,12 @@ class Walk:
     """quintics through all knots; None where there is no way between two"""
     crossing: tuple[float, int] | None
     """where a joint first leaves its limits [m], and which; None: they are kept"""
+    tries: Sequence[int] = ()
+    """how many steps were tried from each knot; of the first one, in earlier walks with a wider aim too"""
+    step: float = 0.0
+    """the one to try next [m]"""
+    aim: float = _AIM
+    """what share of the deviation the steps aim at"""
 
     @property
     def reach(self) -> float:
@@ -75,31 +82,56 @@ class Walk:
         return self.knots[-1].s if self.knots else 0.0
 
 
-def walk(task: ToolTask, q_start: FloatArray, *, only_inside: bool, effort: StepBudget | None = None) -> Walk:
+def walk(
+    task: ToolTask,
+    q_start: FloatArray,
+    *,
+    only_inside: bool,
+    effort: StepBudget | None = None,
+    before: Walk | None = None,
+) -> Walk:
     """Follow a curve from ``q_start`` (n,) [rad]; ``only_inside``: at most to a knot beyond the limits.
 
-    With an ``effort`` the walk is given up where that ends.
+    With an ``effort`` the walk is given up where that ends. Steps of a walk of the same task that was given
+    up ``before`` are not made again, but an effort is spent on them all the same.
     """
-    knots, complete = _walked(task, q_start, task.bounds if only_inside else None, _AIM, effort)
-    path = hermite(knots) if len(knots) > 1 else None
-    return Walk(knots, complete, path, None if path is None else first_crossing(path, task.bounds))
+    start = task.knot(q_start, 0.0)
+    if start is None:
+        return Walk([], complete=False, path=None, crossing=None)
+    effort = StepBudget(sys.maxsize, SHORTEST) if effort is None else effort
+    knots, tries, step, aim = [start], [0], _turning(_FIRST, start), _AIM
+    if before is not None:
+        made, step, aim = np.cumsum(before.tries), before.step, before.aim
+        reached = 1 + int(np.count_nonzero(made[:-1] <= effort.left))
+        knots, tries = [*before.knots[:reached]], [*before.tries[:reached]]
+        effort.left -= min(effort.left, int(made[-1]))
+    while True:
+        step = _walked(task, knots, tries, step, aim, effort, task.bounds if only_inside else None)
+        complete, path = knots[-1].s >= task.curve.length, hermite(knots) if len(knots) > 1 else None
+        if path is None or not complete:
+            break
+        s = (path.breaks[:-1, None] + np.diff(path.breaks)[:, None] * _DENSE).ravel()
+        if not (task.deviation(path(s), s) > 1.0).any():
+            break  # else it is astray between the places that a step looks at
+        knots, tries, step, aim = [start], [sum(tries)], _turning(_FIRST, start), 0.1 * aim
+    crossing = None if path is None else first_crossing(path, task.bounds)
+    return Walk(knots, complete, path, crossing, tries, step, aim)
 
 
 def _walked(
-    task: ToolTask, q_start: FloatArray, bounds: FloatArray | None, aim: float, effort: StepBudget | None
-) -> tuple[list[Knot], bool]:
-    """The knots, and whether they lead to the end."""
-    length = task.curve.length
-    here = task.knot(q_start, 0.0)
-    if here is None:
-        return [], False
-    knots = [here]
-    step, shortest = _turning(_FIRST, here), (SHORTEST if effort is None else effort.shortest) * length
-    while here.s < length:
-        if effort is not None:
-            if effort.left <= 0:
-                return knots, False
-            effort.left -= 1
+    task: ToolTask,
+    knots: list[Knot],
+    tries: list[int],
+    step: float,
+    aim: float,
+    effort: StepBudget,
+    bounds: FloatArray | None,
+) -> float:
+    """Add the knots that lead on, to the end if they can, and their tries; the step to try next [m]."""
+    length, here = task.curve.length, knots[-1]
+    while here.s < length and effort.left > 0:
+        effort.left -= 1
+        tries[-1] += 1
         step = min(step, _LONGEST * length, _turning(_FARTHEST, here))
         left = length - here.s
         if left <= 1.001 * step:
@@ -109,19 +141,16 @@ def _walked(
         there, share = _step(task, here, ahead, aim)
         if there is None or share > 1.0:
             step = 0.5 * step if there is None else (ahead - here.s) * max(0.3, 0.85 * share ** (-1 / 6))
-            if step < shortest:
-                return knots, False
+            if step < effort.shortest * length:
+                break
             continue
         step = (ahead - here.s) * min(2.0, 0.85 * max(share, 1e-9) ** (-1 / 6))
-        knots.append(there)
         here = there
+        knots.append(here)
+        tries.append(0)
         if bounds is not None and not ((here.q >= bounds[:, 0]) & (here.q <= bounds[:, 1])).all():
-            return knots, here.s >= length
-    path = hermite(knots)
-    s = (path.breaks[:-1, None] + np.diff(path.breaks)[:, None] * _DENSE).ravel()
-    if (task.deviation(path(s), s) > 1.0).any():  # astray between the places that a step looks at
-        return _walked(task, q_start, bounds, 0.1 * aim, effort)
-    return knots, True
+            break
+    return step
 
 
 def _turning(angle: float, knot: Knot) -> float:
