@@ -126,7 +126,7 @@ class Solutions(ByContent):
         free_joint: int | None = None,
         least_rotation: Callable[[], FloatArray | None] | None = None,
         reason: str | Callable[[], str] | None = None,
-        nearest_q: FloatArray | None = None,
+        nearest_q: FloatArray | Callable[[], FloatArray] | None = None,
         incomplete_reason: str | None = None,
         further: Further | None = None,
     ) -> None:
@@ -140,19 +140,25 @@ class Solutions(ByContent):
             free_joint: index of the joint that was swept; None where the solutions are isolated.
             least_rotation: the exact optimum over the continuum, where a joint is free.
             reason: why there is none, or what finds that out (a search may take long); None when solved.
-            nearest_q: (n,) configuration that comes nearest where there is no solution [rad].
+            nearest_q: (n,) configuration that comes nearest where there is none [rad], or what finds it.
             incomplete_reason: why solutions may be missing, in words; None where a look at the list decides.
             further: solutions of a continuum by a criterion ``FROM_START``.
         """
         self.arm, self.target, self._q, self._index = arm, target, q, branch_index
         self.free_joint, self.least_rotation = free_joint, least_rotation
         self._reason, self.further, self._missing = reason, further, incomplete_reason
-        self.nearest_q = None if nearest_q is None else lock(nearest_q)
+        self._nearest = nearest_q
 
     @cached_property
     def q(self) -> FloatArray:
         """(k, n) configurations [rad], all inside the limits."""
         return lock(np.asarray(self._q, dtype=np.float64).reshape(-1, self.arm.chain.n))
+
+    @cached_property
+    def nearest_q(self) -> FloatArray | None:
+        """(n,) configuration that comes nearest where there is no solution [rad]; None: not known."""
+        found = self._nearest() if callable(self._nearest) else self._nearest
+        return None if found is None else lock(found)
 
     @cached_property
     def reason(self) -> str | None:
@@ -189,19 +195,8 @@ class Solutions(ByContent):
 
     def made_of(self) -> tuple[Any, ...]:
         """See ``ByContent``: what was put off is worked out."""
-        arm, target, q, index, free = self.arm, self.target, self.q, self.branch_index, self.free_joint
-        return (
-            arm,
-            target,
-            q,
-            index,
-            free,
-            self.least_rotation,
-            self.refusal,
-            self.nearest_q,
-            self._missing,
-            self.further,
-        )
+        says = self.arm, self.target, self.q, self.branch_index, self.free_joint, self.least_rotation
+        return (*says, self.refusal, self.nearest_q, self._missing, self.further)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Solutions):
@@ -319,6 +314,11 @@ class Solutions(ByContent):
             return lock(np.zeros(len(self.q)))
         turned = np.swapaxes(self.arm.chain.forward(self.q)[:, :3, :3], 1, 2) @ self.target.rotation
         return lock(rotation_angle(turned))
+
+    @property
+    def met(self) -> bool:
+        """Whether one has all that was asked for: else the nearest to a rotation may be listed."""
+        return self.success and bool((self.residual_rad < _TURNED).any())
 
     @cached_property
     def nearest_m(self) -> FloatArray | None:

@@ -102,9 +102,8 @@ class SphericalShoulderSolver(InverseKinematics):
         step = checked_step(step)
         refusal, roll = held_roll(self._roll, target.roll)
         if refusal is not None:
-            return self._refused(
-                target, self._besides(refusal, target._replace(roll=None), step), self._nearest(target)
-            )
+            besides = self._besides(refusal, target._replace(roll=None), step)
+            return self._refused(target, besides, partial(self._nearest, target))
         swivels = self._swivels(target, roll)
         if target.rotation is not None:
             found = self._orientation.nearest(swivels, pose_of(target.position, target.rotation))
@@ -187,14 +186,13 @@ class SphericalShoulderSolver(InverseKinematics):
             ends = self._orientation.pitch_ends(swivels, roll)
             if len(ends):
                 return self._refused_pitch(target, target.pitch, ends, roll)
-        ways = [self._nearest(target)]
-        if target.pitch is None:
-            ways += [q for swivel in swivels for q in self._polished(swivel, target, roll)]
+            return self._refused(target, partial(self._why_not, target), partial(self._nearest, target))
+        ways = [self._nearest(target), *(q for one in swivels for q in self._polished(one, target, roll))]
         misses = self._misses(np.array(ways), target)
         nearest = ways[int(misses.argmin())]
-        if target.pitch is None and misses.min() < _REACHED:
+        if misses.min() < _REACHED:
             return self._solved(target, self._with_roll(nearest[None], roll))
-        return self._refused(target, self._why_not(target), nearest)
+        return self._refused(target, partial(self._why_not, target), lambda: nearest)
 
     # The nearest point, and a posture that nearly meets the target brought onto it.
 
@@ -243,10 +241,15 @@ class SphericalShoulderSolver(InverseKinematics):
             self._arm, target, q, index, free_joint=free, least_rotation=optimum, further=further
         )
 
-    def _refused(self, target: Target, reason: str, nearest: FloatArray) -> Solutions:
+    def _refused(
+        self, target: Target, reason: str | Callable[[], str], nearest: Callable[[], FloatArray]
+    ) -> Solutions:
         """With the roll joint as near as its limits allow to what was asked for."""
-        nearest = self._with_roll(nearest[None], held_roll(self._roll, target.roll)[1])[0]
-        return Solutions(self._arm, target, (), (), reason=reason, nearest_q=nearest)
+
+        def rolled() -> FloatArray:
+            return self._with_roll(nearest()[None], held_roll(self._roll, target.roll)[1])[0]
+
+        return Solutions(self._arm, target, (), (), reason=reason, nearest_q=rolled)
 
     def _refused_pitch(self, target: Target, pitch: float, ends: FloatArray, roll: float) -> Solutions:
         """A pitch that has no solution at a position that has some: ``ends`` of the pitches held there."""
@@ -262,7 +265,7 @@ class SphericalShoulderSolver(InverseKinematics):
             f"that pitch is impossible here: at this point the arm holds its tool at {held}, "
             f"the nearest to it is {nearest:.2f}°"
         )
-        return self._refused(target, reason, ends[best])
+        return self._refused(target, reason, lambda: ends[best])
 
     def _why_not(self, target: Target) -> str:
         """Why a position has no solution."""
