@@ -21,7 +21,7 @@ from tests.kinematics.kit import (
 
 from armctl import Robot, load_robot
 from armctl.errors import InputError
-from armctl.kinematics import BatchSolutions, Chain, DHRow, Target
+from armctl.kinematics import DEFAULT_STEP, BatchSolutions, Chain, DHRow, Target
 from armctl.kinematics import chain as chain_kernel
 from armctl.kinematics.families.yaw_pitch_roll import closed_form
 from armctl.kinematics.families.yaw_pitch_roll.closed_form import cosines_within
@@ -33,6 +33,21 @@ def assert_true(chain: Chain, limits: FloatArray, batch: BatchSolutions, positio
     assert np.isnan(batch.q[~batch.found]).all()
     assert ((q >= limits[:, 0]) & (q <= limits[:, 1])).all()
     assert np.abs(chain.forward(q)[:, :3, 3] - position[rows]).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ["ar4", "scorbot", "humanoid"])
+def test_whether_a_target_is_met_is_what_solve_lists(name: str) -> None:
+    robot, rng, met = load_robot(name), np.random.default_rng(6), list[bool]()
+    solver = robot.inverse_kinematics
+    for _ in range(8):
+        pose = robot.forward(random_q(rng, robot.limits))
+        place = pose[:3, 3] + rng.normal(size=3) * rng.choice([0.0, 0.15])
+        pitch, rotation = (None, pose[:3, :3]) if robot.orients_tool else (math.asin(pose[2, 2]), None)
+        target = Target.of(place, pitch, rotation=rotation)
+        met.append(solver.meets(target))
+        listed = solver.solve(target, DEFAULT_STEP)
+        assert met[-1] == listed.met == bool((listed.residual_rad < 1e-6).any())
+    assert any(met) and not all(met)
 
 
 def test_every_branch_of_a_batch_is_what_solve_lists() -> None:

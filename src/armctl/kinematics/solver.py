@@ -24,6 +24,7 @@ from armctl.kinematics.angles import (
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.geometry.tool_plane import ToolPlane
+from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.solutions import BatchSolutions, Solutions, needs
 from armctl.kinematics.target import Target, checked_positions, checked_rotations
 from armctl.kinematics.workspace import SampledSection, Section
@@ -139,6 +140,12 @@ class InverseKinematics(ABC):
         """
         known = self.complete and self.searches_parts  # such a family lists whole poses
         return bool(self.solve_poses(pose[None]).found.any()) if known else None
+
+    def meets(self, target: Target) -> bool:
+        """Whether ``solve`` lists a configuration that has all of a target: sooner, where there is none."""
+        if self.complete and self.searches_parts and target.rotation is not None:
+            return bool(self.solve_batch([target.point], None, None, [target.rotation]).found.any())
+        return self.solve(target, DEFAULT_STEP).met
 
     def is_swept(self, target: Target) -> bool:
         """Whether a target asks for less than the joints can do: a continuum, and no list of branches.

@@ -149,6 +149,15 @@ class Attempt:
             return Target.of(point, rotation=self.turn.at(s))
         return Target.of(point, self.turn.elevation(s))
 
+    def whole_target(self, s: float) -> Target:
+        """As ``target``, with what is asked for besides or is left as it is at the start."""
+        target, roll_joint = self.target(s), self.robot.inverse_kinematics.roll_joint
+        if self.pitch is not None:
+            target = target._replace(pitch=self.pitch.elevation(s))
+        if roll_joint is not None and target.rotation is None:
+            target = target._replace(roll=float(self.start[roll_joint]))
+        return target
+
     def reached(self, s: float) -> bool | None:
         """Whether any configuration has what is asked for at ``s`` [m], limits not looked at.
 
@@ -157,12 +166,15 @@ class Attempt:
         target = self.target(s)
         if self.searches and target.rotation is not None:
             return self.robot.inverse_kinematics.reaches(pose_of(target.position, target.rotation))
-        if self.searched:
-            return None
+        return None if self.searched else self.unmet(s) is None
+
+    def unmet(self, s: float) -> Solutions | None:
+        """What is answered where no configuration has what is asked for at ``s`` [m]; None: one has."""
+        target = self.target(s)
         if self.robot.branches(*target):
-            return True
+            return None
         solutions = self.solve(target)
-        return solutions.success and bool((solutions.residual_rad < _TURNED).any())
+        return None if solutions.met else solutions
 
     @cached_property
     def beyond(self) -> str:
@@ -308,8 +320,8 @@ def _out_of_reach(tried: Attempt, s: float) -> Said | None:
     percent, first = 100, math.floor(100.0 * s / curve.length) + 1
     while percent >= first:
         there = 0.01 * percent * curve.length
-        if not tried.reached(there):
-            solutions = tried.solve(tried.target(there))
+        solutions = tried.unmet(there)
+        if solutions is not None:
             why = solutions.explanation
             if solutions.success:
                 why = tried.robot.turned_off(solutions, solutions[int(solutions.residual_rad.argmin())]) or ""
@@ -334,14 +346,9 @@ def _other_branches(tried: Attempt) -> list[str]:
 
     From the nearest image of each: those that differ by whole turns may come to a limit.
     """
-    robot, q = tried.robot, tried.start
-    target = tried.target(0.0)
-    if tried.pitch is not None:
-        target = target._replace(pitch=tried.pitch.elevation(0.0))
-    roll_joint = robot.inverse_kinematics.roll_joint
-    if roll_joint is not None and target.rotation is None:
-        target = target._replace(roll=float(q[roll_joint]))
-    if tried.searched:
+    q, target = tried.start, tried.whole_target(0.0)
+    solver = tried.robot.inverse_kinematics
+    if tried.searched or not solver.meets(tried.whole_target(tried.curve.length)):
         return []
     solutions = tried.solve(target)
     if not (solutions.success and solutions.complete and solutions.free_joint is None):
