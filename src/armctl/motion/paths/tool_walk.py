@@ -424,7 +424,7 @@ class _Inverse:
         matrix: FloatArray = rows if square else rows @ rows.T
         if rows.shape[0] <= rows.shape[1]:
             with suppress(np.linalg.LinAlgError):  # elimination meets a zero
-                inverse: FloatArray = np.linalg.inv(matrix)
+                inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
                 if (largest if square else _largest(matrix)) * _largest(inverse) < _WELL:
                     return cls(rows, inverse if square else rows.T @ inverse, whole=True)
         u, sizes, vt = np.linalg.svd(rows, full_matrices=False)
