@@ -18,7 +18,7 @@ FOLDERS = {
     ".": (15, 3_100),
     "calibration": (6, 1_350),
     "cli": (12, 2_500),
-    "facts": (5, 900),
+    "facts": (5, 910),
     "hardware": (33, 7_950),
     "kinematics": (58, 12_700),
     "motion": (22, 5_750),

@@ -14,6 +14,7 @@ from armctl.facts import (
     Advised,
     AngleLimit,
     Blocked,
+    Found,
     MotionEndsMoving,
     Need,
     NotNow,
@@ -43,6 +44,8 @@ SAMPLES: list[Reason] = [
     About("step 3", ELBOW),
     Advised(ELBOW, "choose another pose"),
     Several((ELBOW, WrongUnit())),
+    Found(ELBOW, "Elbow", 0.512, 2, 1, 3),
+    Found(SpeedJump("Base", 0.5)),
     ELBOW,
     AngleLimit("Angle between links", 1.0, 0.0, 0.5, between_links=True),
     StandsOutside("Base", 2.0, -1.0, 1.0),
@@ -94,7 +97,7 @@ def test_it_has_words_in_every_language(reason: Reason, language: str) -> None:
 def test_no_kind_lacks_a_word_and_no_word_lacks_its_kind() -> None:
     tables = [set(one.what) for one in LANGUAGES.values()]
     assert all(one == tables[0] for one in tables)
-    assert tables[0] | {Said, About, Advised, Several, Reason} == set(KINDS.values())
+    assert tables[0] | {Said, About, Advised, Several, Found, Reason} == set(KINDS.values())
     assert len({frozenset(one.advice) for one in LANGUAGES.values()}) == 1
     for language in LANGUAGES:
         assert len({state_words(state, language) for state in State}) == len(State)
@@ -164,3 +167,12 @@ def test_numbers_read_unlike_the_limit_that_they_pass() -> None:
     assert RateLimit("Base", "speed", 2.0, 1.0).longer == 2.0
     assert RateLimit("Base", "jerk", 8.0, 1.0).longer == 2.0
     assert advice(RateLimit("Base", "jerk", 8.0, 1.0)) == "take 2.00 times as long"
+
+
+def test_what_a_check_found_is_one_reason_that_is_said_as_before() -> None:
+    found = Found(ELBOW, "Elbow", 0.512, 2, 1, 3)
+    assert say(found, "en").startswith("step 2: Elbow: at 0.51 s, 190.004° is outside")
+    assert say(found, "en").endswith(" (and 3 more)")
+    assert say(found, "tr").startswith("adım 2: Elbow: 0.51 saniyede, ") and say(found, "tr").endswith(
+        "tane daha)"
+    )

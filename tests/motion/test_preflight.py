@@ -14,6 +14,7 @@ from tests.sticks import of_sticks
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
+from armctl.facts import Found, RateLimit
 from armctl.motion import (
     JoinedTrajectory,
     PathTrajectory,
@@ -126,8 +127,13 @@ def test_speed_and_acceleration_peaks_are_exact() -> None:
     ]
     assert found[0].endswith("limit of 360.0 °/s²; take 2.00 times as long")
     assert found[1].endswith("limit of 60.0 °/s; take 3.00 times as long")
-    with pytest.raises(MotionRefusedError, match=r"Base: at 0\.00 s, 1440\.0 °/s² .* \(and 1 more\)"):
+    with pytest.raises(
+        MotionRefusedError, match=r"Base: at 0\.00 s, 1440\.0 °/s² .* \(and 1 more\)"
+    ) as refusal:
         require_clear(ROBOT, PointToPoint.lasting(HOME, end, 0.5))
+    found = refusal.value.reason
+    assert isinstance(found, Found) and (found.part, found.at_s, found.more) == ("Base", 0.0, 1)
+    assert isinstance(found.reason, RateLimit) and found.reason.value == pytest.approx(np.radians(1440))
 
 
 def test_in_a_joined_motion_the_time_counts_from_the_whole_start() -> None:

@@ -30,7 +30,7 @@ from armctl.facts.reasons import (
 _BY_HULLS = ", by convex hulls"
 """what is said of parts that are fitted to shapes: the shapes themselves may be hollow there"""
 HOME_FIRST = "press Homing (every axis moves to its switch)"
-AT = "at {:.{}f} s, "
+AT, STEP, MORE = "at {:.{}f} s, ", "step {}: ", " (and {} more)"
 STATES = {state: state.value for state in State}
 WRONG_UNIT = (
     "a wrong unit? Robot and armctl.motion count in metres and radians; Arm, programs, pages and the command "

@@ -136,6 +136,23 @@ class Advised(Reason):
 
 
 @dataclass(frozen=True, slots=True)
+class Found(Reason):
+    """What a check of a motion or a program found, with where and when."""
+
+    reason: Reason
+    part: str = ""
+    """the joint, or the part of the arm"""
+    at_s: float | None = None
+    """when it is worst; None: not a matter of time"""
+    digits: int = 2
+    """decimals with which the time is said"""
+    step: int | None = None
+    """index of the program's step"""
+    more: int = 0
+    """how many more things it found"""
+
+
+@dataclass(frozen=True, slots=True)
 class AngleLimit(Reason):
     """A joint, or an angle between links, beyond its limits [rad]."""
 

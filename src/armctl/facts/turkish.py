@@ -27,7 +27,7 @@ from armctl.facts.reasons import (
     degrees_apart,
 )
 
-AT = "{:.{}f} saniyede, "
+AT, STEP, MORE = "{:.{}f} saniyede, ", "adım {}: ", " (ve {} tane daha)"
 STATES = {
     State.DISCONNECTED: "bağlı değil",
     State.OFF: "kapalı",

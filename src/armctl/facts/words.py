@@ -11,7 +11,7 @@ from types import ModuleType
 from typing import Any, NamedTuple, cast
 
 from armctl.facts import english, reasons, turkish
-from armctl.facts.reasons import About, Advised, Need, OnCurve, Reason, Said, Several, State
+from armctl.facts.reasons import About, Advised, Found, Need, OnCurve, Reason, Said, Several, State
 
 
 class Language(NamedTuple):
@@ -23,12 +23,16 @@ class Language(NamedTuple):
     """what to do about it, where there is more to say than what is wrong"""
     at: str
     """before what is said of a time: a form for it [s] and its decimals"""
+    step: str
+    """before what is said of a step of a program"""
+    more: str
+    """behind one of several things that a check found"""
     states: Mapping[State, str]
 
 
 LANGUAGES = {
-    "en": Language(english.WHAT, english.ADVICE, english.AT, english.STATES),
-    "tr": Language(turkish.WHAT, turkish.ADVICE, turkish.AT, turkish.STATES),
+    "en": Language(english.WHAT, english.ADVICE, english.AT, english.STEP, english.MORE, english.STATES),
+    "tr": Language(turkish.WHAT, turkish.ADVICE, turkish.AT, turkish.STEP, turkish.MORE, turkish.STATES),
 }
 
 
@@ -54,12 +58,24 @@ def what(reason: Reason, language: str | None = None) -> str:
             return say(reason.reason, language)
         case Several():
             return "; ".join(say(one, language) for one in reason.reasons)
+        case Found():
+            return _found(reason, language)
         case OnCurve():
             told = f"{_table(language).what[OnCurve](reason)}: {say(reason.reason, language)}"
             more = advice(reason.reason, language) if reason.freer else ""
             return f"{told}; {more}" if more else told
         case _:
             return _table(language).what[type(reason)](reason)
+
+
+def _found(found: Found, language: str | None) -> str:
+    """Step, part, time, what and what to do about it: ``step 2: Elbow: at 0.51 s, …; …``."""
+    forms, mend = _table(language), advice(found.reason, language)
+    text = f"{at(found.at_s, found.digits, language)}{what(found.reason, language)}"
+    text = f"{found.part}: {text}" if found.part else text
+    text = f"{text}; {mend}" if mend else text
+    step = "" if found.step is None else forms.step.format(found.step + 1)
+    return f"{step}{text}{forms.more.format(found.more) if found.more else ''}"
 
 
 def advice(reason: Reason, language: str | None = None) -> str:
@@ -77,7 +93,7 @@ def advice(reason: Reason, language: str | None = None) -> str:
 def say(reason: Reason, language: str | None = None) -> str:
     """One sentence: which part, and what is wrong with it; of a curve also when, and what to do."""
     text, part = what(reason, language), getattr(reason, "part", "")
-    if part:
+    if part and not isinstance(reason, Found):
         return f"{part}: {text}"
     if not isinstance(reason, OnCurve):
         return text

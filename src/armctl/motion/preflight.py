@@ -15,6 +15,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError
 from armctl.facts import (
     AngleLimit,
+    Found,
     MotionEndsMoving,
     Overload,
     Rate,
@@ -23,7 +24,7 @@ from armctl.facts import (
     Singular,
     SpeedJump,
     advice,
-    at,
+    say,
     what,
 )
 from armctl.kinematics import GravityModel
@@ -89,13 +90,13 @@ class Finding:
         """What to do about it; empty where ``what`` says it."""
         return advice(self.reason)
 
+    @property
+    def fact(self) -> Found:
+        """All of it as one reason, for an error that carries it."""
+        return Found(self.reason, self.part, self.time, self.digits, self.step)
+
     def __str__(self) -> str:
-        text = f"{at(self.time, self.digits)}{self.what}"
-        if self.part:
-            text = f"{self.part}: {text}"
-        if self.mend:
-            text += f"; {self.mend}"
-        return text if self.step is None else f"step {self.step + 1}: {text}"
+        return say(self.fact)
 
 
 def require_robot(robot: object) -> None:
@@ -180,8 +181,7 @@ def require_clear(
     findings = preflight(robot, trajectory, payload_kg, tool_path=tool_path)
     count = sum(finding.severity == "error" for finding in findings)
     if count:
-        more = f" (and {count - 1} more)" if count > 1 else ""
-        raise MotionRefusedError(f"{findings[0]}{more}")
+        raise MotionRefusedError(replace(findings[0].fact, more=count - 1))
 
 
 def require_gaps(robot: Robot, trajectory: Trajectory) -> None:
@@ -191,7 +191,7 @@ def require_gaps(robot: Robot, trajectory: Trajectory) -> None:
     """
     motion = SampledMotion(robot, trajectory)
     for finding in _gap_findings(motion, robot.body_frames(motion.q)):
-        raise MotionRefusedError(str(finding))
+        raise MotionRefusedError(finding.fact)
 
 
 class SampledMotion:

@@ -275,7 +275,7 @@ def _first_refused(
     for k, (trajectory, tool_path) in enumerate(zip(trajectories, tool_paths, strict=False)):
         for finding in preflight(robot, trajectory, tool_path=tool_path, at_rest=False):
             if finding.severity == "error":
-                return k, MotionRefusedError(str(finding))
+                return k, MotionRefusedError(finding.fact)
     return None
 
 
