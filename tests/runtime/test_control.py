@@ -12,6 +12,7 @@ from armctl.protocol import (
     Arrive,
     Command,
     Leave,
+    LendControl,
     LockControl,
     MoveJoints,
     Origin,
@@ -180,3 +181,33 @@ def test_a_name_is_kept_short_and_may_change(two: Rig) -> None:
     assert name is not None and len(name) == 60 and "\n" not in name
     with pytest.raises(StateError, match="has not said that it is there"):
         ask(two, TakeControl(), Origin("page 9")).result(0)
+
+
+def test_the_operator_lends_control_to_a_device_beside_it(two: Rig) -> None:
+    fails(ask(two, LendControl("page 2"), BEN).finished, "only the operator may lend control")
+    fails(ask(two, LendControl("pad"), ANNA).finished, "pad is not there beside Anna")
+    ask(two, LendControl("page 2"), ANNA).result(0)
+    for who in (BEN, ANNA):
+        ask(two, SetSpeed(0.5), who).result(0)
+    assert operator(two) == "Anna" and two.now.control.lent_to == "page 2"
+    fails(ask(two, LockControl(True), BEN).finished, "only the operator may lock control")
+    ask(two, LendControl(), ANNA).result(0)
+    fails(ask(two, SetSpeed(0.6), BEN).finished, "Anna operates the arm")
+
+
+@pytest.mark.parametrize("who", [ANNA, BEN])
+def test_where_one_of_both_leaves_the_arm_stops_and_nothing_is_lent(two: Rig, who: Origin) -> None:
+    ask(two, LendControl("page 2"), ANNA)
+    ticket = ask(two, MoveJoints(AWAY), BEN)
+    two.run(0.2)
+    ask(two, Leave(), who)
+    assert two.now.control.lent_to == ""
+    two.rests(2.0)
+    fails(ticket.finished, "was stopped by")
+
+
+def test_control_that_is_taken_is_lent_no_more(two: Rig) -> None:
+    ask(two, Arrive("Cleo"), Origin("page 3"))
+    ask(two, LendControl("page 2"), ANNA)
+    ask(two, TakeControl(), Origin("page 3")).result(0)
+    fails(ask(two, SetSpeed(0.6), BEN).finished, "Cleo operates the arm")

@@ -12,7 +12,7 @@ import armctl.runtime
 FILES = [
     file
     for package in (armctl.protocol, armctl.runtime)
-    for file in sorted(Path(str(package.__file__)).parent.glob("*.py"))
+    for file in sorted(Path(str(package.__file__)).parent.rglob("*.py"))
 ]
 
 

@@ -146,6 +146,16 @@ class LockControl(ControlCommand, frozen=True):
     pin: str = ""
 
 
+class LendControl(ControlCommand, frozen=True):
+    """Who operates lets another party command beside it, until it takes that back, or loses control.
+
+    Where one of both leaves, what moves is stopped.
+    """
+
+    to: str = ""
+    """what that party calls itself (``Party.id``); empty: nobody any more"""
+
+
 class RememberWrongPins(ControlCommand, frozen=True):
     """Go on counting the wrong PINs of the arm that this one takes the place of."""
 

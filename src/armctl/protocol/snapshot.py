@@ -115,6 +115,8 @@ class Control:
     """there is a teacher's PIN"""
     wrong_pins: tuple[WrongPins, ...] = ()
     """who has guessed it in the last hour, the newest first (bounded)"""
+    lent_to: str = ""
+    """id of a party that commands beside the operator, such as a gamepad on its page; empty: none"""
 
     @property
     def operator(self) -> Party | None:
@@ -126,15 +128,19 @@ class Control:
         return next((party for party in self.parties if party.id == id), None)
 
     def operates(self, id: str) -> bool:
-        """Whether this one operates."""
+        """Whether this one operates, or commands beside who does."""
         party = self.party(id)
-        return party is not None and party.operates
+        return party is not None and (party.operates or party.id == self.lent_to)
 
     def refusal(self, id: str) -> str | None:
         """Why this one may not command the arm, and what to do; None: it may."""
         operator = self.operator
         if operator is not None:
-            return None if operator.id == id else f"{operator.name} operates the arm; take control first"
+            return (
+                None
+                if id in (operator.id, self.lent_to)
+                else f"{operator.name} operates the arm; take control first"
+            )
         if self.locked:
             return "the teacher has locked control; give the teacher's PIN"
         if self.party(id) is not None:  # it watches

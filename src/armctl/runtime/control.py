@@ -49,17 +49,19 @@ class ControlHandover:
             self._log.add(f"{name} operates the arm")
 
     def leave(self, id: str, why: str, now: float) -> bool:
-        """Somebody is gone; whether it operated. Then control is free, unless the teacher locked it."""
+        """Somebody is gone; whether it commanded. If it operated, control is free, or a teacher's."""
         control, party = self.control, self.control.party(id)
         if party is None:
             return False
         locked = control.locked and (control.by_teacher or not party.operates)
         parties = tuple(one for one in control.parties if one.id != id)
         self._pins.leave(id, now)
-        self.control = replace(control, parties=parties, locked=locked)
+        commands = control.operates(id)
+        lent_to = "" if commands else control.lent_to
+        self.control = replace(control, parties=parties, locked=locked, lent_to=lent_to)
         if party.operates:
             self._log.add(f"{party.name} no longer operates: {why}; control is free", "warning")
-        return party.operates
+        return commands
 
     def take(self, origin: Origin, pin: str, now: float, ticket: Ticket) -> bool:
         """Somebody takes control; ``StateError`` where it is locked. False: a wrong PIN, answered later."""
@@ -78,10 +80,22 @@ class ControlHandover:
             pin_too = ", or give the teacher's PIN" if control.pin else ""
             raise StateError(f"{whom} locked control; ask for it to be unlocked{pin_too}")
         parties = tuple(replace(one, operates=one is party) for one in control.parties)
-        self.control = replace(control, parties=parties)
+        self.control = replace(control, parties=parties, lent_to="")
         lost = "" if before is None else f"; {before.name} watches now"
         self._log.warn(f"{party.name} has taken control of the arm{lost}")
         return True
+
+    def lend(self, id: str, to: str) -> None:
+        """The operator lets somebody command beside it; empty: nobody any more."""
+        control, party = self.control, self.control.party(to)
+        operator = control.operator
+        if operator is None or operator.id != id:
+            raise StateError("only the operator may lend control; take it first")
+        if to and (party is None or party is operator):
+            raise StateError(f"{to} is not there beside {operator.name}; control cannot be lent to it")
+        self.control = replace(control, lent_to=to)
+        words = "commands alone again" if party is None else f"lets {party.name} command beside it"
+        self._log.add(f"{operator.name} {words}")
 
     def lock(self, origin: Origin, locked: bool, pin: str, now: float, ticket: Ticket) -> bool:
         """The operator, or who knows the PIN, locks control or opens it. False: as ``take``."""
@@ -92,7 +106,7 @@ class ControlHandover:
         if not teacher:
             if control.by_teacher and control.locked:
                 raise StateError("the teacher has locked control; only the teacher's PIN opens it")
-            if not control.operates(id):
+            if control.operator is None or control.operator.id != id:
                 raise StateError("only the operator may lock control; take it first")
         self.control = replace(control, locked=locked, by_teacher=locked and teacher)
         party = control.party(id)

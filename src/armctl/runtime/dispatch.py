@@ -145,6 +145,8 @@ def _about_control(core: Core, order: Order, now: float) -> bool:
             return core.desk.take(order.origin, pin, now, order.ticket)
         case c.LockControl(locked, pin):
             return core.desk.lock(order.origin, locked, pin, now, order.ticket)
+        case c.LendControl(to):
+            core.desk.lend(who, to)
         case c.RememberWrongPins(wrong_pins):
             core.desk.remember(wrong_pins, now)
         case _:
