@@ -153,7 +153,7 @@ class Arm:
     @property
     def joints_deg(self) -> FloatArray:
         """(n,) joint angles last commanded [degrees]; ``StateError`` where nobody knows where the arm is."""
-        return np.degrees(self._commanded())
+        return self.robot.shown(self._commanded())
 
     @property
     def position_mm(self) -> FloatArray:
@@ -163,7 +163,7 @@ class Arm:
     @property
     def measured_deg(self) -> FloatArray:
         """(n,) joint angles that the board reports [degrees], NaN where it does not know; see ``source``."""
-        return np.degrees(self.snapshot.q)
+        return self.robot.shown(self.snapshot.q)
 
     @property
     def source(self) -> Source:
@@ -299,7 +299,7 @@ class Arm:
     ) -> Motion:
         """Go to joint angles [degrees]; the rest as ``go``."""
         _require_blend(blend_mm)
-        q = np.radians(self.robot.chain.checked(joints_deg))
+        q = self.robot.read(self.robot.chain.checked(joints_deg))
         return self._move(MoveJoints(q, _optional(duration_s, "duration_s"), profile), wait)
 
     def line(
@@ -521,7 +521,7 @@ class Arm:
         if pose is None:
             return Enable()
         if not isinstance(pose, str):
-            return Enable(np.radians(self.robot.chain.checked(pose)))
+            return Enable(self.robot.read(self.robot.chain.checked(pose)))
         if pose not in (LAST_POSE, LAST_MOVING):
             return Enable(self.robot.pose(pose))
         now = self.snapshot

@@ -12,7 +12,6 @@ from types import TracebackType
 from typing import Any, Self
 
 import msgspec
-import numpy as np
 from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
@@ -99,7 +98,7 @@ class JointStream:
         Raises the error that refused it or an earlier one. After a STOP or a fault all are refused.
         """
         robot = self._link.robot
-        q = robot.check_limits(np.radians(robot.chain.checked_one(q_deg)))
+        q = robot.check_limits(robot.read(robot.chain.checked_one(q_deg)))
         self._settle(_UNANSWERED - 1)
         self._asked.append(self._link.submit(StreamJoints(q, motion=self._name), ORIGIN))
         self._q = q

@@ -226,7 +226,7 @@ def check_pose(robot: Robot) -> CheckPose:
     x, y, z = (1000 * robot.forward(q)[:3, 3]).tolist()
     words = [
         f"{joint.title} at {angle + 0.0:.1f}°"
-        for joint, angle in zip(robot.joints, np.degrees(q).round(3).tolist(), strict=True)
+        for joint, angle in zip(robot.joints, robot.shown(q).round(3).tolist(), strict=True)
     ]
     return CheckPose(title, q, (*words, f"the tool at x {x:z.1f}, y {y:z.1f}, z {z:z.1f} mm from the base"))
 

@@ -56,7 +56,7 @@ def _print_robots(arms: Sequence[Robot], as_json: bool) -> None:
                 "source": arm.source,
                 "family": arm.inverse_kinematics.family,
                 "joints": list(arm.joint_names),
-                "limits_deg": [rounded(row, 6) for row in np.degrees(arm.limits)],
+                "limits_deg": [rounded(row, 6) for row in arm.shown(arm.limits.T).T],
                 "assumed": list(arm.assumed),
             }
             for arm in arms
@@ -65,7 +65,7 @@ def _print_robots(arms: Sequence[Robot], as_json: bool) -> None:
     width = 2 + max((len(arm.name) for arm in arms), default=0)
     for arm in arms:
         click.echo(f"{arm.name:<{width}}{arm.title}: {arm.n} joints; {arm.inverse_kinematics.family}")
-        for joint, (low, high) in zip(arm.joints, np.degrees(arm.limits), strict=True):
+        for joint, (low, high) in zip(arm.joints, arm.shown(arm.limits.T).T, strict=True):
             click.echo(f"{'':<{width}}{joint.title:<14}{low:9.2f}° … {high:.2f}°")
 
 
@@ -83,7 +83,7 @@ def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
     if len(q) != arm.n:
         names = ", ".join(arm.joint_names)
         raise click.UsageError(f"{arm.name} needs {arm.n} joint angles in degrees, got {len(q)}: {names}")
-    configuration = np.radians(arm.chain.checked(q))
+    configuration = arm.read(arm.chain.checked(q))
     T = arm.forward(configuration)
     rpy, quaternion = np.degrees(roll_pitch_yaw(T[:3, :3])), quaternion_wxyz(T[:3, :3])
     tool_pitch, _ = arm.inverse_kinematics.pitch_and_roll(configuration)
@@ -183,7 +183,7 @@ def _start(arm: Robot, text: str | None) -> FloatArray:
         values = arm.chain.checked([float(part) for part in text.replace(",", " ").split()])
     except (ValueError, InputError) as cause:
         raise click.UsageError(f"--start needs {arm.n} finite numbers in degrees, got {text!r}") from cause
-    return np.radians(values)
+    return arm.read(values)
 
 
 def _turned_deg(solutions: Solutions, q: FloatArray | None) -> float | None:

@@ -150,7 +150,7 @@ def summary(robot: Robot) -> list[str]:
     how = "every solution in closed form" if solver.complete else "solutions by search"
     lines = [f"{robot.title}: {robot.n} joints; {solver.family}: {how}"]
     lines += [
-        f"  {joint.title:<16}{math.degrees(joint.lower):9.2f}° … {math.degrees(joint.upper):.2f}°"
+        f"  {joint.title:<16}{joint.shown(joint.lower):9.2f}{joint.unit} … {joint.said(joint.upper)}"
         for joint in robot.joints
     ]
     lines.append(f"  in the pose home the tool is at x {x:z.1f}, y {y:z.1f}, z {z:z.1f} mm")

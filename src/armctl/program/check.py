@@ -80,8 +80,8 @@ def _is_sound(steps: Sequence[Step], robot: Robot) -> bool:
                 step.check(robot)
         poses = np.array([step.joints_deg for step in steps if isinstance(step, MoveStep)], dtype=np.float64)
         for corner in (poses.min(axis=0), poses.max(axis=0)) if len(poses) else ():
-            robot.check_limits(np.radians(corner))
-        if len(poses) and not robot.chain.keeps_turns(np.radians(poses)).all():
+            robot.check_limits(robot.read(corner))
+        if len(poses) and not robot.chain.keeps_turns(robot.read(poses)).all():
             return False
     except (ArmctlError, ValueError):  # poses of different lengths
         return False

@@ -201,7 +201,7 @@ def _cells(step: Step) -> dict[Cell | None, object]:
 
 
 def _as_point(step: MoveStep, robot: Robot) -> PointStep:
-    q = np.radians(step.joints_deg)
+    q = robot.read(step.joints_deg)
     pose = robot.forward(q)
     x, y, z = np.round(1000 * pose[:3, 3], _DIGITS).tolist()
     if robot.orients_tool:
@@ -341,7 +341,7 @@ class _Table:
             return False
         angles = [(joint, value) for row in rows for (key, joint), value in row.items() if key == _JOINTS]
         if angles:
-            limits = np.degrees(robot.limits)
+            limits = robot.shown(robot.limits.T).T
             return all(limits[j, 0] - 1e-6 <= value <= limits[j, 1] + 1e-6 for j, value in angles)
         if not all((key, None) in rows[0] for key in _POINT):
             return False

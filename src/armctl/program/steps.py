@@ -224,7 +224,7 @@ class MoveStep(MotionStep, frozen=True, kw_only=True, tag="move"):
 
     def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray:
         """The angles [rad]."""
-        return robot.check_limits(np.radians(self.joints_deg))
+        return robot.check_limits(robot.read(self.joints_deg))
 
 
 class _Oriented:

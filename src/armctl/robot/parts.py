@@ -1,4 +1,4 @@
-"""What moves in an arm: its joints and its gripper."""
+"""What an arm has beside its joints: gripper, look, shapes, and what stands around it."""
 
 from __future__ import annotations
 
@@ -7,31 +7,6 @@ from typing import Literal
 
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.robot.look.rows import AnyRow, MakeName, Material
-
-MOST_JOINTS = 64
-"""no arm has more: solvers and checks take time and memory for each"""
-JERK_UP_S = 0.05
-"""Where nothing else is written, a joint reaches its largest acceleration in this time."""
-
-
-@dataclass(frozen=True, slots=True)
-class Joint:
-    """One joint, in radians."""
-
-    name: str
-    title: str
-    lower: float
-    upper: float
-    speed: float
-    """largest speed [rad/s]"""
-    acceleration: float
-    """largest acceleration [rad/s²]"""
-    jerk: float
-    """largest jerk [rad/s³]; kept by the profiles that know one (s-curve, quintic)"""
-    stall_torque: float | None
-    """[N·m]; None where the source gives none"""
-    torque_is_effort: bool = False
-    """True: that is the ``effort`` of a URDF file, which often is a placeholder and forbids nothing"""
 
 
 @dataclass(frozen=True, slots=True)

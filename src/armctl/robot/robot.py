@@ -25,7 +25,6 @@ from armctl.kinematics import (
     Target,
     inverse_kinematics,
 )
-from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.target import seem_degrees
@@ -33,9 +32,10 @@ from armctl.kinematics.velocity import NEAR, position_leaves_orientation
 from armctl.robot.body.arm_body import ANY_OPENING, ArmBody, Capsule, CarriedPart, Openings
 from armctl.robot.body.bodies import MOST_OPENINGS, Bodies
 from armctl.robot.body.collision import CollisionModel, Underside
+from armctl.robot.joint import Joint, beyond_limits, read_values, shown_values
 from armctl.robot.look.pieces import Drawing, Piece
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
-from armctl.robot.parts import Gripper, Joint, Look, Obstacle, Shape
+from armctl.robot.parts import Gripper, Look, Obstacle, Shape
 
 _PROBES = 64
 BODY_ASSUMED = "the body: convex hulls of the shapes that are drawn (armctl check says how closely)"
@@ -418,8 +418,7 @@ class Robot(ArrayRecord):
             pitch: (k,) or one for all: angle of the approach axis above the horizontal [rad]. An arm with
                 three pitch joints needs it; with two the position alone decides, and it is left out.
             roll: (k,) or one for all: the roll joint's own angle [rad]; None: the one nearest to zero.
-            rotation: (k, 3, 3) ``R_base_tool`` instead of pitch and roll; what an arm with a spherical wrist
-                needs.
+            rotation: (k, 3, 3) ``R_base_tool`` instead of pitch and roll, for a spherical wrist.
         """
         return self.inverse_kinematics.solve_batch(position_m, pitch, roll, rotation)
 
@@ -455,17 +454,19 @@ class Robot(ArrayRecord):
             raise InputError(f"{self.name} has no point {name!r}; it has {', '.join(self.points) or 'none'}")
         return self.points[name].copy()
 
+    def shown(self, q: ArrayLike) -> FloatArray:
+        """Joint values (..., n), or how much they change, as people count them; see ``Joint.shown``."""
+        return shown_values(self.joints, q)
+
+    def read(self, shown: ArrayLike) -> FloatArray:
+        """The joint values (..., n) of numbers as people count them."""
+        return read_values(self.joints, shown)
+
     def check_limits(self, q: ArrayLike) -> FloatArray:
         """``q`` (n,) [rad]; ``MotionRefusedError`` names each joint or angle that is outside."""
         q = self.chain.checked_one(q)
-        outside = (q < self.limits[:, 0] - LIMIT_TOLERANCE) | (q > self.limits[:, 1] + LIMIT_TOLERANCE)
-        if outside.any():
-            beyond = [
-                AngleLimit(joint.title, float(value), joint.lower, joint.upper)
-                for joint, value, out in zip(self.joints, q, outside, strict=True)
-                if out
-            ]
-            raise MotionRefusedError(Several((*beyond, *[WrongUnit()] * seem_degrees(*q))))
+        if outside := beyond_limits(self.joints, q):
+            raise MotionRefusedError(Several((*outside, *[WrongUnit()] * seem_degrees(*q))))
         q = np.clip(q, self.limits[:, 0], self.limits[:, 1])
         if beyond := self.turns_beyond(q):
             raise MotionRefusedError(Several(beyond))

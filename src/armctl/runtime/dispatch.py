@@ -220,7 +220,7 @@ def _checked_rate(core: Core, rate: FloatArray) -> FloatArray:
     for joint, value in zip(core.robot.joints, rate, strict=True):
         if value and joint.lower == joint.upper:
             raise InputError(
-                f"{joint.title} is held at {math.degrees(joint.lower):.2f}°: both its limits are there, "
+                f"{joint.title} is held at {joint.said(joint.lower)}: both its limits are there, "
                 "it cannot be jogged"
             )
     return rate

@@ -9,7 +9,6 @@ from typing import Annotated, Self
 from urllib.parse import quote
 
 import msgspec
-import numpy as np
 from platformdirs import user_state_path
 
 from armctl.arrays import FloatArray
@@ -72,7 +71,7 @@ class PoseFolder:
             record = msgspec.json.decode(path.read_bytes(), type=_Record)
             if (record.robot, record.board) != (self._robot.name, board_key(board)):
                 return None
-            q = self._robot.check_limits(np.radians(self._robot.chain.checked(record.joints_deg)))
+            q = self._robot.check_limits(self._robot.read(self._robot.chain.checked(record.joints_deg)))
         except (OSError, msgspec.DecodeError, ArmctlError):
             return None  # another version's, damaged, or of the arm before it was calibrated anew
         opening = None if record.gripper is None else min(max(record.gripper, 0.0), 1.0)
@@ -83,7 +82,7 @@ class PoseFolder:
         record = _Record(
             self._robot.name,
             board_key(board),
-            np.degrees(pose.q).round(9).tolist(),
+            self._robot.shown(pose.q).round(9).tolist(),
             pose.gripper,
             pose.at,
             pose.ended,

@@ -249,8 +249,9 @@ def checked_trajectory(robot: Robot, start: FloatArray, trajectory: Trajectory) 
     away = np.abs(trajectory.start - start)
     j = int(away.argmax())
     if away[j] > _START_TOLERANCE:
+        joint = robot.joints[j]
         raise StateError(
-            f"the trajectory starts with {robot.joints[j].title} at {np.degrees(trajectory.start[j]):.2f}°, "
-            f"the arm stands at {np.degrees(start[j]):.2f}°; go to its start first"
+            f"the trajectory starts with {joint.title} at {joint.said(float(trajectory.start[j]))}, the arm "
+            f"stands at {joint.said(float(start[j]))}; go to its start first"
         )
     return trajectory

@@ -56,7 +56,7 @@ def where_html(robot: Robot, q: FloatArray) -> str:
     """Joint angles and tool at ``q`` (n,) [rad]."""
     joints = [
         [joint.title, f"{angle + 0.0:.2f}°"]
-        for joint, angle in zip(robot.joints, np.round(np.degrees(q), 2), strict=True)
+        for joint, angle in zip(robot.joints, np.round(robot.shown(q), 2), strict=True)
     ]
     T = robot.forward(q)
     x, y, z = np.round(1000 * T[:3, 3], 1) + 0.0
@@ -267,7 +267,7 @@ def rounding_off_m(robot: Robot, q: FloatArray) -> float:
 
 def rounding_note(robot: Robot, q: FloatArray) -> str:
     """One line that says why a tool that was sent to 300 mm may show 299.9 mm; ``q`` (n,) [rad]."""
-    board, steps = board_type(robot.board), np.degrees(joint_steps(robot))
+    board, steps = board_type(robot.board), robot.shown(joint_steps(robot))
     turning = steps[steps > 0]
     if not len(turning):
         return ""

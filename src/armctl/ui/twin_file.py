@@ -156,7 +156,7 @@ def _columns(
         parts.append(figure.tracks(state.q, opening))
         tool = np.einsum("kij,kj->ki", robot.jacobian(state.q)[:, :3], state.velocity)
         speed = 1000 * np.linalg.norm(tool, axis=1)
-        figures.append(np.vstack([np.degrees(state.q).T, np.degrees(state.velocity).T, speed]))
+        figures.append(np.vstack([robot.shown(state.q).T, robot.shown(state.velocity).T, speed]))
     tracks = {name: np.concatenate([part[name] for part in parts]).T for name in parts[0]}
     moving = [name for name, track in tracks.items() if np.ptp(track, axis=1).max() > 1e-9]
     shown = [*(tracks[name] for name in moving), np.hstack(figures)]

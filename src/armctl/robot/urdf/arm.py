@@ -20,8 +20,9 @@ from armctl.kinematics.chain import FixedFrame, frame_along
 from armctl.kinematics.families.offset_roll.geometry import recognise_offset_roll
 from armctl.kinematics.families.registry import has_closed_form
 from armctl.kinematics.families.yaw_pitch_roll.geometry import recognise
+from armctl.robot.joint import JERK_UP_S, MOST_JOINTS, Joint
 from armctl.robot.meshes.reading import unreadable
-from armctl.robot.parts import JERK_UP_S, MOST_JOINTS, Joint, Shape
+from armctl.robot.parts import Shape
 from armctl.robot.robot import BODY_ASSUMED, BODY_GUESSED, Robot
 from armctl.robot.urdf.chain import ArmChain, arm_chain, arm_way, require_solvable
 from armctl.robot.urdf.package import UrdfSource, arm_stem

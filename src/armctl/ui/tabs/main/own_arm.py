@@ -231,7 +231,7 @@ class OwnArm:
 
     def _pose_of(self, robot: Robot) -> FloatArray:
         """(n,) the pose that is drawn [rad]; it may be outside the limits, which are being sought."""
-        home = zip(robot.joint_names, np.degrees(robot.pose("home")).tolist(), strict=True)
+        home = zip(robot.joint_names, robot.shown(robot.pose("home")).tolist(), strict=True)
         return np.radians(np.array([self._q.get(name, angle) for name, angle in home]))
 
     def _draw(self, robot: Robot) -> None:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import viser
 
 from armctl.errors import InputError, RobotFileError, UnclearArmError
@@ -171,7 +170,7 @@ class UrdfArm:
         if present is None:
             return
         session.robots.require_reopenable()
-        angles = np.degrees(self._robot.check_limits(self._angles.array)).tolist()
+        angles = self._robot.shown(self._robot.check_limits(self._angles.array)).tolist()
         rest = [round(angle, 4) + 0.0 for angle in angles]
         tool: dict[str, object] = {
             "link": None if self._link.value == _AS_FOUND else self._link.value,

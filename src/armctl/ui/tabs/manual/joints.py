@@ -96,8 +96,8 @@ def joint_table(robot: Robot, snapshot: Snapshot) -> str:
     told = snapshot.q_command if snapshot.commanded else np.full(robot.n, np.nan)
     source = "board" if snapshot.source is Source.COMMANDED else snapshot.source.value
     rows = [
-        ["commanded", *_numbers(np.degrees(told), 2)],
-        [source, *_numbers(np.degrees(snapshot.q), 2)],
+        ["commanded", *_numbers(robot.shown(told), 2)],
+        [source, *_numbers(robot.shown(snapshot.q), 2)],
     ]
     return table(["Joints °", *(joint.title for joint in robot.joints)], rows)
 

@@ -143,7 +143,7 @@ def _tool_here(robot: Robot, pose_deg: tuple[float, ...]) -> Mapping[str, Any]:
     Of an arm that can turn its tool about any axis, its orientation; else its pitch and roll, but no pitch
     where the place of the tool decides about it.
     """
-    q = np.radians(pose_deg)
+    q = robot.read(pose_deg)
     known: dict[str, float | None] = dict.fromkeys(("pitch_deg", "roll_deg", *_RPY))
     if robot.orients_tool:
         known |= zip(_RPY, roll_pitch_yaw(robot.forward(q)[:3, :3]).tolist(), strict=True)
@@ -163,7 +163,7 @@ def _tool_here(robot: Robot, pose_deg: tuple[float, ...]) -> Mapping[str, Any]:
 
 def tool_point_mm(robot: Robot, pose_deg: tuple[float, ...]) -> Point:
     """Where the tool is at a pose [mm], to a micrometre."""
-    x, y, z = (np.round(1000 * robot.forward(np.radians(pose_deg))[:3, 3], _DIGITS) + 0.0).tolist()
+    x, y, z = (np.round(1000 * robot.forward(robot.read(pose_deg))[:3, 3], _DIGITS) + 0.0).tolist()
     return x, y, z
 
 

@@ -230,7 +230,7 @@ def _lines(shown: PlannedMotion, of: str, quantity: str, time: FloatArray, mark:
     joints, tool = shown.motion.of(QUANTITIES[quantity][0])
     names, values, at = ["x", "y", "z"], 1000 * tool, shown.motion.time
     if of == "Joints":
-        names, values = [joint.title for joint in shown.robot.joints], np.degrees(joints)
+        names, values = [joint.title for joint in shown.robot.joints], shown.robot.shown(joints)
     return [
         PlotLine(f"{mark}{name}", np.interp(time, at, values[:, i], right=np.nan), color_of(i))
         for i, name in enumerate(names)
