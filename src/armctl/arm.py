@@ -41,6 +41,7 @@ from armctl.protocol import (
     HomeAxes,
     Jog,
     JogTool,
+    LendControl,
     LimitTorque,
     LockControl,
     MoveGripper,
@@ -186,6 +187,10 @@ class Arm:
         """Operate the arm; whoever did only watches from now on. ``pin``: the teacher's, if it is locked."""
         self._do(TakeControl(pin))
 
+    def lend_control(self, to: str = "") -> None:
+        """Let another party, by the id in ``snapshot.control``, command beside this one; empty: none."""
+        self._do(LendControl(to))
+
     def lock_control(self, locked: bool = True, pin: str = "") -> None:
         """Lock control, so that nobody can take it, or unlock it."""
         self._do(LockControl(locked, pin))
@@ -220,11 +225,12 @@ class Arm:
         """
         return self._move(HomeAxes(), wait)
 
-    def release(self, *joints: str) -> None:
+    def release(self, joints: Sequence[str] | None = None) -> None:
         """Switch the pulses off: the arm drops. Of named joints only, where the board can: others hold."""
-        if self._park and not joints:
+        if self._park and joints is None:
             bring_to_rest(self.link, ORIGIN)
-        self._do(Release(joints))
+        names = (joints,) if isinstance(joints, str) else joints
+        self._do(Release(None if names is None else tuple(names)))
 
     def limit_torque(self, share: float, *joints: str) -> None:
         """How strong the motors of these joints (none: all) may be, 0 … 1, where the board can limit it."""

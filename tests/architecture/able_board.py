@@ -121,6 +121,8 @@ class SimulatedAble:
         self.load: dict[int, float] = {}
         self.torque: dict[int, float] = {}
         self.door = self.lamp = 0.0
+        self.stuck = False
+        """nothing comes on"""
         self._pending = b""
 
     def advance(self, now: float) -> bytes:
@@ -139,7 +141,8 @@ class SimulatedAble:
                 return " ".join([str(self.door), str(self.lamp), *told]).encode() + b"\n"
             case ["SET", channel, steps]:
                 self.outputs[int(channel)] = float(steps)
-                self.on.add(int(channel))
+                if not self.stuck:
+                    self.on.add(int(channel))
             case ["OFF", channel]:
                 self.on.discard(int(channel))
             case ["TORQUE", channel, share]:

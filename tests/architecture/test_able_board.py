@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -12,9 +13,9 @@ import pytest
 from msgspec import Meta
 from tests.architecture.toy_board import able_board
 from tests.runtime.board_bench import BoardBench
-from tests.runtime.kit import TEST, make_rig
+from tests.runtime.kit import TEST, LateExecutor, make_rig
 
-from armctl.errors import InputError, RobotFileError, StateError
+from armctl.errors import EnableError, InputError, ProgramError, RobotFileError, StateError
 from armctl.facts import NotNow, State
 from armctl.hardware.board_type import Setup
 from armctl.hardware.boards import board_type
@@ -26,6 +27,7 @@ from armctl.protocol import (
     Connect,
     Enable,
     LimitTorque,
+    MoveGripper,
     MoveJoints,
     Release,
     RunProgram,
@@ -68,12 +70,23 @@ def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Robot]:
 @pytest.fixture
 def bench(arm: Robot) -> BoardBench[Any]:
     """The arm holds at home."""
+    return held(arm)
+
+
+def held(arm: Robot, planner: Executor | None = None) -> BoardBench[Any]:
     kind, setup = board_type("able"), Setup()
     board = kind.simulated(setup, {})
     bench = BoardBench.of(
-        arm, board, lambda line, now: kind.driver(setup, Connection(line, now, simulated=True))
+        arm,
+        board,
+        lambda line, now: kind.driver(setup, Connection(line, now, simulated=True)),
+        planner=planner,
     )
-    bench.do(Connect("sim"))
+    bench.controller.submit(Connect("sim"), TEST)
+    bench.run(0.02)
+    if isinstance(planner, LateExecutor):
+        planner.work()
+        bench.run(0.02)
     bench.do(Enable(arm.pose("home")))
     bench.until(State.HOLDING)
     return bench
@@ -101,12 +114,29 @@ def test_two_servos_turn_one_joint_against_each_other(bench: BoardBench[Any], ar
 def test_servos_that_work_against_each_other_are_told(bench: BoardBench[Any]) -> None:
     bench.board.outputs[OTHER_SIDE] += 30
     [warning] = bench.run(0.1).warnings
-    assert warning.startswith("Shoulder (output 11) is 3.0° away from the other motor of its joint")
+    assert warning.startswith("the two motors of Shoulder stand apart and work against each other")
+
+
+def test_nothing_is_enabled_whose_two_motors_stand_apart(bench: BoardBench[Any]) -> None:
+    bench.do(Release())
+    bench.board.outputs[OTHER_SIDE] += 900
+    before = dict(bench.board.outputs)
+    refused(
+        bench, Enable(), EnableError, "the two motors of Shoulder stand apart, one of them would be driven"
+    )
+    assert bench.run(0.2).state is State.OFF and bench.board.outputs == before and not bench.board.on
 
 
 def test_a_robot_that_crosses_keeps_its_second_servo(arm: Robot) -> None:
     assert robot_of(msgspec.json.decode(msgspec.json.encode(robot_record(arm)))).outputs == arm.outputs
-    assert arm.outputs.low[1], arm.outputs.high[1] == (749, 2251)
+    assert (arm.outputs.low[1], arm.outputs.high[1]) == (749, pytest.approx(2250.795))
+
+
+def test_the_range_of_a_joint_is_inside_those_of_both_its_servos(tmp_path: Path) -> None:
+    with able_board(tmp_path) as path:
+        path.write_text(path.read_text().replace("range_steps = [749, 2251]", "range_steps = [700, 2300]"))
+        outputs = load_robot(path).outputs
+        assert (outputs.low[1], outputs.high[1]) == pytest.approx((748.795, 2250.795))
 
 
 @pytest.mark.parametrize(
@@ -150,6 +180,39 @@ def test_one_joint_is_released_and_taken_back_where_it_stands(bench: BoardBench[
     assert bench.board.outputs == before
 
 
+def test_a_motion_that_is_being_planned_does_not_begin_without_a_joint(arm: Robot) -> None:
+    planner = LateExecutor()
+    bench = held(arm, planner)
+    motion = bench.controller.submit(MoveJoints(arm.pose("rest")), TEST)
+    bench.run(0.02)
+    bench.do(Release(("shoulder",)))
+    planner.work()
+    assert bench.run(0.1).state is State.HOLDING
+    with pytest.raises(StateError, match="joints were released"):
+        motion.finished.result(0)
+
+
+def test_a_gripper_that_moves_is_stopped_and_taken_over_with_the_rest(bench: BoardBench[Any]) -> None:
+    bench.do(Release(("shoulder",)))
+    closing = bench.do(MoveGripper(0.0))
+    bench.do(Enable())
+    assert bench.run(0.2).state is State.HOLDING and bench.now.limp == ()
+    assert closing.finished.done()
+    bench.do(Release())
+    bench.do(Enable())
+    assert bench.now.state is State.HOLDING and 5 in bench.board.on  # the gripper's, too
+
+
+def test_an_enable_that_the_board_does_not_confirm_leaves_a_way_on(bench: BoardBench[Any]) -> None:
+    bench.do(Release(("shoulder",)))
+    bench.board.stuck = True
+    refused(bench, Enable(), EnableError, "the board has not confirmed")
+    assert bench.run(0.1).state is State.OFF and len(bench.board.on) == len(bench.board.outputs) - 2
+    bench.board.stuck = False
+    bench.do(Enable())
+    assert bench.run(0.1).state is State.HOLDING and bench.now.limp == ()
+
+
 def test_joints_that_nobody_knows_and_boards_that_cannot_are_told(bench: BoardBench[Any]) -> None:
     refused(bench, Release(("hip",)), InputError, "there is no joint 'hip'; there are base, shoulder")
     bench.do(MoveJoints(bench.now.q_command + np.radians([20, 0, 0, 0, 0])))
@@ -178,6 +241,21 @@ def test_loads_are_waited_for(bench: BoardBench[Any], tmp_path: Path) -> None:
     assert bench.now.state is State.HOLDING
 
 
+def test_a_step_that_cannot_look_ends_its_program_and_nothing_else(bench: BoardBench[Any]) -> None:
+    class Broken(LoadStep, frozen=True, kw_only=True, tag="broken"):
+        @property
+        def effect(self) -> Effect:
+            return Effect(until=Until("a miracle", lambda senses: senses.inputs["window"] > 0, 1.0))
+
+    ticket = bench.do(RunProgram(Program(robot="able_arm", name="p", steps=(Broken(),))))
+    bench.run(0.2)
+    with pytest.raises(ProgramError, match="p: step 1: cannot look for a miracle: KeyError: 'window'"):
+        ticket.finished.result(0)
+    assert bench.now.state is State.HOLDING
+    with pytest.raises(ProgramError, match="0 s is no time"):
+        Until("it", lambda _: True, 0.0)
+
+
 def test_stop_ends_a_wait(bench: BoardBench[Any]) -> None:
     bench.do(RunProgram(Program(robot="able_arm", name="press", steps=(LoadStep(longest_s=60),))))
     bench.controller.stop(TEST)
@@ -193,6 +271,11 @@ def test_pins_and_torque(bench: BoardBench[Any]) -> None:
     bench.do(LimitTorque(0.5, ("shoulder",)))
     assert bench.board.torque == {SHOULDER: 0.5, OTHER_SIDE: 0.5}
     refused(bench, LimitTorque(1.5), InputError, "torque limit of 150")
+    refused(bench, LimitTorque(0.0), InputError, "torque limit of 0")
+    bench.board.outputs[0] += 100  # it sags
+    bench.run(0.1)
+    refused(bench, LimitTorque(1.0), StateError, "Base: away from where it was told to be; release the arm")
+    refused(bench, Release(()), InputError, "which joints are to be released")
     board = bench.now.board
     assert board is not None
     assert board.abilities == ("release_channels", "limit_torque", "set_output")

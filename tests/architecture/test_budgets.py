@@ -15,7 +15,7 @@ import armctl
 SOURCES = Path(armctl.__file__).parent
 MOST_LINES, MOST_OF_A_FUNCTION = 450, 60
 FOLDERS = {
-    ".": (15, 3_100),
+    ".": (15, 3_120),
     "calibration": (6, 1_350),
     "cli": (12, 2_500),
     "facts": (5, 910),
@@ -26,12 +26,12 @@ FOLDERS = {
     "program": (10, 2_500),
     "protocol": (6, 1_130),
     "robot": (46, 11_300),
-    "runtime": (24, 5_600),
+    "runtime": (24, 5_660),
     "ui": (81, 15_050),
 }
 """files and lines, at most"""
 LARGER_FILES = {
-    "arm.py": 610,
+    "arm.py": 615,
     "documents.py": 460,
     "hardware/encoder/simulated.py": 520,
     "hardware/firmata/stream.py": 640,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -37,13 +38,14 @@ class BoardBench(Generic[Model]):
         driver: Callable[[Callable[[], LoopTransport], Callable[[], float]], Driver],
         black_boxes: Path | None = None,
         troubles: Sequence[Trouble] = (),
+        planner: Executor | None = None,
     ) -> BoardBench[Model]:
         """Wire up ``board``; ``driver`` makes its driver from what opens the line and the clock."""
         clock = ManualClock(100.0)
         line = FaultyModel(board, 0, troubles)
         opened = driver(lambda: LoopTransport(line, clock.now, clock.advance), clock.now)
         controller = Controller(
-            robot, lambda _: opened, clock, executor=InlineExecutor(), black_boxes=black_boxes
+            robot, lambda _: opened, clock, executor=planner or InlineExecutor(), black_boxes=black_boxes
         )
         return cls(clock, board, line, controller)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from armctl.errors import ProgramError
 from armctl.facts import Quantities
 from armctl.robot import CarriedPart
 
@@ -29,6 +30,12 @@ class Until:
     """whether it has come; asked once a tick, so it must be quick"""
     longest_s: float
     """the program ends with an error where it has not come by then"""
+
+    def __post_init__(self) -> None:
+        if not self.longest_s > 0.0:
+            raise ProgramError(
+                f"waiting for {self.what}: at most {self.longest_s:g} s is no time; more than 0"
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,8 +80,8 @@ class HomeAxes(MovingCommand, frozen=True):
 class Release(Command, frozen=True):
     """Pulses off: the arm drops. Asked for twice in the UI, at once here."""
 
-    joints: tuple[str, ...] = ()
-    """names of the only ones that are switched off, of an arm that holds; its board must be able to"""
+    joints: tuple[str, ...] | None = None
+    """names of the only ones that are switched off, of an arm that holds, where its board can; None: all"""
 
 
 class LimitTorque(Command, frozen=True):

@@ -64,6 +64,8 @@ def unmet(
     where it is; ``cause``: of the state, to be named in the answer; ``doing``: what moves the arm; ``limp``:
     titles of joints that were released by themselves.
     """
+    if limp and need is Need.OFF and state is State.HOLDING:  # Enable takes them back
+        return None
     if state is not State.HOLDING or need not in (Need.HOLDING, Need.JOG):
         limp = ()
     if not limp and (state in _MET_IN[need] if doing is None else doing.takes(need)):

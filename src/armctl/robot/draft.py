@@ -341,12 +341,15 @@ class Draft:
             us_per_deg = min(_SERVO_US_PER_DEG, fitting)
         if zero_us is None:
             zero_us = _SERVO_MIDDLE_US - us_per_deg * 0.5 * (low + high)
-        servo = {
+        servo: dict[str, Any] = {
             "channel": number,
             "zero_us": zero_us,
             "us_per_deg": us_per_deg,
             "pulse_us": list(pulse_us),
         }
+        before: dict[str, Any] = self._joint(name).get("servo") or {}
+        if "also" in before:
+            servo["also"] = before["also"]
         return self.with_joint(name, servo=servo)
 
     def with_channels(self, channels: Mapping[str, int]) -> Self:

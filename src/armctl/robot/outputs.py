@@ -119,18 +119,14 @@ class OutputMap(ArrayRecord):
     def angles(self, outputs: Mapping[int, float | None]) -> FloatArray:
         """Joint angles (n,) [rad] of outputs by channel; NaN where one is off or not reported."""
         known = np.array([outputs.get(channel) for channel in self.channels], dtype=np.float64)  # None: NaN
-        known[[one.joint for one in self.mirrors if outputs.get(one.channel) is None]] = np.nan
         return (known - self.zero) / self.per_rad
 
-    def disagreements(self, outputs: Mapping[int, float | None]) -> dict[int, float]:
-        """How far a joint's outputs are apart [rad], by the channel of each further one that is known."""
-        found: dict[int, float] = {}
-        for one in self.mirrors:
-            first, own = outputs.get(self.channels[one.joint]), outputs.get(one.channel)
-            if first is not None and own is not None:
-                per_rad = one.ratio * float(self.per_rad[one.joint])
-                found[one.channel] = abs((own - one.output(first)) / per_rad)
-        return found
+    def disagreement(self, mirror: Mirror, outputs: Mapping[int, float | None]) -> float:
+        """How far a further output of a joint is from where the first one says it is [rad]; 0: not known."""
+        first, own = outputs.get(self.channels[mirror.joint]), outputs.get(mirror.channel)
+        if first is None or own is None:
+            return 0.0
+        return abs((own - mirror.output(first)) / (mirror.ratio * float(self.per_rad[mirror.joint])))
 
     def opening(self, outputs: Mapping[int, float | None]) -> float | None:
         """Gripper opening 0..1 of outputs by channel; None where it is off, unknown or not there."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -22,7 +22,7 @@ from armctl.hardware.driver import abilities_of, translated
 from armctl.robot import Robot
 
 BoolArray = NDArray[np.bool_]
-_APART_RAD = np.radians(2.0)
+MOTORS_APART_RAD = np.radians(2.0)
 """how far two motors of one joint may stand apart"""
 
 
@@ -59,6 +59,10 @@ class Reading:
     inputs: Mapping[str, float] = field(default_factory=dict[str, float])
     """what its other pins are at: 0, 1, or a share"""
     outputs: Mapping[str, float] = field(default_factory=dict[str, float])
+    gripper_on: bool | None = None
+    """whether the gripper's output is on; None: the board does not say"""
+    apart: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """(n,) how far two motors of a joint are apart [rad]; 0 where it has one, or they are not known"""
 
 
 class Board:
@@ -77,11 +81,14 @@ class Board:
         noun = board_type(robot.board).scale.noun
         for one in self.map.mirrors:
             self._titles[one.channel] = f"{robot.joints[one.joint].title} ({noun} {one.channel})"
+        self._joint_titles = [joint.title for joint in robot.joints]
         self._settings = channel_settings(robot)
         self._ranges = list(zip(self.map.low.tolist(), self.map.high.tolist(), strict=True))
         self.limp = np.zeros(robot.n, dtype=np.bool_)
         """(n,) joints that were switched off by themselves: nothing is sent to them"""
         self._driver = translated("opening the board", open_driver, port)
+        self._torque: dict[int, float] = {}
+        """limits of motors by channel: a board that starts anew has forgotten them"""
         self._able = self._driver if isinstance(self._driver, Abilities) else Abilities()
         try:
             identity = translated("opening the board", self._driver.open)
@@ -99,6 +106,8 @@ class Board:
     def configure(self) -> None:
         """Tell the board what each channel may do: one that started anew has forgotten. Moves nothing."""
         translated("setting the channels", self._driver.configure, self._settings)
+        if self._torque:
+            translated("limiting the torque", self._able.limit_torque, self._torque)
 
     def prepare(self, q: FloatArray, opening: float | None) -> None:
         """Tell the board with which angles (n,) [rad] and opening 0..1 it will be enabled. Moves nothing."""
@@ -109,7 +118,7 @@ class Board:
     def write(self, q: FloatArray | None, opening: float | None, joints: BoolArray | None = None) -> None:
         """Send joint angles (n,) [rad] and a gripper opening 0..1 in one write; None: not sent.
 
-        ``joints``: (n,) which of the angles are sent; None: all.
+        ``joints``: (n,) which of the angles are sent; None: all. Never those of limp joints.
         """
         sent = ~self.limp if joints is None else joints & ~self.limp
         translated("writing setpoints", self._driver.write, self._values(q, opening, sent))
@@ -135,6 +144,13 @@ class Board:
     def _read(self) -> Reading:
         back = self._driver.read()
         q = self.map.angles(back.positions)
+        apart = np.zeros(len(q))
+        for one in self.map.mirrors:
+            if back.positions.get(one.channel) is None:
+                q[one.joint] = np.nan
+            else:
+                away = self.map.disagreement(one, back.positions)
+                apart[one.joint] = max(apart[one.joint], away)
         if back.on is not None:
             on = np.array([all(back.on.get(one, False) for one in every) for every in self._channels_of])
         else:
@@ -145,7 +161,16 @@ class Board:
         warned = (back.warnings or {}).items()
         warnings = tuple(f"{self.title(channel)}: {words}" for channel, words in warned)
         if back.source is Source.MEASURED:
-            warnings += tuple(self._fighting(back))
+            warnings += tuple(
+                f"the two motors of {joint} stand apart and work against each other; release the arm and put "
+                "their horns right"
+                for joint, away, limp in zip(
+                    self._joint_titles, apart.tolist(), self.limp.tolist(), strict=True
+                )
+                if away > MOTORS_APART_RAD and not limp
+            )
+        gripper = self.map.gripper_channel
+        gripper_on = None if back.on is None or gripper is None else back.on.get(gripper, False)
         return Reading(
             q,
             on,
@@ -163,16 +188,9 @@ class Board:
             back.sent,
             back.inputs,
             back.outputs,
+            gripper_on,
+            apart,
         )
-
-    def _fighting(self, back: Readback) -> Iterator[str]:
-        """That two outputs turn one joint against each other, in words."""
-        for channel, apart in self.map.disagreements(back.positions).items():
-            if apart > _APART_RAD:
-                yield (
-                    f"{self.title(channel)} is {np.degrees(apart):.1f}° away from the other motor of its "
-                    "joint: they work against each other; release the arm and put their horns right"
-                )
 
     def _quantities(self, back: Readback) -> dict[str, Quantities]:
         by_channel = [values or {} for values in (back.load, back.temperature, back.voltage, back.current)]
@@ -218,6 +236,7 @@ class Board:
         """How strong the motors of joints (n,) may be, 0 ... 1."""
         limits = dict.fromkeys(self._channels(joints), share)
         translated("limiting the torque", self._able.limit_torque, limits)
+        self._torque |= limits
 
     def set_output(self, name: str, value: float) -> None:
         """Switch an output that moves no joint."""

@@ -297,9 +297,8 @@ class Core:
     def move_gripper(self, order: Order, opening: float, part: CarriedPart | None) -> None:
         """Move the gripper to ``opening`` 0..1, where ``part`` is between its jaws.
 
-        A motion that is under way was checked with the jaws, and the part, as they were. The rest of it is
-        checked first, off this thread, with the jaws anywhere from where they are to ``opening``. While a
-        motion is being planned, the gripper waits until that has begun.
+        The rest of a motion that is under way is checked first, off this thread, with the jaws anywhere from
+        where they are to ``opening``. While a motion is being planned, the gripper waits for it to begin.
         """
         self._drop_grip(StateError("a newer gripper command took its place"))
         self._grip = Grip(order, opening, part)
@@ -356,7 +355,7 @@ class Core:
                 plan = result_of(motion.future)
                 q = self.gate.q
                 stands = q is not None and motion.start is not None and np.array_equal(q, motion.start)
-                if self.state is not State.HOLDING or not stands:
+                if self.state is not State.HOLDING or self.limp or not stands:
                     raise StateError(
                         "the arm no longer stands where the motion was planned from; ask for it again"
                     )
@@ -436,7 +435,7 @@ class Core:
     def stop(self, origin: Origin, ticket: Ticket | None = None) -> None:
         """Slow down along the path as hard as the limits allow, then hold; drop the rest.
 
-        A board that moves the arm by itself gets a command to brake; if it does not confirm, that is a fault.
+        A board that moves the arm by itself is told to brake; if it does not confirm, that is a fault.
         """
         ticket = Ticket.ended() if ticket is None else ticket
         ticket.accept()
@@ -682,7 +681,7 @@ class Core:
     def keep_pose(self, now: float) -> None:
         """Have the pose kept for the next start; a disk that takes nothing is only a warning."""
         identity = None if self.board is None else self.board.identity
-        moving = self.state is State.MOVING or self.gripper.goal is not None
+        moving = self.state is State.MOVING or self.gripper.goal is not None or bool(self.limp)
         self.poses.note(identity, self.gate.q, self.gate.opening, self.state, moving, now)
         if self.activity is None:
             self.presumed = self.robot.first_pose if self.poses.last is None else self.poses.last.q

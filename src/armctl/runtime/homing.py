@@ -33,6 +33,7 @@ def home(core: Core, order: Order, now: float) -> None:
     core.gripper.stop(instead)
     core.board.configure()
     homing = Homing(core, core.board, now)
+    core.board.take_back()
     core.forget()
     core.monitor.acknowledged()
     core.monitor.enabled()

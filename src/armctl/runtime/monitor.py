@@ -266,7 +266,7 @@ class Monitor:
             why = "; ".join(reading.errors) or "it does not say why"
             lost = np.isnan(reading.q) & ~board.limp
             homes = reading.homing is not None
-            if off.any():
+            if off.any() or (grips and reading.gripper_on is False):
                 what = f"the board switched the motors off by itself ({why})"
             elif lost.any() and homes:
                 what = f"the board lost its zeros ({self._joints(lost)}; {why})"

@@ -17,7 +17,7 @@ from armctl.errors import (
     StateError,
     out_of_range,
 )
-from armctl.facts import Need, Said, Several, StandsOutside, State
+from armctl.facts import Need, Said, Several, StandsOutside
 from armctl.facts.english import HOME_FIRST
 from armctl.hardware import Source
 from armctl.hardware.boards import board_type
@@ -27,7 +27,7 @@ from armctl.motion.clearance import touching
 from armctl.protocol import Enable
 from armctl.protocol.needs import POWERED
 from armctl.runtime.activity import Activity, Setpoint
-from armctl.runtime.board import Board, BoolArray, Reading
+from armctl.runtime.board import MOTORS_APART_RAD, Board, BoolArray, Reading
 from armctl.runtime.core import Core
 from armctl.runtime.order import Order
 
@@ -45,6 +45,9 @@ _SAY_WHERE = (
     "Say where it stands: in Control, with armctl run --pose last (or a named pose, or joint angles in "
     'degrees), or with arm.enable(pose="last")'
 )
+LEAST_TORQUE = 0.05
+"""share of the torque that a limit leaves at least: with none the arm would drop, which is a release"""
+_SAGGED_RAD = np.radians(1.0)
 _INTERVAL_S = 0.3
 """from servo to servo: one at a time draws little current, and STOP can come between"""
 _HELD_UP_S = 5.0
@@ -60,9 +63,8 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
     wanted, who = command.q, order.origin.who
     if core.state in POWERED and core.gate.q is not None and wanted is None and not core.limp:
         return True
-    board = core.board
-    if board is None or (core.state is not State.OFF and not (core.limp and core.state is State.HOLDING)):
-        core.require(Need.OFF, "enable")
+    core.require(Need.OFF, "enable")
+    if (board := core.board) is None:
         raise StateError("there is no board; connect first")
     goal = core.robot.check_limits(core.robot.pose("rest") if wanted is None else wanted)
     if command.opening is not None and not 0 <= checked_number(command.opening, "the opening") <= 1:
@@ -70,7 +72,8 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
     reading = _where_it_is(core, board, now)
     if reading.homing is not None and not reading.homing.done:
         raise EnableError(f"the arm does not know where it is yet; {HOME_FIRST}")
-    live = ~np.isnan(reading.q)
+    # Only what is measured says where a joint stands that is off.
+    live = ~np.isnan(reading.q) & (reading.on | (reading.source is Source.MEASURED))
     if not (live.all() or wanted is not None or board.identity.simulated):
         known = "" if core.poses.last is None else f" ({core.poses.last})"
         raise EnableError(f"nobody knows where the arm is{known}: {board.power} are off. {_SAY_WHERE}")
@@ -81,13 +84,12 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         core.log.warn("enabled where the arm stands, not in the pose asked for: move there now")
     opening = reading.opening
     grips = board.map.gripper_channel is not None and core.robot.gripper is not None
-    core.gate.forget()  # of an arm that held without some joints: it is taken over anew
-    board.take_back()
     if live.all() and (opening is not None or not grips):
+        _retake(core, board)
         core.adopt(start, opening, now)
-        board.write(start, None)
+        board.write(start, opening if reading.gripper_on is False else None)
         confirmed = core.monitor.read(board, now)
-        if confirmed is None or not confirmed.on.all():
+        if confirmed is None or not confirmed.on.all() or confirmed.gripper_on is False:
             core.forget()
             raise EnableError(
                 f"the board has not confirmed that its {board.power} are on; see that it has power, and try "
@@ -103,6 +105,7 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         raise EnableError(
             f"the board does not answer in time; nothing was switched on: {silence}"
         ) from silence
+    _retake(core, board)
     core.monitor.enabled()
     core.presume(start)
     core.log.add(f"enable ({who}): {_how_it_began(core, live, reading.source)}")
@@ -110,13 +113,24 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
     return False
 
 
-def release(core: Core, who: str, names: Sequence[str] = ()) -> None:
+def _retake(core: Core, board: Board) -> None:
+    """An arm that held without some joints is taken over like one that is off: what is on stays on."""
+    if core.limp:
+        core.power_off("some joints are off; Enable takes the arm over as it stands")
+        core.monitor.enabled()  # nothing was switched off
+        board.take_back()
+
+
+def release(core: Core, who: str, names: Sequence[str] | None = None) -> None:
     """Outputs off: the arm drops. Of some joints only, by name: these go limp, the others hold."""
     if core.board is None:
         raise StateError(f"nothing to release: {core.state.value}")
-    if names:
+    if names is not None:
+        if not names:
+            raise InputError("which joints are to be released? None was named")
         joints = _joints(core, names)
         core.require(Need.HOLDING_SOME, "a release of joints")
+        core.drop_motion(StateError(f"joints were released ({who})"))
         core.board.release_joints(joints)
         core.log.warn(f"RELEASE ({who}): {', '.join(core.limp)}: {core.board.power} off")
         return
@@ -128,10 +142,18 @@ def release(core: Core, who: str, names: Sequence[str] = ()) -> None:
 def limit_torque(core: Core, share: float, names: Sequence[str], who: str) -> None:
     """How strong the motors of some joints (none named: of all) may be, 0 ... 1."""
     joints = _joints(core, names)
-    if not 0 <= checked_number(share, "the torque limit") <= 1:
-        raise InputError(f"a torque limit of {out_of_range(100 * share, 0, 100, '%')}")
+    if not LEAST_TORQUE <= checked_number(share, "the torque limit") <= 1:
+        raise InputError(f"a torque limit of {out_of_range(100 * share, 100 * LEAST_TORQUE, 100, '%')}")
     if core.board is None:
         raise StateError("there is no board; connect first")
+    q, reading = core.gate.q, core.monitor.reading
+    if q is not None and reading.source is Source.MEASURED:
+        away = (np.abs(reading.q - q) > _SAGGED_RAD) & ~core.board.limp
+        if away.any():  # a stronger motor would throw it back to its setpoint
+            names = [core.robot.joints[i].title for i in np.flatnonzero(away)]
+            raise StateError(
+                f"{', '.join(names)}: away from where it was told to be; release the arm and enable it first"
+            )
     core.board.limit_torque(share, joints)
     core.log.add(f"torque limit {100 * share:.0f} % of {', '.join(names) or 'all joints'} ({who})")
 
@@ -143,6 +165,8 @@ def set_output(core: Core, name: str, value: float, who: str) -> None:
         raise StateError("there is no board; connect first")
     if known and name not in known:
         raise InputError(f"there is no output {name!r}; there are {', '.join(known)}")
+    if not known:
+        raise StateError("this board has no outputs beside those of the joints")
     if not 0 <= checked_number(value, f"output {name}") <= 1:
         raise InputError(f"output {name}: {out_of_range(value, 0, 1)}")
     core.board.set_output(name, value)
@@ -331,6 +355,12 @@ def _where_it_is(core: Core, board: Board, now: float) -> Reading:
         raise EnableError(
             f"the line is too slow: the board's answers {took}, at most {1000 * slowest:.0f} ms are safe; "
             "nothing was switched on. Check USB hub, network and baud rate"
+        )
+    if (apart := second.apart > MOTORS_APART_RAD).any():
+        names = ", ".join(core.robot.joints[i].title for i in np.flatnonzero(apart))
+        raise EnableError(
+            f"the two motors of {names} stand apart, one of them would be driven to the other; release the "
+            "arm, put them right and enable again"
         )
     differs = np.isnan(first.q) != np.isnan(second.q)
     differs |= np.nan_to_num(np.abs(first.q - second.q)) > _tolerance(board)

@@ -161,14 +161,19 @@ class ProgramRunner(Activity):
 
     def _look(self, until: Until) -> None:
         """Whether what is waited for has come."""
-        reading = self._monitor.reading
-        if until.holds(Senses(reading.quantities, reading.inputs)):
-            self._wait_left, self._until = 0.0, None
-        elif self._wait_left <= 0:
+        reading, why = self._monitor.reading, ""
+        try:
+            if until.holds(Senses(reading.quantities, reading.inputs)):
+                self._wait_left, self._until = 0.0, None
+            elif self._wait_left <= 0:
+                why = f"waited {until.longest_s:g} s for {until.what}, which did not come"
+        except Exception as defect:  # of a step of somebody's own
+            why = f"cannot look for {until.what}: {type(defect).__name__}: {defect}"
+        if why:
             self._feed.drop()
             where = "" if self._running is None else f": step {self._running.index + 1}"
-            waited = f"waited {until.longest_s:g} s for {until.what}, which did not come"
-            self.error = ProgramError(f"{self._program.name}{where}: {waited}")
+            self._wait_left, self._until = 0.0, None
+            self.error = ProgramError(f"{self._program.name}{where}: {why}")
 
     @property
     def program(self) -> ProgramProgress:
@@ -229,8 +234,9 @@ class ProgramRunner(Activity):
         effect = step.step.effect
         if effect.wait_s is not None:
             self._wait_left = effect.wait_s
-        if (until := effect.until) is not None:
-            self._wait_left, self._until = until.longest_s, until
+        self._until = effect.until
+        if effect.until is not None:
+            self._wait_left = effect.until.longest_s
         if effect.opening is not None:
             self._gripper.move_to(effect.opening, effect.part)
             self._gripping = True

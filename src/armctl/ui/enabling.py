@@ -50,6 +50,8 @@ def enable_note(snapshot: Snapshot, board: str, back_on: str | None = None) -> s
     if snapshot.state is State.FAULT and snapshot.board is None:
         return _LOST_NOTE if back_on is None else _BACK_NOTE.format(back_on)
     if not board_type(board).homing:
+        if snapshot.limp:
+            return f"{', '.join(snapshot.limp)}: off, the other joints hold. Enable switches on what is off."
         if snapshot.powered:
             return _TAKE_OVER_NOTE
         simulated = snapshot.board is not None and snapshot.board.simulated
@@ -63,7 +65,9 @@ def enable_note(snapshot: Snapshot, board: str, back_on: str | None = None) -> s
 def must_be_told(snapshot: Snapshot) -> bool:
     """Whether somebody has to say where the arm stands before it is enabled."""
     board = snapshot.board
-    waits = snapshot.state is State.OFF and all(axis.homed for axis in snapshot.homing)
+    waits = (snapshot.state is State.OFF or bool(snapshot.limp)) and all(
+        axis.homed for axis in snapshot.homing
+    )
     return waits and board is not None and not board.simulated and bool(np.isnan(snapshot.q).any())
 
 
@@ -113,7 +117,7 @@ class EnableButton:
     def refresh(self, snapshot: Snapshot) -> None:
         """Hide the button once the arm is on, or while the question is asked."""
         self._question.refresh(snapshot)
-        holds = snapshot.powered and snapshot.state is not State.OFF
+        holds = snapshot.powered and snapshot.state is not State.OFF and not snapshot.limp
         self._box.visible = not (holds or self._question.asked)
         back_on = self._ports.back_on
         self._note.show(muted(enable_note(snapshot, self._session.console.robot.board, back_on)))

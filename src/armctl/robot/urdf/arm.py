@@ -32,8 +32,7 @@ from armctl.robot.urdf.tool import UrdfTool, about_beside, about_tool, left_out,
 from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, is_free, read_urdf_file
 from armctl.robot.urdf.wanted import AXES, EXACT, GIVES, ArgumentValue, Wanted, argument_texts
 
-ASSUMED_SPEED = math.radians(60)
-"""[rad/s]"""
+ASSUMED_SPEED = math.radians(60)  # [rad/s]
 SPEED_UP_S = 1 / 6
 """time from rest to full speed [s]"""
 _FASTER = 1.001

@@ -367,6 +367,8 @@ class SharedCalibration:
 def present_outputs(robot: Robot, snapshot: Snapshot) -> dict[int, float]:
     """Output of every joint by channel, in the board's unit: as the board reports it, else as last told."""
     unknown = np.isnan(snapshot.q)
+    if unknown.any() and snapshot.limp:
+        raise StateError(f"nobody knows where {', '.join(snapshot.limp)} stands; enable the arm first")
     if unknown.any() and not snapshot.commanded:
         if snapshot.source is Source.MEASURED:
             raise StateError("the board does not know where every joint stands; home the arm first")
