@@ -19,6 +19,7 @@ from armctl.program import (
     WaitStep,
 )
 from armctl.program.rehearsal import rehearse, rehearse_pose
+from armctl.robot import CarriedPart
 
 ROBOT = load_robot("uzuner")
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
@@ -43,6 +44,16 @@ def test_each_step_takes_its_time() -> None:
     np.testing.assert_array_equal(found.sample(-1).q, REST)
     assert not found.cut
     assert found.tool_path(ROBOT, 50).shape == (50, 3)
+
+
+def test_a_part_is_carried_from_the_step_that_grips_it() -> None:
+    grip = GripperStep(open_percent=30, part_x_mm=20, part_y_mm=30, part_z_mm=40)
+    steps = (TO_HOME, grip, WaitStep(seconds=1), TO_REST, GripperStep(open_percent=100), TO_HOME)
+    part, before = CarriedPart((20, 30, 40)), CarriedPart((9, 9, 9))
+    found = rehearse(ROBOT.carrying(before), program(*steps), REST, 1.0)
+    assert [step.part for step in found.steps] == [before, part, part, part, None, None]
+    assert found.sample(found.steps[3].begins + 0.1).part == part
+    assert rehearse_pose(ROBOT.carrying(part), REST, HOME, 0.3).steps[0].part == part
 
 
 def test_blended_steps_do_not_stop() -> None:

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import viser
+from tests.ui.page_kit import snapshot_of
 from tests.ui.test_scene import without_look
 
 from armctl.kinematics.chain import LinkFrames
@@ -20,6 +21,7 @@ from armctl.ui.guard import GuardedServer
 from armctl.ui.scene.arm_figure import ArmFigure, repaint
 from armctl.ui.scene.arm_model import TOOL, arm_model
 from armctl.ui.scene.body_view import BodyView, body_solids
+from armctl.ui.scene.ghost import Ghost
 
 ARMS = {name: load_robot(name) for name in shipped_robots()}
 
@@ -148,15 +150,37 @@ def test_the_body_that_is_shown_is_the_one_that_is_checked(server: GuardedServer
         assert np.abs(off).max() < 0.003 * robot.chain.length
 
 
-def test_a_carried_part_is_a_box_on_the_tool(server: GuardedServer) -> None:
-    figure = ArmFigure(server.scene, ARMS["mearm"], "/carrier")
-    for edges in ((20.0, 30.0, 40.0), (5.0, 5.0, 5.0), None):
-        figure.carry(CarriedPart.of(edges))
-        boxes = [node for name, node in nodes(server).items() if name == f"/carrier/{TOOL}/part"]
-        assert [box.dimensions for box in boxes] == (
-            [] if edges is None else [pytest.approx(tuple(edge / 1000 for edge in edges))]
-        )
+def test_the_carried_part_that_is_drawn_is_the_one_that_is_checked(server: GuardedServer) -> None:
+    robot = ARMS["mearm"]
+    figure, q, node = ArmFigure(server.scene, robot, "/carrier"), robot.limits @ [0.4, 0.6], f"{TOOL}/part"
+    figure.pose(q)
+    for edges in ((20.0, 30.0, 40.0), (5.0, 5.0, 5.0)):
+        part = CarriedPart(edges)
+        figure.carry(part)
+        T = in_base(server, f"/carrier/{node}")
+        drawn = nodes(server)[f"/carrier/{node}"].vertices @ T[:3, :3].T + T[:3, 3]
+        checked = part.hung(robot.chain)
+        corners = LinkFrames.at(robot.chain, q[None]).place(checked.link, checked.as_hull.corners)
+        assert np.abs(drawn - corners[:, :, 0].T).max() < 1e-7
+    figure.carry(None)
+    assert f"/carrier/{node}" not in nodes(server)
     figure.root.remove()
+
+
+def test_a_ghost_carries_what_the_arm_carries_when_it_is_shown(server: GuardedServer) -> None:
+    robot = ARMS["mearm"]
+    snapshot = snapshot_of(robot)
+    states = [replace(snapshot, part_mm=(20.0, 30.0, 40.0)), replace(snapshot, part_mm=None)]
+    ghost = Ghost(server.scene, robot, lambda: states[0])
+    ghost.show(robot.pose("home"))
+    box = nodes(server)[f"/ghost/{TOOL}/part"]
+    solid = next(node for name, node in nodes(server).items() if re.fullmatch("/ghost/.+/solid", name))
+    assert (box.color, box.opacity) == (solid.color, solid.opacity) and box.opacity < 1
+    wider = np.ptp(box.vertices, axis=0) - np.array([20, 30, 40]) / 1000
+    assert (wider > 1e-4).all() and (wider < 0.01).all()  # beside the arm's own its surfaces would flicker
+    states.pop(0)
+    ghost.show(robot.pose("rest"))
+    assert f"/ghost/{TOOL}/part" not in nodes(server)
 
 
 def test_the_body_goes_with_the_gripper_and_out_of_view_again(server: GuardedServer) -> None:

@@ -28,7 +28,7 @@ from armctl.program import (
     check_program,
 )
 from armctl.program.rehearsal import Rehearsal, rehearse_pose
-from armctl.robot import Robot, load_robot
+from armctl.robot import CarriedPart, Robot, load_robot
 from armctl.ui.twin_file import planned_for_file, program_file, twin_file
 
 ROBOT = load_robot("uzuner")
@@ -76,6 +76,22 @@ def test_the_motion_in_the_page_is_the_planned_one() -> None:
     assert len(jaws) == 2 and np.ptp(columns[jaws[0] : jaws[0] + 7]) > 0.01  # from half open to closed
     assert [begins for begins, _ in data["steps"]] == [step.begins for step in plan.steps]
     assert data["steps"][2][1].startswith("Step 3 of 5: line (220, 60, 120) mm")
+
+
+def test_what_is_carried_is_shown_from_when_it_is_gripped() -> None:
+    small, large = (
+        GripperStep(open_percent=30, part_x_mm=20, part_y_mm=one, part_z_mm=20) for one in (20, 30)
+    )
+    let_go = GripperStep(open_percent=100)
+    plan, _, data = page_of(program(MOVES[0], small, POINT, let_go, LINE, large, small))
+    begins = [step.begins for step in plan.steps]
+    part = "/arm/tool/part"
+    assert [begin for begin, _ in data["parts"]] == [0.0, begins[1], begins[3], begins[5], begins[6]]
+    assert [name for _, name in data["parts"]] == ["", f"{part}0", "", f"{part}1", f"{part}0"]
+    held = ROBOT.carrying(CarriedPart((20, 20, 20)))
+    plan = rehearse_pose(held, ROBOT.pose("home"), ROBOT.pose("rest"), 0.5)
+    carried = twin_file(ROBOT, "to rest", plan, ())
+    assert re.search(r'"parts":\[\[0\.0,""\],\[0\.0,"/arm/tool/part0"\]\]', carried)
 
 
 def test_two_minutes_fit_into_two_megabytes_and_nothing_may_be_fetched() -> None:

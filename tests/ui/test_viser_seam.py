@@ -238,6 +238,7 @@ CONTRACT = {
         "requestRender",
         "`SetPositionMessage`",
         "`SetOrientationMessage`",
+        "`SetSceneNodeVisibilityMessage`",
     ),
     "console.css": (
         "--mantine-primary-color-filled",

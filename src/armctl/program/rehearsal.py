@@ -15,7 +15,7 @@ from armctl.motion.profiles import PointToPoint
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
 from armctl.program.feed import PlannedStep, ProgramSource, begin_program, plan_next
 from armctl.program.program import Program
-from armctl.robot import Robot
+from armctl.robot import CarriedPart, Robot
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,6 +30,8 @@ class RehearsedStep:
     """its motion; standing still where no joint moves"""
     opening: tuple[float | None, float | None]
     """gripper 0..1 at its begin and its end; None: not known"""
+    part: CarriedPart | None = None
+    """what is between the jaws, from its begin; None: nothing"""
 
     @property
     def duration(self) -> float:
@@ -45,6 +47,8 @@ class RehearsedState:
     opening: float | None
     index: int
     """of the step"""
+    part: CarriedPart | None = None
+    """what is between the jaws"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +78,7 @@ class Rehearsal:
         (begin, end), opening = step.opening, step.opening[1]
         if begin is not None and end is not None and step.duration > 0:
             opening = begin + (end - begin) * passed / step.duration
-        return RehearsedState(step.trajectory.sample(passed).q, opening, step.index)
+        return RehearsedState(step.trajectory.sample(passed).q, opening, step.index, step.part)
 
     def tool_path(self, robot: Robot, count: int = 400) -> FloatArray:
         """Tool points (count, 3) [m], evenly spaced in time."""
@@ -83,7 +87,8 @@ class Rehearsal:
 
 def rehearse_pose(robot: Robot, start: FloatArray, end: FloatArray, opening: float | None) -> Rehearsal:
     """A planned movement to a pose (n,) [rad]; refused as in ``plan_joints``."""
-    return Rehearsal((RehearsedStep(0, 0.0, plan_joints(robot, start, end), (opening, opening)),))
+    motion = plan_joints(robot, start, end)
+    return Rehearsal((RehearsedStep(0, 0.0, motion, (opening, opening), robot.part),))
 
 
 def rehearse(
@@ -128,11 +133,11 @@ def _rehearsed(
         trajectory: Trajectory = step.trajectory
         if step.percent != 100.0:
             trajectory = SlowedTrajectory(trajectory, 100.0 / step.percent)
-        return RehearsedStep(step.index, at, trajectory, (opening, opening))
+        return RehearsedStep(step.index, at, trajectory, (opening, opening), step.before.part)
     effect = step.step.effect
     goal, takes = opening, effect.wait_s or 0.0
     if effect.opening is not None:
         goal = effect.opening
         if opening is not None and robot.gripper is not None:
             takes += abs(goal - opening) / robot.gripper.speed
-    return RehearsedStep(step.index, at, PointToPoint.lasting(q, q, takes), (opening, goal))
+    return RehearsedStep(step.index, at, PointToPoint.lasting(q, q, takes), (opening, goal), step.after.part)

@@ -56,7 +56,7 @@ class Session:
         self._end_question: Callable[[], None] = lambda: None
         self.closed = False
         """page or arm is gone; whoever has waited for something must not write to the page any more"""
-        self.ghost = Ghost(client.scene, self.console.robot, lambda: self.snapshot.gripper)
+        self.ghost = Ghost(client.scene, self.console.robot, lambda: self.snapshot)
         self.on_phone = False
         """the panels are a sheet over the lower part of the scene"""
         self.theme: Theme = "light"

@@ -34,6 +34,8 @@
       const length = Math.hypot(...turn);
       scene.pose(name, [x, y, z], turn.map((part) => part / length));
     }
+    const carried = twin.parts.findLast(([begins]) => begins <= time + 1e-9)[1];
+    for (const [, name] of twin.parts) if (name) scene.show(name, name === carried);
     scene.draw();
   }
 

@@ -26,7 +26,7 @@ from armctl.motion.figure import color_of
 from armctl.motion.preflight import Finding, not_checked
 from armctl.program import Program
 from armctl.program.rehearsal import Rehearsal, rehearse
-from armctl.robot import Robot
+from armctl.robot import CarriedPart, Robot
 from armctl.ui.scene.arm_figure import ARM, HALF_OPEN, ArmFigure
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.scene.stage import Stage, first_view, set_lights
@@ -113,6 +113,7 @@ def twin_file(
         "root": ARM,
         "tracks": tracks,
         "steps": said,
+        "parts": _parts(plan, figure),
         **_packed(columns),
     }
     return _page(scene.html(), title, side, data)
@@ -133,6 +134,20 @@ def _draw(scene: KeptScene, robot: Robot, plan: Rehearsal) -> ArmFigure:
     points = np.vstack([frames - room, frames + room, [0.0, 0.0, robot.floor_z]])
     scene.camera.position, scene.camera.look_at = first_view(robot, points, _VIEW, _ASPECT)
     return figure
+
+
+def _parts(plan: Rehearsal, figure: ArmFigure) -> list[tuple[float, str]]:
+    """Draw all that is carried. From when [s] which node is shown; "": nothing is carried."""
+    nodes, shown = dict[CarriedPart, str](), [(0.0, "")]
+    for step in plan.steps:
+        if step.part is not None and step.part not in nodes:
+            drawn = figure.add_part(step.part, f"part{len(nodes)}")
+            drawn.visible = False  # until the player shows it
+            nodes[step.part] = drawn.name
+        node = "" if step.part is None else nodes[step.part]
+        if node != shown[-1][1]:
+            shown.append((step.begins, node))
+    return shown
 
 
 # The motion as numbers.

@@ -17,6 +17,7 @@ from armctl.kinematics.target import as_numbers
 from armctl.robot.body.hulls import Hull
 from armctl.robot.body.surfaces import Surface
 from armctl.robot.look.pieces import Mount, link_name
+from armctl.robot.solids import Solid, block
 
 Openings = tuple[float, float]
 """between which a gripper is, 0 (closed) to 1"""
@@ -124,16 +125,21 @@ class CarriedPart:
     def __str__(self) -> str:
         return edge_words(self.edges_mm)
 
+    @property
+    def solid(self) -> Solid:
+        """It as a mesh in the tool frame [m]."""
+        x, y, z = self.edges_mm
+        return block((x / 1000, y / 1000, z / 1000))
+
     def hung(self, chain: Chain) -> Capsule:
         """It as a piece of the link that the tool frame is in."""
         link, T = chain.places[-1]
         R, middle = T[:3, :3], T[:3, 3]
         half = np.array(self.edges_mm) / 2000
-        corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
         long = int(half.argmax())
         ends = np.outer([-half[long], half[long]], R[:, long]) + middle
         radius = math.sqrt(float(half @ half - half[long] ** 2))
-        hull = Hull(corners @ R.T + middle, np.vstack([R.T, -R.T]), 0.0)
+        hull = Hull(self.solid.vertices @ R.T + middle, np.vstack([R.T, -R.T]), 0.0)
         return Capsule(link, ends[0], ends[1], radius, CARRIED, hull)
 
 

@@ -11,7 +11,7 @@ from armctl.robot import CarriedPart, Robot
 from armctl.robot.body.shape import width
 from armctl.robot.look.rows import Theme
 from armctl.robot.parts import Color
-from armctl.robot.solids import Solid
+from armctl.robot.solids import Solid, grown
 from armctl.ui.scene.arm_model import TOOL, arm_model
 
 ARM = "/arm"
@@ -81,6 +81,8 @@ class ArmFigure:
         ``thicker``: so many times as wide as the arm. Equal surfaces of two in one place would flicker.
         """
         self._scene, self._name = scene, name
+        self._part_color, self._opacity = color or _PART, opacity
+        self._grown = 0.5 * (thicker - 1.0) * width(robot.chain, robot.look)
         self._model = arm_model(robot, thicker, ghostly=color is not None)
         self.root = scene.add_frame(name, show_axes=False)
         self._frames = [scene.add_frame(f"{name}/{frame}", show_axes=False) for frame in self._model.frames]
@@ -94,7 +96,7 @@ class ArmFigure:
             add_solid(scene, f"{name}/{mesh.name}", mesh.solid, shown, opacity, flat=mesh.flat)
         self._label: viser.LabelHandle | None = None
         self._part: CarriedPart | None = None
-        self._box: viser.BoxHandle | None = None
+        self._drawn_part: viser.MeshHandle | None = None
         if self._model.tool_axes and opacity is None:
             size = width(robot.chain, robot.look)
             axes = scene.add_frame(f"{name}/{TOOL}/axes", axes_length=size, axes_radius=0.04 * size)
@@ -118,14 +120,17 @@ class ArmFigure:
         if part == self._part:
             return
         self._part = part
-        if self._box is not None:
-            self._box.remove()
-            self._box = None
-        if part is not None:
-            x, y, z = part.edges_mm
-            size_m = x / 1000, y / 1000, z / 1000
-            self._box = self._scene.add_box(f"{self._name}/{TOOL}/part", color=_PART, dimensions=size_m)
-            send_pose(self._box)
+        if self._drawn_part is not None:
+            self._drawn_part.remove()
+        self._drawn_part = None if part is None else self.add_part(part, "part")
+
+    def add_part(self, part: CarriedPart, name: str) -> viser.MeshHandle:
+        """Draw a part between the jaws, as a node of this name in the tool frame, which stays."""
+        solid = grown(part.solid, self._grown)
+        node = f"{self._name}/{TOOL}/{name}"
+        drawn = add_solid(self._scene, node, solid, self._part_color, self._opacity, flat=True)
+        send_pose(drawn)
+        return drawn
 
     def tracks(self, q: FloatArray, opening: FloatArray) -> dict[str, FloatArray]:
         """Where ``pose`` would put its parts at angles (k, n) [rad] and openings (k,): by name (k, 7).

@@ -10,7 +10,8 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.kinematics import quaternion_wxyz
-from armctl.robot import Robot
+from armctl.protocol import Snapshot
+from armctl.robot import CarriedPart, Robot
 from armctl.robot.parts import Color
 from armctl.ui.scene.arm_figure import ArmFigure
 
@@ -27,10 +28,10 @@ class Ghost:
     """
 
     def __init__(
-        self, scene: viser.SceneApi, robot: Robot, opening: Callable[[], float | None] = lambda: None
+        self, scene: viser.SceneApi, robot: Robot, snapshot: Callable[[], Snapshot | None] = lambda: None
     ) -> None:
-        """``opening``: of the arm's gripper, 0..1; a ghost has it, too, when it is shown. None: not known."""
-        self._scene, self._robot, self.opening = scene, robot, opening
+        """``snapshot``: of the arm; the ghost holds its jaws as the arm does when it is shown."""
+        self._scene, self._robot, self._snapshot = scene, robot, snapshot
         self._figure: ArmFigure | None = None
         self.q: FloatArray | None = None
         """(n,) the configuration that is shown [rad]; None: nothing"""
@@ -38,6 +39,12 @@ class Ghost:
         self._tab: str | None = None
         self._words: str | None = None
         self._lost: Callable[[], None] | None = None
+
+    @property
+    def held(self) -> tuple[float | None, CarriedPart | None]:
+        """How far the arm's gripper is open, 0..1 (None: not known), and what it carries."""
+        now = self._snapshot()
+        return (None, None) if now is None else (now.gripper, CarriedPart.of(now.part_mm))
 
     def claim(self, owner: object, lost: Callable[[], None] | None = None) -> None:
         """Give the ghost to ``owner``; the ``lost`` of the owner before is called once."""
@@ -85,7 +92,9 @@ class Ghost:
             )
         self.claim(owner)
         self.q = q.copy()
-        self._figure.pose(q, self.opening())
+        opening, part = self.held
+        self._figure.pose(q, opening)
+        self._figure.carry(part)
         self._figure.say(words if label is None else label)
         self._words = words
         self._show_in_view()

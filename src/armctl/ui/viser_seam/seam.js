@@ -127,6 +127,8 @@ const armctlViser = (() => {
           { type: "SetPositionMessage", name, owner: "", position },
           { type: "SetOrientationMessage", name, owner: "", wxyz },
         ),
+      show: (name, visible) =>
+        viewer.messageQueue.push({ type: "SetSceneNodeVisibilityMessage", name, owner: "", visible }),
       draw: () => viewer.requestRender(),
     };
   }

@@ -580,7 +580,9 @@ class BranchView:
             figure = ArmFigure(
                 self._scene, self._robot, f"/branches/{i}", color=color, opacity=_OPACITY, thicker=thicker
             )
-            figure.pose(best.branch.q, self._ghost.opening())
+            opening, part = self._ghost.held
+            figure.pose(best.branch.q, opening)
+            figure.carry(part)
             words = ", ".join(one.label for one in alike)
             self._ghosts += [figure.root, self._scene.add_label(f"/branches/label{i}", words, position=place)]
 

@@ -188,6 +188,7 @@ class TwinControl:
         state = plan.sample(self._elapsed_s)
         with self._session.client.atomic():
             self._figure.pose(state.q, state.opening)
+            self._figure.carry(state.part)
             self._figure.root.visible = True
 
     def _finish(self, text: str) -> None:
