@@ -79,7 +79,9 @@ def test_the_page_offers_it_in_one_press(robot: Robot) -> None:
 
     board = SimpleNamespace(simulated=True)
     session = SimpleNamespace(
-        snapshot=SimpleNamespace(board=board, state=None), submit=submit, console=SimpleNamespace(robot=robot)
+        snapshot=SimpleNamespace(board=board, state=None, limp=()),
+        submit=submit,
+        console=SimpleNamespace(robot=robot),
     )
     page: Any = SimpleNamespace(
         _session=session, _elsewhere=SimpleNamespace(label="", visible=False), _clear=None

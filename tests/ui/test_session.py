@@ -34,7 +34,8 @@ def moving(
     label: str = "motion", *, pausable: bool = True, gripping: bool = False, stopping: bool = False
 ) -> dict[str, Any]:
     """What a snapshot of an arm that moves says of it."""
-    return {"state": State.MOVING, "doing": Doing(label, pausable, gripping, stopping)}
+    doing = Doing(label, pausable, gripping, stopping, jogged=label == "jog")
+    return {"state": State.MOVING, "doing": doing}
 
 
 class Bench:
