@@ -230,7 +230,7 @@ class Board:
     @property
     def limp_titles(self) -> tuple[str, ...]:
         """Which joints are limp."""
-        return tuple(self._titles[self.map.channels[i]] for i in np.flatnonzero(self.limp).tolist())
+        return tuple(self._joint_titles[i] for i in np.flatnonzero(self.limp).tolist())
 
     def limit_torque(self, share: float, joints: BoolArray) -> None:
         """How strong the motors of joints (n,) may be, 0 ... 1."""

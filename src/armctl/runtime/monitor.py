@@ -25,7 +25,8 @@ _SURE_READINGS = 2
 _LAG_S = 0.08
 """how far the transmitted position may be behind a moving setpoint: a few servo frames"""
 _DEVIATION_UNITS = 1.0
-_DEVIATION_RAD = np.radians(1.0)
+DEVIATION_RAD = np.radians(1.0)
+"""a measured joint farther away than this does not stand where it was told"""
 _DEVIATION_S = 0.5
 _DEVIATION_WORDS = {
     Source.TRANSMITTED: "the board does not send what it was told ({by}): its channel range is narrower than "
@@ -334,7 +335,7 @@ class Monitor:
         source = self.reading.source
         away = np.abs(self.reading.q - q_command)
         if source is Source.MEASURED:
-            deviates, values, unit = away > _DEVIATION_RAD, np.degrees(away), "°"
+            deviates, values, unit = away > DEVIATION_RAD, np.degrees(away), "°"
         else:
             values, unit = away * board.unit_per_rad, f" {board.map.unit}"
             deviates = values > _DEVIATION_UNITS

@@ -29,6 +29,7 @@ from armctl.protocol.needs import POWERED
 from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import MOTORS_APART_RAD, Board, BoolArray, Reading
 from armctl.runtime.core import Core
+from armctl.runtime.monitor import DEVIATION_RAD
 from armctl.runtime.order import Order
 
 ADOPT_TOLERANCE_RAD = np.radians(0.25)
@@ -47,7 +48,6 @@ _SAY_WHERE = (
 )
 LEAST_TORQUE = 0.05
 """share of the torque that a limit leaves at least: with none the arm would drop, which is a release"""
-_SAGGED_RAD = np.radians(1.0)
 _INTERVAL_S = 0.3
 """from servo to servo: one at a time draws little current, and STOP can come between"""
 _HELD_UP_S = 5.0
@@ -148,7 +148,7 @@ def limit_torque(core: Core, share: float, names: Sequence[str], who: str) -> No
         raise StateError("there is no board; connect first")
     q, reading = core.gate.q, core.monitor.reading
     if q is not None and reading.source is Source.MEASURED:
-        away = (np.abs(reading.q - q) > _SAGGED_RAD) & ~core.board.limp
+        away = (np.abs(reading.q - q) > DEVIATION_RAD) & ~core.board.limp
         if away.any():  # a stronger motor would throw it back to its setpoint
             names = [core.robot.joints[i].title for i in np.flatnonzero(away)]
             raise StateError(
@@ -163,10 +163,10 @@ def set_output(core: Core, name: str, value: float, who: str) -> None:
     known = core.monitor.reading.outputs
     if core.board is None:
         raise StateError("there is no board; connect first")
-    if known and name not in known:
-        raise InputError(f"there is no output {name!r}; there are {', '.join(known)}")
     if not known:
         raise StateError("this board has no outputs beside those of the joints")
+    if name not in known:
+        raise InputError(f"there is no output {name!r}; there are {', '.join(known)}")
     if not 0 <= checked_number(value, f"output {name}") <= 1:
         raise InputError(f"output {name}: {out_of_range(value, 0, 1)}")
     core.board.set_output(name, value)
