@@ -77,3 +77,13 @@ def test_of_ways_that_take_the_same_time_the_one_of_least_travel_is_taken() -> N
     assert np.count_nonzero(quick) > 1
     spent = (np.abs(best - start) / robot.speed_limits).sum()
     assert spent <= travel[quick].min() + 1e-9
+
+
+def test_a_shortest_time_is_found_on_the_far_side_of_the_roll() -> None:
+    """Where roll and wrist turn the tool alike, the way there leads over worse postures."""
+    robot = load_robot("so101")
+    start = np.radians([-69.0583, -84.6589, 36.9962, 78.9544, -146.2528])
+    known = np.radians([-85.0258, -99.9999, -76.5217, -13.9801, -157.21])
+    search = Search(robot, robot.forward(known)[:3, 3])
+    found = robot.inverse(search.point, start=start).best("shortest-time", start)
+    assert search.time(found, start) <= 1.001 * search.time(known, start)

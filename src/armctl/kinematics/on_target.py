@@ -103,8 +103,10 @@ class OnTarget:
             limits = model.speed_limits, model.acceleration_limits
             return rest_to_rest_times(np.abs(q - start), CUBIC_PEAKS, *limits).max(axis=-1)
 
+        least = times(q).min()
+
         def begin(q: FloatArray) -> FloatArray:
-            return np.append(q, times(q))
+            return np.append(q, max(times(q), least))  # no time would leave a joint no way, however it turned
 
         def room(x: FloatArray) -> FloatArray:
             way, time = x[:n] - start, x[n]

@@ -48,6 +48,8 @@ _VERTICAL = 1e-9
 _LEFT, _UP, _DOWN = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
 _COARSE = 25
 """rolls tried for the least of two free joints, evenly over the limits"""
+_SURFACE_STEP = math.radians(0.5)
+"""of the first pitch joint, between configurations of which a search goes on"""
 _ASIDE = 1e-3
 """a roll so far from that of the start tells whether it is better there [rad]"""
 _GOLDEN_ROUNDS, _GOLDEN = 32, 0.5 * (math.sqrt(5.0) - 1.0)
@@ -225,10 +227,13 @@ class OffsetRollSolver(InverseKinematics):
         return self._least_over_rolls(target, np.zeros(self.chain.n), np.ones(self.chain.n), listed)[0]
 
     def _travel_over_rolls(
-        self, target: Target, listed: float, _: Criterion, start: FloatArray
+        self, target: Target, listed: float, criterion: Criterion, start: FloatArray
     ) -> FloatArray:
-        """(m, n) among which that of least travel is."""
-        return self._least_over_rolls(target, start, 1.0 / self.energy.speed_limits, listed)
+        """(m, n) among which that of least travel is; for another criterion, some of the whole surface."""
+        if criterion == "least-travel":
+            return self._least_over_rolls(target, start, 1.0 / self.energy.speed_limits, listed)
+        rolls: list[float] = np.linspace(*self._rolls, _COARSE).tolist()
+        return np.concatenate([self._rolled(target, roll, _SURFACE_STEP).q for roll in rolls])
 
     def _reaches(self, target: Target, roll: float) -> bool:
         """Whether the arm reaches a position with the roll joint at an angle [rad]."""
