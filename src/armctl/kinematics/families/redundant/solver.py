@@ -37,7 +37,7 @@ _LISTED = math.radians(0.2)
 within 2 mrad of what is between them [rad]"""
 _MET_M, _MET_RAD = 1e-10, 1e-9
 """what rounding may leave of a pose; what misses more is no solution"""
-_MOST_ROWS = 500_000
+_MOST_ROWS = 100_000
 """images by whole turns are listed up to so many configurations"""
 _TURNED_OVER = 0, 1, 2, 4
 """the branch itself, and those with another wrist, shoulder or elbow"""
