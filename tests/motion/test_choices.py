@@ -28,3 +28,14 @@ def test_a_step_of_a_program_goes_where_a_single_motion_goes_though_the_best_is_
     assert why is not None and np.abs(trajectory.end - best).max() > 0.1
     assert choose_end(UR5, start, target) == pytest.approx(trajectory.end)
     assert PointStep(x_mm=x, y_mm=y, z_mm=z).plan(UR5, start).end == pytest.approx(trajectory.end)
+
+
+def test_a_roll_that_is_free_is_turned_where_the_jaws_would_touch_as_it_stands() -> None:
+    robot = load_robot("uzuner").with_body()
+    home, passing = robot.pose("home"), np.radians([23.2, -2.3, -75.7, -75.0, -6.7])
+    target = Target.of(robot.forward(passing)[:3, 3])
+    with pytest.raises(MotionRefusedError, match="right jaw"):
+        plan_joints(robot, home, solve(robot, home, target, "least-rotation"))
+    end = plan_choice(robot, home, target)[0].end
+    assert robot.forward(end)[:3, 3] == pytest.approx(target.position, abs=1e-9)
+    assert abs(end[4]) == pytest.approx(np.radians(10.0))

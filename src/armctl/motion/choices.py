@@ -5,6 +5,7 @@ Everywhere: ``start`` (n,) [rad] is where the arm stands.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError, UnreachableError
-from armctl.kinematics import DEFAULT_STEP, Choice, Target, checked_criterion
+from armctl.kinematics import DEFAULT_STEP, Choice, Solutions, Target, checked_criterion
 from armctl.motion.clearance import ends_clear
 from armctl.motion.plan import Profile, plan_joints
 from armctl.motion.preflight import passes
@@ -24,6 +25,8 @@ _ANOTHER_RAD, _MOST_TRIED, _MOST_LOOKED_AT = 0.2, 64, 2000
 """configurations that differ by less are not tried one by one, and no more than so many of so many"""
 _AT_ONCE = 64
 """configurations whose ends are looked at together"""
+_ROLL_STEP = math.radians(5.0)
+"""of a roll that is free, where none may be gone to as it stands"""
 _TURNED = 1e-6
 """rotations that differ by less are the same [rad]"""
 
@@ -69,19 +72,6 @@ def solve_points(robot: Robot, points: FloatArray, choose: Choice, start: FloatA
     return np.array(found)
 
 
-def admitted(robot: Robot, start: ArrayLike, target: Target, choose: Choice) -> FloatArray:
-    """All configurations (k, n) [rad] that a criterion admits for a target, the best first."""
-    begin = robot.chain.checked_one(start)
-    solutions = robot.inverse_kinematics.solve(target, DEFAULT_STEP, begin)
-    energy = solutions.energies(choose, begin)
-    order, q = np.argsort(energy, kind="stable"), solutions.q
-    if isinstance(choose, str):
-        name = checked_criterion(choose)
-        order, q = solutions.order(name, begin), solutions.taken(q, name, begin)
-    meets = np.isfinite(energy) & (solutions.residual_rad <= _TURNED)
-    return q[order[meets[order]]]
-
-
 def may_go_to(
     robot: Robot,
     start: ArrayLike,
@@ -111,22 +101,36 @@ def first_possible(
     ``start`` (n,) [rad]: where it stands. Only some are tried, which differ from each other and from the
     ``known`` ones, which are refused; and of these only where the arm may stand.
     """
+    rows = _different(q, known)
+    found = _first_clear(robot, start, q[rows], may_go)
+    return None if found is None else rows[found]
+
+
+def _first_clear(
+    robot: Robot, start: FloatArray, q: FloatArray, may_go: Callable[[FloatArray], bool]
+) -> int | None:
+    """Index of the first of some configurations (k, n) [rad], which are tried one by one."""
+    tried = 0
+    for begin in range(0, len(q), _AT_ONCE):
+        some = q[begin : begin + _AT_ONCE]
+        for at in np.flatnonzero(ends_clear(robot, start, some)).tolist():
+            if may_go(some[at]):
+                return begin + at
+            tried += 1
+            if tried == _MOST_TRIED:
+                return None
+    return None
+
+
+def _different(q: FloatArray, known: Sequence[FloatArray] = ()) -> list[int]:
+    """Rows of ``q`` (k, n) [rad] that differ from those before them, and from the ``known`` ones (n,)."""
     different = list(known)
     rows: list[int] = []
     for row in range(0, len(q), 1 + len(q) // _MOST_LOOKED_AT):
         if all(np.abs(q[row] - other).max() > _ANOTHER_RAD for other in different):
             different.append(q[row])
             rows.append(row)
-    tried = 0
-    for begin in range(0, len(rows), _AT_ONCE):
-        some = rows[begin : begin + _AT_ONCE]
-        for at in np.flatnonzero(ends_clear(robot, start, q[some])).tolist():
-            if may_go(q[some[at]]):
-                return some[at]
-            tried += 1
-            if tried == _MOST_TRIED:
-                return None
-    return None
+    return rows
 
 
 class JudgedConfigurations:
@@ -226,10 +230,38 @@ def _next_best(
     best: FloatArray,
     may_go: Callable[[FloatArray], bool],
 ) -> FloatArray | None:
-    """The first (n,) [rad] after the best to which the arm may go; None: none was found."""
-    rows = admitted(robot, start, target, choose)
+    """The first (n,) [rad] after the best to which the arm may go; None: none was found.
+
+    Where a roll is free and none may be gone to as the criterion has it, the roll is turned.
+    """
+    solutions = robot.inverse_kinematics.solve(target, DEFAULT_STEP, start)
+    rows = _admitted(solutions, choose, start)
     row = first_possible(robot, start, rows, may_go, known=(best,))
+    if row is None and isinstance(choose, str) and (roll := solutions.free_roll) is not None:
+        rows = _with_rolls(rows[_different(rows)], roll, *robot.limits[roll].tolist())
+        row = _first_clear(robot, start, rows, may_go)
     return None if row is None else rows[row]
+
+
+def _admitted(solutions: Solutions, choose: Choice, start: FloatArray) -> FloatArray:
+    """All configurations (k, n) [rad] that a criterion admits, the best first."""
+    energy = solutions.energies(choose, start)
+    order, q = np.argsort(energy, kind="stable"), solutions.q
+    if isinstance(choose, str):
+        name = checked_criterion(choose)
+        order, q = solutions.order(name, start), solutions.taken(q, name, start)
+    meets = np.isfinite(energy) & (solutions.residual_rad <= _TURNED)
+    return q[order[meets[order]]]
+
+
+def _with_rolls(q: FloatArray, roll: int, low: float, high: float) -> FloatArray:
+    """Configurations (k, n) [rad] with other angles of joint ``roll``, those nearest to the present first."""
+    kept = float(q[0, roll]) if len(q) else 0.0
+    angles = np.arange(math.ceil((low - kept) / _ROLL_STEP), math.floor((high - kept) / _ROLL_STEP) + 1)
+    angles = angles[np.argsort(np.abs(angles), kind="stable")][1:] * _ROLL_STEP + kept
+    turned = np.tile(q, (len(angles), 1))
+    turned[:, roll] = np.repeat(angles, len(q))
+    return turned
 
 
 def choose_end(
