@@ -29,6 +29,7 @@ from tests.motion.sentence_kit import (
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError
+from armctl.facts import AngleLimit, Blocked, Overload, RateLimit, Singular
 from armctl.motion import Finding, PointToPoint, Trajectory, plan_arc, plan_line, plan_spline, preflight
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
 from armctl.robot import Robot, load_robot, shipped_robots
@@ -615,73 +616,51 @@ def deepest_mm(robot: Robot, motion: Trajectory) -> float:
 
 
 def check_finding(robot: Robot, motion: Trajectory, finding: Finding, payload: float) -> None:
-    text = str(finding)
-    assert finding.time is not None and "another branch" not in text
-    said = re.search(rf"at ({NUMBER}) s, ", text)
-    assert said is not None, text
-    state = motion.sample(np.clip(np.array([float(said[1]), finding.time]), 0.0, motion.duration))
-    q = state.q[0]
-    number = [float(value) for value in re.findall(NUMBER, finding.what)]
+    assert finding.time is not None
+    state = motion.sample(np.array([finding.time]))
+    q, reason = state.q[0], finding.reason
     titles = [joint.title for joint in robot.joints]
-    angles = {one.name: one for one in robot.chain.turn_limits}
-    if finding.kind == "limits" and finding.part in angles:
-        limit = angles[finding.part]
-        turns = np.degrees(state.q @ np.array(robot.chain.coupling)[limit.link])
-        assert min(abs(turns - number[0])) <= 0.05, text
-        assert not limit.lower <= math.radians(number[0]) <= limit.upper
-    elif finding.kind == "limits":
-        k = titles.index(finding.part)
-        check_limits(robot, k, *re.findall(NUMBER, finding.what)[1:])
-        assert min(abs(np.degrees(state.q[:, k]) - number[0])) <= 0.03, text
-        assert not robot.limits[k, 0] <= math.radians(number[0]) <= robot.limits[k, 1]
-    elif finding.kind in ("speed", "acceleration", "jerk"):
-        k, order = titles.index(finding.part), ("speed", "acceleration", "jerk").index(finding.kind)
-        limits = (robot.speed_limits, robot.acceleration_limits, robot.jerk_limits)[order]
-        assert abs(math.degrees(limits[k]) - number[1]) <= 0.06
-        rates = np.degrees(np.abs((state.velocity, state.acceleration, state.jerk)[order][:, k]))
-        assert min(abs(rates - number[0])) <= 0.06 + 0.01 * number[0], text
-        assert number[0] > number[1], text
-        longer = float(re.findall(NUMBER, finding.mend)[0])
-        assert number[0] / longer ** (order + 1) <= number[1] * 1.001 + 0.06, text
-    elif finding.kind == "floor":
-        pieces = zip(robot.collision.capsules, body_pieces(robot, state.q[:1]), strict=True)
-        lowest = [
-            float(corners[..., 2].min()) - margin
-            for piece, (corners, margin) in pieces
-            if piece.part == finding.part
-        ]
-        if finding.part == "the tool":
-            lowest = [*lowest, tools(robot, q[None])[0, 2, 3]]
-        depths = [1000 * (robot.floor_z - height) for height in lowest]
-        assert min(abs(depth - number[0]) for depth in depths) <= 0.06, text
-        assert number[0] >= deepest_mm(robot, motion) - 0.2, text
-    elif finding.kind == "self-collision":
-        bodies = [(corners[0], margin) for corners, margin in body_pieces(robot, state.q[:1])]
-        pieces = robot.collision.capsules
-        other = re.fullmatch(rf"{NUMBER} mm inside (.*?)(?: \({NUMBER} mm at rest\))?", finding.what)
-        assert other is not None
-        depths = [
-            1000 * overlap(bodies[i], bodies[j])
-            for i, j in robot.collision.pairs
-            if (pieces[j].part, pieces[i].part) == (finding.part, other[1])
-        ]
-        # of hulls armctl knows a lower bound of the gap: the way out that it found, or a little longer one
-        longer = 0.5 if any(piece.hull is not None for piece in pieces) else 0.06
-        assert any(-0.06 <= number[0] - depth <= longer for depth in depths), text
-    elif finding.kind == "singularity":
-        percent = 100 * isotropy(robot, q)
-        if number:
-            assert abs(percent - number[0]) <= 0.06, text
-        else:  # "the tool cannot move in one direction"
-            assert percent <= 0.1, text
-    elif finding.kind == "torque":
-        k = titles.index(finding.part)
-        torque = gravity_torques(robot, q, payload)[k]
-        stall = robot.joints[k].stall_torque or 0.0
-        assert abs(torque - number[0]) <= 0.006 and abs(stall - number[2]) <= 0.006, text
-        assert abs(100 * torque / stall - number[1]) <= 0.6, text
-    else:
-        assert finding.kind == "rest", text
+    match reason:
+        case AngleLimit(part, angle, low, high, between_links=True):
+            (limit,) = (one for one in robot.chain.turn_limits if one.name == part)
+            assert (low, high) == (limit.lower, limit.upper) and not low <= angle <= high
+            assert angle == pytest.approx(float(q @ np.array(robot.chain.coupling)[limit.link]), abs=1e-3)
+        case AngleLimit(part, angle, low, high):
+            k = titles.index(part)
+            assert [low, high] == robot.limits[k].tolist() and not low <= angle <= high
+            assert angle == pytest.approx(q[k], abs=1e-6)
+        case RateLimit(part, rate, value, limit):
+            k, order = titles.index(part), ("speed", "acceleration", "jerk").index(rate)
+            limits = (robot.speed_limits, robot.acceleration_limits, robot.jerk_limits)[order]
+            told = abs((state.velocity, state.acceleration, state.jerk)[order][0, k])
+            assert limit == limits[k] < value == pytest.approx(told, rel=0.01, abs=1e-3)
+            assert value / reason.longer ** (order + 1) <= limit * 1.001
+        case Blocked("floor", part, depth_m=depth):
+            pieces = zip(robot.collision.capsules, body_pieces(robot, q[None]), strict=True)
+            lowest = [float(c[..., 2].min()) - margin for piece, (c, margin) in pieces if piece.part == part]
+            if part == "the tool":
+                lowest = [*lowest, tools(robot, q[None])[0, 2, 3]]
+            assert min(abs(robot.floor_z - height - depth) for height in lowest) <= 1e-5
+            assert 1000 * depth >= deepest_mm(robot, motion) - 0.2
+        case Blocked("self-collision", part, other, depth):
+            bodies = [(corners[0], margin) for corners, margin in body_pieces(robot, q[None])]
+            pieces = robot.collision.capsules
+            depths = [
+                overlap(bodies[i], bodies[j])
+                for i, j in robot.collision.pairs
+                if (pieces[j].part, pieces[i].part) == (part, other)
+            ]
+            # of hulls armctl knows a lower bound of the gap: the way out that it found, or a little longer one
+            longer = 5e-4 if any(piece.hull is not None for piece in pieces) else 1e-5
+            assert any(-1e-5 <= depth - one <= longer for one in depths)
+        case Singular(ratio):
+            assert ratio == pytest.approx(isotropy(robot, q), abs=5e-4)
+        case Overload(part, torque=torque, stall=stall):
+            k = titles.index(part)
+            assert torque == pytest.approx(gravity_torques(robot, q, payload)[k], abs=1e-3)
+            assert stall == robot.joints[k].stall_torque
+        case _:
+            assert finding.kind == "rest", finding
 
 
 @pytest.mark.parametrize("name", ARMS)
