@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
@@ -24,6 +25,34 @@ Best = tuple[float, FloatArray]
 """a cost, infinite where the target was not met, and the configuration (n,) [rad]"""
 
 
+class _Zero(NamedTuple):
+    """An arm at the zero pose, in the base frame."""
+
+    points: FloatArray
+    """(m, 3) on the axes of all links [m]"""
+    axes: FloatArray
+    """(m, 3) unit vectors"""
+    across: FloatArray
+    """(m, 3, 3) the cross products by the axes"""
+    twice: FloatArray
+    """and their squares"""
+    turns: FloatArray
+    """(m, n) by how much each link turns with each joint"""
+    home: FloatArray
+    """(4, 4) the tool"""
+
+
+class _Pose(NamedTuple):
+    rotation: FloatArray
+    """(3, 3)"""
+    tip: FloatArray
+    """(3,) [m]"""
+    moves: FloatArray
+    """(3, n) how each joint moves the tool"""
+    turns: FloatArray
+    """(3, n) how each joint turns it"""
+
+
 @dataclass(frozen=True, eq=False)
 class Search:
     """One arm and one target: a point (3,) [m], with a pitch [rad], a rotation (3, 3), or neither."""
@@ -32,28 +61,42 @@ class Search:
     point: FloatArray
     pitch: float | None = None
     rotation: FloatArray | None = None
+    _last: dict[bytes, _Pose] = field(default_factory=dict[bytes, _Pose], init=False, repr=False)
 
-    def pose(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Rotation (3, 3), tool point (3,) [m], and how each joint moves and turns the tool, (3, n) each."""
+    @cached_property
+    def _zero(self) -> _Zero:
         chain = self.robot.chain
         points, axes = chain.axes()
+        x, y, z = np.transpose(axes)
+        o = np.zeros_like(x)
+        across = np.moveaxis(np.array([[o, -z, y], [z, o, -x], [-y, x, o]]), 2, 0)
+        turns = np.eye(chain.n) if chain.coupling is None else np.array(chain.coupling)
         home = chain.forward(np.zeros(chain.n))
-        turns = q if chain.coupling is None else chain.coupling @ q
+        return _Zero(np.array(points), np.array(axes), across, across @ across, turns, home)
+
+    def pose(self, q: FloatArray) -> _Pose:
+        """At ``q`` (n,) [rad]; the last one is kept, for which several are asked."""
+        key = q.tobytes()
+        if (last := self._last.get(key)) is None:
+            last = self._pose(q)
+            self._last.clear()
+            self._last[key] = last
+        return last
+
+    def _pose(self, q: FloatArray) -> _Pose:
+        zero = self._zero
+        angles = (zero.turns @ q)[:, None, None]
+        turned = np.eye(3) + np.sin(angles) * zero.across + (1.0 - np.cos(angles)) * zero.twice
+        moved = zero.points - (turned @ zero.points[:, :, None])[:, :, 0]
         R, t = np.eye(3), np.zeros(3)
-        places: list[FloatArray] = []
-        directions: list[FloatArray] = []
-        for angle, point, h in zip(turns.tolist(), points, axes, strict=True):
-            directions.append(R @ h)
-            places.append(R @ point + t)
-            K = np.array([[0.0, -h[2], h[1]], [h[2], 0.0, -h[0]], [-h[1], h[0], 0.0]])
-            turn = np.eye(3) + math.sin(angle) * K + (1.0 - math.cos(angle)) * (K @ K)
-            t = R @ (point - turn @ point) + t
-            R = R @ turn
-        tip = R @ home[:3, 3] + t
-        Z = np.array(directions)
-        J = np.cross(Z, tip - np.array(places))
-        C = np.eye(chain.n) if chain.coupling is None else chain.coupling
-        return R @ home[:3, :3], tip, J.T @ C, Z.T @ C
+        places, directions = np.empty_like(moved), np.empty_like(moved)
+        for i in range(len(moved)):
+            directions[i], places[i] = R @ zero.axes[i], R @ zero.points[i] + t
+            t, R = R @ moved[i] + t, R @ turned[i]
+        tip = R @ zero.home[:3, 3] + t
+        (a, b, c), (x, y, z) = directions.T, (tip - places).T
+        J = np.array([b * z - c * y, c * x - a * z, a * y - b * x])
+        return _Pose(R @ zero.home[:3, :3], tip, J @ zero.turns, directions.T @ zero.turns)
 
     def rows(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """By how much ``q`` (n,) misses the target, and the derivatives."""
