@@ -27,8 +27,13 @@ from tests.kinematics.six_joints import (
 )
 
 from armctl.kinematics import Chain, Target
-from armctl.kinematics.families.general_six.paths import Beside, followed
-from armctl.kinematics.families.general_six.pencil import ArmPencil, dual_quaternions, product
+from armctl.kinematics.families.general_six.pencil import (
+    ArmPencil,
+    Beside,
+    dual_quaternions,
+    followed,
+    product,
+)
 from armctl.kinematics.families.numeric.solver import NumericSolver
 
 LONG = bool(os.environ.get("ARMCTL_LONG"))

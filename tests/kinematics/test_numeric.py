@@ -17,7 +17,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics import Chain, DHRow, EnergyModel, GravityModel, Target, rotation_from_rpy
 from armctl.kinematics.angles import rotation_angle
-from armctl.kinematics.families.numeric.goals import (
+from armctl.kinematics.families.numeric.descent import (
     Goal,
     PitchGoal,
     PositionGoal,

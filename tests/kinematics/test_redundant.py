@@ -17,7 +17,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics import Chain, DHRow, Target
 from armctl.kinematics.angles import rotation_angle
-from armctl.kinematics.families.numeric.goals import rotation_vectors
+from armctl.kinematics.families.numeric.descent import rotation_vectors
 from armctl.kinematics.families.redundant.locked import LockedArm, LockedSolutions
 from armctl.kinematics.families.redundant.solver import RedundantSolver, _repeated
 from armctl.kinematics.samples import DEFAULT_STEP

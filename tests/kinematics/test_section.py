@@ -11,7 +11,7 @@ from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
 from armctl.kinematics.families.yaw_pitch_roll.geometry import recognise
 from armctl.kinematics.families.yaw_pitch_roll.section import PlanarSection, boundary_arcs, joined, reaches
-from armctl.kinematics.geometry.tool_plane import ToolPlane
+from armctl.kinematics.subproblems import ToolPlane
 from armctl.kinematics.workspace import (
     SampledSection,
     cell_outline,

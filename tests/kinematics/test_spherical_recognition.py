@@ -11,7 +11,7 @@ from tests.kinematics.spherical_kit import HUMANOID, HUMANOID_LIMITS, random_arm
 
 from armctl.kinematics import Chain, DHRow
 from armctl.kinematics.families.spherical_shoulder.geometry import recognise_spherical
-from armctl.kinematics.geometry.subproblems import turned
+from armctl.kinematics.subproblems import turned
 
 
 def test_the_humanoid_is_recognised() -> None:

@@ -10,7 +10,7 @@ from tests.kinematics.kit import rotation_about
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import wrap
-from armctl.kinematics.geometry.subproblems import (
+from armctl.kinematics.subproblems import (
     AnglePairs,
     angle_about,
     angle_onto,

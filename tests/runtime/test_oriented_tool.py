@@ -11,7 +11,7 @@ from tests.runtime.test_jog import deviation, hold, tools
 from armctl.errors import InputError
 from armctl.kinematics import Target
 from armctl.kinematics.angles import rotation_angle
-from armctl.kinematics.families.numeric.goals import rotation_vectors
+from armctl.kinematics.families.numeric.descent import rotation_vectors
 from armctl.protocol import FollowTarget, JogTool
 from armctl.robot import Robot, load_robot
 

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.arrays import ByContent, FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.angles import LIMIT_TOLERANCE, half_angle_cos_sin
-from armctl.kinematics.geometry.subproblems import cross
+from armctl.kinematics.subproblems import cross
 from armctl.kinematics.target import as_numbers, require_finite
 
 Convention = Literal["standard", "modified"]

@@ -16,9 +16,8 @@ from armctl.errors import InputError, UnreachableError
 from armctl.facts.reasons import decimals_apart
 from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.continuum import moving_joints, uncertainties
-from armctl.kinematics.energy import FROM_START, Criterion, EnergyModel, checked_criterion, energies
-from armctl.kinematics.on_target import OnTarget
+from armctl.kinematics.energy import FROM_START, Criterion, EnergyModel, OnTarget, checked_criterion, energies
+from armctl.kinematics.newton import moving_joints, uncertainties
 from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.target import Target, as_numbers, degrees_hint, elevation, length_hint
 

@@ -30,7 +30,7 @@ from armctl.kinematics.angles import (
 )
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.families.numeric.goals import rotation_vectors, tool_motion
+from armctl.kinematics.families.numeric.descent import rotation_vectors, tool_motion
 from armctl.kinematics.families.numeric.solver import NumericSolver
 from armctl.kinematics.newton import newton_many
 from armctl.kinematics.samples import checked_step

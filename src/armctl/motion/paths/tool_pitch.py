@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.angles import LIMIT_TOLERANCE, central_images
-from armctl.kinematics.families.numeric.goals import crossed
+from armctl.kinematics.families.numeric.descent import crossed
 from armctl.kinematics.families.yaw_pitch_roll.geometry import bend_sense
-from armctl.kinematics.geometry.tool_plane import ToolPlane
+from armctl.kinematics.subproblems import ToolPlane
 from armctl.motion.paths.tool_curve import ToolCurve
 from armctl.motion.polynomial import PiecewisePolynomial, cubic_spline
 from armctl.robot import Robot

@@ -16,7 +16,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import rotation_angle
-from armctl.kinematics.families.numeric.goals import crossed, rotation_vectors
+from armctl.kinematics.families.numeric.descent import crossed, rotation_vectors
 from armctl.motion.paths.tool_pitch import PitchRows
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import ArrayRecord, FloatArray
-from armctl.kinematics.geometry.subproblems import dot
+from armctl.kinematics.subproblems import dot
 from armctl.robot.parts import Obstacle
 
 # Distances between straight segments, and from boxes: many at once, entry by entry in memory.

@@ -11,7 +11,7 @@ import numpy as np
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics import Body
 from armctl.kinematics.chain import Chain, LinkFrames
-from armctl.kinematics.geometry.subproblems import cross
+from armctl.kinematics.subproblems import cross
 from armctl.robot.look.rows import (
     DENSITIES,
     MAKES,

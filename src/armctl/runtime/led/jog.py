@@ -8,8 +8,8 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import quaternion_wxyz
-from armctl.kinematics.families.numeric.goals import rotation_vectors
-from armctl.kinematics.geometry.subproblems import turn
+from armctl.kinematics.families.numeric.descent import rotation_vectors
+from armctl.kinematics.subproblems import turn
 from armctl.kinematics.velocity import damped_inverse, turning_speeds
 from armctl.motion.paths.tool_pitch import PitchRows, PlanePitch, pitch_rows
 from armctl.protocol import Command, Jog, JogTool

@@ -13,9 +13,16 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.angles import distinct, wrapped
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.families.general_six.paths import Beside, followed, meeting, unreal
-from armctl.kinematics.families.general_six.pencil import ArmPencil, Candidates, ComplexArray
-from armctl.kinematics.families.numeric.goals import rotation_vectors
+from armctl.kinematics.families.general_six.pencil import (
+    ArmPencil,
+    Beside,
+    Candidates,
+    ComplexArray,
+    followed,
+    meeting,
+    unreal,
+)
+from armctl.kinematics.families.numeric.descent import rotation_vectors
 from armctl.kinematics.families.numeric.solver import roll_joint
 from armctl.kinematics.families.whole_pose import HIDDEN, Configurations, WholePoses, misses, polished
 from armctl.kinematics.newton import newton

@@ -13,19 +13,21 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import all_images, distinct, each_once, whole_turns
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.families.numeric.descent import Starts, come_nearest, come_nearest_holding, meet
-from armctl.kinematics.families.numeric.goals import (
+from armctl.kinematics.energy import EnergyModel, OnTarget
+from armctl.kinematics.families.numeric.descent import (
     Goal,
     LimitsGoal,
     PositionGoal,
     RotationGoal,
+    Starts,
     Together,
     Turns,
+    come_nearest,
+    come_nearest_holding,
+    meet,
     pitch_goal,
     tool_motion,
 )
-from armctl.kinematics.on_target import OnTarget
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step
 from armctl.kinematics.solutions import (
     THERE_M,

@@ -18,8 +18,12 @@ from armctl.kinematics.angles import each_once, images, rest_angle, wrap
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel
 from armctl.kinematics.families.numeric.solver import NumericSolver
-from armctl.kinematics.families.offset_roll.geometry import OffsetRoll, recognise_offset_roll
-from armctl.kinematics.families.offset_roll.roll_sweep import BaseTarget, RollSweep
+from armctl.kinematics.families.offset_roll.roll_sweep import (
+    BaseTarget,
+    OffsetRoll,
+    RollSweep,
+    recognise_offset_roll,
+)
 from armctl.kinematics.families.yaw_pitch_roll.closed_form import PlanePostures
 from armctl.kinematics.families.yaw_pitch_roll.geometry import (
     BRANCHES,
@@ -31,10 +35,10 @@ from armctl.kinematics.families.yaw_pitch_roll.geometry import (
     tool_points_in,
 )
 from armctl.kinematics.families.yaw_pitch_roll.solver import NO_PITCH, YawPitchRollSolver
-from armctl.kinematics.geometry.subproblems import circle_angles, turn
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step
 from armctl.kinematics.solutions import Further, Solutions, SolvedArm
 from armctl.kinematics.solver import InverseKinematics, held_roll
+from armctl.kinematics.subproblems import circle_angles, turn
 from armctl.kinematics.target import Target
 
 _CACHED = 16

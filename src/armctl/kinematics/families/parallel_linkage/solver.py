@@ -31,10 +31,10 @@ from armctl.kinematics.families.yaw_pitch_roll.geometry import (
     is_on_axis,
     recognise,
 )
-from armctl.kinematics.geometry.tool_plane import ToolPlane
 from armctl.kinematics.samples import checked_step
 from armctl.kinematics.solutions import Solutions, SolvedArm, needs, too_far, too_near
 from armctl.kinematics.solver import InverseKinematics, held_roll, roll_angles
+from armctl.kinematics.subproblems import ToolPlane
 from armctl.kinematics.target import Target
 
 _ALIGNED = 1e-9

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import half_angle_cos_sin, into_limits
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.geometry.subproblems import (
+from armctl.kinematics.subproblems import (
     Columns,
     across,
     added,

@@ -24,14 +24,20 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import images
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.geometry.subproblems import across, angle_about, meeting_point, turn, turned
+from armctl.kinematics.subproblems import across, angle_about, angle_between, meeting_point, turn, turned
 
 _ALIGNED = 1e-9
 """how far axes may miss a common point [m] and how nearly parallel they may be (sine of the angle)"""
+
+
 REACH_TOLERANCE = 1e-11
 """how far rounding may carry a target beyond what the elbow reaches [m]"""
+
+
 _STRAIGHT = 1e-14
 """how near to stretched or folded a distance may be just that, in whole lengths"""
+
+
 _NEARLY = 1e-5
 """how far outside a limit rounding may put an elbow angle [rad]: near straight 1e-16 m are 1e-8 rad"""
 
@@ -149,6 +155,37 @@ def recognise_spherical(chain: Chain) -> SphericalShoulder | None:
         offset=float(angle_about(axes[3], upper, fore)),
         tool=tool[:3, :3],
     )
+
+
+ROOT_TOLERANCE = 1e-10
+"""how far rounding, of a nearly straight elbow too, may carry ``k`` beyond ``A + B cos x + C sin x``, of unit
+vectors; what then misses the target is dropped by the look at the tip"""
+
+
+def shoulder_angles(geometry: SphericalShoulder, rotation: FloatArray) -> FloatArray:
+    """The two ways (2 m, 3) in which the shoulder joints make rotations (m, 3, 3); NaN where they cannot.
+
+    With r = R w3, the axes w1, w2 and Rot(w2, θ2) w3 span a spherical triangle whose third side is the
+    angle between w1 and r; the half-angle formula for θ2 keeps its digits near the singular poses.
+    """
+    w1, w2, w3 = geometry.axes[:3]
+    r = rotation @ w3
+    side, first, second = angle_between(r, w1), angle_between(w1, w2), angle_between(w3, w2)
+    wide = np.sin(0.5 * (side + first - second)) * np.sin(0.5 * (side - first + second))
+    close = np.sin(0.5 * (first + second + side)) * np.sin(0.5 * (first + second - side))
+    away = 2.0 * np.arctan2(np.sqrt(np.maximum(0.0, wide)), np.sqrt(np.maximum(0.0, close)))
+    away[np.minimum(wide, close) < -ROOT_TOLERANCE] = math.nan
+    theta2 = geometry.singular + np.stack([away, -away])
+    theta1 = angle_about(w1, turned(w3, w2, theta2), r)
+    left = turn(w2, -theta2) @ turn(w1, -theta1) @ rotation
+    return np.stack([theta1, theta2, turn_about(left, w3)], axis=-1).reshape(-1, 3)
+
+
+def turn_about(rotation: FloatArray, axis: FloatArray) -> FloatArray:
+    """The turns about a unit axis (...) [rad] that come nearest to rotations (..., 3, 3)."""
+    sine = (rotation * across(axis)).sum(axis=(-2, -1))
+    cosine = (rotation * (np.eye(3) - np.outer(axis, axis))).sum(axis=(-2, -1))
+    return np.arctan2(sine, cosine)
 
 
 # Names of the branches of *spherical shoulder + elbow (+ roll)*.

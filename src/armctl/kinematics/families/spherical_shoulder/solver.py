@@ -16,26 +16,25 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image, central_images
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel
-from armctl.kinematics.families.numeric.descent import Starts, come_nearest
-from armctl.kinematics.families.numeric.goals import PositionGoal
+from armctl.kinematics.families.numeric.descent import PositionGoal, Starts, come_nearest
 from armctl.kinematics.families.spherical_shoulder.geometry import (
     SPHERICAL_BRANCHES,
     SphericalShoulder,
     recognise_spherical,
     spherical_branch_index,
 )
-from armctl.kinematics.families.spherical_shoulder.orientation import ToolOrientation
 from armctl.kinematics.families.spherical_shoulder.swivel import (
     Swivel,
+    ToolOrientation,
     least_candidates,
     least_rotation,
     sweep,
 )
 from armctl.kinematics.families.whole_pose import pose_of
-from armctl.kinematics.geometry.subproblems import turned
 from armctl.kinematics.samples import checked_step
 from armctl.kinematics.solutions import Further, Solutions, SolvedArm, all_needs, needs, too_far, too_near
 from armctl.kinematics.solver import InverseKinematics, held_roll, roll_angles
+from armctl.kinematics.subproblems import turned
 from armctl.kinematics.target import Target, elevation
 
 _AT_SHOULDER = 1e-10

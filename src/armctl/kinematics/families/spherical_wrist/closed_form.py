@@ -27,8 +27,8 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import Range, fitted
 from armctl.kinematics.families.spherical_wrist.geometry import SphericalWrist
-from armctl.kinematics.geometry.subproblems import two_turns
 from armctl.kinematics.newton import newton
+from armctl.kinematics.subproblems import two_turns
 
 ON_AXIS = 1e-10
 """where W is so near to the axis of the first or second joint, that joint may be at any angle [m]"""

@@ -26,8 +26,8 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.geometry.subproblems import across, meeting_point, turned
 from armctl.kinematics.samples import even_spread
+from armctl.kinematics.subproblems import across, meeting_point, turned
 
 Regional = Literal["parallel-23", "meet-23", "parallel-12", "meet-12", "skew"]
 """what makes the first three joints easy: which two axes are parallel or meet; ``skew``: none"""

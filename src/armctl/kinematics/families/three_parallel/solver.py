@@ -15,16 +15,17 @@ from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.families.numeric.solver import roll_joint
 from armctl.kinematics.families.three_parallel.closed_form import (
     BRANCHES,
+    ThreeParallel,
     all_ways,
+    recognise_three_parallel,
     with_pair,
     with_shoulder,
     with_wrist,
 )
-from armctl.kinematics.families.three_parallel.geometry import ThreeParallel, recognise_three_parallel
 from armctl.kinematics.families.whole_pose import HIDDEN, Configurations, WholePoses, misses, polished
-from armctl.kinematics.geometry.subproblems import circle_angles, cross
 from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.solver import InverseKinematics
+from armctl.kinematics.subproblems import circle_angles, cross
 from armctl.kinematics.target import Target
 
 # All ways of one pose in plain floats, for arms like Universal Robots'; arrays take thirty times as long.

@@ -36,8 +36,8 @@ from armctl.kinematics.families.yaw_pitch_roll.geometry import (
     bend_sense,
     branch_index,
 )
-from armctl.kinematics.geometry.tool_plane import ToolPlane
 from armctl.kinematics.solutions import BatchSolutions
+from armctl.kinematics.subproblems import ToolPlane
 
 Rows = NDArray[np.intp]
 REACH_TOLERANCE = 1e-12

@@ -22,8 +22,8 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_images, images, wrap
 from armctl.kinematics.families.yaw_pitch_roll.closed_form import ON_JOINT, bend_angle, inner_angle, two_link
 from armctl.kinematics.families.yaw_pitch_roll.geometry import BaseBranch, branch_index
-from armctl.kinematics.geometry.tool_plane import ToolPlane
 from armctl.kinematics.samples import grid_values
+from armctl.kinematics.subproblems import ToolPlane
 
 _ON_GRID = 1e-4
 """how near to a grid value, in steps, a knot counts as on it"""

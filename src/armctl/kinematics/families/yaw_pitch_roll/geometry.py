@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import images, into_limits, rest_angle, wrap
 from armctl.kinematics.chain import Chain
-from armctl.kinematics.geometry.tool_plane import ToolPlane
+from armctl.kinematics.subproblems import ToolPlane
 
 _ALIGNED = 1e-9
 """how far from parallel or perpendicular axes may be (sine of the angle) and offsets from zero [m]"""

@@ -25,7 +25,7 @@ from armctl.kinematics.angles import TWO_PI, into_limits, nearest_image, trigono
 from armctl.kinematics.families.yaw_pitch_roll.closed_form import bend_angle, cosines_within, inner_angle
 from armctl.kinematics.families.yaw_pitch_roll.free_joint import joined
 from armctl.kinematics.families.yaw_pitch_roll.geometry import BaseBranch
-from armctl.kinematics.geometry.tool_plane import ToolPlane
+from armctl.kinematics.subproblems import ToolPlane
 
 _PATTERNS = ((1, 1, -1), (1, -1, 1), (1, -1, -1))
 _SAMPLES = 2001

@@ -39,8 +39,8 @@ from armctl.kinematics.families.yaw_pitch_roll.geometry import (
 )
 from armctl.kinematics.families.yaw_pitch_roll.least_rotation import LeastRotation
 from armctl.kinematics.families.yaw_pitch_roll.section import PlaneCircle, collinear_circles, triangle
-from armctl.kinematics.geometry.tool_plane import ToolPlane
 from armctl.kinematics.solutions import all_needs, too_far, too_near
+from armctl.kinematics.subproblems import ToolPlane
 from armctl.kinematics.target import Target
 
 ComplexArray = NDArray[np.complex128]

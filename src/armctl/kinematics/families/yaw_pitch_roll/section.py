@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, within
-from armctl.kinematics.geometry.tool_plane import ToolPlane
+from armctl.kinematics.subproblems import ToolPlane
 
 ComplexArray = NDArray[np.complex128]
 _NO_LENGTH = 1e-12

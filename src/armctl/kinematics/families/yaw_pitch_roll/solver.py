@@ -40,10 +40,10 @@ from armctl.kinematics.families.yaw_pitch_roll.geometry import (
 from armctl.kinematics.families.yaw_pitch_roll.least_rotation import LeastRotation
 from armctl.kinematics.families.yaw_pitch_roll.reach import Reach
 from armctl.kinematics.families.yaw_pitch_roll.section import PlanarSection
-from armctl.kinematics.geometry.tool_plane import ToolPlane
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step
 from armctl.kinematics.solutions import BatchSolutions, Solutions, SolvedArm
 from armctl.kinematics.solver import NO_ROLL, InverseKinematics, held_roll, roll_angles
+from armctl.kinematics.subproblems import ToolPlane
 from armctl.kinematics.target import (
     Target,
     as_numbers,
