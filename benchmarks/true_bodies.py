@@ -42,8 +42,9 @@ from armctl.motion.clearance import FLOOR_TOLERANCE_M, sources
 from armctl.robot import Robot
 from armctl.robot.meshes.reading import solid_of
 from armctl.robot.parts import Look
+from armctl.robot.urdf.elements import read_urdf_file
 from armctl.robot.urdf.package import UrdfSource
-from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, read_urdf_file
+from armctl.robot.urdf.tree import UrdfJoint, UrdfTree
 
 Kind = Literal["self-collision", "floor"]
 Pair = tuple[int, int]

@@ -10,8 +10,7 @@ import numpy as np
 
 from armctl.kinematics import Chain
 from armctl.robot import Robot, load_robot
-from armctl.robot.body.arm_body import Capsule, capsule, moved
-from armctl.robot.body.shape import width
+from armctl.robot.body.arm_body import Capsule, capsule, moved, width
 from armctl.robot.parts import Look
 from armctl.robot.solids import Point
 

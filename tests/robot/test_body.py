@@ -21,9 +21,10 @@ from armctl.errors import MotionRefusedError, RobotFileError, UnreachableError
 from armctl.kinematics.chain import LinkFrames
 from armctl.motion import plan_line
 from armctl.robot import Robot, load_robot, robots_folder, shipped_robots
-from armctl.robot.body.collision import NEAR_M, undersides
+from armctl.robot.body.arm_body import width
+from armctl.robot.body.bodies import undersides
+from armctl.robot.body.collision import NEAR_M
 from armctl.robot.body.hulls import box_distance, segment_box_distance, segment_distance
-from armctl.robot.body.shape import width
 
 ARMS = [*map(of_sticks, FIVE), *map(random_arm, range(4))]
 

@@ -22,9 +22,9 @@ from armctl.errors import RobotFileError, StoppedError
 from armctl.process import heavy_work
 from armctl.robot import load_robot
 from armctl.robot.meshes import reading as meshes
+from armctl.robot.meshes.formats import MOST_CORNERS, require_bounded_dae
 from armctl.robot.meshes.reading import read_mesh
-from armctl.robot.meshes.text import MOST_CORNERS, require_bounded_dae
-from armctl.robot.urdf.package import zip_files
+from armctl.robot.urdf.unpacking import zip_files
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 FACET = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"

@@ -17,7 +17,7 @@ import pytest
 from armctl.robot import Robot, load_robot
 from armctl.robot.body import fitting
 from armctl.robot.body.arm_body import ArmBody
-from armctl.robot.meshes import cache as mesh_cache
+from armctl.robot.meshes import reading as mesh_cache
 from armctl.robot.meshes.reading import Drawn, coarse_solids
 
 BOX = "".join(f"v {x} {y} {z}\n" for x in (0, 0.1) for y in (0, 0.1) for z in (0, 0.2))

@@ -21,9 +21,9 @@ from armctl.kinematics import rotation_from_rpy
 from armctl.kinematics.chain import LinkFrames
 from armctl.motion import PointToPoint, preflight
 from armctl.robot import Robot
-from armctl.robot.body import surfaces
-from armctl.robot.body.surfaces import CLEAR_M, Surface, SurfacePairs
-from armctl.robot.meshes import cache as mesh_cache
+from armctl.robot.body import arm_body
+from armctl.robot.body.arm_body import CLEAR_M, Surface, SurfacePairs
+from armctl.robot.meshes import reading as mesh_cache
 from armctl.robot.record import robot_of, robot_record
 from armctl.robot.solids import Solid, block, drum
 
@@ -150,7 +150,7 @@ def test_without_the_library_hulls_decide_and_the_arm_says_so(
     tmp_path: Path, forked: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert not any("python-fcl" in text for text in forked.assumed)
-    monkeypatch.setattr(surfaces, "find_spec", lambda _: None)
+    monkeypatch.setattr(arm_body, "find_spec", lambda _: None)
     monkeypatch.setattr(mesh_cache, "folder", lambda: tmp_path / "kept")
     robot = load_robot(tmp_path / "arm.urdf").with_body()
     assert any("pip install python-fcl" in text for text in robot.assumed)

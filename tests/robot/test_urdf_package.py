@@ -20,7 +20,7 @@ from armctl.robot.urdf import (
     encode_side_file,
     install_package,
 )
-from armctl.robot.urdf import package as packages
+from armctl.robot.urdf import unpacking as packages
 
 STEPS = (
     Step("pan", "continuous", "base", "body", "0 0 0.1"),

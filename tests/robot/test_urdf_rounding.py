@@ -12,7 +12,7 @@ import pytest
 from tests.robot.urdf_kit import ROUNDED, Step, product, written
 
 from armctl import Robot, load_robot
-from armctl.robot.urdf.rounding import exact_angle, exact_axis, exact_rotation
+from armctl.robot.urdf.tree import exact_angle, exact_axis, exact_rotation
 
 HOBBY = (
     Step("pan", "revolute", "base", "l1", "0 0 0.05", "2.77556e-17 0 -3.1416"),

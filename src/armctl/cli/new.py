@@ -14,8 +14,8 @@ import numpy as np
 from armctl.cli.options import NUMBER
 from armctl.errors import InputError
 from armctl.robot import Robot, is_urdf, load_robot, robot_path
-from armctl.robot.body.shape import across_the_link
 from armctl.robot.draft import BUILDS, Build, Draft, build_named
+from armctl.robot.load import across_the_link
 from armctl.robot.look.rows import MAKES, written
 from armctl.robot.parts import Hand, Look
 

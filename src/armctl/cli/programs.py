@@ -37,7 +37,7 @@ from armctl.motion.profiles import PointToPoint
 from armctl.program import Program, check_program, open_program
 from armctl.protocol import ProgramProgress
 from armctl.robot import Robot, is_urdf
-from armctl.robot.body.shape import across_the_link
+from armctl.robot.load import across_the_link
 from armctl.robot.look.rows import called
 from armctl.robot.look_sound import faults
 

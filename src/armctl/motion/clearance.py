@@ -19,8 +19,8 @@ from armctl.arrays import FloatArray
 from armctl.facts import Blocked
 from armctl.kinematics.chain import LinkFrames
 from armctl.robot import Robot
+from armctl.robot.body.arm_body import CLEAR_M
 from armctl.robot.body.collision import NEAR_M
-from armctl.robot.body.surfaces import CLEAR_M
 
 FLOOR_TOLERANCE_M = 5e-4
 """How far a part may dip below the floor, or into anything else: less than a servo arm can tell."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -19,6 +19,9 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.robot.look.rows import MAKES, PAINTS, AnyRow, MakeName, Paint, paint
 from armctl.robot.parts import Color, Hand, Look
+
+if TYPE_CHECKING:
+    from armctl.robot.robot import Robot
 
 SOURCE = "the chain alone: sizes are guessed from its lengths"
 _THICK = 0.055
@@ -34,7 +37,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, slots=True)
-class Unknown:
+class _Unknown:
     """What is known of an arm without a look."""
 
     chain: Chain
@@ -53,17 +56,30 @@ class Unknown:
     """whether a gripper opens its jaws"""
 
 
-def guessed(arm: Unknown) -> Look:
-    """Its look: the same, with rows."""
+def guessed_look(robot: Robot) -> Look:
+    """The look of an arm that says nothing of it but its shape and width: the same, with rows."""
+    moving, coupling = [joint.lower < joint.upper for joint in robot.joints], robot.chain.coupling
+    stands = "home" in robot.poses and not robot.shapes  # else it is for links without shapes alone
+    look = robot.look
+    arm = _Unknown(
+        chain=robot.chain,
+        names=robot.link_names,
+        home=robot.pose("home") if stands else robot.limits.mean(axis=1),
+        turning=moving if coupling is None else [True] * len(robot.link_names),
+        driven=moving if coupling is None else (np.count_nonzero(coupling, axis=1) == 1).tolist(),
+        floor_m=robot.floor_z if stands else -np.inf,
+        look=look,
+        hand=look.hand or ("tip" if robot.gripper is None else "jaws"),
+        opens=robot.gripper is not None,
+    )
     rows = msgspec.convert(list(_Guess(arm).rows()), tuple[AnyRow, ...])
-    look = arm.look
     return Look(look.links, look.joints, look.shape, look.width, rows, tuple(arm.home.tolist()), SOURCE)
 
 
 class _Guess:
     """Points and axes of an arm at home [mm], and how wide it is there."""
 
-    def __init__(self, arm: Unknown) -> None:
+    def __init__(self, arm: _Unknown) -> None:
         self._arm, self._count = arm, len(arm.names)
         links = LinkFrames.at(arm.chain, arm.home[None])
         poses = [links.pose(i) for i in range(self._count)]

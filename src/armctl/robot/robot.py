@@ -30,8 +30,8 @@ from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.target import seem_degrees
 from armctl.kinematics.velocity import NEAR, position_leaves_orientation
 from armctl.robot.body.arm_body import ANY_OPENING, ArmBody, Capsule, CarriedPart, Openings
-from armctl.robot.body.bodies import MOST_OPENINGS, Bodies
-from armctl.robot.body.collision import CollisionModel, Underside
+from armctl.robot.body.bodies import Bodies, Underside, body_of_shapes, kept_body_of_shapes, leave_room
+from armctl.robot.body.collision import CollisionModel
 from armctl.robot.joint import Joint, beyond_limits, read_values, shown_values
 from armctl.robot.look.pieces import Drawing, Piece
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
@@ -192,51 +192,21 @@ class Robot(ArrayRecord):
         """Its body at each opening of the gripper; reading the files of shapes may take seconds."""
         if self.capsules is not None or not self.shapes:
             return self._drawn
-        return replace(self._drawn, given=self._worked_out(None).capsules).shared()
+        return replace(self._drawn, given=body_of_shapes(self._drawn, self.shapes).capsules).shared()
 
     @cached_property
     def whole_look(self) -> Look:
         """Its look; one that is guessed from its lengths where it has none."""
         if self.look.rows:
             return self.look
-        from armctl.robot.look_guess import Unknown, guessed
+        from armctl.robot.look_guess import guessed_look
 
-        moving, coupling = [joint.lower < joint.upper for joint in self.joints], self.chain.coupling
-        stands = "home" in self.poses and not self.shapes  # else it is for links without shapes alone
-        arm = Unknown(
-            chain=self.chain,
-            names=self.link_names,
-            home=self.pose("home") if stands else self.limits.mean(axis=1),
-            turning=moving if coupling is None else [True] * len(self.link_names),
-            driven=moving if coupling is None else (np.count_nonzero(coupling, axis=1) == 1).tolist(),
-            floor_m=self.floor_z if stands else -np.inf,
-            look=self.look,
-            hand=self.look.hand or ("tip" if self.gripper is None else "jaws"),
-            opens=self.gripper is not None,
-        )
-        return guessed(arm)
+        return guessed_look(self)
 
     @cached_property
     def body(self) -> ArmBody:
         """What is kept apart: capsules of the file, hulls of its shapes, or the solids of its look."""
         return self.bodies.at(ANY_OPENING)
-
-    def _worked_out(self, progress: Callable[[int, int], None] | None) -> ArmBody:
-        """The hulls of its shapes."""
-        from armctl.robot.meshes.cache import keep  # what reads meshes, and fits hulls to them
-
-        def fit() -> ArmBody:
-            from armctl.robot.body.fitting import fitted_body  # scipy, and seconds of work
-
-            drawn = [one for one in self._drawn.at(ANY_OPENING).capsules if one.link >= 0]
-            return fitted_body(self.chain, self.shapes, self.link_titles, drawn, progress)
-
-        return keep(ArmBody, self.shapes, *self._body_of, make=fit)
-
-    @property
-    def _body_of(self) -> tuple[object, ...]:
-        """What the body depends on besides the shapes."""
-        return self.chain.made_of(), self.link_titles, self.whole_look
 
     def with_body(self, progress: Callable[[int, int], None] | None = None) -> Robot:
         """The same arm with its body worked out, and what is to be said of it in ``assumed``.
@@ -246,15 +216,13 @@ class Robot(ArrayRecord):
         """
         if not self.shapes or self.capsules is not None:
             return self
-        return self._with(self._worked_out(progress))
+        return self._with(body_of_shapes(self._drawn, self.shapes, progress))
 
     def with_known_body(self) -> Robot | None:
         """The same, where it takes no time, because the body is kept; else None."""
         if not self.shapes or self.capsules is not None:
             return self
-        from armctl.robot.meshes.cache import kept
-
-        known = kept(ArmBody, self.shapes, *self._body_of)
+        known = kept_body_of_shapes(self._drawn, self.shapes)
         return None if known is None else self._with(known)
 
     def _with(self, body: ArmBody) -> Robot:
@@ -291,8 +259,7 @@ class Robot(ArrayRecord):
         _ = self.inverse_kinematics, self.bodies  # all of them share these
         twin = object.__new__(type(self))
         twin.__dict__.update(self.__dict__, openings=openings, part=part)
-        while len(known) >= MOST_OPENINGS:
-            known.pop(next(iter(known)), None)
+        leave_room(known)
         return known.setdefault(key, twin)
 
     @cached_property

@@ -11,12 +11,16 @@ import numpy as np
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics.chain import Chain
 from armctl.robot.body.arm_body import ANY_OPENING, ArmBody, Capsule, CarriedPart, Openings
-from armctl.robot.body.collision import CollisionModel, SolidPairs, Underside, undersides
+from armctl.robot.body.collision import CollisionModel, SolidPairs
 from armctl.robot.look.pieces import Drawing, Piece
-from armctl.robot.parts import Look, Obstacle
+from armctl.robot.parts import Look, Obstacle, Shape
 
 if TYPE_CHECKING:
     from armctl.robot.body.of_look import LookBody
+from collections.abc import Callable, Sequence
+
+from armctl.kinematics.samples import joint_samples
+from armctl.robot.look.pieces import link_name, of_joints
 
 MOST_OPENINGS = 8
 """of the gripper, with what it carries, for which the body is kept"""
@@ -72,7 +76,7 @@ class Bodies(ArrayRecord):
         openings = openings if self.opens else ANY_OPENING
         known = self._models
         if (openings, part) not in known:
-            _leave_room(known)
+            leave_room(known)
             known[openings, part] = (
                 self._model(openings, self._always if self.opens else None)
                 if part is None
@@ -87,7 +91,7 @@ class Bodies(ArrayRecord):
         openings = openings if self.opens else ANY_OPENING
         known = self._undersides
         if (openings, part) not in known:
-            _leave_room(known)
+            leave_room(known)
             known[openings, part] = undersides(
                 self.collision(openings),
                 self.titles,
@@ -141,11 +145,103 @@ class Bodies(ArrayRecord):
         )
 
 
+def body_of_shapes(
+    arm: Bodies, shapes: Sequence[Shape], progress: Callable[[int, int], None] | None = None
+) -> ArmBody:
+    """The hulls of the shapes of an arm, and what its look says of links without any; kept on disk."""
+    from armctl.robot.meshes.reading import keep
+
+    def fit() -> ArmBody:
+        from armctl.robot.body.fitting import fitted_body  # scipy, and seconds of work
+
+        drawn = [one for one in arm.at(ANY_OPENING).capsules if one.link >= 0]
+        return fitted_body(arm.chain, shapes, arm.titles, drawn, progress)
+
+    return keep(ArmBody, shapes, arm.chain.made_of(), arm.titles, arm.look, make=fit)
+
+
+def kept_body_of_shapes(arm: Bodies, shapes: Sequence[Shape]) -> ArmBody | None:
+    """The same, where it is kept already: it takes no time then."""
+    from armctl.robot.meshes.reading import kept
+
+    return kept(ArmBody, shapes, arm.chain.made_of(), arm.titles, arm.look)
+
+
 @lru_cache(_MOST_ARMS)
 def _first(bodies: Bodies) -> Bodies:
     return bodies
 
 
-def _leave_room(known: dict[_Held, Any]) -> None:
+def leave_room(known: dict[_Held, Any]) -> None:
+    """Forget the oldest of what is kept by openings and parts, so that one more has room."""
     while len(known) >= MOST_OPENINGS:
         known.pop(next(iter(known)), None)
+
+
+_PROBES = 24
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Underside:
+    """An end of a capsule, or the corners of a hull, to be kept above the floor."""
+
+    link: int
+    """index of its link"""
+    points: FloatArray
+    """(k, 3) in the link's frame [m]"""
+    radius: float
+    """how far below them the piece reaches [m]"""
+    thickness: float
+    """how far it may be below the floor where it lies on it in the home or the rest pose [m]"""
+    rests: float
+    """how high its lowest place is in the home or the rest pose, whichever is lower [m]; inf: in neither"""
+    part: str
+    """what a user calls the part that it belongs to"""
+    levers: FloatArray
+    """(n,) how far it rises or sinks a radian of each joint, at most [m/rad]"""
+
+
+def undersides(
+    model: CollisionModel,
+    titles: Sequence[str],
+    limits: FloatArray,
+    resting: FloatArray,
+    carried: Capsule | None = None,
+    *,
+    with_points: bool = True,
+) -> tuple[Underside, ...]:
+    """What joints raise or lower within limits (n, 2) [rad], of an arm that rests in poses (m, n) [rad].
+
+    Over a plane a capsule is lowest below one of its ends, and a hull below one of its corners. The ends of
+    DH rows that no capsule ends at count without thickness (``with_points``), and so do a ``carried`` part
+    beside those of ``model`` and the tool point, which comes last.
+    """
+    chain = model.chain
+    probes, rests = model.frames(joint_samples(limits, _PROBES)), model.frames(resting)
+    upright = abs(chain.segments[0][2, 2]) > 1 - 1e-12  # then the first joint changes no height
+    pieces = [
+        (c.link, points, c.as_hull.margin, c.radius if c.hull is None else c.hull.thickness, c.part)
+        for c in model.capsules
+        for points in (c.corners[:, None] if c.hull is None else c.corners[None])
+    ]
+    link, T = chain.places[-1]
+    tool = (link, T[None, :3, 3], 0.0, 0.0, "the tool")
+    ends = [(c.link, end) for c in model.capsules if c.hull is None for end in c.corners] + [(link, T[:3, 3])]
+    for link, place in chain.places if with_points else ():
+        point = place[:3, 3]
+        known = (end for its_link, end in ends if its_link == link)
+        if not any(np.allclose(point, end, atol=1e-9) for end in known):
+            ends.append((link, point))
+            pieces.append((link, point[None], 0.0, 0.0, link_name(link, titles)))
+    if carried is not None:  # lying on the floor at rest is no reason to be below it
+        pieces.append((carried.link, carried.corners, 0.0, 0.0, carried.part))
+    pieces.append(tool)
+    found: list[Underside] = []
+    for link, points, radius, thickness, part in pieces:
+        if link >= 0 and np.ptp(probes.place(link, points)[2].min(axis=0)) > 1e-9:
+            levers = model.levers_of(link, points)
+            levers[0] *= not upright
+            lowest = float(rests.place(link, points)[2].min(initial=np.inf)) - radius
+            levers = of_joints(chain, levers)
+            found.append(Underside(link, points, radius, thickness, lowest, part, levers))
+    return tuple(found)

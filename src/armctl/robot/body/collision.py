@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.kinematics.samples import joint_samples
-from armctl.robot.body.arm_body import Capsule
+from armctl.robot.body.arm_body import CLEAR_M, Capsule, SurfacePairs
 from armctl.robot.body.hulls import (
     HullPairs,
     box_distance,
@@ -23,46 +23,8 @@ from armctl.robot.body.hulls import (
     segment_box_distance,
     segment_distance,
 )
-from armctl.robot.body.surfaces import CLEAR_M, SurfacePairs
-from armctl.robot.look.pieces import Mount, link_name
+from armctl.robot.look.pieces import Mount, link_levers, mount_levers, of_joints
 from armctl.robot.parts import Obstacle
-
-
-def _levers(chain: Chain, link: int, points: FloatArray) -> FloatArray:
-    """How far points (p, 3) [m] in a link's frame move a radian of each link, at most: (m,) [m/rad]."""
-    levers = np.zeros(len(chain.segments))
-    aside = float(np.hypot(points[:, 0], points[:, 1]).max())
-    away = float(np.linalg.norm(points, axis=1).max())
-    for j in reversed(range(link + 1)):
-        levers[j] = aside
-        x, y, z = chain.segments[j][:3, 3].tolist()
-        aside, away = math.hypot(x, y) + away, math.hypot(x, y, z) + away
-    return levers
-
-
-def _mount_levers(chain: Chain, mount: Mount, points: FloatArray) -> FloatArray:
-    """As ``_levers``, of points (p, 3) [m] in the frame of a mount."""
-    pins = mount.pins
-    if pins is None:  # its origin moves with one link, and it turns with another
-        at_joint = _levers(chain, mount.hangs, np.zeros((1, 3)))
-        about = np.zeros(len(chain.segments))
-        about[: mount.turns + 1] = np.linalg.norm(points, axis=1).max()
-        return at_joint + about
-    near = _mount_levers(chain, replace(mount, pins=None), pins.near[None])
-    far = _levers(chain, pins.link, pins.far[None])
-    length = float(np.ptp(points[:, 0]))  # between its pins, or more: no less is needed of a bound
-    aside = float(np.hypot(points[:, 1], points[:, 2]).max())
-    beyond = max(float(-points[:, 0].min()), 0.0)
-    turning = (near + far) / max(length - 2 * beyond, 1e-3)
-    rolling = np.zeros(len(chain.segments))
-    rolling[: max(mount.turns, pins.link) + 1] = 1.0
-    return np.maximum(near, far) + (aside + beyond) * turning + aside * rolling
-
-
-def _of_joints(chain: Chain, levers: FloatArray) -> FloatArray:
-    """Levers of the links' turns (..., m) as those of the joints (..., n) [m/rad]."""
-    return levers if chain.coupling is None else levers @ np.abs(chain.coupling)
-
 
 NEAR_M = 0.02
 """Beyond this a gap is given as a lower bound, which costs less than its exact size."""
@@ -282,7 +244,7 @@ class CollisionModel:
     @cached_property
     def levers(self) -> FloatArray:
         """(capsules, n) how far a corner of each one moves a radian of each joint, at most [m/rad]."""
-        return _of_joints(self.chain, self._link_levers)
+        return of_joints(self.chain, self._link_levers)
 
     @cached_property
     def _link_levers(self) -> FloatArray:
@@ -294,8 +256,8 @@ class CollisionModel:
         """How far points (p, 3) [m] in a frame move a radian of each link's turn, at most: (m,) [m/rad]."""
         count = len(self.chain.segments)
         if link < count:
-            return _levers(self.chain, link, points)
-        return _mount_levers(self.chain, self.mounts[link - count], points)
+            return link_levers(self.chain, link, points)
+        return mount_levers(self.chain, self.mounts[link - count], points)
 
     @cached_property
     def pair_levers(self) -> FloatArray:
@@ -305,7 +267,7 @@ class CollisionModel:
         for row, pair in zip(levers, self.pairs, strict=True):
             links = (_mount(self.chain, self.mounts, self.capsules[i].link).links for i in pair)
             row[: min(map(min, links)) + 1] = 0.0  # these turns carry both
-        return _of_joints(self.chain, levers)
+        return of_joints(self.chain, levers)
 
     def gaps(self, links: LinkFrames, enough: ArrayLike = NEAR_M, *, depths: bool = True) -> FloatArray:
         """Gaps between the pairs: (k, m) [m], negative where they overlap.
@@ -460,72 +422,3 @@ def _first(links: LinkFrames, one: int, other: int) -> tuple[FloatArray, FloatAr
     """Rotation (3, 3) and origin (3,) [m] of a frame in another, at the first configuration."""
     R, origin = links.relative(*np.array([[one], [other], [0]], dtype=np.intp))
     return R[0], origin[0]
-
-
-_PROBES = 24
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Underside:
-    """An end of a capsule, or the corners of a hull, to be kept above the floor."""
-
-    link: int
-    """index of its link"""
-    points: FloatArray
-    """(k, 3) in the link's frame [m]"""
-    radius: float
-    """how far below them the piece reaches [m]"""
-    thickness: float
-    """how far it may be below the floor where it lies on it in the home or the rest pose [m]"""
-    rests: float
-    """how high its lowest place is in the home or the rest pose, whichever is lower [m]; inf: in neither"""
-    part: str
-    """what a user calls the part that it belongs to"""
-    levers: FloatArray
-    """(n,) how far it rises or sinks a radian of each joint, at most [m/rad]"""
-
-
-def undersides(
-    model: CollisionModel,
-    titles: Sequence[str],
-    limits: FloatArray,
-    resting: FloatArray,
-    carried: Capsule | None = None,
-    *,
-    with_points: bool = True,
-) -> tuple[Underside, ...]:
-    """What joints raise or lower within limits (n, 2) [rad], of an arm that rests in poses (m, n) [rad].
-
-    Over a plane a capsule is lowest below one of its ends, and a hull below one of its corners. The ends of
-    DH rows that no capsule ends at count without thickness (``with_points``), and so do a ``carried`` part
-    beside those of ``model`` and the tool point, which comes last.
-    """
-    chain = model.chain
-    probes, rests = model.frames(joint_samples(limits, _PROBES)), model.frames(resting)
-    upright = abs(chain.segments[0][2, 2]) > 1 - 1e-12  # then the first joint changes no height
-    pieces = [
-        (c.link, points, c.as_hull.margin, c.radius if c.hull is None else c.hull.thickness, c.part)
-        for c in model.capsules
-        for points in (c.corners[:, None] if c.hull is None else c.corners[None])
-    ]
-    link, T = chain.places[-1]
-    tool = (link, T[None, :3, 3], 0.0, 0.0, "the tool")
-    ends = [(c.link, end) for c in model.capsules if c.hull is None for end in c.corners] + [(link, T[:3, 3])]
-    for link, place in chain.places if with_points else ():
-        point = place[:3, 3]
-        known = (end for its_link, end in ends if its_link == link)
-        if not any(np.allclose(point, end, atol=1e-9) for end in known):
-            ends.append((link, point))
-            pieces.append((link, point[None], 0.0, 0.0, link_name(link, titles)))
-    if carried is not None:  # lying on the floor at rest is no reason to be below it
-        pieces.append((carried.link, carried.corners, 0.0, 0.0, carried.part))
-    pieces.append(tool)
-    found: list[Underside] = []
-    for link, points, radius, thickness, part in pieces:
-        if link >= 0 and np.ptp(probes.place(link, points)[2].min(axis=0)) > 1e-9:
-            levers = model.levers_of(link, points)
-            levers[0] *= not upright
-            lowest = float(rests.place(link, points)[2].min(initial=np.inf)) - radius
-            levers = _of_joints(chain, levers)
-            found.append(Underside(link, points, radius, thickness, lowest, part, levers))
-    return tuple(found)

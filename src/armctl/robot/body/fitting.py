@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Chain
-from armctl.robot.body.arm_body import ArmBody, Capsule
+from armctl.robot.body.arm_body import ArmBody, Capsule, Surface, comparable
 from armctl.robot.body.hulls import Hull, distances, hull_of_few, padded
-from armctl.robot.body.surfaces import Surface, comparable
 from armctl.robot.look.pieces import link_name
 from armctl.robot.meshes.reading import ArmSolids, across, extent, too_large, units_for
 from armctl.robot.parts import Shape
@@ -179,8 +178,10 @@ def fit(solids: Sequence[Solid]) -> tuple[list[Fitted], float]:
         i, best = max(halves, key=lambda one: pieces[one[0]].volume - sum(half.volume for half in one[1]))
         pieces[i : i + 1] = best
     found = [
-        replace(contain(piece.triangles.reshape(-1, 3)), surface=Surface.of(piece.triangles))
-        for piece in pieces
+        replace(capsule, surface=Surface.of(piece.triangles))
+        for piece, capsule in zip(
+            pieces, in_capsules([hull_of(one.triangles.reshape(-1, 3)) for one in pieces]), strict=True
+        )
     ]
     return found, _largest_gap([one.hull for one in found], corners)
 
@@ -219,11 +220,6 @@ class _FittedPiece:
                 if volume < least:
                     best, least = halves, volume
         return best
-
-
-def contain(points: FloatArray) -> Fitted:
-    """The hull of points (k, 3), and a capsule of little volume that contains it."""
-    return in_capsules([hull_of(points)])[0]
 
 
 def hull_as_it_is(points: FloatArray) -> Hull:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -323,3 +323,39 @@ def _volume(solid: Solid) -> tuple[float, FloatArray]:
     six = np.einsum("ij,ij->i", a, np.cross(b, c))
     volume = float(six.sum()) / 6
     return volume, (six[:, None] * (a + b + c)).sum(axis=0) / 24 / volume
+
+
+def of_joints(chain: Chain, levers: FloatArray) -> FloatArray:
+    """Levers of the links' turns (..., m) as those of the joints (..., n) [m/rad]."""
+    return levers if chain.coupling is None else levers @ np.abs(chain.coupling)
+
+
+def link_levers(chain: Chain, link: int, points: FloatArray) -> FloatArray:
+    """How far points (p, 3) [m] in a link's frame move a radian of each link, at most: (m,) [m/rad]."""
+    levers = np.zeros(len(chain.segments))
+    aside = float(np.hypot(points[:, 0], points[:, 1]).max())
+    away = float(np.linalg.norm(points, axis=1).max())
+    for j in reversed(range(link + 1)):
+        levers[j] = aside
+        x, y, z = chain.segments[j][:3, 3].tolist()
+        aside, away = math.hypot(x, y) + away, math.hypot(x, y, z) + away
+    return levers
+
+
+def mount_levers(chain: Chain, mount: Mount, points: FloatArray) -> FloatArray:
+    """As ``link_levers``, of points (p, 3) [m] in the frame of a mount."""
+    pins = mount.pins
+    if pins is None:  # its origin moves with one link, and it turns with another
+        at_joint = link_levers(chain, mount.hangs, np.zeros((1, 3)))
+        about = np.zeros(len(chain.segments))
+        about[: mount.turns + 1] = np.linalg.norm(points, axis=1).max()
+        return at_joint + about
+    near = mount_levers(chain, replace(mount, pins=None), pins.near[None])
+    far = link_levers(chain, pins.link, pins.far[None])
+    length = float(np.ptp(points[:, 0]))  # between its pins, or more: no less is needed of a bound
+    aside = float(np.hypot(points[:, 1], points[:, 2]).max())
+    beyond = max(float(-points[:, 0].min()), 0.0)
+    turning = (near + far) / max(length - 2 * beyond, 1e-3)
+    rolling = np.zeros(len(chain.segments))
+    rolling[: max(mount.turns, pins.link) + 1] = 1.0
+    return np.maximum(near, far) + (aside + beyond) * turning + aside * rolling

@@ -1,14 +1,8 @@
 """Arms from URDF files: the file's tree, its tool, its meshes, and what is said beside it."""
 
 from armctl.robot.urdf.arm import load_urdf
-from armctl.robot.urdf.package import (
-    ARM_SUFFIXES,
-    MESH_FILES,
-    UrdfSource,
-    add_to_package,
-    install_package,
-    side_path,
-)
+from armctl.robot.urdf.elements import read_urdf_file
+from armctl.robot.urdf.package import UrdfSource, side_path
 from armctl.robot.urdf.side_file import (
     SIDE_SUFFIX,
     SideFile,
@@ -17,8 +11,8 @@ from armctl.robot.urdf.side_file import (
     encode_side_file,
     read_side_file,
 )
-from armctl.robot.urdf.tree import read_urdf_file
-from armctl.robot.urdf.wanted import AXES, Wanted, argument_texts
+from armctl.robot.urdf.tool import AXES, Wanted, argument_texts
+from armctl.robot.urdf.unpacking import ARM_SUFFIXES, MESH_FILES, add_to_package, install_package
 from armctl.robot.urdf.xacro_properties import Argument
 
 __all__ = [

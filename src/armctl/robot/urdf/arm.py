@@ -18,27 +18,44 @@ from armctl.kinematics import Body, Chain, GravityModel
 from armctl.kinematics.angles import rest_angle
 from armctl.kinematics.chain import FixedFrame, frame_along
 from armctl.kinematics.families.offset_roll.roll_sweep import recognise_offset_roll
-from armctl.kinematics.families.registry import has_closed_form
 from armctl.kinematics.families.yaw_pitch_roll.geometry import recognise
 from armctl.robot.joint import JERK_UP_S, MOST_JOINTS, Joint
 from armctl.robot.meshes.reading import unreadable
 from armctl.robot.parts import Shape
 from armctl.robot.robot import BODY_ASSUMED, BODY_GUESSED, Robot
-from armctl.robot.urdf.chain import ArmChain, arm_chain, arm_way, require_solvable
-from armctl.robot.urdf.package import UrdfSource, arm_stem
-from armctl.robot.urdf.rounding import Rounding
+from armctl.robot.urdf.chain import (
+    MOST_TOLD,
+    ArmChain,
+    about_fixed,
+    about_noise,
+    arm_chain,
+    arm_way,
+    require_solvable,
+)
+from armctl.robot.urdf.elements import read_urdf_file
+from armctl.robot.urdf.package import UrdfSource
 from armctl.robot.urdf.side_file import SideFile, ToolEntry, applied, read_side_file
-from armctl.robot.urdf.tool import UrdfTool, about_beside, about_tool, left_out, suggested_tool
-from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, is_free, read_urdf_file
-from armctl.robot.urdf.wanted import AXES, EXACT, GIVES, ArgumentValue, Wanted, argument_texts
+from armctl.robot.urdf.tool import (
+    AXES,
+    GIVES,
+    ArgumentValue,
+    UrdfTool,
+    Wanted,
+    about_beside,
+    about_tool,
+    argument_texts,
+    left_out,
+    suggested_tool,
+)
+from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, is_free
+from armctl.robot.urdf.unpacking import arm_stem
 
 ASSUMED_SPEED = math.radians(60)  # [rad/s]
 SPEED_UP_S = 1 / 6
 """time from rest to full speed [s]"""
 _FASTER = 1.001
 """a speed is raised by more than rounding"""
-_UNSEEN = 1e-9
-"""a shift of the tool that is not worth a word [m]"""
+
 _ALONG = math.cos(math.radians(1))
 """cosine from which on two directions look the same"""
 _LEANS = 1e-6
@@ -49,8 +66,6 @@ _MOST_SHAPES = 500
 """of an arm; further ones are passed over"""
 _MOST_NAMED = 40
 """links of a file in one refusal"""
-_MOST_TOLD = 8
-"""shapes that were passed over, told by name"""
 
 
 def load_urdf(path: Path, wanted: str | None, arguments: Mapping[str, ArgumentValue] | None = None) -> Robot:
@@ -97,7 +112,7 @@ def _robot(
     moving = [joint for joint in way if is_free(joint)]
     if not moving:
         others = [joint.name for joint in tree.below(tree.root) if is_free(joint)]
-        names = ", ".join(others[:_MOST_TOLD]) + ", …" * (len(others) > _MOST_TOLD)
+        names = ", ".join(others[:MOST_TOLD]) + ", …" * (len(others) > MOST_TOLD)
         taken = f"; {names} look like a gripper or wheels; an arm with them is named: {tree.path.name}#LINK"
         raise RobotFileError(f"no joint turns between {tree.root} and {tool.link}{taken if others else ''}")
     if len(moving) > MOST_JOINTS:
@@ -123,8 +138,8 @@ def _robot(
         *about_tool(tree, tool, way),
         *about_beside(tree, way),
         *_about_approach(tree, tool, names, chain, approach),
-        *_about_fixed(way),
-        *_about_noise(tree, tool, chain, turn),
+        *about_fixed(way),
+        *about_noise(tree, tool, chain, turn),
         *_about_joints(moving, names, side),
         *_about_poses(side),
         *_about_shapes(tree, way, shapes, missing, side),
@@ -219,7 +234,7 @@ def _lacking(why: str, files: Sequence[str]) -> str:
     first, *more = dict.fromkeys(files)
     if not more:
         return f"{first} {why}"
-    some = ", ".join(more[:_MOST_TOLD]) + ", …" * (len(more) > _MOST_TOLD)
+    some = ", ".join(more[:MOST_TOLD]) + ", …" * (len(more) > MOST_TOLD)
     return f"{first} {why}; the same with {len(more)} more: {some}"
 
 
@@ -278,9 +293,9 @@ def _about_arguments(tree: UrdfTree) -> Iterable[str]:
     """Arguments that are as the file has them, and files that were left out."""
     left = [f"{one.name}{GIVES}{one.value}" for one in tree.arguments if one.value == one.default]
     if left:
-        more = ", …" * (len(left) > _MOST_TOLD)
+        more = ", …" * (len(left) > MOST_TOLD)
         other = f"others: armctl check {tree.path.name} NAME{GIVES}VALUE"
-        yield f"arguments as the file has them: {', '.join(left[:_MOST_TOLD])}{more} ({other})"
+        yield f"arguments as the file has them: {', '.join(left[:MOST_TOLD])}{more} ({other})"
     if tree.left_out:
         yield f"left out, as only simulators and controllers need it: {', '.join(tree.left_out)}"
 
@@ -337,57 +352,6 @@ def _ahead(chain: Chain) -> tuple[FloatArray | None, bool]:
     across = link - (link @ last) * last
     length = float(np.linalg.norm(across))
     return (across / length if length > _SHORTEST else None), False
-
-
-def _about_fixed(way: Sequence[UrdfJoint]) -> Iterable[str]:
-    """Joints that are held where they are, and right angles that were rounded."""
-    if held := [joint.held for joint in way if joint.held is not None]:
-        yield f"fixed: {'; '.join(held)}"
-    total, shift = _rounding(way)
-    if shift < _UNSEEN:
-        return
-    parts: list[str] = []
-    if total.quarters:
-        kinds = ", ".join(sorted(set(total.quarters)))
-        parts.append(f"{_count(len(total.quarters), 'angle')} written as rounded quarter turns ({kinds})")
-    if total.zeros:
-        parts.append(f"{_count(total.zeros, 'number')} below 1e-6 written for zero")
-    if total.noise:
-        parts.append(f"what is nearly right ({_noisy(total)})")
-    yield f"exact: {' and '.join(parts)}; the tool moves by at most {1000 * shift:.2g} mm"
-
-
-def _rounding(way: Sequence[UrdfJoint]) -> tuple[Rounding, float]:
-    """What was rounded on the way to the tool, and how far that moves the tool, at most [m]."""
-    total, shift, reach = Rounding(), 0.0, 0.0
-    for joint in reversed(way):
-        total = joint.rounding + total
-        shift += joint.rounding.shift * reach + joint.rounding.moved
-        reach += float(np.linalg.norm(joint.origin[:3, 3]))
-    return total, shift
-
-
-def _noisy(rounding: Rounding) -> str:
-    return ", ".join(rounding.noise[:_MOST_TOLD]) + ", …" * (len(rounding.noise) > _MOST_TOLD)
-
-
-def _about_noise(tree: UrdfTree, tool: UrdfTool, chain: Chain, turn: FloatArray) -> Iterable[str]:
-    """Angles that are nearly right, where they cost the closed form."""
-    way = arm_way(tree, tool.link, exact=True)
-    total, shift = _rounding(way)
-    if not total.noise or chain.coupling is not None or has_closed_form(chain):
-        return
-    if not has_closed_form(arm_chain(tree, way, turn).chain):
-        return
-    yield (
-        f"off a right angle by a little: {_noisy(total)}. So no closed form fits the arm: solutions are "
-        "searched, which is slower and may miss some. If right angles are meant, write exact = true into the "
-        f"side file (or {tree.path.name}#{EXACT}yes): the tool moves by at most {1000 * shift:.2g} mm"
-    )
-
-
-def _count(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def _about_joints(moving: Sequence[UrdfJoint], names: Sequence[str], side: SideFile) -> Iterable[str]:
@@ -449,7 +413,7 @@ def _about_shapes(
             yield f"no joint of the arm, drawn and checked as it is at zero: {', '.join(idle)}"
     elif side.look is None or not side.look.solids:
         yield BODY_GUESSED
-    for text in missing[:_MOST_TOLD]:
+    for text in missing[:MOST_TOLD]:
         yield f"passed over: {text}"
-    if len(missing) > _MOST_TOLD:
-        yield f"passed over: {len(missing) - _MOST_TOLD} more shapes"
+    if len(missing) > MOST_TOLD:
+        yield f"passed over: {len(missing) - MOST_TOLD} more shapes"

@@ -7,7 +7,7 @@ file has joints that follow others (``<mimic>``). Two of them on one axis are on
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,8 +15,10 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, RobotFileError
 from armctl.kinematics import Chain
+from armctl.kinematics.families.registry import has_closed_form
 from armctl.robot.robot import Robot
-from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, is_free
+from armctl.robot.urdf.tool import EXACT, UrdfTool
+from armctl.robot.urdf.tree import Rounding, UrdfJoint, UrdfTree, is_free
 
 _SAME = 1e-9
 """how far apart two axes may be that are one: sine, and metres"""
@@ -145,3 +147,63 @@ def require_solvable(robot: Robot, way: Sequence[UrdfJoint]) -> None:
             f'<joint name="{joint.name}">: follows the joint "{joint.mimics}": {cause}. If that joint has a '
             "motor of its own, take its <mimic> out; if it does not turn, make it fixed"
         ) from cause
+
+
+# What ``Robot.assumed`` says of joints that are held, and of right angles that were rounded.
+
+
+_UNSEEN = 1e-9
+"""a shift of the tool that is not worth a word [m]"""
+MOST_TOLD = 8
+"""shapes that were passed over, told by name"""
+
+
+def about_fixed(way: Sequence[UrdfJoint]) -> Iterable[str]:
+    """Joints that are held where they are, and right angles that were rounded."""
+    if held := [joint.held for joint in way if joint.held is not None]:
+        yield f"fixed: {'; '.join(held)}"
+    total, shift = _rounding(way)
+    if shift < _UNSEEN:
+        return
+    parts: list[str] = []
+    if total.quarters:
+        kinds = ", ".join(sorted(set(total.quarters)))
+        parts.append(f"{_count(len(total.quarters), 'angle')} written as rounded quarter turns ({kinds})")
+    if total.zeros:
+        parts.append(f"{_count(total.zeros, 'number')} below 1e-6 written for zero")
+    if total.noise:
+        parts.append(f"what is nearly right ({_noisy(total)})")
+    yield f"exact: {' and '.join(parts)}; the tool moves by at most {1000 * shift:.2g} mm"
+
+
+def _rounding(way: Sequence[UrdfJoint]) -> tuple[Rounding, float]:
+    """What was rounded on the way to the tool, and how far that moves the tool, at most [m]."""
+    total, shift, reach = Rounding(), 0.0, 0.0
+    for joint in reversed(way):
+        total = joint.rounding + total
+        shift += joint.rounding.shift * reach + joint.rounding.moved
+        reach += float(np.linalg.norm(joint.origin[:3, 3]))
+    return total, shift
+
+
+def _noisy(rounding: Rounding) -> str:
+    return ", ".join(rounding.noise[:MOST_TOLD]) + ", …" * (len(rounding.noise) > MOST_TOLD)
+
+
+def about_noise(tree: UrdfTree, tool: UrdfTool, chain: Chain, turn: FloatArray) -> Iterable[str]:
+    """Angles that are nearly right, where they cost the closed form."""
+    way = arm_way(tree, tool.link, exact=True)
+    total, shift = _rounding(way)
+    if not total.noise or chain.coupling is not None or has_closed_form(chain):
+        return
+    if not has_closed_form(arm_chain(tree, way, turn).chain):
+        return
+    yield (
+        f"off a right angle by a little: {_noisy(total)}. So no closed form fits the arm: solutions are "
+        "searched, which is slower and may miss some. If right angles are meant, write exact = true into the "
+        f"side file (or {tree.path.name}#{EXACT}yes): the tool moves by at most {1000 * shift:.2g} mm"
+    )
+
+
+def _count(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"

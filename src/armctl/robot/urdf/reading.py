@@ -19,7 +19,8 @@ import yaml
 
 from armctl.documents import DocumentKind
 from armctl.errors import RobotFileError
-from armctl.robot.urdf.package import MOST_FILES, UrdfSource
+from armctl.robot.urdf.package import UrdfSource
+from armctl.robot.urdf.unpacking import MOST_FILES
 from armctl.robot.urdf.xacro_expression import Budget
 from armctl.robot.urdf.xacro_functions import FixedList, shown, weight
 
@@ -35,8 +36,6 @@ _LONGEST_NUMBER = 100
 _NODE_STEPS, _PLACE_STEPS, _PACKAGE_STEPS = 100, 100, 2000
 """what it costs to read a node of YAML, to find where a name leads, and to look for a package"""
 _WILD = frozenset("*?[")
-
-
 _MOST_ELEMENTS = 100_000
 """of one file: each takes half a kilobyte of memory"""
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections import ChainMap
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TypeAlias, cast
 
@@ -74,11 +75,10 @@ class Expanded:
 
 def is_xacro(root: Element) -> bool:
     """Whether a file has anything for xacro to do."""
-    return any(_name(one) or _holes(one) for one in cast("Iterable[Element]", root.iter()))
-
-
-def _holes(element: Element) -> bool:
-    return any("${" in text or "$(" in text for text in (*element.attrib.values(), element.text or ""))
+    return any(
+        _name(one) or any("${" in text or "$(" in text for text in (*one.attrib.values(), one.text or ""))
+        for one in cast("Iterable[Element]", root.iter())
+    )
 
 
 def _name(element: Element) -> str | None:
@@ -128,8 +128,7 @@ class _Expansion:
         """The tree of the main file."""
         macros: Macros = ChainMap()
         made = self._copied(root, macros, Scope(self._texts, None))
-        space = root.get("xacro:targetNamespace")
-        if space:
+        if space := root.get("xacro:targetNamespace"):
             made.set("xmlns", space)
         own = tuple(
             (name, macro.call(name))
@@ -159,6 +158,12 @@ class _Expansion:
         self._budget.spend(_ELEMENT_STEPS)
         made = Element(tag)
         made.file, made.line = like.file, like.line
+        return made
+
+    def _expanded(self, element: Element, macros: Macros, scope: Scope) -> Element:
+        """What is inside of an element, expanded, in a new one without attributes."""
+        made = self._empty(element, element.tag)
+        self._expand_inside(element, made, macros, scope)
         return made
 
     def _expand_inside(self, element: Element, into: Element, macros: Macros, scope: Scope) -> None:
@@ -207,9 +212,7 @@ class _Expansion:
             case "if" | "unless" as kind:
                 written = _required(element, "value")
                 if truth(self._texts.value(written, scope), written) is (kind == "if"):
-                    made = self._empty(element, element.tag)
-                    self._expand_inside(element, made, macros, scope)
-                    self._move(made, into)
+                    self._move(self._expanded(element, macros, scope), into)
             case "insert_block":
                 self._insert_block(_required(element, "name"), into, macros, scope)
             case "include":
@@ -277,9 +280,7 @@ class _Expansion:
     def _insert_block(self, name: str, into: Element, macros: Macros, scope: Scope) -> None:
         many, one = scope.block(f"**{name}"), scope.block(f"*{name}")
         if many is not None:
-            made = self._empty(many, many.tag)
-            self._expand_inside(many, made, macros, scope)
-            self._move(made, into)
+            self._move(self._expanded(many, macros, scope), into)
         elif one is not None:
             into.append(self._copied(one, macros, scope))
         else:
@@ -300,8 +301,7 @@ class _Expansion:
             return
         if lost and not paths:
             raise MissingPackageError(lost)
-        space = element.get("ns")
-        if space:
+        if space := element.get("ns"):
             space = self._texts.text(space, scope)
             macros[space], around = ChainMap(), scope
             macros, scope = cast("Macros", macros[space]), Scope(self._texts, around, namespace=True)
@@ -315,8 +315,7 @@ class _Expansion:
             except RobotFileError as refusal:
                 raise RobotFileError(f'<xacro:include filename="{shown(name)}">: {refusal}') from refusal
             self._files.stack.append(path)
-            made = self._empty(root, root.tag)
-            self._expand_inside(root, made, macros, scope)
+            made = self._expanded(root, macros, scope)
             self._files.stack.pop()
             self._depth -= 1
             self._move(made, into)
@@ -330,13 +329,11 @@ class _Expansion:
     def _call(self, name: str, element: Element, into: Element, macros: Macros, scope: Scope) -> None:
         """Expand a call of a macro: its parameters, its blocks, then its body."""
         found = _found(name, macros, scope)
-        if found is None and self._left_out:
-            if _only_for_others(name):
-                return
-            lost = "; ".join(f"{shown(file)} was left out: {why}" for file, why in self._left_out.items())
-            raise RobotFileError(f"<xacro:{shown(name)}>: there is no such macro; {lost}")
+        if found is None and self._left_out and _only_for_others(name):
+            return
         if found is None:
-            raise RobotFileError(f"<xacro:{shown(name)}>: there is no such macro")
+            lost = "".join(f"; {shown(file)} was left out: {why}" for file, why in self._left_out.items())
+            raise RobotFileError(f"<xacro:{shown(name)}>: there is no such macro{lost}")
         self._enter()
         own_macros, around, macro = found
         own, missing = Scope(self._texts, around), list(macro.parameters)
@@ -347,8 +344,7 @@ class _Expansion:
                 raise RobotFileError(f"<{element.tag}>: the macro {name} has no parameter {shown(key)!r}")
             missing.remove(key)
             own.set(key, self._texts.held(text, scope))
-        blocks = self._empty(element, element.tag)
-        self._expand_inside(element, blocks, macros, scope)
+        blocks = self._expanded(element, macros, scope)
         self._at = element
         given = cast("list[Element]", list(blocks))
         for key in [key for key in missing if key.startswith("*")]:
@@ -360,8 +356,7 @@ class _Expansion:
             raise RobotFileError(f"<{element.tag}>: the macro {name} has no use for <{given[0].tag}>")
         for key in missing:
             own.set(key, self._default(name, macro, key, scope))
-        made = self._empty(macro.element, macro.element.tag)
-        self._expand_inside(macro.element, made, own_macros.new_child(), own)
+        made = self._expanded(macro.element, own_macros.new_child(), own)
         self._at = element
         self._depth -= 1
         self._move(made, into)
@@ -371,10 +366,8 @@ class _Expansion:
         """What a parameter is that a call does not give."""
         passed, text = macro.defaults.get(key, (False, None))
         if passed:
-            try:
+            with suppress(KeyError):
                 return scope.get(key)
-            except KeyError:
-                pass
         if text is None:
             raise RobotFileError(f"the macro {name} needs the parameter {key!r}")
         return self._texts.held(text, scope)
@@ -386,8 +379,7 @@ def _only_for_others(name: str) -> bool:
 
 
 def _required(element: Element, key: str) -> str:
-    value = element.get(key)
-    if value is None:
+    if (value := element.get(key)) is None:
         raise RobotFileError(f"<{element.tag}>: the attribute {key!r} is missing")
     return value
 

@@ -8,7 +8,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.kinematics import quaternion_wxyz
 from armctl.robot import CarriedPart, Robot
-from armctl.robot.body.shape import width
+from armctl.robot.body.arm_body import width
 from armctl.robot.look.rows import Theme
 from armctl.robot.parts import Color
 from armctl.robot.solids import Solid, grown

@@ -13,7 +13,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain, LinkFrames
 from armctl.robot import Robot
-from armctl.robot.body.shape import width
+from armctl.robot.body.arm_body import width
 from armctl.robot.look.pieces import Jaw, Mount, Piece
 from armctl.robot.look.rows import Paint, Theme, paint
 from armctl.robot.meshes.reading import Drawn, coarse_solids

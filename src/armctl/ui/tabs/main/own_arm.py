@@ -16,8 +16,8 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError
 from armctl.robot import Robot, robot_path
-from armctl.robot.body.shape import across_the_link
 from armctl.robot.draft import BUILDS, Draft
+from armctl.robot.load import across_the_link
 from armctl.robot.look.rows import MAKES, MakeName
 from armctl.robot.parts import Hand
 from armctl.ui.robot_switch import RobotChoice
