@@ -23,8 +23,8 @@ import numpy as np
 
 from armctl import Robot, load_robot
 from armctl.arrays import FloatArray
-from armctl.kinematics.chain import LinkFrames
 from armctl.kinematics.energy import STANDARD_GRAVITY
+from armctl.kinematics.frames import LinkFrames
 from armctl.robot.urdf import UrdfSource
 from armctl.robot.urdf.reading import parse_xml
 from armctl.robot.urdf.xacro import expand, is_xacro

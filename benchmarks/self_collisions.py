@@ -21,7 +21,7 @@ import numpy as np
 
 from armctl import load_robot
 from armctl.arrays import FloatArray
-from armctl.kinematics.chain import LinkFrames
+from armctl.kinematics.frames import LinkFrames
 from armctl.motion import PointToPoint, preflight
 from armctl.robot import Robot
 from armctl.robot.meshes.reading import ArmSolids

@@ -35,7 +35,7 @@ from scipy.spatial import ConvexHull
 
 from armctl import load_robot
 from armctl.arrays import FloatArray
-from armctl.kinematics.chain import LinkFrames
+from armctl.kinematics.frames import LinkFrames
 from armctl.kinematics.samples import joint_samples
 from armctl.motion import PointToPoint, preflight
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, sources

@@ -35,8 +35,6 @@ LARGER_FILES = {
     "documents.py": 460,
     "hardware/encoder/simulated.py": 520,
     "hardware/firmata/stream.py": 640,
-    "kinematics/chain.py": 560,
-    "kinematics/solutions.py": 595,
     "motion/preflight.py": 620,
     "process/link.py": 535,
     "process/records.py": 505,
@@ -52,11 +50,6 @@ LARGER_FILES = {
 }
 LARGER_FUNCTIONS = {
     "cli/serve.py serve": 77,
-    "kinematics/families/spherical_wrist/closed_form.py quick": 74,
-    "kinematics/families/spherical_wrist/geometry.py _geometry": 65,
-    "kinematics/families/yaw_pitch_roll/closed_form.py _solve_chunk": 78,
-    "kinematics/families/yaw_pitch_roll/closed_form.py pose_function": 69,
-    "motion/paths/tool_path.py follow": 62,
     "process/server.py serve_arm": 61,
     "runtime/dispatch.py _carry_out": 73,
     "ui/guard/server.py guarded_server": 75,

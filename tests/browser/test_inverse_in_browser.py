@@ -13,7 +13,7 @@ from tests.browser.kit import Screen
 from tests.browser.served_arm import HOME, ServedArm, served_arm
 
 from armctl.kinematics import Target
-from armctl.kinematics.chain import LinkFrames
+from armctl.kinematics.frames import LinkFrames
 from armctl.ui.tabs.inverse.answer import solve
 
 pytestmark = pytest.mark.browser

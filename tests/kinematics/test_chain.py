@@ -14,7 +14,7 @@ from armctl import load_robot
 from armctl.errors import InputError
 from armctl.kinematics import Chain, DHRow
 from armctl.kinematics.angles import half_angle_cos_sin
-from armctl.kinematics.chain import LinkFrames
+from armctl.kinematics.frames import LinkFrames
 
 QUARTERS = st.sampled_from([0.0, math.pi / 2, -math.pi / 2, math.pi, -math.pi])
 ANGLES = st.floats(-7.0, 7.0) | QUARTERS

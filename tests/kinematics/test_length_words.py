@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from armctl import load_robot
-from armctl.kinematics.solutions import millimetres
+from armctl.kinematics.explanations import millimetres
 
 
 @pytest.mark.parametrize(

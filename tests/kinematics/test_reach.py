@@ -15,7 +15,7 @@ from tests.kinematics.kit import FloatArray, chain_of, least_distance, random_pl
 
 from armctl import load_robot
 from armctl.kinematics import Chain, DHRow, InverseKinematics, Target
-from armctl.kinematics.solutions import needs
+from armctl.kinematics.explanations import needs
 
 STEP = math.radians(0.5)
 

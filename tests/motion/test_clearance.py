@@ -18,7 +18,7 @@ from tests.sticks import of_sticks
 
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain, DHRow
-from armctl.kinematics.chain import LinkFrames
+from armctl.kinematics.frames import LinkFrames
 from armctl.motion import Trajectory
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, Gaps, Obstacles, SelfCollision
 from armctl.motion.preflight import SampledMotion, preflight

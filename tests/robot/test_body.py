@@ -18,7 +18,7 @@ from tests.sticks import FINGER, TIP_LENGTH, bars, of_sticks, tool_length
 
 from armctl.arrays import FloatArray
 from armctl.errors import MotionRefusedError, RobotFileError, UnreachableError
-from armctl.kinematics.chain import LinkFrames
+from armctl.kinematics.frames import LinkFrames
 from armctl.motion import plan_line
 from armctl.robot import Robot, load_robot, robots_folder, shipped_robots
 from armctl.robot.body.arm_body import width

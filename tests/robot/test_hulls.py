@@ -17,7 +17,7 @@ from tests.robot.urdf_kit import Step, written
 
 from armctl import load_robot
 from armctl.arrays import FloatArray
-from armctl.kinematics.chain import LinkFrames
+from armctl.kinematics.frames import LinkFrames
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, stands_clear
 from armctl.motion.preflight import preflight
 from armctl.motion.profiles import PointToPoint

@@ -21,7 +21,7 @@ from armctl import load_robot
 from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import rotation_from_rpy
-from armctl.kinematics.chain import LinkFrames
+from armctl.kinematics.frames import LinkFrames
 from armctl.motion import SelfCollision, not_checked
 from armctl.motion.clearance import clear_pose, stands_clear
 from armctl.motion.preflight import preflight

@@ -18,7 +18,7 @@ from tests.robot.urdf_kit import Step, written
 from armctl import load_robot
 from armctl.arrays import FloatArray
 from armctl.kinematics import rotation_from_rpy
-from armctl.kinematics.chain import LinkFrames
+from armctl.kinematics.frames import LinkFrames
 from armctl.motion import PointToPoint, preflight
 from armctl.robot import Robot
 from armctl.robot.body import arm_body

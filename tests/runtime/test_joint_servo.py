@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.runtime.kit import ROBOT, TICK
 from tests.sticks import of_sticks
 
-from armctl.kinematics.chain import LinkFrames
+from armctl.kinematics.frames import LinkFrames
 from armctl.motion import Floor
 from armctl.motion.clearance import SelfCollision
 from armctl.robot.parts import Obstacle

@@ -13,7 +13,7 @@ import viser
 from tests.ui.page_kit import snapshot_of
 from tests.ui.test_scene import without_look
 
-from armctl.kinematics.chain import LinkFrames
+from armctl.kinematics.frames import LinkFrames
 from armctl.robot import CarriedPart, Robot, load_robot, shipped_robots
 from armctl.robot.look.rows import paint
 from armctl.robot.solids import block, creased, drum, grown, joined

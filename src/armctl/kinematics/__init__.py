@@ -1,7 +1,7 @@
 """Kinematics in pure numpy: chains, inverse solutions, energy, reach. No I/O, no clock, no robot file."""
 
 from armctl.kinematics.angles import quaternion_wxyz, roll_pitch_yaw, rotation_from_rpy
-from armctl.kinematics.chain import Chain, DHRow
+from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import (
     CRITERIA,
     CRITERION_TEXT,
@@ -13,6 +13,7 @@ from armctl.kinematics.energy import (
     checked_criterion,
 )
 from armctl.kinematics.families.registry import Branch, BranchFinder, inverse_kinematics
+from armctl.kinematics.frames import DHRow
 from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.solutions import BatchSolutions, Choice, Solutions
 from armctl.kinematics.solver import InverseKinematics

@@ -14,8 +14,16 @@ from armctl.arrays import FloatArray
 TWO_PI = 2.0 * math.pi
 LIMIT_TOLERANCE = 1e-9
 """How far rounding may carry an angle over its limit [rad]; what is accepted is clipped back onto it."""
+SAME_ROTATION = 1e-6
+"""Rotations that differ by less are the same [rad]."""
+DEGREE = math.pi / 180.0
 _OPEN_END = 1e-8
 """how much less than a turn a widened joint has [rad]"""
+
+
+def in_degrees(angle: float, spec: str = ".2f") -> str:
+    """An angle [rad] as text, such as ``12.50°``, never ``-0.00°``; ``spec``: how its number is written."""
+    return f"{math.degrees(angle):z{spec}}°"
 
 
 def wrap(angle: float) -> float:

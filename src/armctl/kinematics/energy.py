@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.angles import skew_part
-from armctl.kinematics.chain import Chain, LinkFrames
+from armctl.kinematics.chain import Chain
+from armctl.kinematics.frames import LinkFrames
 from armctl.kinematics.newton import Rows, newton, target_rows
 from armctl.kinematics.target import Target
 

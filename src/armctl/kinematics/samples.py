@@ -9,7 +9,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
-from armctl.kinematics.angles import rest_angle
+from armctl.kinematics.angles import DEGREE, in_degrees, rest_angle
 from armctl.kinematics.target import checked_number
 
 _SEED = 20_240
@@ -90,7 +90,7 @@ def greatest(value: Callable[[FloatArray], FloatArray], limits: FloatArray) -> t
 
 # The values that a swept joint takes.
 
-DEFAULT_STEP = math.radians(0.01)
+DEFAULT_STEP = 0.01 * DEGREE
 """the paper's step of the swept joint [rad]"""
 _MOST_VALUES = 2_000_000
 _SLACK = 1e-6
@@ -112,10 +112,9 @@ def grid_values(low: float, high: float, step: float) -> FloatArray:
     Raises ``InputError``: ``step`` is so small that there are too many values.
     """
     if (high - low) / step > _MOST_VALUES:
-        least = math.degrees((high - low) / _MOST_VALUES)
+        least = in_degrees(1.005 * (high - low) / _MOST_VALUES, ".3g")
         raise InputError(
-            f"the step of the swept joint must be an angle of at least {1.005 * least:.3g}°, "
-            f"got {math.degrees(step):.6g}°"
+            f"the step of the swept joint must be an angle of at least {least}, got {in_degrees(step, '.6g')}"
         )
     first, last = math.ceil(low / step - _SLACK), math.floor(high / step + _SLACK)
     if first > last:

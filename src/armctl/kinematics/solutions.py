@@ -13,40 +13,26 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import ArrayRecord, ByContent, FloatArray, content, lock
 from armctl.errors import InputError, UnreachableError
-from armctl.facts.reasons import decimals_apart
-from armctl.kinematics.angles import rotation_angle
+from armctl.kinematics.angles import SAME_ROTATION, rotation_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import FROM_START, Criterion, EnergyModel, OnTarget, checked_criterion, energies
-from armctl.kinematics.newton import moving_joints, uncertainties
-from armctl.kinematics.samples import DEFAULT_STEP
-from armctl.kinematics.target import Target, as_numbers, degrees_hint, elevation, length_hint
+from armctl.kinematics.explanations import explanation, off_rotation, unit_hint, why_incomplete
+from armctl.kinematics.target import Target, as_numbers
 
 THERE_M = 1e-7
 """a nearest point that is so near is the target itself [m]"""
-_TURNED = 1e-6
-"""rotations that differ by less are the same [rad]"""
-_WITH_PITCH = " with that pitch"
-_ON_LIMIT, _LEVER = 1e-6, 1e-3
-"""so near to a limit a joint is at it [rad]; what a turn must bring at least to count as nearer [m/rad]"""
-_SEEN_MM = 0.05
-"""what one decimal shows as more than 0.0 [mm]"""
 _SAME_TIME = 9
 """decimals of a time that count [s]"""
 _SAME_TORQUE = 12
 """decimals of a sum of squared torques that count, by the least one"""
-_BESIDE, _LISTED = 1e-4, 1e-6
-"""how far beyond its limits an arm is solved for what rounding took there; which solutions are one [rad]"""
+
 _GAIN = 1e-6
 """by what share a solution must be better than all of the list to be taken beside it"""
 _ALIGNED = 1e-9
 """sine of the angle up to which a roll axis is along the approach axis"""
-
-
 Choice = str | Callable[[FloatArray, FloatArray | None], ArrayLike]
 """A named criterion, or one of your own: of the solutions (k, n) [rad] and the start (n,) [rad], or None
 where none is given, it makes k energies. The least is chosen; infinity excludes one."""
-
-
 Further = Callable[[Criterion, FloatArray], FloatArray]
 """By a criterion and from a start (n,) [rad], solutions (m, n): the one of least travel is among them."""
 
@@ -86,6 +72,15 @@ class SolvedArm(NamedTuple):
     """(3,) what a pitch is measured against; None: z of the base frame"""
     solver_of: SolverOf | None = None
     """makes the solver of the same arm inside other limits; None where it searches"""
+
+    @property
+    def upward(self) -> FloatArray:
+        """(3,) what a pitch is measured against."""
+        return np.array([0.0, 0.0, 1.0]) if self.up is None else self.up
+
+    def title(self, joint: int) -> str:
+        """What messages call a joint."""
+        return self.titles[joint] if self.titles else f"joint {joint + 1}"
 
     def __eq__(self, other: object) -> bool:
         return self is other or content(tuple(self)) == content(other)
@@ -162,18 +157,12 @@ class Solutions(ByContent):
     @cached_property
     def reason(self) -> str | None:
         """Why there is none, in words; None when solved."""
-        return None if self.refusal is None else self.refusal + self._unit_hint
+        return None if self.refusal is None else self.refusal + unit_hint(self)
 
     @cached_property
     def refusal(self) -> str | None:
         """The reason without a word on units, for a reason that it is a part of."""
         return self._reason() if callable(self._reason) else self._reason
-
-    @property
-    def _unit_hint(self) -> str:
-        """What to ask about the target's numbers, where they are hardly meant."""
-        hint = length_hint(math.hypot(*self.target.point), self.arm.chain.length)
-        return hint or degrees_hint(self.target.roll or 0.0)
 
     @cached_property
     def branch_index(self) -> NDArray[np.int8]:
@@ -188,7 +177,7 @@ class Solutions(ByContent):
     def __repr__(self) -> str:
         found = self.explanation
         if self.success:
-            swept = "" if self.free_joint is None else f", {self._title(self.free_joint)} swept"
+            swept = "" if self.free_joint is None else f", {self.arm.title(self.free_joint)} swept"
             found = f"{len(self)} configuration{'' if len(self) == 1 else 's'}{swept}"
         return f"Solutions({found})"
 
@@ -210,9 +199,6 @@ class Solutions(ByContent):
         """What makes two equal; the rest follows from it."""
         return content((self.arm, self.target, self.q, self.branch_index, self.free_joint, self.nearest_q))
 
-    def _title(self, joint: int) -> str:
-        return self.arm.titles[joint] if self.arm.titles else f"joint {joint + 1}"
-
     @cached_property
     def incomplete_reason(self) -> str | None:
         """Why solutions may be missing from the list, in words; None where none is.
@@ -221,60 +207,7 @@ class Solutions(ByContent):
         """
         if self._missing is not None or self.arm.limits is None:
             return self._missing
-        return self._moving(self.arm.limits) or self._at_a_limit(self.arm.limits)
-
-    def _held(self) -> list[int]:
-        """Joints of which any angle counts as the same solution, or that are given one."""
-        given = self.arm.roll_joint if self.target.roll is not None else None
-        return [k for k in (self.free_joint, self.free_roll, given) if k is not None]
-
-    def _moving(self, limits: FloatArray) -> str | None:
-        """Which joints may move while the target is met, in words."""
-        arm = self.arm
-        if not self.success or arm.chain.coupling is not None:
-            return None
-        moving = moving_joints(arm.chain, limits, self.target, self.q, self._held(), self._up)
-        if not moving:
-            return None
-        names = [self._title(k) for k in moving]
-        if len(names) == 1:
-            return f"{names[0]} may turn while the tool stays: of a continuum some are listed"
-        joints = f"{', '.join(names[:-1])} and {names[-1]}"
-        return f"{joints} may turn together while the tool stays: of a continuum some are listed"
-
-    def _at_a_limit(self, limits: FloatArray) -> str | None:
-        """Which solution rounding may have taken beyond the limits (n, 2), in words.
-
-        The arm is solved inside limits that are a little wider. How far rounding carries a solution depends
-        on how nearly singular it is.
-        """
-        arm = self.arm
-        if arm.solver_of is None or self.free_joint is not None:
-            return None
-        wide = np.where(
-            np.ptp(limits, axis=1)[:, None] > 0.0, limits + _BESIDE * np.array([-1.0, 1.0]), limits
-        )
-        solver = arm.solver_of(arm.chain, wide, arm.energy, arm.titles)
-        found = None if solver is None else solver.solve(self.target, DEFAULT_STEP)
-        if found is None or found.free_joint is not None:
-            return None
-        q = found.q[found.residual_rad < _TURNED]
-        held = self._held()
-        beyond = np.abs(q - np.clip(q, *limits.T))
-        beyond[:, held] = 0.0
-        known = uncertainties(arm.chain, limits, self.target, q, held, self._up)
-        counted = np.delete(np.arange(arm.chain.n), held)
-        for i in np.flatnonzero(beyond.max(axis=1, initial=0.0) <= known):
-            apart = np.abs(self.q - q[i])[:, counted].max(axis=1, initial=0.0)
-            if apart.min(initial=math.inf) > max(_LISTED, known[i]):
-                title = arm.titles[int(beyond[i].argmax())]
-                return f"a solution with {title} at its limit may be missing: rounding decides about it"
-        return None
-
-    @property
-    def _up(self) -> FloatArray:
-        """(3,) what a pitch is measured against."""
-        return np.array([0.0, 0.0, 1.0]) if self.arm.up is None else self.arm.up
+        return why_incomplete(self, self.arm.limits)
 
     @property
     def complete(self) -> bool:
@@ -317,7 +250,7 @@ class Solutions(ByContent):
     @property
     def met(self) -> bool:
         """Whether one has all that was asked for: else the nearest to a rotation may be listed."""
-        return self.success and bool((self.residual_rad < _TURNED).any())
+        return self.success and bool((self.residual_rad < SAME_ROTATION).any())
 
     @cached_property
     def nearest_m(self) -> FloatArray | None:
@@ -327,49 +260,7 @@ class Solutions(ByContent):
     @property
     def explanation(self) -> str:
         """The reason and the nearest reachable point in one sentence [mm]; empty when solved."""
-        if self.refusal is None or self.nearest_m is None:
-            return self.reason or ""
-        if not self.nearest_away_m:
-            return f"{self.refusal}; the point itself can be reached{self._unit_hint}"
-        x, y, z = 1000.0 * self.nearest_m
-        nearest = f"({x:z.1f}, {y:z.1f}, {z:z.1f}) mm, {millimetres(self.nearest_away_m)} mm away"
-        pitched = self._at_the_pitch()
-        holding = "" if pitched == _WITH_PITCH else self._holding_limits()
-        inside = "inside the joint limits " if holding else ""
-        where = f"{inside}the nearest reachable point{pitched}"
-        return f"{self.refusal}; {where} is {nearest}{holding}{self._unit_hint}"
-
-    def _holding_limits(self) -> str:
-        """Which joints stand at limits, beyond which the tool would come nearer to the target, in words."""
-        arm, q, point = self.arm, self.nearest_q, self.nearest_m
-        if q is None or point is None or arm.limits is None or arm.chain.coupling is not None:
-            return ""
-        away = point - self.target.position
-        nearer = -(arm.chain.jacobian(q)[:3].T @ away) / np.linalg.norm(away)
-        if self.target.roll is not None and arm.roll_joint is not None:
-            nearer[arm.roll_joint] = 0.0
-        low, high = arm.limits.T
-        held = (low < high) & (
-            ((q <= low + _ON_LIMIT) & (nearer < -_LEVER)) | ((q >= high - _ON_LIMIT) & (nearer > _LEVER))
-        )
-        titles = arm.titles or [f"joint {j + 1}" for j in range(len(q))]
-        words = [
-            f"{titles[j]} is at its limit of {math.degrees(q[j]):z.2f}°"
-            for j in np.flatnonzero(held).tolist()
-        ]
-        return f", where {' and '.join(words)}" if words else ""
-
-    def _at_the_pitch(self) -> str:
-        """Where the nearest configuration has the pitch that was asked for: another one may come nearer."""
-        if self.target.rotation is not None:
-            return ", whatever the orientation,"
-        if self.target.pitch is None or self.nearest_q is None:
-            return ""
-        up = self._up
-        aim = self.arm.chain.forward(self.nearest_q)[:3, 2]
-        rise = float(aim @ up)
-        pitch = math.atan2(rise, float(np.linalg.norm(aim - rise * up)))  # exact near 90°, too
-        return _WITH_PITCH if abs(pitch - elevation(self.target.pitch)) < _TURNED else ""
+        return explanation(self)
 
     @property
     def nearest_away_m(self) -> float:
@@ -490,7 +381,7 @@ class Solutions(ByContent):
         for joint in (self.free_roll, None if self.target.roll is None else arm.roll_joint):
             if joint is not None:
                 limits[joint] = q[int(energy.argmin()), joint]
-        on_target = OnTarget(arm.chain, limits, self.target, self._up)
+        on_target = OnTarget(arm.chain, limits, self.target, self.arm.upward)
         if on_target.spare < 1:
             return q[:0]
         if name == "least-travel":
@@ -504,12 +395,7 @@ class Solutions(ByContent):
         if self.target.rotation is None:
             return None
         off = float(rotation_angle(self.arm.chain.forward(q)[:3, :3].T @ self.target.rotation))
-        if off <= _TURNED:
-            return None
-        return (
-            "the arm reaches that point, but not in that orientation: the nearest that was found there is "
-            f"{math.degrees(off):.3g}° off"
-        )
+        return None if off <= SAME_ROTATION else off_rotation(off)
 
     def index_of(self, q: ArrayLike) -> int:
         """Index of the solution nearest to ``q`` (n,) [rad] by its largest difference of a joint.
@@ -555,37 +441,3 @@ class BatchSolutions(ArrayRecord):
 
     def __len__(self) -> int:
         return len(self.q)
-
-
-# Words of refusals.
-
-
-def millimetres(metres: float) -> str:
-    """A length [m] as a number of mm: with one decimal, or two digits of one that would read as 0.0."""
-    length = 1000.0 * metres
-    return f"{length:.1f}" if abs(length) >= _SEEN_MM else f"{length:.2g}"
-
-
-def too_far(miss: float, where: str, limit: str, length: float) -> str:
-    """Text for a target beyond a greatest length by ``miss``, both [m]."""
-    return f"too far by {millimetres(miss)} mm: {where}, {limit} {1000 * length:.1f} mm"
-
-
-def too_near(miss: float, where: str, limit: str, length: float) -> str:
-    """Text for a target inside a least length by ``miss``, both [m]."""
-    return (
-        f"inside the dead zone, too near by {millimetres(miss)} mm: {where}, {limit} {1000 * length:.1f} mm"
-    )
-
-
-def all_needs(titles: Sequence[str], limits: NDArray[np.float64], needed: Sequence[tuple[int, float]]) -> str:
-    """Text for joints that would leave their limits: index and angle [rad] of each, ``limits`` (n, 2)."""
-    return " and ".join(needs(titles[joint], limits[joint], angle) for joint, angle in needed)
-
-
-def needs(title: str, limits: NDArray[np.float64] | Sequence[float], *angles: float) -> str:
-    """Text for a joint that would leave its limits: ``limits`` (2,) and alternative ``angles`` [rad]."""
-    low, high, *needed = (math.degrees(float(value)) + 0.0 for value in (*limits, *angles))
-    digits = max(decimals_apart(angle, low, high) for angle in needed)
-    said = " or ".join(dict.fromkeys(f"{angle:z.{digits}f}°" for angle in needed))
-    return f"{title} needs {said}, its limits are {low:z.{digits}f}° … {high:z.{digits}f}°"

@@ -23,8 +23,9 @@ from armctl.kinematics.angles import (
 )
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.explanations import needs
 from armctl.kinematics.samples import DEFAULT_STEP
-from armctl.kinematics.solutions import BatchSolutions, Solutions, needs
+from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.subproblems import ToolPlane
 from armctl.kinematics.target import Target, checked_positions, checked_rotations
 from armctl.kinematics.workspace import SampledSection, Section

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray, content, read_only
 from armctl.errors import InputError
 from armctl.facts.english import WRONG_UNIT
-from armctl.kinematics.angles import TWO_PI, rotation_from_rpy, wrapped
+from armctl.kinematics.angles import TWO_PI, in_degrees, rotation_from_rpy, wrapped
 
 
 def as_numbers(value: ArrayLike, what: str) -> FloatArray:
@@ -339,7 +339,7 @@ def _require_one_turn(angles: FloatArray, what: str, *, rows: bool = False) -> N
         got = float(angles[beyond[0]])
         raise InputError(
             f"{what} lies within one turn, -360° … 360°; got {got:.6g} rad{where}, "
-            f"which is {math.degrees(got):.6g}°{degrees_hint(got)}"
+            f"which is {in_degrees(got, '.6g')}{degrees_hint(got)}"
         )
 
 

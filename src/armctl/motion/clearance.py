@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import FloatArray
 from armctl.facts import Blocked
-from armctl.kinematics.chain import LinkFrames
+from armctl.kinematics.frames import LinkFrames
 from armctl.robot import Robot
 from armctl.robot.body.arm_body import CLEAR_M
 from armctl.robot.body.collision import NEAR_M

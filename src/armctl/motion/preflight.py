@@ -28,7 +28,7 @@ from armctl.facts import (
     what,
 )
 from armctl.kinematics import GravityModel
-from armctl.kinematics.chain import LinkFrames
+from armctl.kinematics.frames import LinkFrames
 from armctl.kinematics.target import checked_number
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Gaps, sources

@@ -16,7 +16,8 @@ import msgspec
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.chain import Chain, LinkFrames
+from armctl.kinematics.chain import Chain
+from armctl.kinematics.frames import LinkFrames
 from armctl.robot.look.rows import MAKES, PAINTS, AnyRow, MakeName, Paint, paint
 from armctl.robot.parts import Color, Hand, Look
 

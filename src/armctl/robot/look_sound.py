@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.documents import Document
 from armctl.errors import Errors
-from armctl.kinematics.chain import LinkFrames
+from armctl.kinematics.frames import LinkFrames
 from armctl.kinematics.samples import joint_samples
 from armctl.robot.body.hulls import nearing, padded
 from armctl.robot.look.pieces import Jaw, Mount

@@ -12,7 +12,8 @@ import numpy as np
 
 from armctl.errors import InputError
 from armctl.kinematics import Chain
-from armctl.kinematics.chain import DHRow, FixedFrame, TurnLimit
+from armctl.kinematics.chain import TurnLimit
+from armctl.kinematics.frames import DHRow, FixedFrame
 from armctl.robot.robot import Robot
 
 

@@ -25,7 +25,7 @@ from armctl.kinematics import (
     Target,
     inverse_kinematics,
 )
-from armctl.kinematics.chain import LinkFrames
+from armctl.kinematics.frames import LinkFrames
 from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.target import seem_degrees
 from armctl.kinematics.velocity import NEAR, position_leaves_orientation

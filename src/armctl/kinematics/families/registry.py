@@ -12,6 +12,7 @@ from armctl.errors import InputError
 from armctl.kinematics.angles import LIMIT_TOLERANCE, rest_angle, whole_turns
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.explanations import needs
 from armctl.kinematics.families.general_six.solver import GeneralSixSolver
 from armctl.kinematics.families.numeric.solver import NumericSolver
 from armctl.kinematics.families.offset_roll.solver import OffsetRollSolver
@@ -22,7 +23,6 @@ from armctl.kinematics.families.spherical_wrist.solver import SphericalWristSolv
 from armctl.kinematics.families.three_parallel.solver import ThreeParallelSolver
 from armctl.kinematics.families.yaw_pitch_roll.solver import YawPitchRollSolver
 from armctl.kinematics.samples import DEFAULT_STEP
-from armctl.kinematics.solutions import needs
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.target import Target
 

@@ -15,9 +15,9 @@ from armctl.errors import ArmctlError, MotionRefusedError, UnreachableError
 from armctl.facts import OnCurve, Said
 from armctl.kinematics import DEFAULT_STEP, Solutions, Target
 from armctl.kinematics.angles import LIMIT_TOLERANCE
+from armctl.kinematics.explanations import needs
 from armctl.kinematics.families.numeric.solver import LinkBound
 from armctl.kinematics.families.whole_pose import pose_of
-from armctl.kinematics.solutions import needs
 from armctl.motion.clearance import stands_clear
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
 from armctl.motion.paths.tool_pitch import PitchRows, elevations

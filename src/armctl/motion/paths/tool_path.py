@@ -126,10 +126,8 @@ def follow(
             raise limit_refusal(tried, path, *crossing)
     if path is None or not walked.complete:
         raise (turn_refusal(tried, task) if task.overdetermined else None) or end_refusal(tried)
-    if pitch_asked is not None:
-        refusal = pitch_refusal(robot, pitch_asked, curve, path)
-        if refusal is not None:
-            raise refusal
+    if pitch_asked is not None and (refusal := pitch_refusal(robot, pitch_asked, curve, path)) is not None:
+        raise refusal
     return path
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.chain import Chain, LinkFrames
+from armctl.kinematics.chain import Chain
+from armctl.kinematics.frames import LinkFrames
 from armctl.kinematics.samples import joint_samples
 from armctl.robot.body.arm_body import CLEAR_M, Capsule, SurfacePairs
 from armctl.robot.body.hulls import (

@@ -10,7 +10,8 @@ import numpy as np
 
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics import Body
-from armctl.kinematics.chain import Chain, LinkFrames
+from armctl.kinematics.chain import Chain
+from armctl.kinematics.frames import LinkFrames
 from armctl.kinematics.subproblems import cross
 from armctl.robot.look.rows import (
     DENSITIES,

@@ -16,9 +16,9 @@ from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Body, Chain, GravityModel
 from armctl.kinematics.angles import rest_angle
-from armctl.kinematics.chain import FixedFrame, frame_along
 from armctl.kinematics.families.offset_roll.roll_sweep import recognise_offset_roll
 from armctl.kinematics.families.yaw_pitch_roll.geometry import recognise
+from armctl.kinematics.frames import FixedFrame, frame_along
 from armctl.robot.joint import JERK_UP_S, MOST_JOINTS, Joint
 from armctl.robot.meshes.reading import unreadable
 from armctl.robot.parts import Shape

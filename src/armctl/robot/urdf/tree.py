@@ -13,7 +13,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import roll_pitch_yaw, rotation_from_rpy
-from armctl.kinematics.chain import frame_along
+from armctl.kinematics.frames import frame_along
 from armctl.robot.parts import Shape
 from armctl.robot.urdf.xacro_properties import Argument
 

@@ -11,7 +11,8 @@ from functools import lru_cache
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.chain import Chain, LinkFrames
+from armctl.kinematics.chain import Chain
+from armctl.kinematics.frames import LinkFrames
 from armctl.robot import Robot
 from armctl.robot.body.arm_body import width
 from armctl.robot.look.pieces import Jaw, Mount, Piece

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import all_images, distinct, each_once, whole_turns
+from armctl.kinematics.angles import all_images, distinct, each_once, in_degrees, whole_turns
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel, OnTarget
+from armctl.kinematics.explanations import all_needs, millimetres, too_far, too_near
 from armctl.kinematics.families.numeric.descent import (
     Goal,
     LimitsGoal,
@@ -29,15 +30,7 @@ from armctl.kinematics.families.numeric.descent import (
     tool_motion,
 )
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step
-from armctl.kinematics.solutions import (
-    THERE_M,
-    Solutions,
-    SolvedArm,
-    all_needs,
-    millimetres,
-    too_far,
-    too_near,
-)
+from armctl.kinematics.solutions import THERE_M, Solutions, SolvedArm
 from armctl.kinematics.solver import InverseKinematics, held_roll
 from armctl.kinematics.target import Target
 
@@ -338,10 +331,9 @@ class NumericSolver(InverseKinematics):
             if len(there):
                 closest = self._best(turned, there)
                 pitch, _ = self.pitch_and_roll(closest)
-                asked, got = math.degrees(target.pitch), math.degrees(pitch or 0.0)
                 said = (
                     f"the arm reaches that point, but none of {_WAVE * _WAVES} starts found a pitch of "
-                    f"{asked:.2f}° there: the nearest is {got:.2f}°"
+                    f"{in_degrees(target.pitch)} there: the nearest is {in_degrees(pitch or 0.0)}"
                 )
                 nearest = closest if away < THERE_M else nearest
         return self._refused(target, lambda: f"{said}; {self._by_limits(goal, box)}", nearest)

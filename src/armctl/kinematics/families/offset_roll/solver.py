@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import each_once, images, rest_angle, wrap
+from armctl.kinematics.angles import DEGREE, each_once, images, in_degrees, rest_angle, wrap
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel
 from armctl.kinematics.families.numeric.solver import NumericSolver
@@ -52,7 +52,7 @@ _VERTICAL = 1e-9
 _LEFT, _UP, _DOWN = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
 _COARSE = 25
 """rolls tried for the least of two free joints, evenly over the limits"""
-_SURFACE_STEP = math.radians(0.5)
+_SURFACE_STEP = 0.5 * DEGREE
 """of the first pitch joint, between configurations of which a search goes on"""
 _ASIDE = 1e-3
 """a roll so far from that of the start tells whether it is better there [rad]"""
@@ -219,7 +219,7 @@ class OffsetRollSolver(InverseKinematics):
             return self._without(target, step)
         found = self._rolled(target, roll, step)
         title = self.titles[-1]
-        reason = f"{title} is free, too: listed is what there is with it at {math.degrees(roll) + 0.0:.2f}°"
+        reason = f"{title} is free, too: listed is what there is with it at {in_degrees(roll)}"
         return Solutions(
             self._arm, target, found.q, found.branch_index, free_joint=found.free_joint,
             least_rotation=partial(self._optimum_over_rolls, target, roll), incomplete_reason=reason,
@@ -390,7 +390,7 @@ class OffsetRollSolver(InverseKinematics):
         if found.success and target.rotation is None:
             return found  # a single configuration, or a sliver
         reason = found.refusal or "no orientation near the one asked for was found"
-        where = f"with {self.titles[-1]} at {math.degrees(roll) + 0.0:.2f}°, where it comes nearest"
+        where = f"with {self.titles[-1]} at {in_degrees(roll)}, where it comes nearest"
         reason = f"{where}: {reason}"
         return Solutions(self._arm, target, (), (), reason=reason, nearest_q=nearest)
 

@@ -18,9 +18,17 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
-from armctl.kinematics.angles import LIMIT_TOLERANCE, central_image, images, nearest_angle, rotation_angle
+from armctl.kinematics.angles import (
+    LIMIT_TOLERANCE,
+    central_image,
+    images,
+    in_degrees,
+    nearest_angle,
+    rotation_angle,
+)
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.explanations import needs, too_far, too_near
 from armctl.kinematics.families.yaw_pitch_roll.closed_form import two_link
 from armctl.kinematics.families.yaw_pitch_roll.geometry import (
     BRANCHES,
@@ -32,7 +40,7 @@ from armctl.kinematics.families.yaw_pitch_roll.geometry import (
     recognise,
 )
 from armctl.kinematics.samples import checked_step
-from armctl.kinematics.solutions import Solutions, SolvedArm, needs, too_far, too_near
+from armctl.kinematics.solutions import Solutions, SolvedArm
 from armctl.kinematics.solver import InverseKinematics, held_roll, roll_angles
 from armctl.kinematics.subproblems import ToolPlane
 from armctl.kinematics.target import Target
@@ -149,8 +157,8 @@ class ParallelLinkageSolver(InverseKinematics):
         checked_step(step)
         refusal, roll = held_roll(self._roll, target.roll)
         if target.pitch is not None and abs(math.sin(target.pitch) - math.sin(self._pitch)) > _LEVEL:
-            kept, asked = math.degrees(self._pitch) + 0.0, math.degrees(target.pitch) + 0.0
-            refusal = f"the rods keep the tool at a pitch of {kept:.2f}°; {asked:.2f}° cannot be had"
+            kept, asked = in_degrees(self._pitch), in_degrees(target.pitch)
+            refusal = f"the rods keep the tool at a pitch of {kept}; {asked} cannot be had"
         if refusal is not None:
             return self._refused(
                 target, self._besides(refusal, target._replace(pitch=None, roll=None), step), roll

@@ -11,7 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, all_images, images, images_toward, wrapped
+from armctl.kinematics.angles import (
+    DEGREE,
+    LIMIT_TOLERANCE,
+    TWO_PI,
+    all_images,
+    images,
+    images_toward,
+    in_degrees,
+    wrapped,
+)
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel, energies
 from armctl.kinematics.families.numeric.solver import NumericSolver
@@ -24,7 +33,7 @@ from armctl.kinematics.target import Target
 _END, _SAME = 1e-9, 1e-6
 """how near to the end of a run of solutions its last one is, and which angles of the sweep are one [rad]"""
 _ANY = np.tile([-math.pi, math.pi], (JOINTS, 1))
-_EVERY_DEGREE = np.radians(np.arange(-180.0, 180.0))
+_EVERY_DEGREE = DEGREE * np.arange(-180.0, 180.0)
 _BETWEEN = np.linspace(0.0, 1.0, 9)[1:-1]
 _BESIDE = np.linspace(-1.0, 1.0, 33)
 """angles about one that a search has found, in steps of the sweep"""
@@ -32,7 +41,7 @@ _STEEP = 64.0
 """a joint turns by no more than this times the free joint where a short run is looked for"""
 _FAR, _HALVINGS = 1.1, 16
 """how many steps a joint may turn from a row to the next one, and how often a step is halved for that"""
-_LISTED = math.radians(0.2)
+_LISTED = 0.2 * DEGREE
 """the step of a list where none is asked for, and the least one by which short runs are looked for: rows lie
 within 2 mrad of what is between them [rad]"""
 _MET_M, _MET_RAD = 1e-10, 1e-9
@@ -99,7 +108,7 @@ class RedundantSolver(InverseKinematics):
                 return searched
         title = self.titles[self._locked.joint]
         reason = (
-            f"listed in steps of {math.degrees(step):.6g}° of {title}; "
+            f"listed in steps of {in_degrees(step, '.6g')} of {title}; "
             "a run of solutions shorter than that, and further ways of a singular pose, may be missing"
         )
         q, branch = found.q, found.branch

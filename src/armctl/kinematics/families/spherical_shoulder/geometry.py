@@ -28,16 +28,10 @@ from armctl.kinematics.subproblems import across, angle_about, angle_between, me
 
 _ALIGNED = 1e-9
 """how far axes may miss a common point [m] and how nearly parallel they may be (sine of the angle)"""
-
-
 REACH_TOLERANCE = 1e-11
 """how far rounding may carry a target beyond what the elbow reaches [m]"""
-
-
 _STRAIGHT = 1e-14
 """how near to stretched or folded a distance may be just that, in whole lengths"""
-
-
 _NEARLY = 1e-5
 """how far outside a limit rounding may put an elbow angle [rad]: near straight 1e-16 m are 1e-8 rad"""
 

@@ -13,9 +13,10 @@ from typing import Self
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image, central_images
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image, central_images, in_degrees
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel
+from armctl.kinematics.explanations import all_needs, needs, too_far, too_near
 from armctl.kinematics.families.numeric.descent import PositionGoal, Starts, come_nearest
 from armctl.kinematics.families.spherical_shoulder.geometry import (
     SPHERICAL_BRANCHES,
@@ -32,7 +33,7 @@ from armctl.kinematics.families.spherical_shoulder.swivel import (
 )
 from armctl.kinematics.families.whole_pose import pose_of
 from armctl.kinematics.samples import checked_step
-from armctl.kinematics.solutions import Further, Solutions, SolvedArm, all_needs, needs, too_far, too_near
+from armctl.kinematics.solutions import Further, Solutions, SolvedArm
 from armctl.kinematics.solver import InverseKinematics, held_roll, roll_angles
 from armctl.kinematics.subproblems import turned
 from armctl.kinematics.target import Target, elevation
@@ -254,15 +255,12 @@ class SphericalShoulderSolver(InverseKinematics):
         """A pitch that has no solution at a position that has some: ``ends`` of the pitches held there."""
         pitches = self._orientation.pitches(ends)
         best = int(np.abs(pitches - elevation(pitch)).argmin())
-        least, most, nearest = (
-            math.degrees(value) + 0.0 for value in (pitches.min(), pitches.max(), pitches[best])
-        )
-        held = f"{least:.2f}° … {most:.2f}°"
+        held = f"{in_degrees(pitches.min())} … {in_degrees(pitches.max())}"
         if self.geometry.roll_swings_the_tool:
-            held = f"{held} with {self.titles[4]} at {math.degrees(roll) + 0.0:.2f}°"
+            held = f"{held} with {self.titles[4]} at {in_degrees(roll)}"
         reason = (
             f"that pitch is impossible here: at this point the arm holds its tool at {held}, "
-            f"the nearest to it is {nearest:.2f}°"
+            f"the nearest to it is {in_degrees(pitches[best])}"
         )
         return self._refused(target, reason, lambda: ends[best])
 

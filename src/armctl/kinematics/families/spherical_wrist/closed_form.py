@@ -230,21 +230,17 @@ class ClosedForm:
         range1, range2, range3, range4, range5, range6 = limits
         o2, o3, o5 = self.geometry.offsets
         a2, ca2, sa2, r = self.a2, self.ca2, self.sa2, self.r
-        side, parallel = self.side, sa2 == 0.0
+        side, parallel, right = self.side, sa2 == 0.0, self.right_angled
         xx, xy, xz, yx, yy, yz, zx, zy, zz = self.twisted if parallel else self.C
-        ca, sa, cb, sb = self.wrist
-        atan2, cos, sin, sqrt, right = math.atan2, math.cos, math.sin, math.sqrt, self.right_angled
-        rows: list[Row] = []
-        branches: list[int] = []
+        atan2, cos, sin, rows, branches = math.atan2, math.cos, math.sin, list[Row](), list[int]()
         previous, seen = math.nan, tuple([0.0] * 12)
         for first, third, way in pairs:
             if first != previous:
                 previous, seen = first, self._ahead_of_second(first, placed, range1)
             q1, u, v, px, py, pz, qx, qy, qz, rx, ry, rz = seen
-            square = u * u + v * v
             if q1 != q1:
                 continue
-            c3, s3 = cos(third), sin(third)
+            square, c3, s3 = u * u + v * v, cos(third), sin(third)
             g, h = a2 + r * c3, ca2 * r * s3 + side
             if square < self.near * self.near:
                 return None
@@ -253,8 +249,7 @@ class ClosedForm:
             if q2 != q2 or q3 != q3:
                 continue
             if parallel:  # both turn about the same direction
-                s3 *= ca2
-                c2, s2 = c2 * c3 - s2 * s3, s2 * c3 + c2 * s3
+                c2, s2 = c2 * c3 - s2 * (ca2 * s3), s2 * c3 + c2 * (ca2 * s3)
                 tx, ty, tz, ex, ey, ez, dx, dy, dz = zx, zy, zz, xx, xy, xz, yx, yy, yz
             else:
                 tx, ty, tz = _through(c3, s3, ca2, sa2, zx, zy, zz)
@@ -266,12 +261,11 @@ class ClosedForm:
             m33 = tx * rx + ty * ry + tz * rz
             wx, wy = c2 * rx + s2 * ry, c2 * ry - s2 * rx
             m13, m23 = ex * wx + ey * wy + ez * rz, dx * wx + dy * wy + dz * rz
-            level = sqrt(m13 * m13 + m23 * m23)
-            if level < NEAR:
+            if (level := math.sqrt(m13 * m13 + m23 * m23)) < NEAR:
                 return None
+            fourth, sixth = atan2(m23, m13), -atan2(m32, m31)
             if right:
                 bend = atan2(level, -m33)
-                fourth, sixth = atan2(m23, m13), -atan2(m32, m31)
                 ways = (bend, fourth, sixth), (-bend, fourth + math.pi, sixth + math.pi)
             else:
                 bend = self._bend(atan2(level, m33))
@@ -279,13 +273,7 @@ class ClosedForm:
                     continue
                 if not NEAR < bend < ALMOST_HALF_TURN:
                     return None
-                fourth, sixth = atan2(m23, m13), -atan2(m32, m31)
-                c, s = cos(bend), sin(bend)
-                k13, k23, k31, k32 = s * sb, -(ca * c * sb + sa * cb), sa * s, sa * c * cb + ca * sb
-                ways = (
-                    (bend, fourth - atan2(k23, k13), sixth + atan2(k32, k31)),
-                    (-bend, fourth - atan2(k23, -k13), sixth + atan2(k32, -k31)),
-                )
+                ways = self._skew_wrist(bend, fourth, sixth)
             branch = 2 * way + self.first_is_flipped
             for b, q4, q6 in ways:
                 q4, q5, q6 = fitted(q4, range4), fitted(b - o5, range5), fitted(q6, range6)
@@ -293,9 +281,17 @@ class ClosedForm:
                     rows.append((q1, q2, q3, q4, q5, q6))
                     branches.append(branch)
                 branch ^= 1
-        if any(math.inf in row for row in rows):
-            return None
-        return rows, branches
+        return None if any(math.inf in row for row in rows) else (rows, branches)
+
+    def _skew_wrist(self, bend: float, fourth: float, sixth: float) -> tuple[tuple[float, float, float], ...]:
+        """θ5, θ4 and θ6 [rad] of both ways of a wrist whose axes are not at right angles."""
+        ca, sa, cb, sb = self.wrist
+        c, s = math.cos(bend), math.sin(bend)
+        k13, k23, k31, k32 = s * sb, -(ca * c * sb + sa * cb), sa * s, sa * c * cb + ca * sb
+        return (
+            (bend, fourth - math.atan2(k23, k13), sixth + math.atan2(k32, k31)),
+            (-bend, fourth - math.atan2(k23, -k13), sixth + math.atan2(k32, -k31)),
+        )
 
     def _ahead_of_second(self, first: float, placed: Placed, limits: Range) -> tuple[float, ...]:
         """Of θ1 [rad] its fitted angle, u and v [m], and the rotation's columns in the second frame."""

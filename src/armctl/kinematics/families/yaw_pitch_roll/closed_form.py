@@ -149,9 +149,8 @@ class PlanePostures:
 
 # One pose in plain floats.
 
-PoseFunction = Callable[
-    [float, float, float, float, Sequence[float]], tuple[list[int], list[tuple[float, ...]]] | None
-]
+_Postures = tuple[list[int], list[tuple[float, ...]]]
+PoseFunction = Callable[[float, float, float, float, Sequence[float]], _Postures | None]
 """(x, y, z, pitch, rolls): every configuration inside the limits, in the order of the general solver.
 
 A tool point in the base frame [m], the pitch [rad], and what the roll joint may be at [rad], one number for
@@ -177,35 +176,29 @@ def pose_function(geometry: ToolPlane, limits: FloatArray) -> PoseFunction | Non
     if len(geometry.lengths) != 3 or geometry.tool_angle is None or wide.any():
         return None
     d, tool, (l2, l3, l4) = geometry.lateral, geometry.tool_angle, geometry.lengths
-    (x0, y0, z0), rows = geometry.origin.tolist(), geometry.frame.T.tolist()
-    stands = geometry.upright
+    (x0, y0, z0), rows, stands = geometry.origin.tolist(), geometry.frame.T.tolist(), geometry.upright
     forward, height = geometry.shoulder.real, geometry.shoulder.imag
     yaw_sign, (s2, s3, s4), (o2, o3, o4) = geometry.yaw_sign, geometry.signs, geometry.offsets
     squares, scale, isosceles = l2 * l2 + l3 * l3, 0.5 / (l2 * l3), abs(l2 - l3) < _SAME_LENGTH
-    most = math.pi / 2 - UPRIGHT
+    most, rolling = math.pi / 2 - UPRIGHT, geometry.roll_joint is not None
     yaw_inside, shoulder_inside, elbow_inside, wrist_inside = map(_inside, limits[:4].tolist())
-    rolling = geometry.roll_joint is not None
 
-    def at(
-        x: float, y: float, z: float, pitch: float, rolls: Sequence[float]
-    ) -> tuple[list[int], list[tuple[float, ...]]] | None:
+    def at(x: float, y: float, z: float, pitch: float, rolls: Sequence[float]) -> _Postures | None:
         if not stands:
             x, y, z = x - x0, y - y0, z - z0
             x, y, z = (a * x + b * y + c * z for a, b, c in rows)
         square = x * x + y * y - d * d
         if not square >= _EDGE:
             return None
-        r, azimuth, aside = sqrt(square), atan2(y, x), 0.0
-        if d:
-            aside = atan2(d, r)
+        r, azimuth = sqrt(square), atan2(y, x)
+        aside = atan2(d, r) if d else 0.0
         outward, z = cos(pitch), z - height
         index, found = list[int](), list[tuple[float, ...]]()
         readings = [(pitch - tool, outward < -LEVEL, outward > LEVEL)]
         if -most <= pitch <= most:  # beyond, there is one reading, whichever way it points
             readings.append((math.pi - tool - pitch, outward > LEVEL, outward < -LEVEL))
         for back, facing, ahead in ((0, azimuth - aside, r), (1, azimuth + aside - math.pi, -r)):
-            yaw = yaw_inside(yaw_sign * facing)
-            if yaw is None:
+            if (yaw := yaw_inside(yaw_sign * facing)) is None:
                 continue
             for last, *inward in readings:
                 x, y = ahead - forward - l4 * cos(last), z - l4 * sin(last)
@@ -221,14 +214,11 @@ def pose_function(geometry: ToolPlane, limits: FloatArray) -> PoseFunction | Non
                     (direction - inner, bend, 4 if back else 2),
                     (direction + inner, -bend, 6 if back else 0),
                 ):
-                    elbow = elbow_inside(s3 * (turn - o3))
-                    if elbow is None:
+                    if (elbow := elbow_inside(s3 * (turn - o3))) is None:
                         continue
-                    shoulder = shoulder_inside(s2 * (first - o2))
-                    if shoulder is None:
+                    if (shoulder := shoulder_inside(s2 * (first - o2))) is None:
                         continue
-                    wrist = wrist_inside(s4 * (last - first - turn - o4))
-                    if wrist is not None:
+                    if (wrist := wrist_inside(s4 * (last - first - turn - o4))) is not None:
                         for roll in rolls:
                             index.append(branch + inward[back])
                             joints = yaw, shoulder, elbow, wrist
@@ -299,25 +289,15 @@ def _solve_chunk(
     forward, left, up = np.ascontiguousarray(local.T)
     yaw, r, faces = base_angles(geometry, forward, left, ranges[0])
     np.clip(yaw, *ranges[0], out=yaw)
-    rolls = None
-    if geometry.roll_joint is not None:
-        span = ranges[geometry.roll_joint]
-        rolls = np.full(len(up), rest_angle(*span)) if roll is None else roll.copy()
-        faces &= into_limits(rolls, *span)
-        np.clip(rolls, *span, out=rolls)
+    rolls = _held_rolls(geometry, ranges, roll, faces)
     r -= geometry.shoulder.real
     up -= geometry.shoulder.imag
     l2, l3, *_ = geometry.lengths
     least, most = cosines_within(*geometry.plane_limits(1, limits))
     for back, tool_in, only, last, along, across in _readings(geometry, pitch):
         x, y = r[back] - along, up - across
-        cosine = x * x
-        cosine += y * y
-        cosine -= l2 * l2 + l3 * l3
-        cosine *= 0.5 / (l2 * l3)
-        reached = cosine > least
-        reached &= cosine < most
-        reached &= faces[back]
+        cosine = _bend_cosine(x, y, l2, l3)
+        reached = (cosine > least) & (cosine < most) & faces[back]
         if only is not None:
             reached &= only
         pose = np.flatnonzero(reached)
@@ -327,22 +307,13 @@ def _solve_chunk(
         if abs(l2 - l3) >= _SAME_LENGTH:
             inner = np.arctan2(l3 * np.sqrt(1.0 - cosine * cosine), l2 + l3 * cosine)
         in_line = np.abs(cosine) > _SURE
-        special = np.flatnonzero(in_line)
         third = None if last is None else last[pose]
         for sense in (1, -1):
             plane = [direction - sense * inner, sense * bend]
             if third is not None:
                 plane.append(third - plane[0])
                 plane[2] -= plane[1]
-            inside = ~in_line
-            joints = zip(plane, geometry.signs, geometry.offsets, ranges[1:], strict=False)
-            for angle, sign, offset, span in joints:
-                if sign < 0:
-                    np.subtract(offset, angle, out=angle)
-                elif offset:
-                    angle -= offset
-                inside &= into_limits(angle, *span)
-            kept = np.flatnonzero(inside)
+            kept = np.flatnonzero(_joints_inside(geometry, plane, ranges) & ~in_line)
             at = pose[kept]
             branch = branch_index(not back, sense, bool(tool_in))
             found[branch][at] = True
@@ -353,7 +324,7 @@ def _solve_chunk(
                 row[at] = np.clip(angle[kept], *span)
             if rolls is not None:
                 rows[-1][at] = rolls[at]
-        for i in special.tolist():  # rounding decides: one by one
+        for i in np.flatnonzero(in_line).tolist():  # rounding decides: one by one
             at = pose[i]
             last = None if third is None else float(third[i])
             for angles in planar.reaching(float(x[i]), float(y[i]), last):
@@ -362,6 +333,41 @@ def _solve_chunk(
                 if images and not found[branch, at]:
                     found[branch, at] = True
                     q[:, branch, at] = [yaw[back, at], *images[0], *(() if rolls is None else (rolls[at],))]
+
+
+def _held_rolls(
+    geometry: ToolPlane, ranges: list[list[float]], roll: FloatArray | None, faces: NDArray[np.bool_]
+) -> FloatArray | None:
+    """The roll joint's angle at each pose (m,) [rad]; clears ``faces`` (2, m) where it leaves its limits."""
+    if geometry.roll_joint is None:
+        return None
+    span = ranges[geometry.roll_joint]
+    rolls = np.full(faces.shape[1], rest_angle(*span)) if roll is None else roll.copy()
+    faces &= into_limits(rolls, *span)
+    return np.clip(rolls, *span, out=rolls)
+
+
+def _joints_inside(
+    geometry: ToolPlane, plane: Sequence[FloatArray], ranges: list[list[float]]
+) -> NDArray[np.bool_]:
+    """Turn plane angles (m,) each into joint angles, in place; where all of them are inside the limits."""
+    inside = np.ones(len(plane[0]), dtype=np.bool_)
+    for angle, sign, offset, span in zip(plane, geometry.signs, geometry.offsets, ranges[1:], strict=False):
+        if sign < 0:
+            np.subtract(offset, angle, out=angle)
+        elif offset:
+            angle -= offset
+        inside &= into_limits(angle, *span)
+    return inside
+
+
+def _bend_cosine(x: FloatArray, y: FloatArray, l2: float, l3: float) -> FloatArray:
+    """Cosine of the bend between two links that reach (x, y) (m,) [m] from the shoulder."""
+    cosine = x * x
+    cosine += y * y
+    cosine -= l2 * l2 + l3 * l3
+    cosine *= 0.5 / (l2 * l3)
+    return cosine
 
 
 def _readings(

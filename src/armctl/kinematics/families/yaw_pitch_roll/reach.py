@@ -26,10 +26,12 @@ from armctl.kinematics.angles import (
     central_image,
     central_images,
     images,
+    in_degrees,
     nearest_angle,
     rest_angle,
     wrap,
 )
+from armctl.kinematics.explanations import all_needs, too_far, too_near
 from armctl.kinematics.families.yaw_pitch_roll.closed_form import PlanePostures
 from armctl.kinematics.families.yaw_pitch_roll.geometry import (
     AXIS_TOLERANCE,
@@ -39,7 +41,6 @@ from armctl.kinematics.families.yaw_pitch_roll.geometry import (
 )
 from armctl.kinematics.families.yaw_pitch_roll.least_rotation import LeastRotation
 from armctl.kinematics.families.yaw_pitch_roll.section import PlaneCircle, collinear_circles, triangle
-from armctl.kinematics.solutions import all_needs, too_far, too_near
 from armctl.kinematics.subproblems import ToolPlane
 from armctl.kinematics.target import Target
 
@@ -119,10 +120,11 @@ class Reach:
     def _other_pitch(self, branches: list[BaseBranch], z: float) -> str:
         tool = self._geometry.tool_angle or 0.0
         ways = self._postures(branches, z, [None])
-        pitches = sorted({round(math.degrees(math.asin(math.sin(sum(way) + tool))), 2) for way in ways})
+        pitches = sorted(math.asin(math.sin(sum(way) + tool)) for way in ways)
+        said = " or ".join(dict.fromkeys(map(in_degrees, pitches)))
         return (
             "that pitch is impossible here: with two pitch joints the position alone decides it; "
-            f"the links would give {' or '.join(f'{pitch:.2f}°' for pitch in pitches)}, within limits or not"
+            f"the links would give {said}, within limits or not"
         )
 
     def _beyond_links(
