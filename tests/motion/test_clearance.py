@@ -21,8 +21,9 @@ from armctl.kinematics import Chain, DHRow
 from armctl.kinematics.frames import LinkFrames
 from armctl.motion import Trajectory
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, Gaps, Obstacles, SelfCollision
-from armctl.motion.preflight import SampledMotion, preflight
+from armctl.motion.preflight import preflight
 from armctl.motion.profiles import PROFILES, PointToPoint
+from armctl.motion.trajectory import SampledMotion
 from armctl.robot import Robot
 from armctl.robot.body.arm_body import capsule
 from armctl.robot.parts import Obstacle

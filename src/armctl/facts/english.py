@@ -9,18 +9,25 @@ from typing import Any
 from armctl.facts.reasons import (
     UNITS,
     AngleLimit,
+    AtLimit,
+    BeyondReach,
     Blocked,
+    BranchEnds,
     MotionEndsMoving,
     Need,
+    NeedsAngle,
     NotNow,
     OnCurve,
     Overload,
+    PitchDecided,
     RateLimit,
     Reason,
     Singular,
+    SingularStart,
     SpeedJump,
     StandsOutside,
     State,
+    TooFewJoints,
     Unanswered,
     WrongUnit,
     decimals_apart,
@@ -131,6 +138,64 @@ def _on_curve(one: OnCurve) -> str:
     return f"{100.0 * one.fraction:.0f} % of the {one.curve} (x {x:z.1f}, y {y:z.1f}, z {z:z.1f} mm)"
 
 
+def _too_few(one: TooFewJoints) -> str:
+    wish = "turn the tool like this" if one.turns else "keep the tool's orientation"
+    turn = f"{math.degrees(one.turn) / 1000:.3g}° a mm"
+    return f"{one.joints} joints cannot {wish} here, it would also turn by {turn}"
+
+
+def _in_its_plane(one: TooFewJoints) -> str:
+    if one.has_plane:
+        return "they can in the arm's own vertical plane, and with the tool straight up or down"
+    return f"move the {one.curve}"
+
+
+def _needs_angle(one: NeedsAngle) -> str:
+    if one.angle is None:
+        low, high = (f"{math.degrees(limit):z.2f}°" for limit in (one.low, one.high))
+        return f"before this branch ends, {one.joint} would have to leave its limits of {low} … {high}"
+    angle, low, high = degrees_apart(one.angle, one.low, one.high)
+    return f"at {one.percent:.4g} % {one.joint} would need {angle}, its limits are {low} … {high}"
+
+
+def _at_limit(one: AtLimit) -> str:
+    needs = " and ".join(map(_needs_angle, one.needs))
+    return f"{_found(one)}{one.joint} is at its limit of {math.degrees(one.limit):z.2f}°; {needs}"
+
+
+def _found(one: AtLimit | BranchEnds) -> str:
+    return "on the best way that was found, " if one.searched else ""
+
+
+def _branch_ends(one: BranchEnds) -> str:
+    rate = f"{math.degrees(one.turn) / 1000.0:.0f}° a mm"
+    farther = f"; at 100 %, {one.at_end}" if one.at_end else ""
+    return (
+        f"{_found(one)}{one.joint} would have to turn by {rate}, and more just beyond: a singularity{farther}"
+    )
+
+
+def _other_ways(one: AtLimit | BranchEnds) -> str:
+    if not one.branches:
+        return f"move the {one.curve}"
+    follow = "follows" if len(one.branches) == 1 else "follow"
+    names = " or ".join(one.branches)
+    return f"start on another branch ({names} {follow} the whole {one.curve}) or move the {one.curve}"
+
+
+def _beyond_reach(one: BeyondReach) -> str:
+    leaves = f"here it leaves what the arm reaches{f' with that {one.held}' if one.held else ''}"
+    return leaves if one.percent is None else f"{leaves}; at {one.percent} %, {one.why}"
+
+
+def _pitch_decided(one: PitchDecided) -> str:
+    low, high = (f"{math.degrees(pitch):z.2f}°" for pitch in (one.low, one.high))
+    return (
+        f"the position alone decides this arm's tool pitch: along the {one.curve} it is {low} … {high}, "
+        "so it cannot be kept or interpolated; choose free"
+    )
+
+
 def _not_now(one: NotNow) -> str:
     why = _state(one)
     return f"{one.asked} needs the arm {one.need.value}, it is {why}" if one.asked else f"the arm is {why}"
@@ -169,6 +234,13 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     Singular: _singular,
     Overload: _overload,
     OnCurve: _on_curve,
+    TooFewJoints: _too_few,
+    NeedsAngle: _needs_angle,
+    AtLimit: _at_limit,
+    SingularStart: lambda one: f"the arm stands in a singularity and cannot begin this {one.curve}",
+    BranchEnds: _branch_ends,
+    BeyondReach: _beyond_reach,
+    PitchDecided: _pitch_decided,
     NotNow: _not_now,
     Unanswered: lambda one: f"{one.what}; check {one.check}",
 }
@@ -181,4 +253,9 @@ ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     Singular: _by_joints,
     Overload: _lighter,
     OnCurve: lambda one: f"with {_FREER[one.freer]} the arm can follow it" if one.freer else "",
+    TooFewJoints: _in_its_plane,
+    AtLimit: _other_ways,
+    SingularStart: lambda _: "bend the arm first (turn a joint, or Main → Home where that pose is bent)",
+    BranchEnds: _other_ways,
+    BeyondReach: lambda one: f"move the {one.curve}" if one.percent is None else "",
 }

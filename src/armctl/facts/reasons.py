@@ -283,6 +283,91 @@ class OnCurve(Reason):
 
 
 @dataclass(frozen=True, slots=True)
+class TooFewJoints(Reason):
+    """An orientation on a curve that the arm's joints cannot hold while the tool point follows it."""
+
+    curve: str
+    joints: int
+    turns: bool
+    """the orientation is to change; else it is to be kept"""
+    turn: float
+    """what the tool would turn by besides [rad/m]"""
+    has_plane: bool
+    """the arm has a vertical plane of its own, in which its joints suffice"""
+
+
+@dataclass(frozen=True, slots=True)
+class NeedsAngle(Reason):
+    """An angle beyond its limits that a joint would need farther on a curve [rad]."""
+
+    joint: str
+    low: float
+    high: float
+    angle: float | None
+    """None: the place, as it is said, does not tell it"""
+    percent: float
+    """of the way, where"""
+
+
+@dataclass(frozen=True, slots=True)
+class AtLimit(Reason):
+    """A joint that comes to its limit on a curve [rad]."""
+
+    curve: str
+    joint: str
+    limit: float
+    needs: tuple[NeedsAngle, ...]
+    searched: bool
+    """the way is the best of those that were found"""
+    branches: tuple[str, ...]
+    """that follow the whole curve from its start"""
+
+
+@dataclass(frozen=True, slots=True)
+class SingularStart(Reason):
+    """A curve that cannot begin, as the arm stands in a singularity."""
+
+    curve: str
+
+
+@dataclass(frozen=True, slots=True)
+class BranchEnds(Reason):
+    """A singularity on a curve, beyond which the branch does not go on."""
+
+    curve: str
+    joint: str
+    turn: float
+    """what that joint turns by before it [rad/m]"""
+    at_end: str
+    """why the links alone do not reach the end of the curve; empty: that is not known"""
+    searched: bool
+    """the way is the best of those that were found"""
+    branches: tuple[str, ...]
+    """that follow the whole curve from its start"""
+
+
+@dataclass(frozen=True, slots=True)
+class BeyondReach(Reason):
+    """A curve that leaves what the arm reaches."""
+
+    curve: str
+    held: str
+    """what is asked for besides the position, ``pitch`` or ``rotation``; empty: nothing"""
+    percent: int | None = None
+    """of the way, where ``why`` holds"""
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PitchDecided(Reason):
+    """A tool pitch that the position alone decides, from ``low`` to ``high`` [rad] on a curve."""
+
+    curve: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
 class NotNow(Reason):
     """A command that the arm does not take in the state that it is in."""
 

@@ -9,18 +9,25 @@ from typing import Any
 from armctl.facts.reasons import (
     UNITS,
     AngleLimit,
+    AtLimit,
+    BeyondReach,
     Blocked,
+    BranchEnds,
     MotionEndsMoving,
     Need,
+    NeedsAngle,
     NotNow,
     OnCurve,
     Overload,
+    PitchDecided,
     RateLimit,
     Reason,
     Singular,
+    SingularStart,
     SpeedJump,
     StandsOutside,
     State,
+    TooFewJoints,
     Unanswered,
     WrongUnit,
     decimals_apart,
@@ -56,6 +63,8 @@ _FREER = {
     "orientation free": "takım yönelimi serbest bırakılırsa",
 }
 _CURVES = {"line": "doğrunun", "arc": "yayın"}
+_FOLLOWED = {"line": "doğruyu", "arc": "yayı"}
+_HELD = {"": "", "pitch": "o takım eğimiyle ", "rotation": "o takım yönelimiyle "}
 
 
 def _angle(one: AngleLimit) -> str:
@@ -142,6 +151,69 @@ def _on_curve(one: OnCurve) -> str:
     return f"{share} (x {x:z.1f}, y {y:z.1f}, z {z:z.1f} mm)"
 
 
+def _followed(curve: str) -> str:
+    return _FOLLOWED.get(curve, curve)
+
+
+def _move(one: TooFewJoints | BeyondReach | AtLimit | BranchEnds) -> str:
+    return f"{_followed(one.curve)} başka bir yere taşıyın"
+
+
+def _too_few(one: TooFewJoints) -> str:
+    wish = "takımı böyle döndüremez" if one.turns else "takımın yönelimini koruyamaz"
+    turn = f"{math.degrees(one.turn) / 1000:.3g}°"
+    return f"{one.joints} eklem burada {wish}, takım milimetre başına ayrıca {turn} dönerdi"
+
+
+def _in_its_plane(one: TooFewJoints) -> str:
+    if one.has_plane:
+        return "kolun kendi düşey düzleminde ve takım tam yukarı ya da aşağı bakarken yapabilirler"
+    return _move(one)
+
+
+def _needs_angle(one: NeedsAngle) -> str:
+    if one.angle is None:
+        low, high = (f"{math.degrees(limit):z.2f}°" for limit in (one.low, one.high))
+        return f"bu dal bitmeden {one.joint} {low} … {high} sınırlarının dışına çıkmak zorunda kalır"
+    angle, low, high = degrees_apart(one.angle, one.low, one.high)
+    return f"% {one.percent:.4g} noktasında {one.joint} için {angle} gerekir, sınırları {low} … {high}"
+
+
+def _at_limit(one: AtLimit) -> str:
+    needs = " ve ".join(map(_needs_angle, one.needs))
+    return f"{_found(one)}{one.joint} {math.degrees(one.limit):z.2f}° olan sınırında; {needs}"
+
+
+def _found(one: AtLimit | BranchEnds) -> str:
+    return "bulunan en iyi yolda " if one.searched else ""
+
+
+def _branch_ends(one: BranchEnds) -> str:
+    turn = f"milimetre başına {math.degrees(one.turn) / 1000.0:.0f}° ve az ötede daha da çok"
+    farther = f"; % 100 noktasında: {one.at_end}" if one.at_end else ""
+    return f"{_found(one)}{one.joint} {turn} dönmek zorunda kalır: tekillik{farther}"
+
+
+def _other_ways(one: AtLimit | BranchEnds) -> str:
+    if not one.branches:
+        return _move(one)
+    names = " ya da ".join(one.branches)
+    return f"başka bir dalda başlayın ({names} {_followed(one.curve)} sonuna kadar izler) ya da {_move(one)}"
+
+
+def _beyond_reach(one: BeyondReach) -> str:
+    leaves = f"burada kolun {_HELD.get(one.held, '')}eriştiği bölgeden çıkıyor"
+    return leaves if one.percent is None else f"{leaves}; % {one.percent} noktasında: {one.why}"
+
+
+def _pitch_decided(one: PitchDecided) -> str:
+    low, high = (f"{math.degrees(pitch):z.2f}°" for pitch in (one.low, one.high))
+    return (
+        f"bu kolda takım eğimini yalnız konum belirler: {_CURVES.get(one.curve, one.curve)} üzerinde eğim "
+        f"{low} … {high}; bu yüzden ne korunabilir ne de başka bir eğime geçirilebilir; serbest bırakın"
+    )
+
+
 def _not_now(one: NotNow) -> str:
     why = _state(one)
     return f"{one.asked}: kol {_NEEDS[one.need]}, şimdi {why}" if one.asked else f"kol {why}"
@@ -183,6 +255,13 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     Singular: _singular,
     Overload: _overload,
     OnCurve: _on_curve,
+    TooFewJoints: _too_few,
+    NeedsAngle: _needs_angle,
+    AtLimit: _at_limit,
+    SingularStart: lambda one: f"kol bir tekillikte duruyor ve bu {_followed(one.curve)} izlemeye başlayamaz",
+    BranchEnds: _branch_ends,
+    BeyondReach: _beyond_reach,
+    PitchDecided: _pitch_decided,
     NotNow: _not_now,
     Unanswered: lambda one: f"{one.what}; şunu denetleyin: {one.check}",
 }
@@ -195,4 +274,9 @@ ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     Singular: _by_joints,
     Overload: _lighter,
     OnCurve: lambda one: f"{_FREER[one.freer]} kol onu izleyebilir" if one.freer else "",
+    TooFewJoints: _in_its_plane,
+    AtLimit: _other_ways,
+    SingularStart: lambda _: "önce kolu bükün (bir eklemi döndürün ya da o poz bükülüyse Main → Home)",
+    BranchEnds: _other_ways,
+    BeyondReach: lambda one: _move(one) if one.percent is None else "",
 }

@@ -6,8 +6,9 @@ Each kind has k gaps: ``parts`` are their names, ``levers`` (k, n) how much each
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate, product
 from typing import ClassVar, Literal
@@ -18,6 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.arrays import FloatArray
 from armctl.facts import Blocked
 from armctl.kinematics.frames import LinkFrames
+from armctl.motion.preflight import Finding
+from armctl.motion.trajectory import LOOKS, SampledMotion
 from armctl.robot import Robot
 from armctl.robot.body.arm_body import CLEAR_M
 from armctl.robot.body.collision import NEAR_M
@@ -258,3 +261,127 @@ def _keeps_out(source: Gaps, robot: Robot, q: FloatArray, room: float) -> NDArra
     """(k,) whether an arm at each of ``q`` (k, n) [rad] touches nothing of a kind, by ``room`` [m]."""
     least = source.closed[:, None] + room
     return np.logical_and.reduce(source.gaps(robot.body_frames(q), least + _TOUCHES_M) >= least, axis=0)
+
+
+# Does an arm keep clear over a whole motion?
+
+
+_AS_DEEP_M = 5e-5
+"""how much less deep a gap may be at the time that is told"""
+
+
+# Does the arm keep clear of the floor, of obstacles and of itself over the whole motion?
+
+_TOO_FAST = 2.0
+"""times the speed limits: a motion beyond is refused for its speed, and nothing else is proven of it"""
+_BLOCK = 4096
+"""intervals that are halved at once, so that memory stays bounded"""
+
+
+@dataclass(frozen=True, slots=True)
+class ClosedGaps:
+    """Gaps that are closed too far somewhere in a motion, and where that was seen."""
+
+    allowed: FloatArray
+    """(k, 1) how far each gap may be closed [m]"""
+    intervals: FloatArray
+    """(2 + 3k, m) when intervals begin and end [s], by how much each gap is open beyond ``allowed`` at both
+    times, and by how much it may change between them [m]"""
+
+
+def closed_gaps(motion: SampledMotion, source: Gaps, links: LinkFrames) -> ClosedGaps | None:
+    """Check that gaps stay open; one that starts closed must not close further. ``links``: at the samples.
+
+    With gaps g₀ and g₁ at two samples and a change of at most D (levers times joint speeds) between them, a
+    gap is at least (g₀ + g₁ - D) / 2 there. Where that does not prove it open, the interval is halved. Told
+    are the samples, if a gap is closed too far at any of them, else the first halves that show one.
+    """
+    if not len(source.levers):
+        return None
+    speed = np.minimum(motion.speed[1:], _TOO_FAST * motion.robot.speed_limits)
+    change = source.levers @ (speed * np.diff(motion.time)[:, None]).T
+    gaps = source.gaps(links, _enough(change))
+    allowed = np.minimum(gaps[:, :1], source.closed[:, None]) - FLOOR_TOLERANCE_M
+    slack = gaps - allowed
+    if slack.min() < 0.0:
+        return ClosedGaps(allowed, _intervals(motion, slack, change))
+    if (slack[:, :-1] + slack[:, 1:] - change >= -2.0 * source.missed_m).all():  # most motions
+        return None
+    k = len(gaps)
+    blocks = [_intervals(motion, slack, change)]
+    while blocks:
+        block = blocks.pop()
+        _, at_begin, at_end, change = np.split(block, [2, 2 + k, 2 + 2 * k])
+        doubtful = np.flatnonzero((0.5 * (at_begin + at_end - change) < -source.missed_m).any(axis=0))
+        if len(doubtful) > _BLOCK:
+            blocks += [block[:, doubtful[_BLOCK:]], block[:, doubtful[:_BLOCK]]]
+        elif len(doubtful):
+            early = block[:, doubtful]
+            middle = 0.5 * (early[0] + early[1])
+            early[2 + 2 * k :] *= 0.5
+            frames = motion.robot.body_frames(motion.trajectory.sample(middle).q)
+            never = 0.5 * (early[2 : 2 + k] + early[2 + k : 2 + 2 * k]) >= early[2 + 2 * k :]
+            enough = np.where(never, -np.inf, 0.5 * early[2 + 2 * k :])
+            slack = np.where(never, np.inf, source.gaps(frames, enough) - allowed)
+            late = early.copy()
+            early[1], early[2 + k : 2 + 2 * k] = middle, slack
+            late[0], late[2 : 2 + k] = middle, slack
+            blocks.append(np.hstack([early, late]))
+            if slack.min() < 0.0:
+                return ClosedGaps(allowed, blocks[-1])
+    return None
+
+
+def _intervals(motion: SampledMotion, slack: FloatArray, change: FloatArray) -> FloatArray:
+    """As ``ClosedGaps.intervals``, between the samples of a motion."""
+    return np.vstack([motion.time[:-1], motion.time[1:], slack[:, :-1], slack[:, 1:], change])
+
+
+def _enough(change: FloatArray) -> FloatArray:
+    """(k, m) [m] beyond which gaps at samples prove all between, where they change by (k, m - 1) at most."""
+    most = np.zeros((len(change), change.shape[1] + 1))
+    most[:, :-1] = change
+    most[:, 1:] = np.maximum(most[:, 1:], change)
+    return 0.5 * most
+
+
+def deepest_gap(motion: SampledMotion, source: Gaps, closed: ClosedGaps) -> Finding:
+    """The deepest of the gaps that are closed too far."""
+    allowed, k = closed.allowed, len(closed.allowed)
+    begin, end, at_begin, at_end, change = np.split(closed.intervals, [1, 2, 2 + k, 2 + 2 * k])
+
+    def depths_at(time: FloatArray, enough: FloatArray) -> FloatArray:
+        """(k, m) the gaps that are closed too far [m], others infinite; exact below ``enough`` (k, 1) [m]."""
+        gaps = source.gaps(motion.robot.body_frames(motion.trajectory.sample(time).q), enough)
+        return np.where(gaps < allowed, gaps, np.inf)
+
+    slacks = np.minimum(at_begin, at_end)
+    known = np.where(slacks < 0.0, slacks + allowed, np.inf)
+    part, at = map(int, np.unravel_index(known.argmin(), known.shape))
+    least = float(known[part, at])
+    when = float((begin if at_begin[part, at] <= at_end[part, at] else end)[0, at])
+    # where between two samples it may be deeper than at any, the deepest first
+    lowest = (0.5 * (at_begin + at_end - change) + allowed).min(axis=0)
+    lowest[at] = -np.inf
+    near = np.flatnonzero(lowest <= least)
+    near = near[np.argsort(lowest[near], kind="stable")[: source.most_near]]
+    shares = np.linspace(0.0, 1.0, LOOKS)[:, None]
+    times = (begin[0, near] + shares * (end[0, near] - begin[0, near])).ravel()
+    depths = depths_at(times, np.full((k, 1), least))
+    if depths.min() < least:
+        part, at = map(int, np.unravel_index(depths.argmin(), depths.shape))
+        least, when = float(depths[part, at]), float(times[at])
+    this_one = np.where(np.arange(k) == part, 0.0, -np.inf)[:, None]
+
+    def depth_at(time: FloatArray) -> FloatArray:
+        return depths_at(time, this_one)[part]
+
+    step = float((end - begin)[0, near].max()) / (LOOKS - 1)
+    around = np.clip([when - step, when + step], motion.time[0], motion.time[-1])
+    when = motion.least_at(depth_at, *around.tolist())
+    least = min(float(depth_at(np.array([when]))[0]), least)
+    when, digits = motion.told(when, lambda time: depth_at(np.array([time]))[0] < least + _AS_DEEP_M)
+    gap = float(depth_at(np.array([when]))[0])
+    links = motion.robot.body_frames(motion.trajectory.sample(np.array([when])).q)
+    depth = source.depth(part, links, -(gap if math.isfinite(gap) else least))
+    return Finding(source.blocked(part, depth), when, source.parts[part], source.kind, digits=digits)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, pairwise
+from itertools import chain
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -31,19 +31,12 @@ from armctl.kinematics import GravityModel
 from armctl.kinematics.frames import LinkFrames
 from armctl.kinematics.target import checked_number
 from armctl.kinematics.velocity import NEAR
-from armctl.motion.clearance import FLOOR_TOLERANCE_M, Gaps, sources
-from armctl.motion.trajectory import JoinedTrajectory, KnowsPeaks, Trajectory, joined_peaks, peaks_of
+from armctl.motion.clearance import closed_gaps, deepest_gap, sources
+from armctl.motion.trajectory import (
+    SampledMotion,
+    Trajectory,
+)
 from armctl.robot import Robot
-
-_TRAVEL = math.radians(6)
-"""No joint moves farther between two samples, as far as the peaks of the motion are known."""
-_MOST, _MOST_IN_ALL = 4000, 40_000
-_FINEST_S = 1e-3
-_FEWEST = 32
-_LOOKS, _NARROWED = 17, 3
-"""times that are looked at, and how often, to find the worst place between two samples"""
-_AS_DEEP_M = 5e-5
-"""how much less deep a gap may be at the time that is told"""
 
 Severity = Literal["error", "warning"]
 """error: the motion is refused. warning: it is shown, and the motion may be run."""
@@ -146,7 +139,7 @@ def passes(
     motion, links, findings = _but_for_gaps(robot, trajectory, payload_kg, tool_path, at_rest=True)
     if any(not warned or finding.severity == "error" for finding in findings):
         return False
-    return all(_closed(motion, source, links) is None for source in sources(robot))
+    return all(closed_gaps(motion, source, links) is None for source in sources(robot))
 
 
 def _but_for_gaps(
@@ -192,87 +185,6 @@ def require_gaps(robot: Robot, trajectory: Trajectory) -> None:
     motion = SampledMotion(robot, trajectory)
     for finding in _gap_findings(motion, robot.body_frames(motion.q)):
         raise MotionRefusedError(finding.fact)
-
-
-class SampledMotion:
-    """The m samples of a motion, and its extremes between them.
-
-    Where a trajectory knows its peaks, no joint moves more than 6° between two samples; another one is
-    sampled every millisecond, at most 4,000 times. Each part of a joined trajectory is sampled alone.
-    """
-
-    def __init__(self, robot: Robot, trajectory: Trajectory) -> None:
-        """InputError: another number of joints, or a value that is not finite."""
-        if not isinstance(trajectory, Trajectory):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise InputError(f"a motion is a trajectory, not {trajectory!r}")
-        if trajectory.start.shape != (robot.n,) or trajectory.end.shape != (robot.n,):
-            raise InputError(f"{robot.name} has {robot.n} joints, the trajectory has {len(trajectory.start)}")
-        parts = trajectory.leaves() if isinstance(trajectory, JoinedTrajectory) else [(trajectory, 0.0)]
-        times, speeds = list[FloatArray](), list[FloatArray]()
-        states: list[tuple[FloatArray, FloatArray, FloatArray]] = []
-        left, peaks = _MOST_IN_ALL, [peaks_of(part) for part, _ in parts]
-        for (part, begins), speed in zip(parts, [one.speed for one in peaks], strict=True):
-            duration = part.duration
-            if not (math.isfinite(duration) and duration >= 0):
-                raise InputError(f"a trajectory cannot take {duration} s")
-            if isinstance(part, KnowsPeaks):
-                travel = min(float(speed.max()) * duration / _TRAVEL, _MOST)
-                count = max(2 * math.ceil(0.5 * travel), 2)
-            else:
-                count = min(max(math.ceil(duration / _FINEST_S), _FEWEST), _MOST)
-            left -= count - 2  # the fewest
-            if left < 0:
-                raise InputError(
-                    f"a motion of {len(parts)} parts that needs more than {_MOST_IN_ALL} samples is too long "
-                    "to check; join fewer"
-                )
-            time = np.linspace(0.0, duration, count + 1) if duration else np.zeros(1)
-            state = part.sample(time)
-            times.append(begins + time)
-            speeds.append(np.broadcast_to(speed, (len(time), robot.n)))
-            states.append((state.q, state.velocity, state.acceleration))
-            for name, values in zip(("angle", "speed", "acceleration"), states[-1], strict=True):
-                if values.shape != (len(time), robot.n) or not np.isfinite(values).all():
-                    raise InputError(f"the trajectory gives a joint {name} that is not a finite number")
-        self.robot, self.trajectory = robot, trajectory
-        self.time = np.concatenate(times)
-        """(m,) rising [s]"""
-        self.q, self.velocity, self.acceleration = map(np.concatenate, zip(*states, strict=True))
-        """(m, n) [rad], [rad/s], [rad/s²]"""
-        self.speed = np.concatenate(speeds)
-        """(m, n) largest joint speeds of the part that each sample belongs to [rad/s]"""
-        self.peaks = joined_peaks(peaks)
-        ends = [
-            (begins, state[1]) for (_, begins), state in zip(parts, states, strict=True) if len(state[1]) > 1
-        ]
-        self.seams = [(at, after[0] - before[-1]) for (_, before), (at, after) in pairwise(ends)]
-        """when each part but the first begins [s], and how far the joint speeds jump there (n,) [rad/s]"""
-
-    def told(self, time: float, holds: Callable[[float], bool]) -> tuple[float, int]:
-        """A time as a text says it [s], and its decimals: hundredths, if it holds there, or finer."""
-        for digits in (2, 3, 4):
-            rounded = min(round(time, digits), float(self.time[-1]))
-            if holds(rounded):
-                return rounded, digits
-        return time, 4
-
-    def beside(self, at: int) -> tuple[float, float]:
-        """The times of the samples before and behind one [s]."""
-        return float(self.time[max(at - 1, 0)]), float(self.time[min(at + 1, len(self.time) - 1)])
-
-    def least_at(self, measure: Callable[[FloatArray], FloatArray], begin: float, end: float) -> float:
-        """When a measure of the motion at times (m,) [s] is least between two samples [s]."""
-        when = begin
-        for _ in range(_NARROWED):
-            times = np.linspace(begin, end, _LOOKS)
-            at = int(measure(times).argmin())
-            begin, when, end = times[[max(at - 1, 0), at, min(at + 1, _LOOKS - 1)]].tolist()
-        return when
-
-    def rates(self, time: FloatArray, order: int) -> FloatArray:
-        """(m, n) size of one of ``_RATES`` of the joints [rad/s], [rad/s²], [rad/s³] at times (m,) [s]."""
-        state = self.trajectory.sample(time)
-        return np.abs((state.velocity, state.acceleration, state.jerk)[order])
 
 
 # Joint limits, speeds, accelerations and jerks, rest at both ends.
@@ -384,129 +296,12 @@ def _rest_findings(motion: SampledMotion) -> Iterator[Finding]:
             )
 
 
-# Does the arm keep clear of the floor, of obstacles and of itself over the whole motion?
-
-_TOO_FAST = 2.0
-"""times the speed limits: a motion beyond is refused for its speed, and nothing else is proven of it"""
-_BLOCK = 4096
-"""intervals that are halved at once, so that memory stays bounded"""
-
-
 def _gap_findings(motion: SampledMotion, links: LinkFrames) -> Iterator[Finding]:
     """Gaps that are closed too far, each kind's deepest."""
     for source in sources(motion.robot):
-        closed = _closed(motion, source, links)
+        closed = closed_gaps(motion, source, links)
         if closed is not None:
-            yield _deepest(motion, source, closed)
-
-
-@dataclass(frozen=True, slots=True)
-class _Closed:
-    """Gaps that are closed too far somewhere in a motion, and where that was seen."""
-
-    allowed: FloatArray
-    """(k, 1) how far each gap may be closed [m]"""
-    intervals: FloatArray
-    """(2 + 3k, m) when intervals begin and end [s], by how much each gap is open beyond ``allowed`` at both
-    times, and by how much it may change between them [m]"""
-
-
-def _closed(motion: SampledMotion, source: Gaps, links: LinkFrames) -> _Closed | None:
-    """Check that gaps stay open; one that starts closed must not close further. ``links``: at the samples.
-
-    With gaps g₀ and g₁ at two samples and a change of at most D (levers times joint speeds) between them, a
-    gap is at least (g₀ + g₁ - D) / 2 there. Where that does not prove it open, the interval is halved. Told
-    are the samples, if a gap is closed too far at any of them, else the first halves that show one.
-    """
-    if not len(source.levers):
-        return None
-    speed = np.minimum(motion.speed[1:], _TOO_FAST * motion.robot.speed_limits)
-    change = source.levers @ (speed * np.diff(motion.time)[:, None]).T
-    gaps = source.gaps(links, _enough(change))
-    allowed = np.minimum(gaps[:, :1], source.closed[:, None]) - FLOOR_TOLERANCE_M
-    slack = gaps - allowed
-    if slack.min() < 0.0:
-        return _Closed(allowed, _intervals(motion, slack, change))
-    if (slack[:, :-1] + slack[:, 1:] - change >= -2.0 * source.missed_m).all():  # most motions
-        return None
-    k = len(gaps)
-    blocks = [_intervals(motion, slack, change)]
-    while blocks:
-        block = blocks.pop()
-        _, at_begin, at_end, change = np.split(block, [2, 2 + k, 2 + 2 * k])
-        doubtful = np.flatnonzero((0.5 * (at_begin + at_end - change) < -source.missed_m).any(axis=0))
-        if len(doubtful) > _BLOCK:
-            blocks += [block[:, doubtful[_BLOCK:]], block[:, doubtful[:_BLOCK]]]
-        elif len(doubtful):
-            early = block[:, doubtful]
-            middle = 0.5 * (early[0] + early[1])
-            early[2 + 2 * k :] *= 0.5
-            frames = motion.robot.body_frames(motion.trajectory.sample(middle).q)
-            never = 0.5 * (early[2 : 2 + k] + early[2 + k : 2 + 2 * k]) >= early[2 + 2 * k :]
-            enough = np.where(never, -np.inf, 0.5 * early[2 + 2 * k :])
-            slack = np.where(never, np.inf, source.gaps(frames, enough) - allowed)
-            late = early.copy()
-            early[1], early[2 + k : 2 + 2 * k] = middle, slack
-            late[0], late[2 : 2 + k] = middle, slack
-            blocks.append(np.hstack([early, late]))
-            if slack.min() < 0.0:
-                return _Closed(allowed, blocks[-1])
-    return None
-
-
-def _intervals(motion: SampledMotion, slack: FloatArray, change: FloatArray) -> FloatArray:
-    """As ``_Closed.intervals``, between the samples of a motion."""
-    return np.vstack([motion.time[:-1], motion.time[1:], slack[:, :-1], slack[:, 1:], change])
-
-
-def _enough(change: FloatArray) -> FloatArray:
-    """(k, m) [m] beyond which gaps at samples prove all between, where they change by (k, m - 1) at most."""
-    most = np.zeros((len(change), change.shape[1] + 1))
-    most[:, :-1] = change
-    most[:, 1:] = np.maximum(most[:, 1:], change)
-    return 0.5 * most
-
-
-def _deepest(motion: SampledMotion, source: Gaps, closed: _Closed) -> Finding:
-    """The deepest of the gaps that are closed too far."""
-    allowed, k = closed.allowed, len(closed.allowed)
-    begin, end, at_begin, at_end, change = np.split(closed.intervals, [1, 2, 2 + k, 2 + 2 * k])
-
-    def depths_at(time: FloatArray, enough: FloatArray) -> FloatArray:
-        """(k, m) the gaps that are closed too far [m], others infinite; exact below ``enough`` (k, 1) [m]."""
-        gaps = source.gaps(motion.robot.body_frames(motion.trajectory.sample(time).q), enough)
-        return np.where(gaps < allowed, gaps, np.inf)
-
-    slacks = np.minimum(at_begin, at_end)
-    known = np.where(slacks < 0.0, slacks + allowed, np.inf)
-    part, at = map(int, np.unravel_index(known.argmin(), known.shape))
-    least = float(known[part, at])
-    when = float((begin if at_begin[part, at] <= at_end[part, at] else end)[0, at])
-    # where between two samples it may be deeper than at any, the deepest first
-    lowest = (0.5 * (at_begin + at_end - change) + allowed).min(axis=0)
-    lowest[at] = -np.inf
-    near = np.flatnonzero(lowest <= least)
-    near = near[np.argsort(lowest[near], kind="stable")[: source.most_near]]
-    shares = np.linspace(0.0, 1.0, _LOOKS)[:, None]
-    times = (begin[0, near] + shares * (end[0, near] - begin[0, near])).ravel()
-    depths = depths_at(times, np.full((k, 1), least))
-    if depths.min() < least:
-        part, at = map(int, np.unravel_index(depths.argmin(), depths.shape))
-        least, when = float(depths[part, at]), float(times[at])
-    this_one = np.where(np.arange(k) == part, 0.0, -np.inf)[:, None]
-
-    def depth_at(time: FloatArray) -> FloatArray:
-        return depths_at(time, this_one)[part]
-
-    step = float((end - begin)[0, near].max()) / (_LOOKS - 1)
-    around = np.clip([when - step, when + step], motion.time[0], motion.time[-1])
-    when = motion.least_at(depth_at, *around.tolist())
-    least = min(float(depth_at(np.array([when]))[0]), least)
-    when, digits = motion.told(when, lambda time: depth_at(np.array([time]))[0] < least + _AS_DEEP_M)
-    gap = float(depth_at(np.array([when]))[0])
-    links = motion.robot.body_frames(motion.trajectory.sample(np.array([when])).q)
-    depth = source.depth(part, links, -(gap if math.isfinite(gap) else least))
-    return Finding(source.blocked(part, depth), when, source.parts[part], source.kind, digits=digits)
+            yield deepest_gap(motion, source, closed)
 
 
 # Does the tool lose a direction? The isotropy is the smallest over the largest singular value of the tool

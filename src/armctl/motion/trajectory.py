@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Protocol, runtime_checkable
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike
 from armctl.arrays import ArrayRecord, ByContent, FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.target import as_numbers, checked_number
+from armctl.robot import Robot
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -237,3 +239,96 @@ class SlowedTrajectory(KnowsPeaks):
         f = self.factor
         state = self.inner.sample(as_times(t) / f)
         return Sample(state.q, state.velocity / f, state.acceleration / f**2, state.jerk / f**3)
+
+
+# A motion looked at: samples so near to each other that what lies between is bounded.
+
+
+_TRAVEL = math.radians(6)
+"""No joint moves farther between two samples, as far as the peaks of the motion are known."""
+_MOST, _MOST_IN_ALL = 4000, 40_000
+_FINEST_S = 1e-3
+_FEWEST = 32
+LOOKS, _NARROWED = 17, 3
+"""times that are looked at, and how often, to find the worst place between two samples"""
+
+
+class SampledMotion:
+    """The m samples of a motion, and its extremes between them.
+
+    Where a trajectory knows its peaks, no joint moves more than 6° between two samples; another one is
+    sampled every millisecond, at most 4,000 times. Each part of a joined trajectory is sampled alone.
+    """
+
+    def __init__(self, robot: Robot, trajectory: Trajectory) -> None:
+        """InputError: another number of joints, or a value that is not finite."""
+        if not isinstance(trajectory, Trajectory):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InputError(f"a motion is a trajectory, not {trajectory!r}")
+        if trajectory.start.shape != (robot.n,) or trajectory.end.shape != (robot.n,):
+            raise InputError(f"{robot.name} has {robot.n} joints, the trajectory has {len(trajectory.start)}")
+        parts = trajectory.leaves() if isinstance(trajectory, JoinedTrajectory) else [(trajectory, 0.0)]
+        times, speeds = list[FloatArray](), list[FloatArray]()
+        states: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+        left, peaks = _MOST_IN_ALL, [peaks_of(part) for part, _ in parts]
+        for (part, begins), speed in zip(parts, [one.speed for one in peaks], strict=True):
+            duration = part.duration
+            if not (math.isfinite(duration) and duration >= 0):
+                raise InputError(f"a trajectory cannot take {duration} s")
+            if isinstance(part, KnowsPeaks):
+                travel = min(float(speed.max()) * duration / _TRAVEL, _MOST)
+                count = max(2 * math.ceil(0.5 * travel), 2)
+            else:
+                count = min(max(math.ceil(duration / _FINEST_S), _FEWEST), _MOST)
+            left -= count - 2  # the fewest
+            if left < 0:
+                raise InputError(
+                    f"a motion of {len(parts)} parts that needs more than {_MOST_IN_ALL} samples is too long "
+                    "to check; join fewer"
+                )
+            time = np.linspace(0.0, duration, count + 1) if duration else np.zeros(1)
+            state = part.sample(time)
+            times.append(begins + time)
+            speeds.append(np.broadcast_to(speed, (len(time), robot.n)))
+            states.append((state.q, state.velocity, state.acceleration))
+            for name, values in zip(("angle", "speed", "acceleration"), states[-1], strict=True):
+                if values.shape != (len(time), robot.n) or not np.isfinite(values).all():
+                    raise InputError(f"the trajectory gives a joint {name} that is not a finite number")
+        self.robot, self.trajectory = robot, trajectory
+        self.time = np.concatenate(times)
+        """(m,) rising [s]"""
+        self.q, self.velocity, self.acceleration = map(np.concatenate, zip(*states, strict=True))
+        """(m, n) [rad], [rad/s], [rad/s²]"""
+        self.speed = np.concatenate(speeds)
+        """(m, n) largest joint speeds of the part that each sample belongs to [rad/s]"""
+        self.peaks = joined_peaks(peaks)
+        ends = [
+            (begins, state[1]) for (_, begins), state in zip(parts, states, strict=True) if len(state[1]) > 1
+        ]
+        self.seams = [(at, after[0] - before[-1]) for (_, before), (at, after) in pairwise(ends)]
+        """when each part but the first begins [s], and how far the joint speeds jump there (n,) [rad/s]"""
+
+    def told(self, time: float, holds: Callable[[float], bool]) -> tuple[float, int]:
+        """A time as a text says it [s], and its decimals: hundredths, if it holds there, or finer."""
+        for digits in (2, 3, 4):
+            rounded = min(round(time, digits), float(self.time[-1]))
+            if holds(rounded):
+                return rounded, digits
+        return time, 4
+
+    def beside(self, at: int) -> tuple[float, float]:
+        """The times of the samples before and behind one [s]."""
+        return float(self.time[max(at - 1, 0)]), float(self.time[min(at + 1, len(self.time) - 1)])
+
+    def least_at(self, measure: Callable[[FloatArray], FloatArray], begin: float, end: float) -> float:
+        """When a measure of the motion at times (m,) [s] is least between two samples [s]."""
+        when = begin
+        for _ in range(_NARROWED):
+            times = np.linspace(begin, end, LOOKS)
+            at = int(measure(times).argmin())
+            begin, when, end = times[[max(at - 1, 0), at, min(at + 1, LOOKS - 1)]].tolist()
+        return when
+
+    def rates(self, time: FloatArray, order: int) -> FloatArray:
+        """(m, n) size of one of ``_RATES`` of the joints [rad/s], [rad/s²], [rad/s³] at times (m,) [s]."""
+        state = self.trajectory.sample(time)
+        return np.abs((state.velocity, state.acceleration, state.jerk)[order])

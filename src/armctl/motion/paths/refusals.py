@@ -19,9 +19,8 @@ from armctl.kinematics.explanations import needs
 from armctl.kinematics.families.numeric.solver import LinkBound
 from armctl.kinematics.families.whole_pose import pose_of
 from armctl.motion.clearance import stands_clear
-from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
+from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve, ToolRotation, TurnRows
 from armctl.motion.paths.tool_pitch import PitchRows, elevations
-from armctl.motion.paths.tool_rotation import ToolRotation, TurnRows
 from armctl.motion.paths.tool_walk import TILT, StepBudget, ToolTask, Walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import passes

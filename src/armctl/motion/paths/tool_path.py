@@ -5,7 +5,6 @@ A curve that cannot be followed is refused before the arm moves, with the place 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -17,12 +16,11 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics import Target
-from armctl.kinematics.angles import rotation_angle
+from armctl.kinematics.angles import DEGREE, rotation_angle
 from armctl.kinematics.target import checked_number
 from armctl.motion.paths.refusals import Attempt, end_refusal, limit_refusal, pitch_refusal, turn_refusal
-from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
+from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve, ToolRotation
 from armctl.motion.paths.tool_pitch import PitchRows, led_pitches, pitch_rows
-from armctl.motion.paths.tool_rotation import ToolRotation
 from armctl.motion.paths.tool_walk import SHORTEST, StepBudget, ToolTask, Walk, walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot
@@ -40,7 +38,7 @@ _TRIED_STEPS, _LAST_STEPS = 60, 40
 """for all that is tried with free joints where the least motion does not lead along the whole curve; and for
 the one that led farthest, once more for what is said of it"""
 _AT_ONCE = 1e-6
-_SAME_TURN = math.radians(0.01)
+_SAME_TURN = 0.01 * DEGREE
 """turns nearer to each other than this count as one where there is no way to turn on [rad]"""
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
-from armctl.kinematics.angles import LIMIT_TOLERANCE, central_images
+from armctl.kinematics.angles import DEGREE, LIMIT_TOLERANCE, central_images, in_degrees
 from armctl.kinematics.families.numeric.descent import crossed
 from armctl.kinematics.families.yaw_pitch_roll.geometry import bend_sense
 from armctl.kinematics.subproblems import ToolPlane
@@ -164,7 +164,7 @@ def pitch_rows(robot: Robot, q: FloatArray, length: float, end: float | None) ->
         curve = PiecewisePolynomial([0.0, length], [[[float(senses @ q)], [turn / length]]])
         return PlanePitch(senses, curve, offset=angle - float(senses @ q))
     if end is not None and abs(end) > math.pi / 2:
-        raise InputError(f"a tool pitch lies within ±90°, got {math.degrees(end):.2f}°")
+        raise InputError(f"a tool pitch lies within ±90°, got {in_degrees(end)}")
     start = float(elevations(robot, robot.forward(q)[None])[0])
     if end is None and abs(start) > math.pi / 2 - _UPRIGHT:
         return AxisPitch((0, 1), start, 0.0)
@@ -196,7 +196,7 @@ _ANGLES = 360
 _REACH = 12
 """by how many angles of the grid the tool may turn from one place to the next"""
 _SHIFTS = np.arange(-_REACH, _REACH + 1)
-_MARGIN = math.radians(5.0)
+_MARGIN = 5.0 * DEGREE
 """how near to a limit a place begins to cost more [rad]"""
 _CLOSE = 0.03
 """what a place on a limit costs, in squared radians of joint motion"""
