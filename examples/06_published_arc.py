@@ -6,7 +6,7 @@ import numpy as np
 
 import armctl
 from armctl.motion import arc
-from armctl.motion.error_report import ErrorReport, as_printed, closest_on_path
+from armctl.motion.analysis import ErrorReport, as_printed, closest_on_path
 from armctl.program import MoveStep, Program
 
 robot = armctl.load_robot("uzuner")

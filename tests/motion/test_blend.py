@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from armctl import load_robot
 from armctl.errors import InputError
+from armctl.motion.analysis import arc
 from armctl.motion.blend import Blend, Leg, blend
-from armctl.motion.error_report import arc
 from armctl.motion.polynomial import PiecewisePolynomial
 
 ROBOT = load_robot("uzuner")

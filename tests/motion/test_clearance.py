@@ -96,7 +96,7 @@ def test_a_dip_between_two_clear_samples_is_found(
 def test_memory_is_bounded_by_halving_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     grazing, through = with_floor(-DEPTH), with_floor(DEPTH)
     expected = preflight(grazing, swing()), [finding.kind for finding in preflight(through, swing())]
-    monkeypatch.setattr(import_module("armctl.motion.preflight"), "_BLOCK", 1)
+    monkeypatch.setattr(import_module("armctl.motion.clearance"), "_BLOCK", 1)
     assert (
         preflight(grazing, swing()),
         [finding.kind for finding in preflight(through, swing())],

@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armctl.motion import PointToPoint, arc, line, plan_arc, plan_line, plan_spline
-from armctl.motion.choices import solve_points
-from armctl.motion.error_report import (
+from armctl.motion.analysis import (
     ErrorReport,
     PathError,
     as_printed,
     distances,
     path_error,
 )
+from armctl.motion.choices import solve_points
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.plan import plan_blended, plan_through
 from armctl.robot import load_robot

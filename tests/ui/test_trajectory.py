@@ -14,8 +14,7 @@ from armctl.errors import InputError, MotionRefusedError, ProgramError, Unreacha
 from armctl.hardware import Source
 from armctl.kinematics import Target
 from armctl.motion import Profile
-from armctl.motion.analysis import Turning
-from armctl.motion.error_report import ErrorReport, PathError, closest_on_path, distances, report_csv
+from armctl.motion.analysis import ErrorReport, PathError, Turning, closest_on_path, distances, report_csv
 from armctl.motion.plan import Passing
 from armctl.program import (
     EndStep,

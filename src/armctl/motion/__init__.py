@@ -1,8 +1,8 @@
 """Motion: profiles, trajectories, paths, pre-flight."""
 
+from armctl.motion.analysis import arc, line
 from armctl.motion.choices import plan_choice, plan_target, solve
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, Floor, Obstacles, SelfCollision
-from armctl.motion.error_report import arc, line
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
 from armctl.motion.paths.tool_path import PitchMode, TurnMode, usual_pitch
 from armctl.motion.plan import Profile, plan_arc, plan_joints, plan_line, plan_spline

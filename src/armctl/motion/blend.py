@@ -15,6 +15,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
+from armctl.kinematics.angles import in_degrees
 from armctl.motion.paths.tool_walk import first_crossing
 from armctl.motion.polynomial import PiecewisePolynomial, quintic
 from armctl.motion.time_optimal import PathLimits, fastest_rates, time_optimal_law
@@ -108,7 +109,7 @@ def _corner_between(robot: Robot, before: Leg, after: Leg) -> _Corner | None:
     """The largest corner inside the joint limits; None: the arm stops at the point."""
     gap = float(np.abs(before.path(before.path.high) - after.path(after.path.low)).max())
     if not gap <= _ROUNDING:
-        raise InputError(f"a leg begins {np.degrees(gap):.4f}° away from where the one before it ends")
+        raise InputError(f"a leg begins {in_degrees(gap, '.4f')} away from where the one before it ends")
     radius = before.blend_m
     if radius <= 0:
         return None

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate, product
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.arrays import FloatArray
 from armctl.facts import Blocked
 from armctl.kinematics.frames import LinkFrames
-from armctl.motion.preflight import Finding
 from armctl.motion.trajectory import LOOKS, SampledMotion
 from armctl.robot import Robot
 from armctl.robot.body.arm_body import CLEAR_M
@@ -226,7 +225,7 @@ def clear_rest(robot: Robot) -> tuple[FloatArray, str] | None:
     q = clear_pose(replace(robot, poses={}))
     if q is None:
         return None
-    return q, f"[{', '.join(f'{angle:g}' for angle in np.degrees(q).round(2).tolist())}]"
+    return q, f"[{', '.join(f'{angle:g}' for angle in robot.shown(q).round(2).tolist())}]"
 
 
 def clear_pose(robot: Robot) -> FloatArray | None:
@@ -263,15 +262,10 @@ def _keeps_out(source: Gaps, robot: Robot, q: FloatArray, room: float) -> NDArra
     return np.logical_and.reduce(source.gaps(robot.body_frames(q), least + _TOUCHES_M) >= least, axis=0)
 
 
-# Does an arm keep clear over a whole motion?
-
+# Does the arm keep clear of the floor, of obstacles and of itself over the whole motion?
 
 _AS_DEEP_M = 5e-5
 """how much less deep a gap may be at the time that is told"""
-
-
-# Does the arm keep clear of the floor, of obstacles and of itself over the whole motion?
-
 _TOO_FAST = 2.0
 """times the speed limits: a motion beyond is refused for its speed, and nothing else is proven of it"""
 _BLOCK = 4096
@@ -345,7 +339,18 @@ def _enough(change: FloatArray) -> FloatArray:
     return 0.5 * most
 
 
-def deepest_gap(motion: SampledMotion, source: Gaps, closed: ClosedGaps) -> Finding:
+class DeepestGap(NamedTuple):
+    """The gap that is closed farthest in a motion."""
+
+    blocked: Blocked
+    time: float
+    """when, as a text says it [s]"""
+    digits: int
+    """decimals of that time"""
+    part: str
+
+
+def deepest_gap(motion: SampledMotion, source: Gaps, closed: ClosedGaps) -> DeepestGap:
     """The deepest of the gaps that are closed too far."""
     allowed, k = closed.allowed, len(closed.allowed)
     begin, end, at_begin, at_end, change = np.split(closed.intervals, [1, 2, 2 + k, 2 + 2 * k])
@@ -384,4 +389,4 @@ def deepest_gap(motion: SampledMotion, source: Gaps, closed: ClosedGaps) -> Find
     gap = float(depth_at(np.array([when]))[0])
     links = motion.robot.body_frames(motion.trajectory.sample(np.array([when])).q)
     depth = source.depth(part, links, -(gap if math.isfinite(gap) else least))
-    return Finding(source.blocked(part, depth), when, source.parts[part], source.kind, digits=digits)
+    return DeepestGap(source.blocked(part, depth), when, digits, source.parts[part])

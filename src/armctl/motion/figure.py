@@ -62,7 +62,7 @@ def motion_figure(robot: Robot, shown: TitledMotion, beside: TitledMotion | None
         joints, tool = shown.motion.of(quantity)
         sides = (
             (row[0], 1000 * tool, ["x", "y", "z"], f"tool {quantity} (mm{per})"),
-            (row[1], np.degrees(joints), joint_names, f"joint {quantity} (°{per})"),
+            (row[1], robot.shown(joints), joint_names, f"joint {quantity} (°{per})"),
         )
         for axis, values, names, label in sides:
             for i, name in enumerate(names):
@@ -74,7 +74,7 @@ def motion_figure(robot: Robot, shown: TitledMotion, beside: TitledMotion | None
             row[1].axhline(limit.value, color=color_of(limit.joint), linestyle="--", linewidth=0.9)
         if beside is not None:
             joints, tool = beside.motion.of(quantity)
-            for axis, values in zip(row, (1000 * tool, np.degrees(joints)), strict=True):
+            for axis, values in zip(row, (1000 * tool, robot.shown(joints)), strict=True):
                 for i, line in enumerate(values.T):
                     axis.plot(beside.motion.time, line, color=color_of(i), linewidth=1.0, linestyle=":")
     for axis in axes[-1]:

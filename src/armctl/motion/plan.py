@@ -33,8 +33,6 @@ from armctl.robot import Robot
 
 Profile = ProfileName | Literal["normal"]
 """A law for all joints together; or "normal": each joint at its own speed (takes no duration)."""
-
-
 _FREER_STEPS = 20
 """for each of the questions whether a curve can be followed with less asked of the tool's turn"""
 _SLOWEST = 1e-6

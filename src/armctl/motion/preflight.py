@@ -32,10 +32,7 @@ from armctl.kinematics.frames import LinkFrames
 from armctl.kinematics.target import checked_number
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import closed_gaps, deepest_gap, sources
-from armctl.motion.trajectory import (
-    SampledMotion,
-    Trajectory,
-)
+from armctl.motion.trajectory import SampledMotion, Trajectory
 from armctl.robot import Robot
 
 Severity = Literal["error", "warning"]
@@ -299,9 +296,9 @@ def _rest_findings(motion: SampledMotion) -> Iterator[Finding]:
 def _gap_findings(motion: SampledMotion, links: LinkFrames) -> Iterator[Finding]:
     """Gaps that are closed too far, each kind's deepest."""
     for source in sources(motion.robot):
-        closed = closed_gaps(motion, source, links)
-        if closed is not None:
-            yield deepest_gap(motion, source, closed)
+        if (closed := closed_gaps(motion, source, links)) is not None:
+            reason, when, digits, part = deepest_gap(motion, source, closed)
+            yield Finding(reason, when, part, source.kind, digits=digits)
 
 
 # Does the tool lose a direction? The isotropy is the smallest over the largest singular value of the tool

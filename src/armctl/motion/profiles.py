@@ -354,17 +354,18 @@ def _too_short(
 ) -> str:
     """Which joint cannot, and which of its limits it would pass; the duration [s] is ``told`` so."""
     i = int(times.argmax())
-    joint, way = robot.joints[i], float(np.degrees(abs(travel[i])))
+    joint = robot.joints[i]
+    way = joint.shown(abs(float(travel[i])))
     if duration == 0:
         return f"{joint.title}: cannot move in 0 s"
-    limits = np.degrees([joint.speed, joint.acceleration, joint.jerk]).tolist()
+    limits = [joint.shown(limit) for limit in (joint.speed, joint.acceleration, joint.jerk)]
     units = ("°/s", "°/s²", "°/s³")
     motion = f"{joint.title}: {way:.2f}° in {told}"
     law = laws[i] if laws else None
     if law is not None:
         # the shortest law meets some limits; the others do not make it longer
         rates = [law := law.derivative() for _ in range(2 if profile == "trapezoid" else 3)]
-        peaks = [math.degrees(float(rate.bound_by_piece().max())) for rate in rates]
+        peaks = [joint.shown(float(rate.bound_by_piece().max())) for rate in rates]
         met = [k for k, peak in enumerate(peaks) if peak > limits[k] * (1 - _MET)]
         *first, last = [f"{limits[k]:.1f} {units[k]}" for k in met]
         said = f"limits of {', '.join(first)} and {last}" if first else f"limit of {last}"

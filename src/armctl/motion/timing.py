@@ -306,5 +306,5 @@ def _bound(robot: Robot, motion: PathTrajectory, profile: ProfileName, rate_cap:
     if kind == len(limits):
         return f"{when} it goes at the speed that was asked for"
     what, unit, _, most = limits[kind]
-    limit = math.degrees(float(most[joint]))
+    limit = robot.joints[joint].shown(float(most[joint]))
     return f"{when} {robot.joints[joint].title} is near its largest {what}, {limit:.3g} {unit}"

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import ArrayRecord, ByContent, FloatArray
 from armctl.errors import InputError
+from armctl.kinematics.angles import DEGREE, in_degrees
 from armctl.kinematics.target import as_numbers, checked_number
 from armctl.robot import Robot
 
@@ -91,7 +92,7 @@ class KnowsPeaks(ByContent):
 
     def __repr__(self) -> str:
         ends = " to ".join(
-            f"({', '.join(f'{angle:z.1f}' for angle in np.degrees(q))})°" for q in (self.start, self.end)
+            f"({', '.join(f'{angle:z.1f}' for angle in q / DEGREE)})°" for q in (self.start, self.end)
         )
         return f"{type(self).__name__}({self.duration:.3f} s, from {ends})"
 
@@ -123,7 +124,7 @@ class JoinedTrajectory(KnowsPeaks):
             gap = float(np.abs(before.end - after.start).max())
             if not gap <= JOINT_TOLERANCE:
                 raise InputError(
-                    f"part {k} starts {np.degrees(gap):.4f}° away from where the one before it ends"
+                    f"part {k} starts {in_degrees(gap, '.4f')} away from where the one before it ends"
                 )
         self.parts: tuple[Trajectory, ...] = tuple(parts)
         self.start, self.end = parts[0].start, parts[-1].end
@@ -244,7 +245,7 @@ class SlowedTrajectory(KnowsPeaks):
 # A motion looked at: samples so near to each other that what lies between is bounded.
 
 
-_TRAVEL = math.radians(6)
+_TRAVEL = 6 * DEGREE
 """No joint moves farther between two samples, as far as the peaks of the motion are known."""
 _MOST, _MOST_IN_ALL = 4000, 40_000
 _FINEST_S = 1e-3

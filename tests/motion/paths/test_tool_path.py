@@ -28,7 +28,7 @@ from tests.motion.paths.tool_kit import (
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, UnreachableError
 from armctl.kinematics import Chain, DHRow
 from armctl.motion import ToolPathRefusedError, ToolPathUnreachableError
-from armctl.motion.error_report import arc, line
+from armctl.motion.analysis import arc, line
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.paths.tool_path import TURN_MODES, PitchMode, follow
 from armctl.robot import Robot

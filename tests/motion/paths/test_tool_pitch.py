@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from tests.motion.paths.tool_kit import ABAAS, ROBOTS, SCORBOT, UZUNER, random_start
 
-from armctl.motion.error_report import line
+from armctl.motion.analysis import line
 from armctl.motion.paths.tool_curve import ToolLine
-from armctl.motion.paths.tool_pitch import (
+from armctl.motion.paths.tool_orientation import (
     AxisPitch,
     PitchGrid,
     carried,

@@ -22,8 +22,8 @@ from armctl.errors import InputError, MotionRefusedError, UnreachableError
 from armctl.kinematics import Chain, rotation_from_rpy
 from armctl.motion import ToolPathRefusedError, ToolPathUnreachableError, plan_arc, plan_line
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
+from armctl.motion.paths.tool_orientation import ToolRotation
 from armctl.motion.paths.tool_path import TurnMode, follow
-from armctl.motion.paths.tool_rotation import ToolRotation
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot, load_robot
 

@@ -11,7 +11,7 @@ from tests.motion.paths.tool_kit import ROBOTS, SCORBOT, UZUNER, random_start
 
 from armctl import load_robot
 from armctl.motion.paths.tool_curve import ToolArc, ToolLine
-from armctl.motion.paths.tool_pitch import pitch_rows
+from armctl.motion.paths.tool_orientation import pitch_rows
 from armctl.motion.paths.tool_walk import SHORTEST, StepBudget, ToolTask, first_crossing, repulsion, walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot

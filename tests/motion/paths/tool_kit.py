@@ -13,8 +13,8 @@ from tests.sticks import of_sticks
 from armctl.kinematics import Chain, GravityModel
 from armctl.motion import PitchMode
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
+from armctl.motion.paths.tool_orientation import elevations
 from armctl.motion.paths.tool_path import follow
-from armctl.motion.paths.tool_pitch import elevations
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Joint, Robot, load_robot
 

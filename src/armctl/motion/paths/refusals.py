@@ -12,15 +12,24 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, MotionRefusedError, UnreachableError
-from armctl.facts import OnCurve, Said
+from armctl.facts import (
+    AtLimit,
+    BeyondReach,
+    BranchEnds,
+    NeedsAngle,
+    OnCurve,
+    PitchDecided,
+    Reason,
+    SingularStart,
+    TooFewJoints,
+)
 from armctl.kinematics import DEFAULT_STEP, Solutions, Target
-from armctl.kinematics.angles import LIMIT_TOLERANCE
-from armctl.kinematics.explanations import needs
+from armctl.kinematics.angles import DEGREE, LIMIT_TOLERANCE
 from armctl.kinematics.families.numeric.solver import LinkBound
 from armctl.kinematics.families.whole_pose import pose_of
 from armctl.motion.clearance import stands_clear
-from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve, ToolRotation, TurnRows
-from armctl.motion.paths.tool_pitch import PitchRows, elevations
+from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
+from armctl.motion.paths.tool_orientation import PitchRows, ToolRotation, TurnRows, elevations
 from armctl.motion.paths.tool_walk import TILT, StepBudget, ToolTask, Walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import passes
@@ -32,7 +41,7 @@ _BEYOND = 1e-4
 """how far past the end of a branch it is asked whether anything reaches there (share of the curve)"""
 _TURNING = 1e-6
 """a turn of the tool [rad/m], and a share of the way, that count as none"""
-_SHOWN, _TOLD = 0.0005, math.radians(0.01)
+_SHOWN, _TOLD = 0.0005, 0.01 * DEGREE
 """how far off a place with one decimal of a percent is (share of the curve), and what may come of it [rad]"""
 _OTHER_STEPS, _CHECKED_STEPS = 40, 10
 """for other branches that are tried for one refusal, so that it comes at once; what a pre-flight counts as"""
@@ -92,11 +101,8 @@ def pitch_refusal(
     poses = robot.forward(path(s))
     if (wish.tilt(path(s), poses, s) <= TILT).all():
         return None
-    seen = np.degrees(elevations(robot, poses))
-    return MotionRefusedError(
-        f"the position alone decides this arm's tool pitch: along the {curve.kind} it is "
-        f"{seen.min():z.2f}° … {seen.max():z.2f}°, so it cannot be kept or interpolated; choose free"
-    )
+    seen = elevations(robot, poses)
+    return MotionRefusedError(PitchDecided(curve.kind, float(seen.min()), float(seen.max())))
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,11 +139,6 @@ class Attempt:
     def held(self) -> str:
         """What is asked for besides the position, in a word; empty: nothing."""
         return "" if self.turn is None else "rotation" if isinstance(self.turn, ToolRotation) else "pitch"
-
-    @property
-    def found(self) -> str:
-        """What a sentence about the way begins with."""
-        return "on the best way that was found, " if self.chosen else ""
 
     def target(self, s: float) -> Target:
         """What the tool is asked for at ``s`` [m]."""
@@ -178,10 +179,8 @@ class Attempt:
     @cached_property
     def beyond(self) -> str:
         """Why the end of the curve is too far or too near for the links alone; empty: that is not known."""
-        why = LinkBound(self.robot.chain).violation(
-            self.curve.positions(self.curve.length), self.robot.joints[0].title
-        )
-        return f"at 100 %, {why}" if why else ""
+        end, title = self.curve.positions(self.curve.length), self.robot.joints[0].title
+        return LinkBound(self.robot.chain).violation(end, title) or ""
 
     def solve(self, target: Target) -> Solutions:
         """The solutions of a target inside the limits."""
@@ -208,13 +207,10 @@ def turn_refusal(tried: Attempt, task: ToolTask) -> ToolPathRefusedError | None:
     besides = float(np.linalg.norm(off - turns @ np.linalg.pinv(turns) @ off))
     if besides < _TURNING or float(np.linalg.norm(jacobian[:3] @ rates - along)) > _TURNING:
         return None
-    where_else = f"move the {curve.kind}"
-    if robot.inverse_kinematics.plane is not None and robot.inverse_kinematics.roll_joint is not None:
-        where_else = "they can in the arm's own vertical plane, and with the tool straight up or down"
-    wish = "turn the tool like this" if turn.any() else "keep the tool's orientation"
+    solver = robot.inverse_kinematics
+    has_plane = solver.plane is not None and solver.roll_joint is not None
     place = PathPlace(s, s / curve.length, curve.positions(s))
-    joints = f"{len(task.moving)} joints cannot {wish} here"
-    why = Said(f"{joints}, it would also turn by {math.degrees(besides) / 1000:.3g}° a mm", where_else)
+    why = TooFewJoints(curve.kind, len(task.moving), bool(turn.any()), besides, has_plane)
     return ToolPathRefusedError(_on(curve, place, why), place, _before(walked.path, s))
 
 
@@ -226,9 +222,10 @@ def limit_refusal(tried: Attempt, path: PiecewisePolynomial, s: float, k: int) -
     place = PathPlace(s, s / curve.length, curve.positions(s), k, worst.angle, worst.s)
     at = float(path(s)[k])
     limit = min(robot.limits[k].tolist(), key=lambda bound: abs(bound - at))
-    said = " and ".join(_need_words(tried, path, one) for one in beyond)
-    at_limit = f"{tried.found}{robot.joints[k].title} is at its limit of {_degrees(limit)}°"
-    why = Said(f"{at_limit}; {said}", _other_ways(tried))
+    needs = tuple(_needed(tried, path, one) for one in beyond)
+    why = AtLimit(
+        curve.kind, robot.joints[k].title, limit, needs, tried.chosen, tuple(_other_branches(tried))
+    )
     return ToolPathRefusedError(_on(curve, place, why), place, _before(path, s))
 
 
@@ -267,16 +264,13 @@ def _place_of(path: PiecewisePolynomial, piece: int, joint: int, value: float) -
     return 0.5 * (begin + end)
 
 
-def _need_words(tried: Attempt, path: PiecewisePolynomial, need: _Need) -> str:
-    title, share = tried.robot.joints[need.joint].title, round(100.0 * need.s / tried.curve.length, 1)
-    low, high = map(_degrees, tried.robot.limits[need.joint].tolist())
+def _needed(tried: Attempt, path: PiecewisePolynomial, need: _Need) -> NeedsAngle:
+    joint, share = tried.robot.joints[need.joint], round(100.0 * need.s / tried.curve.length, 1)
     # near the end of a branch a joint turns so fast that the place, as it is said, does not tell the angle
     off = _SHOWN * tried.curve.length
     around = path(np.clip([need.s - off, need.s + off], path.breaks[0], path.breaks[-1]))[:, need.joint]
-    if share < 100.0 and np.abs(around - need.angle).max() > _TOLD:
-        return f"before this branch ends, {title} would have to leave its limits of {low}° … {high}°"
-    words = needs(title, tried.robot.limits[need.joint], need.angle).replace(" needs ", " would need ")
-    return f"at {share:.4g} % {words}"
+    turns_fast = share < 100.0 and np.abs(around - need.angle).max() > _TOLD
+    return NeedsAngle(joint.title, joint.lower, joint.upper, None if turns_fast else need.angle, share)
 
 
 def end_refusal(tried: Attempt) -> ToolPathRefusedError | ToolPathUnreachableError:
@@ -284,11 +278,7 @@ def end_refusal(tried: Attempt) -> ToolPathRefusedError | ToolPathUnreachableErr
     robot, curve, walked = tried.robot, tried.curve, tried.walked
     if not walked.knots:
         place = PathPlace(0.0, 0.0, curve.positions(0.0))
-        why = Said(
-            f"the arm stands in a singularity and cannot begin this {curve.kind}",
-            "bend the arm first (turn a joint, or Main → Home where that pose is bent)",
-        )
-        return ToolPathRefusedError(_on(curve, place, why), place, None)
+        return ToolPathRefusedError(_on(curve, place, SingularStart(curve.kind)), place, None)
     last = walked.knots[-1]
     s, before = last.s, _before(walked.path, last.s)
     place = PathPlace(s, s / curve.length, curve.positions(s))
@@ -296,25 +286,22 @@ def end_refusal(tried: Attempt) -> ToolPathRefusedError | ToolPathUnreachableErr
     if why is not None:
         return ToolPathUnreachableError(_on(curve, place, why), place, before)
     k = int((np.abs(last.slope) / robot.speed_limits).argmax())
-    title, rate = robot.joints[k].title, math.degrees(abs(float(last.slope[k]))) / 1000.0
-    farther = f"; {tried.beyond}" if tried.beyond else ""
-    turn = f"{tried.found}{title} would have to turn by {rate:.0f}° a mm, and more just beyond"
-    why = Said(f"{turn}: a singularity{farther}", _other_ways(tried))
+    title, rate = robot.joints[k].title, abs(float(last.slope[k]))
+    branches = tuple(_other_branches(tried))
+    why = BranchEnds(curve.kind, title, rate, tried.beyond, tried.chosen, branches)
     return ToolPathRefusedError(_on(curve, place, why), replace(place, joint=k), before)
 
 
-def _out_of_reach(tried: Attempt, s: float) -> Said | None:
+def _out_of_reach(tried: Attempt, s: float) -> BeyondReach | None:
     """Why no branch reaches the curve just beyond ``s`` [m], limits not looked at; None: one does."""
     curve = tried.curve
     if tried.reached(min(curve.length, s + _BEYOND * curve.length)) is not False:
         return None
-    with_it = f" with that {tried.held}" if tried.held else ""
-    leaves, move = f"here it leaves what the arm reaches{with_it}", f"move the {curve.kind}"
+    leaves = BeyondReach(curve.kind, tried.held)
     if tried.searches:
-        return Said(f"{leaves}; {tried.beyond}") if tried.beyond else Said(leaves, move)
+        return replace(leaves, percent=100, why=tried.beyond) if tried.beyond else leaves
     if tried.held == "pitch" and tried.turn is not None and tried.turn.rates(s).any():
-        # farther on it is another pitch
-        return Said(leaves, move)
+        return leaves  # farther on it is another pitch
     # clearer than just beyond: far out, at whole percents, so that the figures hold where they say
     percent, first = 100, math.floor(100.0 * s / curve.length) + 1
     while percent >= first:
@@ -324,20 +311,11 @@ def _out_of_reach(tried: Attempt, s: float) -> Said | None:
             why = solutions.explanation
             if solutions.success:
                 why = tried.robot.turned_off(solutions, solutions[int(solutions.residual_rad.argmin())]) or ""
-            return Said(f"{leaves}; at {percent} %, {why}")
+            return replace(leaves, percent=percent, why=why)
         if percent == first:
             break
         percent = (percent + first) // 2
-    return Said(leaves, move)
-
-
-def _other_ways(tried: Attempt) -> str:
-    """What to do instead, with the branches that follow the whole curve from where the tool is."""
-    kind, names = tried.curve.kind, _other_branches(tried)
-    if not names:
-        return f"move the {kind}"
-    follow = "follows" if len(names) == 1 else "follow"
-    return f"start on another branch ({' or '.join(names)} {follow} the whole {kind}) or move the {kind}"
+    return leaves
 
 
 def _other_branches(tried: Attempt) -> list[str]:
@@ -375,13 +353,9 @@ def _may_be_followed(tried: Attempt, start: FloatArray, effort: StepBudget) -> b
     return passes(tried.robot, timed(tried.robot, path), tool_path=True)
 
 
-def _on(curve: ToolCurve, place: PathPlace, why: Said) -> OnCurve:
+def _on(curve: ToolCurve, place: PathPlace, why: Reason) -> OnCurve:
     x, y, z = place.point.tolist()
     return OnCurve(curve.kind, place.fraction, (x, y, z), why)
-
-
-def _degrees(angle: float) -> str:
-    return f"{math.degrees(angle):z.2f}"
 
 
 def _before(path: PiecewisePolynomial | None, s: float) -> PiecewisePolynomial | None:

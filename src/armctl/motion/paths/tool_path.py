@@ -19,8 +19,8 @@ from armctl.kinematics import Target
 from armctl.kinematics.angles import DEGREE, rotation_angle
 from armctl.kinematics.target import checked_number
 from armctl.motion.paths.refusals import Attempt, end_refusal, limit_refusal, pitch_refusal, turn_refusal
-from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve, ToolRotation
-from armctl.motion.paths.tool_pitch import PitchRows, led_pitches, pitch_rows
+from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
+from armctl.motion.paths.tool_orientation import PitchRows, ToolRotation, led_pitches, pitch_rows
 from armctl.motion.paths.tool_walk import SHORTEST, StepBudget, ToolTask, Walk, walk
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
 from armctl.kinematics.angles import LIMIT_TOLERANCE
-from armctl.motion.paths.tool_curve import ToolCurve, TurnRows
-from armctl.motion.paths.tool_pitch import carried
+from armctl.motion.paths.tool_curve import ToolCurve
+from armctl.motion.paths.tool_orientation import TurnRows, carried
 from armctl.motion.polynomial import PiecewisePolynomial, quintic
 
 DEVIATION_M = 0.01e-3

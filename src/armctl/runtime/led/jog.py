@@ -11,7 +11,7 @@ from armctl.kinematics.angles import quaternion_wxyz
 from armctl.kinematics.families.numeric.descent import rotation_vectors
 from armctl.kinematics.subproblems import turn
 from armctl.kinematics.velocity import damped_inverse, turning_speeds
-from armctl.motion.paths.tool_pitch import PitchRows, PlanePitch, pitch_rows
+from armctl.motion.paths.tool_orientation import PitchRows, PlanePitch, pitch_rows
 from armctl.protocol import Command, Jog, JogTool
 from armctl.robot import Robot
 from armctl.runtime.led.joint_servo import JointServo, KeepClear, Led, Step, fastest_inside

@@ -11,7 +11,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError
 from armctl.hardware import Source
-from armctl.motion.error_report import (
+from armctl.motion.analysis import (
     TICK_S,
     ErrorReport,
     PathError,
