@@ -15,14 +15,13 @@ import re
 import stat
 import tempfile
 import tomllib
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar
 
-from armctl.decoding import Decoder, Place
+from armctl.decoding import Decoder, Place, line_of
 from armctl.errors import ArmctlError, Errors, InputError
 from armctl.system import whose
 
@@ -236,103 +235,6 @@ def _syntax(message: str) -> str:
     what, line, column = match.groups()
     what = f"{what[:1].lower()}{what[1:]}"
     return f"{what} at the end of the file" if line is None else f"line {line}, column {column}: {what}"
-
-
-# On which line of a TOML text something stands.
-
-_NAME = r"""(?:[A-Za-z0-9_-]+|"(?:\\.|[^"\\\n])*"|'[^'\n]*')"""
-_NAMES = rf"{_NAME}(?:[ \t]*\.[ \t]*{_NAME})*"
-_HEADER = re.compile(rf"(?P<open>\[\[?)[ \t]*(?P<table>{_NAMES})[ \t]*\]\]?")
-_KEY = re.compile(rf"(?P<key>{_NAMES})[ \t]*=[ \t]*")
-_SPACE = re.compile(r"(?:[ \t\n]+|#[^\n]*)*")
-_SCALAR = re.compile(
-    r'"""(?:\\.|[^\\])*?"{3,5}'  # a string may hold what looks like a header or a key
-    r"|'{3}.*?'{3,5}"
-    r'|"(?:\\.|[^"\\\n])*"'
-    r"|'[^'\n]*'"
-    r"|[^,\]}\n#]+",
-    re.DOTALL,
-)
-
-
-def line_of(text: str, place: Place) -> int | None:
-    """Line of valid TOML, from 1, of a key or an entry of a list, or of the table that it is missing in."""
-    offsets = _offsets(text)
-    while place and place not in offsets:
-        place = place[:-1]
-    return text.count("\n", 0, offsets[place]) + 1 if place else None
-
-
-@lru_cache(maxsize=1)
-def _offsets(text: str) -> dict[Place, int]:
-    """Where everything in valid TOML begins."""
-    found: dict[Place, int] = {}
-    entries: dict[Place, int] = {}
-    table: Place = ()
-    at = _after_space(text, 0)
-    while at < len(text):
-        if match := _HEADER.match(text, at):
-            table = _opened(_names(match["table"]), entries, new=match["open"] == "[[")
-            for length in range(1, len(table) + 1):
-                found.setdefault(table[:length], at)
-            at = match.end()
-        else:
-            at = _entry(text, at, table, found)
-        at = _after_space(text, at)
-    return found
-
-
-def _entry(text: str, at: int, table: Place, found: dict[Place, int]) -> int:
-    """Note ``key = value`` at an offset, and what is in the value; where it ends."""
-    match = _KEY.match(text, at)
-    if match is None:
-        raise ValueError(f"no TOML at offset {at}")
-    here = table
-    for name in _names(match["key"]):
-        here = (*here, name)
-        found.setdefault(here, at)
-    return _value(text, match.end(), here, found)
-
-
-def _value(text: str, at: int, here: Place, found: dict[Place, int]) -> int:
-    """Note what is in a value at an offset; where it ends."""
-    opening = text[at]
-    if opening not in "[{":
-        match = _SCALAR.match(text, at)
-        return at + 1 if match is None else match.end()
-    at, count = _after_space(text, at + 1), 0
-    while text[at] not in "]}":
-        if opening == "{":
-            at = _entry(text, at, here, found)
-        else:
-            found.setdefault((*here, count), at)
-            at = _value(text, at, (*here, count), found)
-        count += 1
-        at = _after_space(text, at)
-        if text[at] == ",":
-            at = _after_space(text, at + 1)
-    return at + 1
-
-
-def _after_space(text: str, at: int) -> int:
-    match = _SPACE.match(text, at)
-    return at if match is None else match.end()
-
-
-def _names(text: str) -> list[str]:
-    return [name.strip("\"'") for name in re.findall(_NAME, text)]
-
-
-def _opened(names: Sequence[str], entries: dict[Place, int], *, new: bool) -> Place:
-    """Where a header leads: the last entry of each array of tables, or a new one of its own array."""
-    table: Place = ()
-    for index, name in enumerate(names):
-        table = (*table, name)
-        if new and index == len(names) - 1:
-            entries[table] = entries.get(table, -1) + 1
-        if table in entries:
-            table = (*table, entries[table])
-    return table
 
 
 # Files that are shipped.
