@@ -11,7 +11,8 @@ import msgspec
 import pytest
 from msgspec import Meta
 
-from armctl.documents import DocumentKind, claim, line_of, sweep_litter, write_atomically
+from armctl.decoding import line_of
+from armctl.documents import DocumentKind, claim, sweep_litter, write_atomically
 from armctl.errors import InputError
 
 

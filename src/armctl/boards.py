@@ -10,8 +10,7 @@ from pathlib import Path
 from armctl.calibration import CalibrationStore, calibrated
 from armctl.errors import OtherBoardError, PortError
 from armctl.hardware import BoardType, ByteModel, Driver, Setup
-from armctl.hardware.boards import board_type, find_board_type
-from armctl.hardware.channels import channel_settings
+from armctl.hardware.boards import board_type, channel_settings, find_board_type
 from armctl.hardware.ports import boards_listed_as, find_board, list_ports
 from armctl.hardware.simulation import TICK_S, BoardServer
 from armctl.hardware.transport import NO_SUCH_PORT, Connection, PortInfo, describe_port

@@ -16,10 +16,10 @@ SOURCES = Path(armctl.__file__).parent
 MOST_LINES, MOST_OF_A_FUNCTION = 450, 60
 FOLDERS = {
     ".": (15, 3_120),
-    "calibration": (6, 1_320),
+    "calibration": (5, 1_320),
     "cli": (12, 2_500),
     "facts": (5, 1_170),
-    "hardware": (33, 7_940),
+    "hardware": (32, 7_930),
     "kinematics": (51, 12_730),
     "motion": (20, 5_730),
     "process": (14, 3_350),
@@ -32,9 +32,6 @@ FOLDERS = {
 """files and lines, at most"""
 LARGER_FILES = {
     "arm.py": 615,
-    "documents.py": 460,
-    "hardware/encoder/simulated.py": 520,
-    "hardware/firmata/stream.py": 640,
     "process/link.py": 535,
     "process/records.py": 505,
     "program/csv.py": 490,

@@ -12,8 +12,7 @@ from armctl.hardware.board_type import ARDUINO_MEGA
 from armctl.hardware.doctor import Patient, examine
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.findings import Verdict
-from armctl.hardware.ports import PortChecks
-from armctl.hardware.probe import Probed, approach, probe
+from armctl.hardware.ports import PortChecks, Probed, approach, probe
 
 FREE = PortChecks(lambda _device: True, lambda _device: None, lambda _device: (), tuple)
 

@@ -14,7 +14,7 @@ from tests.browser.ghost_view import wait_for_ghost, wait_for_no_ghost
 from tests.browser.kit import Screen, Screens
 from tests.browser.serving import serving
 
-from armctl.hardware.channels import channel_settings
+from armctl.hardware.boards import channel_settings
 from armctl.hardware.maestro.simulated import simulated_maestro
 from armctl.hardware.simulation import BoardServer
 from armctl.protocol import MonotonicClock

@@ -14,7 +14,7 @@ import pytest
 from tests.browser.kit import Screen, Screens
 from tests.browser.serving import serving
 
-from armctl.hardware.channels import channel_settings
+from armctl.hardware.boards import channel_settings
 from armctl.hardware.maestro.codec import Opcode
 from armctl.hardware.maestro.simulated import SimulatedMaestro, simulated_maestro
 from armctl.hardware.simulation import BoardServer

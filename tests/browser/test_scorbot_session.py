@@ -11,7 +11,7 @@ import pytest
 from tests.browser.kit import Screen
 from tests.browser.serving import serving
 
-from armctl.hardware.channels import channel_settings
+from armctl.hardware.boards import channel_settings
 from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
 from armctl.hardware.simulation import BoardServer

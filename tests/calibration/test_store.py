@@ -21,7 +21,7 @@ from armctl.calibration import (
     encode_calibration,
     read_calibration,
 )
-from armctl.calibration.store import VERSIONS_KEPT
+from armctl.calibration.record import VERSIONS_KEPT
 from armctl.errors import CalibrationError
 
 BOARD = "00123456"

@@ -15,7 +15,7 @@ import pytest
 
 from armctl.cli.main import REFUSED
 from armctl.cli.options import end_event, ends_like_ctrl_c
-from armctl.hardware.channels import channel_settings
+from armctl.hardware.boards import channel_settings
 from armctl.hardware.maestro.codec import Opcode, set_targets, us_to_quarters
 from armctl.hardware.maestro.simulated import SimulatedMaestro, simulated_maestro
 from armctl.hardware.simulation import BoardServer

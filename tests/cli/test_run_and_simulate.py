@@ -9,7 +9,7 @@ import serial
 from tests.cli.simulating import simulated
 
 from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
-from armctl.hardware.channels import channel_settings
+from armctl.hardware.boards import channel_settings
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.maestro.codec import crc7
 from armctl.hardware.transport import Connection

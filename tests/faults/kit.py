@@ -20,7 +20,7 @@ from tests.runtime.kit import TEST, TICK
 from armctl.arrays import FloatArray
 from armctl.facts import State
 from armctl.hardware import BoardIdentity, ChannelSettings, Driver, Readback
-from armctl.hardware.channels import channel_settings
+from armctl.hardware.boards import channel_settings
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import simulated_encoder_board

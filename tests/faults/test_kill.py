@@ -18,7 +18,7 @@ import pytest
 
 from armctl.calibration import CalibrationStore
 from armctl.documents import has_ended
-from armctl.hardware.channels import channel_settings
+from armctl.hardware.boards import channel_settings
 from armctl.hardware.maestro.codec import Opcode, set_targets
 from armctl.hardware.maestro.simulated import simulated_maestro
 from armctl.hardware.simulation import BoardServer

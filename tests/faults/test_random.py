@@ -12,7 +12,7 @@ from tests.faults.kit import PORT, Bench
 from tests.runtime.kit import TEST, TICK
 
 from armctl.facts import State
-from armctl.hardware.channels import channel_settings
+from armctl.hardware.boards import channel_settings
 from armctl.program import MoveStep, Program, WaitStep
 from armctl.protocol import (
     ClearFault,

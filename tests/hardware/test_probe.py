@@ -20,7 +20,7 @@ from armctl.hardware.maestro.simulated import (
     MaestroSettings,
     SimulatedMaestro,
 )
-from armctl.hardware.probe import Approach, Probed, approach, probe
+from armctl.hardware.ports import Approach, Probed, approach, probe
 from armctl.hardware.transport import UNKNOWN
 from armctl.protocol import ManualClock
 

@@ -20,7 +20,7 @@ from armctl.arm import Arm
 from armctl.boards import UNNUMBERED
 from armctl.errors import BoardError, PortError, StateError
 from armctl.facts import State
-from armctl.hardware.channels import channel_settings
+from armctl.hardware.boards import channel_settings
 from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
 from armctl.hardware.simulation import BoardServer

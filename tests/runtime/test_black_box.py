@@ -18,7 +18,7 @@ from tests.runtime.kit import MIDDLE, ROBOT, TICK, Rig, make_rig, swings
 from armctl.errors import BoardError, BoardTimeoutError, InputError
 from armctl.facts import State
 from armctl.hardware import Readback, Source
-from armctl.hardware.channels import channel_settings
+from armctl.hardware.boards import channel_settings
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import SimulatedMaestro, simulated_maestro
 from armctl.hardware.transport import Connection

@@ -10,7 +10,7 @@ from tests.runtime.kit import TEST, TICK, fails
 from armctl.errors import BoardError, StateError
 from armctl.facts import State
 from armctl.hardware import Source
-from armctl.hardware.channels import channel_settings
+from armctl.hardware.boards import channel_settings
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board

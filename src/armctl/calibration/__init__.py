@@ -13,15 +13,17 @@ from armctl.calibration.apply import (
 from armctl.calibration.fit import LEAST_MARKS, JointFit, Mark, fit_joint
 from armctl.calibration.record import (
     Calibration,
+    CalibrationStore,
     JointCalibration,
+    Version,
     decode_calibration,
     encode_calibration,
     iso_time,
     read_calibration,
     read_marks,
     read_points,
+    renamed,
 )
-from armctl.calibration.store import CalibrationStore, Version, renamed
 from armctl.calibration.tool_error import LEAST_POINTS, ToolError, tool_error
 
 __all__ = [

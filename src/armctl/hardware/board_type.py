@@ -83,8 +83,6 @@ class SimulatorOption:
 
 SimulatorOptions: TypeAlias = Mapping[str, str | float | bool | None]
 """the values that were given, by the options' names: a word, a number, whether a flag was, or None"""
-
-
 NEEDED = ("kind", "title", "plugged_in", "scale", "entries")
 """what every board has to say of itself"""
 

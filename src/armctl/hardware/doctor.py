@@ -22,8 +22,7 @@ from armctl.hardware.findings import (
     ok,
     warning,
 )
-from armctl.hardware.ports import PortChecks, boards_listed_as
-from armctl.hardware.probe import Probed, approach, reach
+from armctl.hardware.ports import PortChecks, Probed, approach, boards_listed_as, reach
 from armctl.hardware.transport import PortInfo, Transport
 from armctl.system import is_pseudo_terminal
 

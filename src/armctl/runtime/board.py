@@ -16,8 +16,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.facts import Quantities
 from armctl.hardware import Abilities, Driver, HomingState, Readback, Source
-from armctl.hardware.boards import board_type
-from armctl.hardware.channels import channel_settings
+from armctl.hardware.boards import board_type, channel_settings
 from armctl.hardware.driver import abilities_of, translated
 from armctl.robot import Robot
 

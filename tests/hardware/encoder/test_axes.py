@@ -8,7 +8,7 @@ from tests.hardware.encoder.kit import AXES, CHANNELS, encoder_axis
 
 from armctl.errors import BoardError
 from armctl.hardware import ChannelSettings
-from armctl.hardware.channels import channel_settings
+from armctl.hardware.boards import channel_settings
 from armctl.hardware.encoder.axes import AxisTable, EncoderSettings
 from armctl.hardware.encoder.messages import request
 from armctl.robot import load_robot

@@ -11,8 +11,7 @@ from tests.avr.encoder_conformance import CONFORMANCE
 from tests.hardware.encoder.kit import AXES, CHANNELS, Bench, encoder_axis
 
 from armctl.hardware import ChannelSettings, Setup
-from armctl.hardware.boards import board_type
-from armctl.hardware.channels import channel_settings
+from armctl.hardware.boards import board_type, channel_settings
 from armctl.hardware.encoder.axes import EncoderSettings
 from armctl.hardware.encoder.messages import Banner, FaultKind, Mode, Status, decode, seal
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board

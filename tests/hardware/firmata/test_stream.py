@@ -6,15 +6,10 @@ import pytest
 
 from armctl.hardware import ChannelSettings
 from armctl.hardware.driver import ChannelTable
-from armctl.hardware.firmata import BAUD, pin_table
+from armctl.hardware.firmata import BAUD, SERVO_FRAME_S, pin_table
 from armctl.hardware.firmata.codec import PinState, pin_state_query, servo_write
-from armctl.hardware.firmata.stream import (
-    SERVO_FRAME_S,
-    Attacher,
-    PinWatch,
-    SetpointStream,
-    spare_pin,
-)
+from armctl.hardware.firmata.pin_watch import PinWatch
+from armctl.hardware.firmata.stream import Attacher, SetpointStream, spare_pin
 from armctl.protocol import ManualClock
 
 SERVO, OUTPUT = 4, 1

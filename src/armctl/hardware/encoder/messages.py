@@ -340,3 +340,56 @@ def decode_banner(text: str) -> Banner:
         raise BoardProtocolError(f"{text!r} is not how an armctl encoder board introduces itself")
     firmware, version, protocol, axes, reset = found.groups()
     return Banner(firmware, version, int(protocol), int(axes), reset)
+
+
+# Requests as the firmware takes them apart, for a simulated board.
+
+
+_NUMBER = re.compile(r"-?[0-9]{1,9}")
+
+
+class RefusedRequest(Exception):  # noqa: N818  not an error: what the board answers
+    """The request has no effect; it is answered by ``err`` with this code and text."""
+
+
+class RequestWords:
+    """The words of a line, one after the other; blanks part them, one or more."""
+
+    def __init__(self, text: str) -> None:
+        self.rest = [word for word in text.split(" ") if word]
+
+    def take(self) -> str | None:
+        """The next word; None at the end."""
+        return self.rest.pop(0) if self.rest else None
+
+    def end(self) -> None:
+        """Nothing more may follow."""
+        if self.rest:
+            raise RefusedRequest("ARGS too many")
+
+    def number(self, missing: str) -> int:
+        """The next word as a number."""
+        value = self.number_or(self.take())
+        if value is None:
+            raise RefusedRequest(missing)
+        return value
+
+    @staticmethod
+    def number_or(word: str | None) -> int | None:
+        """A word as a number, if it is one."""
+        return int(word) if word is not None and _NUMBER.fullmatch(word) else None
+
+    @classmethod
+    def checked(cls, word: str | None) -> int:
+        """A word that has to be a number."""
+        value = cls.number_or(word)
+        if value is None:
+            raise RefusedRequest("ARGS not a number")
+        return value
+
+
+def within(value: int | None, span: tuple[int, int], refusal: str) -> int:
+    """The value, where it is inside a span; else it is refused with this code and text."""
+    if value is None or not span[0] <= value <= span[1]:
+        raise RefusedRequest(refusal)
+    return value

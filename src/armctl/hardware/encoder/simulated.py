@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 
 from armctl.hardware.driver import ChannelSettings
-from armctl.hardware.encoder.axes import WIRE, EncoderAxis
+from armctl.hardware.encoder.axes import EncoderAxis
 from armctl.hardware.encoder.messages import (
     FIRMWARE,
     LARGEST_SEQUENCE,
@@ -21,9 +21,12 @@ from armctl.hardware.encoder.messages import (
     LineReader,
     Mode,
     Realtime,
+    RefusedRequest,
+    RequestWords,
     Status,
     crc16,
     seal,
+    within,
 )
 from armctl.hardware.encoder.simulated_axis import (
     FIRMWARE_DEFAULTS,
@@ -43,7 +46,7 @@ _LONGEST_CATCH_UP = round(2.0 / TICK_S)  # as long as a read may wait; motors ar
 _LOG_LENGTH = 10_000
 _REALTIME = re.compile(rb"([!?~\x18])")
 _SEALED = re.compile(rb"(.*)\*([0-9A-F]{4})", re.DOTALL)
-_NUMBER = re.compile(r"-?[0-9]{1,9}")
+
 _WATCHDOG_RANGE_MS = (50, 500)
 _LONGEST_BRAKING_S = 0.1
 _REACH_MS = 20
@@ -51,16 +54,7 @@ _REACH_RANGE_MS = (1, 1000)
 _MOST_LOST_SHOWN = 15
 _PAIR = (3, 4)  # axes of the differential pair until a host says otherwise
 _KEPT_FLAGS = BoardFlag.BROWN_OUT | BoardFlag.INTERRUPTED
-_REFUSALS = {
-    Mode.TRIPPED: "FAULT latched",
-    Mode.OFF: "OFF",
-    Mode.HOMING: "BUSY homing",
-    Mode.HELD: "HOLD",
-}
-
-
-class _Refused(Exception):  # noqa: N818  not an error: what the board answers
-    """The request has no effect; it is answered by ``err`` with this code and text."""
+_REFUSALS = {Mode.TRIPPED: "FAULT latched", Mode.OFF: "OFF", Mode.HOMING: "BUSY homing", Mode.HELD: "HOLD"}
 
 
 class SimulatedEncoderBoard:
@@ -131,7 +125,9 @@ class SimulatedEncoderBoard:
             if not self.mode.powered:
                 self._ticks = max(self._ticks, due - _LONGEST_CATCH_UP)
             self._ticks += 1
-            self._watch_counts()
+            for number, axis in enumerate(self.axes):
+                if axis.homed and axis.lost > MOST_LOST_EDGES:
+                    self._trip(number, FaultKind.LOST)
             if self.mode.powered:
                 self._move()
                 self._watch_host()
@@ -146,19 +142,16 @@ class SimulatedEncoderBoard:
         for piece in _REALTIME.split(data):
             if _REALTIME.fullmatch(piece):
                 self._obey_at_once(Realtime(piece[0]))
-            else:
-                self._take(piece)
+                continue
+            for line in self._reader.feed(piece):
+                if line is None:
+                    self._flags |= BoardFlag.LINE_LOST
+                    self._say("0 err LONG more than 96 bytes")
+                elif line:
+                    self._take_line(line)
         return self._take_unsent()
 
     # The line.
-
-    def _take(self, data: bytes) -> None:
-        for line in self._reader.feed(data):
-            if line is None:
-                self._flags |= BoardFlag.LINE_LOST
-                self._say("0 err LONG more than 96 bytes")
-            elif line:
-                self._take_line(line)
 
     def _take_line(self, line: bytes) -> None:
         found = _SEALED.fullmatch(line)
@@ -166,7 +159,7 @@ class SimulatedEncoderBoard:
             self._say("0 err CRC line ignored")
             return
         self._fed_s = self._time_s
-        words = _Words(found[1].decode("latin-1"))
+        words = RequestWords(found[1].decode("latin-1"))
         sequence = words.number_or(words.take())
         if sequence is None or not 1 <= sequence <= LARGEST_SEQUENCE:
             self._say("0 err SYNTAX seq 1 65535")
@@ -175,7 +168,7 @@ class SimulatedEncoderBoard:
             self.log.append(" ".join(words.rest))
             try:
                 answer = f"ok {self._execute(words)}".rstrip()
-            except _Refused as refused:
+            except RefusedRequest as refused:
                 answer = f"err {refused}"
             self._last = line, f"{sequence} {answer}"
         self._say(self._last[1])
@@ -192,10 +185,10 @@ class SimulatedEncoderBoard:
 
     # Requests: taken apart and checked word by word as the firmware does, before anything is done.
 
-    def _execute(self, words: _Words) -> str:
+    def _execute(self, words: RequestWords) -> str:
         command = words.take()
         if command is None:
-            raise _Refused("UNKNOWN no command")
+            raise RefusedRequest("UNKNOWN no command")
         match command:
             case "HELLO" | "PING" | "GET" | "CLR":
                 words.end()
@@ -205,7 +198,7 @@ class SimulatedEncoderBoard:
             case "WD":
                 ms = words.number("ARGS ms missing")
                 words.end()
-                self._watchdog_s = _within(ms, _WATCHDOG_RANGE_MS, "RANGE ms 50 500") / 1000.0
+                self._watchdog_s = within(ms, _WATCHDOG_RANGE_MS, "RANGE ms 50 500") / 1000.0
             case "HOME":
                 self._home(words)
             case "P":
@@ -217,7 +210,7 @@ class SimulatedEncoderBoard:
             case "SHOW":
                 return self._show(words)
             case _:
-                raise _Refused("UNKNOWN command")
+                raise RefusedRequest("UNKNOWN command")
         return ""
 
     def _simple(self, command: str) -> str:
@@ -233,19 +226,19 @@ class SimulatedEncoderBoard:
                 self.mode = Mode.OFF
         return ""
 
-    def _enable(self, words: _Words) -> None:
+    def _enable(self, words: RequestWords) -> None:
         on = words.number("ARGS 0 or 1 missing")
         words.end()
-        if not _within(on, (0, 1), "RANGE 0 1"):
+        if not within(on, (0, 1), "RANGE 0 1"):
             self._end(Mode.OFF)
             return
         self._refuse_in(Mode.TRIPPED, Mode.HOMING)
         if self._off_at_s is not None:
-            raise _Refused("HOLD braking")
+            raise RefusedRequest("HOLD braking")
         if self.mode is Mode.OFF:
             self._begin(Mode.ON)
 
-    def _home(self, words: _Words) -> None:
+    def _home(self, words: RequestWords) -> None:
         """Look for the zeros of these axes, or of all, one after the other; unused ones are left out."""
         named = {self._axis_number(words) for _ in tuple(words.rest)} or set(range(AXES))
         self._refuse_in(Mode.TRIPPED, Mode.HOMING, Mode.HELD)
@@ -253,7 +246,7 @@ class SimulatedEncoderBoard:
         for axis in used:
             own = self.axes[axis].settings
             if not own["min"] <= own["hpos"] <= own["max"]:
-                raise _Refused(f"RANGE hpos outside min max, axis {axis}")
+                raise RefusedRequest(f"RANGE hpos outside min max, axis {axis}")
         self._begin(Mode.HOMING)
         self._to_home = sorted(used, key=lambda axis: self.axes[axis].settings["hord"])
         for axis in used:
@@ -261,31 +254,31 @@ class SimulatedEncoderBoard:
         self._homing = self._home_in_order()
         next(self._homing, None)
 
-    def _go(self, words: _Words) -> None:
+    def _go(self, words: RequestWords) -> None:
         """Take setpoints, all or none; a last word is the time [ms] in which to be there."""
         counts: dict[int, int] = {}
         for axis in range(AXES):
             word = words.take()
             if word is None:
-                raise _Refused("ARGS six counts or -")
+                raise RefusedRequest("ARGS six counts or -")
             if word != "-":
                 counts[axis] = words.checked(word)
         reach_ms = _REACH_MS
         if words.rest:
-            reach_ms = _within(words.checked(words.take()), _REACH_RANGE_MS, "RANGE ms 1 1000")
+            reach_ms = within(words.checked(words.take()), _REACH_RANGE_MS, "RANGE ms 1 1000")
         words.end()
         self._refuse_in(Mode.TRIPPED, Mode.OFF, Mode.HOMING, Mode.HELD)
         for axis in counts:
             if not self.axes[axis].homed:
-                raise _Refused(f"NOTHOMED {axis}")
+                raise RefusedRequest(f"NOTHOMED {axis}")
         for axis, count in counts.items():
             low, high = self.axes[axis].settings["min"], self.axes[axis].settings["max"]
             if not low <= count <= high:
-                raise _Refused(f"LIMIT {axis} {count} {low} {high}")
+                raise RefusedRequest(f"LIMIT {axis} {count} {low} {high}")
         for axis, count in counts.items():
             self.axes[axis].go(count, reach_ms / 1000.0)
 
-    def _set_pair(self, words: _Words) -> None:
+    def _set_pair(self, words: RequestWords) -> None:
         """Which joints two motors turn: the plant is in joint counts, so only their homes are concerned."""
         pair: tuple[int, ...] = ()
         if words.rest[:1] == ["NONE"]:
@@ -294,57 +287,44 @@ class SimulatedEncoderBoard:
             pair = self._axis_number(words), self._axis_number(words)
         words.end()
         if len(pair) == 2 and pair[0] == pair[1]:
-            raise _Refused("RANGE two axes")
+            raise RefusedRequest("RANGE two axes")
         self._refuse_when_on()
         if pair != self._pair:
             for axis in (*self._pair, *pair):
                 self.axes[axis].homed = False
         self._pair = pair
 
-    def _configure(self, words: _Words) -> None:
+    def _configure(self, words: RequestWords) -> None:
         """Take the settings of a line, or none of them."""
         number = self._axis_number(words)
         own = self.axes[number]
         self._refuse_when_on()
-        changes: dict[str, int] = {}
-        while (word := words.take()) is not None:
-            key, equals, text = word.partition("=")
-            if not equals or key not in WIRE:
-                raise _Refused("ARGS unknown key")
-            value, (low, high) = words.checked(text), (WIRE[key].low, WIRE[key].high)
-            if not low <= value <= high or (key == "hdir" and value == 0):
-                raise _Refused(f"RANGE {key} {value} {low} {high}")
-            changes[key] = value
-        if not changes:
-            raise _Refused("ARGS key=value missing")
-        settings = own.settings | changes
-        if settings["min"] >= settings["max"]:
-            raise _Refused("RANGE min not below max")
+        settings = own.asked_settings(words)
         if number in self._pair and any(own.settings[key] != settings[key] for key in ("inv", "minv")):
             for axis in self._pair:
                 self.axes[axis].homed = False
         own.configure(settings)
 
-    def _show(self, words: _Words) -> str:
+    def _show(self, words: RequestWords) -> str:
         own = self.axes[self._axis_number(words)]
         part = 1
         if words.rest:
-            part = _within(words.number_or(words.take()), (1, 2), "RANGE part 1 2")
+            part = within(words.number_or(words.take()), (1, 2), "RANGE part 1 2")
         words.end()
         shown = [f"{key}={value}" for key, value in own.settings.items()]
         half = len(shown) // 2
         return " ".join(shown[:half] if part == 1 else shown[half:])
 
-    def _axis_number(self, words: _Words) -> int:
-        return _within(words.number("ARGS axis missing"), (0, AXES - 1), "RANGE axis 0 5")
+    def _axis_number(self, words: RequestWords) -> int:
+        return within(words.number("ARGS axis missing"), (0, AXES - 1), "RANGE axis 0 5")
 
     def _refuse_when_on(self) -> None:
         if self.mode.powered:
-            raise _Refused("MOVING motors are on")
+            raise RefusedRequest("MOVING motors are on")
 
     def _refuse_in(self, *modes: Mode) -> None:
         if self.mode in modes:
-            raise _Refused(_REFUSALS[self.mode])
+            raise RefusedRequest(_REFUSALS[self.mode])
 
     # What the motors do. Times count from the board's start.
 
@@ -354,12 +334,7 @@ class SimulatedEncoderBoard:
 
     def _told_status(self) -> str:
         """The fields of a status; what was lost on the line is told once."""
-        told = self._status().encode()
-        self._flags &= ~BoardFlag.LINE_LOST
-        return told
-
-    def _status(self) -> Status:
-        return Status(
+        told = Status(
             time_ms=round(self._time_s * 1000),
             mode=self.mode,
             homed=tuple(axis.homed for axis in self.axes),
@@ -369,6 +344,8 @@ class SimulatedEncoderBoard:
             lost=tuple(min(axis.lost, _MOST_LOST_SHOWN) for axis in self.axes),
             counts=tuple(axis.count for axis in self.axes),
         )
+        self._flags &= ~BoardFlag.LINE_LOST
+        return told.encode()
 
     def _obey_at_once(self, byte: Realtime) -> None:
         if byte is Realtime.STATUS:
@@ -398,11 +375,6 @@ class SimulatedEncoderBoard:
         ):
             self._held_reported = True
             self._say("! held")
-
-    def _watch_counts(self) -> None:
-        for number, axis in enumerate(self.axes):
-            if axis.homed and axis.lost > MOST_LOST_EDGES:
-                self._trip(number, FaultKind.LOST)
 
     def _home_in_order(self) -> Iterator[None]:
         while self._to_home:
@@ -458,48 +430,6 @@ class SimulatedEncoderBoard:
         self._to_home.clear()
         for axis in self.axes:
             axis.halt()
-
-
-class _Words:
-    """The words of a line, one after the other; blanks part them, one or more."""
-
-    def __init__(self, text: str) -> None:
-        self.rest = [word for word in text.split(" ") if word]
-
-    def take(self) -> str | None:
-        """The next word; None at the end."""
-        return self.rest.pop(0) if self.rest else None
-
-    def end(self) -> None:
-        """Nothing more may follow."""
-        if self.rest:
-            raise _Refused("ARGS too many")
-
-    def number(self, missing: str) -> int:
-        """The next word as a number."""
-        value = self.number_or(self.take())
-        if value is None:
-            raise _Refused(missing)
-        return value
-
-    @staticmethod
-    def number_or(word: str | None) -> int | None:
-        """A word as a number, if it is one."""
-        return int(word) if word is not None and _NUMBER.fullmatch(word) else None
-
-    @classmethod
-    def checked(cls, word: str | None) -> int:
-        """A word that has to be a number."""
-        value = cls.number_or(word)
-        if value is None:
-            raise _Refused("ARGS not a number")
-        return value
-
-
-def _within(value: int | None, span: tuple[int, int], refusal: str) -> int:
-    if value is None or not span[0] <= value <= span[1]:
-        raise _Refused(refusal)
-    return value
 
 
 def simulated_encoder_board(

@@ -9,7 +9,7 @@ from typing import Literal
 
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.encoder.axes import WIRE, EncoderAxis
-from armctl.hardware.encoder.messages import COUNTS_OF_AN_EDGE, FaultKind
+from armctl.hardware.encoder.messages import COUNTS_OF_AN_EDGE, FaultKind, RefusedRequest, RequestWords
 
 TICK_S = 0.005  # the firmware's control period
 SWITCH_WIDTH = 200.0  # counts over which the home switch of a Scorbot stays closed
@@ -118,6 +118,24 @@ class SimulatedAxis:
         """Take these settings; some make the zero worthless."""
         self.homed &= all(self.settings[key] == settings[key] for key in _UNHOMING) and settings["hord"] > 0
         self.settings = dict(settings)
+
+    def asked_settings(self, words: RequestWords) -> dict[str, int]:
+        """Its settings with the changes that a line asks for; refuses all of them where one is wrong."""
+        changes: dict[str, int] = {}
+        while (word := words.take()) is not None:
+            key, equals, text = word.partition("=")
+            if not equals or key not in WIRE:
+                raise RefusedRequest("ARGS unknown key")
+            value, (low, high) = words.checked(text), (WIRE[key].low, WIRE[key].high)
+            if not low <= value <= high or (key == "hdir" and value == 0):
+                raise RefusedRequest(f"RANGE {key} {value} {low} {high}")
+            changes[key] = value
+        if not changes:
+            raise RefusedRequest("ARGS key=value missing")
+        settings = self.settings | changes
+        if settings["min"] >= settings["max"]:
+            raise RefusedRequest("RANGE min not below max")
+        return settings
 
     def lose_edges(self, count: int = 1) -> None:
         """Miss so many of the encoder's edges: the counts stay behind, and only their number is known."""

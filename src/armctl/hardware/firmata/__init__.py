@@ -8,6 +8,8 @@ from armctl.errors import BoardError
 from armctl.hardware.driver import ChannelScale, ChannelSettings, ChannelTable
 
 BAUD = 57_600
+SERVO_FRAME_S = 0.020
+BYTE_S = 10 / BAUD  # 8N1: start bit, eight data bits, stop bit
 SCALE = ChannelScale("pin", "µs")
 HOW_TO_LOAD = (
     "load the sketch: Arduino IDE, File > Examples > Firmata > StandardFirmata, Upload; then connect again"

@@ -20,7 +20,8 @@ from armctl.hardware.findings import (
 from armctl.hardware.firmata import HOW_TO_LOAD, SCALE, codec, pin_table
 from armctl.hardware.firmata.codec import BoardText, FirmwareReport, Malformed, PinMode, PinState, Reply
 from armctl.hardware.firmata.line import FirmataLine
-from armctl.hardware.firmata.stream import Attacher, PinWatch, SetpointStream, spare_pin
+from armctl.hardware.firmata.pin_watch import PinWatch
+from armctl.hardware.firmata.stream import Attacher, SetpointStream, spare_pin
 from armctl.hardware.transport import Connection, Transport
 
 WATCHDOG_NOTE = (
