@@ -24,7 +24,7 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.frames import LinkFrames
 from armctl.motion import PointToPoint, preflight
 from armctl.robot import Robot
-from armctl.robot.meshes.reading import ArmSolids
+from armctl.robot.body.meshes import ArmSolids
 
 _TURN = np.radians(0.5)
 """no joint turns farther from one place that is looked at to the next"""

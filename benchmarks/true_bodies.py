@@ -40,7 +40,7 @@ from armctl.kinematics.samples import joint_samples
 from armctl.motion import PointToPoint, preflight
 from armctl.motion.clearance import FLOOR_TOLERANCE_M, sources
 from armctl.robot import Robot
-from armctl.robot.meshes.reading import solid_of
+from armctl.robot.body.meshes import solid_of
 from armctl.robot.parts import Look
 from armctl.robot.urdf.elements import read_urdf_file
 from armctl.robot.urdf.package import UrdfSource

@@ -19,7 +19,7 @@ from armctl.hardware import (
     SimulatorOptions,
     Source,
 )
-from armctl.hardware.findings import CheckUp, Finding, ok
+from armctl.hardware.board_type import CheckUp, Finding, ok
 from armctl.hardware.transport import Connection, Transport
 
 LISTING = "Toy board"

@@ -8,10 +8,9 @@ from tests.avr.conftest import MakeAvr
 from tests.avr.serve import stepped_line
 from tests.avr.test_firmata import FirmataRig
 
-from armctl.hardware.board_type import ARDUINO_MEGA
+from armctl.hardware.board_type import ARDUINO_MEGA, Verdict
 from armctl.hardware.doctor import Patient, examine
 from armctl.hardware.driver import ChannelSettings
-from armctl.hardware.findings import Verdict
 from armctl.hardware.ports import PortChecks, Probed, approach, probe
 
 FREE = PortChecks(lambda _device: True, lambda _device: None, lambda _device: (), tuple)

@@ -10,11 +10,11 @@ from tests.hardware.lines import LoopTransport, holding_maestro
 
 from armctl.errors import BoardTimeoutError, PortError
 from armctl.hardware import ByteModel, ChannelSettings
+from armctl.hardware.board_type import Finding, Verdict, round_trips
 from armctl.hardware.doctor import Patient, examine, without_personal_data
 from armctl.hardware.encoder.messages import seal
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
 from armctl.hardware.faults import Fault, FaultyModel
-from armctl.hardware.findings import Finding, Verdict, round_trips
 from armctl.hardware.firmata.codec import servo_config, servo_write
 from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.hardware.maestro import MaestroModel

@@ -21,9 +21,9 @@ from armctl.apart import Tell, apart
 from armctl.errors import RobotFileError, StoppedError
 from armctl.process import heavy_work
 from armctl.robot import load_robot
-from armctl.robot.meshes import reading as meshes
-from armctl.robot.meshes.formats import MOST_CORNERS, require_bounded_dae
-from armctl.robot.meshes.reading import read_mesh
+from armctl.robot.body import meshes as meshes
+from armctl.robot.body.mesh_formats import MOST_CORNERS, require_bounded_dae
+from armctl.robot.body.meshes import read_mesh
 from armctl.robot.urdf.unpacking import zip_files
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"

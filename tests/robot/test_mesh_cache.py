@@ -16,9 +16,9 @@ import pytest
 
 from armctl.robot import Robot, load_robot
 from armctl.robot.body import fitting
+from armctl.robot.body import meshes as mesh_cache
 from armctl.robot.body.arm_body import ArmBody
-from armctl.robot.meshes import reading as mesh_cache
-from armctl.robot.meshes.reading import Drawn, coarse_solids
+from armctl.robot.body.meshes import Drawn, coarse_solids
 
 BOX = "".join(f"v {x} {y} {z}\n" for x in (0, 0.1) for y in (0, 0.1) for z in (0, 0.2))
 FACES = "f 1 2 4 3\nf 5 6 8 7\nf 1 2 6 5\nf 3 4 8 7\nf 1 3 7 5\nf 2 4 8 6\n"

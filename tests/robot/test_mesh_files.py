@@ -18,7 +18,7 @@ from armctl import load_robot
 from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.motion.clearance import stands_clear
-from armctl.robot.meshes.reading import read_mesh
+from armctl.robot.body.meshes import read_mesh
 from armctl.robot.solids import Solid, block
 
 PART = block((0.03, 0.03, 0.08))

@@ -26,9 +26,9 @@ from armctl.motion import SelfCollision, not_checked
 from armctl.motion.clearance import clear_pose, stands_clear
 from armctl.motion.preflight import preflight
 from armctl.motion.profiles import PointToPoint
+from armctl.robot.body import meshes as meshes
 from armctl.robot.body.fitting import Fitted, _points_on, fit
-from armctl.robot.meshes import reading as meshes
-from armctl.robot.meshes.reading import read_mesh, solid_of
+from armctl.robot.body.meshes import read_mesh, solid_of
 from armctl.robot.parts import Shape
 from armctl.robot.robot import Robot
 from armctl.robot.solids import Solid, block, decimated, grown, tube, welded

@@ -22,8 +22,8 @@ from armctl.kinematics.frames import LinkFrames
 from armctl.motion import PointToPoint, preflight
 from armctl.robot import Robot
 from armctl.robot.body import arm_body
+from armctl.robot.body import meshes as mesh_cache
 from armctl.robot.body.arm_body import CLEAR_M, Surface, SurfacePairs
-from armctl.robot.meshes import reading as mesh_cache
 from armctl.robot.record import robot_of, robot_record
 from armctl.robot.solids import Solid, block, drum
 

@@ -18,10 +18,10 @@ from armctl.documents import shipped_folder, write_atomically
 from armctl.errors import ArmctlError, InputError
 from armctl.hardware import BoardType, Setup, SimulatorOption
 from armctl.hardware.access import udev_rules
+from armctl.hardware.board_type import Finding, Verdict, failed
 from armctl.hardware.boards import board_type, board_types, channel_settings, find_board_type
 from armctl.hardware.doctor import Patient, examine
 from armctl.hardware.faults import FAULT_HELP, FaultyModel, Trouble, trouble
-from armctl.hardware.findings import Finding, Verdict, failed
 from armctl.hardware.ports import approach, find_board, list_ports, probe
 from armctl.hardware.simulation import BoardServer
 from armctl.hardware.transport import PortInfo, SerialTransport, describe_port

@@ -9,9 +9,7 @@ from dataclasses import dataclass, field
 
 from armctl.errors import ArmctlError
 from armctl.hardware.access import permission_hint
-from armctl.hardware.boards import board_type, board_types
-from armctl.hardware.driver import ChannelSettings, translated
-from armctl.hardware.findings import (
+from armctl.hardware.board_type import (
     OF_ANOTHER_BOARD,
     ChannelsToCheck,
     CheckUp,
@@ -22,6 +20,8 @@ from armctl.hardware.findings import (
     ok,
     warning,
 )
+from armctl.hardware.boards import board_type, board_types
+from armctl.hardware.driver import ChannelSettings, translated
 from armctl.hardware.ports import PortChecks, Probed, approach, boards_listed_as, reach
 from armctl.hardware.transport import PortInfo, Transport
 from armctl.system import is_pseudo_terminal

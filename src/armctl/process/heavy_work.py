@@ -22,7 +22,7 @@ from armctl.motion.preflight import Finding
 from armctl.program import Program
 from armctl.program.check import check_program
 from armctl.robot import Robot
-from armctl.robot.meshes.reading import Drawn, coarse_solids, keep, kept
+from armctl.robot.body.meshes import Drawn, coarse_solids, keep, kept
 from armctl.robot.record import robot_of, robot_record
 from armctl.robot.solids import Solid
 

@@ -11,6 +11,8 @@ from armctl.hardware.board_type import (
     USB_SERIAL,
     BoardType,
     ByteModel,
+    CheckUp,
+    Finding,
     Listener,
     Setup,
     SimulatorOption,
@@ -22,7 +24,6 @@ from armctl.hardware.encoder import FLASH_IT, SCALE
 if TYPE_CHECKING:
     from armctl.hardware.encoder.axes import EncoderSettings
     from armctl.hardware.encoder.simulated_axis import Trouble
-    from armctl.hardware.findings import CheckUp, Finding
     from armctl.hardware.transport import Connection
     from armctl.robot.board_entries import BoardPart
     from armctl.robot.outputs import OutputMap

@@ -6,6 +6,16 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, StateError
+from armctl.hardware.board_type import (
+    ChannelsToCheck,
+    CheckUp,
+    Finding,
+    failed,
+    not_checked,
+    ok,
+    round_trips,
+    warning,
+)
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, HomingState, Readback, Source
 from armctl.hardware.encoder.axes import AxisTable, EncoderSettings
 from armctl.hardware.encoder.messages import (
@@ -22,16 +32,6 @@ from armctl.hardware.encoder.messages import (
     lost_words,
 )
 from armctl.hardware.encoder.session import UNKNOWN_RESET, EncoderSession, protocol_advice
-from armctl.hardware.findings import (
-    ChannelsToCheck,
-    CheckUp,
-    Finding,
-    failed,
-    not_checked,
-    ok,
-    round_trips,
-    warning,
-)
 from armctl.hardware.transport import Connection
 
 WATCHDOG_MS = 500

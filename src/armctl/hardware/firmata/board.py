@@ -12,6 +12,8 @@ from armctl.hardware.board_type import (
     USB_SERIAL,
     BoardType,
     ByteModel,
+    CheckUp,
+    Finding,
     Introduction,
     Listener,
     Setup,
@@ -23,7 +25,6 @@ from armctl.hardware.firmata import BAUD, HOW_TO_LOAD, SCALE, pin_table
 from armctl.robot.board_entries import ServoEntries
 
 if TYPE_CHECKING:
-    from armctl.hardware.findings import CheckUp, Finding
     from armctl.hardware.transport import Connection, Transport
 
 _TIMEOUT_S, _SIMULATED_TIMEOUT_S = 0.25, 0.5

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.facts import Unanswered
-from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
-from armctl.hardware.findings import (
+from armctl.hardware.board_type import (
     ChannelsToCheck,
     CheckUp,
     Finding,
@@ -17,6 +16,7 @@ from armctl.hardware.findings import (
     round_trips,
     warning,
 )
+from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
 from armctl.hardware.firmata import HOW_TO_LOAD, SCALE, codec, pin_table
 from armctl.hardware.firmata.codec import BoardText, FirmwareReport, Malformed, PinMode, PinState, Reply
 from armctl.hardware.firmata.line import FirmataLine

@@ -11,6 +11,8 @@ from armctl.errors import BoardTimeoutError
 from armctl.hardware.board_type import (
     BoardType,
     ByteModel,
+    CheckUp,
+    Finding,
     Introduction,
     Setup,
     SimulatorOption,
@@ -21,7 +23,6 @@ from armctl.hardware.maestro import DEFAULT_DEVICE_NUMBER, SCALE, SILENT_ADVICE,
 from armctl.robot.board_entries import ServoEntries
 
 if TYPE_CHECKING:
-    from armctl.hardware.findings import CheckUp, Finding
     from armctl.hardware.transport import Connection, Transport
 
 _USB_VENDOR = 0x1FFB

@@ -8,8 +8,7 @@ from typing import TypeVar
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.facts import Unanswered
-from armctl.hardware.driver import Abilities, BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
-from armctl.hardware.findings import (
+from armctl.hardware.board_type import (
     ChannelsToCheck,
     CheckUp,
     Finding,
@@ -19,6 +18,7 @@ from armctl.hardware.findings import (
     round_trips,
     warning,
 )
+from armctl.hardware.driver import Abilities, BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
 from armctl.hardware.maestro import (
     FACTORY_MAXIMUM_US,
     FACTORY_MINIMUM_US,

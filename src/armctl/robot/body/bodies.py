@@ -149,7 +149,7 @@ def body_of_shapes(
     arm: Bodies, shapes: Sequence[Shape], progress: Callable[[int, int], None] | None = None
 ) -> ArmBody:
     """The hulls of the shapes of an arm, and what its look says of links without any; kept on disk."""
-    from armctl.robot.meshes.reading import keep
+    from armctl.robot.body.meshes import keep
 
     def fit() -> ArmBody:
         from armctl.robot.body.fitting import fitted_body  # scipy, and seconds of work
@@ -162,7 +162,7 @@ def body_of_shapes(
 
 def kept_body_of_shapes(arm: Bodies, shapes: Sequence[Shape]) -> ArmBody | None:
     """The same, where it is kept already: it takes no time then."""
-    from armctl.robot.meshes.reading import kept
+    from armctl.robot.body.meshes import kept
 
     return kept(ArmBody, shapes, arm.chain.made_of(), arm.titles, arm.look)
 

@@ -21,8 +21,8 @@ from armctl.errors import RobotFileError
 from armctl.kinematics import Chain
 from armctl.robot.body.arm_body import ArmBody, Capsule, Surface, comparable
 from armctl.robot.body.hulls import Hull, distances, hull_of_few, padded
+from armctl.robot.body.meshes import ArmSolids, across, extent, too_large, units_for
 from armctl.robot.look.pieces import link_name
-from armctl.robot.meshes.reading import ArmSolids, across, extent, too_large, units_for
 from armctl.robot.parts import Shape
 from armctl.robot.solids import Solid
 

@@ -16,8 +16,8 @@ from xml.etree import ElementTree
 
 from armctl.documents import DocumentKind
 from armctl.errors import RobotFileError, UnclearArmError
+from armctl.robot.body.meshes import SUFFIXES
 from armctl.robot.file import ROBOT_FILES
-from armctl.robot.meshes.reading import SUFFIXES
 from armctl.robot.urdf.side_file import SIDE_SUFFIX, decode_side_file
 from armctl.robot.urdf.unpacking import ARM_SUFFIXES, MOST_FILES, UNPACKED, arm_stem, unpacked, walk
 

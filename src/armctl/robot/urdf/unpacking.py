@@ -21,7 +21,7 @@ from platformdirs import user_cache_path
 
 from armctl.documents import DocumentKind, not_written, write_atomically
 from armctl.errors import RobotFileError
-from armctl.robot.meshes.reading import SUFFIXES
+from armctl.robot.body.meshes import SUFFIXES
 
 ARM_SUFFIXES = (".urdf", ".xacro")
 MOST_PACKED_BYTES = 64 << 20

@@ -28,7 +28,7 @@ from platformdirs import user_cache_path
 from armctl.arrays import FloatArray, content
 from armctl.documents import LFS_POINTER, DocumentKind, is_lfs_pointer, open_at_once, write_atomically
 from armctl.errors import RobotFileError
-from armctl.robot.meshes.formats import (
+from armctl.robot.body.mesh_formats import (
     packed,
     read_obj,
     read_stl_text,

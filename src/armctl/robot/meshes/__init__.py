@@ -1,1 +1,0 @@
-"""Meshes of other people's files: read within bounds, and kept on disk."""
