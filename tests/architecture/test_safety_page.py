@@ -20,7 +20,7 @@ from armctl.process import records, server
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES
 from armctl.protocol import clock, commands
 from armctl.robot.file import ROBOT_FILES
-from armctl.robot.joint import MOST_JOINTS
+from armctl.robot.parts import MOST_JOINTS
 from armctl.robot.urdf.reading import URDF_FILES
 from armctl.runtime import (
     Controller,

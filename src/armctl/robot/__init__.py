@@ -1,7 +1,6 @@
 """What an arm is, and the robot files that say so."""
 
 from armctl.robot.body.arm_body import CarriedPart
-from armctl.robot.joint import Joint
 from armctl.robot.load import (
     hidden_robots,
     is_urdf,
@@ -16,7 +15,7 @@ from armctl.robot.load import (
     with_argument,
 )
 from armctl.robot.outputs import FLATTEST_PER_DEG, OutputMap
-from armctl.robot.parts import Gripper
+from armctl.robot.parts import Gripper, Joint
 from armctl.robot.robot import Robot
 
 __all__ = [

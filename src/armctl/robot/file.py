@@ -13,10 +13,9 @@ from msgspec import Meta
 
 from armctl.documents import Document, DocumentKind
 from armctl.errors import Errors, RobotFileError
-from armctl.robot.joint import MOST_JOINTS
 from armctl.robot.look.rows import SOLIDS, AnyRow, MakeName, Material
+from armctl.robot.parts import MOST_JOINTS, Hand, Look, Obstacle
 from armctl.robot.parts import Color as Rgb
-from armctl.robot.parts import Hand, Look, Obstacle
 
 T = TypeVar("T")
 

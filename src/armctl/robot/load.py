@@ -30,10 +30,9 @@ from armctl.robot.file import (
     RobotFile,
     without_board,
 )
-from armctl.robot.joint import JERK_UP_S, Joint
 from armctl.robot.look.pieces import MASSES_ASSUMED, masses
 from armctl.robot.look_sound import check_look
-from armctl.robot.parts import Gripper, Look
+from armctl.robot.parts import JERK_UP_S, Gripper, Joint, Look
 from armctl.robot.robot import BODY_GUESSED, Robot
 
 _SIDE_SUFFIX = ".armctl.toml"

@@ -32,10 +32,9 @@ from armctl.kinematics.velocity import NEAR, position_leaves_orientation
 from armctl.robot.body.arm_body import ANY_OPENING, ArmBody, Capsule, CarriedPart, Openings
 from armctl.robot.body.bodies import Bodies, Underside, body_of_shapes, kept_body_of_shapes, leave_room
 from armctl.robot.body.collision import CollisionModel
-from armctl.robot.joint import Joint, beyond_limits, read_values, shown_values
 from armctl.robot.look.pieces import Drawing, Piece
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
-from armctl.robot.parts import Gripper, Look, Obstacle, Shape
+from armctl.robot.parts import Gripper, Joint, Look, Obstacle, Shape, beyond_limits, read_values, shown_values
 
 _PROBES = 64
 BODY_ASSUMED = "the body: convex hulls of the shapes that are drawn (armctl check says how closely)"

@@ -20,8 +20,7 @@ from armctl.kinematics.families.offset_roll.roll_sweep import recognise_offset_r
 from armctl.kinematics.families.yaw_pitch_roll.geometry import recognise
 from armctl.kinematics.frames import FixedFrame, frame_along
 from armctl.robot.body.meshes import unreadable
-from armctl.robot.joint import JERK_UP_S, MOST_JOINTS, Joint
-from armctl.robot.parts import Shape
+from armctl.robot.parts import JERK_UP_S, MOST_JOINTS, Joint, Shape
 from armctl.robot.robot import BODY_ASSUMED, BODY_GUESSED, Robot
 from armctl.robot.urdf.chain import (
     MOST_TOLD,

@@ -39,9 +39,8 @@ from armctl.robot.file import (
     Table,
     without_board,
 )
-from armctl.robot.joint import MOST_JOINTS, Joint
 from armctl.robot.look_sound import check_look
-from armctl.robot.parts import Gripper
+from armctl.robot.parts import MOST_JOINTS, Gripper, Joint
 from armctl.robot.robot import Robot
 
 SIDE_SUFFIX = ".armctl.toml"

@@ -50,22 +50,18 @@ _FAILURES = (
 class Budget:
     """What reading one file may still cost, all that it includes with it."""
 
-    def __init__(self, steps: int = MOST_STEPS) -> None:
-        self._left = steps
+    def __init__(self) -> None:
+        self.left = MOST_STEPS
+        """steps"""
 
     def spend(self, steps: int) -> None:
         """Take the cost of what comes next; refuses when it is used up."""
-        self._left -= steps
-        if self._left < 0:
+        self.left -= steps
+        if self.left < 0:
             raise RobotFileError(
                 f"to expand it takes more than {MOST_STEPS} steps, as no robot file does that does not go "
                 "in circles; expand it where ROS is, and use the .urdf file"
             )
-
-    @property
-    def left(self) -> int:
-        """Steps that are left."""
-        return self._left
 
 
 class Names(Protocol):

@@ -214,7 +214,11 @@ class OffsetRollSolver(InverseKinematics):
         """Position alone with three pitch joints: a surface of solutions, of which one roll is listed."""
         rest, tried = rest_angle(*self._rolls), np.linspace(*self._rolls, _COARSE)
         rolls: list[float] = [rest, *tried[np.argsort(np.abs(tried - rest))].tolist()]
-        roll = next((roll for roll in rolls if self._reaches(target, roll)), None)
+
+        def reaches(roll: float) -> bool:
+            return bool(np.isfinite(self._at(roll).least_rotation(target.position)).all())
+
+        roll = next((roll for roll in rolls if reaches(roll)), None)
         if roll is None:
             return self._without(target, step)
         found = self._rolled(target, roll, step)
@@ -238,10 +242,6 @@ class OffsetRollSolver(InverseKinematics):
             return self._least_over_rolls(target, start, 1.0 / self.energy.speed_limits, listed)
         rolls: list[float] = np.linspace(*self._rolls, _COARSE).tolist()
         return np.concatenate([self._rolled(target, roll, _SURFACE_STEP).q for roll in rolls])
-
-    def _reaches(self, target: Target, roll: float) -> bool:
-        """Whether the arm reaches a position with the roll joint at an angle [rad]."""
-        return bool(np.isfinite(self._at(roll).least_rotation(target.position)).all())
 
     def _least_over_rolls(
         self, target: Target, start: FloatArray, weights: FloatArray, listed: float
