@@ -166,10 +166,10 @@ def _geometry(
     level = centre - foot3 - along * h[2]
     r = float(np.linalg.norm(level))
     x3, x4, x5 = level / r, _across(h[3], h[4]), _across(h[4], h[5])
-    kinds: dict[Regional, bool] = {
-        "parallel-23": parallel23, "meet-23": meet23, "parallel-12": parallel12, "meet-12": meet12
-    }  # fmt: skip
-    regional = next((kind for kind, fits in kinds.items() if fits), "skew")
+    regional: Regional = (
+        "parallel-23" if parallel23 else "meet-23" if meet23 else
+        "parallel-12" if parallel12 else "meet-12" if meet12 else "skew"
+    )  # fmt: skip
     twists = _twist(h[0], h[1], x1, parallel12), _twist(h[1], h[2], x2, parallel23)
     size = float(np.linalg.norm(to_second) + np.linalg.norm(to_third)) + r
     least = min(abs(twists[0][1]), abs(twists[1][1]), abs(a1) / size, abs(a2) / size)
