@@ -183,7 +183,6 @@ def read_version(path: Path) -> tuple[Calibration, int | None]:
 
 # Numbers from a spreadsheet: marks of a joint, and touched points.
 
-
 _TABLES = DocumentKind(CalibrationError, most_bytes=256 * 1024)
 _DELIMITERS = (";", "\t", ",")
 _MARK_COLUMNS = ("output", "angle_deg")
@@ -244,7 +243,6 @@ def _numbers(where: str, row: list[str], heads: list[str], delimiter: str) -> li
 
 
 # The calibrations of this computer: a folder a robot and board, a file a version, none ever rewritten.
-
 
 VERSIONS_KEPT = 50
 _VERSION = re.compile(r"\d{6,}\.toml")

@@ -74,7 +74,6 @@ def find_entries(kind: str) -> BoardEntries | tuple[str, ...]:
 
 # What the channels of a robot's board may do.
 
-
 _SPEED_MARGIN = 1.5
 """the board's own speed limit over the joint's: a second line of defence that never meets a good stream"""
 _ACCELERATION_MARGIN = 4.0

@@ -171,7 +171,6 @@ def _stable_names(by_id: Path) -> dict[str, str]:
 # armctl's own lines of text are never sent before the encoder firmware has introduced itself: to a Maestro
 # each letter is a data byte that belongs to nothing, an error as well.
 
-
 _USUAL_BAUD = 115_200
 """where the rate does not matter: a pty, a socket, a USB port without a UART behind it"""
 _START_S = 5.0

@@ -284,7 +284,6 @@ def each_once(q: FloatArray, same: float = _SAME) -> NDArray[np.intp]:
 
 # Rotations in the forms that people and programs read.
 
-
 _HALF_TURN_BACK = -math.pi + 1e-9
 """[rad]"""
 

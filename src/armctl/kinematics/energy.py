@@ -195,7 +195,6 @@ def energies(
 # least. Time: a time T is least in which every joint can make its way, |q - start| ≤ way(T).
 # Nothing else in this package asks scipy.
 
-
 _BEGUN = (4, 0.2), (12, 1.0)
 """how many of the best are continued, and how far they are from each other [rad]: a few of the very best, and
 then some of other kinds"""

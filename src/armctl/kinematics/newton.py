@@ -135,7 +135,6 @@ def target_rows(chain: Chain, target: Target, up: FloatArray, missed: FloatArray
 # back onto the target by Newton steps across it. If it meets the target there, the solution is not isolated;
 # at a stretched arm, say, it does not.
 
-
 _LOOKED_AT = 256
 """of a long list, so many solutions are looked at, evenly spread"""
 _TRIED = 6

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 # pyright: reportUnknownMemberType=false
 # matplotlib's own types leave the keywords of nearly every call open.
 
-
 FigureForm = Literal["svg", "png"]
 _COLORS = ("#1971c2", "#e8590c", "#2f9e44", "#9c36b5", "#f08c00", "#0c8599", "#5c940d", "#495057")
 _QUANTITIES: tuple[tuple[Derivative, str], ...] = (

@@ -244,7 +244,6 @@ class SlowedTrajectory(KnowsPeaks):
 
 # A motion looked at: samples so near to each other that what lies between is bounded.
 
-
 _TRAVEL = 6 * DEGREE
 """No joint moves farther between two samples, as far as the peaks of the motion are known."""
 _MOST, _MOST_IN_ALL = 4000, 40_000

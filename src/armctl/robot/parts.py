@@ -17,7 +17,6 @@ from armctl.robot.look.rows import AnyRow, MakeName, Material
 
 # A joint: its limits, and the owner of what its value means and how it is shown and read.
 
-
 MOST_JOINTS = 64
 """no arm has more: solvers and checks take time and memory for each"""
 JERK_UP_S = 0.05

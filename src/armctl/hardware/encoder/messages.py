@@ -78,7 +78,6 @@ class LineReader:
 
 # What the board finds wrong with an axis or with itself, and the words for it.
 
-
 MOST_LOST_EDGES = 4
 """with more of them since homing the zero of an axis is gone"""
 COUNTS_OF_AN_EDGE = 2
@@ -343,7 +342,6 @@ def decode_banner(text: str) -> Banner:
 
 
 # Requests as the firmware takes them apart, for a simulated board.
-
 
 _NUMBER = re.compile(r"-?[0-9]{1,9}")
 

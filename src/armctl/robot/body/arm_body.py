@@ -27,7 +27,6 @@ from armctl.robot.solids import Solid, block
 # A hull bridges whatever is hollow, such as a fork. Distances of triangles are those of the library FCL
 # (python-fcl, an optional dependency; without it hulls alone decide).
 
-
 CLEAR_M = 1e-3
 """A distance of triangles counts from here on: the pre-flight lets parts dip by half a millimetre, and by as
 much again between samples, so that surfaces never cut each other."""
@@ -198,7 +197,6 @@ def moved(T: FloatArray, point: ArrayLike) -> FloatArray:
 
 
 # A part that the arm carries between its jaws, as large as a step or a person says.
-
 
 CARRIED = "the carried part"
 """what refusals call it"""

@@ -200,7 +200,6 @@ def _size_of(geometry: ElementTree.Element) -> int:
 #
 # A library reads them; a ``.gltf`` file is packed before, from files of its own folder only.
 
-
 _MOST_PIECES, _DEEPEST_NODE = 1000, 32
 """of one file; how many may hang below each other, as trimesh's time grows with the cube of that"""
 _LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_")

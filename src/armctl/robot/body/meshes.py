@@ -285,7 +285,6 @@ def _checked(vertices: FloatArray, faces: Any) -> Solid:
 # An entry is named by all that it is made of, also the code that makes it, so that none is ever out of date.
 # It is only data, checked as it is read. One that is damaged, or that others could write, is made anew.
 
-
 T = TypeVar("T")
 
 MOST_BYTES, MOST_OF_ONE = 256 << 20, 32 << 20

@@ -281,7 +281,6 @@ def _jaw(row: AnyRow, to_mount: FloatArray, M: FloatArray) -> Jaw | None:
 
 # Masses of an arm from its look: motors by their make, other parts by material and volume. An estimate.
 
-
 MASSES_ASSUMED = (
     "masses of the links: from the look, motors by their make and other parts by material and volume"
 )

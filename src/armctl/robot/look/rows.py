@@ -16,7 +16,6 @@ from msgspec import Meta
 
 # What rows of a look name: colours, and motors that one can buy.
 
-
 Theme = Literal["light", "dark"]
 Paint = Literal[
     "black",

@@ -151,7 +151,6 @@ def require_solvable(robot: Robot, way: Sequence[UrdfJoint]) -> None:
 
 # What ``Robot.assumed`` says of joints that are held, and of right angles that were rounded.
 
-
 _UNSEEN = 1e-9
 """a shift of the tool that is not worth a word [m]"""
 MOST_TOLD = 8

@@ -22,7 +22,6 @@ from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, is_free
 
 # What the names of links and joints tell: tools, grippers, cameras, wheels. Many names tell nothing.
 
-
 TOOL_NAMES = ("tool0", "tcp", "tool", "ee_link", "end_effector", "gripper_base")
 """what the tool link is called by custom, wherever in the file it is; the surest first"""
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")

@@ -25,7 +25,6 @@ from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, is_free
 
 # What stands behind the ``#`` of an arm's name: the tool, and the arguments of a xacro file.
 
-
 AXES = {f"{sign}{axis}": (sign, k) for sign in ("", "-") for k, axis in enumerate("xyz")}
 """the axes of a link, as ``approach=`` names them: sign and column"""
 _APPROACH, EXACT = "approach=", "exact="

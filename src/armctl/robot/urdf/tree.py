@@ -23,7 +23,6 @@ from armctl.robot.urdf.xacro_properties import Argument
 # in the machine are not in the file, and no closed form fits the arm. So each joint tells how far what is
 # taken is from what is written.
 
-
 _QUARTER = math.pi / 2
 _UNSEEN_M = 1e-9
 _NOISE = 1e-6

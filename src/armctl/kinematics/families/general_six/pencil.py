@@ -205,7 +205,6 @@ def dual_quaternions(poses: Numbers, unit: float) -> Numbers:
 # all configurations are known: those at which a path ends. Two paths end in a double one, which is
 # singular.
 
-
 _FIRST, _LEAST, _NEAR = 0.1, 1e-7, 1e-7
 """shares of the way that is left: the first step, one so short that a path is given up; where a path ends"""
 _ROUNDS = 300

@@ -23,7 +23,6 @@ from armctl.kinematics.target import straight_up
 
 # What a numeric search drives to zero: residuals of the tool pose with their derivatives, in batches.
 
-
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 """of each of x, y, z, the two others"""
 Rows = tuple[FloatArray, FloatArray]

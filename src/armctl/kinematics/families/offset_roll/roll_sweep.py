@@ -50,7 +50,6 @@ from armctl.kinematics.subproblems import ToolPlane, circle_angles
 #     L(c) = L0 + L1 cos c + L2 sin c         from the last pitch axis to the tip, in the tool plane
 #     d(c) = d0 + d1 cos c + d2 sin c         how far the tip lies to the left of the base axis
 
-
 ComplexArray = NDArray[np.complex128]
 _ALIGNED = 1e-9
 """how far from parallel or perpendicular axes may be (sine of the angle)"""

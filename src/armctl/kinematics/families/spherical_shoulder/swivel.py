@@ -291,7 +291,6 @@ def _stationary(swivel: Swivel, weights: Sequence[float]) -> FloatArray:
 # which is largest where each half of the sum is: exact. With the roll given only a is left. The approach
 # axis has the elevation ``sin(pitch) = A + B cos phi + C sin phi``: two roots.
 
-
 _AS_GOOD = 1e-7
 """how much farther from the pitch asked for a posture may be than the best one [rad]"""
 _AS_NEAR = 5e-10

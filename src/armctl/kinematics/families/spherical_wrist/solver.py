@@ -35,7 +35,6 @@ from armctl.kinematics.target import Target
 
 # Every branch of many poses of a spherical-wrist arm at once, joint limits not looked at.
 
-
 _CHUNK = 4096
 """poses worked on at a time, so that what they need stays in the processor's cache"""
 

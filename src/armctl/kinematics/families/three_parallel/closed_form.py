@@ -42,7 +42,6 @@ from armctl.kinematics.subproblems import (
 
 # Recognition of six-joint arms with three parallel axes in a row, and the numbers of their solution.
 
-
 _PARALLEL = 1e-9
 """sine of the angle, or share of the reach, by which an arm may miss the family; polished away"""
 _EXACT = 1e-13

@@ -30,7 +30,6 @@ from armctl.kinematics.target import Target
 
 # All ways of one pose in plain floats, for arms like Universal Robots'; arrays take thirty times as long.
 
-
 _Circle = tuple[float, float, float]
 _DOUBTFUL = 1e-6
 """closer than this to a singularity nothing is answered: sines and squared lengths over the longest"""
