@@ -13,6 +13,7 @@ import viser
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.ui.guard_kit import CAMERA
+from viser._messages import FileTransferPart, FileTransferStartUpload
 
 from armctl.ui.guard import GuardedServer
 from armctl.ui.guard.filter import (
@@ -23,7 +24,7 @@ from armctl.ui.guard.filter import (
     Tally,
     UploadLedger,
 )
-from armctl.ui.viser_seam.messages import UPLOAD_PART_BYTES, FileTransferPart, FileTransferStartUpload
+from armctl.ui.viser_seam import UPLOAD_PART_BYTES
 
 UUID = "3f0e1d9c-0000-4000-8000-000000000000"
 IDS = {"source_component_uuid": "upload", "transfer_uuid": "t"}

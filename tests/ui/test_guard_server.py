@@ -12,11 +12,11 @@ from tests.ui.guard_kit import Bell, RawPage
 from websockets.http11 import Request, Response
 
 from armctl.errors import ServerError
+from armctl.ui import viser_seam as viser_serving
 from armctl.ui.guard import SocketDoor, guarded_server
 from armctl.ui.guard import server as serving
 from armctl.ui.guard.door import Door
 from armctl.ui.guard.filter import Tally
-from armctl.ui.viser_seam import serving as viser_serving
 
 TOKEN = "a-secret-of-some-length_0123456789"
 

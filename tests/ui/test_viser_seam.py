@@ -23,14 +23,14 @@ from tests.ui.guard_kit import Bell, RawPage, uuid_of
 from viser import _assignable_props_api, _gui_api, _messages
 
 from armctl.errors import ServerError
+from armctl.ui import viser_seam
 from armctl.ui.guard import GuardedServer
 from armctl.ui.guard.filter import ALLOWED
-from armctl.ui.viser_seam import messages, page, serving
-from armctl.ui.viser_seam.kept_scene import KeptScene
+from armctl.ui.viser_seam import KeptScene
 
 CLIENT = Path(viser.__file__).parent / "client"
 INDEX = (CLIENT / "build" / "index.html").read_text("utf-8")
-SEAM = Path(page.__file__).parent
+SEAM = Path(viser_seam.__file__).parent
 
 
 @cache
@@ -50,16 +50,16 @@ def client_code() -> str:
     return zstandard.ZstdDecompressor().decompress(raw).decode()
 
 
-# serving.py
+# serving
 
 
 def test_require_version_and_subprotocol() -> None:
-    serving.require_version()
+    viser_seam.require_version()
     assert "`viser-v${" in client_code(), "SUBPROTOCOL: viser's page asks for another one"
 
 
 def served(arrange: Callable[..., Any]) -> list[Exception | None]:
-    with serving.opening_through(arrange) as opened:
+    with viser_seam.opening_through(arrange) as opened:
         viser.ViserServer(host="127.0.0.1", port=0, verbose=False).stop()
     return opened
 
@@ -75,7 +75,7 @@ def test_opening_through() -> None:
     ((handler, serve_page),) = asked
     assert asyncio.iscoroutinefunction(handler), "opening_through: what serves a connection is no coroutine"
     assert callable(serve_page), "opening_through: viser gives no process_request"
-    assert handler.__module__ == serving._OPENER, "opening_through: another module of viser opens its server"
+    assert handler.__module__ == viser_seam._OPENER, "opening_through: another module opens its server"
 
 
 def test_opening_through_where_it_cannot_be_opened() -> None:
@@ -91,21 +91,21 @@ def test_connections_of(server: GuardedServer) -> None:
     with RawPage(server.get_port()) as one:
         one.introduce()
         client_id = Bell(server).ring_from(one)
-        live = serving.connections_of(server)
+        live = viser_seam.connections_of(server)
         assert client_id in live, "connections_of: viser's server keeps its connections otherwise"
         assert live[client_id].remote_address[0] == "127.0.0.1"
         assert server.client_of(live[client_id]) is server.get_clients()[client_id]
 
 
 def test_keep_quiet(capfd: pytest.CaptureFixture[str]) -> None:
-    serving.keep_quiet()
+    viser_seam.keep_quiet()
     viser.ViserServer(host="127.0.0.1", port=0, verbose=True).stop()
     assert capfd.readouterr() == ("", ""), "keep_quiet: viser prints by another way"
 
 
 def test_share_type_hints(server: GuardedServer) -> None:
     assert hasattr(_assignable_props_api, "get_type_hints"), "share_type_hints: nothing to be replaced"
-    serving.share_type_hints()
+    viser_seam.share_type_hints()
     asked = _gui_api.get_type_hints_cached.cache_info().hits
     server.gui.add_number("hints", 1.0).hint = "again"
     server.gui.add_number("hints", 1.0).hint = "again"
@@ -114,8 +114,8 @@ def test_share_type_hints(server: GuardedServer) -> None:
 
 
 def test_let_groups_be_disabled(server: GuardedServer) -> None:
-    serving.let_groups_be_disabled()
-    serving.let_groups_be_disabled()
+    viser_seam.let_groups_be_disabled()
+    viser_seam.let_groups_be_disabled()
     group = server.gui.add_button_group("group", ("a", "b"))
     group.disabled = True
     assert group.disabled, "let_groups_be_disabled: a group of buttons has no property of that name"
@@ -129,17 +129,17 @@ def test_failed_in_viser(server: GuardedServer) -> None:
     update = _messages.GuiUpdateMessage(uuid_of(number), {"value": "no number"})
     with pytest.raises(ValueError) as failure:
         asyncio.run(server.gui._handle_gui_updates(0, update))
-    assert serving.failed_in_viser(failure.value), "failed_in_viser: viser casts values by another way"
-    assert not serving.failed_in_viser(None)
-    assert not serving.failed_in_viser(ValueError("it was never raised"))
+    assert viser_seam.failed_in_viser(failure.value), "failed_in_viser: viser casts values by another way"
+    assert not viser_seam.failed_in_viser(None)
+    assert not viser_seam.failed_in_viser(ValueError("it was never raised"))
 
 
-# messages.py
+# messages
 
 
 @pytest.mark.parametrize("kind", ALLOWED)
-def test_message_reader_knows_each_kind_of_message(kind: type[messages.Message]) -> None:
-    known = messages.Message._subclass_from_type_string()
+def test_message_reader_knows_each_kind_of_message(kind: type[_messages.Message]) -> None:
+    known = _messages.Message._subclass_from_type_string()
     assert known.get(kind.__name__) is kind, (
         f"MessageReader: viser calls {kind.__name__} otherwise on the line"
     )
@@ -147,9 +147,9 @@ def test_message_reader_knows_each_kind_of_message(kind: type[messages.Message])
 
 
 def test_message_reader() -> None:
-    reader = messages.MessageReader([messages.CommandTriggerMessage])
+    reader = viser_seam.MessageReader([_messages.CommandTriggerMessage])
     trigger = msgspec.msgpack.encode({"type": "CommandTriggerMessage", "uuid": "k"})
-    assert reader.read(trigger) == messages.CommandTriggerMessage("k")
+    assert reader.read(trigger) == _messages.CommandTriggerMessage("k")
     assert reader.read(msgspec.msgpack.encode({"type": "GuiFormSubmitMessage", "uuid": "k"})) is None
     for wrong in (
         trigger.decode("latin-1"),
@@ -162,22 +162,22 @@ def test_message_reader() -> None:
 def test_control_of(server: GuardedServer) -> None:
     client: Any = SimpleNamespace(gui=server.gui)
     number, upload = server.gui.add_number("x", 1.0), server.gui.add_upload_button("up")
-    start = messages.FileTransferStartUpload(uuid_of(upload), "t", "a.toml", "", 1, 5)
+    start = _messages.FileTransferStartUpload(uuid_of(upload), "t", "a.toml", "", 1, 5)
     for handle, message in (
-        (number, messages.GuiUpdateMessage(uuid_of(number), {"value": 2.0})),
+        (number, _messages.GuiUpdateMessage(uuid_of(number), {"value": 2.0})),
         (upload, start),
-        (None, messages.GuiUpdateMessage("nobody", {"value": 2.0})),
-        (None, messages.TransformControlsDragStartMessage("/target")),
+        (None, _messages.GuiUpdateMessage("nobody", {"value": 2.0})),
+        (None, _messages.TransformControlsDragStartMessage("/target")),
     ):
-        found = messages.control_of(client, message)
+        found = viser_seam.control_of(client, message)
         assert found is handle, "control_of: viser keeps its controls, or names them in messages, otherwise"
 
 
 def test_acknowledge_all(server: GuardedServer, monkeypatch: pytest.MonkeyPatch) -> None:
     queued: list[Any] = []
     monkeypatch.setattr(server.gui._websock_interface, "queue_message", queued.append)
-    start = messages.FileTransferStartUpload("button", "t", "a.toml", "", 1, 5)
-    messages.acknowledge_all(SimpleNamespace(gui=server.gui), start)  # type: ignore[arg-type]
+    start = _messages.FileTransferStartUpload("button", "t", "a.toml", "", 1, 5)
+    viser_seam.acknowledge_all(SimpleNamespace(gui=server.gui), start)  # type: ignore[arg-type]
     (said,) = queued
     assert (said.transfer_uuid, said.transferred_bytes, said.total_bytes) == ("t", 5, 5), "acknowledge_all"
     assert "FileTransferPartAck" in client_code(), "acknowledge_all: viser's page hears it no more"
@@ -186,7 +186,7 @@ def test_acknowledge_all(server: GuardedServer, monkeypatch: pytest.MonkeyPatch)
 def test_upload_part_bytes() -> None:
     source = (CLIENT / "src" / "components" / "UploadButton.tsx").read_text("utf-8")
     said = "UPLOAD_PART_BYTES: viser's page cuts files in parts of another size"
-    assert f"chunkSize = {messages.UPLOAD_PART_BYTES >> 10} * 1024;" in source, said
+    assert f"chunkSize = {viser_seam.UPLOAD_PART_BYTES >> 10} * 1024;" in source, said
 
 
 # kept_scene.py
@@ -207,21 +207,21 @@ def test_kept_scene() -> None:
     assert b"SetCameraPosition" in kept, "KeptScene: the first view is not kept"
 
 
-# page.py, seam.js and the styles
+# the page, viser_seam.js and the styles
 
 
 def test_dressed() -> None:
-    dressed = page.dressed(
+    dressed = viser_seam.dressed(
         INDEX, ahead="<i>ahead</i>", title="mine", icon="<link rel=icon>", behind="<i>behind</i>"
     )
     said = "dressed: viser's page has another"
     assert "<head><i>ahead</i>" in dressed
-    assert "<title>mine</title>" in dressed and page._TITLE not in dressed, f"{said} title"
+    assert "<title>mine</title>" in dressed and viser_seam._TITLE not in dressed, f"{said} title"
     assert "<link rel=icon>" in dressed and 'rel="icon"' not in dressed, f"{said} icon"
     assert dressed.index("<i>behind</i>") > dressed.index('<div id="root">'), f"{said} root"
     assert re.search(r"<i>behind</i></body>\s*</html>\s*$", dressed)
     with pytest.raises(ServerError, match="has no <head>"):
-        page.dressed("<html></html>", ahead="", title="mine")
+        viser_seam.dressed("<html></html>", ahead="", title="mine")
 
 
 CONTRACT = {
@@ -240,7 +240,7 @@ CONTRACT = {
         "`SetOrientationMessage`",
         "`SetSceneNodeVisibilityMessage`",
     ),
-    "console.css": (
+    "viser_console.css": (
         "--mantine-primary-color-filled",
         "data-mantine-color-scheme",
         "`Button`",
@@ -250,9 +250,9 @@ CONTRACT = {
         "data-dock-tab",
         "width:`20em`",
     ),
-    "file.css": ("scene tree",),
+    "viser_file.css": ("scene tree",),
 }
-"""what of viser's client each function of ``seam.js``, and each style, holds"""
+"""what of viser's client each function of ``viser_seam.js``, and each style, holds"""
 
 
 @pytest.mark.parametrize(
@@ -263,11 +263,11 @@ def test_the_page_of_viser_has_what_scripts_and_styles_hold(hook: str, name: str
 
 
 def test_the_contract_names_all_globals_and_classes_of_the_page() -> None:
-    texts = {path.name: path.read_text("utf-8") for path in SEAM.iterdir() if path.suffix in (".js", ".css")}
+    texts = {path.name: path.read_text("utf-8") for path in SEAM.glob("viser_*.*s")}
     held = {name.strip("`") for names in CONTRACT.values() for name in names}
     used = re.compile(
         r"__viser\w+|(?<=mantine-)[A-Z]\w+(?=-)|(?<=tabler-icon-)[\w-]+|data-dock[\w-]+|Set\w+Message"
     )
     for name, text in texts.items():
         assert set(used.findall(text)) <= held, name
-    assert all(f"function {hook}(" in texts["seam.js"] for hook in CONTRACT if "." not in hook)
+    assert all(f"function {hook}(" in texts["viser_seam.js"] for hook in CONTRACT if "." not in hook)

@@ -1,6 +1,6 @@
 """A planned motion as one HTML file, which plays in any browser, without armctl and without a network.
 
-The file is viser's client with the arm in it, as viser embeds a scene (``viser_seam/kept_scene.py``), a
+The file is viser's client with the arm in it, as viser embeds a scene (``KeptScene``), a
 player of our own (``twin_file.js``), graphs, and what the pre-flight found. viser's own player would repeat
 the poses as messages of 80 bytes each; here a pose is seven numbers of two bytes, as differences, deflated.
 """
@@ -30,8 +30,7 @@ from armctl.robot import CarriedPart, Robot
 from armctl.ui.scene.arm_figure import ARM, HALF_OPEN, ArmFigure
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.scene.stage import Stage, first_view, set_lights
-from armctl.ui.viser_seam.kept_scene import KeptScene
-from armctl.ui.viser_seam.page import FILE_STYLE, SCRIPT, dressed
+from armctl.ui.viser_seam import FILE_STYLE, SCRIPT, KeptScene, dressed
 
 FRAMES_A_S, _MOST_FRAMES = 30, 9_000
 """what is between two frames is interpolated; a motion of more than five minutes has fewer a second"""

@@ -12,8 +12,8 @@ from typing import Any
 
 import viser
 
+from armctl.ui.viser_seam import UPLOAD_PART_BYTES, MessageReader, acknowledge_all, control_of
 from armctl.ui.viser_seam import messages as wire
-from armctl.ui.viser_seam.messages import UPLOAD_PART_BYTES, acknowledge_all, control_of
 
 LOG = logging.getLogger("armctl.ui.guard")
 
@@ -43,7 +43,7 @@ ALLOWED = (
     wire.FileTransferPart,
 )
 """Left out above all: ``ShareUrlRequest``, which opens a public tunnel."""
-_READER = wire.MessageReader(ALLOWED)
+_READER = MessageReader(ALLOWED)
 
 
 class Tally:

@@ -1,6 +1,6 @@
 // What armctl lays over viser's page. STOP that is always there: Escape from every place of the page, a large
 // button wherever the panel's own one is out of view, and a line to the arm that waits for nothing else
-// (stop_line.py). A banner on a page that watches. What it asks of viser's page is `armctlViser` (seam.js).
+// (stop_line.py). A banner on a page that watches. What it asks of viser's page is `armctlViser` (viser_seam.js).
 (() => {
   "use strict";
   const BEAT_MS = 200;

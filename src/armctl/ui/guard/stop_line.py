@@ -33,7 +33,7 @@ from websockets.protocol import State
 from websockets.server import ServerProtocol
 
 from armctl.ui.guard.filter import LOG, FloodGauge
-from armctl.ui.viser_seam.page import CONSOLE_STYLE, SCRIPT, dressed
+from armctl.ui.viser_seam import CONSOLE_STYLE, SCRIPT, dressed
 
 STOP_PATH = "/stop"
 _CHECK_S = 0.05

@@ -19,7 +19,7 @@ WARNING = "var(--armctl-warning,#a65b00)"
 ERROR = "var(--armctl-error,#c92a2a)"
 """colour of what is refused or broken"""
 GOOD = "var(--armctl-good,#237032)"
-"""colour of what is as it should be; these three can be read in both themes (``console.css``)"""
+"""colour of what is as it should be; these three can be read in both themes (``viser_console.css``)"""
 _MINUS = re.compile(r"(?<![\w.)-])-(?=\d)")
 """a hyphen before a number that is no part of a word, a range or a date"""
 
