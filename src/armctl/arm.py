@@ -103,12 +103,7 @@ class Arm:
 
     @classmethod
     def open(
-        cls,
-        robot: str | Path | Robot,
-        port: str | None = None,
-        rate_hz: float = 50.0,
-        *,
-        park: bool = False,
+        cls, robot: str | Path | Robot, port: str | None = None, rate_hz: float = 50.0, *, park: bool = False
     ) -> Self:
         """Load a robot, with the calibration that is kept for its board, and connect to the board.
 

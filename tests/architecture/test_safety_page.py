@@ -30,6 +30,7 @@ from armctl.runtime import (
     monitor,
     pin,
     power,
+    state,
     tick_time,
 )
 from armctl.ui import app
@@ -45,7 +46,7 @@ _HANG = re.search(
 assert _HANG is not None
 NUMBERS = {
     "tick": TICK_S,
-    "jog gap": core.JOG_GAP_S,
+    "jog gap": state.JOG_GAP_S,
     "jog": commands.JOG_EXPIRY_S,
     "follow": commands.FOLLOW_EXPIRY_S,
     "stream": commands.STREAM_EXPIRY_S,

@@ -27,7 +27,7 @@ from armctl.protocol import (
     RunProgram,
 )
 from armctl.robot import CarriedPart, load_robot
-from armctl.runtime.led.joint_servo import KeepClear
+from armctl.runtime.joint_servo import KeepClear
 
 CUBE = (30.0, 30.0, 30.0)
 IN_THE_FLOOR = "the carried part: at .* below the floor"

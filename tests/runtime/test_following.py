@@ -19,8 +19,8 @@ from armctl.kinematics import Target
 from armctl.motion import Floor
 from armctl.protocol import FollowTarget, MoveJoints, Pause, SetSpeed
 from armctl.robot import load_robot
-from armctl.runtime.led.joint_servo import KeepClear
-from armctl.runtime.led.live_target import live_goal
+from armctl.runtime.joint_servo import KeepClear
+from armctl.runtime.live_target import live_goal
 
 HOME = ROBOT.pose("home")
 TOOL = ROBOT.forward(HOME)[:3, 3]

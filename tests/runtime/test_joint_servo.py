@@ -15,7 +15,7 @@ from armctl.kinematics.frames import LinkFrames
 from armctl.motion import Floor
 from armctl.motion.clearance import SelfCollision
 from armctl.robot.parts import Obstacle
-from armctl.runtime.led.joint_servo import JointServo, KeepClear
+from armctl.runtime.joint_servo import JointServo, KeepClear
 
 LOW, HIGH = ROBOT.limits[:, 0], ROBOT.limits[:, 1]
 ANY = np.zeros(ROBOT.n)

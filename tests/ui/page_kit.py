@@ -16,10 +16,10 @@ from armctl.hardware import Driver
 from armctl.protocol import Command, ManualClock, Snapshot
 from armctl.robot import Robot
 from armctl.runtime import Controller
+from armctl.ui.events import Action
 from armctl.ui.guard import GuardedServer
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.session import Session
-from armctl.ui.widgets.events import Action
 
 
 def snapshot_of(robot: Robot) -> Snapshot:

@@ -18,10 +18,8 @@ from armctl.robot import CarriedPart, Robot, load_robot, shipped_robots
 from armctl.robot.look.rows import paint
 from armctl.robot.solids import block, creased, drum, grown, joined
 from armctl.ui.guard import GuardedServer
-from armctl.ui.scene.arm_figure import ArmFigure, repaint
-from armctl.ui.scene.arm_model import TOOL, arm_model
-from armctl.ui.scene.body_view import BodyView, body_solids
-from armctl.ui.scene.ghost import Ghost
+from armctl.ui.scene.arm_model import TOOL, ArmFigure, arm_model, repaint
+from armctl.ui.scene.ghost import BodyView, Ghost, body_solids
 
 ARMS = {name: load_robot(name) for name in shipped_robots()}
 

@@ -12,8 +12,7 @@ import pytest
 from armctl.facts import Said
 from armctl.motion import Finding
 from armctl.motion.preflight import Unchecked
-from armctl.ui.widgets.html import fixed, limited, muted, refused, warned
-from armctl.ui.widgets.verdict_list import first_error, verdict_html
+from armctl.ui.widgets.html import first_error, fixed, limited, muted, refused, verdict_html, warned
 
 
 def test_a_long_text_keeps_its_height_and_can_be_read_to_its_end() -> None:

@@ -20,7 +20,7 @@ from armctl.robot import CarriedPart, load_robot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.jog import KEYS, HeldJog, part_of, tool_axes, tool_jog
 from armctl.ui.tabs.manual.joints import checked_percent, joint_table, stepped, tool_motion, tool_table
-from armctl.ui.widgets.joint_angles import slider_degrees, slider_limits
+from armctl.ui.widgets.angle_fields import slider_degrees, slider_limits
 
 ROBOT = load_robot("uzuner")
 HOME = ROBOT.pose("home")

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from armctl.ui.newest import Newest, OneAtATime
+from armctl.ui.events import Newest, OneAtATime
 
 
 def test_only_the_newest_request_is_answered() -> None:

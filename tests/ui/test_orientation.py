@@ -19,7 +19,7 @@ from armctl.ui.tabs.forward.screen import REFERENCE, ForwardScreen, coupled_join
 from armctl.ui.tabs.inverse.answer import branches_html, result_html, solve
 from armctl.ui.tabs.inverse.screen import ANY, PITCH_AND_ROLL, WHOLE, InverseScreen, TargetForm
 from armctl.ui.tabs.manual.jog import KEYS, tool_axes, tool_jog
-from armctl.ui.widgets.orientation import OrientationFields
+from armctl.ui.widgets.angle_fields import OrientationFields
 
 ARMS = {"six": load_robot("ur5"), "seven": panda()}
 R = rotation_from_rpy(0.3, -0.4, 1.2)

@@ -32,7 +32,7 @@ from armctl.ui.scene.stage import (
     look_at_arm,
     stand_parts,
 )
-from armctl.ui.widgets.joint_angles import held_at
+from armctl.ui.widgets.angle_fields import held_at
 
 ROBOTS = {name: load_robot(name) for name in FIVE}
 

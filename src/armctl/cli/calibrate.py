@@ -157,13 +157,7 @@ def fit(robot: str, joint: str, marks: Path, as_json: bool) -> None:
 @pose_option
 @click.option("--note", default="", help="Kept with the calibration.")
 def joint_command(
-    robot: str,
-    joint: str,
-    port: str,
-    places: int,
-    speed: float,
-    pose: str | list[float] | None,
-    note: str,
+    robot: str, joint: str, port: str, places: int, speed: float, pose: str | list[float] | None, note: str
 ) -> None:
     """Measure JOINT of ROBOT: the arm moves it to some places, you read the angle off a protractor.
 

@@ -38,13 +38,7 @@ _MARGIN = 0.05
 
 
 def measure_joint(
-    robot: Robot,
-    joint: str,
-    port: str,
-    places: int,
-    speed: float,
-    pose: str | list[float] | None,
-    note: str,
+    robot: Robot, joint: str, port: str, places: int, speed: float, pose: str | list[float] | None, note: str
 ) -> None:
     """Take ``places`` marks of a joint on ``port``, fit them, and save them if the user wants that.
 

@@ -11,14 +11,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.cli.options import NUMBER, QUERY_SETTINGS, ROBOT, Number, json_option, print_json, rounded
 from armctl.errors import ArmctlError, InputError, UnreachableError
-from armctl.kinematics import (
-    CRITERIA,
-    Branch,
-    Solutions,
-    quaternion_wxyz,
-    roll_pitch_yaw,
-    rotation_of,
-)
+from armctl.kinematics import CRITERIA, Branch, Solutions, quaternion_wxyz, roll_pitch_yaw, rotation_of
 from armctl.robot import Robot, hidden_robots, load_robot, shipped_robots, user_robots
 
 _LISTED = 20

@@ -122,10 +122,7 @@ class MeshProgress:
     """Tells on standard error how far the work on an arm's meshes is, once it takes a while."""
 
     def __init__(
-        self,
-        title: str,
-        is_over: Callable[[], bool] = lambda: False,
-        now: Callable[[], float] | None = None,
+        self, title: str, is_over: Callable[[], bool] = lambda: False, now: Callable[[], float] | None = None
     ) -> None:
         """``is_over``: whether nobody waits for it any more, so that it ends."""
         self._title, self._is_over, self._now = title, is_over, now or MonotonicClock().now

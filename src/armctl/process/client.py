@@ -10,9 +10,8 @@ from concurrent.futures import Future
 from typing import Any, Protocol
 
 from armctl.errors import ArmctlError, InputError, StateError
-from armctl.process.connections import RecordConnection, nobody, nothing_large
+from armctl.process.connections import Broadcast, Outbox, RecordConnection, nobody, nothing_large
 from armctl.process.limits import MOST_CONTROL_A_SECOND, Meter
-from armctl.process.outbox import Broadcast, Outbox
 from armctl.process.records import (
     CONTROL,
     MOST_ELSE,

@@ -10,16 +10,7 @@ from typing import Self
 
 from armctl.boards import ANY_BOARD, Boards
 from armctl.process.registry import holder
-from armctl.protocol import (
-    ArmLink,
-    Command,
-    MonotonicClock,
-    Origin,
-    Recording,
-    Snapshot,
-    Ticket,
-    black_boxes,
-)
+from armctl.protocol import ArmLink, Command, MonotonicClock, Origin, Recording, Snapshot, Ticket, black_boxes
 from armctl.robot import Robot
 from armctl.runtime import Controller, PoseFolder
 

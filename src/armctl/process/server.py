@@ -21,10 +21,9 @@ import msgspec
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.hardware.boards import board_type
 from armctl.process.client import Client, command_of
-from armctl.process.connections import ConnectionHandover, RecordConnection, attend_stream
+from armctl.process.connections import Broadcast, ConnectionHandover, RecordConnection, attend_stream
 from armctl.process.host import Host, collect_at_rest
 from armctl.process.limits import Arrivals, Traffic, who_gives_way
-from armctl.process.outbox import Broadcast
 from armctl.process.records import SILENCE_S, Ask, Codec, FromClient, Hello, Refused, Trust, Welcome, in_short
 from armctl.process.registry import Note, likeness, remove, write_note
 from armctl.protocol import ArmLink, Command, Leave, Origin, Snapshot, stands_as_before

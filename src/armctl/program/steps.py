@@ -63,8 +63,7 @@ _Criterion = Annotated[
 ]
 _Profile = Annotated[ProfileName, Field("Profile", "Law of the motion over time.", 7)]
 _Edge = Annotated[
-    Annotated[float, Meta(ge=THINNEST_PART_MM, le=LARGEST_PART_MM)] | None,
-    Field("Part mm", _PART_HINT, 51),
+    Annotated[float, Meta(ge=THINNEST_PART_MM, le=LARGEST_PART_MM)] | None, Field("Part mm", _PART_HINT, 51)
 ]
 _ToolSpeed = Annotated[Annotated[float, Meta(gt=0)] | None, Field("Tool speed mm/s", _FASTEST, 8)]
 _END, _VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")

@@ -1,11 +1,6 @@
 """What an arm can be asked and what it shows: all of it that a client knows."""
 
-from armctl.protocol.clock import (
-    Clock,
-    ManualClock,
-    MonotonicClock,
-    wall_time,
-)
+from armctl.protocol.clock import Clock, ManualClock, MonotonicClock, wall_time
 from armctl.protocol.commands import (
     ArmLink,
     Arrive,
@@ -44,19 +39,11 @@ from armctl.protocol.commands import (
     Ticket,
     UpdateProgram,
 )
-from armctl.protocol.needs import (
-    Doing,
-    unmet,
-)
-from armctl.protocol.recording import (
-    Recording,
-    black_boxes,
-    read_recording,
-    saved_recordings,
-)
+from armctl.protocol.recording import Recording, black_boxes, read_recording, saved_recordings
 from armctl.protocol.snapshot import (
     AxisHoming,
     Control,
+    Doing,
     Event,
     LastPose,
     Party,
@@ -64,6 +51,7 @@ from armctl.protocol.snapshot import (
     Snapshot,
     WrongPins,
     stands_as_before,
+    unmet,
 )
 
 __all__ = [

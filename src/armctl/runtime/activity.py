@@ -1,4 +1,4 @@
-"""What the arm is doing: one motion, a jog, a live target, a program or homing."""
+"""A command on its way, and what the arm is doing: one motion, a jog, a live target, a program, homing."""
 
 from __future__ import annotations
 
@@ -9,7 +9,32 @@ from typing import ClassVar
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.motion import Trajectory
-from armctl.protocol import Command, Doing, Jog, ProgramProgress
+from armctl.protocol import Command, Doing, Jog, MovingCommand, Origin, ProgramProgress, Ticket
+from armctl.protocol.commands import kebab
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A command on its way to the controller thread."""
+
+    command: Command | None
+    """None: STOP"""
+    origin: Origin
+    ticket: Ticket
+    given_at: float
+    """controller clock [s]"""
+    number: int
+    """in the order in which they were given, stops included"""
+
+    @property
+    def label(self) -> str:
+        """What it asks for, in words."""
+        return "STOP" if self.command is None else kebab(type(self.command).__name__).replace("-", " ")
+
+    @property
+    def motion(self) -> str:
+        """The name of the motion that it asks for; empty where it has none."""
+        return self.command.motion if isinstance(self.command, MovingCommand) else ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,11 +27,11 @@ from armctl.protocol import (
 )
 from armctl.protocol.commands import Answer, give
 from armctl.robot import Robot
+from armctl.runtime.activity import Order
 from armctl.runtime.black_box import BlackBox
 from armctl.runtime.core import Core
 from armctl.runtime.dispatch import dispatch
 from armctl.runtime.last_pose import PoseFolder
-from armctl.runtime.order import Order
 from armctl.runtime.planner import Openers, Planner, planner
 
 P = ParamSpec("P")

@@ -12,28 +12,21 @@ import numpy as np
 import armctl.protocol.commands as c
 from armctl.arrays import FloatArray
 from armctl.decoding import must_be
-from armctl.errors import (
-    ArmctlError,
-    BoardError,
-    InputError,
-    MotionRefusedError,
-    StateError,
-    out_of_range,
-)
+from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError, out_of_range
 from armctl.facts import Need, State
 from armctl.kinematics.target import as_numbers, checked_number
 from armctl.motion import Trajectory, plan_choice, plan_joints
 from armctl.motion.choices import not_the_best
 from armctl.program.feed import require_runnable
 from armctl.protocol.commands import FOLLOW_EXPIRY_S, JOG_EXPIRY_S, STREAM_EXPIRY_S
-from armctl.protocol.needs import tool_turns
+from armctl.protocol.snapshot import tool_turns
 from armctl.robot import CarriedPart
+from armctl.runtime.activity import Order
 from armctl.runtime.core import Core
 from armctl.runtime.homing import home
-from armctl.runtime.led.jog import Jogger
-from armctl.runtime.led.live_target import Follower, Streamer
+from armctl.runtime.jog import Jogger
+from armctl.runtime.live_target import Follower, Streamer
 from armctl.runtime.mover import PathMover
-from armctl.runtime.order import Order
 from armctl.runtime.planner import checked_trajectory
 from armctl.runtime.power import enable, limit_torque, release, set_output
 from armctl.runtime.program_runner import ProgramRunner, begun_program

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from armctl.errors import (
-    ArmctlError,
-    BoardError,
-    StateError,
-)
+from armctl.errors import ArmctlError, BoardError, StateError
 from armctl.facts import Need
-from armctl.runtime.activity import Activity, Setpoint
+from armctl.runtime.activity import Activity, Order, Setpoint
 from armctl.runtime.board import Board, Reading
 from armctl.runtime.core import Core
-from armctl.runtime.order import Order
 from armctl.runtime.power import taken_over
 
 _SETTLE_S = 0.3

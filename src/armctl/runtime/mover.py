@@ -232,11 +232,7 @@ class GripperMover:
         self._held = False
 
     def move_to(
-        self,
-        goal: float,
-        part: CarriedPart | None = None,
-        ticket: Ticket | None = None,
-        motion: str = "",
+        self, goal: float, part: CarriedPart | None = None, ticket: Ticket | None = None, motion: str = ""
     ) -> None:
         """Go to ``goal`` 0..1 instead of wherever it was going; ``ticket`` is answered at the end.
 

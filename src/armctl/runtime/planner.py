@@ -21,7 +21,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.motion import Trajectory, require_clear
 from armctl.robot import CarriedPart, Robot
-from armctl.runtime.order import Order
+from armctl.runtime.activity import Order
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -25,12 +25,11 @@ from armctl.kinematics import Chain
 from armctl.kinematics.target import checked_number
 from armctl.motion.clearance import touching
 from armctl.protocol import Enable
-from armctl.protocol.needs import POWERED
-from armctl.runtime.activity import Activity, Setpoint
+from armctl.protocol.snapshot import POWERED
+from armctl.runtime.activity import Activity, Order, Setpoint
 from armctl.runtime.board import MOTORS_APART_RAD, Board, BoolArray, Reading
 from armctl.runtime.core import Core
 from armctl.runtime.monitor import DEVIATION_RAD
-from armctl.runtime.order import Order
 
 ADOPT_TOLERANCE_RAD = np.radians(0.25)
 """how far outside a limit a joint may stand when it is taken over, and two readings may differ"""

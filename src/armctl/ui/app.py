@@ -21,7 +21,7 @@ from armctl.ui.guard import GuardedServer
 from armctl.ui.page import Page
 from armctl.ui.panel import set_theme
 from armctl.ui.robot_switch import RESTARTED, RobotChange, RobotSwitch
-from armctl.ui.scene.arm_figure import ARM, ArmFigure
+from armctl.ui.scene.arm_model import ARM, ArmFigure
 from armctl.ui.scene.stage import Stage, set_lights
 
 LOG = logging.getLogger("armctl.ui")

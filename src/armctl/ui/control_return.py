@@ -16,8 +16,8 @@ import msgspec
 from armctl.documents import write_atomically
 from armctl.protocol import Control, Party
 from armctl.system import private_folder
+from armctl.ui.events import OneAtATime
 from armctl.ui.guard.stop_line import StopLines
-from armctl.ui.newest import OneAtATime
 
 LOG = logging.getLogger("armctl.ui")
 _COMES_S = 5.0

@@ -16,8 +16,8 @@ from armctl.motion.clearance import clear_rest
 from armctl.protocol import Enable, Snapshot
 from armctl.ui.port_watch import PortWatch
 from armctl.ui.session import Session
+from armctl.ui.widgets.angle_fields import angle_fields
 from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence
-from armctl.ui.widgets.joint_angles import angle_fields
 from armctl.ui.widgets.number_field import EditWatch, FieldArray
 
 _ROUNDED_RAD = np.radians(0.01)

@@ -16,11 +16,11 @@ from armctl.kinematics import roll_pitch_yaw
 from armctl.protocol import ClearFault, Pause, Release, Resume, SetSpeed, Snapshot, TakeControl
 from armctl.robot import Robot
 from armctl.ui.enabling import EnableButton
-from armctl.ui.scene.arm_figure import ARM, repaint
+from armctl.ui.scene.arm_model import ARM, repaint
 from armctl.ui.scene.stage import add_floor
 from armctl.ui.session import Session
+from armctl.ui.widgets.angle_fields import held_at
 from armctl.ui.widgets.html import ERROR, LiveHtml, fixed, limited, muted, table
-from armctl.ui.widgets.joint_angles import held_at
 
 PANEL_WIDTH = 250
 """[px]"""

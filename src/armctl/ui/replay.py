@@ -14,7 +14,7 @@ from armctl.arrays import FloatArray
 from armctl.protocol import Recording
 from armctl.robot import Robot
 from armctl.ui.guard import GuardedServer
-from armctl.ui.scene.arm_figure import ARM, ArmFigure
+from armctl.ui.scene.arm_model import ARM, ArmFigure
 from armctl.ui.scene.ghost import THICKER, played
 from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
 from armctl.ui.widgets.html import ERROR, WARNING, LiveHtml, fixed, heading, muted, table
@@ -217,10 +217,7 @@ def _story(recording: Recording, now: float) -> str:
         for one in recording.commands
     ]  # fmt: skip
     happened += [
-        (
-            one.time_s,
-            f"<span style='color:{_COLOR.get(one.level, 'inherit')}'>{escape(one.text)}</span>",
-        )
+        (one.time_s, f"<span style='color:{_COLOR.get(one.level, 'inherit')}'>{escape(one.text)}</span>")
         for one in recording.lines
     ]
     shown = [one for one in sorted(happened, key=lambda one: one[0]) if one[0] <= now][-_LINES_SHOWN:]

@@ -21,10 +21,10 @@ from armctl.protocol import Command, ControlCommand, Origin, Snapshot, Ticket
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.look.rows import Theme
 from armctl.ui.console import page_name
+from armctl.ui.events import Action
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.scene.stage import look_at_arm
-from armctl.ui.widgets.events import Action
 from armctl.ui.widgets.html import LiveHtml, muted, sentence
 
 LOG = logging.getLogger("armctl.ui")

@@ -27,7 +27,7 @@ from armctl.motion.preflight import Finding, not_checked
 from armctl.program import Program
 from armctl.program.rehearsal import Rehearsal, rehearse
 from armctl.robot import CarriedPart, Robot
-from armctl.ui.scene.arm_figure import ARM, HALF_OPEN, ArmFigure
+from armctl.ui.scene.arm_model import ARM, HALF_OPEN, ArmFigure
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.scene.stage import Stage, first_view, set_lights
 from armctl.ui.viser_seam import FILE_STYLE, SCRIPT, KeptScene, dressed

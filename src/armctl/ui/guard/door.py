@@ -22,8 +22,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from armctl.ui.guard.connection import GuardedConnection
-from armctl.ui.guard.filter import Tally
+from armctl.ui.guard.filter import GuardedConnection, Tally
 from armctl.ui.guard.listening import url_host
 
 HOST_NAME = re.compile(r"[A-Za-z0-9._-]{1,253}|\[[0-9A-Fa-f:.]+\]")
@@ -198,12 +197,7 @@ class Door:
         return self.token is not None and _same(given, self.token)
 
     def _answer_at_socket(
-        self,
-        connection: GuardedConnection,
-        own: SocketDoor,
-        socket_path: str,
-        path: str,
-        is_websocket: bool,
+        self, connection: GuardedConnection, own: SocketDoor, socket_path: str, path: str, is_websocket: bool
     ) -> Response | None:
         if path == socket_path:
             if not is_websocket:

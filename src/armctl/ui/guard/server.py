@@ -20,9 +20,8 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from armctl.errors import ServerError
-from armctl.ui.guard.connection import GuardedConnection
 from armctl.ui.guard.door import HOST_NAME, Door, SocketDoor
-from armctl.ui.guard.filter import LOG, MAX_FRAME_BYTES, Tally
+from armctl.ui.guard.filter import LOG, MAX_FRAME_BYTES, GuardedConnection, Tally
 from armctl.ui.guard.listening import is_name, listening_socket, names_of, url_host
 from armctl.ui.guard.stop_line import STOP_PATH, OverlaidPage, StopLines
 from armctl.ui.viser_seam import (

@@ -12,8 +12,7 @@ from armctl.arrays import FloatArray
 from armctl.kinematics import quaternion_wxyz
 from armctl.robot import Robot
 from armctl.robot.solids import Point, Solid, beam, block, drum, tube
-from armctl.ui.scene.arm_figure import add_solid, send_pose
-from armctl.ui.scene.arm_model import arm_model
+from armctl.ui.scene.arm_model import add_solid, arm_model, send_pose
 
 # Proportions, as fractions of the arm's reach.
 _PLATE_WIDTH, _PLATE_HEIGHT = 0.28, 0.02

@@ -46,5 +46,5 @@ TABS: tuple[Tab, ...] = (
     Tab("Inverse", "armctl.ui.tabs.inverse.screen:InverseScreen"),
     Tab("Simulation", "armctl.ui.tabs.simulation.screen:SimulationScreen"),
     Tab("Calibration", "armctl.ui.tabs.calibration.screen:CalibrationScreen"),
-    Tab("Log", "armctl.ui.tabs.log.screen:LogScreen"),
+    Tab("Log", "armctl.ui.tabs.log:LogScreen"),
 )

@@ -16,7 +16,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
-from armctl.ui.widgets.events import Action, On
+from armctl.ui.events import Action, On
 
 _DIGITS = 3
 _LARGEST = 1e6

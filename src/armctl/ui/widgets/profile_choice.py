@@ -5,7 +5,7 @@ from __future__ import annotations
 import viser
 
 from armctl.motion import PROFILES, Profile
-from armctl.ui.widgets.events import On
+from armctl.ui.events import On
 from armctl.ui.widgets.number_field import NumberField
 
 Laws = tuple[str, dict[str, Profile], str]

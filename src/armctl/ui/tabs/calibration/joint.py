@@ -105,11 +105,7 @@ class CalibrationJoint:
         self._watch = EditWatch([self._angle])
         session.on(self._joint.on_update, self._on_joint)
         session.on(self._steps.on_click, self._on_step)
-        on_edit(
-            session,
-            self._delete,
-            lambda: work.delete_mark(work.chosen, int(self._which.value) - 1),
-        )
+        on_edit(session, self._delete, lambda: work.delete_mark(work.chosen, int(self._which.value) - 1))
         on_edit(
             session,
             self._ends,

@@ -20,8 +20,8 @@ from armctl.kinematics.velocity import (
     turning_speeds,
 )
 from armctl.robot import Robot
+from armctl.ui.widgets.angle_fields import held_at
 from armctl.ui.widgets.html import fixed, heading, muted, numbers, refused, table
-from armctl.ui.widgets.joint_angles import held_at
 
 _LEAST_PART = 0.35
 """a part of a direction smaller than this is left out of its description (20°)"""

@@ -18,7 +18,7 @@ from armctl.kinematics import DEFAULT_STEP, Target
 from armctl.kinematics.velocity import position_leaves_pitch
 from armctl.protocol import MoveJoints, Snapshot
 from armctl.robot import Robot
-from armctl.ui.newest import Newest, OneAtATime
+from armctl.ui.events import Newest, On, OneAtATime
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.forward.figures import (
@@ -28,9 +28,8 @@ from armctl.ui.tabs.forward.figures import (
     pose_html,
     tool_velocity_html,
 )
-from armctl.ui.widgets.events import On
+from armctl.ui.widgets.angle_fields import OrientationFields, angle_fields, held_at
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, table
-from armctl.ui.widgets.joint_angles import angle_fields, held_at
 from armctl.ui.widgets.number_field import (
     DEGREES,
     MILLIMETRES,
@@ -40,7 +39,6 @@ from armctl.ui.widgets.number_field import (
     NumberField,
     TextEntry,
 )
-from armctl.ui.widgets.orientation import OrientationFields
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
 REFERENCE = "Go with respect to reference"

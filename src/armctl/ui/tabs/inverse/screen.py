@@ -16,8 +16,8 @@ from armctl.errors import ArmctlError, InputError, UnreachableError
 from armctl.facts import Need, State
 from armctl.kinematics import CRITERION_TEXT, FROM_START, Target, checked_criterion
 from armctl.protocol import MoveJoints, Snapshot
-from armctl.ui.newest import Newest, OneAtATime
-from armctl.ui.scene.arm_figure import ArmFigure
+from armctl.ui.events import Action, Newest, OneAtATime
+from armctl.ui.scene.arm_model import ArmFigure
 from armctl.ui.scene.ghost import THICKER, Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import (
@@ -33,10 +33,9 @@ from armctl.ui.tabs.inverse.answer import (
     selected_html,
     solve,
 )
-from armctl.ui.widgets.events import Action
+from armctl.ui.widgets.angle_fields import OrientationFields
 from armctl.ui.widgets.html import LiveHtml, Pager, muted, refused, warned
 from armctl.ui.widgets.number_field import DraggedPoint, EditWatch, Following, NumberField
-from armctl.ui.widgets.orientation import OrientationFields
 from armctl.ui.widgets.plots import LinePlot, PlotLine
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 

@@ -21,7 +21,7 @@ from armctl.robot.load import across_the_link
 from armctl.robot.look.rows import MAKES, MakeName
 from armctl.robot.parts import Hand
 from armctl.ui.robot_switch import RobotChoice
-from armctl.ui.scene.arm_figure import HALF_OPEN, ArmFigure
+from armctl.ui.scene.arm_model import HALF_OPEN, ArmFigure
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, folded, muted, refused, sentence, warned
 from armctl.ui.widgets.number_field import NumberField, parse_number

@@ -36,8 +36,8 @@ from armctl.robot.urdf.side_file import SIDE_SUFFIX
 from armctl.ui.enabling import show_typed
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.session import Session
+from armctl.ui.widgets.angle_fields import angle_fields
 from armctl.ui.widgets.html import LiveHtml, muted
-from armctl.ui.widgets.joint_angles import angle_fields
 from armctl.ui.widgets.number_field import NumberField
 
 _TAKEN = ",".join((".zip", *ARM_SUFFIXES, *MESH_FILES))

@@ -13,12 +13,12 @@ import viser
 from armctl.errors import ArmctlError
 from armctl.facts import Need
 from armctl.protocol import Jog, JogTool, MonotonicClock, MoveGripper, Snapshot
-from armctl.protocol.needs import tool_turns
+from armctl.protocol.snapshot import tool_turns
 from armctl.robot import CarriedPart, Robot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.joints import checked_percent
+from armctl.ui.widgets.angle_fields import held_at
 from armctl.ui.widgets.html import LiveHtml, muted, table
-from armctl.ui.widgets.joint_angles import held_at
 from armctl.ui.widgets.number_field import EditWatch, TextEntry, format_number, parse_numbers
 
 Frame = Literal["base", "tool"]

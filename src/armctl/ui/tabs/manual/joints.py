@@ -18,8 +18,8 @@ from armctl.kinematics import roll_pitch_yaw
 from armctl.protocol import MoveJoints, Snapshot
 from armctl.robot import Robot
 from armctl.ui.session import Session
+from armctl.ui.widgets.angle_fields import held_at, slider_degrees, slider_limits
 from armctl.ui.widgets.html import LiveHtml, fixed, table
-from armctl.ui.widgets.joint_angles import held_at, slider_degrees, slider_limits
 
 # The live table: where the tool is, how it moves, and what the joints are told and do.
 
@@ -95,10 +95,7 @@ def joint_table(robot: Robot, snapshot: Snapshot) -> str:
     """Joint angles in degrees, as commanded and as the board tells them, as HTML."""
     told = snapshot.q_command if snapshot.commanded else np.full(robot.n, np.nan)
     source = "board" if snapshot.source is Source.COMMANDED else snapshot.source.value
-    rows = [
-        ["commanded", *_numbers(robot.shown(told), 2)],
-        [source, *_numbers(robot.shown(snapshot.q), 2)],
-    ]
+    rows = [["commanded", *_numbers(robot.shown(told), 2)], [source, *_numbers(robot.shown(snapshot.q), 2)]]
     return table(["Joints °", *(joint.title for joint in robot.joints)], rows)
 
 

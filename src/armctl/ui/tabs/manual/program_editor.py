@@ -24,8 +24,8 @@ from armctl.robot import Robot
 from armctl.ui.session import Session, refused_by
 from armctl.ui.tabs.manual.joints import checked_percent
 from armctl.ui.tabs.manual.shared_program import SharedProgram
+from armctl.ui.widgets.angle_fields import slider_degrees
 from armctl.ui.widgets.html import LiveHtml, muted, numbers
-from armctl.ui.widgets.joint_angles import slider_degrees
 
 PAGE_ROWS = 15
 """of the list"""

@@ -31,8 +31,7 @@ from armctl.robot import Robot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_editor import EMPTY, ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
-from armctl.ui.widgets.html import LiveHtml, muted
-from armctl.ui.widgets.verdict_list import first_error, verdict_html
+from armctl.ui.widgets.html import LiveHtml, first_error, muted, verdict_html
 
 # Programs as files: saved ones, downloads and uploads.
 
@@ -191,8 +190,7 @@ class ProgramRun:
         session.on(step.on_click, self._step)
         session.on(check.on_click, self.check)
         session.on(
-            self._hold.on_click,
-            lambda: session.submit(Pause() if self._hold.value == "Pause" else Resume()),
+            self._hold.on_click, lambda: session.submit(Pause() if self._hold.value == "Pause" else Resume())
         )
 
     def refresh(self, snapshot: Snapshot) -> None:

@@ -17,10 +17,10 @@ from armctl.facts import State
 from armctl.kinematics import Target
 from armctl.protocol import FollowTarget, Snapshot
 from armctl.protocol.commands import FOLLOW_EXPIRY_S
-from armctl.runtime.led.joint_servo import KeepClear
-from armctl.runtime.led.live_target import Follower
-from armctl.ui.newest import Newest
-from armctl.ui.scene.arm_figure import ArmFigure
+from armctl.runtime.joint_servo import KeepClear
+from armctl.runtime.live_target import Follower
+from armctl.ui.events import Newest
+from armctl.ui.scene.arm_model import ArmFigure
 from armctl.ui.session import Session
 from armctl.ui.tabs.simulation.twin import FRAME_S, twin_figure
 from armctl.ui.widgets.html import WARNING, LiveHtml

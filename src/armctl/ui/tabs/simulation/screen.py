@@ -15,8 +15,7 @@ from armctl.motion.figure import color_of
 from armctl.protocol import Snapshot
 from armctl.robot import Robot
 from armctl.ui.console import Console, known
-from armctl.ui.scene.body_view import BodyView
-from armctl.ui.scene.ghost import Lines, segments
+from armctl.ui.scene.ghost import BodyView, Lines, segments
 from armctl.ui.scene.stage import VIEWS, Marks
 from armctl.ui.session import Session
 from armctl.ui.tabs.simulation.live_target import LiveTarget

@@ -18,8 +18,8 @@ from armctl.program import Program
 from armctl.program.rehearsal import Rehearsal, rehearse, rehearse_pose
 from armctl.protocol import Snapshot
 from armctl.robot import Robot
-from armctl.ui.newest import Newest
-from armctl.ui.scene.arm_figure import HALF_OPEN, ArmFigure
+from armctl.ui.events import Newest
+from armctl.ui.scene.arm_model import HALF_OPEN, ArmFigure
 from armctl.ui.scene.ghost import THICKER, Lines, played, segments
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.shared_program import SharedProgram

@@ -14,7 +14,7 @@ from armctl.errors import InputError
 from armctl.motion.analysis import Derivative, Limit, analysis_csv, near_limits
 from armctl.motion.figure import FigureForm, TitledMotion, color_of, figure_file
 from armctl.protocol import Snapshot
-from armctl.ui.newest import Newest
+from armctl.ui.events import Newest
 from armctl.ui.scene.ghost import Lines, Preview, played, segments
 from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.plan import PlannedMotion

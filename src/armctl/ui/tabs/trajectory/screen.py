@@ -20,7 +20,7 @@ from armctl.motion.analysis import Turning
 from armctl.motion.plan import Passing
 from armctl.protocol import Follow, MoveJoints, RunProgram, Snapshot
 from armctl.robot import CarriedPart, Robot
-from armctl.ui.newest import Newest
+from armctl.ui.events import Newest
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.shared_program import SharedProgram
@@ -42,10 +42,9 @@ from armctl.ui.tabs.trajectory.plan import (
     why_not,
 )
 from armctl.ui.tabs.trajectory.study import PAPER_DEG_S, ShownStudy, StudyView, make_study
-from armctl.ui.widgets.html import LiveHtml, muted, refused, warned
+from armctl.ui.widgets.html import LiveHtml, muted, refused, verdict_html, warned
 from armctl.ui.widgets.number_field import DEGREES, MILLIMETRES, EditWatch, NumberField, NumbersField
 from armctl.ui.widgets.profile_choice import ALL_PROFILES, ProfileChoice
-from armctl.ui.widgets.verdict_list import verdict_html
 
 _NOTE = "Choose a motion and press <b>Show</b> to see it over time; <b>Run</b> executes what is shown."
 _MOVED = 1e-6

@@ -1,8 +1,12 @@
-"""The newest request wins: answers that come from a worker thread may come too late."""
+"""Clicks and edits: what runs on one, and which answer still counts when it comes from a worker thread."""
 
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+
+Action = Callable[[], Awaitable[object] | None]
+On = Callable[[Callable[..., object], Action], None]
+"""Runs an action on a handle's event (its ``on_click`` or ``on_update``); a page's session gives it."""
 
 
 class Newest:

@@ -14,7 +14,7 @@ from armctl.kinematics import Solutions, Target
 from armctl.protocol import Command, FollowTarget, StreamJoints
 from armctl.robot import Robot
 from armctl.runtime.activity import Setpoint
-from armctl.runtime.led.joint_servo import KeepClear, Led, Step
+from armctl.runtime.joint_servo import KeepClear, Led, Step
 from armctl.runtime.planner import Submit, result_of
 
 _STEP = float(np.radians(0.05))

@@ -14,7 +14,7 @@ from armctl.kinematics.velocity import damped_inverse, turning_speeds
 from armctl.motion.paths.tool_orientation import PitchRows, PlanePitch, pitch_rows
 from armctl.protocol import Command, Jog, JogTool
 from armctl.robot import Robot
-from armctl.runtime.led.joint_servo import JointServo, KeepClear, Led, Step, fastest_inside
+from armctl.runtime.joint_servo import JointServo, KeepClear, Led, Step, fastest_inside
 
 _PULL_BACK_S = 0.02
 """A tool beside its line comes back to it with this time constant, or within two ticks."""

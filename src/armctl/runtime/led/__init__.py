@@ -1,1 +1,0 @@
-"""What leads the arm tick by tick: jogs, and targets that are dragged."""
