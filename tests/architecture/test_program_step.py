@@ -12,7 +12,7 @@ from armctl.errors import InputError, ProgramError
 from armctl.facts import State
 from armctl.program import Program, Step, check_program, load_program, read_csv, save_program, write_csv
 from armctl.program import steps as registry
-from armctl.program.effect import Effect
+from armctl.program.base_steps import Effect
 from armctl.program.program import PLACES, add
 from armctl.program.steps import MoveStep
 from armctl.protocol import RunProgram

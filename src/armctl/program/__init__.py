@@ -1,8 +1,8 @@
 """Serial-motion programs: steps, blocks, files, editing."""
 
+from armctl.program.base_steps import Effect, Senses, Until
 from armctl.program.check import check_program
 from armctl.program.csv import read_csv, write_csv
-from armctl.program.effect import Effect, Senses, Until
 from armctl.program.files import (
     PROGRAM_SUFFIXES,
     checked_program,

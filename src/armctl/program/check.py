@@ -17,8 +17,9 @@ from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import sources
 from armctl.motion.preflight import Finding, isotropy_of, passes, preflight
 from armctl.motion.trajectory import JoinedTrajectory, Trajectory
+from armctl.program.base_steps import MotionStep, Step
 from armctl.program.program import PROGRAM_FILES, Blocks, Cursor, Program
-from armctl.program.steps import AnyStep, EndStep, MotionStep, MoveStep, RepeatStep, Step
+from armctl.program.steps import AnyStep, EndStep, MoveStep, RepeatStep
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.body.arm_body import Openings
 

@@ -8,7 +8,6 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Literal, cast
 
 import msgspec
@@ -17,34 +16,28 @@ import numpy as np
 from armctl.decoding import MOST_REFUSALS, Decoder, Refusal
 from armctl.errors import Errors, ProgramError
 from armctl.kinematics import roll_pitch_yaw
+from armctl.program.csv_columns import (
+    DO,
+    JOINTS,
+    NUMBER,
+    POINT,
+    TIME,
+    UNITS,
+    Cell,
+    Column,
+    Columns,
+    guarded,
+    unguarded,
+)
 from armctl.program.keys import keys_of
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
-from armctl.program.steps import EDGES, CommentStep, MoveStep, PointStep, Step, all_keys, any_step
+from armctl.program.steps import EDGES, CommentStep, MoveStep, PointStep, Step, any_step
 from armctl.robot import Robot
 
 CsvForm = Literal["angles", "points"]
 """angles: every step as it is; points: moves to angles become points of the tool"""
-Cell = tuple[str, int | None]
-"""a step's key, and which joint it is of, if any"""
-_UNITS: tuple[dict[str, float], ...] = (
-    {"mm_s": 1.0, "cm_s": 10.0, "m_s": 1000.0},
-    {"mm": 1.0, "cm": 10.0, "m": 1000.0},
-    {"deg": 1.0, "rad": 180 / math.pi},
-    {"s": 1.0, "ms": 0.001},
-    {"percent": 1.0},
-)
-"""units of one measure, the one of the steps first, and their factors to it"""
-_NUMBER, _DO, _JOINTS, _POINT = "step", "do", "joints_deg", ("x_mm", "y_mm", "z_mm")
-"""the running number, which is for people, is not read"""
-_POINTS_PLACE = 2
-"""of the last key of a point among the keys of steps"""
 _EXTRA = {"gripper": ("open_percent", *EDGES), "wait": ("seconds",)}
 """kinds of steps that a row without ``do`` may ask for behind its motion, and their keys: the first asks"""
-_NOTES = ("comment", "comments", "remark", "remarks", "notes", "description", "label")
-"""heads under which people write notes"""
-_TIMES = {"t": 1.0, "time": 1.0, "time_from_start": 1.0, "timestamp": 1.0}
-"""heads of the time at which a row is reached, also with a unit [s]"""
-_TIME: Cell = ("time", None)
 _COMMENTS = ("#", "%", "//")
 _NEAR, _FAR = 0.05, 1.05
 """shares of the arm's length between which the farthest point of a program lies"""
@@ -53,114 +46,6 @@ _LOOKED_AT = 8
 _DIGITS = 6
 _DELIMITERS = (",", ";", "\t")
 _SEPARATOR_LINE = re.compile(r"sep=(.)\r?\n", re.IGNORECASE)
-_NUMBER_TEXT = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
-_WHOLE_TEXT = re.compile(r"[0-9]{1,9}")
-_BEGINS_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
-_GUARD = "'"
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """What one head means."""
-
-    head: str
-    place: Cell | None
-    """None: the column is not read"""
-    factor: float | None = None
-    """to the step's unit; None: not a number with a unit"""
-    integer: bool = False
-
-    def value(self, text: str, *, comma: bool) -> float | int | str:
-        """The value of a cell that is not empty; with ``comma``, a number may have a decimal comma."""
-        plain = text.strip()
-        if self.factor is None and not self.integer:
-            return text if self.place == ("note", None) else plain
-        plain = plain.replace("−", "-")
-        if self.integer:
-            if _WHOLE_TEXT.fullmatch(plain) is None:
-                raise ProgramError(f"{plain[:40]!r} is not a whole number")
-            return int(plain)
-        if comma and plain.count(",") == 1 and "." not in plain:
-            plain = plain.replace(",", ".")
-        if _NUMBER_TEXT.fullmatch(plain) is None:
-            hint = "; write it without thousands separators and units" if plain[:1].isdigit() else ""
-            if "," in plain and not comma:
-                hint = "; with decimal commas, separate the columns by semicolons"
-            raise ProgramError(f"{plain[:40]!r} is not a number{hint}")
-        value = float(plain) * (self.factor or 1.0)
-        if not math.isfinite(value):
-            raise ProgramError(f"{plain[:40]!r} is too large")
-        return value
-
-
-class Columns:
-    """All heads that are written or can be read for an arm."""
-
-    def __init__(self, joint_names: Sequence[str]) -> None:
-        keys = [key for key in all_keys() if key.name != _JOINTS]
-        self._known = {_NUMBER: Column(_NUMBER, None), _DO: Column(_DO, (_DO, None))}
-        self._units: dict[str, list[str]] = {}
-        """units of each noun"""
-        for key in keys:
-            if key.form == "number":
-                self._add_number(key.head, (key.name, None))
-            else:
-                self._known[key.head] = Column(key.head, (key.name, None), integer=key.form == "integer")
-        taken = {*self._units, *self._known}
-        self._joints = [f"joint_{name}_deg" if name in taken else f"{name}_deg" for name in joint_names]
-        for joint, head in enumerate(self._joints):
-            self._add_number(head, (_JOINTS, joint))
-        self._known["#"] = self._known[_NUMBER]
-        self._known = {head: Column(head, ("note", None)) for head in _NOTES} | self._known
-        for noun, factor in _TIMES.items():
-            for head, unit in ((noun, 1.0), (f"{noun}_s", 1.0), (f"{noun}_ms", 0.001)):
-                self._known.setdefault(head, Column(head, _TIME, factor * unit))
-        self._folded = {head.casefold(): column for head, column in self._known.items()}
-        heads = [_DO, *self._joints, *(key.head for key in keys)]
-        self.written = tuple(self._known[head] for head in heads)
-        """in their order, without the running number"""
-        self._others = [key.head for key in keys if key.field.place > _POINTS_PLACE]
-
-    def find(self, head: str) -> Column | None:
-        """The column of a head, whatever its capitals; None: not known."""
-        return self._known.get(head) or self._folded.get(head.strip().casefold())
-
-    def why_not(self, head: str) -> str:
-        """Why a head is not known: without a unit, with one that does not fit, or what is known instead."""
-        plain = re.sub(r"[\s(\[]+", "_", head.casefold()).rstrip(")]_°")
-        # The longest noun first: "via_x" before "x".
-        for noun in sorted(self._units, key=len, reverse=True):
-            allowed = " or ".join(f"{noun}_{unit}" for unit in self._units[noun])
-            if plain == noun.casefold():
-                return f"column {head!r} has no unit; write {allowed}"
-            if plain.startswith(f"{noun.casefold()}_"):
-                unit = plain[len(noun) + 1 :]
-                return f"column {head!r}: the unit {unit!r} is not known here; write {allowed}"
-        joints, others = ", ".join(self._joints), ", ".join(self._others)
-        return f"column {head!r} is not known; known are {joints}, or x_mm, y_mm, z_mm, also {others}"
-
-    def _add_number(self, head: str, place: Cell) -> None:
-        """A column for each unit that a number may have."""
-        self._known[head] = Column(head, place, 1.0)
-        for units in _UNITS:
-            own = f"_{next(iter(units))}"
-            if head.endswith(own):
-                noun = head.removesuffix(own)
-                for unit, factor in units.items():
-                    self._known[f"{noun}_{unit}"] = Column(f"{noun}_{unit}", place, factor)
-                self._units.setdefault(noun, []).extend(units)
-                return
-
-
-def guarded(text: str) -> str:
-    """``text`` with an apostrophe before what a spreadsheet would take for a formula."""
-    return _GUARD + text if text.startswith((*_BEGINS_FORMULA, _GUARD)) else text
-
-
-def unguarded(text: str) -> str:
-    """The text of a cell; an apostrophe that guards nothing stays."""
-    rest = text.removeprefix(_GUARD)
-    return rest if text != rest and rest.startswith((*_BEGINS_FORMULA, _GUARD)) else text
 
 
 def write_csv(program: Program, robot: Robot, form: CsvForm = "angles") -> str:
@@ -176,13 +61,13 @@ def write_csv(program: Program, robot: Robot, form: CsvForm = "angles") -> str:
             if form == "points":
                 steps[index] = _as_point(step, robot)
     records = [_cells(step) for step in steps]
-    used = {place for record in records for place in record} | {(_DO, None)}
+    used = {place for record in records for place in record} | {(DO, None)}
     if not steps:
-        used |= {(_JOINTS, i) for i in range(robot.n)}
+        used |= {(JOINTS, i) for i in range(robot.n)}
     columns = [column for column in Columns(robot.joint_names).written if column.place in used]
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\r\n")
-    writer.writerow([_NUMBER, *(guarded(column.head) for column in columns)])
+    writer.writerow([NUMBER, *(guarded(column.head) for column in columns)])
     for number, record in enumerate(records, 1):
         writer.writerow([number, *(record.get(column.place, "") for column in columns)])
     return out.getvalue()
@@ -190,11 +75,11 @@ def write_csv(program: Program, robot: Robot, form: CsvForm = "angles") -> str:
 
 def _cells(step: Step) -> dict[Cell | None, object]:
     """What the cells of a step hold; what is as by default is left out."""
-    cells: dict[Cell | None, object] = {(_DO, None): step.kind}
+    cells: dict[Cell | None, object] = {(DO, None): step.kind}
     for key in keys_of(type(step)):
         value = getattr(step, key.name)
-        if key.name == _JOINTS:
-            cells |= {(_JOINTS, i): angle for i, angle in enumerate(value)}
+        if key.name == JOINTS:
+            cells |= {(JOINTS, i): angle for i, angle in enumerate(value)}
         elif value is not None and value != key.default:
             cells[key.name, None] = guarded(value) if isinstance(value, str) else value
     return cells
@@ -251,7 +136,7 @@ class _Table:
 
     def __init__(self, text: str, robot: Robot) -> None:
         self._known = Columns(robot.joint_names)
-        self._joints: list[Cell] = [(_JOINTS, i) for i in range(robot.n)]
+        self._joints: list[Cell] = [(JOINTS, i) for i in range(robot.n)]
         delimiter: str | None = None
         if match := _SEPARATOR_LINE.match(text):  # Excel's; an empty line in its place keeps the numbers
             text, delimiter = "\n" + text[match.end() :], match[1]
@@ -279,7 +164,7 @@ class _Table:
                 raise ProgramError(f"line {line}, {what}")
             if column.place is not None:
                 self._by_place[column.place] = column
-        timed, lasting = self._by_place.get(_TIME), self._by_place.get(("duration_s", None))
+        timed, lasting = self._by_place.get(TIME), self._by_place.get(("duration_s", None))
         if timed is not None and lasting is not None:
             what = f"column {timed.head!r} says when a row is reached, {lasting.head!r} how long it takes"
             raise ProgramError(f"line {line}, {what}; keep one of them")
@@ -310,7 +195,7 @@ class _Table:
         records = list(self._records)
         self._records = iter(records)
         size = 1000 * robot.chain.length
-        for units in _UNITS[1:3]:
+        for units in UNITS[1:3]:
             possible: list[tuple[str, dict[int, Column]]] = []
             for unit in units:
                 columns = {
@@ -339,13 +224,13 @@ class _Table:
         """Whether an arm of this size [mm] could be meant by points [mm] or angles [degrees]."""
         if not rows:
             return False
-        angles = [(joint, value) for row in rows for (key, joint), value in row.items() if key == _JOINTS]
+        angles = [(joint, value) for row in rows for (key, joint), value in row.items() if key == JOINTS]
         if angles:
             limits = robot.shown(robot.limits.T).T
             return all(limits[j, 0] - 1e-6 <= value <= limits[j, 1] + 1e-6 for j, value in angles)
-        if not all((key, None) in rows[0] for key in _POINT):
+        if not all((key, None) in rows[0] for key in POINT):
             return False
-        points = np.array([[row.get((key, None), 0.0) for key in _POINT] for row in rows])
+        points = np.array([[row.get((key, None), 0.0) for key in POINT] for row in rows])
         if not _NEAR * size <= np.linalg.norm(points, axis=1).max() <= _FAR * size:
             return False
         some = points[:: len(points) // _LOOKED_AT + 1] / 1000
@@ -359,7 +244,7 @@ class _Table:
             sign = next((sign for sign in _COMMENTS if cells and cells[0].lstrip().startswith(sign)), None)
             if sign is not None and not (self._columns[0] and self._columns[0].place == ("note", None)):
                 note = self._delimiter.join(cells).strip().removeprefix(sign).strip().rstrip(self._delimiter)
-                yield line, {(_DO, None): "comment", ("note", None): note}
+                yield line, {(DO, None): "comment", ("note", None): note}
                 continue
             for i, text in enumerate(cells):
                 with errors:
@@ -386,29 +271,29 @@ class _Table:
         """The steps that a row asks for."""
         record: dict[str, object] = {key: value for (key, joint), value in cells.items() if joint is None}
         has_angles = any(place in cells for place in self._joints)
-        if _TIME[0] in record:
+        if TIME[0] in record:
             self._take_time(line, record)
         if has_angles:
             for place in self._joints:
                 if place not in cells:
                     raise ProgramError(f"line {line}, column {self._head(place)}: the cell is empty")
-            record[_JOINTS] = tuple(cells[place] for place in self._joints)
-        if _DO in record:
+            record[JOINTS] = tuple(cells[place] for place in self._joints)
+        if DO in record:
             yield self._step(line, record)
             return
-        has_point = any(key in record for key in _POINT)
+        has_point = any(key in record for key in POINT)
         if has_angles and has_point:
             what = "both angles and a point; leave one of them empty, or say by 'do' which"
             raise ProgramError(f"line {line}: {what}")
         extras = [
-            {_DO: kind, **{key: record.pop(key) for key in keys if key in record}}
+            {DO: kind, **{key: record.pop(key) for key in keys if key in record}}
             for kind, keys in _EXTRA.items()
             if keys[0] in record
         ]
         if has_angles or has_point:
-            extras.insert(0, {_DO: "move" if has_angles else "point"})
+            extras.insert(0, {DO: "move" if has_angles else "point"})
         elif not extras and set(record) == {"note"}:
-            extras.append({_DO: "comment"})
+            extras.append({DO: "comment"})
         if not extras:
             what = "nothing says what to do; fill in the angles, the point, or 'do'"
             raise ProgramError(f"line {line}: {what}")
@@ -418,12 +303,12 @@ class _Table:
 
     def _take_time(self, line: int, record: dict[str, object]) -> None:
         """Make the time at which a row is reached the duration of its motion."""
-        time, before = float(cast("float", record.pop(_TIME[0]))), self._before
+        time, before = float(cast("float", record.pop(TIME[0]))), self._before
         self._before = time + float(cast("float", record.get("seconds", 0.0)))
         if before is None:
             return  # from wherever the arm stands
         if time <= before:
-            column = self._by_place[_TIME].head
+            column = self._by_place[TIME].head
             raise ProgramError(
                 f"line {line}, column {column}: {time:g} s is not after the {before:g} s before"
             )
@@ -443,10 +328,10 @@ class _Table:
     def _refused(self, line: int, record: dict[str, object], refusal: Refusal) -> ProgramError:
         key, what = refusal.key, refusal.what
         if key is not None:
-            what = f"a {str(record[_DO])!r} step has no such thing" if key in record else "the cell is empty"
+            what = f"a {str(record[DO])!r} step has no such thing" if key in record else "the cell is empty"
         elif refusal.place:
             key = str(refusal.place[0])
-        column = "" if key is None else f", column {self._head((key, 0 if key == _JOINTS else None))}"
+        column = "" if key is None else f", column {self._head((key, 0 if key == JOINTS else None))}"
         return ProgramError(f"line {line}{column}: {what}")
 
     def _head(self, place: Cell) -> str:
@@ -456,12 +341,12 @@ class _Table:
 
     def _require_whole(self, line: int) -> None:
         """Columns that mean something together only must be there together."""
-        for group in (self._joints, [(key, None) for key in _POINT]):
+        for group in (self._joints, [(key, None) for key in POINT]):
             missing = [place for place in group if place not in self._by_place]
             if missing and len(missing) < len(group):
                 raise ProgramError(f"line {line}: the column {self._head(missing[0])} is missing")
-        if not any(place in self._by_place for place in (*self._joints, (_POINT[0], None), (_DO, None))):
-            angles = f"the joints' angles ({self._head((_JOINTS, 0))} …)"
+        if not any(place in self._by_place for place in (*self._joints, (POINT[0], None), (DO, None))):
+            angles = f"the joints' angles ({self._head((JOINTS, 0))} …)"
             raise ProgramError(f"line {line}: neither {angles} nor a point (x_mm, y_mm, z_mm), nor 'do'")
 
     def _best_delimiter(self, text: str) -> str:

@@ -15,9 +15,9 @@ from armctl.motion.preflight import preflight
 from armctl.motion.profiles import stopping_s
 from armctl.motion.time_optimal import TooFastError
 from armctl.motion.trajectory import Trajectory
+from armctl.program.base_steps import MotionStep, Step
 from armctl.program.check import check_program
 from armctl.program.program import Cursor, Program
-from armctl.program.steps import MotionStep, Step
 from armctl.robot import CarriedPart, Robot
 
 _AHEAD_S, _STOPS = 1.0, 6.0

@@ -12,7 +12,8 @@ import msgspec
 
 from armctl.documents import DocumentKind
 from armctl.errors import InputError, ProgramError
-from armctl.program.steps import MOST_REPEATS, AnyStep, EndStep, RepeatStep, Step
+from armctl.program.base_steps import Step
+from armctl.program.steps import MOST_REPEATS, AnyStep, EndStep, RepeatStep
 
 PROGRAM_FILES = DocumentKind(ProgramError, most_bytes=1024 * 1024, entries={"steps": "step"})
 MOST_STEPS = 20_000

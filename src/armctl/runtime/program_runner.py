@@ -9,7 +9,7 @@ from dataclasses import replace
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, ProgramError
 from armctl.program import Program
-from armctl.program.effect import Senses, Until
+from armctl.program.base_steps import Senses, Until
 from armctl.program.feed import PlannedStep, PlanState, ProgramSource, begin_program, plan_next
 from armctl.protocol import Command, ProgramProgress, UpdateProgram
 from armctl.robot import Robot

@@ -17,8 +17,9 @@ from armctl.motion import usual_pitch
 from armctl.process.heavy_work import check_program_apart
 from armctl.program import CommentStep, Program, SpeedStep, Step, WaitStep
 from armctl.program import steps as registry
+from armctl.program.base_steps import LONGEST_WAIT_S
 from armctl.program.program import PLACES, Change, add, delete, duplicate, move, repeat
-from armctl.program.steps import EDGES, LONGEST_WAIT_S, MOST_REPEATS, SLOWEST_PERCENT
+from armctl.program.steps import EDGES, MOST_REPEATS, SLOWEST_PERCENT
 from armctl.protocol import Snapshot, UpdateProgram
 from armctl.robot import Robot
 from armctl.ui.session import Session, refused_by

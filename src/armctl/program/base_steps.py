@@ -1,0 +1,207 @@
+"""What all steps of a program share, and what one does when it runs, beside moving joints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from armctl.arrays import FloatArray
+from armctl.errors import ProgramError
+from armctl.facts import Quantities
+from armctl.motion.blend import Leg
+from armctl.motion.plan import plan_joints, plan_path
+from armctl.motion.polynomial import PiecewisePolynomial
+from armctl.motion.profiles import NOWHERE, PointToPoint, ProfileName
+from armctl.motion.trajectory import Trajectory
+from armctl.program.keys import Field, keys_of, literal
+from armctl.robot import CarriedPart, Robot
+
+LONGEST_WAIT_S = 86_400
+WIDEST_BLEND_MM = 1000
+FASTEST = "Empty: as fast as the limits allow."
+"""hint of a time and of a speed"""
+Seconds = Annotated[float, Meta(ge=0, le=LONGEST_WAIT_S)]
+_BLEND_HINT = "How far from its end the tool may turn off to the next step."
+
+
+@dataclass(frozen=True, slots=True)
+class Senses:
+    """What the board measures and sees at one moment."""
+
+    quantities: Mapping[str, Quantities]
+    """by title of a joint"""
+    inputs: Mapping[str, float]
+    """by name: 0, 1, or a share"""
+
+
+@dataclass(frozen=True, slots=True)
+class Until:
+    """What a step waits for."""
+
+    what: str
+    """in words: "the load of Elbow above 40 %\""""
+    holds: Callable[[Senses], bool]
+    """whether it has come; asked once a tick, so it must be quick"""
+    longest_s: float
+    """the program ends with an error where it has not come by then"""
+
+    def __post_init__(self) -> None:
+        if not self.longest_s > 0.0:
+            raise ProgramError(
+                f"waiting for {self.what}: at most {self.longest_s:g} s is no time; more than 0"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """What a step does; of one that moves joints only ``says`` counts."""
+
+    wait_s: float | None = None
+    """the joints stand so long"""
+    opening: float | None = None
+    """where the gripper goes, 0..1; the joints stand meanwhile"""
+    part: CarriedPart | None = None
+    """what is between its jaws from then on; None: nothing"""
+    until: Until | None = None
+    """the joints stand until this holds"""
+    percent: float | None = None
+    """speed of the steps after it, on top of the operator's override"""
+    says: str = ""
+    """what the log says when it begins; empty: nothing"""
+
+    @property
+    def stands(self) -> bool:
+        """The joints stand while it lasts."""
+        return self.wait_s is not None or self.opening is not None or self.until is not None
+
+
+class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", kw_only=True):
+    """What all steps share; in the file, ``do`` names the kind."""
+
+    title: ClassVar[str] = ""
+    """of its kind, in the list; empty: the kind's name"""
+    acts: ClassVar[bool] = True
+    """it is executed; comments and the markers of blocks are not"""
+    words: ClassVar[str] = ""
+    """its values for the list, as a format of the step ``{0}``"""
+    call: ClassVar[tuple[str, ...]] = ()
+    """the method of ``Arm`` that does the same, and the keys that are its arguments"""
+    button: ClassVar[tuple[str, ...]] = ()
+    """row and label of the button that records one where the arm stands, and the keys that it records"""
+
+    note: Annotated[str, Field("Note", place=99)] = ""
+
+    @property
+    def kind(self) -> str:
+        """What ``do`` says in the file."""
+        return str(self.__struct_config__.tag)
+
+    @property
+    def effect(self) -> Effect:
+        """What it does besides moving joints."""
+        return Effect()
+
+    def describe(self) -> str:
+        """Its values in words, for the list."""
+        return self.words.format(self)
+
+    def check(self, robot: Robot) -> None:
+        """Raise what can be refused without planning; the ranges of its values are checked already."""
+
+    def script(self) -> str:
+        """The call of ``Arm`` that does the same, as Python; a ProgramError where there is none."""
+        if not self.call:
+            raise ProgramError(f"no call of Arm does what a {self.kind!r} step does")
+        name, *keys = self.call
+        return f"{name}({self._arguments(keys)})"
+
+    def _arguments(self, names: Sequence[str]) -> str:
+        """Keys as arguments. One that is as by default is left out; the only one needed has no name."""
+        defaults = {key.name: key.default for key in keys_of(type(self))}
+        needed = [name for name in names if defaults.get(name) is msgspec.NODEFAULT]
+        parts: list[str] = []
+        for name in names:
+            value: object = getattr(self, name)
+            if needed == [name]:
+                parts.append(literal(value))
+            elif value != defaults.get(name):
+                parts.append(f"{name}={literal(value)}")
+        return ", ".join(parts)
+
+
+class MotionStep(Step, frozen=True, kw_only=True):
+    """What all moving steps share: each has a path of the joints, planned alone or as a leg of a blend."""
+
+    leads_tool: ClassVar[bool] = False
+    """the tool is led along a path; else each joint goes to its goal"""
+
+    duration_s: Annotated[Seconds | None, Field("Duration s", FASTEST, 9)] = None
+    """None: as fast as the limits allow"""
+    blend_mm: Annotated[float, Meta(ge=0, le=WIDEST_BLEND_MM), Field("Blend mm", _BLEND_HINT, 10)] = 0.0
+    """how far from its end the tool may begin to turn off towards the next step; 0: it stops there"""
+
+    @property
+    def _law(self) -> ProfileName:
+        """Of a motion that leads each joint to its goal, over time."""
+        return "cubic"
+
+    @property
+    def _tool_speed(self) -> float | None:
+        """Largest speed of the tool [m/s]; None: as fast as the joints can."""
+        return None
+
+    def _goal(self) -> str:
+        """Where it leads to, in words."""
+        raise NotImplementedError
+
+    def describe(self) -> str:
+        """Where it leads to, duration, law and blend radius."""
+        seconds = "" if self.duration_s is None else f" in {self.duration_s:g} s"
+        law = "" if self._law == "cubic" else f", {self._law}"
+        blend = f", blend {self.blend_mm:g} mm" if self.blend_mm else ""
+        return f"{self._goal()}{seconds}{law}{blend}"
+
+    def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray | None:
+        """Where it ends, (n,) [rad], as far as that is known without ``path``; raises as that."""
+        return None
+
+    def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
+        """The joints' path q(s) from ``start`` (n,) [rad], straight to the end; None where it goes nowhere.
+
+        UnreachableError: no solution, or the arm cannot follow. MotionRefusedError: outside the limits.
+        """
+        end = self.end(robot, start)
+        if end is None or np.abs(end - start).max() <= NOWHERE:
+            return None
+        return PiecewisePolynomial([0.0, 1.0], np.stack([start, end - start])[None])
+
+    def leg(self, robot: Robot, start: FloatArray) -> Leg | None:
+        """It as a leg of a blend, in which it has no law of its own; None: nowhere. Raises as ``path``."""
+        path = self.path(robot, start)
+        if path is None:
+            return None
+        cap = math.inf if self._tool_speed is None else self._tool_speed
+        if self.duration_s:
+            cap = min(cap, (path.high - path.low) / self.duration_s)
+        return Leg(path, self.blend_mm / 1000, cap)
+
+    def plan_leg(self, robot: Robot, leg: Leg, *, checked: bool = True) -> Trajectory:
+        """Its motion along the path of ``leg``, from rest to rest; ``checked`` as in ``plan_joints``."""
+        start, seconds = leg.path(leg.path.low), self.duration_s
+        if self.leads_tool:
+            speed = self._tool_speed
+            return plan_path(robot, start, leg.path, speed=speed, duration_s=seconds, checked=checked)
+        return plan_joints(robot, start, leg.path(leg.path.high), seconds, self._law, checked=checked)
+
+    def plan(self, robot: Robot, start: FloatArray, *, checked: bool = True) -> Trajectory:
+        """Its motion by itself, from rest at ``start`` (n,) [rad] to rest; raises as ``path``."""
+        leg = self.leg(robot, start)
+        if leg is None:
+            return PointToPoint.lasting(start, start, self.duration_s or 0.0)
+        return self.plan_leg(robot, leg, checked=checked)
