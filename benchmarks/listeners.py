@@ -20,7 +20,7 @@ import numpy as np
 
 import armctl
 from armctl.process import Link, start_arm
-from armctl.process.link import LocalLine
+from armctl.process.lines import LocalLine
 from armctl.process.records import Codec, Hello, Seen
 from armctl.program import MoveStep, Program
 from armctl.protocol import Connect, Enable, RunProgram

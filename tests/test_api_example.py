@@ -19,7 +19,7 @@ import armctl
 from armctl.errors import ArmctlError
 from armctl.facts import State
 from armctl.process import Link, registry
-from armctl.process.link import RemoteLine
+from armctl.process.lines import RemoteLine
 from armctl.protocol import Connect, Enable, MoveJoints
 
 EXAMPLE = Path(__file__).parent.parent / "examples/api_client.js"

@@ -19,7 +19,8 @@ from websockets.sync.client import ClientConnection, connect
 
 from armctl.boards import ANY_BOARD
 from armctl.errors import ArmctlError
-from armctl.process.link import Link, LocalLine, ProcessLine, hand_over
+from armctl.process.lines import LocalLine, ProcessLine, hand_over
+from armctl.process.link import Link
 from armctl.process.records import (
     SILENCE_S,
     Answer,

@@ -29,8 +29,8 @@ from armctl.process.limits import (
     source_of,
     who_gives_way,
 )
-from armctl.process.link import LocalLine
-from armctl.process.records import MOST_ELSE, Answer, Ask, Codec, Hello, Recall, Recalled, Stop, Trust, schema
+from armctl.process.lines import LocalLine
+from armctl.process.records import MOST_ELSE, Answer, Ask, Codec, Hello, Recall, Recalled, Stop, Trust
 from armctl.program import MoveStep, Program, WaitStep
 from armctl.protocol import (
     Arrive,
@@ -44,6 +44,7 @@ from armctl.protocol import (
     SetSpeed,
     TakeControl,
 )
+from armctl.ui.api import schema
 
 BOTH = pytest.mark.parametrize("json", [False, True], ids=["msgpack", "json"])
 PROGRAM = Program(robot="uzuner", steps=(WaitStep(seconds=0.01),) * 300)

@@ -27,7 +27,7 @@ from armctl.hardware.simulation import BoardServer
 from armctl.motion import plan_joints
 from armctl.process import Link, registry, start_arm
 from armctl.process.host import Host
-from armctl.process.link import LocalLine
+from armctl.process.lines import LocalLine
 from armctl.protocol import Connect, Enable, Follow, MonotonicClock, MoveJoints, SetSpeed
 from armctl.robot import load_robot
 from armctl.system import start_apart

@@ -20,8 +20,10 @@ from websockets.server import ServerProtocol
 
 from armctl.facts import State
 from armctl.motion.trajectory import Sample
+from armctl.process import lines as lines_module
 from armctl.process import link as link_module
-from armctl.process.link import Link, RemoteLine
+from armctl.process.lines import RemoteLine
+from armctl.process.link import Link
 from armctl.process.records import SILENCE_S, Codec, Record, Seen, Welcome, light
 from armctl.protocol import Follow, ManualClock, MoveJoints, SetSpeed, Snapshot
 from armctl.robot import Robot, load_robot
@@ -177,7 +179,7 @@ def test_stop_does_not_wait_for_a_command_that_is_being_encoded_and_drops_it(
 
 def test_a_network_that_is_pulled_out_ends_what_waits_for_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("_PING_S", "_GONE_S", "_GOODBYE_S"):
-        monkeypatch.setattr(link_module, name, 0.05)
+        monkeypatch.setattr(lines_module, name, 0.05)
     with socket.create_server(("127.0.0.1", 0)) as door, ThreadPoolExecutor(1) as pool:
         opened = pool.submit(RemoteLine, f"http://127.0.0.1:{door.getsockname()[1]}", None)
         wire, _ = door.accept()

@@ -8,7 +8,8 @@ import pytest
 from tests.process.kit import ROBOT, SECRET, served
 
 from armctl.errors import BoardError, InputError
-from armctl.process.link import Link, LocalLine
+from armctl.process.lines import LocalLine
+from armctl.process.link import Link
 from armctl.protocol import Connect, Enable
 
 

@@ -29,7 +29,8 @@ from armctl.errors import InputError, StateError
 from armctl.facts import State
 from armctl.kinematics import Target
 from armctl.process import connections
-from armctl.process.link import Link, LocalLine
+from armctl.process.lines import LocalLine
+from armctl.process.link import Link
 from armctl.process.records import (
     Answer,
     Ask,

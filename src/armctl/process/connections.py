@@ -24,7 +24,7 @@ from websockets.server import ServerProtocol
 
 from armctl.errors import InputError
 from armctl.process.limits import source_of
-from armctl.process.link import hands_of
+from armctl.process.lines import hands_of
 from armctl.process.records import (
     MOST_BYTES,
     MOST_ELSE,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Annotated, Any, Union, cast, get_args, get_origin
@@ -16,7 +16,6 @@ from armctl.errors import ArmctlError, InputError, ProgramError
 from armctl.facts.words import fact_of, fact_record
 from armctl.kinematics import Target
 from armctl.kinematics.target import as_numbers
-from armctl.motion import Trajectory
 from armctl.process.trajectories import Motion, built, carried
 from armctl.program import Program
 from armctl.program.program import MOST_STEPS
@@ -29,7 +28,6 @@ from armctl.protocol import (
     FollowTarget,
     Leave,
     MoveTo,
-    ProgramProgress,
     RememberWrongPins,
     RunProgram,
     Snapshot,
@@ -37,7 +35,6 @@ from armctl.protocol import (
 )
 from armctl.protocol.snapshot import printable
 from armctl.robot.record import plain
-from armctl.version import __version__
 
 MOST_BYTES = 8 * 1024 * 1024
 """of one record of who owns the arm: a program of the largest allowed number of steps is a quarter of it"""
@@ -282,12 +279,12 @@ class Codec:
         self.json = json
         wire: Any = msgspec.json if json else msgspec.msgpack
         self._encode = wire.Encoder(enc_hook=plain).encode
-        arriving = _union([_Asked if kind is Ask else kind for kind in get_args(FromClient)])
+        arriving: Any = Union[tuple(_Asked if kind is Ask else kind for kind in get_args(FromClient))]  # noqa: UP007
         self._from_client = wire.Decoder(arriving).decode
         self._from_arm = wire.Decoder(FromArm, dec_hook=_arrived).decode
         kinds = commands() if house else asked_of_clients()
         self._tags = frozenset(map(tag_of, kinds))
-        self._commands = _union([_Followed if kind is Follow else kind for kind in kinds])
+        self._commands: Any = Union[tuple(_Followed if kind is Follow else kind for kind in kinds)]  # noqa: UP007
         self._command = wire.Decoder(self._commands, dec_hook=_arrived).decode
         self._tagged = wire.Decoder(_Tagged).decode
         self._with_program = wire.Decoder(_WithProgram).decode
@@ -370,10 +367,6 @@ def _codec(json: bool, house: bool) -> Codec:
     return Codec(json=json, house=house)
 
 
-def _union(kinds: Sequence[type]) -> Any:
-    return Union[tuple(kinds)]  # noqa: UP007
-
-
 def _positional(command: object) -> object:
     """A command whose target may be an object, e.g. ``{"point": [0.2, 0, 0.1], "pitch": 0}``."""
     if not isinstance(command, dict):
@@ -439,9 +432,6 @@ def error_of(record: Answer) -> ArmctlError | None:
     return _ERRORS.get(record.kind, ArmctlError)(fact_of(record.reason) or record.error)
 
 
-# A snapshot without what changes rarely.
-
-
 def light(snapshot: Snapshot) -> Snapshot:
     """Without log and programs."""
     progress = snapshot.program
@@ -450,53 +440,9 @@ def light(snapshot: Snapshot) -> Snapshot:
     return replace(snapshot, events=(), program=progress)
 
 
-def whole(snapshot: Snapshot, events: tuple[Event, ...], programs: Running | None) -> Snapshot:
-    """With log and programs as they were told last."""
-    progress: ProgramProgress | None = snapshot.program
-    if progress is not None and programs is not None:
-        progress = replace(progress, running=programs.running, coming=programs.coming)
-    return replace(snapshot, events=events, program=progress)
-
-
 def new_events(events: tuple[Event, ...], told: Event | None) -> tuple[Event, ...]:
     """Those behind the one that was told last."""
     for k in range(len(events) - 1, -1, -1):
         if events[k] is told:
             return events[k + 1 :]
     return events
-
-
-def schema() -> bytes:
-    """JSON schema of every record and command, made from the types themselves."""
-
-    def array(kind: type) -> dict[str, Any]:
-        if kind is Trajectory:
-            return {"type": "object"}  # filled in below
-        return {"type": "array", "description": "numbers, or arrays of them; null: not known"}
-
-    kinds = [*get_args(FromClient), *get_args(FromArm), *asked_of_clients(), *get_args(Motion)]
-    _, parts = msgspec.json.schema_components(kinds, schema_hook=array, ref_template="#/$defs/{name}")
-    parts["Ask"]["properties"]["command"] = {"$ref": "#/command"}
-    positional = parts["Target"]
-    named = dict(zip(Target._fields, positional["prefixItems"], strict=True))
-    parts["Target"] = {
-        "description": positional["description"],
-        "anyOf": [
-            {"type": "object", "properties": named, "required": ["point"], "additionalProperties": False},
-            {key: value for key, value in positional.items() if key not in ("title", "description")},
-        ],
-    }
-    parts["Follow"]["properties"]["trajectory"] = {
-        "anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in get_args(Motion)]
-    }
-    rows = {"type": "array", "items": {"type": "array", "items": {"type": "number"}}}
-    parts["Curve"]["properties"]["coefficients"]["items"] = rows
-    said = {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": f"armctl {__version__}: records of the WebSocket API",
-        "from_client": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in get_args(FromClient)]},
-        "from_arm": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in get_args(FromArm)]},
-        "command": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in asked_of_clients()]},
-        "$defs": parts,
-    }
-    return msgspec.json.encode(said)

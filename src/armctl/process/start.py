@@ -19,7 +19,8 @@ from armctl.boards import ANY_BOARD
 from armctl.errors import ArmProcessError, BoardError, InputError
 from armctl.hardware import BoardType
 from armctl.hardware.boards import board_type
-from armctl.process.link import Link, LocalLine
+from armctl.process.lines import LocalLine
+from armctl.process.link import Link
 from armctl.process.registry import likeness, orphans, runtime_folder, sweep
 from armctl.robot import Robot
 from armctl.robot.record import plain, robot_of, robot_record

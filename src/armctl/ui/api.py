@@ -11,17 +11,23 @@ import logging
 import socket
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from typing import Any, get_args
 
+import msgspec
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from armctl.errors import ArmctlError, ArmProcessError, InputError, StateError
+from armctl.kinematics import Target
+from armctl.motion import Trajectory
 from armctl.process import Link
 from armctl.process.limits import source_of
-from armctl.process.records import Codec, Hello, Refused, in_short, schema
+from armctl.process.records import Codec, FromArm, FromClient, Hello, Refused, asked_of_clients, in_short
+from armctl.process.trajectories import Motion
 from armctl.protocol import ArmLink
 from armctl.protocol.snapshot import printable
 from armctl.ui.guard import SocketDoor
+from armctl.version import __version__
 
 PATH = "/api"
 _LOG = logging.getLogger("armctl.ui")
@@ -163,3 +169,39 @@ async def _relayed(
         for chore in chores:
             chore.cancel()
         writer.close()
+
+
+def schema() -> bytes:
+    """JSON schema of every record and command, made from the types themselves."""
+
+    def array(kind: type) -> dict[str, Any]:
+        if kind is Trajectory:
+            return {"type": "object"}  # filled in below
+        return {"type": "array", "description": "numbers, or arrays of them; null: not known"}
+
+    kinds = [*get_args(FromClient), *get_args(FromArm), *asked_of_clients(), *get_args(Motion)]
+    _, parts = msgspec.json.schema_components(kinds, schema_hook=array, ref_template="#/$defs/{name}")
+    parts["Ask"]["properties"]["command"] = {"$ref": "#/command"}
+    positional = parts["Target"]
+    named = dict(zip(Target._fields, positional["prefixItems"], strict=True))
+    parts["Target"] = {
+        "description": positional["description"],
+        "anyOf": [
+            {"type": "object", "properties": named, "required": ["point"], "additionalProperties": False},
+            {key: value for key, value in positional.items() if key not in ("title", "description")},
+        ],
+    }
+    parts["Follow"]["properties"]["trajectory"] = {
+        "anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in get_args(Motion)]
+    }
+    rows = {"type": "array", "items": {"type": "array", "items": {"type": "number"}}}
+    parts["Curve"]["properties"]["coefficients"]["items"] = rows
+    said = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"armctl {__version__}: records of the WebSocket API",
+        "from_client": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in get_args(FromClient)]},
+        "from_arm": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in get_args(FromArm)]},
+        "command": {"anyOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in asked_of_clients()]},
+        "$defs": parts,
+    }
+    return msgspec.json.encode(said)
