@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -13,11 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
-from armctl.boards import ANY_BOARD, SIMULATED, board_name, calibrated_for
+from armctl.boards import SIMULATED, board_name, calibrated_for
 from armctl.errors import InputError, MotionRefusedError, StateError
-from armctl.facts import State
-from armctl.handles import ORIGIN, STOP_S, JointStream, Motion, bring_to_rest
-from armctl.hardware import Source
+from armctl.handles import ArmControls, JointStream, Motion
 from armctl.kinematics import Choice, Target, roll_pitch_yaw, rotation_of
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion import PathTrajectory, PitchMode, Profile, Trajectory, TurnMode, plan_choice
@@ -26,14 +23,10 @@ from armctl.motion.clearance import clear_rest
 from armctl.motion.trajectory import KnowsPeaks
 from armctl.process import Link, RemoteLine, start_arm
 from armctl.program import ArcStep, LineStep, Program, Step, WaitStep, checked_program, open_program
+from armctl.program.base_steps import WIDEST_BLEND_MM
 from armctl.program.feed import whole_number
-from armctl.program.steps import WIDEST_BLEND_MM
 from armctl.protocol import (
-    ArmLink,
-    ClearFault,
-    Command,
     Connect,
-    Disconnect,
     Enable,
     Follow,
     FollowTarget,
@@ -41,22 +34,10 @@ from armctl.protocol import (
     HomeAxes,
     Jog,
     JogTool,
-    LendControl,
-    LimitTorque,
-    LockControl,
     MoveGripper,
     MoveJoints,
     MoveTo,
-    MovingCommand,
-    Pause,
-    Release,
-    Resume,
     RunProgram,
-    SetOutput,
-    SetSpeed,
-    Snapshot,
-    TakeControl,
-    Ticket,
     UpdateProgram,
 )
 from armctl.robot import CarriedPart, Robot, load_robot
@@ -69,14 +50,9 @@ LAST_POSE = "last"
 LAST_MOVING = "last-moving"
 """the same where the arm was moving then: somebody has looked at it, and it stands there"""
 _LOGGER = logging.getLogger("armctl.arm")
-_TO_DO = {
-    State.DISCONNECTED: "reconnect() and enable() the arm",
-    State.OFF: "enable() the arm",
-    State.FAULT: "see to the cause, then clear_fault() or reconnect(), and enable() the arm",
-}
 
 
-class Arm:
+class Arm(ArmControls):
     """A robot on its board, run by a process of its own.
 
     Lengths are millimetres and angles degrees here, as in files and on the command line. Every motion
@@ -91,15 +67,6 @@ class Arm:
             print(swing.progress)
             swing.cancel()
     """
-
-    def __init__(self, link: ArmLink, board: str = ANY_BOARD, *, park: bool = False) -> None:
-        """Drive an arm through a link, which ``close`` ends; ``board``: whose calibration it goes by.
-
-        ``park``: as ``open``.
-        """
-        self.link, self.board = link, board
-        self._park = park
-        self.robot = link.robot
 
     @classmethod
     def open(
@@ -141,55 +108,6 @@ class Arm:
         """
         return cls(Link(RemoteLine(url, token), name, watch=watch))
 
-    @property
-    def snapshot(self) -> Snapshot:
-        """The arm at the controller's last tick."""
-        return self.link.snapshot
-
-    @property
-    def joints_deg(self) -> FloatArray:
-        """(n,) joint angles last commanded [degrees]; ``StateError`` where nobody knows where the arm is."""
-        return self.robot.shown(self._commanded())
-
-    @property
-    def position_mm(self) -> FloatArray:
-        """(3,) tool point last commanded [mm]; ``StateError`` where nobody knows where the arm is."""
-        return 1000 * self.robot.forward(self._commanded())[:3, 3]
-
-    @property
-    def measured_deg(self) -> FloatArray:
-        """(n,) joint angles that the board reports [degrees], NaN where it does not know; see ``source``."""
-        return self.robot.shown(self.snapshot.q)
-
-    @property
-    def source(self) -> Source:
-        """What ``measured_deg`` is: measured by encoders, or only what the board sends, or was told."""
-        return self.snapshot.source
-
-    def reconnect(self, port: str | None = None) -> None:
-        """Open the line to the board, after ``disconnect`` or a fault; None: the same port as before."""
-        self._do(Connect(port))
-
-    def disconnect(self) -> None:
-        """Stop, then close the line to the board. The outputs stay as they are."""
-        self._do(Disconnect())
-
-    def clear_fault(self) -> None:
-        """Leave a fault once its cause is gone; ``StateError``: there is none, or the board is gone."""
-        self._do(ClearFault())
-
-    def take_control(self, pin: str = "") -> None:
-        """Operate the arm; whoever did only watches from now on. ``pin``: the teacher's, if it is locked."""
-        self._do(TakeControl(pin))
-
-    def lend_control(self, to: str = "") -> None:
-        """Let another party, by the id in ``snapshot.control``, command beside this one; empty: none."""
-        self._do(LendControl(to))
-
-    def lock_control(self, locked: bool = True, pin: str = "") -> None:
-        """Lock control, so that nobody can take it, or unlock it."""
-        self._do(LockControl(locked, pin))
-
     def enable(self, pose: str | Sequence[float] | None = None) -> None:
         """Make the arm ready to move: keep clear of it.
 
@@ -219,33 +137,6 @@ class Arm:
         BoardError: an axis did not find its zero. StateError: the board has no encoders.
         """
         return self._move(HomeAxes(), wait)
-
-    def release(self, joints: Sequence[str] | None = None) -> None:
-        """Switch the pulses off: the arm drops. Of named joints only, where the board can: others hold."""
-        if self._park and joints is None:
-            bring_to_rest(self.link, ORIGIN)
-        names = (joints,) if isinstance(joints, str) else joints
-        self._do(Release(None if names is None else tuple(names)))
-
-    def limit_torque(self, share: float, *joints: str) -> None:
-        """How strong the motors of these joints (none: all) may be, 0 … 1, where the board can limit it."""
-        self._do(LimitTorque(share, joints))
-
-    def set_output(self, name: str, value: float) -> None:
-        """Switch an output of the board that moves no joint: 0, 1, or a share of it."""
-        self._do(SetOutput(name, value))
-
-    def stop(self) -> None:
-        """Decelerate inside the limits and hold; may be called from any thread."""
-        self.link.stop(ORIGIN).result()
-
-    def pause(self) -> None:
-        """Slow down along the path and stand."""
-        self._do(Pause())
-
-    def resume(self) -> None:
-        """Go on along the same path."""
-        self._do(Resume())
 
     def go(
         self,
@@ -378,10 +269,6 @@ class Arm:
         part = CarriedPart.of(part_mm)
         return self._move(MoveGripper(open_percent / 100, None if part is None else part.edges_mm), wait)
 
-    def set_speed(self, percent: float) -> None:
-        """Speed override for everything that moves, 5 … 100 %."""
-        self._do(SetSpeed(checked_number(percent, "percent") / 100))
-
     def run(self, program: str | Path | Program, loops: int | None = 1, wait: bool = True) -> Motion:
         """Run a program, or its file (.toml, .csv), ``loops`` times (None: until stopped)."""
         program = self._program(program)
@@ -454,38 +341,6 @@ class Arm:
         rotation = self._rotation(rpy_deg, quaternion_wxyz, None)
         self._do(FollowTarget(_target(point, pitch_deg, roll_deg, rotation)))
 
-    # How it ends.
-
-    def close(self, park: bool | None = None) -> None:
-        """Stop, close the line and end. The outputs stay as they are.
-
-        ``park``: go to the rest pose first, where the arm has power; None: as it was opened.
-        """
-        try:
-            if self._park if park is None else park:
-                bring_to_rest(self.link, ORIGIN)
-        finally:
-            self.link.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def _commanded(self) -> FloatArray:
-        """(n,) the last setpoint [rad]."""
-        snapshot = self.snapshot
-        if not snapshot.commanded:
-            what = _TO_DO.get(snapshot.state, "wait for its end")
-            if snapshot.unreachable:
-                what = "open or connect the arm again"
-            raise StateError(
-                f"nobody knows where the arm is: its state is {snapshot.state.value} ({snapshot.cause}); "
-                f"{what}. measured_deg tells what its board reports"
-            )
-        return snapshot.q_command
-
     def _rotation(
         self,
         rpy_deg: Sequence[float] | None,
@@ -511,12 +366,6 @@ class Arm:
     def _step(self, step: Step, wait: bool) -> Motion:
         return self._move(RunProgram(Program(robot=self.robot.name, name=step.kind, steps=(step,))), wait)
 
-    def _move(self, command: MovingCommand, wait: bool) -> Motion:
-        motion = Motion(self.link, command)
-        if wait:
-            self._wait_for(motion)
-        return motion
-
     def _enable_at(self, pose: str | Sequence[float] | None) -> Enable:
         """What enables the arm in a pose that is given in words or degrees."""
         if pose is None:
@@ -539,18 +388,6 @@ class Arm:
                 f'say so (--pose {LAST_MOVING}, arm.enable("{LAST_MOVING}")); else give its angles in degrees'
             )
         return Enable(now.last_pose.q, now.last_pose.gripper)
-
-    def _do(self, command: Command) -> None:
-        self._wait_for(self.link.submit(command, ORIGIN))
-
-    def _wait_for(self, asked: Ticket | Motion) -> None:
-        """Wait for the end; an interrupt stops the arm first."""
-        try:
-            asked.result()
-        except KeyboardInterrupt:
-            with suppress(TimeoutError):  # closing waits for it once more
-                self.link.stop(ORIGIN).result(STOP_S)
-            raise
 
 
 def _target(

@@ -1,4 +1,4 @@
-"""What some calls of ``Arm`` give to hold: a motion that is under way, a stream of setpoints; parking."""
+"""What ``Arm`` has beside its motions; and what its calls give to hold: a motion, a stream of setpoints."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import asyncio
 import logging
 import uuid
 from collections import deque
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self
@@ -15,16 +15,33 @@ import msgspec
 from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
+from armctl.boards import ANY_BOARD
 from armctl.errors import ArmctlError, StateError
 from armctl.facts import State
+from armctl.hardware import Source
+from armctl.kinematics.target import checked_number
 from armctl.protocol import (
     ArmLink,
     Cancel,
+    ClearFault,
+    Command,
+    Connect,
+    Disconnect,
+    LendControl,
+    LimitTorque,
+    LockControl,
     MoveGripper,
     MoveJoints,
     MovingCommand,
     Origin,
+    Pause,
+    Release,
+    Resume,
+    SetOutput,
+    SetSpeed,
+    Snapshot,
     StreamJoints,
+    TakeControl,
     Ticket,
 )
 
@@ -34,6 +51,11 @@ _UNANSWERED = 5
 _ANSWER_S = 1.0
 STOP_S = 5.0
 """so long an interrupt waits for the arm to stand [s]"""
+_TO_DO = {
+    State.DISCONNECTED: "reconnect() and enable() the arm",
+    State.OFF: "enable() the arm",
+    State.FAULT: "see to the cause, then clear_fault() or reconnect(), and enable() the arm",
+}
 _LOGGER = logging.getLogger("armctl.arm")
 
 
@@ -134,6 +156,147 @@ class JointStream:
         """What was raised already says more than what this meets."""
         with suppress(ArmctlError, TimeoutError):
             self._link.submit(Cancel(self._name), ORIGIN).result(_ANSWER_S)
+
+
+class ArmControls:
+    """What ``Arm`` has beside its motions: where the arm is, its line, its power, who has control."""
+
+    def __init__(self, link: ArmLink, board: str = ANY_BOARD, *, park: bool = False) -> None:
+        """Drive an arm through a link, which ``close`` ends; ``board``: whose calibration it goes by.
+
+        ``park``: as ``open``.
+        """
+        self.link, self.board = link, board
+        self._park = park
+        self.robot = link.robot
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The arm at the controller's last tick."""
+        return self.link.snapshot
+
+    @property
+    def joints_deg(self) -> FloatArray:
+        """(n,) joint angles last commanded [degrees]; ``StateError`` where nobody knows where the arm is."""
+        return self.robot.shown(self._commanded())
+
+    @property
+    def position_mm(self) -> FloatArray:
+        """(3,) tool point last commanded [mm]; ``StateError`` where nobody knows where the arm is."""
+        return 1000 * self.robot.forward(self._commanded())[:3, 3]
+
+    @property
+    def measured_deg(self) -> FloatArray:
+        """(n,) joint angles that the board reports [degrees], NaN where it does not know; see ``source``."""
+        return self.robot.shown(self.snapshot.q)
+
+    @property
+    def source(self) -> Source:
+        """What ``measured_deg`` is: measured by encoders, or only what the board sends, or was told."""
+        return self.snapshot.source
+
+    def reconnect(self, port: str | None = None) -> None:
+        """Open the line to the board, after ``disconnect`` or a fault; None: the same port as before."""
+        self._do(Connect(port))
+
+    def disconnect(self) -> None:
+        """Stop, then close the line to the board. The outputs stay as they are."""
+        self._do(Disconnect())
+
+    def clear_fault(self) -> None:
+        """Leave a fault once its cause is gone; ``StateError``: there is none, or the board is gone."""
+        self._do(ClearFault())
+
+    def take_control(self, pin: str = "") -> None:
+        """Operate the arm; whoever did only watches from now on. ``pin``: the teacher's, if it is locked."""
+        self._do(TakeControl(pin))
+
+    def lend_control(self, to: str = "") -> None:
+        """Let another party, by the id in ``snapshot.control``, command beside this one; empty: none."""
+        self._do(LendControl(to))
+
+    def lock_control(self, locked: bool = True, pin: str = "") -> None:
+        """Lock control, so that nobody can take it, or unlock it."""
+        self._do(LockControl(locked, pin))
+
+    def release(self, joints: Sequence[str] | None = None) -> None:
+        """Switch the pulses off: the arm drops. Of named joints only, where the board can: others hold."""
+        if self._park and joints is None:
+            bring_to_rest(self.link, ORIGIN)
+        names = (joints,) if isinstance(joints, str) else joints
+        self._do(Release(None if names is None else tuple(names)))
+
+    def limit_torque(self, share: float, *joints: str) -> None:
+        """How strong the motors of these joints (none: all) may be, 0 … 1, where the board can limit it."""
+        self._do(LimitTorque(share, joints))
+
+    def set_output(self, name: str, value: float) -> None:
+        """Switch an output of the board that moves no joint: 0, 1, or a share of it."""
+        self._do(SetOutput(name, value))
+
+    def stop(self) -> None:
+        """Decelerate inside the limits and hold; may be called from any thread."""
+        self.link.stop(ORIGIN).result()
+
+    def pause(self) -> None:
+        """Slow down along the path and stand."""
+        self._do(Pause())
+
+    def resume(self) -> None:
+        """Go on along the same path."""
+        self._do(Resume())
+
+    def set_speed(self, percent: float) -> None:
+        """Speed override for everything that moves, 5 … 100 %."""
+        self._do(SetSpeed(checked_number(percent, "percent") / 100))
+
+    def close(self, park: bool | None = None) -> None:
+        """Stop, close the line and end. The outputs stay as they are.
+
+        ``park``: go to the rest pose first, where the arm has power; None: as it was opened.
+        """
+        try:
+            if self._park if park is None else park:
+                bring_to_rest(self.link, ORIGIN)
+        finally:
+            self.link.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _commanded(self) -> FloatArray:
+        """(n,) the last setpoint [rad]."""
+        snapshot = self.snapshot
+        if not snapshot.commanded:
+            what = _TO_DO.get(snapshot.state, "wait for its end")
+            if snapshot.unreachable:
+                what = "open or connect the arm again"
+            raise StateError(
+                f"nobody knows where the arm is: its state is {snapshot.state.value} ({snapshot.cause}); "
+                f"{what}. measured_deg tells what its board reports"
+            )
+        return snapshot.q_command
+
+    def _move(self, command: MovingCommand, wait: bool) -> Motion:
+        motion = Motion(self.link, command)
+        if wait:
+            self._wait_for(motion)
+        return motion
+
+    def _do(self, command: Command) -> None:
+        self._wait_for(self.link.submit(command, ORIGIN))
+
+    def _wait_for(self, asked: Ticket | Motion) -> None:
+        """Wait for the end; an interrupt stops the arm first."""
+        try:
+            asked.result()
+        except KeyboardInterrupt:
+            with suppress(TimeoutError):  # closing waits for it once more
+                self.link.stop(ORIGIN).result(STOP_S)
+            raise
 
 
 def bring_to_rest(link: ArmLink, origin: Origin) -> None:

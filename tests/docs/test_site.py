@@ -17,6 +17,7 @@ import pytest
 from armctl.arm import Arm
 from armctl.cli.main import COMMANDS
 from armctl.errors import DOCS
+from armctl.handles import ArmControls
 from armctl.program.steps import KINDS, all_keys
 from armctl.robot import robots_folder
 
@@ -52,7 +53,11 @@ def test_the_site_is_built_and_its_references_are_complete() -> None:
         key for path in robots_folder().glob("*.toml") for key in keys_in(tomllib.loads(path.read_text()))
     }
     tags = [str(kind.__struct_config__.tag) for kind in KINDS]
-    calls = [f"{name}(" for name, value in vars(Arm).items() if callable(value) and name[0] != "_"]
+    calls = [
+        f"{name}("
+        for name, value in {**vars(ArmControls), **vars(Arm)}.items()
+        if callable(value) and name[0] != "_"
+    ]
     needed = {
         "reference/robot-file": used - {"kind"},
         "reference/program-file": [*tags, *(key.name for key in all_keys())],
