@@ -6,6 +6,7 @@ import errno
 import logging
 import os
 import secrets
+import ssl
 import webbrowser
 from collections.abc import Generator
 from concurrent.futures import ThreadPoolExecutor
@@ -19,7 +20,7 @@ from platformdirs import user_data_path, user_state_path
 from armctl import log_files
 from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
 from armctl.calibration import CalibrationStore
-from armctl.cli.options import ROBOT, MeshProgress, end_event, has_display, park_option, port_option
+from armctl.cli.options import ROBOT, EndEvent, MeshProgress, end_event, has_display, park_option, port_option
 from armctl.documents import sweep_litter, write_atomically
 from armctl.errors import ArmctlError, ServerError, StoppedError, with_help
 from armctl.handles import bring_to_rest
@@ -92,23 +93,15 @@ def serve(
     park: bool,
 ) -> None:
     """Serve the console until interrupted (Ctrl-C)."""
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
-    click.get_current_context().with_resource(log_files.begin("serve"))
-    if (tls_cert is None) is not (tls_key is None):
-        raise click.UsageError("--tls-cert and --tls-key belong together: give both, or neither")
-    tls = None if tls_cert is None or tls_key is None else encryption(tls_cert, tls_key)
-    if no_token and new_link:
-        raise click.UsageError("--new-link makes a new token, and --no-token uses none: give one of them")
-    token = None if no_token else stored_token(http_port, new=new_link)
+    _begin_logs()
+    tls = _encryption(tls_cert, tls_key)
+    token = _token(http_port, no_token, new_link)
     ended = end_event()  # also while it starts: what has been started by then is ended in order
     ended.patient = False
-    for folder in (user_data_path("armctl"), CalibrationStore().folder, user_state_path("armctl")):
-        for path in sweep_litter(folder, wall_time()):
-            LOG.info("removed %s, which a killed save had left", path)
+    _sweep()
     open_console = partial(_open_console, asked=port, pin=pin)
     switches: list[RobotSwitch] = []
-    present_arm = partial(_present_arm, switches)
-    sockets = {API_PATH: api_door(present_arm, lambda who: switches[0].revive(who))}
+    sockets = {API_PATH: api_door(partial(_present_arm, switches), lambda who: switches[0].revive(who))}
     with ThreadPoolExecutor(1) as opener:  # the arm process starts while the page server does
         progress = MeshProgress(robot, lambda: ended.came)
         opening = opener.submit(open_console, robot, port, progress)
@@ -135,25 +128,53 @@ def serve(
     try:
         app = App(robots, server)
         try:
-            connected = _connect(console, port)
-            board = "the simulated board" if port == SIMULATED else port
-            where = f"on {board}" if connected else "(not connected)"
+            where = _connect(console, port)
             with _kept_link(server, token if http_port else None):
                 click.echo(f"armctl: {present.title} {where}: {server.links[0]}  (Ctrl-C ends)")
                 _say_more(server)
-                ended.patient = True
-                if not no_browser and has_display() and not ended.came:
-                    webbrowser.open(server.link_for_one_browser())
-                settle_interpreter()
-                ended.wait()
+                _wait_for_end(server, ended, browser=not no_browser)
             if park:  # while the pages are there, so that STOP is
-                link = robots.console.controller
-                operator = link.snapshot.control.operator
-                bring_to_rest(link, Origin("serve --park" if operator is None else operator.id, "parking"))
+                _park(robots.console.controller)
         finally:
             app.close()
     finally:
         robots.close()
+
+
+def _encryption(certificate: Path | None, key: Path | None) -> ssl.SSLContext | None:
+    if (certificate is None) is not (key is None):
+        raise click.UsageError("--tls-cert and --tls-key belong together: give both, or neither")
+    return None if certificate is None or key is None else encryption(certificate, key)
+
+
+def _token(http_port: int, no_token: bool, new_link: bool) -> str | None:
+    if no_token and new_link:
+        raise click.UsageError("--new-link makes a new token, and --no-token uses none: give one of them")
+    return None if no_token else stored_token(http_port, new=new_link)
+
+
+def _begin_logs() -> None:
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    click.get_current_context().with_resource(log_files.begin("serve"))
+
+
+def _sweep() -> None:
+    for folder in (user_data_path("armctl"), CalibrationStore().folder, user_state_path("armctl")):
+        for path in sweep_litter(folder, wall_time()):
+            LOG.info("removed %s, which a killed save had left", path)
+
+
+def _wait_for_end(server: GuardedServer, ended: EndEvent, *, browser: bool) -> None:
+    ended.patient = True
+    if browser and has_display() and not ended.came:
+        webbrowser.open(server.link_for_one_browser())
+    settle_interpreter()
+    ended.wait()
+
+
+def _park(link: ArmLink) -> None:
+    operator = link.snapshot.control.operator
+    bring_to_rest(link, Origin("serve --park" if operator is None else operator.id, "parking"))
 
 
 def _present_arm(switches: list[RobotSwitch]) -> ArmLink | None:
@@ -261,16 +282,15 @@ def _robot_choices(present: RobotChoice) -> list[RobotChoice]:
     return choices if present in choices else [*choices, present]
 
 
-def _connect(console: Console, port: str) -> bool:
-    """Connect at once, or not; where that fails the page says why and offers the other ports."""
-    if console.controller.snapshot.board is not None:
-        return True  # taken over
+def _connect(console: Console, port: str) -> str:
+    """Connect, and say on what; where that fails the page says why and offers the other ports."""
     try:
-        console.controller.submit(Connect(port), Origin("start")).result()
+        if console.controller.snapshot.board is None:  # else it was taken over
+            console.controller.submit(Connect(port), Origin("start")).result()
     except ArmctlError as refusal:
         click.echo(f"armctl: not connected: {with_help(refusal)}", err=True)
-        return False
-    return True
+        return "(not connected)"
+    return "on the simulated board" if port == SIMULATED else f"on {port}"
 
 
 def _port_choices(asked: str, robot: Robot) -> list[PortChoice]:

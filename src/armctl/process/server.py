@@ -10,9 +10,9 @@ import hmac
 import itertools
 import logging
 import os
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Generator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -323,6 +323,16 @@ class Server:
         self._decoder.shutdown(wait=False, cancel_futures=True)
 
 
+@contextmanager
+def _private_files() -> Generator[None]:
+    """What is created meanwhile is this user's alone."""
+    before = os.umask(0o177)
+    try:
+        yield
+    finally:
+        os.umask(before)
+
+
 async def serve_arm(
     robot: Robot,
     board: str,
@@ -357,12 +367,9 @@ async def serve_arm(
         if address is None:
             listener = await asyncio.start_server(connected, "127.0.0.1", 0)
         else:
-            before = os.umask(0o177)
-            try:
+            with _private_files():
                 listener = await asyncio.start_unix_server(connected, address)
                 hands = ConnectionHandover(server.attend, address, secret)
-            finally:
-                os.umask(before)
             like = likeness(robot, board, rate_hz, pin)
             server.note(address, Note(os.getpid(), robot.title, like, secret))
         chores += loop.create_task(server.watch()), loop.create_task(collect_at_rest(arm))

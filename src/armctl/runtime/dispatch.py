@@ -91,6 +91,27 @@ def _carry_out(core: Core, order: Order, now: float) -> bool:
         case c.Cancel(motion):
             core.cancel(motion, order.origin, order.ticket)
             return False
+        case c.Pause():
+            core.pause(who)
+        case c.Resume():
+            core.resume(who)
+        case c.SetSpeed(fraction):
+            core.set_speed(checked_number(fraction, "the speed"), who)
+        case c.Jog() | c.JogTool():
+            _jog(core, order.command, order, now)
+        case c.FollowTarget():
+            _follow_target(core, order.command, order, now)
+        case c.ControlCommand():
+            return _about_control(core, order, now)
+        case _:
+            return _about_board(core, order, now)
+    return True
+
+
+def _about_board(core: Core, order: Order, now: float) -> bool:
+    """Its line, its outputs; whether it is over at once."""
+    who = order.origin.who
+    match order.command:
         case c.Enable():
             return enable(core, order.command, order, now)
         case c.Disconnect():
@@ -106,18 +127,6 @@ def _carry_out(core: Core, order: Order, now: float) -> bool:
             set_output(core, name, value, who)
         case c.ClearFault():
             core.clear_fault(who)
-        case c.Pause():
-            core.pause(who)
-        case c.Resume():
-            core.resume(who)
-        case c.SetSpeed(fraction):
-            core.set_speed(checked_number(fraction, "the speed"), who)
-        case c.Jog() | c.JogTool():
-            _jog(core, order.command, order, now)
-        case c.FollowTarget():
-            _follow_target(core, order.command, order, now)
-        case c.ControlCommand():
-            return _about_control(core, order, now)
         case _:
             raise InputError(f"not a command: {order.command!r}")
     return True

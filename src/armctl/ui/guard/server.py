@@ -274,11 +274,7 @@ def guarded_server(
         ServerError: the address cannot be had, an option is unsafe, or the guard turns out not to hold.
     """
     require_version()
-    if token is not None and not TOKEN.fullmatch(token):
-        raise ServerError("the token must be 16 … 256 letters, digits, '-' or '_'")
-    for name in extra_hosts:
-        if not HOST_NAME.fullmatch(name):
-            raise ServerError(f"{name!r} is no host name; give it without scheme, port and path")
+    _require_usable(token, extra_hosts)
     listener = listening_socket(host, port, beyond_loopback=token is not None)
     extra_hosts = tuple(dict.fromkeys((*((host,) if is_name(host) else ()), *extra_hosts)))
     address, bound_port = listener.getsockname()[:2]
@@ -291,25 +287,12 @@ def guarded_server(
     keep_quiet()
     try:
         arrange = _arrangement(
-            listener,
-            door,
-            tls,
-            lambda one: None if server is None else server.client_of(one),
-            overlay=overlay,
+            listener, door, tls, lambda one: server and server.client_of(one), overlay=overlay
         )
         with opening_through(arrange) as opened:
             names = names_of(listener, host, extra_hosts)
             server = GuardedServer(door, stop_lines, listener, names, host=host, label=label)
-        if opened and (failure := opened[0]) is not None:
-            raise ServerError(
-                f"the web server cannot be opened: {failure}; "
-                "is the installed version of websockets one that viser supports?"
-            ) from failure
-        if len(opened) != 1 or server.get_port() != bound_port:
-            raise ServerError(
-                "the web server's guard is not effective: viser did not open its server through it; "
-                "armctl does not run unguarded"
-            )
+        _require_guarded(opened, bound_port == server.get_port())
         _probe(address, bound_port, door)
     except BaseException:
         if server is not None:
@@ -320,6 +303,28 @@ def guarded_server(
     tally.open()
     server.get_event_loop().set_exception_handler(partial(_on_loop_error, tally))
     return server
+
+
+def _require_usable(token: str | None, hosts: Sequence[str]) -> None:
+    if token is not None and not TOKEN.fullmatch(token):
+        raise ServerError("the token must be 16 … 256 letters, digits, '-' or '_'")
+    for name in hosts:
+        if not HOST_NAME.fullmatch(name):
+            raise ServerError(f"{name!r} is no host name; give it without scheme, port and path")
+
+
+def _require_guarded(opened: Sequence[Exception | None], is_our_port: bool) -> None:
+    """``opened``: what ``opening_through`` tells."""
+    if opened and (failure := opened[0]) is not None:
+        raise ServerError(
+            f"the web server cannot be opened: {failure}; "
+            "is the installed version of websockets one that viser supports?"
+        ) from failure
+    if len(opened) != 1 or not is_our_port:
+        raise ServerError(
+            "the web server's guard is not effective: viser did not open its server through it; "
+            "armctl does not run unguarded"
+        )
 
 
 def _on_loop_error(tally: Tally, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
