@@ -19,14 +19,13 @@ from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.inverse.answer import (
     RankedSolutions,
     answer,
-    branches_html,
     comparison_html,
     list_row,
     result_html,
-    same_place,
     short_branch,
     solve,
 )
+from armctl.ui.tabs.inverse.branches import branches_html, same_place
 from armctl.ui.tabs.inverse.screen import InverseScreen
 from armctl.ui.widgets.html import Pager
 from armctl.ui.widgets.plots import Picture

@@ -11,8 +11,8 @@ from tests.ui.page_kit import FakePage
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.manual.shared_program import SharedProgram
+from armctl.ui.tabs.trajectory.motion_form import MotionForm
 from armctl.ui.tabs.trajectory.plan import TOOL_LINE
-from armctl.ui.tabs.trajectory.screen import MotionForm
 
 
 @pytest.mark.parametrize(

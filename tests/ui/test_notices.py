@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from armctl.ui.session import Color, Notifications, reading_seconds
+from armctl.ui.events import Color, Notifications, reading_seconds
 
 
 class Board:

@@ -16,8 +16,10 @@ from armctl.protocol import MoveJoints
 from armctl.robot import Robot, load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.forward.screen import REFERENCE, ForwardScreen, coupled_joints
-from armctl.ui.tabs.inverse.answer import branches_html, result_html, solve
-from armctl.ui.tabs.inverse.screen import ANY, PITCH_AND_ROLL, WHOLE, InverseScreen, TargetForm
+from armctl.ui.tabs.inverse.answer import result_html, solve
+from armctl.ui.tabs.inverse.branches import branches_html
+from armctl.ui.tabs.inverse.screen import InverseScreen
+from armctl.ui.tabs.inverse.target_form import ANY, PITCH_AND_ROLL, WHOLE, TargetForm
 from armctl.ui.tabs.manual.jog import KEYS, tool_axes, tool_jog
 from armctl.ui.widgets.angle_fields import OrientationFields
 

@@ -14,9 +14,8 @@ from tests.ui.page_kit import snapshot_of
 from armctl.facts import State
 from armctl.hardware import BoardIdentity
 from armctl.robot import load_robot
-from armctl.ui import port_watch
-from armctl.ui.console import Console, PortChoice
-from armctl.ui.port_watch import PortWatch
+from armctl.ui import console as port_watch
+from armctl.ui.console import Console, PortChoice, PortWatch
 
 CONNECTED = replace(snapshot_of(load_robot("uzuner")), state=State.HOLDING)
 LOST = replace(CONNECTED, state=State.FAULT, board=None)

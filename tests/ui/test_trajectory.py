@@ -28,13 +28,6 @@ from armctl.program import (
     WaitStep,
 )
 from armctl.robot import Robot, load_robot
-from armctl.ui.tabs.trajectory.error_report import (
-    MEANING,
-    between_html,
-    point_row,
-    summary_html,
-    theoretical,
-)
 from armctl.ui.tabs.trajectory.graphs import OF, QUANTITIES, compare_html, cursor_html, graph, peaks_html
 from armctl.ui.tabs.trajectory.plan import (
     ARC,
@@ -48,6 +41,13 @@ from armctl.ui.tabs.trajectory.plan import (
     PlannedMotion,
     plan_motion,
     why_not,
+)
+from armctl.ui.tabs.trajectory.screen import (
+    MEANING,
+    between_html,
+    point_row,
+    summary_html,
+    theoretical,
 )
 from armctl.ui.tabs.trajectory.study import (
     ShownStudy,

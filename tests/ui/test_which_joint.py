@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from armctl.robot import user_robots_folder
-from armctl.ui.tabs.main import which_joint
+from armctl.ui.tabs.main import boards as which_joint
 
 
 def test_it_is_there_for_robot_files_of_ones_own_only(

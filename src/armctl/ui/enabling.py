@@ -14,7 +14,7 @@ from armctl.facts import Need, State
 from armctl.hardware.boards import board_type
 from armctl.motion.clearance import clear_rest
 from armctl.protocol import Enable, Snapshot
-from armctl.ui.port_watch import PortWatch
+from armctl.ui.console import PortWatch
 from armctl.ui.session import Session
 from armctl.ui.widgets.angle_fields import angle_fields
 from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence

@@ -1,12 +1,20 @@
-"""Clicks and edits: what runs on one, and which answer still counts when it comes from a worker thread."""
+"""Clicks and edits: what runs on one, which answer still counts, and what a page is notified of."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Awaitable, Callable
+from typing import Literal
+
+import viser
 
 Action = Callable[[], Awaitable[object] | None]
 On = Callable[[Callable[..., object], Action], None]
 """Runs an action on a handle's event (its ``on_click`` or ``on_update``); a page's session gives it."""
+Color = Literal["blue", "yellow", "red"]
+_MOST_NOTICES = 3
+"""at a time: they lie over the scene, and older ones answer older clicks"""
+_LETTERS_A_SECOND = 12
 
 
 class Newest:
@@ -45,3 +53,27 @@ class OneAtATime:
                 await self._action()
         finally:
             self._running = False
+
+
+class Notifications:
+    """One page's newest few notifications; the same again replaces the first, one too many the oldest."""
+
+    def __init__(self, client: viser.ClientHandle) -> None:
+        self._client = client
+        self._shown: dict[tuple[str, str, Color], viser.NotificationHandle] = {}
+
+    def show(self, title: str, text: str, color: Color) -> None:
+        """Show a message."""
+        key = (title, text, color)
+        if (same := self._shown.pop(key, None)) is not None:
+            same.remove()
+        while len(self._shown) >= _MOST_NOTICES:
+            self._shown.pop(next(iter(self._shown))).remove()
+        self._shown[key] = self._client.add_notification(
+            title, text, auto_close_seconds=reading_seconds(text, color), color=color
+        )
+
+
+def reading_seconds(text: str, color: Color) -> float:
+    """How long a message stays [s]: information may be missed, a refusal has to be read."""
+    return max(5.0 if color == "blue" else 10.0, math.ceil(len(text) / _LETTERS_A_SECOND))

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import math
 import re
 from collections.abc import Callable, Coroutine, Generator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import viser
 
@@ -21,19 +20,15 @@ from armctl.protocol import Command, ControlCommand, Origin, Snapshot, Ticket
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.look.rows import Theme
 from armctl.ui.console import page_name
-from armctl.ui.events import Action
+from armctl.ui.events import Action, Color, Notifications
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.scene.stage import look_at_arm
 from armctl.ui.widgets.html import LiveHtml, muted, sentence
 
 LOG = logging.getLogger("armctl.ui")
-Color = Literal["blue", "yellow", "red"]
 _LINK_AGAIN_S = 0.5
 _LINK_TIMEOUT_S = 3.0
-_MOST_NOTICES = 3
-"""at a time: they lie over the scene, and older ones answer older clicks"""
-_LETTERS_A_SECOND = 12
 _AT_ONCE_S = 0.3
 """what takes longer shows that it is being worked on"""
 _AT_WORK: ContextVar[Callable[[], None]] = ContextVar("at_work", default=lambda: None)
@@ -438,27 +433,3 @@ class _Offer:
     also: Callable[[Snapshot], str | None] | None
     reason: LiveHtml | None
     anyone: bool
-
-
-class Notifications:
-    """One page's newest few notifications; the same again replaces the first, one too many the oldest."""
-
-    def __init__(self, client: viser.ClientHandle) -> None:
-        self._client = client
-        self._shown: dict[tuple[str, str, Color], viser.NotificationHandle] = {}
-
-    def show(self, title: str, text: str, color: Color) -> None:
-        """Show a message."""
-        key = (title, text, color)
-        if (same := self._shown.pop(key, None)) is not None:
-            same.remove()
-        while len(self._shown) >= _MOST_NOTICES:
-            self._shown.pop(next(iter(self._shown))).remove()
-        self._shown[key] = self._client.add_notification(
-            title, text, auto_close_seconds=reading_seconds(text, color), color=color
-        )
-
-
-def reading_seconds(text: str, color: Color) -> float:
-    """How long a message stays [s]: information may be missed, a refusal has to be read."""
-    return max(5.0 if color == "blue" else 10.0, math.ceil(len(text) / _LETTERS_A_SECOND))

@@ -16,8 +16,13 @@ from armctl.facts import Need
 from armctl.protocol import MoveJoints, Snapshot
 from armctl.ui.robot_switch import release_first
 from armctl.ui.session import Session, refused_by
-from armctl.ui.tabs.calibration.joint import CalibrationGripper, CalibrationJoint, on_edit, slow_duration
-from armctl.ui.tabs.calibration.points import CalibrationPoints
+from armctl.ui.tabs.calibration.joint import (
+    CalibrationGripper,
+    CalibrationJoint,
+    CalibrationPoints,
+    on_edit,
+    slow_duration,
+)
 from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork, SharedCalibration
 from armctl.ui.widgets.html import (
     LiveHtml,

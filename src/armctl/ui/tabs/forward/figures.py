@@ -8,6 +8,7 @@ from html import escape
 import numpy as np
 
 from armctl.arrays import FloatArray
+from armctl.errors import ArmctlError
 from armctl.kinematics import quaternion_wxyz, roll_pitch_yaw
 from armctl.kinematics.velocity import (
     Freedom,
@@ -20,8 +21,10 @@ from armctl.kinematics.velocity import (
     turning_speeds,
 )
 from armctl.robot import Robot
+from armctl.ui.session import Session
 from armctl.ui.widgets.angle_fields import held_at
-from armctl.ui.widgets.html import fixed, heading, muted, numbers, refused, table
+from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, numbers, refused, table
+from armctl.ui.widgets.number_field import DEGREES, MILLIMETRES, FieldArray, NumberField
 
 _LEAST_PART = 0.35
 """a part of a direction smaller than this is left out of its description (20°)"""
@@ -181,3 +184,49 @@ def joint_rates_html(robot: Robot, jacobian: FloatArray, linear: FloatArray, *, 
 
 def _with_size(vector: FloatArray) -> list[str]:
     return [*(fixed(value, 1) for value in vector.tolist()), fixed(float(np.linalg.norm(vector)), 1)]
+
+
+# Joint rates in, tool velocity out, and the other way round, in the configuration that is shown.
+
+_KEEP_HINT = "The tool keeps its orientation. With fewer than six joints that is not always possible."
+
+
+class VelocityForm:
+    """Fields for rates and velocities; nothing here moves the arm."""
+
+    def __init__(self, session: Session) -> None:
+        self._robot = session.console.robot
+        self._q: FloatArray | None = None
+        self._turning = np.array([held_at(joint) is None for joint in self._robot.joints])
+        gui = session.gui
+        with gui.add_folder("Joint rates (°/s) → tool velocity"):
+            turning = [joint for joint in self._robot.joints if held_at(joint) is None]
+            rates = [NumberField(gui, one.title, min(20.0, math.degrees(one.speed))) for one in turning]
+            self._rates = FieldArray(rates, DEGREES)
+            self._velocity = LiveHtml(gui)
+        with gui.add_folder("Tool velocity → joint rates"):
+            speeds = zip("xyz", (50.0, 0.0, 0.0), strict=True)
+            linear = [NumberField(gui, f"v{axis} mm/s", value) for axis, value in speeds]
+            self._linear = FieldArray(linear, MILLIMETRES)
+            self._keep = gui.add_checkbox("Do not turn", initial_value=False, hint=_KEEP_HINT)
+            self._answer = LiveHtml(gui)
+        for handle in (*(field.handle for field in (*rates, *linear)), self._keep):
+            session.on(handle.on_update, lambda: self.show(self._q))
+
+    def show(self, q: FloatArray | None) -> None:
+        """Compute for a configuration (n,) [rad]; None: there is none to compute for."""
+        self._q = q
+        if q is None:
+            self._velocity.show("")
+            self._answer.show("")
+            return
+        J, rates = self._robot.jacobian(q), np.zeros(self._robot.n)
+        try:
+            rates[self._turning] = self._rates.array
+            self._velocity.show(tool_velocity_html(self._robot, J, rates))
+        except ArmctlError as half_typed:
+            self._velocity.show(refused(f"{half_typed}."))
+        try:
+            self._answer.show(joint_rates_html(self._robot, J, self._linear.array, keep=self._keep.value))
+        except ArmctlError as half_typed:
+            self._answer.show(refused(f"{half_typed}."))

@@ -21,17 +21,10 @@ from armctl.robot import Robot
 from armctl.ui.events import Newest, On, OneAtATime
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
-from armctl.ui.tabs.forward.figures import (
-    base_turns,
-    jacobian_html,
-    joint_rates_html,
-    pose_html,
-    tool_velocity_html,
-)
+from armctl.ui.tabs.forward.figures import VelocityForm, base_turns, jacobian_html, pose_html
 from armctl.ui.widgets.angle_fields import OrientationFields, angle_fields, held_at
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, table
 from armctl.ui.widgets.number_field import (
-    DEGREES,
     MILLIMETRES,
     EditWatch,
     FieldArray,
@@ -237,52 +230,6 @@ def results_html(
     html = table(head, rows, small=True)
     drawn = muted(f"The ghost shows the {ghost}.") if ghost else ""
     return html + (problems or muted("Both are inside the joint limits.")) + drawn
-
-
-# Joint rates in, tool velocity out, and the other way round, in the configuration that is shown.
-
-_KEEP_HINT = "The tool keeps its orientation. With fewer than six joints that is not always possible."
-
-
-class VelocityForm:
-    """Fields for rates and velocities; nothing here moves the arm."""
-
-    def __init__(self, session: Session) -> None:
-        self._robot = session.console.robot
-        self._q: FloatArray | None = None
-        self._turning = np.array([held_at(joint) is None for joint in self._robot.joints])
-        gui = session.gui
-        with gui.add_folder("Joint rates (°/s) → tool velocity"):
-            turning = [joint for joint in self._robot.joints if held_at(joint) is None]
-            rates = [NumberField(gui, one.title, min(20.0, math.degrees(one.speed))) for one in turning]
-            self._rates = FieldArray(rates, DEGREES)
-            self._velocity = LiveHtml(gui)
-        with gui.add_folder("Tool velocity → joint rates"):
-            speeds = zip("xyz", (50.0, 0.0, 0.0), strict=True)
-            linear = [NumberField(gui, f"v{axis} mm/s", value) for axis, value in speeds]
-            self._linear = FieldArray(linear, MILLIMETRES)
-            self._keep = gui.add_checkbox("Do not turn", initial_value=False, hint=_KEEP_HINT)
-            self._answer = LiveHtml(gui)
-        for handle in (*(field.handle for field in (*rates, *linear)), self._keep):
-            session.on(handle.on_update, lambda: self.show(self._q))
-
-    def show(self, q: FloatArray | None) -> None:
-        """Compute for a configuration (n,) [rad]; None: there is none to compute for."""
-        self._q = q
-        if q is None:
-            self._velocity.show("")
-            self._answer.show("")
-            return
-        J, rates = self._robot.jacobian(q), np.zeros(self._robot.n)
-        try:
-            rates[self._turning] = self._rates.array
-            self._velocity.show(tool_velocity_html(self._robot, J, rates))
-        except ArmctlError as half_typed:
-            self._velocity.show(refused(f"{half_typed}."))
-        try:
-            self._answer.show(joint_rates_html(self._robot, J, self._linear.array, keep=self._keep.value))
-        except ArmctlError as half_typed:
-            self._answer.show(refused(f"{half_typed}."))
 
 
 # Joint angles and tool pose, coupled both ways while they are typed.

@@ -35,11 +35,7 @@ _PLAIN: dict[Criterion, str] = {
 """what is least, in a word"""
 _SAME_RAD = 1e-9
 """a row that is no farther off than this is the same configuration"""
-_SAME_BRANCH, _SAME_PLACE_M = 1e-6, 1e-3
-_SWEPT_MEND = (
-    "This leaves joints free, so there are infinitely many solutions. To see the branches, "
-    "ask for more of the tool's orientation above, then press Solve."
-)
+_SAME_BRANCH = 1e-6
 _MOST_POINTS = 1000
 """of an energy curve"""
 
@@ -202,20 +198,6 @@ def _verdicts(
     return tuple(verdicts)
 
 
-def same_place(robot: Robot, found: Sequence[BranchVerdict]) -> list[list[BranchVerdict]]:
-    """Groups of branches whose links are in the same place, e.g. with the base turned by 180°."""
-    groups: list[list[BranchVerdict]] = []
-    for one in found:
-        points = robot.frames(one.branch.q)[:, :3, 3]
-        for group in groups:
-            if np.abs(points - robot.frames(group[0].branch.q)[:, :3, 3]).max() < _SAME_PLACE_M:
-                group.append(one)
-                break
-        else:
-            groups.append([one])
-    return groups
-
-
 def result_html(robot: Robot, found: RankedSolutions) -> str:
     """Count and branches, and the configuration of least energy; or why there is none."""
     solutions, best = found.solutions, found.best
@@ -358,7 +340,7 @@ def _savings(rows: Sequence[Representative]) -> list[str]:
 
 def list_head(found: RankedSolutions) -> list[str]:
     """The heads of the list of solutions."""
-    return ["#", *_theta(len(found.start)), "branch", f"energy {found.unit}"]
+    return ["#", *theta_heads(len(found.start)), "branch", f"energy {found.unit}"]
 
 
 def list_row(found: RankedSolutions, row: int) -> list[str]:
@@ -383,38 +365,6 @@ def selected_html(found: RankedSolutions, row: int | None) -> str:
     if why and why == found.way_refused:
         return text + warned("Refused, as told above.")
     return text + way_html(why or "")
-
-
-def branches_html(found: RankedSolutions) -> str:
-    """Every branch with its energy, and why some are refused."""
-    if not found.verdicts:
-        if not found.solutions.success:
-            return muted("No branch meets this target; the reason stands above.")
-        if found.solutions.target.rotation is None:
-            return muted(_SWEPT_MEND)
-        if found.solutions.free_joint is None:
-            return muted("No branch has this orientation; List has the nearest.")
-        return muted("One joint is free here, so there are infinitely many solutions. See List for a few.")
-    head = ["#", "branch", *_theta(len(found.start)), f"energy {found.unit}", "verdict"]
-    rows = [
-        [
-            str(one.number),
-            short_branch(one.branch.name),
-            *(fixed(value, 2) for value in np.degrees(one.branch.q).tolist()),
-            "–" if one.branch.forbidden else fixed(found.energy_of(one.branch.q), 3),
-            "refused" if one.refused else "chosen" if one.chosen else "possible",
-        ]
-        for one in found.verdicts
-    ]
-    notes = [f"{one.number} is refused: {one.refused}." for one in found.verdicts if one.refused]
-    marked = next((i for i, one in enumerate(found.verdicts) if one.chosen), None)
-    if marked is not None:
-        one = found.verdicts[marked]
-        said = "has" if one.refused else "is chosen among the possible ones:"
-        notes.append(f"{one.number} {said} the least energy by {found.criterion}.")
-    return table(head, rows, marked=marked, words=(0, 1, len(head) - 1), small=True) + "".join(
-        muted(note) for note in notes
-    )
 
 
 def short_branch(name: str) -> str:
@@ -476,7 +426,8 @@ def _in_one_line(angles: str) -> str:
     return f"<span style='white-space:nowrap'>θ = (<b>{angles}</b>)°</span>"
 
 
-def _theta(n: int) -> list[str]:
+def theta_heads(n: int) -> list[str]:
+    """Heads of the columns of ``n`` joint angles."""
     return [f"θ{i + 1}°" for i in range(n)]
 
 

@@ -4,38 +4,33 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import viser
 
-from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, UnreachableError
 from armctl.facts import Need, State
-from armctl.kinematics import CRITERION_TEXT, FROM_START, Target, checked_criterion
+from armctl.kinematics import CRITERION_TEXT, FROM_START, checked_criterion
 from armctl.protocol import MoveJoints, Snapshot
-from armctl.ui.events import Action, Newest, OneAtATime
-from armctl.ui.scene.arm_model import ArmFigure
-from armctl.ui.scene.ghost import THICKER, Preview
+from armctl.ui.events import Newest, OneAtATime
+from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import (
     RankedSolutions,
     answer,
-    branches_html,
     comparison_html,
     counted,
     list_head,
     list_row,
     result_html,
-    same_place,
     selected_html,
     solve,
 )
-from armctl.ui.widgets.angle_fields import OrientationFields
+from armctl.ui.tabs.inverse.branches import NOTHING, TAB, BranchView
+from armctl.ui.tabs.inverse.target_form import TargetForm
 from armctl.ui.widgets.html import LiveHtml, Pager, muted, refused, warned
-from armctl.ui.widgets.number_field import DraggedPoint, EditWatch, Following, NumberField
 from armctl.ui.widgets.plots import LinePlot, PlotLine
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
@@ -50,7 +45,6 @@ _FEW_HINT = "The least by each criterion and of each branch. All solutions follo
 _ALONG = "On the curve °"
 _ALONG_HINT = "The free joint: move along the curve, and the nearest solution is selected."
 _SELECTED_INK = "#1c7ed6"
-_NOTHING = "Nothing is solved yet."
 _CURVE_NOTE = (
     "Every solution as the free joint turns. Red: the least. Blue: the selected one. "
     "Click on the curve to select. Drag to zoom."
@@ -66,7 +60,7 @@ class InverseScreen:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._robot = session.console.robot
-        self._preview = Preview(session.ghost, _TAB)
+        self._preview = Preview(session.ghost, TAB)
         scene = session.client.scene
         self._mark = scene.add_icosphere("/inverse_mark", 0.006, color=_MARK_COLOR, visible=False)
         self._answer: RankedSolutions | None = None
@@ -97,11 +91,11 @@ class InverseScreen:
         with tabs.add_tab("List"):
             self._compared = LiveHtml(gui, visible=False)
             self._few = gui.add_dropdown("Select", (_BY_ROW,), visible=False, hint=_FEW_HINT)
-            self._list = LiveHtml(gui, muted(_NOTHING))
+            self._list = LiveHtml(gui, muted(NOTHING))
             self._pager = Pager(gui, session.on, self._on_row)
             self._form.watch.watch(self._pager.attach_row_edit)
         with tabs.add_tab("Energy curve"):
-            self._curve_note = LiveHtml(gui, muted(_NOTHING))
+            self._curve_note = LiveHtml(gui, muted(NOTHING))
             self._curve = LinePlot(gui)
             self._along = gui.add_slider(
                 _ALONG, 0.0, 1.0, 0.01, initial_value=0.0, visible=False, hint=_ALONG_HINT
@@ -293,7 +287,7 @@ class InverseScreen:
         self._pager.reset(0, None)
         self._curve.clear()
         for part in (self._list, self._curve_note):
-            part.show(muted(_NOTHING))
+            part.show(muted(NOTHING))
         self._branches.forget()
         self._preview.hide()
 
@@ -400,194 +394,3 @@ class InverseScreen:
         self._draw_curve(found)
         if row is not None and found.solutions.success and not self._branches.as_ghosts:
             self._preview.show(found.q(row), self._session.snapshot.q_command)
-
-
-# What is asked for: X, Y, Z, how the tool is turned, and a target in the scene that can be dragged.
-
-_PITCH_HINT = "Angle of the tool's axis above the horizontal: 0 level, −90 straight down."
-_ROLL_HINT = "Angle of the tool about its own axis."
-_SHOW_HINT = "A target in the 3D view; drag its arrows to fill X, Y, Z. The arm does not move."
-ANY, PITCH_AND_ROLL, WHOLE = "any: position only", "tool pitch and roll", "whole orientation"
-
-
-class TargetForm:
-    """The fields, and the target coupled with them; ``dragged`` runs at every drag."""
-
-    def __init__(self, session: Session, dragged: Action) -> None:
-        self._robot, self._dragged = session.console.robot, dragged
-        gui, present = session.gui, session.snapshot.q_command
-        pose = self._robot.forward(present)
-        angles = self._robot.inverse_kinematics.pitch_and_roll(present)
-        scene, tip = session.client.scene, pose[:3, 3]
-        self.point = DraggedPoint(gui, scene, session.on, "/inverse_target", tip, self._on_dragged)
-        self._kind = self._orientation = None
-        if self._robot.orients_tool:
-            self._kind = gui.add_dropdown("Orientation", (ANY, PITCH_AND_ROLL, WHOLE), initial_value=ANY)
-            self._orientation = OrientationFields(gui, pose[:3, :3], visible=False)
-        self._turns: list[tuple[viser.GuiCheckboxHandle, NumberField, bool]] = []
-        for name, hint, angle in zip(("pitch", "roll"), (_PITCH_HINT, _ROLL_HINT), angles, strict=True):
-            has = angle is not None
-            use = gui.add_checkbox(f"Use {name}", initial_value=False, visible=has and self._kind is None)
-            degrees = None if angle is None else math.degrees(angle)
-            field = NumberField(gui, f"{name.capitalize()} °", degrees, hint=hint, visible=False)
-            self._turns.append((use, field, has))
-        self._show = gui.add_checkbox("Show target", initial_value=False, hint=_SHOW_HINT)
-        xyz = self.point.xyz.fields
-        typed = () if self._orientation is None else self._orientation.fields
-        turns = [field for _, field, _ in self._turns]
-        self.watch = EditWatch([*xyz, *turns, *typed])
-        self.following = Following(self.watch, self._fill_tool, session.spawn, present)
-        if self._orientation is not None:
-            self._orientation.attach(session.on, self.following.edit)
-        for field in turns:
-            session.on(field.handle.on_update, self.following.edit)
-        for field in xyz:
-            session.on(field.handle.on_update, self._on_typed)
-        for chosen in (*(use for use, _, _ in self._turns), self._kind):
-            if chosen is not None:
-                session.on(chosen.on_update, self._on_checked)
-                self.watch.watch(chosen.on_update)
-        session.on(self._show.on_update, self._on_checked)
-
-    @property
-    def texts(self) -> tuple[str | None, ...]:
-        """What the form shows; the same again means that nothing has changed."""
-        whole = self._whole
-        turns = (field.text if self._uses(use) else None for use, field, _ in self._turns)
-        return *self.point.xyz.texts, *turns, *(() if whole is None else whole.texts)
-
-    def target(self) -> Target:
-        """What the form asks for; errors name the field that holds no number that can be used."""
-        position, whole = self.point.xyz.array, self._whole
-        if whole is not None:
-            return Target.of(position, rotation=whole.rotation)
-        turns = (math.radians(field.value) if self._uses(use) else None for use, field, _ in self._turns)
-        return Target.of(position, *turns)
-
-    def _fill_tool(self, q: FloatArray) -> None:
-        """Put the tool's pose at ``q`` (n,) [rad] into all fields."""
-        pose = self._robot.forward(q)
-        self.point.put(pose[:3, 3])
-        if self._orientation is not None:
-            self._orientation.fill(pose[:3, :3])
-        angles = self._robot.inverse_kinematics.pitch_and_roll(q)
-        for (_, field, _), angle in zip(self._turns, angles, strict=True):
-            if angle is not None:
-                field.fill(math.degrees(angle))
-
-    @property
-    def _whole(self) -> OrientationFields | None:
-        """The fields of the whole orientation, where it is asked for."""
-        return None if self._kind is None or self._kind.value != WHOLE else self._orientation
-
-    def _uses(self, use: viser.GuiCheckboxHandle) -> bool:
-        """Whether pitch or roll is asked for."""
-        return use.value and (self._kind is None or self._kind.value == PITCH_AND_ROLL)
-
-    def _on_dragged(self) -> Awaitable[object] | None:
-        self.following.edit()
-        return self._dragged()
-
-    def _on_typed(self) -> None:
-        self.following.edit()
-        try:
-            self.point.target.position = Target.of(self.point.xyz.array).position
-        except ArmctlError:  # half-typed: said when it is used
-            pass
-
-    def _on_checked(self) -> None:
-        for use, field, has in self._turns:
-            use.visible = has and (self._kind is None or self._kind.value == PITCH_AND_ROLL)
-            field.visible = self._uses(use)
-        if self._orientation is not None:
-            self._orientation.show(visible=self._whole is not None)
-        self.point.target.visible = self._show.value
-
-
-# The Branches tab: a table, and every branch as a coloured ghost.
-
-_TAB = "Inverse"
-_MOST_GHOSTS = 8
-_OPACITY, _THICKER_EACH = 0.4, 0.03
-_LEGEND = "In the 3D view green is the branch of least energy, blue is possible, red is refused."
-_CHOSEN, _POSSIBLE, _REFUSED = (47, 158, 68), (34, 139, 230), (224, 49, 49)
-
-
-class BranchView:
-    """The branches of the newest answer; ``toggled`` is called when their ghosts come or go."""
-
-    def __init__(self, session: Session, toggled: Callable[[], None]) -> None:
-        self._toggled = toggled
-        self._robot, self._ghost = session.console.robot, session.ghost
-        self._scene = session.client.scene
-        self._ghosts: list[viser.FrameHandle | viser.LabelHandle] = []
-        self._answer: RankedSolutions | None = None
-        gui = session.gui
-        self._ticked = gui.add_checkbox("Show as ghosts", initial_value=False)
-        # no hint on the checkbox: it would lie over the Go button above
-        self._legend = LiveHtml(gui, muted(_LEGEND), visible=False)
-        self._table = LiveHtml(gui, muted(_NOTHING))
-        session.on(self._ticked.on_update, self._on_ticked)
-
-    @property
-    def as_ghosts(self) -> bool:
-        """Whether the branches are in the 3D view now."""
-        return self._ticked.value and self._answer is not None and bool(self._answer.verdicts)
-
-    def show(self, found: RankedSolutions) -> None:
-        """Show the branches of an answer."""
-        self._answer = found
-        self._legend.visible = bool(found.verdicts)
-        self._table.show(branches_html(found))
-        self._draw()
-
-    def forget(self) -> None:
-        """There is no answer any more."""
-        self._answer = None
-        self._legend.visible = False
-        self._table.show(muted(_NOTHING))
-        self._draw()
-
-    def refresh(self) -> None:
-        """Show the ghosts while the tab is open."""
-        for node in self._ghosts:
-            node.visible = self._ghost.in_view(_TAB)
-
-    def _on_ticked(self) -> None:
-        self._draw()
-        self._toggled()
-
-    def _give_up(self) -> None:
-        """Another screen shows something: the branches leave the view."""
-        self._ticked.value = False
-        self._draw()
-
-    def _draw(self) -> None:
-        for node in self._ghosts:
-            node.remove()
-        self._ghosts = []
-        if self._answer is None or not self.as_ghosts:
-            return
-        self._ghost.claim(self, self._give_up)
-        groups = same_place(self._robot, self._answer.verdicts[:_MOST_GHOSTS])
-        shown = [min(alike, key=lambda one: (bool(one.refused), not one.chosen)) for alike in groups]
-        places = self._label_places(np.array([one.branch.q for one in shown]))
-        for i, (alike, best, place) in enumerate(zip(groups, shown, places, strict=True)):
-            # each a little thicker than the one before: shared surfaces would flicker, or mix their colours
-            thicker = THICKER + i * _THICKER_EACH
-            color = _REFUSED if best.refused else _CHOSEN if best.chosen else _POSSIBLE
-            figure = ArmFigure(
-                self._scene, self._robot, f"/branches/{i}", color=color, opacity=_OPACITY, thicker=thicker
-            )
-            opening, part = self._ghost.held
-            figure.pose(best.branch.q, opening)
-            figure.carry(part)
-            words = ", ".join(one.label for one in alike)
-            self._ghosts += [figure.root, self._scene.add_label(f"/branches/label{i}", words, position=place)]
-
-    def _label_places(self, q: FloatArray) -> FloatArray:
-        """(k, 3) origins of the one frame at which the arms at ``q`` (k, n) [rad] are farthest apart [m]."""
-        points = self._robot.frames(q)[:, :, :3, 3]  # (k, frames, 3)
-        apart = np.linalg.norm(points[:, None] - points[None], axis=-1)  # (k, k, frames)
-        apart[np.arange(len(q)), np.arange(len(q))] = np.inf
-        return points[:, int(apart.min(axis=(0, 1)).argmax()) if len(q) > 1 else points.shape[1] // 2]

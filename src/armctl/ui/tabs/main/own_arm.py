@@ -58,6 +58,8 @@ _ASIDE = 1.1
 """how far beside the present arm the new one is drawn, times the longer reach of both"""
 _LOOK_AGAIN = 0.2
 """share by which that changes before the page looks anew"""
+_Pose = tuple[tuple[str, ...], list[float]]
+"""the joints that it is of, and their values as people count them"""
 
 
 @dataclass
@@ -65,10 +67,7 @@ class _Edits:
     """What was changed of a beginning; kept while lengths and rows change."""
 
     joints: dict[str, dict[str, Any]] = field(default_factory=dict[str, dict[str, Any]])
-    poses: dict[str, tuple[tuple[str, ...], list[float]]] = field(
-        default_factory=dict[str, tuple[tuple[str, ...], list[float]]]
-    )
-    """by name: the joints they are of, and the angles [degrees]"""
+    poses: dict[str, _Pose] = field(default_factory=dict[str, _Pose])
     floor_mm: float | None = None
     gripper: str | None = None
     """the text of its channel; empty: there is none"""
@@ -113,7 +112,6 @@ class OwnArm:
         self._named = "my_arm"
         """the file name that follows from the title"""
         gui = session.gui
-        self._gui = gui
         self._intro = LiveHtml(gui, muted(_INTRO))
         self._begin = gui.add_button("New arm", icon=viser.Icon.PLUS)
         self._box = gui.add_folder("New arm", visible=False)
@@ -136,28 +134,17 @@ class OwnArm:
                 self._add_joint_fields(gui)
                 self._poses = gui.add_button_group("Take the pose drawn as", ("home", "rest"))
             with steps.add_tab("3 Save"):
-                self._title = gui.add_text("Title", "My arm")
-                self._name = gui.add_text("File name", self._named)
-                self._floor = NumberField(gui, "Floor mm", 0.0, hint="Height of the floor in the base frame.")
-                self._gripper = gui.add_text("Gripper channel", "", hint=_GRIPPER_HINT)
-                self._save = gui.add_button("Save and open", icon=viser.Icon.DEVICE_FLOPPY, color="green")
-                session.needs(None, self._save, also=lambda _: self._wrong)
-                download = gui.add_button("Download robot file", icon=viser.Icon.DOWNLOAD, color="gray")
+                self._add_save_fields(gui)
             cancel = gui.add_button("Discard", color="gray")
         self._lengths: dict[str, NumberField] = {}
         self._fill_lengths()
         session.on(self._begin.on_click, self._on_begin)
         session.on(self._kind.on_update, self._on_kind)
-        session.on(self._title.on_update, self._on_title)
-        for handle in (self._name, self._convention, self._rows):
+        for handle in (self._convention, self._rows):
             session.on(handle.on_update, self._show)
         for choice in (self._motors, self._hand):
             session.on(choice.on_update, self._on_figure)
-        session.on(self._floor.handle.on_update, self._on_floor)
-        session.on(self._gripper.on_update, self._on_gripper)
         session.on(self._poses.on_click, self._on_pose)
-        session.on(self._save.on_click, self._on_save)
-        session.on(download.on_click, self._on_download)
         session.on(cancel.on_click, self._end)
         session.on_theme(self._draw_anew)
 
@@ -178,10 +165,23 @@ class OwnArm:
             session.on(one.handle.on_update, self._on_joint_field)
         session.on(self._channel.on_update, self._on_joint_field)
 
-    # The draft.
+    def _add_save_fields(self, gui: viser.GuiApi) -> None:
+        session = self._session
+        self._title = gui.add_text("Title", "My arm")
+        self._name = gui.add_text("File name", self._named)
+        self._floor = NumberField(gui, "Floor mm", 0.0, hint="Height of the floor in the base frame.")
+        self._gripper = gui.add_text("Gripper channel", "", hint=_GRIPPER_HINT)
+        save = gui.add_button("Save and open", icon=viser.Icon.DEVICE_FLOPPY, color="green")
+        session.needs(None, save, also=lambda _: self._wrong)
+        download = gui.add_button("Download robot file", icon=viser.Icon.DOWNLOAD, color="gray")
+        session.on(self._title.on_update, self._on_title)
+        session.on(self._name.on_update, self._show)
+        session.on(self._floor.handle.on_update, self._on_floor)
+        session.on(self._gripper.on_update, self._on_gripper)
+        session.on(save.on_click, self._on_save)
+        session.on(download.on_click, self._on_download)
 
     def _draft(self) -> Draft:
-        """What the fields say. Raises ``ArmctlError``."""
         name, title, kind = self._name.value.strip(), self._title.value.strip(), self._kind.value
         if kind == _COPY:
             present = robot_path(self._session.robots.present.name)
@@ -205,8 +205,7 @@ class OwnArm:
             solver = robot.inverse_kinematics
         except ArmctlError as refusal:
             self._wrong = str(refusal)
-            each = refusal.each or (refusal,)
-            self._status.show("".join(refused(sentence(str(one))) for one in each))
+            self._status.show("".join(refused(sentence(str(one))) for one in refusal.each or (refusal,)))
             return
         self._wrong = None
         how = (
@@ -220,7 +219,8 @@ class OwnArm:
             + ("" if note is None else warned(sentence(f"the tool axis: {note.what}; {note.mend}")))
         )
         shown = self._robot
-        if shown is None or _drawn(robot) != _drawn(shown):
+        drawn = (robot.chain, robot.gripper, robot.look, robot.floor_z)
+        if shown is None or drawn != (shown.chain, shown.gripper, shown.look, shown.floor_z):
             self._draw(robot)
         self._robot = robot
         if tuple(self._joint.options) != robot.joint_names:
@@ -232,7 +232,7 @@ class OwnArm:
     def _pose_of(self, robot: Robot) -> FloatArray:
         """(n,) the pose that is drawn [rad]; it may be outside the limits, which are being sought."""
         home = zip(robot.joint_names, robot.shown(robot.pose("home")).tolist(), strict=True)
-        return np.radians(np.array([self._q.get(name, angle) for name, angle in home]))
+        return robot.read([self._q.get(name, angle) for name, angle in home])
 
     def _draw(self, robot: Robot) -> None:
         self._erase()
@@ -254,13 +254,9 @@ class OwnArm:
             self._figure.root.remove()
             self._figure = None
 
-    # Clicks.
-
     def _on_begin(self) -> None:
         self._form_shown(True)
-        self._fill_last_step()
-        self._show()
-        self._fill_joint()
+        self._fill()
 
     def _end(self) -> None:
         if self._figure is not None:
@@ -281,9 +277,7 @@ class OwnArm:
         self._lengths_box.visible = kind in _BEGINNINGS
         self._rows_box.visible = kind == _ROWS
         self._fill_lengths()
-        self._fill_last_step()
-        self._show()
-        self._fill_joint()
+        self._fill()
 
     def _on_title(self) -> None:
         """The file name follows the title, until somebody types another one."""
@@ -292,14 +286,16 @@ class OwnArm:
             self._named = self._name.value = name
         self._show()
 
-    def _fill_last_step(self) -> None:
-        """Show floor and gripper of what is begun with."""
+    def _fill(self) -> None:
+        """Show what is begun with."""
         try:
             table = cast("dict[str, dict[str, Any]]", self._draft().table)
         except ArmctlError:  # told by ``_show``
             table = {}
         self._floor.fill(float(table.get("floor", {}).get("z_mm", 0.0)))
         self._gripper.value = str(table.get("gripper", {}).get("servo", {}).get("channel", ""))
+        self._show()
+        self._fill_joint()
 
     def _fill_lengths(self) -> None:
         for one in self._lengths.values():
@@ -310,37 +306,35 @@ class OwnArm:
         self._meanings.show(folded("What the lengths mean", words))
         with self._lengths_box:
             for length in () if build is None else build.lengths:
-                number = NumberField(
-                    self._gui, f"{length.title} mm", length.usual_mm, hint=sentence(length.meaning)
-                )
+                hint = sentence(length.meaning)
+                number = NumberField(self._session.gui, f"{length.title} mm", length.usual_mm, hint=hint)
                 self._session.on(number.handle.on_update, self._show)
                 self._lengths[length.key] = number
 
     def _fill_joint(self) -> None:
-        """Show the numbers of the joint that is chosen."""
         self._edits.unread.pop("joint", None)
         robot = self._robot
         if robot is None or self._joint.value not in robot.joint_names:
             return
         k = robot.joint_names.index(self._joint.value)
-        low, high = np.degrees(robot.limits[k]).tolist()
-        self._low.fill(low)
-        self._high.fill(high)
-        self._speed.fill(float(np.degrees(robot.joints[k].speed)))
+        joint = robot.joints[k]
+        self._low.fill(joint.shown(joint.lower))
+        self._high.fill(joint.shown(joint.upper))
+        self._speed.fill(joint.shown(joint.speed))
         outputs = robot.output_map
         servo = self._edits.joints.get(self._joint.value, {}).get("servo")
         if servo is not None:
             channel, zero, scale = servo["channel"], servo["zero_us"], servo["us_per_deg"]
         elif outputs is not None:
             channel, zero = outputs.channels[k], float(outputs.zero[k])
-            scale = float(np.radians(outputs.per_rad[k]))
+            scale = joint.read(float(outputs.per_rad[k]))  # a degree's share of a radian's
         else:
             channel, zero, scale = "", 1500.0, 10.0
         self._channel.value = str(channel)
         self._zero.fill(zero)
         self._scale.fill(scale)
         self._servo_shown = self._servo_texts()
-        self._angle.value = float(np.clip(np.degrees(self._pose_of(robot)[k]), -180.0, 180.0))
+        self._angle.value = min(max(joint.shown(float(self._pose_of(robot)[k])), -180.0), 180.0)
 
     def _servo_texts(self) -> tuple[str, str, str]:
         return self._channel.value, self._zero.text, self._scale.text
@@ -368,7 +362,6 @@ class OwnArm:
             self._edits.unread[what] = unread
 
     def _joint_entries(self) -> dict[str, Any]:
-        """What the fields of the joint that is chosen say. Raises ``InputError``."""
         joint, robot = self._joint.value, self._robot
         entries = dict(self._edits.joints.get(joint, {}))
         entries["limit_deg"] = [self._low.value, self._high.value]
@@ -386,12 +379,9 @@ class OwnArm:
                 raise InputError(f"Servo channel: {channel:g} is no whole number")
             zero, scale = self._zero.value, self._scale.value
             reached = sorted(zero + scale * angle for angle in entries["limit_deg"])
-            entries["servo"] = {
-                "channel": int(channel),
-                "zero_us": zero,
-                "us_per_deg": scale,
-                "pulse_us": [np.floor(reached[0]), np.ceil(reached[1])],
-            }
+            pulse = [np.floor(reached[0]), np.ceil(reached[1])]
+            servo = {"channel": int(channel), "zero_us": zero, "us_per_deg": scale, "pulse_us": pulse}
+            entries["servo"] = servo
         else:
             entries["servo"] = None
         return entries
@@ -413,7 +403,7 @@ class OwnArm:
         if self._robot is None:
             raise InputError("there is no arm yet whose pose could be taken")
         q = self._robot.check_limits(self._pose_of(self._robot))
-        self._edits.poses[self._poses.value] = (self._robot.joint_names, np.degrees(q).tolist())
+        self._edits.poses[self._poses.value] = (self._robot.joint_names, self._robot.shown(q).tolist())
         self._show()
         self._session.notify("New arm", f"The pose drawn is its {self._poses.value} pose now.")
 
@@ -437,19 +427,11 @@ class OwnArm:
         await session.change_robot(choice.name)
 
 
-def _drawn(robot: Robot) -> tuple[object, ...]:
-    """What its drawing depends on."""
-    return robot.chain, robot.gripper, robot.look, robot.floor_z
-
-
-_SEPARATORS = re.compile(r"[,;\s]+")
-
-
 def rows_of(text: str) -> list[dict[str, object]]:
     """DH rows of lines ``a alpha d theta joint`` [mm, degrees]. Raises ``InputError`` with the line."""
     rows: list[dict[str, object]] = []
     for number, line in enumerate(text.splitlines(), 1):
-        parts = [part for part in _SEPARATORS.split(line.partition("#")[0].strip()) if part]
+        parts = line.partition("#")[0].replace(",", " ").replace(";", " ").split()
         if not parts:
             continue
         if len(parts) not in (4, 5):

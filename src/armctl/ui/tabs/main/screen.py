@@ -29,13 +29,11 @@ from armctl.protocol import (
 )
 from armctl.protocol.commands import LONGEST_NAME
 from armctl.robot import Robot
-from armctl.ui.console import PortChoice
-from armctl.ui.port_watch import PortWatch
+from armctl.ui.console import PortChoice, PortWatch
 from armctl.ui.session import Disableable, Session
-from armctl.ui.tabs.main.boards import RobotChooser, board_html, homing_html, ports_html
+from armctl.ui.tabs.main.boards import RobotChooser, board_html, homing_html, of_own_arm, ports_html
 from armctl.ui.tabs.main.own_arm import OwnArm
 from armctl.ui.tabs.main.urdf_arm import UrdfArm
-from armctl.ui.tabs.main.which_joint import of_own_arm
 from armctl.ui.widgets.html import GOOD, LiveHtml, muted, numbers
 
 # Who operates the arm: names, taking control, locking it.
