@@ -13,11 +13,15 @@ _READING = {
     *("partition", "rpartition", "split", "startswith", "endswith", "removeprefix", "removesuffix"),
     *("replace", "find", "index", "count"),
 }
-_SENTENCES = {"refusal", "cause", "error", "exc", "finding", "warning", "message"}
+_SENTENCES = {
+    *("refusal", "cause", "error", "exc", "finding", "warning", "message"),
+    *("failed", "failure", "reason", "why", "explanation"),
+}
 """what is called so is an error, a finding or a sentence of one"""
+_LISTS = {"_what", "_kind", "_which", "_motion", "_choice", "choice", "_list"}
+"""what dropdowns are called: their labels are for people"""
 KNOWN = {
     "decoding.py": "msgspec tells what is wrong with a document in words alone",
-    "cli/programs.py": "whether a finding names the file already",
     "protocol/snapshot.py": "whether the cause of a state tells a warning already",
     "robot/urdf/arm.py": "whether a refusal names the file already",
     "ui/tabs/main/urdf_arm.py": "a folder that the user never named is taken out of a refusal",
@@ -32,8 +36,10 @@ def _is_sentence(node: ast.expr) -> bool:
         and node.func.id in ("str", "say", "what")
     ):
         return any(isinstance(one, ast.Name) and one.id in _SENTENCES for one in node.args)
+    if isinstance(node, ast.Attribute) and node.attr == "value":  # the label that is chosen from a list
+        return isinstance(node.value, ast.Attribute) and node.value.attr in _LISTS
     if isinstance(node, ast.Attribute):
-        return node.attr in ("cause", "warnings", "explanation")
+        return node.attr in ("cause", "warnings", "explanation", "errors")
     return isinstance(node, ast.Name) and node.id in _SENTENCES
 
 
@@ -59,6 +65,9 @@ def test_the_search_finds_what_it_is_for() -> None:
         'cause.partition("; ")',
         'snapshot.cause.startswith("stopped")',
         "text not in self.cause",
+        '"home again" in failed',
+        'self._what.value.removeprefix("go to ")',
+        'str(refusal).replace(f"{place}/", "").replace(str(place), name)',
     ]
     assert all(list(readings(one)) for one in found)
     assert not list(readings('str(path).replace("a", "b"); name.startswith("x"); "a" in names'))

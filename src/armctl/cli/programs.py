@@ -64,9 +64,10 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
     left_out: tuple[str, ...] = ()
     counted = list[str]()
     sound = f"a sound {kind}"
+    opens = kind == "robot"  # what refuses to open the file names it
     try:
         if kind == "robot":
-            arm = load_whole(file)
+            arm, opens = load_whole(file), False
             assumed, left_out = arm.assumed, arm.left_out
             if left_out:
                 sound = f"sound as an arm of {arm.n} joint{'s' * (arm.n > 1)}, without {', '.join(left_out)}"
@@ -74,7 +75,8 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
             findings = list(_check_robot(arm))
         else:
             given = None if robot is None else load_whole(robot)
-            program = open_program(file, given)
+            opens = True
+            program, opens = open_program(file, given), False
             arm = given or load_whole(program.robot)
             findings = check_on_terminal(program, arm)
         unknown = tuple(one.text for one in not_checked(arm))
@@ -99,8 +101,7 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
         for line in (*lines, *(f"not checked: {text}" for text in unknown)):
             click.echo(f"{file}: {line}")
     for finding in findings:
-        named = str(file).partition("#")[0] in str(finding)
-        text = str(finding) if named else f"{file}: {finding}"
+        text = str(finding) if opens else f"{file}: {finding}"
         click.echo(f"armctl: {'' if finding.severity == 'error' else 'warning: '}{text}", err=True)
     return REFUSED if errors else DONE
 

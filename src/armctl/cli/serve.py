@@ -123,8 +123,7 @@ def serve(
         finally:
             progress.end()
     present = RobotChoice(robot, console.robot.title)
-    robots = RobotSwitch(console, present, _robot_choices(present), open_console)
-    switches.append(robots)
+    switches.append(robots := RobotSwitch(console, present, _robot_choices(present), open_console))
     try:
         app = App(robots, server)
         try:

@@ -95,6 +95,7 @@ class Readback:
     # What its other pins are at, by the names that people call them: 0 or 1, or a share 0 ... 1.
     inputs: Mapping[str, float] = field(default_factory=dict[str, float])
     outputs: Mapping[str, float] = field(default_factory=dict[str, float])
+    home_again: bool = False  # ``errors`` or ``faults`` tell already to home the arm
 
 
 class Driver(Protocol):

@@ -62,6 +62,8 @@ class Reading:
     """whether the gripper's output is on; None: the board does not say"""
     apart: FloatArray = field(default_factory=lambda: np.zeros(0))
     """(n,) how far two motors of a joint are apart [rad]; 0 where it has one, or they are not known"""
+    home_again: bool = False
+    """``errors`` tell already to home the arm"""
 
 
 class Board:
@@ -189,6 +191,7 @@ class Board:
             back.outputs,
             gripper_on,
             apart,
+            back.home_again,
         )
 
     def _quantities(self, back: Readback) -> dict[str, Quantities]:

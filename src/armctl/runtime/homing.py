@@ -119,6 +119,6 @@ class Homing(Activity):
             missing = [self._board.title(channel) for channel, homed in homing.homed.items() if not homed]
             failed = "; ".join(reading.errors) or f"{', '.join(missing)} did not find a zero"
         if failed:
-            again = "" if "home again" in failed else "; see to that and home again"
+            again = "" if reading.home_again else "; see to that and home again"
             self.error = BoardError(f"homing ended before every axis had its zero: {failed}{again}")
             self._done = True

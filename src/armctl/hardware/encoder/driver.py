@@ -19,6 +19,7 @@ from armctl.hardware.board_type import (
 from armctl.hardware.driver import BoardIdentity, ChannelSettings, HomingState, Readback, Source
 from armctl.hardware.encoder.axes import AxisTable, EncoderSettings
 from armctl.hardware.encoder.messages import (
+    HOMED_AGAIN,
     PROTOCOL,
     RESET_FLAGS,
     Banner,
@@ -186,6 +187,7 @@ class EncoderDriver:
             asked=asked,
             lost=lost,
             delay_s=delay_s,
+            home_again=reset is not None or any(fault & HOMED_AGAIN for fault in status.faults),
         )
 
     def stop(self) -> None:

@@ -106,6 +106,8 @@ class BoardFlag(IntFlag):
     LATE = 32
 
 
+HOMED_AGAIN = FaultKind.HOMING | FaultKind.LIMIT | FaultKind.LOST
+"""faults whose words say to home again"""
 RESET_FLAGS = {
     "brownout": BoardFlag.BROWN_OUT,
     "unexpected": BoardFlag.INTERRUPTED,

@@ -57,8 +57,8 @@ class TwinControl:
         """a twin moves, or is about to: its motion is being planned"""
         self._newest = Newest()
         gui = session.gui
-        poses = tuple(f"go to {name}" for name in self._robot.poses)
-        self._what = gui.add_dropdown("Rehearse", (_PROGRAM, *poses), initial_value=_PROGRAM)
+        self._poses = {f"go to {name}": name for name in self._robot.poses}
+        self._what = gui.add_dropdown("Rehearse", (_PROGRAM, *self._poses), initial_value=_PROGRAM)
         start = gui.add_button("Run on the twin only", icon=viser.Icon.PLAYER_PLAY)
         stop = gui.add_button("Stop twin", color="gray", icon=viser.Icon.PLAYER_STOP)
         self._text = LiveHtml(gui, _IDLE)
@@ -157,7 +157,7 @@ class TwinControl:
     def _chosen(self) -> tuple[Robot, Program | str, FloatArray, float | None]:
         """The arm as it is, what is to be rehearsed, from where, and how far the gripper is open."""
         snapshot, program = self._session.snapshot, self._session.console.shared(SharedProgram).program
-        chosen = program if self._what.value == _PROGRAM else self._what.value.removeprefix("go to ")
+        chosen = self._poses.get(self._what.value, program)
         if (why := self._no_steps()) is not None:
             raise StateError(why)
         return self._session.held, chosen, snapshot.q_command, snapshot.gripper
