@@ -16,19 +16,25 @@ from armctl.facts.reasons import (
     MotionEndsMoving,
     Need,
     NeedsAngle,
+    NoSteps,
+    NotHomed,
     NotNow,
     OnCurve,
+    OtherRobot,
     Overload,
     PitchDecided,
     RateLimit,
     Reason,
+    ShownSoFar,
     Singular,
     SingularStart,
     SpeedJump,
     StandsOutside,
     State,
+    ToDo,
     TooFewJoints,
     Unanswered,
+    UnmatchedBlock,
     WrongUnit,
     decimals_apart,
     degrees_apart,
@@ -36,13 +42,22 @@ from armctl.facts.reasons import (
 
 _BY_HULLS = ", by convex hulls"
 """what is said of parts that are fitted to shapes: the shapes themselves may be hollow there"""
-HOME_FIRST = "press Homing (every axis moves to its switch)"
+_HOME_FIRST = "press Homing (every axis moves to its switch)"
 AT, STEP, MORE = "at {:.{}f} s, ", "step {}: ", " (and {} more)"
 STATES = {state: state.value for state in State}
 WRONG_UNIT = (
     "a wrong unit? Robot and armctl.motion count in metres and radians; Arm, programs, pages and the command "
     "line in millimetres and degrees"
 )
+_TO_DO = {
+    "other pose": "choose another pose to enable in",
+    "support and enable": "support the arm, release it (it drops) and enable again",
+    "turn back": "release it and turn it back by hand, or press Homing",
+}
+_UNMATCHED = {
+    "end": "'end' without a 'repeat' before it; delete it, or add the 'repeat'",
+    "repeat": "this 'repeat' has no 'end'; add one behind the last step to repeat",
+}
 _ALLOWS_OFF = (Need.OFF, Need.OFF_OR_HOLDING)
 
 
@@ -208,7 +223,7 @@ def _state(one: NotNow) -> str:
     if one.state is State.DISCONNECTED:
         return f"disconnected; connect {'first' if one.need in _ALLOWS_OFF else 'and enable first'}"
     if one.state is State.OFF:
-        return f"off; {'enable first' if one.homed else HOME_FIRST}"
+        return f"off; {'enable first' if one.homed else _HOME_FIRST}"
     if moves and one.stopping:
         return "stopping; wait until it stands"
     if moves and one.need is Need.PAUSE and one.doing:
@@ -227,6 +242,12 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     AngleLimit: _angle,
     StandsOutside: _stands,
     WrongUnit: lambda _: WRONG_UNIT,
+    ToDo: lambda one: _TO_DO[one.what],
+    NotHomed: lambda _: f"the arm does not know where it is yet; {_HOME_FIRST}",
+    OtherRobot: lambda one: f"it is for the robot {one.made_for!r}, this one is {one.this!r}",
+    NoSteps: lambda _: "it has no steps",
+    UnmatchedBlock: lambda one: _UNMATCHED[one.marker],
+    ShownSoFar: lambda _: "the motion shown ends there",
     RateLimit: _rate,
     SpeedJump: _jump,
     MotionEndsMoving: lambda one: f"the motion {one.end} at {math.degrees(one.speed):.2f} °/s",

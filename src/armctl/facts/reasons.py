@@ -153,6 +153,44 @@ class Found(Reason):
 
 
 @dataclass(frozen=True, slots=True)
+class ToDo(Reason):
+    """What to do about the reason ahead of it, where that was met."""
+
+    what: Literal["other pose", "support and enable", "turn back"]
+
+
+@dataclass(frozen=True, slots=True)
+class NotHomed(Reason):
+    """An arm that does not know where it is before it is homed."""
+
+
+@dataclass(frozen=True, slots=True)
+class OtherRobot(Reason):
+    """A program that was made for another robot."""
+
+    made_for: str
+    """names of robots"""
+    this: str
+
+
+@dataclass(frozen=True, slots=True)
+class NoSteps(Reason):
+    """A program with nothing in it."""
+
+
+@dataclass(frozen=True, slots=True)
+class UnmatchedBlock(Reason):
+    """A marker of a block whose other marker is missing."""
+
+    marker: Literal["repeat", "end"]
+
+
+@dataclass(frozen=True, slots=True)
+class ShownSoFar(Reason):
+    """A motion that is shown only as far as it can be planned."""
+
+
+@dataclass(frozen=True, slots=True)
 class AngleLimit(Reason):
     """A joint, or an angle between links, beyond its limits [rad]."""
 

@@ -16,19 +16,25 @@ from armctl.facts.reasons import (
     MotionEndsMoving,
     Need,
     NeedsAngle,
+    NoSteps,
+    NotHomed,
     NotNow,
     OnCurve,
+    OtherRobot,
     Overload,
     PitchDecided,
     RateLimit,
     Reason,
+    ShownSoFar,
     Singular,
     SingularStart,
     SpeedJump,
     StandsOutside,
     State,
+    ToDo,
     TooFewJoints,
     Unanswered,
+    UnmatchedBlock,
     WrongUnit,
     decimals_apart,
     degrees_apart,
@@ -53,6 +59,15 @@ _NEEDS = {
     Need.HOLDING_SOME: "en az birkaç eklemiyle konumunu korumalı",
 }
 _HOME_FIRST = "Homing düğmesine basın (her eksen sıfırına gider)"
+_TO_DO = {
+    "other pose": "etkinleştirmek için başka bir duruş seçin",
+    "support and enable": "kolu destekleyin, serbest bırakın (düşer) ve yeniden etkinleştirin",
+    "turn back": "serbest bırakıp elle geri çevirin ya da Homing düğmesine basın",
+}
+_UNMATCHED = {
+    "end": "bu 'end' öncesinde 'repeat' yok; silin ya da 'repeat' ekleyin",
+    "repeat": "bu 'repeat' için 'end' yok; yinelenecek son adımın arkasına bir tane ekleyin",
+}
 _WRONG_UNIT = (
     "birim yanlış mı? Robot ve armctl.motion metre ve radyan ile; Arm, programlar, sayfalar ve komut "
     "satırı milimetre ve derece ile sayar"
@@ -246,6 +261,12 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     AngleLimit: _angle,
     StandsOutside: _stands,
     WrongUnit: lambda _: _WRONG_UNIT,
+    ToDo: lambda one: _TO_DO[one.what],
+    NotHomed: lambda _: f"kol nerede olduğunu henüz bilmiyor; {_HOME_FIRST}",
+    OtherRobot: lambda one: f"{one.made_for!r} robotu için yazılmış, bu ise {one.this!r}",
+    NoSteps: lambda _: "hiç adımı yok",
+    UnmatchedBlock: lambda one: _UNMATCHED[one.marker],
+    ShownSoFar: lambda _: "gösterilen hareket orada bitiyor",
     RateLimit: _rate,
     SpeedJump: lambda one: f"hareketin iki parçası arasında hızı {math.degrees(one.jump):.2f} °/s sıçrıyor",
     MotionEndsMoving: lambda one: (

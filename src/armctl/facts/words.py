@@ -111,6 +111,11 @@ def state_words(state: State, language: str | None = None) -> str:
     return _table(language).states[state]
 
 
+def capitals(text: str, language: str | None = None) -> str:
+    """A text in capitals: in Turkish that of i has its dot."""
+    return (text.replace("i", "İ") if (language or preferred()) == "tr" else text).upper()
+
+
 # Reasons as plain records, for JSON and for other processes.
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.documents import Document
 from armctl.errors import ArmctlError
-from armctl.facts import Reason, Said
+from armctl.facts import NoSteps, OtherRobot, Reason
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import sources
 from armctl.motion.preflight import Finding, isotropy_of, passes, preflight
@@ -45,13 +45,13 @@ def check_program(
     """
     findings: list[Finding] = []
     if program.robot != robot.name:
-        findings.append(Finding(Said(f"it is for the robot {program.robot!r}, this one is {robot.name!r}")))
+        findings.append(Finding(OtherRobot(program.robot, robot.name)))
     if not program.steps:
-        findings.append(Finding(Said("it has no steps")))
+        findings.append(Finding(NoSteps()))
     wrong = dict(_value_findings(program, robot))
     broken = Blocks.of(program.steps).findings
     in_steps = [Finding(why, step=index) for index, why in wrong.items()]
-    in_steps += [Finding(Said(what), step=index) for index, what in broken]
+    in_steps += [Finding(why, step=index) for index, why in broken]
     if motions and not broken:
         begin = None if start is None else robot.chain.checked(start)
         walk = _Walk(program, robot, wrong, payload_kg)

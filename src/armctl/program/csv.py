@@ -126,8 +126,8 @@ def read_csv(text: bytes | str, robot: Robot, name: str = "untitled") -> Program
         steps = (CommentStep(note="; ".join(table.told)), *steps)
     if not found:
         raise ProgramError("the file has no rows below its head")
-    for index, what in Blocks.of(steps).findings:
-        raise ProgramError(f"line {found[index][0]}: {what}")
+    for index, why in Blocks.of(steps).findings:
+        raise ProgramError(why).about(f"line {found[index][0]}")
     return Program(robot=robot.name, name=name, steps=steps)
 
 

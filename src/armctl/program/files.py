@@ -15,6 +15,7 @@ import tomli_w
 from armctl.arrays import FloatArray
 from armctl.documents import Document, as_path, not_written, write_atomically
 from armctl.errors import ArmctlError, Errors, ProgramError
+from armctl.facts import say
 from armctl.program.check import check_program
 from armctl.program.csv import read_csv
 from armctl.program.keys import literal
@@ -138,8 +139,8 @@ def _decoded(document: Document) -> Program:
     if written != []:
         steps = document.decoded(tuple[any_step(), ...], errors, ("steps",))
     errors.raise_all()
-    for index, what in Blocks.of(steps).findings:
-        errors.found.append(document.refusal(what, ("steps", index)))
+    for index, why in Blocks.of(steps).findings:
+        errors.found.append(document.refusal(say(why), ("steps", index)))
     errors.raise_all()
     return Program(robot=head.robot, name=head.name, steps=steps)
 

@@ -12,6 +12,7 @@ import msgspec
 
 from armctl.documents import DocumentKind
 from armctl.errors import InputError, ProgramError
+from armctl.facts import UnmatchedBlock
 from armctl.program.base_steps import Step
 from armctl.program.steps import MOST_REPEATS, AnyStep, EndStep, RepeatStep
 
@@ -40,7 +41,7 @@ class Blocks:
     """index of a marker to that of the one it belongs to, both ways"""
     depths: Sequence[int]
     """for each step how many blocks are around it; a block's markers are as deep as what is around it"""
-    findings: Sequence[tuple[int, str]]
+    findings: Sequence[tuple[int, UnmatchedBlock]]
     """markers without the other one: (index of the step, what is wrong), in the order of the steps"""
 
     @classmethod
@@ -48,7 +49,7 @@ class Blocks:
         """Match the markers of some steps."""
         partners: dict[int, int] = {}
         depths: list[int] = []
-        findings: list[tuple[int, str]] = []
+        findings: list[tuple[int, UnmatchedBlock]] = []
         begun: list[int] = []
         for index, step in enumerate(steps):
             if isinstance(step, EndStep):
@@ -56,20 +57,19 @@ class Blocks:
                     begin = begun.pop()
                     partners[begin], partners[index] = index, begin
                 else:
-                    what = "'end' without a 'repeat' before it; delete it, or add the 'repeat'"
-                    findings.append((index, what))
+                    findings.append((index, UnmatchedBlock("end")))
             depths.append(len(begun))
             if isinstance(step, RepeatStep):
                 begun.append(index)
-        what = "this 'repeat' has no 'end'; add one behind the last step to repeat"
-        return cls(partners, depths, sorted([*findings, *((index, what) for index in begun)]))
+        findings += [(index, UnmatchedBlock("repeat")) for index in begun]
+        return cls(partners, depths, sorted(findings, key=lambda finding: finding[0]))
 
     @classmethod
     def matched(cls, steps: Sequence[Step]) -> Self:
         """The same; a ProgramError names the first ``repeat`` without an ``end``, or the reverse."""
         found = cls.of(steps)
-        for index, what in found.findings:
-            raise ProgramError(f"step {index + 1}: {what}")
+        for index, why in found.findings:
+            raise ProgramError(why).about(f"step {index + 1}")
         return found
 
     def whole(self, index: int) -> tuple[int, int]:

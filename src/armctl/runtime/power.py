@@ -17,8 +17,7 @@ from armctl.errors import (
     StateError,
     out_of_range,
 )
-from armctl.facts import Need, Said, Several, StandsOutside
-from armctl.facts.english import HOME_FIRST
+from armctl.facts import Need, NotHomed, Several, StandsOutside, ToDo
 from armctl.hardware import Source
 from armctl.hardware.boards import board_type
 from armctl.kinematics import Chain
@@ -35,12 +34,6 @@ ADOPT_TOLERANCE_RAD = np.radians(0.25)
 """how far outside a limit a joint may stand when it is taken over, and two readings may differ"""
 _ADOPT_TOLERANCE_STEPS = 1.5
 """the same in steps of the board, where these are coarser: an encoder at rest wavers by a count"""
-_DROP_AND_ENABLE = "support the arm, release it (it drops) and enable again"
-_BACK_INSIDE = {
-    Source.COMMANDED: _DROP_AND_ENABLE,
-    Source.TRANSMITTED: _DROP_AND_ENABLE,
-    Source.MEASURED: "release it and turn it back by hand, or press Homing",
-}
 _SAY_WHERE = (
     "Say where it stands: in Control, with armctl run --pose last (or a named pose, or joint angles in "
     'degrees), or with arm.enable(pose="last")'
@@ -70,7 +63,7 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         raise InputError(f"an opening of {out_of_range(100 * command.opening, 0, 100, '%')}")
     reading = _where_it_is(core, board, now)
     if reading.homing is not None and not reading.homing.done:
-        raise EnableError(f"the arm does not know where it is yet; {HOME_FIRST}")
+        raise EnableError(NotHomed())
     # Only what is measured says where a joint stands that is off.
     live = ~np.isnan(reading.q) & (reading.on | (reading.source is Source.MEASURED))
     if not (live.all() or wanted is not None or board.identity.simulated):
@@ -78,7 +71,7 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         raise EnableError(f"nobody knows where the arm is{known}: {board.power} are off. {_SAY_WHERE}")
     start = taken_over(core, board, np.where(live, reading.q, goal))
     if not live.all() and (touch := touching(core.around, core.robot, start)) is not None:
-        raise MotionRefusedError(Several((touch, Said("choose another pose to enable in"))))
+        raise MotionRefusedError(Several((touch, ToDo("other pose"))))
     if wanted is not None and live.any() and (np.abs(start - goal) > _tolerance(board)).any():
         core.log.warn("enabled where the arm stands, not in the pose asked for: move there now")
     opening = reading.opening
@@ -382,11 +375,16 @@ def taken_over(core: Core, board: Board, q: FloatArray) -> FloatArray:
     if outside[i] > 0:
         joint = core.robot.joints[i]
         reason = StandsOutside(joint.title, float(q[i]), joint.lower, joint.upper)
-        raise EnableError(Several((reason, Said(_BACK_INSIDE[core.monitor.reading.source]))))
+        raise EnableError(Several((reason, _back_inside(core))))
     q = np.clip(_links_turned_back(core.robot.chain, np.clip(q, low, high), _tolerance(board)), low, high)
     if beyond := core.robot.turns_beyond(q):
-        raise EnableError(Several((*beyond, Said(_BACK_INSIDE[core.monitor.reading.source]))))
+        raise EnableError(Several((*beyond, _back_inside(core))))
     return q
+
+
+def _back_inside(core: Core) -> ToDo:
+    measured = core.monitor.reading.source is Source.MEASURED
+    return ToDo("turn back" if measured else "support and enable")
 
 
 def _links_turned_back(chain: Chain, q: FloatArray, tolerance: FloatArray) -> FloatArray:

@@ -10,7 +10,8 @@ import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
-from armctl.facts import Need, State
+from armctl.facts import Need, State, state_words
+from armctl.facts.words import capitals
 from armctl.hardware.boards import board_type
 from armctl.kinematics import roll_pitch_yaw
 from armctl.protocol import ClearFault, Pause, Release, Resume, SetSpeed, Snapshot, TakeControl
@@ -140,7 +141,7 @@ class ControlPanel:
         watching = f" · {count} watching" if count else ""
         source = session.console.last_known.words(snapshot, session.console.robot.board)
         lines = [
-            f"<div style='{_BADGE}{_COLORS[snapshot.state]}'>{snapshot.state.value.upper()}</div>",
+            f"<div style='{_BADGE}{_COLORS[snapshot.state]}'>{capitals(state_words(snapshot.state))}</div>",
             limited(session.with_names(snapshot.cause), most, "opacity:.75") if snapshot.cause else "",
             f"<div>Operator: <b>{escape(session.operator)}</b>{watching}</div>",
             f"<div>Position shown: <b>{source}</b></div>",

@@ -21,7 +21,7 @@ import numpy as np
 from armctl import __version__
 from armctl.arrays import FloatArray
 from armctl.errors import ProgramError
-from armctl.facts import Said, Several
+from armctl.facts import Several, ShownSoFar
 from armctl.motion.figure import color_of
 from armctl.motion.preflight import Finding, not_checked
 from armctl.program import Program
@@ -70,7 +70,7 @@ def program_file(
     broken = plan.broken
     told = broken and any(one.step == broken.index and one.severity == "error" for one in findings)
     if broken and broken.error is not None and not told:
-        why = Several((broken.error.reason, Said("the motion shown ends there")))
+        why = Several((broken.error.reason, ShownSoFar()))
         findings = [*findings, Finding(why, step=broken.index)]
     steps = [f"{step.title or step.kind} {step.describe()}" for step in program.steps]
     return twin_file(robot, program.name, plan, findings, steps, progress)
