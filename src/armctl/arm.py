@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, Self
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.boards import SIMULATED, board_name, calibrated_for
 from armctl.errors import InputError, MotionRefusedError, StateError
+from armctl.facts.angles import DEGREE, from_degrees, to_degrees
 from armctl.handles import ArmControls, JointStream, Motion
 from armctl.kinematics import Choice, Target, roll_pitch_yaw, rotation_of
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
@@ -318,9 +317,9 @@ class Arm(ArmControls):
         along a line such an arm keeps the orientation, another one its pitch and roll.
         """
         linear = _point((x_mm_s, y_mm_s, z_mm_s), "x_mm_s, y_mm_s, z_mm_s") / 1000
-        turn = np.radians(_point((rx_deg_s, ry_deg_s, rz_deg_s), "rx_deg_s, ry_deg_s, rz_deg_s"))
+        turn = _point((rx_deg_s, ry_deg_s, rz_deg_s), "rx_deg_s, ry_deg_s, rz_deg_s") * DEGREE
         pitch, roll = checked_number(pitch_deg_s, "pitch_deg_s"), checked_number(roll_deg_s, "roll_deg_s")
-        self._do(JogTool(linear, math.radians(pitch), math.radians(roll), frame, turn))
+        self._do(JogTool(linear, pitch * DEGREE, roll * DEGREE, frame, turn))
 
     def follow_target(
         self,
@@ -348,7 +347,7 @@ class Arm(ArmControls):
         orientation: Orientation | None,
     ) -> FloatArray | None:
         """``R_base_tool`` (3, 3) that is asked for, or the present one; None: neither."""
-        rpy = None if rpy_deg is None else np.radians(as_numbers(rpy_deg, "rpy_deg"))
+        rpy = None if rpy_deg is None else as_numbers(rpy_deg, "rpy_deg") * DEGREE
         asked = rotation_of(rpy, quaternion_wxyz)
         if orientation is None:
             return asked
@@ -393,9 +392,8 @@ class Arm(ArmControls):
 def _target(
     point_mm: FloatArray, pitch_deg: float | None, roll_deg: float | None, rotation: FloatArray | None
 ) -> Target:
-    asked = _optional(pitch_deg, "pitch_deg"), _optional(roll_deg, "roll_deg")
-    pitch, roll = (None if angle is None else math.radians(angle) for angle in asked)
-    return Target.of(point_mm / 1000, pitch, roll, rotation)
+    pitch = from_degrees(_optional(pitch_deg, "pitch_deg"))
+    return Target.of(point_mm / 1000, pitch, from_degrees(_optional(roll_deg, "roll_deg")), rotation)
 
 
 def _point(value: ArrayLike, what: str) -> FloatArray:
@@ -428,11 +426,11 @@ def _turned(
     orientation: TurnMode | None, rpy_deg: Sequence[float] | None, quaternion_wxyz: Sequence[float] | None
 ) -> dict[str, Any]:
     """The orientation of a line or an arc, checked."""
-    rpy = None if rpy_deg is None else np.radians(as_numbers(rpy_deg, "rpy_deg"))
+    rpy = None if rpy_deg is None else as_numbers(rpy_deg, "rpy_deg") * DEGREE
     rotation = rotation_of(rpy, quaternion_wxyz)
     turned: dict[str, Any] = {"orientation": orientation}
     if rotation is not None:
-        angles = np.degrees(roll_pitch_yaw(rotation)).tolist()
+        angles = to_degrees(roll_pitch_yaw(rotation)).tolist()
         turned |= zip(("rx_deg", "ry_deg", "rz_deg"), angles, strict=True)
     return turned
 

@@ -126,8 +126,6 @@ class _LogQueue(QueueHandler):
 
 
 class _Writer(QueueListener):
-    """The thread that writes."""
-
     def __init__(self, waiting: queue.Queue[logging.LogRecord | None], file: logging.Handler) -> None:
         super().__init__(waiting, file)
         self._waiting = waiting
@@ -146,7 +144,6 @@ class _LogFile(RotatingFileHandler):
         self._complained = False
 
     def _open(self) -> TextIOWrapper:
-        """Open the file, for this user alone."""
         opened = open(self.baseFilename, self.mode, encoding=self.encoding, opener=open_private)
         return cast("TextIOWrapper", opened)
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import click
 import msgspec
-import numpy as np
 
 from armctl.boards import board_name
 from armctl.calibration import (
@@ -45,6 +44,7 @@ from armctl.cli.options import (
 )
 from armctl.documents import not_written
 from armctl.errors import CalibrationError
+from armctl.facts.angles import DEGREE, to_degrees
 from armctl.protocol import wall_time
 from armctl.robot import Robot, is_urdf, load_robot
 
@@ -111,7 +111,6 @@ def gripper(robot: str, closed: float, opened: float, board: str | None, port: s
 
 
 def _in_force(arm: Robot, board: str | None, port: str | None) -> Calibration:
-    """What is in force for the board; an empty calibration where nothing is."""
     if board is not None and port is not None:
         raise click.UsageError("give --board or --port, not both")
     unit, store = own_map(arm).unit, CalibrationStore()
@@ -338,9 +337,9 @@ def _fit_record(arm: Robot, joint: str, found: JointFit) -> dict[str, object]:
         "joint": joint,
         "unit": own_map(arm).unit,
         "zero": found.zero,
-        "per_deg": float(np.radians(found.per_rad)),
-        "residuals_deg": rounded(np.degrees(found.residuals_rad)),
-        "rms_deg": float(np.degrees(found.rms_rad)),
+        "per_deg": found.per_rad * DEGREE,
+        "residuals_deg": rounded([to_degrees(one) for one in found.residuals_rad]),
+        "rms_deg": to_degrees(found.rms_rad),
         "wrong_marks": [] if found.suspect is None else [found.suspect + 1],
         "advice": found.advice,
         "safe_outputs": safe_outputs(arm, joint, found),
@@ -349,7 +348,6 @@ def _fit_record(arm: Robot, joint: str, found: JointFit) -> dict[str, object]:
 
 
 def _in_words(calibration: Calibration | None) -> str:
-    """Which parts were measured, and when."""
     if calibration is None:
         return "as in the robot file"
     joints = ", ".join(calibration.joints) or "no joint"
@@ -358,9 +356,8 @@ def _in_words(calibration: Calibration | None) -> str:
 
 
 def _lines(arm: Robot, calibration: Calibration) -> Iterator[str]:
-    """A line a joint, and one for the gripper."""
     for name, joint in calibration.joints.items():
-        line = f"{joint.zero:.2f} {calibration.unit} at 0°, {np.radians(joint.per_rad):+.4f} a degree"
+        line = f"{joint.zero:.2f} {calibration.unit} at 0°, {joint.per_rad * DEGREE:+.4f} a degree"
         yield f"{name}: {line}, safe {joint.low:.1f} … {joint.high:.1f}"
     yield from (f"{name}: as in the robot file" for name in arm.joint_names if name not in calibration.joints)
     if calibration.gripper is not None:
@@ -369,11 +366,10 @@ def _lines(arm: Robot, calibration: Calibration) -> Iterator[str]:
 
 
 def _record(calibration: Calibration | None) -> dict[str, object] | None:
-    """A calibration for programs, in degrees."""
     if calibration is None:
         return None
     joints = {
-        name: {"zero": one.zero, "per_deg": float(np.radians(one.per_rad)), "low": one.low, "high": one.high}
+        name: {"zero": one.zero, "per_deg": one.per_rad * DEGREE, "low": one.low, "high": one.high}
         for name, one in calibration.joints.items()
     }
     gripper = calibration.gripper

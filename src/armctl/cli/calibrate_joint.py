@@ -29,6 +29,7 @@ from armctl.calibration import (
 )
 from armctl.cli.options import ends_like_ctrl_c
 from armctl.errors import CalibrationError, MotionRefusedError, ProgramError
+from armctl.facts.angles import DEGREE, said_degrees, to_degrees
 from armctl.hardware import Source
 from armctl.protocol import wall_time
 from armctl.robot import Robot
@@ -65,7 +66,7 @@ def measure_joint(
 def _take_marks(arm: Arm, joint: str, places: int) -> list[Mark]:
     """Send the joint to places over its range, and ask what it shows there."""
     unit, index = own_map(arm.robot).unit, arm.robot.joint_names.index(joint)
-    low, high = (float(limit) for limit in np.degrees(arm.robot.limits[index]))
+    low, high = arm.robot.shown(arm.robot.limits.T)[:, index].tolist()
     margin = _MARGIN * (high - low)
     click.echo(
         "Read the angle of the joint at each place, in the robot's own sense (see `armctl robots` for its "
@@ -83,7 +84,7 @@ def _take_marks(arm: Arm, joint: str, places: int) -> list[Mark]:
             continue
         read = _ask(f"mark {len(marks) + 1}: {joint} should show {angle:.1f}°; it shows [°]")
         if read is not None:
-            marks.append(Mark(_output(arm, index), np.radians(read)))
+            marks.append(Mark(_output(arm, index), arm.robot.joints[index].read(read)))
             click.echo(f"  {marks[-1].output:.1f} {unit}: {read:g}°")
     if len(marks) < LEAST_MARKS:
         raise CalibrationError(f"{len(marks)} marks were taken, {LEAST_MARKS} are needed; nothing is saved")
@@ -107,7 +108,6 @@ def _ask(question: str) -> float | None:
 
 
 def _output(arm: Arm, index: int) -> float:
-    """What the board was told for a joint, or what its encoder says."""
     snapshot, outputs = arm.snapshot, own_map(arm.robot)
     q = snapshot.q if snapshot.source is Source.MEASURED else snapshot.q_command
     if not np.isfinite(q[index]):
@@ -135,10 +135,10 @@ def _keep(robot: Robot, board: str, joint: str, found: JointFit, note: str) -> N
 def show_fit(arm: Robot, joint: str, found: JointFit) -> None:
     """A fit in words: the line, each mark's residual, what it changes, what is wrong with it."""
     unit, title = own_map(arm).unit, arm.joints[arm.joint_names.index(joint)].title
-    click.echo(f"{title}: {found.zero:.2f} {unit} at 0°, {np.radians(found.per_rad):+.4f} {unit} a degree")
-    for i, residual in enumerate(np.degrees(found.residuals_rad)):
+    click.echo(f"{title}: {found.zero:.2f} {unit} at 0°, {found.per_rad * DEGREE:+.4f} {unit} a degree")
+    for i, residual in enumerate(map(to_degrees, found.residuals_rad)):
         click.echo(f"  mark {i + 1}: {residual:+.2f}°{'   left out' if i == found.suspect else ''}")
-    for line in (f"RMS {np.degrees(found.rms_rad):.2f}°", *differences(arm, joint, found)):
+    for line in (f"RMS {said_degrees(found.rms_rad)}", *differences(arm, joint, found)):
         click.echo(f"  {line}")
     if found.advice is not None:
         click.echo(f"armctl: warning: {found.advice}", err=True)

@@ -1,17 +1,20 @@
-"""``armctl robots``, ``fk`` and ``ik``: what is known of an arm without a board."""
+"""``armctl robots``, ``fk``, ``ik`` and ``published``: what is known of an arm without a board."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 
 import click
 import numpy as np
 
 from armctl.arrays import FloatArray
+from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import NUMBER, QUERY_SETTINGS, ROBOT, Number, json_option, print_json, rounded
 from armctl.errors import ArmctlError, InputError, UnreachableError
+from armctl.facts.angles import DEGREE, from_degrees, to_degrees
 from armctl.kinematics import CRITERIA, Branch, Solutions, quaternion_wxyz, roll_pitch_yaw, rotation_of
+from armctl.published import REPORTS, Report
 from armctl.robot import Robot, hidden_robots, load_robot, shipped_robots, user_robots
 
 _LISTED = 20
@@ -78,9 +81,9 @@ def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
         raise click.UsageError(f"{arm.name} needs {arm.n} joint angles in degrees, got {len(q)}: {names}")
     configuration = arm.read(arm.chain.checked(q))
     T = arm.forward(configuration)
-    rpy, quaternion = np.degrees(roll_pitch_yaw(T[:3, :3])), quaternion_wxyz(T[:3, :3])
+    rpy, quaternion = to_degrees(roll_pitch_yaw(T[:3, :3])), quaternion_wxyz(T[:3, :3])
     tool_pitch, _ = arm.inverse_kinematics.pitch_and_roll(configuration)
-    tool_pitch = None if tool_pitch is None else round(math.degrees(tool_pitch), 4) + 0.0
+    tool_pitch = None if tool_pitch is None else round(to_degrees(tool_pitch), 4) + 0.0
     T[:3, 3] *= 1000
     outside = None
     try:
@@ -149,16 +152,16 @@ def ik(
         raise click.UsageError("--quaternion 0 0 0 0 is no orientation: give one of any other length")
     arm = load_robot(robot)
     point = np.array([x, y, z]) / 1000
-    rotation = rotation_of(None if rpy is None else np.radians(rpy), quaternion)
-    pitch, roll = (None if angle is None else math.radians(angle) for angle in (pitch, roll))
+    rotation = rotation_of(None if rpy is None else np.multiply(rpy, DEGREE), quaternion)
+    pitch, roll = from_degrees(pitch), from_degrees(roll)
     wish = (pitch, roll, rotation)
     begin = _start(arm, start)
-    solutions = arm.inverse(point, *wish, step=math.radians(step), start=begin)
+    solutions = arm.inverse(point, *wish, step=step * DEGREE, start=begin)
     refused = [branch for branch in arm.branches(point, *wish) if branch.forbidden] if every else None
     q = solutions.best(choose, begin) if solutions.success else None
     error_mm = 0.0 if q is None else 1000 * float(np.linalg.norm(arm.forward(q)[:3, 3] - point))
     if as_json:
-        print_json(_record(solutions, q, error_mm, refused))
+        print_json(_record(arm, solutions, q, error_mm, refused))
     elif q is not None:
         _print(arm, solutions, q, error_mm, choose, refused)
     elif refused:
@@ -183,16 +186,16 @@ def _turned_deg(solutions: Solutions, q: FloatArray | None) -> float | None:
     """Angle between the orientation asked for and the one found; None where none was asked for."""
     if q is None or solutions.target.rotation is None:
         return None
-    return math.degrees(float(solutions.residual_rad[solutions.index_of(q)]))
+    return to_degrees(float(solutions.residual_rad[solutions.index_of(q)]))
 
 
 def _record(
-    solutions: Solutions, q: FloatArray | None, error_mm: float, refused: Sequence[Branch] | None
+    arm: Robot, solutions: Solutions, q: FloatArray | None, error_mm: float, refused: Sequence[Branch] | None
 ) -> dict[str, object]:
     nearest_m, nearest_q = solutions.nearest_m, solutions.nearest_q
     record: dict[str, object] = {
         "count": len(solutions),
-        "best_deg": None if q is None else rounded(np.degrees(q)),
+        "best_deg": None if q is None else rounded(arm.shown(q)),
         "branch": None if q is None else solutions.branch_of(q),
         "error_mm": None if q is None else error_mm,
         "orientation_error_deg": _turned_deg(solutions, q),
@@ -203,13 +206,13 @@ def _record(
     }
     if q is None:
         record["solutions_deg"] = []
-        record["nearest_deg"] = None if nearest_q is None else rounded(np.degrees(nearest_q))
+        record["nearest_deg"] = None if nearest_q is None else rounded(arm.shown(nearest_q))
     elif refused is not None:
-        record["solutions_deg"] = [rounded(row) for row in np.degrees(solutions.q)]
+        record["solutions_deg"] = [rounded(row) for row in arm.shown(solutions.q)]
         record["branches"] = solutions.branch.tolist()
     if refused is not None:
         record["refused"] = [
-            {"branch": branch.name, "deg": rounded(np.degrees(branch.q)), "why": "; ".join(branch.forbidden)}
+            {"branch": branch.name, "deg": rounded(arm.shown(branch.q)), "why": "; ".join(branch.forbidden)}
             for branch in refused
         ]
     return record
@@ -272,5 +275,67 @@ def _print_table(arm: Robot, names: Sequence[str], rows: Iterable[_Row]) -> None
         elif isinstance(value, str):
             text = f"  {value}"
         else:
-            text = "".join(f"{angle + 0.0:{width}.3f}" for angle in np.round(np.degrees(value), 3))
+            text = "".join(f"{angle + 0.0:{width}.3f}" for angle in np.round(arm.shown(value), 3))
         click.echo(f"{name:<{label}}{text}")
+
+
+# ``armctl published``: every printed table, recomputed, with the differences.
+
+
+_KEYS = ("what", "unit", "printed", "computed", "difference", "tolerance", "agrees")
+
+
+@click.command()
+@click.argument("robots", metavar="[ROBOT]...", nargs=-1, type=click.Choice(tuple(REPORTS)))
+@json_option
+def published(robots: tuple[str, ...], as_json: bool) -> int:
+    """Recompute every printed table of the papers and show the differences (default: of all robots).
+
+    Exit status 0 when every figure is reproduced within the print's rounding, else 1.
+    """
+    reports = [REPORTS[name]() for name in robots or REPORTS]
+    if as_json:
+        print_json([_report_record(report) for report in reports])
+    else:
+        click.echo("\n\n".join(map(_report_text, reports)))
+    return DONE if all(report.agrees for report in reports) else REFUSED
+
+
+def _report_record(report: Report) -> dict[str, object]:
+    return {
+        "robot": report.robot,
+        "title": report.title,
+        "agrees": report.agrees,
+        "rows": [
+            {key: getattr(one, key) for key in _KEYS}
+            | {"computed": [round(value, 6) for value in one.computed]}
+            for one in report.comparisons
+        ],
+        "errata": report.errata,
+        "improvements": [asdict(one) for one in report.improvements],
+    }
+
+
+def _report_text(report: Report) -> str:
+    lines = [f"{report.robot}: {report.title}"]
+    for one in report.comparisons:
+        printed, computed = (
+            "  ".join(f"{value:9.{one.digits}f}" for value in values)
+            for values in (one.printed, one.computed)
+        )
+        verdict = f"{'agrees' if one.agrees else 'DIFFERS'} (largest difference {one.difference:.1e})"
+        lines += [
+            f"  {one.what}",
+            f"    printed   {printed}  {one.unit}",
+            f"    computed  {computed}  {one.unit}   {verdict}",
+        ]
+    for one in report.improvements:
+        lines += [
+            f"  {one.what}",
+            f"    paper     {one.paper:9.4g}  {one.unit}",
+            f"    armctl    {one.armctl:9.4g}  {one.unit}",
+        ]
+    lines += [f"  erratum: {erratum}" for erratum in report.errata]
+    agreeing = sum(one.agrees for one in report.comparisons)
+    lines.append(f"  {agreeing} of {len(report.comparisons)} figures reproduced within the print's rounding")
+    return "\n".join(lines)

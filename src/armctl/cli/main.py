@@ -29,7 +29,7 @@ COMMANDS = {
     "calibrate": "armctl.cli.calibrate:calibrate",
     "doctor": "armctl.cli.boards:doctor",
     "replay": "armctl.cli.replay:replay",
-    "published": "armctl.cli.published:published",
+    "published": "armctl.cli.kinematics:published",
     "simulate": "armctl.cli.boards:simulate",
 }
 UNNAMED = "serve"

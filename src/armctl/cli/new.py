@@ -13,6 +13,7 @@ import numpy as np
 
 from armctl.cli.options import NUMBER
 from armctl.errors import InputError
+from armctl.facts.angles import to_degrees
 from armctl.robot import Robot, is_urdf, load_robot, robot_path
 from armctl.robot.draft import BUILDS, Build, Draft, build_named
 from armctl.robot.load import across_the_link
@@ -108,7 +109,7 @@ def new(
 
 def look_text(look: Look) -> str:
     """A look as the table of a robot file."""
-    source, pose = json.dumps(look.source, ensure_ascii=False), np.degrees(look.pose).tolist()
+    source, pose = json.dumps(look.source, ensure_ascii=False), map(to_degrees, look.pose)
     angles = ", ".join(f"{angle:.6g}" for angle in pose)
     return f"[look]\nsource = {source}\npose_deg = [{angles}]\n{written(look.rows)}"
 

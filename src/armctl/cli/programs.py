@@ -130,7 +130,6 @@ def _record(finding: Finding) -> dict[str, object]:
 
 
 def _kind(file: Path) -> str:
-    """``robot`` or ``program``: what the file's name or its top level says it is."""
     if is_urdf(file) or (not file.suffix and len(file.parts) == 1 and not file.exists()):
         return "robot"
     if file.suffix.lower() in (".csv", ".py", ".xlsx", ".xls", ".ods"):
@@ -267,7 +266,6 @@ def _told_steps(arm: Arm) -> Generator[None]:
 
 
 def _step_words(progress: ProgramProgress) -> str:
-    """One line for the step that runs: its place, its kind, its values, its note."""
     step = progress.running.steps[progress.step]
     words = " · ".join(text for text in (step.describe(), step.note) if text)
     where = f"step {progress.step + 1} of {progress.steps}"

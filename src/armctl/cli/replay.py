@@ -14,6 +14,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.cli.options import ROBOT, end_event, has_display
 from armctl.errors import InputError, RobotFileError
+from armctl.facts.angles import to_degrees
 from armctl.protocol import Recording, read_recording
 from armctl.robot import Robot, load_robot
 
@@ -59,7 +60,6 @@ def replay(file: Path, text: bool, robot: str | None, http_port: int, no_browser
 
 
 def _robot(file: Path, recording: Recording) -> Robot:
-    """The robot whose file a report has, else the shipped one of its name."""
     with zipfile.ZipFile(file) as archive, tempfile.TemporaryDirectory() as folder:
         for info in archive.infolist():
             if info.filename.startswith("robot/") and info.file_size <= _MOST_ROBOT_BYTES:
@@ -100,7 +100,7 @@ def told(recording: Recording) -> list[str]:
     ]
     lines += [f"{at - end:+9.3f}  {text}" for at, _, text in sorted(happened)]
     lines += ["", f"the last ticks: setpoint | reading [°] of {', '.join(recording.titles)}"]
-    setpoint, readback = np.degrees(recording.setpoint), np.degrees(recording.readback)
+    setpoint, readback = to_degrees(recording.setpoint), to_degrees(recording.readback)
     state = recording.column("state").astype(int)
     for k in range(max(0, len(time) - _LAST_TICKS), len(time)):
         lines.append(

@@ -274,7 +274,6 @@ def _open_console(name: str, port: str, progress: Progress, *, asked: str, pin: 
 
 
 def _robot_choices(present: RobotChoice) -> list[RobotChoice]:
-    """The shipped robots, the user's own, and the present one if it is a file elsewhere."""
     choices = [RobotChoice(name, robot_title(name)) for name in (*shipped_robots(), *user_robots())]
     for path in map(str, hidden_robots()):
         choices.append(RobotChoice(path, f"{robot_title(path)} (your own file)"))

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from armctl.facts.angles import to_degrees
 from armctl.facts.reasons import (
     UNITS,
     AngleLimit,
@@ -67,7 +68,7 @@ def _angle(one: AngleLimit) -> str:
 
 
 def _stands(one: StandsOutside) -> str:
-    angle, low, high = (math.degrees(value) for value in (one.angle, one.low, one.high))
+    angle, low, high = (to_degrees(value) for value in (one.angle, one.low, one.high))
     return f"{one.joint} stands at {angle:.1f}°, outside {low:.1f}° … {high:.1f}°"
 
 
@@ -77,7 +78,7 @@ def _keep_away(one: AngleLimit) -> str:
 
 
 def _rate(one: RateLimit) -> str:
-    unit, limit, value = UNITS[one.rate], math.degrees(one.limit), math.degrees(one.value)
+    unit, limit, value = UNITS[one.rate], to_degrees(one.limit), to_degrees(one.value)
     if not math.isfinite(value):
         return f"its speed jumps at a corner of the path; its limit is {limit:.1f} {unit}"
     shown = decimals_apart(value, limit, least=1)
@@ -91,7 +92,7 @@ def _slower(one: RateLimit) -> str:
 
 
 def _jump(one: SpeedJump) -> str:
-    return f"its speed jumps by {math.degrees(one.jump):.2f} °/s between two parts of the motion"
+    return f"its speed jumps by {to_degrees(one.jump):.2f} °/s between two parts of the motion"
 
 
 def _blocked(one: Blocked) -> str:
@@ -250,7 +251,7 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     ShownSoFar: lambda _: "the motion shown ends there",
     RateLimit: _rate,
     SpeedJump: _jump,
-    MotionEndsMoving: lambda one: f"the motion {one.end} at {math.degrees(one.speed):.2f} °/s",
+    MotionEndsMoving: lambda one: f"the motion {one.end} at {to_degrees(one.speed):.2f} °/s",
     Blocked: _blocked,
     Singular: _singular,
     Overload: _overload,

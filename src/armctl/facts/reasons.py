@@ -11,6 +11,8 @@ from dataclasses import dataclass, fields
 from enum import Enum
 from typing import Literal
 
+from armctl.facts.angles import to_degrees
+
 # What a board measures of a joint besides where it is.
 
 
@@ -84,7 +86,7 @@ def decimals_apart(value: float, *others: float, least: int = 2) -> int:
 
 def degrees_apart(value: float, *others: float) -> tuple[str, ...]:
     """Angles [rad] as texts in degrees, with so many decimals that the first reads unlike the others."""
-    first, *rest = (math.degrees(angle) + 0.0 for angle in (value, *others))
+    first, *rest = (to_degrees(angle) + 0.0 for angle in (value, *others))
     digits = decimals_apart(first, *rest)
     return tuple(f"{angle:z.{digits}f}°" for angle in (first, *rest))
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from armctl.facts.angles import to_degrees
 from armctl.facts.reasons import (
     UNITS,
     AngleLimit,
@@ -93,12 +94,12 @@ def _keep_away(one: AngleLimit) -> str:
 
 
 def _stands(one: StandsOutside) -> str:
-    angle, low, high = (math.degrees(value) for value in (one.angle, one.low, one.high))
+    angle, low, high = (to_degrees(value) for value in (one.angle, one.low, one.high))
     return f"{one.joint} {angle:.1f}° açısında duruyor, {low:.1f}° … {high:.1f}° aralığının dışında"
 
 
 def _rate(one: RateLimit) -> str:
-    unit, limit, value = UNITS[one.rate], math.degrees(one.limit), math.degrees(one.value)
+    unit, limit, value = UNITS[one.rate], to_degrees(one.limit), to_degrees(one.value)
     if not math.isfinite(value):
         return f"yolun bir köşesinde hızı sıçrıyor; sınırı {limit:.1f} {unit}"
     shown = decimals_apart(value, limit, least=1)
@@ -268,9 +269,9 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     UnmatchedBlock: lambda one: _UNMATCHED[one.marker],
     ShownSoFar: lambda _: "gösterilen hareket orada bitiyor",
     RateLimit: _rate,
-    SpeedJump: lambda one: f"hareketin iki parçası arasında hızı {math.degrees(one.jump):.2f} °/s sıçrıyor",
+    SpeedJump: lambda one: f"hareketin iki parçası arasında hızı {to_degrees(one.jump):.2f} °/s sıçrıyor",
     MotionEndsMoving: lambda one: (
-        f"hareket {math.degrees(one.speed):.2f} °/s ile {'başlıyor' if one.end == 'starts' else 'bitiyor'}"
+        f"hareket {to_degrees(one.speed):.2f} °/s ile {'başlıyor' if one.end == 'starts' else 'bitiyor'}"
     ),
     Blocked: _blocked,
     Singular: _singular,

@@ -215,7 +215,6 @@ def _arrived(kind: type, value: Any) -> Any:
 
 
 def _all_kinds(kind: type[Any]) -> list[type[Any]]:
-    """A class and all that are derived from it."""
     return [kind, *(one for derived in kind.__subclasses__() for one in _all_kinds(derived))]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -15,7 +14,6 @@ import numpy as np
 
 from armctl.decoding import MOST_REFUSALS, Decoder, Refusal
 from armctl.errors import Errors, ProgramError
-from armctl.kinematics import roll_pitch_yaw
 from armctl.program.csv_columns import (
     DO,
     JOINTS,
@@ -31,7 +29,7 @@ from armctl.program.csv_columns import (
 )
 from armctl.program.keys import keys_of
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
-from armctl.program.steps import EDGES, CommentStep, MoveStep, PointStep, Step, any_step
+from armctl.program.steps import EDGES, CommentStep, MoveStep, PointStep, Step, any_step, tool_turn
 from armctl.robot import Robot
 
 CsvForm = Literal["angles", "points"]
@@ -74,7 +72,6 @@ def write_csv(program: Program, robot: Robot, form: CsvForm = "angles") -> str:
 
 
 def _cells(step: Step) -> dict[Cell | None, object]:
-    """What the cells of a step hold; what is as by default is left out."""
     cells: dict[Cell | None, object] = {(DO, None): step.kind}
     for key in keys_of(type(step)):
         value = getattr(step, key.name)
@@ -87,17 +84,9 @@ def _cells(step: Step) -> dict[Cell | None, object]:
 
 def _as_point(step: MoveStep, robot: Robot) -> PointStep:
     q = robot.read(step.joints_deg)
-    pose = robot.forward(q)
-    x, y, z = np.round(1000 * pose[:3, 3], _DIGITS).tolist()
-    if robot.orients_tool:
-        angles = zip(("rx_deg", "ry_deg", "rz_deg"), roll_pitch_yaw(pose[:3, :3]).tolist(), strict=True)
-    else:
-        angles = zip(("pitch_deg", "roll_deg"), robot.inverse_kinematics.pitch_and_roll(q), strict=True)
-    turn = {
-        key: None if angle is None else round(math.degrees(angle), _DIGITS) + 0.0 for key, angle in angles
-    }
+    x, y, z = np.round(1000 * robot.forward(q)[:3, 3], _DIGITS).tolist()
     shared = {key: getattr(step, key) for key in ("profile", "duration_s", "blend_mm", "note")}
-    return PointStep(x_mm=x, y_mm=y, z_mm=z, **turn, **shared)
+    return PointStep(x_mm=x, y_mm=y, z_mm=z, **tool_turn(robot, q), **shared)
 
 
 def read_csv(text: bytes | str, robot: Robot, name: str = "untitled") -> Program:
@@ -132,8 +121,6 @@ def read_csv(text: bytes | str, robot: Robot, name: str = "untitled") -> Program
 
 
 class _Table:
-    """The columns of a file, and its rows as steps."""
-
     def __init__(self, text: str, robot: Robot) -> None:
         self._known = Columns(robot.joint_names)
         self._joints: list[Cell] = [(JOINTS, i) for i in range(robot.n)]
@@ -253,7 +240,6 @@ class _Table:
                 yield line, values
 
     def _cell(self, line: int, column: Column | None, text: str) -> dict[Cell, float | int | str]:
-        """What a cell holds; ``column``: None without a head."""
         if column is None:
             if text.strip():
                 what = f"{text.strip()[:40]!r} stands in a column without a head"
@@ -335,7 +321,6 @@ class _Table:
         return ProgramError(f"line {line}{column}: {what}")
 
     def _head(self, place: Cell) -> str:
-        """The head under which a step's key stands, or would stand."""
         columns = (*self._by_place.values(), *self._known.written)
         return next(column.head for column in columns if column.place == place)
 

@@ -245,15 +245,14 @@ def _poses(robot: Robot) -> Iterator[list[Step]]:
     others = [name for name in robot.poses if name != "home"]
     for count in range(len(others), 0, -1):
         for names in islice(combinations(others, count), _MOST_WAYS):
-            yield [_move(robot.pose(name), note=name) for name in ("home", *names, "home")]
+            yield [_move(robot, robot.pose(name), note=name) for name in ("home", *names, "home")]
     home, turned = robot.pose("home"), robot.pose("home")
     low, high = robot.limits[0]
     turned[0] += _TURN_RAD if high - home[0] > home[0] - low else -_TURN_RAD
-    yield [_move(home), _move(turned, note=robot.joints[0].title), _move(home)]
+    yield [_move(robot, home), _move(robot, turned, note=robot.joints[0].title), _move(robot, home)]
 
 
 def _square(robot: Robot) -> Iterator[list[Step]]:
-    """An upright square, the tool led along its sides."""
     for start, middle in _middles(robot):
         across = np.array([-middle[1], middle[0], 0.0])
         length = float(np.linalg.norm(across))
@@ -262,25 +261,24 @@ def _square(robot: Robot) -> Iterator[list[Step]]:
         for size in _SIZES_MM:
             sides = (across, across + up, up, 0 * up)
             corners = [middle + size * side for side in sides]
-            yield [_move(start, note="the first corner"), *(_line(corner) for corner in corners)]
+            yield [_move(robot, start, note="the first corner"), *(_line(corner) for corner in corners)]
 
 
 def _pick_and_place(robot: Robot) -> Iterator[list[Step]]:
-    """Pick at one point, place at another, and come back."""
     for start, middle in _middles(robot):
         for size in _SIZES_MM:
             down = np.array([0.0, 0.0, size])
             there = np.array([-size * middle[1], size * middle[0], 0.0]) / max(np.hypot(*middle[:2]), 1.0)
             pick, place = middle - there, middle + there
             yield [
-                _move(start),
+                _move(robot, start),
                 *_grip(robot, 80.0),
                 *(_point(pick, note="above the part"), _point(pick - down)),
                 *_grip(robot, 20.0),
                 *(_point(pick), _point(place, note="above its place"), _point(place - down)),
                 *_grip(robot, 80.0),
                 _point(place),
-                _move(start),
+                _move(robot, start),
             ]
 
 
@@ -299,8 +297,8 @@ def _middles(robot: Robot) -> Iterator[tuple[FloatArray, FloatArray]]:
         yield q, 1000 * robot.forward(q)[:3, 3]
 
 
-def _move(q: FloatArray, note: str = "") -> MoveStep:
-    return MoveStep(joints_deg=tuple(np.round(np.degrees(q), 9).tolist()), note=note)
+def _move(robot: Robot, q: FloatArray, note: str = "") -> MoveStep:
+    return MoveStep(joints_deg=tuple(np.round(robot.shown(q), 9).tolist()), note=note)
 
 
 def _line(point: FloatArray) -> LineStep:

@@ -165,7 +165,6 @@ def _require_row(program: Program, row: int) -> None:
 
 
 def _spliced(program: Program, at: int, removed: int, steps: tuple[Step, ...]) -> Program:
-    """With ``steps`` instead of as many as are ``removed`` from ``at`` on."""
     return _with(program, (*program.steps[:at], *steps, *program.steps[at + removed :]))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Union
 
@@ -11,7 +10,8 @@ from msgspec import Meta
 
 from armctl.arrays import FloatArray
 from armctl.errors import ProgramError
-from armctl.kinematics import CRITERIA, FROM_START, Target, rotation_from_rpy
+from armctl.facts.angles import from_degrees, to_degrees
+from armctl.kinematics import CRITERIA, FROM_START, Target, roll_pitch_yaw, rotation_from_rpy
 from armctl.motion.choices import choose_end, solve
 from armctl.motion.paths.tool_path import TURN_MODES, PitchMode, TurnMode
 from armctl.motion.plan import follow_tool
@@ -119,7 +119,7 @@ class _Oriented:
             return None
         if roll is None or pitch is None or yaw is None:
             raise ProgramError(f"an orientation needs all of {', '.join(_RPY)}")
-        return rotation_from_rpy(math.radians(roll), math.radians(pitch), math.radians(yaw))
+        return rotation_from_rpy(*map(from_degrees, (roll, pitch, yaw)))
 
 
 class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
@@ -156,7 +156,7 @@ class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
         self._target()
 
     def _target(self) -> Target:
-        pitch, roll = _radians(self.pitch_deg), _radians(self.roll_deg)
+        pitch, roll = from_degrees(self.pitch_deg), from_degrees(self.roll_deg)
         return Target.of(_metres(self, _END), pitch, roll, self._rotation)
 
     def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray | None:
@@ -219,7 +219,7 @@ class _LeadsTool(_Oriented):
     def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
         """Along the tool's way [m]."""
         *via, end = (_metres(self, keys) for keys in self.points)
-        turn = (self.pitch, _radians(self.pitch_deg), self.orientation, self._rotation)
+        turn = (self.pitch, from_degrees(self.pitch_deg), self.orientation, self._rotation)
         return follow_tool(robot, start, via[0] if via else None, end, *turn, speed=self._tool_speed)
 
 
@@ -402,6 +402,18 @@ def all_keys() -> tuple[Key, ...]:
     return tuple(sorted(found.values(), key=lambda key: key.field.place))
 
 
+def tool_turn(robot: Robot, q: FloatArray, digits: int = 6) -> dict[str, float | None]:
+    """Keys of steps and their values [degrees]: how the tool is turned at ``q`` (n,) [rad].
+
+    Of an arm that can turn its tool about any axis, its orientation; else its pitch and roll.
+    """
+    if robot.orients_tool:
+        turns = zip(_RPY, roll_pitch_yaw(robot.forward(q)[:3, :3]).tolist(), strict=True)
+    else:
+        turns = zip(("pitch_deg", "roll_deg"), robot.inverse_kinematics.pitch_and_roll(q), strict=True)
+    return {key: None if turn is None else round(to_degrees(turn), digits) + 0.0 for key, turn in turns}
+
+
 # Points and numbers of several kinds.
 
 
@@ -411,10 +423,6 @@ def _values(step: object, keys: Sequence[str]) -> tuple[float, ...]:
 
 def _metres(step: object, keys: Sequence[str]) -> FloatArray:
     return np.array(_values(step, keys)) / 1000
-
-
-def _radians(angle_deg: float | None) -> float | None:
-    return None if angle_deg is None else math.radians(angle_deg)
 
 
 def _short(value: float) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.facts import Need, NotNow, Quantities, State
+from armctl.facts.angles import to_degrees
 from armctl.hardware import BoardIdentity, Source
 from armctl.kinematics.velocity import position_leaves_pitch
 from armctl.program import Program
@@ -148,7 +149,7 @@ class LastPose:
 
     def __str__(self) -> str:
         """In words, with the angles in degrees."""
-        angles = ", ".join(f"{angle:.1f}" for angle in (np.degrees(self.q) + 0.0).tolist()).replace("-", "−")
+        angles = ", ".join(f"{angle:.1f}" for angle in (to_degrees(self.q) + 0.0).tolist()).replace("-", "−")
         when = datetime.fromtimestamp(self.at).strftime("%Y-%m-%d %H:%M")
         moving = " while it was moving, so it may stand elsewhere" if self.moving else ""
         return f"last seen at {angles}° on {when}{moving}; then {_ENDED.get(self.ended, self.ended)}"

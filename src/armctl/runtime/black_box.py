@@ -19,6 +19,7 @@ import numpy as np
 
 from armctl.documents import write_atomically
 from armctl.facts import State
+from armctl.facts.angles import said_degrees, to_degrees
 from armctl.facts.reasons import NAMES
 from armctl.kinematics import Target
 from armctl.program import Program
@@ -234,7 +235,7 @@ def _value(name: str, value: object) -> str:
         case np.ndarray() if value.size <= _MOST_NUMBERS and value.dtype.kind in "fi":
             angles = name == "q"
             with np.errstate(over="ignore"):  # refused or not: what was asked for is recorded
-                unit, numbers = ("°", np.degrees(value)) if angles else ("", value)
+                unit, numbers = ("°", to_degrees(value)) if angles else ("", value)
             return "(" + ", ".join(f"{number:.4g}{unit}" for number in numbers.ravel().tolist()) + ")"
         case np.ndarray():
             return f"array of {value.shape}"
@@ -243,7 +244,7 @@ def _value(name: str, value: object) -> str:
             return f"{value.name!r} with {steps}"
         case Target():
             place = ", ".join(f"{1000 * number:.1f}" for number in value.point)
-            return f"({place}) mm{'' if value.pitch is None else f' pitch {math.degrees(value.pitch):.1f}°'}"
+            return f"({place}) mm{'' if value.pitch is None else f' pitch {said_degrees(value.pitch, 1)}'}"
         case float():
             return f"{value:.4g}"
         case str() if name in _SECRET:
@@ -255,7 +256,6 @@ def _value(name: str, value: object) -> str:
 
 
 def _since(old: Event | None, events: Sequence[Event]) -> list[Event]:
-    """The lines after the one that was the newest."""
     new: list[Event] = []
     for event in reversed(events):
         if event is old:

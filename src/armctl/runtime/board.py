@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.facts import Quantities
+from armctl.facts.angles import DEGREE
 from armctl.hardware import Abilities, Driver, HomingState, Readback, Source
 from armctl.hardware.boards import board_type, channel_settings
 from armctl.hardware.driver import abilities_of, translated
 from armctl.robot import Robot
 
 BoolArray = NDArray[np.bool_]
-MOTORS_APART_RAD = np.radians(2.0)
+MOTORS_APART_RAD = 2.0 * DEGREE
 """how far two motors of one joint may stand apart"""
 
 
@@ -125,7 +126,6 @@ class Board:
         translated("writing setpoints", self._driver.write, self._values(q, opening, sent))
 
     def _values(self, q: FloatArray | None, opening: float | None, joints: BoolArray) -> dict[int, float]:
-        """Setpoints by channel, in the board's unit."""
         values: dict[int, float] = {}
         if q is not None:
             # Robot files may round the safe range inwards by an eighth of a microsecond.
@@ -249,7 +249,6 @@ class Board:
 
     @cached_property
     def _channels_of(self) -> list[list[int]]:
-        """All channels of each joint, the first one first."""
         mirrors = self.map.mirrors
         return [
             [channel, *(one.channel for one in mirrors if one.joint == i)]

@@ -14,6 +14,7 @@ from armctl.arrays import FloatArray
 from armctl.decoding import must_be
 from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError, out_of_range
 from armctl.facts import Need, State
+from armctl.facts.angles import to_degrees
 from armctl.kinematics.target import as_numbers, checked_number
 from armctl.motion import Trajectory, plan_choice, plan_joints
 from armctl.motion.choices import not_the_best
@@ -245,8 +246,8 @@ def _checked_tool_jog(core: Core, jog: c.JogTool) -> c.JogTool:
     speed, rate = float(np.linalg.norm(linear)), float(np.abs(jog.twist[3:]).max())
     if speed > FASTEST_TOOL_M_S or rate > FASTEST_TURN_RAD_S:
         raise InputError(
-            f"a jog of the tool at {1000 * speed:.0f} mm/s and {math.degrees(rate):.0f} °/s is too fast; "
-            f"at most {1000 * FASTEST_TOOL_M_S:.0f} mm/s and {math.degrees(FASTEST_TURN_RAD_S):.0f} °/s"
+            f"a jog of the tool at {1000 * speed:.0f} mm/s and {to_degrees(rate):.0f} °/s is too fast; "
+            f"at most {1000 * FASTEST_TOOL_M_S:.0f} mm/s and {to_degrees(FASTEST_TURN_RAD_S):.0f} °/s"
         )
     if angular is not None and angular.any() and not core.robot.orients_tool:
         raise InputError(f"the tool of {core.robot.name} cannot turn about any axis while its point stays")

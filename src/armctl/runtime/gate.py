@@ -72,9 +72,10 @@ class Gate:
         over = step - allowed * (1 + _ROUNDING) - _ROUNDING
         if (over > 0).any():
             i = int(over.argmax())
+            joint = self._robot.joints[i]
             raise MotionRefusedError(
-                f"{self._robot.joints[i].title}: a step of {np.degrees(step[i]):.3f}° in "
-                f"{1000 * elapsed:.1f} ms, its speed limit allows {np.degrees(allowed[i]):.3f}°"
+                f"{joint.title}: a step of {joint.said(step[i], 3)} in {1000 * elapsed:.1f} ms, "
+                f"its speed limit allows {joint.said(allowed[i], 3)}"
             )
         return q
 

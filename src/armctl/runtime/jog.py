@@ -58,7 +58,6 @@ class Jogger(Led):
         super().stop()
 
     def _step(self, expired: bool, dt: float) -> tuple[Step | None, str | None]:
-        """As fast as asked for, joints or tool."""
         servo = self._servo
         speeds, notice = self._lead(expired, dt)
         q, v = servo.step(speeds, dt)

@@ -32,8 +32,6 @@ _ENDS = {State.DISCONNECTED: "disconnected", State.FAULT: "fault", State.OFF: "r
 
 
 class _Record(msgspec.Struct, forbid_unknown_fields=True):
-    """One file."""
-
     robot: str
     board: str
     joints_deg: list[float]

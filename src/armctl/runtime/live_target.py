@@ -10,6 +10,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, MotionRefusedError
+from armctl.facts.angles import DEGREE
 from armctl.kinematics import Solutions, Target
 from armctl.protocol import Command, FollowTarget, StreamJoints
 from armctl.robot import Robot
@@ -17,9 +18,9 @@ from armctl.runtime.activity import Setpoint
 from armctl.runtime.joint_servo import KeepClear, Led, Step
 from armctl.runtime.planner import Submit, result_of
 
-_STEP = float(np.radians(0.05))
+_STEP = 0.05 * DEGREE
 """of a joint that is free [rad]"""
-_SAME_POSTURE = float(np.radians(20.0))
+_SAME_POSTURE = 20.0 * DEGREE
 """A change of branch with less travel than this passes through the pose where the branches meet [rad]."""
 _TURNED = 1e-6
 """Orientations that differ by less are the same [rad]."""
@@ -90,7 +91,6 @@ class Follower(Led):
         super().stop()
 
     def _step(self, expired: bool, dt: float) -> tuple[Step | None, str | None]:
-        """Toward the goal."""
         self._take_goal(expired)
         notice = None if self._note is None else f"live target: {self._note}"
         if expired or self._goal is None:
@@ -156,12 +156,10 @@ class Streamer(Led):
         return setpoint
 
     def _step(self, expired: bool, dt: float) -> tuple[Step | None, str | None]:
-        """Toward the setpoint."""
         return (None if expired else self._servo.toward(self._goal, self._speed, dt)), None
 
 
 def _same(one: Target, other: Target) -> bool:
-    """Whether two targets ask for the same."""
     if one.rotation is None or other.rotation is None:
         turned = one.rotation is other.rotation
     else:

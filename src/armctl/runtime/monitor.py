@@ -9,6 +9,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.facts import Unanswered, say
+from armctl.facts.angles import DEGREE
 from armctl.hardware import Source
 from armctl.protocol.snapshot import BOARD_REPORTS
 from armctl.robot import Robot
@@ -25,7 +26,7 @@ _SURE_READINGS = 2
 _LAG_S = 0.08
 """how far the transmitted position may be behind a moving setpoint: a few servo frames"""
 _DEVIATION_UNITS = 1.0
-DEVIATION_RAD = np.radians(1.0)
+DEVIATION_RAD = 1.0 * DEGREE
 """a measured joint farther away than this does not stand where it was told"""
 _DEVIATION_S = 0.5
 _DEVIATION_WORDS = {
@@ -335,7 +336,7 @@ class Monitor:
         source = self.reading.source
         away = np.abs(self.reading.q - q_command)
         if source is Source.MEASURED:
-            deviates, values, unit = away > DEVIATION_RAD, np.degrees(away), "°"
+            deviates, values, unit = away > DEVIATION_RAD, self._robot.shown(away), "°"
         else:
             values, unit = away * board.unit_per_rad, f" {board.map.unit}"
             deviates = values > _DEVIATION_UNITS

@@ -18,6 +18,7 @@ from armctl.errors import (
     out_of_range,
 )
 from armctl.facts import Need, NotHomed, Several, StandsOutside, ToDo
+from armctl.facts.angles import DEGREE
 from armctl.hardware import Source
 from armctl.hardware.boards import board_type
 from armctl.kinematics import Chain
@@ -30,7 +31,7 @@ from armctl.runtime.board import MOTORS_APART_RAD, Board, BoolArray, Reading
 from armctl.runtime.core import Core
 from armctl.runtime.monitor import DEVIATION_RAD
 
-ADOPT_TOLERANCE_RAD = np.radians(0.25)
+ADOPT_TOLERANCE_RAD = 0.25 * DEGREE
 """how far outside a limit a joint may stand when it is taken over, and two readings may differ"""
 _ADOPT_TOLERANCE_STEPS = 1.5
 """the same in steps of the board, where these are coarser: an encoder at rest wavers by a count"""

@@ -160,7 +160,6 @@ class ProgramRunner(Activity):
         return setpoint
 
     def _look(self, until: Until) -> None:
-        """Whether what is waited for has come."""
         reading, why = self._monitor.reading, ""
         try:
             if until.holds(Senses(reading.quantities, reading.inputs)):
@@ -361,7 +360,6 @@ class ProgramFeed:
             self._drop_outdated()
 
     def _fail(self, cause: ArmctlError) -> None:
-        """Nothing more can be planned."""
         self._failure, self._over = cause, True
 
     def _take_in(self, steps: list[PlannedStep], state: PlanState) -> None:

@@ -339,14 +339,12 @@ class ArmState:
             self._motion = None
 
     def _drop_edit(self, error: ArmctlError) -> None:
-        """Refuse the edit that is being checked."""
         if self._edit is not None:
             self._edit.future.cancel()
             self._edit.order.ticket.end(error)
             self._edit = None
 
     def _drop_grip(self, error: ArmctlError) -> None:
-        """Refuse the gripper command that waits for the motion under way to be checked."""
         if self._grip is not None:
             if self._grip.check is not None:
                 self._grip.check.cancel()

@@ -105,7 +105,6 @@ async def _revive_for(first: str | bytes, revive: Callable[[str], Awaitable[None
 
 
 async def _refuse(connection: ServerConnection, codec: Codec, why: str) -> None:
-    """Say why it is not served, and close the connection."""
     _LOG.warning("a program is not served: %s", why)
     await connection.send(codec.encode(Refused(why)), text=codec.json)
     await connection.close(_TRY_AGAIN, why.encode()[:_LONGEST_REASON].decode(errors="ignore"))

@@ -11,6 +11,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, MotionRefusedError
 from armctl.facts import Need, State
+from armctl.facts.angles import DEGREE
 from armctl.hardware.boards import board_type
 from armctl.motion.clearance import clear_rest
 from armctl.protocol import Enable, Snapshot
@@ -20,7 +21,7 @@ from armctl.ui.widgets.angle_fields import angle_fields
 from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence
 from armctl.ui.widgets.number_field import EditWatch, FieldArray
 
-_ROUNDED_RAD = np.radians(0.01)
+_ROUNDED_RAD = 0.01 * DEGREE
 """fields round what they are filled with"""
 _LOOK = (
     "The servos are off and cannot tell where the arm stands. <b>Look at the arm:</b> does it stand like the "
@@ -150,7 +151,6 @@ class EnableButton:
             ) from refusal
 
     async def _on_elsewhere(self) -> None:
-        """Enable the simulated arm in the clear pose that was found."""
         await self._session.submit(Enable(self._clear))
         self._elsewhere.visible = False
 

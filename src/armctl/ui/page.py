@@ -88,12 +88,10 @@ class Page:
                 self._screens.append(tab.build(self.session))
 
     def _content(self) -> viser.GuiFolderHandle:
-        """A folder in the present container for what goes when the arm does."""
         self._contents.append(self.client.gui.add_folder(None))
         return self._contents[-1]
 
     def _look(self) -> None:
-        """See the arm in what the panels leave of the window."""
         width, height = self._window
         picture = width - covered(width, height), height
         look_at_arm(self.client, self._robots.console.robot, picture=picture, sheet=width < _PHONE_PX)

@@ -11,6 +11,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.facts import Need, State, state_words
+from armctl.facts.angles import to_degrees
 from armctl.facts.words import capitals
 from armctl.hardware.boards import board_type
 from armctl.kinematics import roll_pitch_yaw
@@ -64,12 +65,12 @@ def where_html(robot: Robot, q: FloatArray) -> str:
     tool = [["X", f"{x:z.1f} mm"], ["Y", f"{y:z.1f} mm"], ["Z", f"{z:z.1f} mm"]]
     pitch, roll = robot.inverse_kinematics.pitch_and_roll(q)
     if robot.orients_tool:  # its roll counts from the plane of the arm, and changes as the base turns
-        turns = np.round(np.degrees(roll_pitch_yaw(T[:3, :3])), 1) + 0.0
+        turns = np.round(to_degrees(roll_pitch_yaw(T[:3, :3])), 1) + 0.0
         tool.append(["Rx, Ry, Rz", ", ".join(f"{turn:.1f}" for turn in turns) + "°"])
         roll = None
     for name, angle in (("Pitch", pitch), ("Roll", roll)):
         if angle is not None:
-            tool.append([name, f"{round(math.degrees(angle), 1) + 0.0:.1f}°"])
+            tool.append([name, f"{round(to_degrees(angle), 1) + 0.0:.1f}°"])
     heading = "<b style='display:block;margin-top:6px'>"
     angles, pose = table((), joints), table((), tool)
     return f"{heading}Joints</b>{angles}{heading}Tool</b>{pose}{rounding_note(robot, q)}"

@@ -68,7 +68,7 @@ class ReplayPage:
     """Play, pause and a slider over the time; the arm as it answered, orange where it was sent."""
 
     def __init__(self, client: viser.ClientHandle, recording: Recording, robot: Robot) -> None:
-        self._client, self._recording = client, recording
+        self._client, self._recording, self._robot = client, recording, robot
         self._time = (recording.time_s - recording.clock_s).round(3)
         setpoint, readback = recording.setpoint, recording.readback
         # what is not known is drawn where it was known last
@@ -132,14 +132,12 @@ class ReplayPage:
         self._go(float(self._time[np.clip(self._index + way, 0, len(self._time) - 1)]))
 
     def _go(self, at: float) -> None:
-        """Halt, and show a time."""
         self._run += 1
         self._show(at)
         self._draw_text()
 
     @property
     def _index(self) -> int:
-        """Of the tick that is shown."""
         return max(int(np.searchsorted(self._time, self._now + 1e-9, side="right")) - 1, 0)
 
     def _show(self, at: float) -> None:
@@ -154,7 +152,7 @@ class ReplayPage:
     def _draw_text(self) -> None:
         recording, k = self._recording, self._index
         state = recording.states[int(recording.column("state")[k])]
-        sent, read = np.degrees(recording.setpoint[k]), np.degrees(recording.readback[k])
+        sent, read = self._robot.shown(recording.setpoint[k]), self._robot.shown(recording.readback[k])
         rows = [
             [title, fixed(a, 2), fixed(b, 2), fixed(b - a, 2)]
             for title, a, b in zip(recording.titles, sent, read, strict=True)
@@ -181,7 +179,7 @@ class ReplayPage:
         recording, joint = self._recording, self._recording.titles.index(self._joint.value)
         keep = thinned(len(self._time), _MOST_POINTS)
         x = self._time[keep]
-        sent, read = (np.degrees(one[keep, joint]) for one in (recording.setpoint, recording.readback))
+        sent, read = (self._robot.shown(one)[keep, joint] for one in (recording.setpoint, recording.readback))
         known = [one for one in (sent, read) if np.isfinite(one).any()]
         low = min((float(np.nanmin(one)) for one in known), default=0.0)
         high = max((float(np.nanmax(one)) for one in known), default=1.0)
@@ -210,7 +208,6 @@ def _head(recording: Recording) -> str:
 
 
 def _story(recording: Recording, now: float) -> str:
-    """What happened up to a time, the newest first."""
     happened = [
         (one.time_s, f"<b>{escape(one.who)}</b>: {escape(one.what)}"
          + (f" → {escape(one.answer)}" if one.answered_s is not None and one.answered_s <= now else ""))

@@ -22,6 +22,7 @@ from armctl import __version__
 from armctl.arrays import FloatArray
 from armctl.errors import ProgramError
 from armctl.facts import Several, ShownSoFar
+from armctl.facts.angles import DEGREE
 from armctl.motion.figure import color_of
 from armctl.motion.preflight import Finding, not_checked
 from armctl.program import Program
@@ -38,7 +39,7 @@ LONGEST_S, MOST_STEPS = 1800.0, 2000
 """a file ends after this much of a program"""
 _CHUNK = 300
 _PATH, _PATH_POINTS = (240, 140, 0), 1500
-_ASPECT, _VIEW, _SEEN, _ROOM = 1.1, math.radians(40), 200, 0.1
+_ASPECT, _VIEW, _SEEN, _ROOM = 1.1, 40 * DEGREE, 200, 0.1
 """width by height of the scene on most screens, upright angle of view, poses in view, and around them"""
 
 

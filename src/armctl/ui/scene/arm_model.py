@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,6 +11,7 @@ import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
+from armctl.facts.angles import DEGREE
 from armctl.kinematics import quaternion_wxyz
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.frames import LinkFrames
@@ -118,7 +118,7 @@ class Mesh:
         return paint(self.color, theme) if isinstance(self.color, str) else self.color
 
 
-_CREASE = math.radians(38)
+_CREASE = 38 * DEGREE
 """Faces that meet at a flatter angle are shaded as one surface."""
 _FIGURES = 16
 """models: the present arm, its ghost, and one for each branch of a target"""

@@ -259,7 +259,6 @@ class Marks:
             node.position, node.wxyz = poses[-1, :3, 3], quaternion_wxyz(poses[-1, :3, :3])
 
     def _add_frames(self) -> list[viser.FrameHandle | viser.LabelHandle]:
-        """The tool's axes and name, then the base's."""
         size, scene = self._robot.chain.length, self._scene
         thick = 0.5 * _AXIS_WIDTH * size
         axes = scene.add_frame("/marks/tool", axes_length=0.15 * size, axes_radius=thick)

@@ -113,7 +113,6 @@ class OrientationFields:
         self._note.visible = visible
 
     def _follow(self) -> None:
-        """Bring what was not typed into up to date."""
         try:
             rotation = self.rotation
         except ArmctlError:  # half-typed: said when it is used

@@ -16,6 +16,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
+from armctl.facts.angles import to_degrees
 from armctl.ui.events import Action, On
 
 _DIGITS = 3
@@ -167,7 +168,7 @@ class NumbersField(TextEntry):
         return ", ".join(format_number(value, self._digits) for value in (self._scale * array).tolist())
 
 
-DEGREES, MILLIMETRES = float(np.degrees(1.0)), 1000.0
+DEGREES, MILLIMETRES = to_degrees(1.0), 1000.0
 """what a field shows for 1 rad and 1 m"""
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from html import escape
@@ -23,6 +22,7 @@ from armctl.calibration import (
 )
 from armctl.errors import ArmctlError, InputError
 from armctl.facts import Need
+from armctl.facts.angles import DEGREE, to_degrees
 from armctl.protocol import Jog, MoveGripper, Snapshot
 from armctl.robot import Robot
 from armctl.ui.session import Session, refused_by
@@ -42,7 +42,7 @@ from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, numbers, ref
 from armctl.ui.widgets.number_field import EditWatch, NumberField
 
 STEPS = {"−10": -10.0, "−1": -1.0, "−0.1": -0.1, "+0.1": 0.1, "+1": 1.0, "+10": 10.0}
-_SLOW_RAD_S, _SLOW_FRACTION, _SHORTEST_S = math.radians(10.0), 0.15, 0.3
+_SLOW_RAD_S, _SLOW_FRACTION, _SHORTEST_S = 10.0 * DEGREE, 0.15, 0.3
 _STEP_HINT = "Turns the joint at once, at no more than 10°/s. Degrees by the calibration in force."
 
 
@@ -156,7 +156,7 @@ class CalibrationJoint:
             output = present_outputs(self._robot, snapshot)[channel]
         except ArmctlError:  # told below Add mark
             return ""
-        degrees = math.degrees(own_map(self._robot).angles({channel: output})[self._index()])
+        degrees = self._robot.shown(own_map(self._robot).angles({channel: output}))[self._index()]
         return (
             f"<div>Stands at <b>{fixed(output, 1)} {self._work.map.unit}</b>, by the calibration in force "
             f"{fixed(degrees, 2)}°</div>"
@@ -193,7 +193,7 @@ class CalibrationJoint:
 
     def _mark(self, snapshot: Snapshot) -> tuple[float, float]:
         """Output and angle [rad]; ``ArmctlError`` where one of them is not known."""
-        return self._output(snapshot), math.radians(self._angle.value)
+        return self._output(snapshot), self._robot.joints[self._index()].read(self._angle.value)
 
 
 def marks_html(marks: Sequence[Mark], fit: JointFit | None, unit: str) -> str:
@@ -203,11 +203,11 @@ def marks_html(marks: Sequence[Mark], fit: JointFit | None, unit: str) -> str:
             "No marks yet: jog the joint to a mark of the protractor, type the angle, press Add mark."
         )
     rows = [
-        [str(number), fixed(mark.output, 1), fixed(math.degrees(mark.angle), 2), ""]
+        [str(number), fixed(mark.output, 1), fixed(to_degrees(mark.angle), 2), ""]
         for number, mark in enumerate(marks, 1)
     ]
     for row, residual in zip(rows, fit.residuals_rad if fit else (), strict=False):
-        row[-1] = fixed(math.degrees(residual), 2)
+        row[-1] = fixed(to_degrees(residual), 2)
     if fit and fit.suspect is not None:
         rows[fit.suspect][-1] += " ✗"
     return table(("mark", unit, "angle °", "residual °"), rows, marked=fit and fit.suspect, words=())
@@ -227,12 +227,12 @@ def fit_html(work: CalibrationWork, joint: str) -> str:
     rows = [
         ["sign", *("+" if one.per_rad > 0 else "−" for one in (fit, own))],
         ["offset (at 0°)", *(f"{fixed(one.zero, 1)} {unit}" for one in (fit, own))],
-        ["scale", *(f"{fixed(abs(math.radians(one.per_rad)), 3)} {unit}/°" for one in (fit, own))],
-        ["residual, RMS", f"{fixed(math.degrees(fit.rms_rad), 2)}°", ""],
+        ["scale", *(f"{fixed(abs(one.per_rad * DEGREE), 3)} {unit}/°" for one in (fit, own))],
+        ["residual, RMS", f"{fixed(to_degrees(fit.rms_rad), 2)}°", ""],
     ]
     if work.map.homed:
         homes = (fit.angle(0.0), -own.zero / own.per_rad)
-        rows.insert(1, ["home (0 counts) is at", *(f"{fixed(math.degrees(home), 2)}°" for home in homes)])
+        rows.insert(1, ["home (0 counts) is at", *(f"{fixed(to_degrees(home), 2)}°" for home in homes)])
     text = table(("", "by the marks", "robot file"), rows)
     text += "".join(muted(sentence(words)) for words in differences(work.robot, joint, fit))
     return text if fit.advice is None else text + refused(sentence(fit.advice))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import partial
 from html import escape
@@ -13,6 +12,7 @@ from armctl.boards import SIMULATED_SERIAL, UNNUMBERED
 from armctl.calibration import LEAST_MARKS, Calibration, CheckPose, Version, check_pose, narrowed
 from armctl.errors import ArmctlError, InputError
 from armctl.facts import Need
+from armctl.facts.angles import DEGREE, to_degrees
 from armctl.protocol import MoveJoints, Snapshot
 from armctl.ui.robot_switch import release_first
 from armctl.ui.session import Session, refused_by
@@ -153,7 +153,6 @@ class CalibrationSave:
         await self._take_effect("Calibration reverted", label)
 
     async def _take_effect(self, title: str, text: str) -> None:
-        """Open the arm anew by what is in force now; the page's next session shows it."""
         session = self._session
         session.notify(title, f"{text}. The arm is opened anew with it: press Enable in Control.")
         await session.reopen_arm()
@@ -249,5 +248,5 @@ def _measured(work: CalibrationWork, joint: str) -> list[str]:
     if fit is None:
         return [count, "", "", "", safe]
     doubt = " ✗" if fit.suspect is not None else " ?" if fit.advice else ""
-    rms = f"{fixed(math.degrees(fit.rms_rad), 2)}°{doubt}"
-    return [count, rms, fixed(fit.zero, 1), fixed(math.radians(fit.per_rad), 3), safe]
+    rms = f"{fixed(to_degrees(fit.rms_rad), 2)}°{doubt}"
+    return [count, rms, fixed(fit.zero, 1), fixed(fit.per_rad * DEGREE, 3), safe]

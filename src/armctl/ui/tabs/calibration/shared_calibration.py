@@ -30,12 +30,13 @@ from armctl.calibration import (
 )
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.facts import State
+from armctl.facts.angles import DEGREE, to_degrees
 from armctl.hardware import Source
 from armctl.protocol import Snapshot, wall_time
 from armctl.robot import OutputMap, Robot
 from armctl.ui.console import CalibrationInForce, Console
 
-_LARGEST_ANGLE = math.radians(720.0)
+_LARGEST_ANGLE = 720.0 * DEGREE
 _FARTHEST_M = 10.0
 _APART = 1.0
 """outputs that differ by less are one place"""
@@ -95,14 +96,14 @@ class CalibrationWork:
         """Note that the joint stood at ``angle`` [rad] when its output was ``output``."""
         if not math.isfinite(angle) or abs(angle) > _LARGEST_ANGLE:
             raise InputError(
-                f"{math.degrees(angle):g}° is outside ±{math.degrees(_LARGEST_ANGLE):g}°; type the "
+                f"{to_degrees(angle):g}° is outside ±{to_degrees(_LARGEST_ANGLE):g}°; type the "
                 "angle that the protractor shows"
             )
         marks, mark = self.joint(joint).marks, Mark(output, angle)
         if mark in marks:
             raise InputError(
                 f"mark {marks.index(mark) + 1} says the same already ({output:.1f} {self.map.unit}, "
-                f"{math.degrees(angle):g}°); jog the joint to another place"
+                f"{to_degrees(angle):g}°); jog the joint to another place"
             )
         self._set(joint, marks=(*marks, mark))
 

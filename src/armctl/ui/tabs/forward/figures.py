@@ -9,6 +9,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
+from armctl.facts.angles import DEGREE, to_degrees
 from armctl.kinematics import quaternion_wxyz, roll_pitch_yaw
 from armctl.kinematics.velocity import (
     Freedom,
@@ -29,7 +30,7 @@ from armctl.ui.widgets.number_field import DEGREES, MILLIMETRES, FieldArray, Num
 _LEAST_PART = 0.35
 """a part of a direction smaller than this is left out of its description (20°)"""
 _ON_AXIS_M = 1e-3
-_EQUAL_RATE = math.radians(20)
+_EQUAL_RATE = 20 * DEGREE
 """one rate for all joints, so that they can be compared [rad/s]"""
 _ROWS = ("vx mm/s", "vy mm/s", "vz mm/s", "ωx rad/s", "ωy rad/s", "ωz rad/s")
 _WAYS = (("out", "in"), ("left", "right"), ("up", "down"))
@@ -55,7 +56,7 @@ def pose_html(robot: Robot, q: FloatArray) -> str:
     html += heading("Orientation") + f"<div>{turned}</div>"
     html += muted("R = Rz(yaw) · Ry(pitch) · Rx(roll): turns about the base's x, then y, then z axis.")
     if pitch is not None:
-        pitch_deg = fixed(math.degrees(pitch), 3)
+        pitch_deg = fixed(to_degrees(pitch), 3)
         html += muted(
             f"Ry is not the tool pitch: that is {pitch_deg}°, the tool's axis above the horizontal."
         )
@@ -64,7 +65,7 @@ def pose_html(robot: Robot, q: FloatArray) -> str:
 
 def base_turns(T: FloatArray, digits: int) -> list[tuple[str, str]]:
     """Roll-pitch-yaw of a pose (4, 4), named Rx, Ry, Rz: "pitch" and "roll" are the tool's."""
-    angles = [f"{fixed(angle, digits)}°" for angle in np.degrees(roll_pitch_yaw(T[:3, :3])).tolist()]
+    angles = [f"{fixed(angle, digits)}°" for angle in map(to_degrees, roll_pitch_yaw(T[:3, :3]).tolist())]
     return list(zip(("Rx", "Ry", "Rz"), angles, strict=True))
 
 
@@ -132,10 +133,10 @@ def tool_speeds_html(robot: Robot, jacobian: FloatArray) -> str:
         if (held := held_at(joint)) is not None:
             rows.append([joint.title, held, "", ""])
         else:
-            limit = f"{fixed(math.degrees(joint.speed), 1)} °/s"
+            limit = f"{fixed(joint.shown(joint.speed), 1)} °/s"
             rows.append([joint.title, f"{fixed(same, 1)} mm/s", limit, f"{fixed(speed, 1)} mm/s"])
     most = int(np.where(speeds > 0, equal, 0.0).argmax())
-    head = ["joint", f"at {fixed(math.degrees(_EQUAL_RATE), 0)} °/s", "its limit", "at its limit"]
+    head = ["joint", f"at {fixed(to_degrees(_EQUAL_RATE), 0)} °/s", "its limit", "at its limit"]
     return table(head, rows, marked=most if speeds[most] > 0 else None)
 
 
@@ -144,10 +145,10 @@ def tool_velocity_html(robot: Robot, jacobian: FloatArray, rates: FloatArray) ->
     velocity = tool_velocity(jacobian, rates)
     rows = [
         ["tool point mm/s", *_with_size(1000 * velocity.linear)],
-        ["tool turns °/s", *_with_size(np.degrees(velocity.angular))],
+        ["tool turns °/s", *_with_size(to_degrees(velocity.angular))],
     ]
     over = [
-        f"{joint.title} turns at {fixed(math.degrees(joint.speed), 1)} °/s at most"
+        f"{joint.title} turns at {fixed(joint.shown(joint.speed), 1)} °/s at most"
         for joint, rate in zip(robot.joints, rates.tolist(), strict=True)
         if abs(rate) > joint.speed * (1 + 1e-9)
     ]
@@ -160,8 +161,8 @@ def joint_rates_html(robot: Robot, jacobian: FloatArray, linear: FloatArray, *, 
     speeds = turning_speeds(robot.limits, robot.speed_limits)
     found = joint_rates(jacobian, speeds, linear, np.zeros(3) if keep else None)
     rows: list[list[str]] = []
-    for joint, rate in zip(robot.joints, np.degrees(found.rates).tolist(), strict=True):
-        limit = held_at(joint) or f"{fixed(math.degrees(joint.speed), 1)} °/s"
+    for joint, rate in zip(robot.joints, robot.shown(found.rates).tolist(), strict=True):
+        limit = held_at(joint) or f"{fixed(joint.shown(joint.speed), 1)} °/s"
         rows.append([joint.title, f"{fixed(rate, 2)} °/s", limit])
     velocity = tool_velocity(jacobian, found.rates)
     reached, asked = (1000 * float(np.linalg.norm(v)) for v in (velocity.linear, linear))
@@ -174,7 +175,7 @@ def joint_rates_html(robot: Robot, jacobian: FloatArray, linear: FloatArray, *, 
     missed = 1000 * float(np.linalg.norm(found.residual[:3]))
     if missed > _MISSED * max(asked, 1.0):
         text += refused(f"The joints cannot give {fixed(missed, 2)} mm/s of the tool point's velocity here.")
-    turned = float(np.degrees(np.linalg.norm(velocity.angular)))
+    turned = to_degrees(float(np.linalg.norm(velocity.angular)))
     if keep and turned > _MISSED:
         return text + refused(
             f"The tool cannot move like this without turning: it turns at {fixed(turned, 2)} °/s."
@@ -201,7 +202,7 @@ class VelocityForm:
         gui = session.gui
         with gui.add_folder("Joint rates (°/s) → tool velocity"):
             turning = [joint for joint in self._robot.joints if held_at(joint) is None]
-            rates = [NumberField(gui, one.title, min(20.0, math.degrees(one.speed))) for one in turning]
+            rates = [NumberField(gui, one.title, min(20.0, one.shown(one.speed))) for one in turning]
             self._rates = FieldArray(rates, DEGREES)
             self._velocity = LiveHtml(gui)
         with gui.add_folder("Tool velocity → joint rates"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import math
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import partial
@@ -14,6 +13,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, UnreachableError
 from armctl.facts import Need, State
+from armctl.facts.angles import from_degrees, to_degrees
 from armctl.kinematics import DEFAULT_STEP, Target
 from armctl.kinematics.velocity import position_leaves_pitch
 from armctl.protocol import MoveJoints, Snapshot
@@ -224,7 +224,7 @@ def results_html(
                 problems += muted(f"✗ With respect to {name}: {refusal}.") if edited else ""
     head = ["will go to", *(f"θ{i + 1}°" for i in range(robot.n)), "x mm", "y mm", "z mm"]
     rows = [
-        [name, *(fixed(v, 1) for v in (*np.degrees(q).tolist(), *(1000 * robot.forward(q)[:3, 3]).tolist()))]
+        [name, *(fixed(v, 1) for v in (*robot.shown(q).tolist(), *(1000 * robot.forward(q)[:3, 3]).tolist()))]
         for name, q in poses.items()
     ]
     html = table(head, rows, small=True)
@@ -289,12 +289,12 @@ class PoseFields:
         if self.orientation is not None:
             self.orientation.fill(pose[:3, :3])
         elif pitch is not None:
-            self.pitch.fill(math.degrees(pitch))
+            self.pitch.fill(to_degrees(pitch))
         if turn_only:
             return
         self.xyz.fill(pose[:3, 3])
         if roll is not None:
-            self.roll.fill(math.degrees(roll))
+            self.roll.fill(to_degrees(roll))
 
     def holds_turn(self, edited: TextEntry) -> bool:
         """Whether pitch or orientation is asked for when ``edited`` is the field that was typed into."""
@@ -305,8 +305,8 @@ class PoseFields:
         position, held = self.xyz.array, self.holds_turn(edited)
         if self.orientation is not None:
             return Target.of(position, rotation=self.orientation.rotation if held else None)
-        pitch = math.radians(self.pitch.value) if held else None
-        roll = math.radians(self.roll.value) if self.roll.visible else None
+        pitch = from_degrees(self.pitch.value) if held else None
+        roll = from_degrees(self.roll.value) if self.roll.visible else None
         return Target.of(position, pitch, roll)
 
 

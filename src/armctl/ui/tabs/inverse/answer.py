@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import UnreachableError
+from armctl.facts.angles import to_degrees
 from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
 from armctl.kinematics.energy import EnergyModel, energies
 from armctl.motion import FLOOR_TOLERANCE_M, Profile
@@ -75,6 +76,7 @@ class BranchVerdict:
 class RankedSolutions:
     """Solutions of one target, sorted by one criterion, and the one of least energy."""
 
+    robot: Robot
     solutions: Solutions
     criterion: Criterion
     start: FloatArray
@@ -159,7 +161,7 @@ def answer(
     ways = JudgedConfigurations(robot, start, profile)
     way = "" if best is None or why_not else ways.refused(best)
     judged = _verdicts(robot, solutions, name, start, best, ways)
-    found = RankedSolutions(solutions, name, start, energy, order, best, why_not, ways, judged, way)
+    found = RankedSolutions(robot, solutions, name, start, energy, order, best, why_not, ways, judged, way)
     few = representatives(found) if solutions.success else ()
     other = _first_possible(robot, found, few) if way else None
     return replace(found, curve=_energy_curve(robot, found), representatives=few, instead=other)
@@ -207,7 +209,7 @@ def result_html(robot: Robot, found: RankedSolutions) -> str:
         return text if nearest is None else text + _floor_note(robot, "The nearest point", nearest)
     used = zip(*np.unique(solutions.branch_index, return_counts=True), strict=True)
     branches = "; ".join(f"{solutions.branch_names[i]}: {count}" for i, count in used)
-    angles = "" if best is None else numbers(np.degrees(best).tolist(), 3)
+    angles = "" if best is None else numbers(robot.shown(best).tolist(), 3)
     if best is not None and found.why_not:
         text = strong("No solution in that orientation") + refused(f"{_capital(found.why_not)}.")
         text += f"<div>the nearest that was found: {_in_one_line(angles)}</div>"
@@ -230,7 +232,7 @@ def result_html(robot: Robot, found: RankedSolutions) -> str:
         text += muted(f"Torques count {solutions.arm.energy.gravity.counted}.")
     text += way_html(found.way_refused)
     if found.instead is not None:
-        angles = _in_one_line(numbers(np.degrees(found.q(found.instead)).tolist(), 3))
+        angles = _in_one_line(numbers(robot.shown(found.q(found.instead)).tolist(), 3))
         text += f"<div>Go by least energy goes to row {found.instead} instead: {angles}</div>"
         text += muted("It is the best to which the arm may go.")
     return text
@@ -295,7 +297,7 @@ def representatives(found: RankedSolutions) -> tuple[Representative, ...]:
             squares = energies("least-torque", q[None], arm.energy, arm.pitch_joints, start)
             load = float(_shown("least-torque", squares, arm.energy)[0])
         forbidden = not found.ways.possible(q)
-        rows.append(Representative(tuple(names), row, float(np.degrees(rotation)), time, load, forbidden))
+        rows.append(Representative(tuple(names), row, to_degrees(rotation), time, load, forbidden))
     return tuple(rows)
 
 
@@ -348,7 +350,7 @@ def list_row(found: RankedSolutions, row: int) -> list[str]:
     index = found.order[row - 1]
     return [
         str(row),
-        *(fixed(value, 2) for value in np.degrees(found.q(row)).tolist()),
+        *(fixed(value, 2) for value in found.robot.shown(found.q(row)).tolist()),
         short_branch(str(found.solutions.branch[index])),
         fixed(float(found.energy[index]), 3),
     ]
@@ -359,7 +361,7 @@ def selected_html(found: RankedSolutions, row: int | None) -> str:
     if row is None:
         return muted(f"No row is selected: type a row from 1 to {len(found.solutions)}.")
     why = found.ways.known(found.q(row))
-    angles = numbers(np.degrees(found.q(row)).tolist(), 2)
+    angles = numbers(found.robot.shown(found.q(row)).tolist(), 2)
     goes = "goes" if why is None else "would go" if why else "will go"
     text = f"<div>selected row {row}: {goes} to θ = (<b>{angles}</b>)°</div>"
     if why and why == found.way_refused:
@@ -373,7 +375,6 @@ def short_branch(name: str) -> str:
 
 
 def _energy_curve(robot: Robot, found: RankedSolutions) -> Picture | str:
-    """The energy over the free joint, one line a branch, with the best one marked; or why there is none."""
     solutions, free, count = found.solutions, found.solutions.free_joint, len(found.solutions)
     if count == 0:
         return "There is no solution."
@@ -386,9 +387,9 @@ def _energy_curve(robot: Robot, found: RankedSolutions) -> Picture | str:
         return f"No joint is free here: {counted(count, 'isolated ')}, no curve."
     if count == 1:
         return "There is a single solution, and no curve."
-    unique, place = np.unique(np.round(np.degrees(solutions.q[:, free]), 6), return_inverse=True)
+    unique, place = np.unique(np.round(robot.shown(solutions.q)[:, free], 6), return_inverse=True)
     angles = unique.astype(np.float64)
-    best = None if found.best is None else int(np.abs(angles - np.degrees(found.best[free])).argmin())
+    best = None if found.best is None else int(np.abs(angles - robot.shown(found.best)[free]).argmin())
     kept = thinned(len(angles), _MOST_POINTS, [] if best is None else [best])
     lines: list[PlotLine] = []
     for i, name in enumerate(solutions.branch_names):
@@ -422,7 +423,6 @@ def _floor_note(robot: Robot, what: str, point: FloatArray) -> str:
 
 
 def _in_one_line(angles: str) -> str:
-    """Angles that stand in one line."""
     return f"<span style='white-space:nowrap'>θ = (<b>{angles}</b>)°</span>"
 
 

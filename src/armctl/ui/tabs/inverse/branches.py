@@ -123,7 +123,7 @@ def branches_html(found: RankedSolutions) -> str:
         [
             str(one.number),
             short_branch(one.branch.name),
-            *(fixed(value, 2) for value in np.degrees(one.branch.q).tolist()),
+            *(fixed(value, 2) for value in found.robot.shown(one.branch.q).tolist()),
             "–" if one.branch.forbidden else fixed(found.energy_of(one.branch.q), 3),
             "refused" if one.refused else "chosen" if one.chosen else "possible",
         ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import math
 from dataclasses import replace
 from functools import partial
 
@@ -178,7 +177,6 @@ class InverseScreen:
         await self._choose_again()
 
     async def _choose_again(self) -> None:
-        """By another criterion, or with motions of another profile."""
         found = self._answer
         if found is None or not self._answered:
             return
@@ -275,7 +273,8 @@ class InverseScreen:
 
     def _on_along(self) -> None:
         if self._answer is not None and self._answer.solutions.success:
-            self._select(self._answer.row_at(math.radians(self._along.value)))
+            joint = self._robot.joints[self._answer.solutions.free_joint or 0]
+            self._select(self._answer.row_at(joint.read(self._along.value)))
 
     def _forget(self, refusal: ArmctlError) -> None:
         """What the fields hold cannot be solved: no answer of others stays beside them."""
@@ -317,14 +316,13 @@ class InverseScreen:
             self._draw_curve(found)
 
     def _draw_curve(self, found: RankedSolutions) -> None:
-        """The curve with the selected row on it; the slider follows."""
         row, free = self._pager.row, found.solutions.free_joint
         if isinstance(found.curve, str) or free is None:
             return
         dot = np.full(len(found.curve.x), np.nan)
         if row is not None:
             q = found.q(row)
-            angle = math.degrees(float(q[free]))
+            angle = self._robot.joints[free].shown(float(q[free]))
             dot[int(np.abs(found.curve.x - angle).argmin())] = found.energy_of(q)
             self._along.value = min(max(round(angle, 2), self._along.min), self._along.max)
         selected = PlotLine("selected", dot, _SELECTED_INK, mark=True)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Awaitable
 
 import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
+from armctl.facts.angles import from_degrees, to_degrees
 from armctl.kinematics import Target
 from armctl.ui.events import Action
 from armctl.ui.session import Session
@@ -39,7 +39,7 @@ class TargetForm:
         for name, hint, angle in zip(("pitch", "roll"), (_PITCH_HINT, _ROLL_HINT), angles, strict=True):
             has = angle is not None
             use = gui.add_checkbox(f"Use {name}", initial_value=False, visible=has and self._kind is None)
-            degrees = None if angle is None else math.degrees(angle)
+            degrees = None if angle is None else to_degrees(angle)
             field = NumberField(gui, f"{name.capitalize()} °", degrees, hint=hint, visible=False)
             self._turns.append((use, field, has))
         self._show = gui.add_checkbox("Show target", initial_value=False, hint=_SHOW_HINT)
@@ -72,11 +72,10 @@ class TargetForm:
         position, whole = self.point.xyz.array, self._whole
         if whole is not None:
             return Target.of(position, rotation=whole.rotation)
-        turns = (math.radians(field.value) if self._uses(use) else None for use, field, _ in self._turns)
+        turns = (from_degrees(field.value) if self._uses(use) else None for use, field, _ in self._turns)
         return Target.of(position, *turns)
 
     def _fill_tool(self, q: FloatArray) -> None:
-        """Put the tool's pose at ``q`` (n,) [rad] into all fields."""
         pose = self._robot.forward(q)
         self.point.put(pose[:3, 3])
         if self._orientation is not None:
@@ -84,7 +83,7 @@ class TargetForm:
         angles = self._robot.inverse_kinematics.pitch_and_roll(q)
         for (_, field, _), angle in zip(self._turns, angles, strict=True):
             if angle is not None:
-                field.fill(math.degrees(angle))
+                field.fill(to_degrees(angle))
 
     @property
     def _whole(self) -> OrientationFields | None:
@@ -92,7 +91,6 @@ class TargetForm:
         return None if self._kind is None or self._kind.value != WHOLE else self._orientation
 
     def _uses(self, use: viser.GuiCheckboxHandle) -> bool:
-        """Whether pitch or roll is asked for."""
         return use.value and (self._kind is None or self._kind.value == PITCH_AND_ROLL)
 
     def _on_dragged(self) -> Awaitable[object] | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from functools import partial
@@ -14,6 +13,7 @@ import viser
 
 from armctl.errors import InputError, StateError
 from armctl.facts import Need
+from armctl.facts.angles import DEGREE
 from armctl.protocol import MoveJoints, Snapshot
 from armctl.robot import Robot, robot_path, user_robots_folder
 from armctl.robot.draft import Draft
@@ -86,7 +86,6 @@ def labelled(choices: Sequence[RobotChoice]) -> dict[str, str]:
 
 
 def _with_file(choice: RobotChoice) -> str:
-    """The title with the name of the file; which link of a URDF is its tool goes behind a ``#``."""
     return f"{choice.title} ({Path(choice.name.partition('#')[0]).name})"
 
 
@@ -149,7 +148,7 @@ def _note(text: str) -> str:
 # Which joint moved? Finds out on which channel of the board each servo of one's own arm is plugged in.
 
 
-_NUDGE_RAD, _NUDGE_S = math.radians(4.0), 0.6
+_NUDGE_RAD, _NUDGE_S = 4.0 * DEGREE, 0.6
 _HINT = (
     "Nudge turns one servo by 4° and back. Say which joint moved; once every channel has a joint, the robot "
     "file gets the channels."

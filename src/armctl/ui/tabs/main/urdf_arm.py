@@ -61,8 +61,6 @@ _NO_LINKS: tuple[str, ...] = (_AS_FOUND,)
 
 @dataclass(frozen=True, slots=True)
 class _Present:
-    """The URDF arm that is shown."""
-
     name: str
     """what opens it, without a tool link"""
     source: UrdfSource

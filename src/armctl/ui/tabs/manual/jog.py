@@ -12,6 +12,7 @@ import viser
 
 from armctl.errors import ArmctlError
 from armctl.facts import Need
+from armctl.facts.angles import DEGREE
 from armctl.protocol import Jog, JogTool, MonotonicClock, MoveGripper, Snapshot
 from armctl.protocol.snapshot import tool_turns
 from armctl.robot import CarriedPart, Robot
@@ -64,7 +65,7 @@ def tool_axes(robot: Robot) -> tuple[str, ...]:
 
 def tool_jog(axis: str, sign: float, speed_mm_s: float, frame: Frame) -> JogTool:
     """One short command; ``sign`` is 1 or -1."""
-    linear, rate = np.zeros(3), sign * math.radians(_TURN_DEG_PER_MM * speed_mm_s)
+    linear, rate = np.zeros(3), sign * _TURN_DEG_PER_MM * speed_mm_s * DEGREE
     match axis:
         case "Pitch":
             return JogTool(linear, pitch_rate=rate, frame=frame)

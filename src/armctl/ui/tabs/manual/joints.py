@@ -13,6 +13,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, out_of_range
 from armctl.facts import Need
+from armctl.facts.angles import to_degrees
 from armctl.hardware import Source
 from armctl.kinematics import roll_pitch_yaw
 from armctl.protocol import MoveJoints, Snapshot
@@ -78,12 +79,12 @@ def tool_table(robot: Robot, snapshot: Snapshot) -> str:
     ]
     pitch = math.asin(min(1.0, max(-1.0, float(robot.forward(q)[2, 2]))))  # of the approach axis, tool z
     roll = robot.inverse_kinematics.pitch_and_roll(q)[1]
-    angles = f"pitch <b>{fixed(math.degrees(pitch), 2)}°</b>"
+    angles = f"pitch <b>{fixed(to_degrees(pitch), 2)}°</b>"
     if roll is not None:
-        angles += f" · roll <b>{fixed(math.degrees(roll), 2)}°</b>"
+        angles += f" · roll <b>{fixed(to_degrees(roll), 2)}°</b>"
     html = table(["Tool", "x", "y", "z", "size"], rows) + f"<div style='padding:0 6px'>Tool {angles}</div>"
     if robot.orients_tool:
-        turns = np.degrees(roll_pitch_yaw(robot.forward(q)[:3, :3])).tolist()
+        turns = map(to_degrees, roll_pitch_yaw(robot.forward(q)[:3, :3]).tolist())
         named = " · ".join(
             f"R{axis} <b>{fixed(turn, 2)}°</b>" for axis, turn in zip("xyz", turns, strict=True)
         )
@@ -168,7 +169,7 @@ class JointControl:
     def _asked(self) -> FloatArray:
         """What the sliders ask for (n,) [rad]; a joint that is held stays where it is."""
         sliders, shown = self._sliders, enumerate(self._shown)
-        return np.radians([float(sliders[i].value) if i in sliders else angle for i, angle in shown])
+        return self._robot.read([float(sliders[i].value) if i in sliders else angle for i, angle in shown])
 
     def _show(self, degrees: list[float]) -> None:
         self._shown = degrees
@@ -236,16 +237,16 @@ class JointStepper:
 def stepped(robot: Robot, q: FloatArray, joint: int, step_deg: float) -> FloatArray:
     """``q`` (n,) [rad] with one joint turned by ``step_deg``; refused past its limit."""
     asked = q.copy()
-    asked[joint] += math.radians(step_deg)
     one = robot.joints[joint]
+    asked[joint] += one.read(step_deg)
     limit = one.upper if step_deg > 0 else one.lower
     beyond = asked[joint] - limit if step_deg > 0 else limit - asked[joint]
     if beyond > _ROUNDING:
         left = abs(limit - float(q[joint]))
         raise MotionRefusedError(
-            f"{one.title}: {step_deg:+g}° from {math.degrees(float(q[joint])):.2f}° leads to "
-            f"{math.degrees(float(asked[joint])):.2f}°, the limit is {math.degrees(limit):.2f}°; "
-            f"it can turn {math.degrees(left):.2f}° more that way"
+            f"{one.title}: {step_deg:+g}{one.unit} from {one.said(float(q[joint]))} leads to "
+            f"{one.said(float(asked[joint]))}, the limit is {one.said(limit)}; "
+            f"it can turn {one.said(left)} more that way"
         )
     asked[joint] = min(max(float(asked[joint]), one.lower), one.upper)
     return asked

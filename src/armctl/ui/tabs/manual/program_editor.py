@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
@@ -12,14 +11,13 @@ import numpy as np
 import viser
 
 from armctl.errors import InputError, StateError, out_of_range
-from armctl.kinematics import roll_pitch_yaw
 from armctl.motion import usual_pitch
 from armctl.process.heavy_work import check_program_apart
 from armctl.program import CommentStep, Program, SpeedStep, Step, WaitStep
 from armctl.program import steps as registry
 from armctl.program.base_steps import LONGEST_WAIT_S
 from armctl.program.program import PLACES, Change, add, delete, duplicate, move, repeat
-from armctl.program.steps import EDGES, MOST_REPEATS, SLOWEST_PERCENT
+from armctl.program.steps import EDGES, MOST_REPEATS, SLOWEST_PERCENT, tool_turn
 from armctl.protocol import Snapshot, UpdateProgram
 from armctl.robot import Robot
 from armctl.ui.session import Session, refused_by
@@ -145,19 +143,14 @@ def _tool_here(robot: Robot, pose_deg: tuple[float, ...]) -> Mapping[str, Any]:
     where the place of the tool decides about it.
     """
     q = robot.read(pose_deg)
-    known: dict[str, float | None] = dict.fromkeys(("pitch_deg", "roll_deg", *_RPY))
+    angles: dict[str, float | None] = dict.fromkeys(("pitch_deg", "roll_deg", *_RPY))
+    angles |= tool_turn(robot, q, _DIGITS)
     if robot.orients_tool:
-        known |= zip(_RPY, roll_pitch_yaw(robot.forward(q)[:3, :3]).tolist(), strict=True)
         modes = {"pitch": None, "orientation": "interpolated"}
     else:
-        known |= zip(("pitch_deg", "roll_deg"), robot.inverse_kinematics.pitch_and_roll(q), strict=True)
         modes = {"pitch": "free" if usual_pitch(robot) == "free" else None, "orientation": None}
         if modes["pitch"] is not None:
-            known["pitch_deg"] = None
-    angles = {
-        key: None if angle is None else round(math.degrees(angle), _DIGITS) + 0.0
-        for key, angle in known.items()
-    }
+            angles["pitch_deg"] = None
     point = dict(zip(_END, tool_point_mm(robot, pose_deg), strict=True))
     return {"joints_deg": pose_deg, **point, **modes, **angles}
 
@@ -259,7 +252,6 @@ class ProgramRecord:
         self._session.on(group.on_click, on_add)
 
     def _require_known(self, snapshot: Snapshot) -> None:
-        """Refuse where no pose can be recorded."""
         present_pose_deg(self._session.console.robot, snapshot)
 
     async def _add(self, step: Step) -> None:

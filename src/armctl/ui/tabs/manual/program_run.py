@@ -147,8 +147,6 @@ _CHECK_HINT = "Look for what would be refused, without moving the arm."
 
 @dataclass(frozen=True, eq=False)
 class _Check:
-    """A check that runs or has ended."""
-
     program: Program
     begin: tuple[float, ...] | None
     to_run: bool

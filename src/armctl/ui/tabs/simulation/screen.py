@@ -15,6 +15,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.facts import State
+from armctl.facts.angles import to_degrees
 from armctl.kinematics import Target
 from armctl.motion.figure import color_of
 from armctl.protocol import FollowTarget, Snapshot
@@ -167,7 +168,7 @@ class JointHistory:
         if not self._rows:
             self._first = stamp
         board = np.where(np.isnan(q), q_command, q)
-        self._rows.append((stamp, np.degrees(np.concatenate([q_command, board]))))
+        self._rows.append((stamp, to_degrees(np.concatenate([q_command, board]))))
         while stamp - self._rows[0][0] > SPAN_S:
             self._rows.popleft()
 

@@ -125,7 +125,6 @@ class TwinControl:
     def _exported(
         self, held: Robot, chosen: Program | str, q: FloatArray, opening: float | None
     ) -> tuple[str, str]:
-        """Name and page of a program, or of the way to a named pose."""
         robot = self._robot
 
         def progress(share: float) -> None:
@@ -145,13 +144,11 @@ class TwinControl:
         return chosen.name, page
 
     def _no_steps(self) -> str | None:
-        """Why what is chosen cannot be rehearsed."""
         if self._what.value != _PROGRAM or self._session.console.shared(SharedProgram).program.steps:
             return None
         return "the program of Serial motion has no steps yet; record some, or choose a pose"
 
     def _no_file(self) -> str | None:
-        """Why there can be no export now."""
         return self._no_steps() if self._share is None else "a file is being made; wait until it is there"
 
     def _chosen(self) -> tuple[Robot, Program | str, FloatArray, float | None]:

@@ -93,7 +93,6 @@ class WorkspaceView:
         self._plot.show(section_svg(*in_plane(self._robot, model.section.plane(q), self._outline, q)))
 
     async def _make_outline(self, model: WorkspaceCloud, q: FloatArray) -> None:
-        """Cut the workspace open in the plane of the arm at ``q`` (n,) [rad], and draw the outline."""
         try:
             outline = await asyncio.to_thread(model.section.outline, q)
         finally:

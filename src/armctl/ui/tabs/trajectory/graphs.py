@@ -116,7 +116,6 @@ class GraphView:
         self._plot.show(graph(self._shown, of, quantity, limits, self._time.value, self._beside))
 
     def _go(self, shown: PlannedMotion, time: float, *, draw: bool = True) -> None:
-        """Move the ghost, and with ``draw`` the cursor, to a time [s]."""
         time = min(time, shown.trajectory.duration)
         self._preview.show(shown.trajectory.sample(time).q, self._session.snapshot.q_command)
         if draw:
@@ -262,7 +261,9 @@ def peaks_html(planned: PlannedMotion) -> str:
     columns = (peaks.speed, robot.speed_limits, peaks.acceleration, robot.acceleration_limits)
     rows = [
         [joint.title, *(fixed(value, digits) for value, digits in zip(row, (1, 0, 1, 0), strict=True))]
-        for joint, row in zip(robot.joints, np.degrees(np.column_stack(columns)).tolist(), strict=True)
+        for joint, row in zip(
+            robot.joints, np.column_stack([robot.shown(one) for one in columns]).tolist(), strict=True
+        )
     ]
     tool_speed = 1000 * float(motion.tool_speed.max())
     tool_acceleration = 1000 * float(np.linalg.norm(motion.tool_acceleration, axis=1).max())
@@ -282,9 +283,9 @@ def cursor_html(planned: PlannedMotion, time: float) -> str:
     speed = 1000 * float(np.linalg.norm(robot.jacobian(state.q)[:3] @ state.velocity))
     step = planned.step_at(time)
     rows = [
-        ["θ °", *(fixed(value, 2) for value in np.degrees(state.q).tolist())],
-        ["°/s", *(fixed(value, 1) for value in np.degrees(state.velocity).tolist())],
-        ["°/s²", *(fixed(value, 0) for value in np.degrees(state.acceleration).tolist())],
+        ["θ °", *(fixed(value, 2) for value in robot.shown(state.q).tolist())],
+        ["°/s", *(fixed(value, 1) for value in robot.shown(state.velocity).tolist())],
+        ["°/s²", *(fixed(value, 0) for value in robot.shown(state.acceleration).tolist())],
     ]
     return (
         f"<div>at {fixed(time, 2)} s: tool (<b>{numbers(point.tolist(), 1)}</b>) mm, {fixed(speed, 1)} mm/s"

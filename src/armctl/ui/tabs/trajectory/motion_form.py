@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import math
 from collections.abc import Callable
 from functools import partial
 from typing import Literal
@@ -12,6 +11,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, out_of_range
+from armctl.facts.angles import DEGREE, from_degrees
 from armctl.kinematics import Target, roll_pitch_yaw, rotation_of
 from armctl.motion import PitchMode, TurnMode, usual_pitch
 from armctl.motion.analysis import Turning
@@ -203,7 +203,7 @@ class MotionForm:
         robot, name = self._session.console.robot, self._start.value
         start = self._session.snapshot.q_command if name == PRESENT else robot.pose(name)
         turning = _TURNING[self._turning.value]
-        return partial(make_study, robot, name, start, turning, math.radians(speed), seconds)
+        return partial(make_study, robot, name, start, turning, speed * DEGREE, seconds)
 
     def refresh(self) -> None:
         """Say what a duration of 0 means for as long as it is 0."""
@@ -217,7 +217,7 @@ class MotionForm:
             return self._to.asked(present)
         if not self._end.visible:
             return None
-        pitch = math.radians(self._end_pitch.value) if self._end_pitch.visible else None
+        pitch = from_degrees(self._end_pitch.value) if self._end_pitch.visible else None
         rotation = rotation_of(self._end_rpy.array) if self._end_rpy.visible else None
         return Target.of(self._end.array, rotation=rotation)._replace(pitch=pitch)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +10,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
+from armctl.facts.angles import DEGREE, to_degrees
 from armctl.kinematics.workspace import longest_levers
 from armctl.motion.analysis import JointStudy, Turning, study_csv, study_joints
 from armctl.motion.figure import color_of
@@ -140,7 +140,7 @@ def _at_most(shown: ShownStudy) -> str:
         f"{fixed(1000 * reach, 1)} mm at most: {_deg_s(speed)} give "
         f"{fixed(1000 * speed * reach, 1)} mm/s at most."
     )
-    printed, speed = _PRINTED_M_S.get(shown.robot.name), math.radians(PAPER_DEG_S)
+    printed, speed = _PRINTED_M_S.get(shown.robot.name), PAPER_DEG_S * DEGREE
     if printed is not None:
         text += (
             f" The {fixed(printed, 2)}·10³ mm/s that the paper prints at 20 °/s cannot be: that would take "
@@ -151,4 +151,4 @@ def _at_most(shown: ShownStudy) -> str:
 
 
 def _deg_s(speed: float) -> str:
-    return f"{round(math.degrees(speed), 3):g} °/s"
+    return f"{round(to_degrees(speed), 3):g} °/s"
