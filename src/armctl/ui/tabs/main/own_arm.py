@@ -232,7 +232,7 @@ class OwnArm:
     def _pose_of(self, robot: Robot) -> FloatArray:
         """(n,) the pose that is drawn [rad]; it may be outside the limits, which are being sought."""
         home = zip(robot.joint_names, robot.shown(robot.pose("home")).tolist(), strict=True)
-        return robot.read([self._q.get(name, angle) for name, angle in home])
+        return robot.read(np.array([self._q.get(name, angle) for name, angle in home]))
 
     def _draw(self, robot: Robot) -> None:
         self._erase()
