@@ -55,7 +55,7 @@ _OUR_ICON = (
 """a small arm"""
 
 
-class _Said(msgspec.Struct, forbid_unknown_fields=True):
+class _PageMessage(msgspec.Struct, forbid_unknown_fields=True):
     """One message of a page."""
 
     page: str | None = None
@@ -66,7 +66,7 @@ class _Said(msgspec.Struct, forbid_unknown_fields=True):
     ask: int | None = None
 
 
-_DECODER = msgspec.json.Decoder(_Said)
+_DECODER = msgspec.json.Decoder(_PageMessage)
 
 
 class Heartbeats:
