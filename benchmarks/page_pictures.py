@@ -25,8 +25,7 @@ from playwright.sync_api import Page, sync_playwright
 from tests.browser.kit import launch
 
 from armctl.robot import Robot, load_robot
-from armctl.ui.scene.arm_model import ARM, ArmFigure
-from armctl.ui.scene.arm_model import arm_model
+from armctl.ui.scene.arm_model import ARM, ArmFigure, arm_model
 from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
 
 ARMS = "so101", "mearm", "ur5", "uzuner"

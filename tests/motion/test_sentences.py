@@ -650,7 +650,7 @@ def check_finding(robot: Robot, motion: Trajectory, finding: Finding, payload: f
                 for i, j in robot.collision.pairs
                 if (pieces[j].part, pieces[i].part) == (part, other)
             ]
-            # of hulls armctl knows a lower bound of the gap: the way out that it found, or a little longer one
+            # of hulls armctl knows a lower bound of the gap: the way out that it found, or a little more
             longer = 5e-4 if any(piece.hull is not None for piece in pieces) else 1e-5
             assert any(-1e-5 <= depth - one <= longer for one in depths)
         case Singular(ratio):

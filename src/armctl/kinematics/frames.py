@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
-
-if TYPE_CHECKING:
-    from armctl.kinematics.chain import Chain
 
 Convention = Literal["standard", "modified"]
 _PARALLEL = 1e-14
@@ -90,6 +87,13 @@ def _exact_cos_sin(angle: float) -> tuple[float, float]:
     return math.cos(angle), math.sin(angle)
 
 
+class _Walked(Protocol):
+    """A chain, which stands above: where its links are, from the base to the tool."""
+
+    def checked(self, q: ArrayLike) -> FloatArray: ...
+    def walk(self, q: FloatArray) -> Iterator[FloatArray]: ...
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkFrames:
     """Where the links are in m configurations, entry by entry in memory. Link -1 is the base."""
@@ -102,7 +106,7 @@ class LinkFrames:
     """(3, m) the tool point, base frame [m]"""
 
     @classmethod
-    def at(cls, chain: Chain, q: ArrayLike) -> LinkFrames:
+    def at(cls, chain: _Walked, q: ArrayLike) -> LinkFrames:
         """The links of ``chain`` at ``q`` (m, n) [rad]."""
         *links, (_, _, _, tool) = chain.walk(chain.checked(q))
         rotation = tuple(frame[:3].swapaxes(0, 1) for frame in links)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -20,9 +20,6 @@ from armctl.kinematics.chain import Chain
 from armctl.kinematics.frames import LinkFrames
 from armctl.robot.look.rows import MAKES, PAINTS, AnyRow, MakeName, Paint, paint
 from armctl.robot.parts import Color, Hand, Look
-
-if TYPE_CHECKING:
-    from armctl.robot.robot import Robot
 
 SOURCE = "the chain alone: sizes are guessed from its lengths"
 _THICK = 0.055
@@ -57,21 +54,26 @@ class _Unknown:
     """whether a gripper opens its jaws"""
 
 
-def guessed_look(robot: Robot) -> Look:
-    """The look of an arm that says nothing of it but its shape and width: the same, with rows."""
-    moving, coupling = [joint.lower < joint.upper for joint in robot.joints], robot.chain.coupling
-    stands = "home" in robot.poses and not robot.shapes  # else it is for links without shapes alone
-    look = robot.look
+def guessed_look(
+    chain: Chain, names: Sequence[str], turning: Sequence[bool], home: FloatArray, floor_m: float,
+    look: Look, *, opens: bool,
+) -> Look:  # fmt: skip
+    """The look of an arm that says nothing of it but its shape and width: the same, with rows.
+
+    ``turning``: of its joints, whether they may turn; ``home`` (n,) [rad]: where the rows describe it, above
+    a floor [m]; ``opens``: a gripper opens its jaws.
+    """
+    coupling = chain.coupling
     arm = _Unknown(
-        chain=robot.chain,
-        names=robot.link_names,
-        home=robot.pose("home") if stands else robot.limits.mean(axis=1),
-        turning=moving if coupling is None else [True] * len(robot.link_names),
-        driven=moving if coupling is None else (np.count_nonzero(coupling, axis=1) == 1).tolist(),
-        floor_m=robot.floor_z if stands else -np.inf,
+        chain=chain,
+        names=names,
+        home=home,
+        turning=turning if coupling is None else [True] * len(names),
+        driven=turning if coupling is None else (np.count_nonzero(coupling, axis=1) == 1).tolist(),
+        floor_m=floor_m,
         look=look,
-        hand=look.hand or ("tip" if robot.gripper is None else "jaws"),
-        opens=robot.gripper is not None,
+        hand=look.hand or ("jaws" if opens else "tip"),
+        opens=opens,
     )
     rows = msgspec.convert(list(_Guess(arm).rows()), tuple[AnyRow, ...])
     return Look(look.links, look.joints, look.shape, look.width, rows, tuple(arm.home.tolist()), SOURCE)

@@ -200,7 +200,10 @@ class Robot(ArrayRecord):
             return self.look
         from armctl.robot.look_guess import guessed_look
 
-        return guessed_look(self)
+        stands = "home" in self.poses and not self.shapes  # else it is for links without shapes alone
+        home, floor = (self.pose("home"), self.floor_z) if stands else (self.limits.mean(axis=1), -np.inf)
+        turning, opens = [joint.lower < joint.upper for joint in self.joints], self.gripper is not None
+        return guessed_look(self.chain, self.link_names, turning, home, floor, self.look, opens=opens)
 
     @cached_property
     def body(self) -> ArmBody:

@@ -17,6 +17,7 @@ from armctl.kinematics.chain import Chain
 from armctl.kinematics.frames import LinkFrames
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.body.arm_body import width
+from armctl.robot.body.meshes import Drawn, coarse_solids
 from armctl.robot.look.pieces import Jaw, Mount, Piece
 from armctl.robot.look.rows import Paint, Theme, paint
 from armctl.robot.parts import Color, Shape
