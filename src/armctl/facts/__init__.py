@@ -1,4 +1,7 @@
-"""Why something is refused or warned of, as data; words for it are made last (``say``)."""
+"""Why something is refused or warned of, as data; words for it are made last (``say``).
+
+The kinds of reasons why a target has no solution are in ``armctl.facts.targets``.
+"""
 
 from armctl.facts.reasons import (
     About,

@@ -7,6 +7,7 @@ title of a joint, of an angle between links or of a part of the arm, as its robo
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
 from typing import Literal
@@ -89,6 +90,29 @@ def degrees_apart(value: float, *others: float) -> tuple[str, ...]:
     first, *rest = (to_degrees(angle) + 0.0 for angle in (value, *others))
     digits = decimals_apart(first, *rest)
     return tuple(f"{angle:z.{digits}f}°" for angle in (first, *rest))
+
+
+def limits_apart(angles: Sequence[float], low: float, high: float) -> tuple[list[str], str, str]:
+    """Each of some angles once, and limits, all [rad], as texts in degrees that read unlike each other."""
+    least, most, *needed = (math.degrees(angle) + 0.0 for angle in (low, high, *angles))
+    digits = max((decimals_apart(angle, least, most) for angle in needed), default=2)
+    first, last, *said = (f"{angle:z.{digits}f}°" for angle in (least, most, *needed))
+    return list(dict.fromkeys(said)), first, last
+
+
+def in_degrees(angle: float, spec: str = ".2f") -> str:
+    """An angle [rad] as text, such as ``12.50°``, never ``-0.00°``; ``spec``: how its number is written."""
+    return f"{math.degrees(angle):z{spec}}°"
+
+
+_SEEN_MM = 0.05
+"""what one decimal shows as more than 0.0 [mm]"""
+
+
+def in_millimetres(metres: float) -> str:
+    """A length [m] as a number of mm: with one decimal, or two digits of one that would read as 0.0."""
+    length = 1000.0 * metres
+    return f"{length:.1f}" if abs(length) >= _SEEN_MM else f"{length:.2g}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,9 @@ from enum import Enum
 from types import ModuleType
 from typing import Any, NamedTuple, cast
 
-from armctl.facts import english, reasons, turkish
+from armctl.facts import english, english_targets, reasons, targets, turkish, turkish_targets
 from armctl.facts.reasons import About, Advised, Found, Need, OnCurve, Reason, Said, Several, State
+from armctl.facts.targets import AtPoint, AtRoll, Besides
 
 
 class Language(NamedTuple):
@@ -30,10 +31,13 @@ class Language(NamedTuple):
     states: Mapping[State, str]
 
 
-LANGUAGES = {
-    "en": Language(english.WHAT, english.ADVICE, english.AT, english.STEP, english.MORE, english.STATES),
-    "tr": Language(turkish.WHAT, turkish.ADVICE, turkish.AT, turkish.STEP, turkish.MORE, turkish.STATES),
-}
+def _language(words: Any, of_targets: Any) -> Language:
+    return Language(
+        {**words.WHAT, **of_targets.WHAT}, words.ADVICE, words.AT, words.STEP, words.MORE, words.STATES
+    )
+
+
+LANGUAGES = {"en": _language(english, english_targets), "tr": _language(turkish, turkish_targets)}
 
 
 def preferred(environment: Mapping[str, str] = os.environ) -> str:
@@ -60,6 +64,8 @@ def what(reason: Reason, language: str | None = None) -> str:
             return "; ".join(say(one, language) for one in reason.reasons)
         case Found():
             return _found(reason, language)
+        case Besides() | AtRoll() | AtPoint():
+            return f"{_table(language).what[type(reason)](reason)}{say(reason.reason, language)}"
         case OnCurve():
             told = f"{_table(language).what[OnCurve](reason)}: {say(reason.reason, language)}"
             more = advice(reason.reason, language) if reason.freer else ""
@@ -119,12 +125,12 @@ def capitals(text: str, language: str | None = None) -> str:
 # Reasons as plain records, for JSON and for other processes.
 
 
-def _kinds(module: ModuleType) -> dict[str, type[Reason]]:
-    found = (one for one in vars(module).values() if isinstance(one, type) and issubclass(one, Reason))
-    return {one.__name__: one for one in found}
+def _kinds(*modules: ModuleType) -> dict[str, type[Reason]]:
+    found = (one for module in modules for one in vars(module).values())
+    return {one.__name__: one for one in found if isinstance(one, type) and issubclass(one, Reason)}
 
 
-KINDS = _kinds(reasons)
+KINDS = _kinds(reasons, targets)
 _ENUMS = {"need": Need, "state": State}
 
 

@@ -1,0 +1,182 @@
+"""What is said of each reason why a target has no solution, in Turkish."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from armctl.facts import targets
+from armctl.facts.reasons import Reason, in_degrees, in_millimetres, limits_apart
+
+_SIDES = {None: "", "facing": "hedefe dönükken ", "over the back": "arkaya uzanırken "}
+_LEAST = "en azından "
+_ORIENTATIONS = {"": "", "pitch kept": "o takım eğimiyle ", "any": "yönelim ne olursa olsun "}
+_POINTS = {"target": "hedef", "wrist": "bilek"}
+_LINKS = {"arm": "kolun", "two links": "iki uzvun"}
+_NO_SUCH_ANGLE = {
+    "pitch": "bu kolun takımı kolun düşey düzleminde kalmaz, bu yüzden istenebilecek bir takım eğimi yok",
+    "roll": "bu kolda takımı kendi ekseni çevresinde döndüren bir eklem yok",
+    "elevation": "takımın eğimi -90° ile 90° arasındadır, hiçbir duruşta başka bir eğim olmaz",
+}
+
+
+def _needed(one: targets.AngleNeeded) -> str:
+    angles, low, high = limits_apart(one.angles, one.low, one.high)
+    return f"{one.joint} için {' ya da '.join(angles)} gerekir, sınırları {low} … {high}"
+
+
+def _way(one: targets.JointsNeeded) -> str:
+    return _SIDES[one.side] + (" ve ".join(map(_needed, one.needs)) or "uzuvlar oraya yetişmiyor")
+
+
+def _joints(one: targets.JointsNeeded) -> str:
+    return f"{_LEAST if one.least else ''}{_way(one)}"
+
+
+def _forbid(one: targets.LimitsForbid) -> str:
+    said = f"uzuvlar {'o takım eğimiyle ' if one.pitched else ''}yetişiyor, ama eklem sınırları izin vermiyor"
+    least = _LEAST if any(way.least for way in one.ways) else ""
+    return f"{said}: {least}{'; '.join(map(_way, one.ways))}" if one.ways else said
+
+
+def _miss(miss_m: float, *, far: bool) -> str:
+    return f"{'' if far else 'ölü bölgede, '}{in_millimetres(miss_m)} mm fazla {'uzak' if far else 'yakın'}"
+
+
+def _reach(length_m: float, *, far: bool) -> str:
+    return f"{'en büyük' if far else 'en küçük'} erişimi {1000 * length_m:.1f} mm"
+
+
+def _out_of_reach(one: targets.OutOfReach) -> str:
+    shoulder = f"{one.shoulder} ekleminden" if one.shoulder else "omuzdan"
+    pitched = "takım o eğimdeyken " if one.pitched else ""
+    where = f"{shoulder} ölçülünce"
+    if one.distance_m is not None:
+        where = f"{_POINTS[one.point]} {shoulder} {1000 * one.distance_m:.1f} mm uzakta olurdu"
+    reach = f"{_LINKS[one.links]} {_reach(one.length_m, far=one.far)}"
+    return f"{_miss(one.miss_m, far=one.far)}: {_SIDES[one.side]}{pitched}{where}, {reach}"
+
+
+def _out_of_bound(one: targets.OutOfBound) -> str:
+    x, y, z = (1000.0 * value for value in one.centre_m)
+    place = f"{one.joint} ekseni üzerindeki ({x:z.1f}, {y:z.1f}, {z:z.1f}) mm noktasından"
+    reach = f"bütün uzuvların {_reach(one.length_m, far=one.far)}"
+    return f"{_miss(one.miss_m, far=one.far)}: hedef {place} {1000 * one.distance_m:.1f} mm uzakta, {reach}"
+
+
+def _cylinder(one: targets.InsideCylinder) -> str:
+    radius = f"{1000 * one.radius_m:.2f} mm"
+    return (
+        f"taban ekseni çevresinde takım ucunun giremediği {radius} yarıçaplı silindirin içinde: "
+        f"hedef eksenden {1000 * one.distance_m:.2f} mm uzakta, "
+        f"takım düzlemi eksenin {radius} yanından geçiyor"
+    )
+
+
+def _beside_axis(one: targets.BesideAxis) -> str:
+    miss = _miss(one.radius_m - one.distance_m, far=False)
+    away = f"hedef taban ekseninden {1000 * one.distance_m:.1f} mm uzakta"
+    return f"{miss}: {away}, kol eksene {1000 * one.radius_m:.1f} mm uzaklıkta kalıyor"
+
+
+def _between(one: targets.BetweenReaches) -> str:
+    near, far, least, most = (1000.0 * value for value in (one.near_m, one.far_m, one.least_m, one.most_m))
+    return (
+        f"iki yönden de olmuyor: bilek omuzdan {near:.1f} mm ya da {far:.1f} mm uzakta olurdu, "
+        f"iki uzvun erişimi {least:.1f} mm … {most:.1f} mm"
+    )
+
+
+def _by_position(one: targets.PitchByPosition) -> str:
+    pitches = " ya da ".join(dict.fromkeys(map(in_degrees, one.pitches)))
+    return (
+        "bu takım eğimi burada olanaksız: iki eğim eklemi olan kolda eğimi yalnız konum belirler; "
+        f"uzuvlar {pitches} verirdi, sınırların içinde ya da dışında"
+    )
+
+
+def _pitch_outside(one: targets.PitchOutside) -> str:
+    held = f"{one.joint} {in_degrees(one.held)} açısındayken " if one.joint else ""
+    return (
+        f"bu takım eğimi burada olanaksız: kol bu noktada {held}takımını "
+        f"{in_degrees(one.low)} … {in_degrees(one.high)} eğimde tutabilir, istenene en yakını "
+        f"{in_degrees(one.nearest)}"
+    )
+
+
+def _off_rotation(one: targets.OffRotation) -> str:
+    return (
+        "kol o noktaya erişiyor, ama o yönelimle değil: orada bulunan en yakın yönelim "
+        f"{in_degrees(one.angle, '.3g')} sapıyor"
+    )
+
+
+def _impossible(one: targets.OrientationImpossible) -> str:
+    if one.proven:
+        return "istenen yönelime, eklem sınırları ne olursa olsun, uzuvlar izin vermiyor"
+    return "eklem sınırları olmadan da bulunamadı"
+
+
+def _not_found(one: targets.NotFound) -> str:
+    turned = ", hiçbir yönelimle" if one.turned else ""
+    nearer = f"{one.starts} başlangıcın hiçbiri hedefe {in_millimetres(one.away_m)} mm kadar bile yaklaşmadı"
+    return f"çözüm bulunamadı{turned}: {nearer}"
+
+
+def _pitch_not_found(one: targets.PitchNotFound) -> str:
+    return (
+        f"kol o noktaya erişiyor, ama {one.starts} başlangıcın hiçbiri orada {in_degrees(one.asked)} takım "
+        f"eğimini bulamadı: en yakını {in_degrees(one.nearest)}"
+    )
+
+
+def _not_in_orientation(one: targets.NotInOrientation) -> str:
+    return f"kol oraya {'o takım eğimiyle ' if one.pitched else ''}erişiyor, ama istenen yönelimle değil"
+
+
+def _held(one: targets.HeldAtLimit) -> str:
+    return f"{one.joint} {in_degrees(one.limit)} olan sınırında"
+
+
+def _nearest(one: targets.NearestPoint) -> str:
+    x, y, z = (1000.0 * value for value in one.point_m)
+    inside = "eklem sınırları içinde " if one.held else ""
+    held = f", orada {' ve '.join(map(_held, one.held))}" if one.held else ""
+    point = f"({x:z.1f}, {y:z.1f}, {z:z.1f}) mm, {in_millimetres(one.away_m)} mm uzakta"
+    return f"{inside}{_ORIENTATIONS[one.orientation]}erişilebilen en yakın nokta {point}{held}"
+
+
+WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
+    targets.AngleNeeded: _needed,
+    targets.JointsNeeded: _joints,
+    targets.LimitsForbid: _forbid,
+    targets.OutOfReach: _out_of_reach,
+    targets.OutOfBound: _out_of_bound,
+    targets.InsideCylinder: _cylinder,
+    targets.BesideAxis: _beside_axis,
+    targets.BetweenReaches: _between,
+    targets.NoSuchAngle: lambda one: _NO_SUCH_ANGLE[one.what],
+    targets.PitchByPosition: _by_position,
+    targets.PitchOutside: _pitch_outside,
+    targets.PitchOfRods: lambda one: (
+        f"çubuklar takımı {in_degrees(one.kept)} eğimde tutar; {in_degrees(one.asked)} olamaz"
+    ),
+    targets.NotInOrientation: _not_in_orientation,
+    targets.OffRotation: _off_rotation,
+    targets.OrientationImpossible: _impossible,
+    targets.OrientationNeeds: lambda one: f"istenen yönelim için: {_joints(one.way)}",
+    targets.NoOrientationNear: lambda _: "istenene yakın bir yönelim bulunamadı",
+    targets.NotFound: _not_found,
+    targets.PitchNotFound: _pitch_not_found,
+    targets.NoneWithoutLimits: lambda one: (
+        f"eklem sınırları olmadan da {one.starts} başlangıcın hiçbiri oraya varmadı"
+    ),
+    targets.MayExist: lambda _: "bulunamamış bir çözüm olabilir",
+    targets.Besides: lambda _: "ayrıca ",
+    targets.AtRoll: lambda one: f"{one.joint} en çok yaklaştığı {in_degrees(one.roll)} açısındayken: ",
+    targets.AtPoint: lambda one: f"{one.count} noktadan {one.number}. nokta: ",
+    targets.HeldAtLimit: _held,
+    targets.NearestPoint: _nearest,
+    targets.PointReached: lambda _: "noktanın kendisine erişilebilir",
+}
+"""Of ``Besides``, ``AtRoll`` and ``AtPoint`` what is said ahead of the reason inside."""
