@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from armctl import load_robot
-from armctl.kinematics.explanations import millimetres
+from armctl.facts.reasons import in_millimetres
 
 
 @pytest.mark.parametrize(
@@ -11,7 +11,7 @@ from armctl.kinematics.explanations import millimetres
     [(0.0826, "82.6"), (5e-5, "0.1"), (4.9e-5, "0.049"), (3.2e-6, "0.0032"), (1e-9, "1e-06"), (0.0, "0")],
 )
 def test_a_small_length_is_not_told_as_none(metres: float, told: str) -> None:
-    assert millimetres(metres) == told
+    assert in_millimetres(metres) == told
 
 
 @pytest.mark.parametrize("name", ["uzuner", "humanoid", "mico"])

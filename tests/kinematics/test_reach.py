@@ -14,8 +14,11 @@ from benchmarks.naive_sweep import UZUNER, PlanarArm
 from tests.kinematics.kit import FloatArray, chain_of, least_distance, random_planar_arm, random_q, solver_of
 
 from armctl import load_robot
+from armctl.errors import UnreachableError
+from armctl.facts import Several, say
+from armctl.facts.targets import NearestPoint, OutOfReach
 from armctl.kinematics import Chain, DHRow, InverseKinematics, Target
-from armctl.kinematics.explanations import needs
+from armctl.kinematics.explanations import angle_needed
 
 STEP = math.radians(0.5)
 
@@ -191,10 +194,11 @@ def test_a_joint_at_its_limit_is_not_blamed() -> None:
 def test_an_excess_in_the_last_digits_is_said_with_as_many() -> None:
     limits = np.radians([-10.0, 20.0])
     assert (
-        needs("Elbow", limits, math.radians(20.00012))
+        say(angle_needed("Elbow", limits, math.radians(20.00012)))
         == "Elbow needs 20.0001°, its limits are -10.0000° … 20.0000°"
     )
-    assert needs("Elbow", limits, math.radians(21.0)) == "Elbow needs 21.00°, its limits are -10.00° … 20.00°"
+    said = say(angle_needed("Elbow", limits, math.radians(21.0)))
+    assert said == "Elbow needs 21.00°, its limits are -10.00° … 20.00°"
 
 
 @pytest.mark.parametrize("azimuth", [-170.0, -60.0, 0.0, 45.0, 120.0])
@@ -215,6 +219,22 @@ def test_the_nearest_point_beside_the_base_axis() -> None:
     solutions = load_robot("scorbot").inverse(np.array([20.95, -3.95, 943.22]) / 1000)
     assert solutions.explanation.startswith("too far by 39.2 mm")
     assert solutions.explanation.endswith("39.2 mm away")
+
+
+def test_a_refusal_is_data_and_is_said_in_the_language_of_its_reader(monkeypatch: pytest.MonkeyPatch) -> None:
+    solutions = load_robot("uzuner").inverse([0.3, 0.0, 0.6])
+    with pytest.raises(UnreachableError) as refused:
+        solutions.best()
+    assert str(refused.value) == solutions.explanation
+    match refused.value.reason:
+        case Several((OutOfReach(far=True, miss_m=miss, length_m=length), NearestPoint(away_m=away))):
+            assert (miss, length, away) == pytest.approx((0.2, 0.33, 0.2), abs=5e-5)
+        case other:
+            raise AssertionError(other)
+    monkeypatch.setenv("LC_ALL", "tr_TR.UTF-8")
+    assert str(refused.value).startswith(
+        "200.0 mm fazla uzak: hedef Shoulder ekleminden 530.1 mm uzakta olurdu"
+    )
 
 
 @pytest.mark.parametrize("links_mm", [(150, 40), (200, 60)])

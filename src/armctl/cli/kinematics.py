@@ -167,7 +167,7 @@ def ik(
     elif refused:
         _print_table(arm, [branch.name for branch in refused], _refused_rows(refused))
     if q is None:
-        raise UnreachableError(solutions.explanation)
+        raise UnreachableError(solutions.refusal or solutions.explanation)
     if choose == "least-torque":
         click.echo(f"armctl: least-torque counts {arm.gravity.counted}", err=True)
 

@@ -419,7 +419,7 @@ class BeyondReach(Reason):
     """what is asked for besides the position, ``pitch`` or ``rotation``; empty: nothing"""
     percent: int | None = None
     """of the way, where ``why`` holds"""
-    why: str = ""
+    why: Reason | None = None
 
 
 @dataclass(frozen=True, slots=True)

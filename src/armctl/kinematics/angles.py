@@ -21,11 +21,6 @@ _OPEN_END = 1e-8
 """how much less than a turn a widened joint has [rad]"""
 
 
-def in_degrees(angle: float, spec: str = ".2f") -> str:
-    """An angle [rad] as text, such as ``12.50°``, never ``-0.00°``; ``spec``: how its number is written."""
-    return f"{math.degrees(angle):z{spec}}°"
-
-
 def wrap(angle: float) -> float:
     """``angle`` [rad] brought into (-pi, pi]."""
     wrapped = remainder(angle, TWO_PI)

@@ -1,101 +1,76 @@
-"""Why a target is not reached, and why solutions may be missing from a list, in words."""
+"""Why a target is not reached, and why solutions may be missing from a list."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.facts.reasons import decimals_apart
-from armctl.kinematics.angles import SAME_ROTATION, in_degrees
+from armctl.facts import Reason, Several, WrongUnit
+from armctl.facts.targets import AngleNeeded, HeldAtLimit, NearestPoint, PointReached
+from armctl.kinematics.angles import SAME_ROTATION
 from armctl.kinematics.newton import moving_joints, uncertainties
 from armctl.kinematics.samples import DEFAULT_STEP
-from armctl.kinematics.target import degrees_hint, elevation, length_hint
+from armctl.kinematics.target import elevation, seem_degrees, seems_of_another_unit
 
 if TYPE_CHECKING:
     from armctl.kinematics.solutions import Solutions
 
-_WITH_PITCH = " with that pitch"
 _ON_LIMIT, _LEVER = 1e-6, 1e-3
 """so near to a limit a joint is at it [rad]; what a turn must bring at least to count as nearer [m/rad]"""
-_SEEN_MM = 0.05
-"""what one decimal shows as more than 0.0 [mm]"""
 _BESIDE, _LISTED = 1e-4, 1e-6
 """how far beyond its limits an arm is solved for what rounding took there; which solutions are one [rad]"""
 
 
-def millimetres(metres: float) -> str:
-    """A length [m] as a number of mm: with one decimal, or two digits of one that would read as 0.0."""
-    length = 1000.0 * metres
-    return f"{length:.1f}" if abs(length) >= _SEEN_MM else f"{length:.2g}"
+def angle_needed(title: str, limits: NDArray[np.float64] | Sequence[float], *angles: float) -> AngleNeeded:
+    """A joint that would have to leave its limits (2,) for one of some angles [rad]."""
+    low, high = map(float, limits)
+    return AngleNeeded(title, tuple(map(float, angles)), low, high)
 
 
-def too_far(miss: float, where: str, limit: str, length: float) -> str:
-    """Text for a target beyond a greatest length by ``miss``, both [m]."""
-    return f"too far by {millimetres(miss)} mm: {where}, {limit} {1000 * length:.1f} mm"
+def angles_needed(
+    titles: Sequence[str], limits: NDArray[np.float64], needed: Sequence[tuple[int, float]]
+) -> tuple[AngleNeeded, ...]:
+    """Joints that would have to leave their limits (n, 2): index and angle [rad] of each."""
+    return tuple(angle_needed(titles[joint], limits[joint], angle) for joint, angle in needed)
 
 
-def too_near(miss: float, where: str, limit: str, length: float) -> str:
-    """Text for a target inside a least length by ``miss``, both [m]."""
-    return (
-        f"inside the dead zone, too near by {millimetres(miss)} mm: {where}, {limit} {1000 * length:.1f} mm"
-    )
+def refusal(solutions: Solutions, *, instead: bool = True) -> Reason | None:
+    """Why there is no solution, ``instead`` with what can be reached; None when solved.
+
+    And the question for the unit, where the target's numbers are hardly meant.
+    """
+    if solutions.bare_reason is None:
+        return None
+    target, nearest = solutions.target, _nearest(solutions) if instead else None
+    asked = seems_of_another_unit(math.hypot(*target.point), solutions.arm.chain.length)
+    unit = WrongUnit() if asked or seem_degrees(target.roll or 0.0) else None
+    more = [one for one in (nearest, unit) if one is not None]
+    return Several((solutions.bare_reason, *more)) if more else solutions.bare_reason
 
 
-def all_needs(titles: Sequence[str], limits: NDArray[np.float64], needed: Sequence[tuple[int, float]]) -> str:
-    """Text for joints that would leave their limits: index and angle [rad] of each, ``limits`` (n, 2)."""
-    return " and ".join(needs(titles[joint], limits[joint], angle) for joint, angle in needed)
-
-
-def needs(title: str, limits: NDArray[np.float64] | Sequence[float], *angles: float) -> str:
-    """Text for a joint that would leave its limits: ``limits`` (2,) and alternative ``angles`` [rad]."""
-    low, high, *needed = (math.degrees(float(value)) + 0.0 for value in (*limits, *angles))
-    digits = max(decimals_apart(angle, low, high) for angle in needed)
-    said = " or ".join(dict.fromkeys(f"{angle:z.{digits}f}°" for angle in needed))
-    return f"{title} needs {said}, its limits are {low:z.{digits}f}° … {high:z.{digits}f}°"
-
-
-def off_rotation(off: float) -> str:
-    """Text for a configuration whose rotation misses by an angle [rad] the one that was asked for."""
-    return (
-        "the arm reaches that point, but not in that orientation: the nearest that was found there is "
-        f"{in_degrees(off, '.3g')} off"
-    )
-
-
-def unit_hint(solutions: Solutions) -> str:
-    """What to ask about the target's numbers, where they are hardly meant."""
-    target = solutions.target
-    return length_hint(math.hypot(*target.point), solutions.arm.chain.length) or degrees_hint(
-        target.roll or 0.0
-    )
-
-
-def explanation(solutions: Solutions) -> str:
-    """Why there is no solution, and the nearest reachable point [mm]; empty when solved."""
-    refusal, point = solutions.refusal, solutions.nearest_m
-    if refusal is None or point is None:
-        return solutions.reason or ""
-    hint = unit_hint(solutions)
+def _nearest(solutions: Solutions) -> NearestPoint | PointReached | None:
+    """What can be reached; None: not known."""
+    point = solutions.nearest_m
+    if point is None:
+        return None
     if not solutions.nearest_away_m:
-        return f"{refusal}; the point itself can be reached{hint}"
-    x, y, z = 1000.0 * point
-    nearest = f"({x:z.1f}, {y:z.1f}, {z:z.1f}) mm, {millimetres(solutions.nearest_away_m)} mm away"
-    pitched = _at_the_pitch(solutions)
-    holding = "" if pitched == _WITH_PITCH else _holding_limits(solutions)
-    inside = "inside the joint limits " if holding else ""
-    return f"{refusal}; {inside}the nearest reachable point{pitched} is {nearest}{holding}{hint}"
+        return PointReached()
+    x, y, z = map(float, point)
+    orientation = _orientation(solutions)
+    held = () if orientation == "pitch kept" else _holding_limits(solutions)
+    return NearestPoint((x, y, z), solutions.nearest_away_m, orientation, held)
 
 
-def _holding_limits(solutions: Solutions) -> str:
+def _holding_limits(solutions: Solutions) -> tuple[HeldAtLimit, ...]:
     """Which joints stand at limits, beyond which the tool would come nearer to the target."""
     arm, q, point = solutions.arm, solutions.nearest_q, solutions.nearest_m
     if q is None or point is None or arm.limits is None or arm.chain.coupling is not None:
-        return ""
+        return ()
     away = point - solutions.target.position
     nearer = -(arm.chain.jacobian(q)[:3].T @ away) / np.linalg.norm(away)
     if solutions.target.roll is not None and arm.roll_joint is not None:
@@ -104,22 +79,21 @@ def _holding_limits(solutions: Solutions) -> str:
     held = (low < high) & (
         ((q <= low + _ON_LIMIT) & (nearer < -_LEVER)) | ((q >= high - _ON_LIMIT) & (nearer > _LEVER))
     )
-    words = [f"{arm.title(j)} is at its limit of {in_degrees(q[j])}" for j in np.flatnonzero(held).tolist()]
-    return f", where {' and '.join(words)}" if words else ""
+    return tuple(HeldAtLimit(arm.title(j), float(q[j])) for j in np.flatnonzero(held).tolist())
 
 
-def _at_the_pitch(solutions: Solutions) -> str:
+def _orientation(solutions: Solutions) -> Literal["", "pitch kept", "any"]:
     """Where the nearest configuration has the pitch that was asked for: another one may come nearer."""
     target, q = solutions.target, solutions.nearest_q
     if target.rotation is not None:
-        return ", whatever the orientation,"
+        return "any"
     if target.pitch is None or q is None:
         return ""
     up = solutions.arm.upward
     aim = solutions.arm.chain.forward(q)[:3, 2]
     rise = float(aim @ up)
     pitch = math.atan2(rise, float(np.linalg.norm(aim - rise * up)))  # exact near 90°, too
-    return _WITH_PITCH if abs(pitch - elevation(target.pitch)) < SAME_ROTATION else ""
+    return "pitch kept" if abs(pitch - elevation(target.pitch)) < SAME_ROTATION else ""
 
 
 def why_incomplete(solutions: Solutions, limits: FloatArray) -> str | None:

@@ -13,23 +13,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import ArrayRecord, ByContent, FloatArray, content, lock
 from armctl.errors import InputError, UnreachableError
+from armctl.facts import Reason, Said, say
+from armctl.facts.targets import OffRotation
 from armctl.kinematics.angles import SAME_ROTATION, rotation_angle
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import FROM_START, Criterion, EnergyModel, OnTarget, checked_criterion, energies
-from armctl.kinematics.explanations import explanation, off_rotation, unit_hint, why_incomplete
+from armctl.kinematics.explanations import refusal, why_incomplete
 from armctl.kinematics.target import Target, as_numbers
 
 THERE_M = 1e-7
 """a nearest point that is so near is the target itself [m]"""
-_SAME_TIME = 9
-"""decimals of a time that count [s]"""
-_SAME_TORQUE = 12
-"""decimals of a sum of squared torques that count, by the least one"""
-
-_GAIN = 1e-6
-"""by what share a solution must be better than all of the list to be taken beside it"""
-_ALIGNED = 1e-9
-"""sine of the angle up to which a roll axis is along the approach axis"""
+_SAME_TIME, _SAME_TORQUE = 9, 12
+"""decimals that count of a time [s], and of a sum of squared torques by the least one"""
+_GAIN, _ALIGNED = 1e-6, 1e-9
+"""by what share a solution must be better than all of the list to be taken beside it; sine of the angle up to
+which a roll axis is along the approach axis"""
 Choice = str | Callable[[FloatArray, FloatArray | None], ArrayLike]
 """A named criterion, or one of your own: of the solutions (k, n) [rad] and the start (n,) [rad], or None
 where none is given, it makes k energies. The least is chosen; infinity excludes one."""
@@ -119,7 +117,7 @@ class Solutions(ByContent):
         branch_index: NDArray[np.int8] | Sequence[int] | Listed,
         free_joint: int | None = None,
         least_rotation: Callable[[], FloatArray | None] | None = None,
-        reason: str | Callable[[], str] | None = None,
+        reason: Reason | str | Callable[[], Reason | str] | None = None,
         nearest_q: FloatArray | Callable[[], FloatArray] | None = None,
         incomplete_reason: str | None = None,
         further: Further | None = None,
@@ -139,9 +137,8 @@ class Solutions(ByContent):
             further: solutions of a continuum by a criterion ``FROM_START``.
         """
         self.arm, self.target, self._q, self._index = arm, target, q, branch_index
-        self.free_joint, self.least_rotation = free_joint, least_rotation
-        self._reason, self.further, self._missing = reason, further, incomplete_reason
-        self._nearest = nearest_q
+        self.free_joint, self.least_rotation, self.further = free_joint, least_rotation, further
+        self._reason, self._nearest, self._missing = reason, nearest_q, incomplete_reason
 
     @cached_property
     def q(self) -> FloatArray:
@@ -154,15 +151,21 @@ class Solutions(ByContent):
         found = self._nearest() if callable(self._nearest) else self._nearest
         return None if found is None else lock(found)
 
-    @cached_property
+    @property
     def reason(self) -> str | None:
         """Why there is none, in words; None when solved."""
-        return None if self.refusal is None else self.refusal + unit_hint(self)
+        return None if (why := refusal(self, instead=False)) is None else say(why)
 
     @cached_property
-    def refusal(self) -> str | None:
-        """The reason without a word on units, for a reason that it is a part of."""
-        return self._reason() if callable(self._reason) else self._reason
+    def bare_reason(self) -> Reason | None:
+        """Why there is none, without the nearest point and without a word on units; None when solved."""
+        found = self._reason() if callable(self._reason) else self._reason
+        return Said(found) if isinstance(found, str) else found
+
+    @cached_property
+    def refusal(self) -> Reason | None:
+        """The reason and the nearest reachable point, as data; None when solved."""
+        return refusal(self)
 
     @cached_property
     def branch_index(self) -> NDArray[np.int8]:
@@ -184,7 +187,7 @@ class Solutions(ByContent):
     def made_of(self) -> tuple[Any, ...]:
         """See ``ByContent``: what was put off is worked out."""
         says = self.arm, self.target, self.q, self.branch_index, self.free_joint, self.least_rotation
-        return (*says, self.refusal, self.nearest_q, self._missing, self.further)
+        return (*says, self.bare_reason, self.nearest_q, self._missing, self.further)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Solutions):
@@ -259,8 +262,8 @@ class Solutions(ByContent):
 
     @property
     def explanation(self) -> str:
-        """The reason and the nearest reachable point in one sentence [mm]; empty when solved."""
-        return explanation(self)
+        """The ``refusal`` in one sentence [mm]; empty when solved."""
+        return "" if self.refusal is None else say(self.refusal)
 
     @property
     def nearest_away_m(self) -> float:
@@ -344,7 +347,7 @@ class Solutions(ByContent):
         name = None if own else checked_criterion(criterion)
         begin = None if start is None else self.arm.chain.checked_one(start)
         if not self.success:
-            raise UnreachableError(self.explanation or "there is no solution")
+            raise UnreachableError(self.refusal or "there is no solution")
         if name == "least-rotation" and self.least_rotation is not None:
             exact = self.least_rotation()
             if exact is not None:
@@ -392,10 +395,14 @@ class Solutions(ByContent):
 
     def turned_off(self, q: FloatArray) -> str | None:
         """How a configuration (n,) [rad] misses the rotation that was asked for; None where it does not."""
+        return None if (off := self.off_rotation(q)) is None else say(off)
+
+    def off_rotation(self, q: FloatArray) -> OffRotation | None:
+        """The same as data."""
         if self.target.rotation is None:
             return None
         off = float(rotation_angle(self.arm.chain.forward(q)[:3, :3].T @ self.target.rotation))
-        return None if off <= SAME_ROTATION else off_rotation(off)
+        return None if off <= SAME_ROTATION else OffRotation(off)
 
     def index_of(self, q: ArrayLike) -> int:
         """Index of the solution nearest to ``q`` (n,) [rad] by its largest difference of a joint.
@@ -403,7 +410,7 @@ class Solutions(ByContent):
         A roll that is free does not count.
         """
         if not self.success:
-            raise UnreachableError(self.reason or "there is no solution")
+            raise UnreachableError(refusal(self, instead=False) or "there is no solution")
         apart = np.abs(self.q - self.arm.chain.checked_one(q))
         if self.free_roll is not None:
             apart[:, self.free_roll] = 0.0

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
+from armctl.facts import Reason, Several
+from armctl.facts.targets import Besides, NoSuchAngle
 from armctl.kinematics.angles import (
     LIMIT_TOLERANCE,
     TWO_PI,
@@ -23,7 +25,7 @@ from armctl.kinematics.angles import (
 )
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.explanations import needs
+from armctl.kinematics.explanations import angle_needed
 from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.subproblems import ToolPlane
@@ -174,10 +176,10 @@ class InverseKinematics(ABC):
         """The workspace cut open in the plane of the base axis and the tip."""
         return SampledSection(self.chain, self.limits)
 
-    def _besides(self, refusal: str, rest: Target, step: float, start: FloatArray | None = None) -> str:
+    def _besides(self, refusal: Reason, rest: Target, step: float, start: FloatArray | None = None) -> Reason:
         """Why a roll or a pitch cannot be, and what forbids the ``rest`` of the target."""
-        other = self.solve(rest, step, start)
-        return refusal if other.success else f"{refusal}; besides, {other.refusal}"
+        other = self.solve(rest, step, start).bare_reason
+        return refusal if other is None else Several((refusal, Besides(other)))
 
     def _has_no(self, what: str) -> InputError:
         return InputError(f"arms of the family {self.family!r} have no {what}: call inverse for each target")
@@ -185,7 +187,7 @@ class InverseKinematics(ABC):
 
 # The joint that rolls the tool about its approach axis.
 
-NO_ROLL = "this arm has no joint that rolls the tool"
+NO_ROLL = NoSuchAngle("roll")
 _NOTHING = (0.0,)
 
 
@@ -216,7 +218,7 @@ def roll_angles(joint: RollJoint | None, roll: float | None) -> Sequence[float]:
     return _NOTHING if joint is None else joint.angles(roll)
 
 
-def held_roll(joint: RollJoint | None, roll: float | None) -> tuple[str | None, float]:
+def held_roll(joint: RollJoint | None, roll: float | None) -> tuple[Reason | None, float]:
     """Why a roll asked for (None: any) cannot be, or None; and what the joint is held at for it [rad].
 
     Of several angles the one nearest to zero; the nearest that can be; 0 where there is no such joint.
@@ -226,4 +228,5 @@ def held_roll(joint: RollJoint | None, roll: float | None) -> tuple[str | None, 
     angles = joint.angles(roll)
     if roll is None or angles:
         return None, min(angles, key=abs)
-    return needs(joint.title, (joint.low, joint.high), wrap(roll)), nearest_angle(roll, joint.low, joint.high)
+    needed = angle_needed(joint.title, (joint.low, joint.high), wrap(roll))
+    return needed, nearest_angle(roll, joint.low, joint.high)

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray, content, read_only
 from armctl.errors import InputError
 from armctl.facts.english import WRONG_UNIT
-from armctl.kinematics.angles import TWO_PI, in_degrees, rotation_from_rpy, wrapped
+from armctl.facts.reasons import in_degrees
+from armctl.kinematics.angles import TWO_PI, rotation_from_rpy, wrapped
 
 
 def as_numbers(value: ArrayLike, what: str) -> FloatArray:
@@ -46,19 +47,18 @@ _TURNS = 4 * pi
 """angles beyond are none that anybody means, where the joint does not turn so far [rad]"""
 
 
-def length_hint(away_m: float, length_m: float) -> str:
-    """``; a wrong unit? …`` for a target that is refused, where one of the other unit would be near the arm.
+def seems_of_another_unit(away_m: float, length_m: float) -> bool:
+    """Whether a target that is refused would be near the arm in mm, or in m where mm are counted.
 
-    How far it is from the base, and how long the arm is, both [m]; empty where it is no such target.
+    How far it is from the base, and how long the arm is, both [m].
     """
     low, high = (length_m * times for times in _FAR)
-    millimetres = low <= away_m <= high
     metres = low / _THOUSAND <= _THOUSAND * away_m <= high / _THOUSAND
-    return f"; {WRONG_UNIT}" if millimetres or metres else ""
+    return low <= away_m <= high or metres
 
 
 def degrees_hint(*angles: float) -> str:
-    """The same for angles [rad] that are refused."""
+    """``; a wrong unit? …`` for angles [rad] that are refused; empty where they are no such angles."""
     return f"; {WRONG_UNIT}" if seem_degrees(*angles) else ""
 
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, MotionRefusedError, UnreachableError
+from armctl.facts.targets import AtPoint
 from armctl.kinematics import DEFAULT_STEP, Choice, Solutions, Target, checked_criterion
 from armctl.motion.clearance import ends_clear
 from armctl.motion.plan import Profile, plan_joints
@@ -50,11 +51,11 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: Choice)
     begin = None if start is None else robot.chain.checked_one(start)
     solutions = solver.solve(target, DEFAULT_STEP, begin)
     if not solutions.success:
-        raise UnreachableError(solutions.explanation or "there is no solution")
+        raise UnreachableError(solutions.refusal or "there is no solution")
     q = solutions.best(choose, start)
-    turned_off = robot.turned_off(solutions, q)
-    if turned_off is not None:
-        raise UnreachableError(turned_off)
+    off = robot.off_rotation(solutions, q)
+    if off is not None:
+        raise UnreachableError(off)
     return q
 
 
@@ -68,7 +69,7 @@ def solve_points(robot: Robot, points: FloatArray, choose: Choice, start: FloatA
         try:
             found.append(solve(robot, found[-1] if found else start, Target.of(point), choose))
         except UnreachableError as cause:
-            raise UnreachableError(f"point {number} of {len(points)}: {cause}") from cause
+            raise UnreachableError(AtPoint(number, len(points), cause.reason)) from cause
     return np.array(found)
 
 

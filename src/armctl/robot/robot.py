@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import ArrayRecord, FloatArray, content, read_only
 from armctl.errors import InputError, MotionRefusedError
-from armctl.facts import AngleLimit, Several, WrongUnit
+from armctl.facts import AngleLimit, Reason, Several, WrongUnit, say
 from armctl.kinematics import (
     DEFAULT_STEP,
     BatchSolutions,
@@ -358,11 +358,14 @@ class Robot(ArrayRecord):
 
     def turned_off(self, solutions: Solutions, q: FloatArray) -> str | None:
         """How ``q`` (n,) of some solutions misses the rotation asked for, and why; None where it does not."""
-        said = solutions.turned_off(q)
-        if said is None:
-            return None
-        why = self._branch_finder.forbids(solutions.target)
-        return f"{said}; {why}" if why else said
+        why = self.off_rotation(solutions, q)
+        return None if why is None else say(why)
+
+    def off_rotation(self, solutions: Solutions, q: FloatArray) -> Reason | None:
+        """The same as data."""
+        off = solutions.off_rotation(q)
+        why = None if off is None else self._branch_finder.forbids(solutions.target)
+        return off if off is None or why is None else Several((off, why))
 
     @cached_property
     def _branch_finder(self) -> BranchFinder:

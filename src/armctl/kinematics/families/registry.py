@@ -9,10 +9,12 @@ import numpy as np
 
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.errors import InputError
+from armctl.facts import Reason, say
+from armctl.facts.targets import AngleNeeded, JointsNeeded, OrientationImpossible, OrientationNeeds
 from armctl.kinematics.angles import LIMIT_TOLERANCE, rest_angle, whole_turns
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.explanations import needs
+from armctl.kinematics.explanations import angle_needed, angles_needed
 from armctl.kinematics.families.general_six.solver import GeneralSixSolver
 from armctl.kinematics.families.numeric.solver import NumericSolver
 from armctl.kinematics.families.offset_roll.solver import OffsetRollSolver
@@ -76,8 +78,13 @@ class Branch(ArrayRecord):
     name: str
     q: FloatArray
     """(n,) [rad]; each joint at the image nearest to the middle of its limits"""
-    forbidden: tuple[str, ...]
-    """a sentence for each joint that would have to leave its limits; empty where the arm can stand so"""
+    needs: tuple[AngleNeeded, ...]
+    """each joint that would have to leave its limits; empty where the arm can stand so"""
+
+    @property
+    def forbidden(self) -> tuple[str, ...]:
+        """A sentence for each of these."""
+        return tuple(map(say, self.needs))
 
 
 class BranchFinder:
@@ -91,20 +98,18 @@ class BranchFinder:
         self._chain = chain
         self._solver = inverse_kinematics(chain.without_turn_limits(), whole_turns(limits), energy, titles)
 
-    def forbids(self, target: Target) -> str:
-        """What keeps the arm from a target as it is asked for, in words; empty where that is not known."""
+    def forbids(self, target: Target) -> Reason | None:
+        """What keeps the arm from a target as it is asked for; None where that is not known."""
         if self._solver.is_swept(target):
-            return ""
+            return None
         branches = self.find(target)
         if not branches:
-            if self._solver.complete:
-                return "the links do not allow the one asked for, whatever the joint limits"
-            return "none was found without the joint limits, either"
-        if not all(branch.forbidden for branch in branches):
-            return ""
+            return OrientationImpossible(proven=self._solver.complete)
+        if not all(branch.needs for branch in branches):
+            return None
         away = [np.abs(branch.q - np.clip(branch.q, *self._limits.T)).sum() for branch in branches]
-        least = "at the least, " if len(branches) > 1 else ""
-        return f"for the one asked for, {least}{' and '.join(branches[int(np.argmin(away))].forbidden)}"
+        least = branches[int(np.argmin(away))].needs
+        return OrientationNeeds(JointsNeeded(least, least=len(branches) > 1))
 
     def find(self, target: Target) -> tuple[Branch, ...]:
         """All branches by order of their names; none where nothing meets the target, or a joint is free."""
@@ -131,11 +136,10 @@ class BranchFinder:
                 continue
             inside = np.clip(q, *self._limits.T)  # takes rounding off the joints that are inside
             outside = np.abs(inside - q) > LIMIT_TOLERANCE
-            why = [
-                needs(self._titles[k], self._limits[k], float(q[k])) for k in np.flatnonzero(outside).tolist()
-            ]
+            beyond = [(k, float(q[k])) for k in np.flatnonzero(outside).tolist()]
+            needs = list(angles_needed(self._titles, self._limits, beyond))
             q = np.where(outside, q, inside)
             for limit, turn in self._chain.turns_beyond(q):
-                why.append(needs(limit.name, (limit.lower, limit.upper), turn))
-            found.append(Branch(str(solutions.branch[i]), q, tuple(why)))
+                needs.append(angle_needed(limit.name, (limit.lower, limit.upper), turn))
+            found.append(Branch(str(solutions.branch[i]), q, tuple(needs)))
         return tuple(found)

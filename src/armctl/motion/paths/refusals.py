@@ -178,9 +178,9 @@ class Attempt:
 
     @cached_property
     def beyond(self) -> str:
-        """Why the end of the curve is too far or too near for the links alone; empty: that is not known."""
+        """Why the end of the curve is too far or too near for the links alone; None: that is not known."""
         end, title = self.curve.positions(self.curve.length), self.robot.joints[0].title
-        return LinkBound(self.robot.chain).violation(end, title) or ""
+        return LinkBound(self.robot.chain).violation(end, title)
 
     def solve(self, target: Target) -> Solutions:
         """The solutions of a target inside the limits."""
@@ -308,9 +308,9 @@ def _out_of_reach(tried: Attempt, s: float) -> BeyondReach | None:
         there = 0.01 * percent * curve.length
         solutions = tried.unmet(there)
         if solutions is not None:
-            why = solutions.explanation
+            why = solutions.refusal
             if solutions.success:
-                why = tried.robot.turned_off(solutions, solutions[int(solutions.residual_rad.argmin())]) or ""
+                why = tried.robot.off_rotation(solutions, solutions[int(solutions.residual_rad.argmin())])
             return replace(leaves, percent=percent, why=why)
         if percent == first:
             break

@@ -11,10 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import all_images, distinct, each_once, in_degrees, whole_turns
+from armctl.facts import Reason, Several
+from armctl.facts.targets import (
+    JointsNeeded,
+    MayExist,
+    NoneWithoutLimits,
+    NoSuchAngle,
+    NotFound,
+    OutOfBound,
+    PitchNotFound,
+)
+from armctl.kinematics.angles import all_images, distinct, each_once, whole_turns
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel, OnTarget
-from armctl.kinematics.explanations import all_needs, millimetres, too_far, too_near
+from armctl.kinematics.explanations import angles_needed
 from armctl.kinematics.families.numeric.descent import (
     Goal,
     LimitsGoal,
@@ -58,16 +68,14 @@ class LinkBound:
         self.inner = max(0.0, 2.0 * float(links.max()) - self.outer)
         """[m]"""
 
-    def violation(self, point: FloatArray, first_joint: str) -> str | None:
-        """Why a point (3,) [m] cannot be reached, in words; None where the links alone do not forbid it."""
+    def violation(self, point: FloatArray, first_joint: str) -> OutOfBound | None:
+        """Why a point (3,) [m] cannot be reached; None where the links alone do not forbid it."""
         distance = float(np.linalg.norm(point - self.centre))
-        x, y, z = 1000.0 * self.centre + 0.0
-        place = f"({x:z.1f}, {y:z.1f}, {z:z.1f}) mm on the axis of {first_joint}"
-        where = f"the target is {1000 * distance:.1f} mm from {place}"
-        if distance > self.outer + _ROUNDING:
-            return too_far(distance - self.outer, where, "the links together reach", self.outer)
-        if distance < self.inner - _ROUNDING:
-            return too_near(self.inner - distance, where, "the links fold no closer than", self.inner)
+        x, y, z = map(float, self.centre)
+        for far, length in ((True, self.outer), (False, self.inner)):
+            miss = distance - length if far else length - distance
+            if miss > _ROUNDING:
+                return OutOfBound(far, miss, length, distance, (x, y, z), first_joint)
         return None
 
 
@@ -164,7 +172,7 @@ class NumericSolver(InverseKinematics):
             turned = pitch_goal(target.pitch)
         refusal = refusal or self._bound.violation(target.position, self.titles[0])
         if refusal is None and target.pitch is not None and turned is None:
-            refusal = "the tool's elevation is between -90° and 90°, no pose has another pitch"
+            refusal = NoSuchAngle("elevation")
         if refusal is not None:
             return self._refused(target, refusal, self._nearest(position, turned, box))
         goal = position if turned is None else Together(position, turned)
@@ -239,7 +247,7 @@ class NumericSolver(InverseKinematics):
         turned = None if target.pitch is None else pitch_goal(target.pitch)
         return self._nearest(PositionGoal(target.position, self._reach), turned, self._box(target)[1])
 
-    def _box(self, target: Target) -> tuple[str | None, FloatArray]:
+    def _box(self, target: Target) -> tuple[Reason | None, FloatArray]:
         """Why the roll asked for cannot be; the limits with the roll joint held at it, or near 0."""
         box = self.limits.copy()
         if self._roll is not None and target.rotation is not None:
@@ -323,22 +331,17 @@ class NumericSolver(InverseKinematics):
         nearest = self._nearest(position, turned, box)
         away = float(np.linalg.norm(self.chain.forward(nearest)[:3, 3] - target.position))
         goal = position if target.pitch is None or turned is None else Together(position, turned)
-        turns = "" if target.rotation is None else ", in any orientation"
-        nearer = f"none of {_WAVE * _WAVES} starts came nearer than {millimetres(away)} mm"
-        said = f"no solution was found{turns}: {nearer}"
+        why: Reason = NotFound(_WAVE * _WAVES, away, turned=target.rotation is not None)
         if target.pitch is not None and turned is not None:
             there = self._approached(position, turned, box)
             if len(there):
                 closest = self._best(turned, there)
                 pitch, _ = self.pitch_and_roll(closest)
-                said = (
-                    f"the arm reaches that point, but none of {_WAVE * _WAVES} starts found a pitch of "
-                    f"{in_degrees(target.pitch)} there: the nearest is {in_degrees(pitch or 0.0)}"
-                )
+                why = PitchNotFound(_WAVE * _WAVES, target.pitch, pitch or 0.0)
                 nearest = closest if away < THERE_M else nearest
-        return self._refused(target, lambda: f"{said}; {self._by_limits(goal, box)}", nearest)
+        return self._refused(target, lambda: Several((why, self._by_limits(goal, box))), nearest)
 
-    def _by_limits(self, goal: Goal, box: FloatArray) -> str:
+    def _by_limits(self, goal: Goal, box: FloatArray) -> Reason:
         """What keeps the arm from a goal: joints that would have to leave their limits together, or links.
 
         None of the joints named could stay inside its limits while the others leave theirs, as far as the
@@ -348,7 +351,7 @@ class NumericSolver(InverseKinematics):
         widened = whole_turns(box)
         met = self._met(goal, self._polished(goal, starts, widened))
         if len(met) == 0:
-            return f"even without joint limits, none of {_WAVE} led there"
+            return NoneWithoutLimits(_WAVE)
         q = self._least_beyond(goal, met, box, widened)
         for joint in np.argsort(self._beyond(q, box)).tolist():
             others = self._beyond(q, box) > 0.0
@@ -359,8 +362,8 @@ class NumericSolver(InverseKinematics):
                 q = self._least_beyond(goal, met, box, fewer) if len(met) else q
         leaving = [(k, float(q[k])) for k in np.flatnonzero(self._beyond(q, box)).tolist()]
         if not leaving:
-            return "there may be one that was not found"
-        return f"at the least, {all_needs(self.titles, self.limits, leaving)}"
+            return MayExist()
+        return JointsNeeded(angles_needed(self.titles, self.limits, leaving), least=True)
 
     def _least_beyond(self, goal: Goal, met: FloatArray, box: FloatArray, widened: FloatArray) -> FloatArray:
         """(n,) of what meets a goal inside ``widened`` limits, beyond those of the ``box`` by the least sum.
@@ -378,7 +381,9 @@ class NumericSolver(InverseKinematics):
         beyond = np.abs(q - np.clip(q, *box.T))
         return np.where(beyond > _BEYOND, beyond, 0.0)
 
-    def _refused(self, target: Target, reason: str | Callable[[], str], nearest: FloatArray) -> Solutions:
+    def _refused(
+        self, target: Target, reason: Reason | Callable[[], Reason], nearest: FloatArray
+    ) -> Solutions:
         return Solutions(
             self._arm, target, (), (), reason=reason, nearest_q=nearest, incomplete_reason=_SEARCHED
         )

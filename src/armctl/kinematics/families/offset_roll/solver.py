@@ -14,7 +14,10 @@ from typing import Self
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import DEGREE, each_once, images, in_degrees, rest_angle, wrap
+from armctl.facts import Reason
+from armctl.facts.reasons import in_degrees
+from armctl.facts.targets import AtRoll, NoOrientationNear
+from armctl.kinematics.angles import DEGREE, each_once, images, rest_angle, wrap
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel
 from armctl.kinematics.families.numeric.solver import NumericSolver
@@ -179,7 +182,7 @@ class OffsetRollSolver(InverseKinematics):
             inner.branch_index,
             free_joint=inner.free_joint,
             least_rotation=None if least is None else partial(_least_with, least, roll),
-            reason=inner.refusal,
+            reason=inner.bare_reason,
             nearest_q=None if nearest is None else np.append(nearest, roll),
             further=None if further is None else partial(_further_with, further, roll),
         )
@@ -389,12 +392,10 @@ class OffsetRollSolver(InverseKinematics):
         found = self._rolled(target._replace(rotation=None), roll, step)
         if found.success and target.rotation is None:
             return found  # a single configuration, or a sliver
-        reason = found.refusal or "no orientation near the one asked for was found"
-        where = f"with {self.titles[-1]} at {in_degrees(roll)}, where it comes nearest"
-        reason = f"{where}: {reason}"
+        reason = AtRoll(self.titles[-1], roll, found.bare_reason or NoOrientationNear())
         return Solutions(self._arm, target, (), (), reason=reason, nearest_q=nearest)
 
-    def _refused(self, target: Target, reason: str) -> Solutions:
+    def _refused(self, target: Target, reason: Reason) -> Solutions:
         free = Target(target.point)
         return Solutions(
             self._arm, target, (), (), reason=reason, nearest_q=self._numeric.nearest(self._local(free))

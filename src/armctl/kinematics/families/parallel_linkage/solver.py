@@ -18,17 +18,25 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
+from armctl.facts import Reason
+from armctl.facts.targets import (
+    BesideAxis,
+    BetweenReaches,
+    JointsNeeded,
+    LimitsForbid,
+    OutOfReach,
+    PitchOfRods,
+)
 from armctl.kinematics.angles import (
     LIMIT_TOLERANCE,
     central_image,
     images,
-    in_degrees,
     nearest_angle,
     rotation_angle,
 )
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.explanations import needs, too_far, too_near
+from armctl.kinematics.explanations import angle_needed, angles_needed
 from armctl.kinematics.families.yaw_pitch_roll.closed_form import two_link
 from armctl.kinematics.families.yaw_pitch_roll.geometry import (
     BRANCHES,
@@ -157,8 +165,7 @@ class ParallelLinkageSolver(InverseKinematics):
         checked_step(step)
         refusal, roll = held_roll(self._roll, target.roll)
         if target.pitch is not None and abs(math.sin(target.pitch) - math.sin(self._pitch)) > _LEVEL:
-            kept, asked = in_degrees(self._pitch), in_degrees(target.pitch)
-            refusal = f"the rods keep the tool at a pitch of {kept}; {asked} cannot be had"
+            refusal = PitchOfRods(self._pitch, target.pitch)
         if refusal is not None:
             return self._refused(
                 target, self._besides(refusal, target._replace(pitch=None, roll=None), step), roll
@@ -228,63 +235,53 @@ class ParallelLinkageSolver(InverseKinematics):
 
     # Refusals.
 
-    def _refused(self, target: Target, reason: str, roll: float) -> Solutions:
+    def _refused(self, target: Target, reason: Reason, roll: float) -> Solutions:
         q = self._nearest(target)
         nearest = q if self._roll is None else np.append(q, roll)
         return Solutions(self._arm, target, (), (), reason=reason, nearest_q=nearest)
 
-    def _why_not(self, target: Target) -> str:
+    def _why_not(self, target: Target) -> Reason:
         """Why a position has no solution."""
         x, y, z = self._plane.local_of(*target.point)
         first, second = self._plane.lengths
         bases = base_branches(self._plane, x, y, None)
         if not bases:
-            aside = abs(self._plane.lateral)
-            away = math.hypot(x, y)
-            return too_near(
-                aside - away, f"the target is {1000 * away:.1f} mm from the base axis", "the arm stays", aside
-            )
+            return BesideAxis(abs(self._plane.lateral), math.hypot(x, y))
         distances = [abs(complex(base.r, z) - self._plane.shoulder) for base in bases]
         least, most = abs(first - second), first + second
 
-        def miss(distance: float, length: float) -> tuple[float, str]:
-            if self._plane.lateral:
-                return self._plane.way_to_circle(math.hypot(x, y), z, length), "from the shoulder"
-            return abs(distance - length), f"the wrist would be {1000 * distance:.1f} mm from the shoulder"
-
-        if min(distances) > most + _ROUNDING:
-            return too_far(*miss(min(distances), most), "the two links reach", most)
-        if max(distances) < least - _ROUNDING:
-            return too_near(*miss(max(distances), least), "the two links fold no closer than", least)
+        near, far = min(distances), max(distances)
+        if near > most + _ROUNDING or far < least - _ROUNDING:
+            too_far = near > most + _ROUNDING
+            away, length = (near, most) if too_far else (far, least)
+            if not self._plane.lateral:
+                return OutOfReach(too_far, abs(away - length), length, away, "wrist", links="two links")
+            miss = self._plane.way_to_circle(math.hypot(x, y), z, length)
+            return OutOfReach(too_far, miss, length, None, "wrist", links="two links")
         if not any(least - _ROUNDING <= away <= most + _ROUNDING for away in distances):
-            near, far = 1000.0 * min(distances), 1000.0 * max(distances)
-            return (
-                f"neither way round: the wrist would be {near:.1f} mm or {far:.1f} mm from the shoulder, the "
-                f"two links reach from {1000.0 * least:.1f} mm to {1000.0 * most:.1f} mm"
-            )
-        best, smallest = "", math.inf
+            return BetweenReaches(near, far, least, most)
+        best, smallest = JointsNeeded(()), math.inf
         limits = self.limits[:3].tolist()
         for base, pair, _ in self._branches(target, None):
             angles = zip((base.angle, *pair.tolist()), limits, strict=True)
             ways = [images(angle, *pair) or [central_image(angle, *pair)] for angle, pair in angles]
             for q in map(np.array, product(*ways)):
-                said, excess = self._needs(q)
+                way, excess = self._needs(q)
                 if excess < smallest:
-                    best, smallest = said, excess
-        return f"within the links' reach, but joint limits forbid it: {best}"
+                    best, smallest = way, excess
+        return LimitsForbid((best,))
 
-    def _needs(self, q: FloatArray) -> tuple[str, float]:
+    def _needs(self, q: FloatArray) -> tuple[JointsNeeded, float]:
         """Which limits the first three joints (3,) would have to leave, and by how much in all [rad]."""
         chain, low, high = self.chain, *self.limits[:3].T
         over = np.maximum(low - q, q - high)
-        said = [
-            needs(self.titles[k], self.limits[k], float(q[k])) for k in np.flatnonzero(over > LIMIT_TOLERANCE)
-        ]
+        leaving = [(k, float(q[k])) for k in np.flatnonzero(over > LIMIT_TOLERANCE).tolist()]
+        needs = list(angles_needed(self.titles, self.limits, leaving))
         whole = self._whole(q)
         for limit, turn in chain.turns_beyond(whole):
-            said.append(needs(limit.name, (limit.lower, limit.upper), turn))
+            needs.append(angle_needed(limit.name, (limit.lower, limit.upper), turn))
         beyond = np.maximum(chain.turn_excess(whole), 0.0)
-        return " and ".join(said), float(np.maximum(over, 0.0).sum() + beyond.sum())
+        return JointsNeeded(tuple(needs)), float(np.maximum(over, 0.0).sum() + beyond.sum())
 
     def _nearest(self, target: Target) -> FloatArray:
         """(3,) where the tool point comes nearest to the target.

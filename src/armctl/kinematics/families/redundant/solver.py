@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
+from armctl.facts.reasons import in_degrees
 from armctl.kinematics.angles import (
     DEGREE,
     LIMIT_TOLERANCE,
@@ -18,7 +19,6 @@ from armctl.kinematics.angles import (
     all_images,
     images,
     images_toward,
-    in_degrees,
     wrapped,
 )
 from armctl.kinematics.chain import Chain

@@ -7,16 +7,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Self
 
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image, central_images, in_degrees
+from armctl.facts import Reason
+from armctl.facts.targets import JointsNeeded, LimitsForbid, OutOfReach, PitchOutside
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image, central_images
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel
-from armctl.kinematics.explanations import all_needs, needs, too_far, too_near
+from armctl.kinematics.explanations import angle_needed, angles_needed
 from armctl.kinematics.families.numeric.descent import PositionGoal, Starts, come_nearest
 from armctl.kinematics.families.spherical_shoulder.geometry import (
     SPHERICAL_BRANCHES,
@@ -242,7 +245,7 @@ class SphericalShoulderSolver(InverseKinematics):
         )
 
     def _refused(
-        self, target: Target, reason: str | Callable[[], str], nearest: Callable[[], FloatArray]
+        self, target: Target, reason: Reason | Callable[[], Reason], nearest: Callable[[], FloatArray]
     ) -> Solutions:
         """With the roll joint as near as its limits allow to what was asked for."""
 
@@ -255,29 +258,22 @@ class SphericalShoulderSolver(InverseKinematics):
         """A pitch that has no solution at a position that has some: ``ends`` of the pitches held there."""
         pitches = self._orientation.pitches(ends)
         best = int(np.abs(pitches - elevation(pitch)).argmin())
-        held = f"{in_degrees(pitches.min())} … {in_degrees(pitches.max())}"
+        reason = PitchOutside(float(pitches.min()), float(pitches.max()), float(pitches[best]))
         if self.geometry.roll_swings_the_tool:
-            held = f"{held} with {self.titles[4]} at {in_degrees(roll)}"
-        reason = (
-            f"that pitch is impossible here: at this point the arm holds its tool at {held}, "
-            f"the nearest to it is {in_degrees(pitches[best])}"
-        )
+            reason = replace(reason, joint=self.titles[4], held=roll)
         return self._refused(target, reason, lambda: ends[best])
 
-    def _why_not(self, target: Target) -> str:
+    def _why_not(self, target: Target) -> Reason:
         """Why a position has no solution."""
         distance = float(np.linalg.norm(target.position - self.geometry.centre))
         least, most = self.geometry.reach
-        where = f"the target would be {1000 * distance:.1f} mm from the shoulder"
         bends = self.geometry.bends(distance)
         if not bends and distance > most:
-            return too_far(distance - most, where, "the arm reaches", most)
+            return OutOfReach(far=True, miss_m=distance - most, length_m=most, distance_m=distance)
         if not bends:
-            return too_near(least - distance, where, "the arm folds no closer than", least)
+            return OutOfReach(far=False, miss_m=least - distance, length_m=least, distance_m=distance)
         needed = self._needed(bends, target.position - self.geometry.centre)
-        if not needed:
-            return "within the links' reach, but joint limits forbid it"
-        return f"within the links' reach, but joint limits forbid it: {self._needs_words(needed)}"
+        return LimitsForbid((self._easiest(needed),) if needed else ())
 
     def _needed(self, bends: Sequence[float], aim: FloatArray) -> list[list[tuple[int, float]]]:
         """For each bend the joints that would have to leave their limits and what they need [rad]."""
@@ -297,12 +293,13 @@ class SphericalShoulderSolver(InverseKinematics):
                 ways.append(way)
         return ways
 
-    def _needs_words(self, ways: Sequence[list[tuple[int, float]]]) -> str:
+    def _easiest(self, ways: Sequence[list[tuple[int, float]]]) -> JointsNeeded:
         """The bends that ask only for another elbow; else the one that asks for least, by the sum."""
         alone = [way[0][1] for way in ways if len(way) == 1 and way[0][0] == 3]
         if alone:
-            return needs(self.titles[3], self.limits[3].tolist(), *alone)
-        return f"at the least, {all_needs(self.titles, self.limits, min(ways, key=self._excess))}"
+            return JointsNeeded((angle_needed(self.titles[3], self.limits[3], *alone),))
+        least = min(ways, key=self._excess)
+        return JointsNeeded(angles_needed(self.titles, self.limits, least), least=True)
 
     def _excess(self, way: Sequence[tuple[int, float]]) -> float:
         low, high = self.limits.T

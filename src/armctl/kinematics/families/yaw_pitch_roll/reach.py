@@ -20,18 +20,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
+from armctl.facts import Reason, Several
+from armctl.facts.targets import (
+    AngleNeeded,
+    InsideCylinder,
+    JointsNeeded,
+    LimitsForbid,
+    NotInOrientation,
+    OutOfReach,
+    PitchByPosition,
+    Side,
+)
 from armctl.kinematics.angles import (
     LIMIT_TOLERANCE,
     TWO_PI,
     central_image,
     central_images,
     images,
-    in_degrees,
     nearest_angle,
     rest_angle,
     wrap,
 )
-from armctl.kinematics.explanations import all_needs, too_far, too_near
+from armctl.kinematics.explanations import angles_needed
 from armctl.kinematics.families.yaw_pitch_roll.closed_form import PlanePostures
 from armctl.kinematics.families.yaw_pitch_roll.geometry import (
     AXIS_TOLERANCE,
@@ -51,7 +61,6 @@ _SEARCHED = 1e-8
 """how far outside a limit a search for the least leaves a joint that is on it [rad]"""
 _ALIKE_M = 1e-12
 """distances that differ by rounding alone [m]"""
-_SIDE = {True: "facing it", False: "over the back"}
 
 
 class _Nearest(NamedTuple):
@@ -59,6 +68,23 @@ class _Nearest(NamedTuple):
     """(1 + m,) base and pitch joints [rad]"""
     distance: float
     """of the tip from the target [m]"""
+
+
+class _Miss(NamedTuple):
+    """By how much the links miss a target, turned to it one way."""
+
+    miss_m: float
+    length: float
+    """of the links in their plane [m]"""
+    limit_m: float
+    """how far they reach, or how near"""
+    away_m: float | None
+    """of the target, or the wrist, from the shoulder; None: the shortest way is in none of the planes"""
+    branch: BaseBranch
+
+    def rank(self) -> tuple[float, float, BaseBranch]:
+        """The least counts."""
+        return self.miss_m, self.limit_m, self.branch
 
 
 class _Circles:
@@ -89,19 +115,14 @@ class Reach:
         self._plane = [geometry.plane_limits(k, limits) for k in range(len(geometry.lengths))]
         self._free = _Circles(collinear_circles(geometry.lengths, self._plane), geometry.shoulder)
 
-    def explain(self, target: Target) -> tuple[str, FloatArray | None]:
+    def explain(self, target: Target) -> tuple[Reason, FloatArray | None]:
         """Of a target without a solution: the reason, and the nearest configuration (n,) [rad]."""
         geometry = self._geometry
         x, y, z = geometry.local_of(*target.point)
         nearest = self._nearest_to(x, y, z, target)
         branches = base_branches(geometry, x, y, None)
         if not branches:
-            d = abs(geometry.lateral)
-            return (
-                f"inside the {1000 * d:.2f} mm cylinder about the base axis that the tip cannot enter: the "
-                f"target is {1000 * math.hypot(x, y):.2f} mm from the axis, the tool plane passes it at "
-                f"{1000 * d:.2f} mm"
-            ), nearest
+            return InsideCylinder(abs(geometry.lateral), math.hypot(x, y)), nearest
         angles = tool_angles(target.pitch)
         two = target.pitch is not None and len(geometry.lengths) == 2
         if two and not self._postures(branches, z, angles):
@@ -117,31 +138,25 @@ class Reach:
         ways = itertools.product(branches, angles)
         return [plane for branch, angle in ways for plane in self._planar.at(branch.r, z, angle)]
 
-    def _other_pitch(self, branches: list[BaseBranch], z: float) -> str:
+    def _other_pitch(self, branches: list[BaseBranch], z: float) -> PitchByPosition:
         tool = self._geometry.tool_angle or 0.0
         ways = self._postures(branches, z, [None])
-        pitches = sorted(math.asin(math.sin(sum(way) + tool)) for way in ways)
-        said = " or ".join(dict.fromkeys(map(in_degrees, pitches)))
-        return (
-            "that pitch is impossible here: with two pitch joints the position alone decides it; "
-            f"the links would give {said}, within limits or not"
-        )
+        return PitchByPosition(tuple(sorted(math.asin(math.sin(sum(way) + tool)) for way in ways)))
 
     def _beyond_links(
         self, branches: list[BaseBranch], z: float, angles: list[float | None], nearest: FloatArray | None
-    ) -> str | None:
+    ) -> Reason | None:
         """Too far or too near for the links alone, whatever the limits.
 
         By the way of turning to the target that takes the tip nearest; where the base cannot turn so far and
         the ``nearest`` configuration turns the other way, by that one, with what holds the base.
         """
         lengths = list(self._geometry.lengths)
-        point, after, last = "the target", "", 0.0
-        if angles[0] is not None and len(lengths) == 3:
-            point, after, last = "the wrist", " with the tool at that pitch", lengths.pop()
+        wrist = angles[0] is not None and len(lengths) == 3
+        last = lengths.pop() if wrist else 0.0
         inner, outer = max(0.0, 2 * max(lengths) - sum(lengths)), sum(lengths)
-        beside, foot, shoulder = self._geometry.lateral, self._geometry.shoulder, self._titles[1].lower()
-        misses: list[tuple[float, float, float, str, BaseBranch]] = []
+        beside, foot = self._geometry.lateral, self._geometry.shoulder
+        misses: list[_Miss] = []
         for branch, angle in itertools.product(branches, angles):
             hand = cmath.rect(last, (angle or 0.0) - (self._geometry.tool_angle or 0.0))
             distance = abs(complex(branch.r, z) - foot - hand)
@@ -150,22 +165,22 @@ class Reach:
             for length in (inner, outer):
                 if beside and (foot + hand).real:  # the shortest way lies in none of the plane's poses
                     miss = self._geometry.way_to_circle(math.hypot(branch.r, beside), z, length, hand)
-                    misses.append((miss, length, length, f"from the {shoulder}{after}", branch))
+                    misses.append(_Miss(miss, length, length, None, branch))
                 else:
                     away, limit = math.hypot(distance, beside), math.hypot(length, beside)
-                    where = f"{point} would be {1000 * away:.1f} mm from the {shoulder}{after}"
-                    misses.append((abs(away - limit), length, limit, where, branch))
-        miss, length, limit, where, branch = min(misses)
-        held = ""
-        if nearest is not None and (beyond := self._base_needs(branch)):
-            others = [one for one in misses if _turned_alike(one[-1].angle, float(nearest[0]))]
-            if others and not _turned_alike(branch.angle, float(nearest[0])):
-                held = f"; {_SIDE[branch.front]}, {all_needs(self._titles, self._limits, beyond)}"
-                miss, length, limit, where, branch = min(others)
-                where = f"{_SIDE[branch.front]}, {where}"
-        if length == outer:
-            return too_far(miss, where, "the arm reaches", limit) + held
-        return too_near(miss, where, "the arm folds no closer than", limit) + held
+                    misses.append(_Miss(abs(away - limit), length, limit, away, branch))
+        least, held = min(misses, key=_Miss.rank), None
+        if nearest is not None and (beyond := self._base_needs(least.branch)):
+            others = [one for one in misses if _turned_alike(one.branch.angle, float(nearest[0]))]
+            if others and not _turned_alike(least.branch.angle, float(nearest[0])):
+                held = JointsNeeded(angles_needed(self._titles, self._limits, beyond), _side(least.branch))
+                least = min(others, key=_Miss.rank)
+        reason = OutOfReach(
+            far=least.length == outer, miss_m=least.miss_m, length_m=least.limit_m, distance_m=least.away_m,
+            point="wrist" if wrist else "target", shoulder=self._titles[1], pitched=wrist,
+            side=None if held is None else _side(least.branch),
+        )  # fmt: skip
+        return reason if held is None else Several((reason, held))
 
     def _base_needs(self, branch: BaseBranch) -> list[tuple[int, float]]:
         """The base joint and its angle [rad], where that is outside its limits."""
@@ -173,18 +188,18 @@ class Reach:
         yaw = central_image(branch.angle, low, high)
         return [] if low - LIMIT_TOLERANCE <= yaw <= high + LIMIT_TOLERANCE else [(0, yaw)]
 
-    def _by_limits(self, branches: list[BaseBranch], z: float, angles: list[float | None]) -> str:
+    def _by_limits(self, branches: list[BaseBranch], z: float, angles: list[float | None]) -> Reason:
         """All joints that would have to leave their limits together, for each way to face the target.
 
         Of several ways to bend, those joints that would have to leave them least, by the sum.
         """
         swept = angles[0] is None and len(self._geometry.lengths) == 3
-        said: list[str] = []
+        ways: list[tuple[tuple[AngleNeeded, ...], Side]] = []
         several = swept
         for branch in branches:
             planes = self._swept(branch, z) if swept else np.array(self._postures([branch], z, angles))
             if not len(planes):
-                said.append(f"{_SIDE[branch.front]}, the links do not reach it")
+                ways.append(((), _side(branch)))
                 continue
             several = several or len(planes) > 1
             q, beyond = self._joints(planes)
@@ -193,12 +208,11 @@ class Reach:
             needed = self._base_needs(branch)
             needed += [(1 + k, float(q[i, k])) for k in np.flatnonzero(beyond[i]).tolist()]
             if needed:
-                said.append(f"{_SIDE[branch.front]}, {all_needs(self._titles, self._limits, needed)}")
-        held = "" if angles[0] is None else " at that pitch"
-        if not said:
-            return f"the arm reaches it{held}, but not with the orientation that was asked for"
-        least = "at the least, " if several else ""
-        return f"within the links' reach{held}, but joint limits forbid it: {least}" + "; ".join(said)
+                ways.append((angles_needed(self._titles, self._limits, needed), _side(branch)))
+        pitched = angles[0] is not None
+        if not ways:
+            return NotInOrientation(pitched)
+        return LimitsForbid(tuple(JointsNeeded(*way, least=several) for way in ways), pitched)
 
     def _swept(self, branch: BaseBranch, z: float) -> FloatArray:
         """(1, 3) plane angles nearest to the limits, found by sweeping the first round; or (0, 3)."""
@@ -299,6 +313,10 @@ class Reach:
         turn = self._geometry.yaw_sign * (math.atan2(y, x) - np.arctan2(d, tip.real))
         yaw, beyond = _central_images(turn, low, high)
         return row, phi, yaw, np.where(beyond <= LIMIT_TOLERANCE, miss, np.inf)
+
+
+def _side(branch: BaseBranch) -> Side:
+    return "facing" if branch.front else "over the back"
 
 
 def _turned_alike(a: float, b: float) -> bool:

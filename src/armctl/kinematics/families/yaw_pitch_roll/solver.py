@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
+from armctl.facts import Reason
+from armctl.facts.targets import NoSuchAngle
 from armctl.kinematics.angles import (
     LIMIT_TOLERANCE,
     images,
@@ -55,7 +57,7 @@ from armctl.kinematics.target import (
 )
 
 _NO_ROLLS = (0.0,)
-NO_PITCH = "this arm's tool does not keep to its vertical plane, so it has no pitch to ask for"
+NO_PITCH = NoSuchAngle("pitch")
 _Candidate = tuple[FloatArray, int]
 """a configuration (n,) [rad] and the index of its branch"""
 
@@ -292,7 +294,7 @@ class YawPitchRollSolver(InverseKinematics):
     def _with_roll(self, q: Sequence[float], roll: float) -> FloatArray:
         return np.array(q if self._roll is None else (*q, roll))
 
-    def _refused(self, target: Target, reason: str | None = None) -> Solutions:
+    def _refused(self, target: Target, reason: Reason | None = None) -> Solutions:
         why, nearest = self._reach.explain(target)
         return Solutions(self._arm, target, (), (), reason=reason or why, nearest_q=nearest)
 

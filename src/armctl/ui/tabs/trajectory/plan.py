@@ -11,6 +11,8 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, ProgramError
+from armctl.facts import Said, say
+from armctl.facts.targets import AtPoint
 from armctl.kinematics import Target
 from armctl.motion import (
     Finding,
@@ -170,7 +172,7 @@ def why_not(robot: Robot, points: FloatArray) -> str | None:
     for number, point in enumerate(points, 1):
         solutions = robot.inverse(point, step=_COARSE_STEP)
         if not solutions.success:
-            return f"point {number} of {len(points)}: {solutions.reason}"
+            return say(AtPoint(number, len(points), Said(solutions.reason or "")))
     return None
 
 
