@@ -1,6 +1,6 @@
 """Every figure and every "another branch" of refusals and warnings, recomputed by plain code of its own.
 
-A sentence that nothing here can read fails, and so does one with a number that nothing has checked.
+A kind of reason that nothing here knows fails, and so does a sentence with a number that nothing has checked.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Literal
 
 import numpy as np
@@ -29,7 +29,7 @@ from tests.motion.sentence_kit import (
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError
-from armctl.facts import AngleLimit, Blocked, Overload, RateLimit, Singular
+from armctl.facts import AngleLimit, Blocked, Overload, RateLimit, Reason, Several, Singular, say, targets
 from armctl.motion import Finding, PointToPoint, Trajectory, plan_arc, plan_line, plan_spline, preflight
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
 from armctl.robot import Robot, load_robot, shipped_robots
@@ -39,12 +39,6 @@ ARMS = shipped_robots() if LONG else ("uzuner", "scorbot", "humanoid")
 EACH = int(os.environ.get("ARMCTL_SENTENCES", "1000")) if LONG else 5
 """sentences of each kind, an arm"""
 NUMBER = r"-?\d+(?:\.\d+)?"
-NEEDS = re.compile(rf"(.+?) needs ({NUMBER})°(?: or ({NUMBER})°)?, its limits are ({NUMBER})° … ({NUMBER})°")
-NEAREST = re.compile(
-    rf"; (?:inside the joint limits )?the nearest reachable point( with that pitch)? is "
-    rf"\(({NUMBER}), ({NUMBER}), ({NUMBER})\) mm, (\S+) mm away(?:, where (.*))?$"
-)
-HOLDS = re.compile(rf"(.+) is at its limit of ({NUMBER})°")
 
 
 def joint_of(robot: Robot, title: str) -> int:
@@ -74,18 +68,28 @@ def inside(robot: Robot, rng: np.random.Generator) -> FloatArray:
 class Asked:
     """A target that was refused."""
 
-    def __init__(self, robot: Robot, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        rng: np.random.Generator,
+        point: FloatArray,
+        pitch: float | None = None,
+        roll: float | None = None,
+    ) -> None:
+        solutions = robot.inverse(point, pitch, roll)
+        self.robot, self.rng, self.point, self.pitch, self.roll = robot, rng, point, pitch, roll
+        self.why, self.rolls_aside = parts(solutions.refusal), solutions.arm.roll_moves_tip
+
+    @classmethod
+    def anywhere(cls, robot: Robot, rng: np.random.Generator) -> Asked:
         low, high = robot.limits.T
         there = tools(robot, rng.uniform(low, high, (1, robot.n)))[0, :3, 3]
         size = float(np.linalg.norm(there))
-        self.robot, self.rng = robot, rng
-        self.point: FloatArray = there + rng.uniform(-1, 1, 3) * size * rng.choice([0.1, 0.5, 1.5])
+        point: FloatArray = there + rng.uniform(-1, 1, 3) * size * rng.choice([0.1, 0.5, 1.5])
         if rng.random() < 0.3:  # near the base axis
-            self.point[:2] = rng.uniform(-0.05, 0.05, 2)
-        self.pitch = float(rng.uniform(-1.5, 1.5)) if rng.random() < 0.3 else None
-        self.roll = float(rng.uniform(-4, 4)) if rng.random() < 0.1 else None
-        solutions = robot.inverse(self.point, self.pitch, self.roll)
-        self.said, self.rolls_aside = solutions.explanation, solutions.arm.roll_moves_tip
+            point[:2] = rng.uniform(-0.05, 0.05, 2)
+        pitch = float(rng.uniform(-1.5, 1.5)) if rng.random() < 0.3 else None
+        return cls(robot, rng, point, pitch, float(rng.uniform(-4, 4)) if rng.random() < 0.1 else None)
 
     def away(
         self,
@@ -106,48 +110,26 @@ class Asked:
             self.robot, goal, limits, self.rng, pitched=pitched, first=first, between=between, until=until
         )
 
-
-def check_target(asked: Asked) -> None:
-    """The whole of an explanation."""
-    robot, text = asked.robot, asked.said
-    if found := NEAREST.search(text):
-        x, y, z = (float(value) / 1000 for value in found.groups()[1:4])
-        away, pitched = float(found[5]) / 1000, found[1] is not None
-        shown = 0.06e-3 + 0.05 * away * ("." not in found[5] or away < 5e-5)
-        assert abs(math.dist((x, y, z), asked.point) - away) <= shown + 0.09e-3, text
-        there = np.array([x, y, z, math.sin(asked.pitch or 0.0)][: 4 if pitched else 3])
-        starts = 300 if pitched else 60
-        assert (
-            nearest(robot, there, robot.limits, asked.rng, pitched=pitched, starts=starts, until=0.1e-3)
-            <= 0.1e-3
-        ), text
-        # with a pitch kept, or a roll that moves the tool point, others may be nearer; never the other way
-        held = pitched or (asked.roll is not None and asked.rolls_aside)
-        if robot.inverse_kinematics.complete:
-            if not held:
-                assert asked.away(robot.limits, pitched=False) >= away - shown, text
-                check_holding(asked, found[6] or "", away, text)
-        text = text[: found.start()]
-    if text.endswith("; the point itself can be reached"):
-        assert asked.away(robot.limits, pitched=False, until=1e-6) < 1e-6, text
-        text = text.removesuffix("; the point itself can be reached")
-    for reason in text.split("; besides, "):
-        check_reason(asked, reason)
+    def holds(
+        self, point: Sequence[float], pitch: float | None, limits: FloatArray, starts: int = 60
+    ) -> bool:
+        """Whether the arm can hold its tool somewhere, and at a pitch."""
+        goal = np.array([*point, *(() if pitch is None else (math.sin(pitch),))])
+        near = nearest(
+            self.robot, goal, limits, self.rng, pitched=pitch is not None, starts=starts, until=_SAME
+        )
+        return near < _SAME
 
 
-def check_holding(asked: Asked, said: str, away: float, text: str) -> None:
-    """Without the limits that are said to hold the tool off it comes nearer; without such, links do."""
-    robot, wide = asked.robot, asked.robot.limits.copy()
-    for holds in said.split(" and ") if said else ():
-        way = HOLDS.fullmatch(holds)
-        assert way is not None, text
-        k = joint_of(robot, way[1])
-        assert any(degrees_near(float(way[2]), bound) for bound in robot.limits[k]), text
-        wide[k] += [-0.1, 0.1]
-    if said:
-        assert asked.away(wide, pitched=False) < away - 1e-6, text
-    elif found := re.match(rf"too far by ({NUMBER}) mm: the target would be", text):
-        assert abs(1000 * away - float(found[1])) <= 0.11, text  # one figure for one thing
+_SAME = 1e-5
+"""[m]: what brute force leaves of a distance"""
+
+
+def parts(reason: Reason | None) -> list[Reason]:
+    """A reason and those that follow it."""
+    if isinstance(reason, Several):
+        return [part for one in reason.reasons for part in parts(one)]
+    return [] if reason is None else [reason]
 
 
 def wide_open(robot: Robot) -> FloatArray:
@@ -156,143 +138,139 @@ def wide_open(robot: Robot) -> FloatArray:
     return np.where(held, robot.limits, [-math.pi, math.pi])
 
 
-TURNED_AWAY = re.compile(r"; (?:facing it|over the back), ([^;]*)$")
-AT_ROLL = re.compile(rf"^with .+? at ({NUMBER})°, where it comes nearest: ")
+def check_reasons(asked: Asked, reasons: list[Reason], rolled: float | None = None) -> None:
+    """All that is said of a target, or of the arm with its last joint at a roll."""
+    robot, left = asked.robot, iter(reasons)
+    for reason in left:
+        match reason:
+            case targets.NearestPoint():
+                check_nearest(asked, reason, reasons[0])
+            case targets.PointReached():
+                assert asked.away(robot.limits, pitched=False, until=1e-6) < 1e-6, reasons
+            case targets.AtRoll(joint, roll, inner):
+                assert joint_of(robot, joint) == robot.n - 1
+                check_reasons(asked, parts(inner), roll)
+            case targets.Besides(inner):
+                check_reasons(asked, parts(inner), rolled)
+            case targets.OutOfReach(side=None) | targets.OutOfBound():
+                check_links(asked, reason, rolled)
+            case targets.OutOfReach():
+                check_links(asked, reason, rolled, next(left))
+            case targets.InsideCylinder(radius, distance) | targets.BesideAxis(radius, distance):
+                assert math.hypot(*asked.point[:2]) == pytest.approx(distance, abs=1e-9)
+                assert distance < radius and asked.away(wide_open(robot), pitched=True, between={}) > 1e-6
+            case targets.LimitsForbid(ways, pitched):
+                for way in ways:
+                    check_needs(asked, way.needs, pitched=pitched)
+            case targets.JointsNeeded(needs, least=True):
+                check_needs(asked, needs, pitched=True)
+            case targets.AngleNeeded(joint, (angle,), low, high):
+                assert asked.roll is not None and [low, high] == robot.limits[joint_of(robot, joint)].tolist()
+                assert abs(math.remainder(angle - asked.roll, math.tau)) < 1e-9, reasons
+            case _:
+                check_pitch(asked, reason)
 
 
-def check_reason(asked: Asked, text: str) -> None:
-    robot, rolled = asked.robot, AT_ROLL.search(text)
-    text, held = AT_ROLL.sub("", text), None
-    if text.startswith(("too far", "inside the dead zone")) and (held := TURNED_AWAY.search(text)):
-        text = text[: held.start()]
-    two = rf"too far by ({NUMBER}) mm: .* would be ({NUMBER}) mm from .*(?:reaches?|reach) ({NUMBER}) mm"
-    three = rf".*too near by ({NUMBER}) mm: .* would be ({NUMBER}) mm from .* no closer than ({NUMBER}) mm"
-    bound = rf"too (?:far|near) by ({NUMBER}) mm: the target is ({NUMBER}) mm from \(.*\) mm .* ({NUMBER}) mm"
-    axis = rf".*too near by ({NUMBER}) mm: .* ({NUMBER}) mm from the base axis, the arm stays ({NUMBER}) mm"
-    aside = rf"(?:inside.*, )?too (?:far|near) by ({NUMBER}) mm: from the [^,]*, the arm .* ({NUMBER}) mm"
-    if found := re.fullmatch(f"{two}|{three}|{bound}|{axis}|inside the dead zone, {bound}|{aside}", text):
-        miss, *distance, length = (float(value) for value in found.groups() if value is not None)
-        if distance:
-            assert abs(abs(distance[0] - length) - miss) <= 0.11, text
-        wide = wide_open(robot)
-        if held is not None:  # the base stays inside its limits: with them the figure is another one
-            need = NEEDS.fullmatch(held[1])
-            assert need is not None and joint_of(robot, need[1]) == 0, text
-            check_limits(robot, 0, need[4], need[5])
-            assert not robot.limits[0, 0] <= math.radians(float(need[2])) <= robot.limits[0, 1], text
-            assert asked.away(wide, pitched=False, between={}) < miss / 1000 - 1e-4, text
-            wide[0] = robot.limits[0]
-        if rolled:
-            wide[-1] = math.radians(float(rolled[1])) + np.array([-1e-4, 1e-4])
-        elif asked.roll is not None and asked.rolls_aside:  # said of the arm at the roll asked for
-            wide[-1] = asked.roll
-        free = asked.away(wide, pitched=False, between={})
-        plain = ("the target would be" in text or not distance) and "at that pitch" not in text
-        if plain and not rolled:
-            assert abs(1000 * free - miss) <= 0.06, text
-        else:  # a bound, or a wrist at a pitch: the links alone do not reach it
-            assert asked.away(wide, pitched=True, between={}) > 1e-6, text
-    elif found := re.fullmatch(
-        rf"inside the ({NUMBER}) mm cylinder .* is ({NUMBER}) mm from the axis, .*", text
-    ):
-        assert abs(1000 * math.hypot(*asked.point[:2]) - float(found[2])) <= 0.0051, text
-        assert float(found[1]) > float(found[2])
-    elif "joint limits forbid it: " in text:
-        head, said = text.split("joint limits forbid it: ")
-        for way in said.removeprefix("at the least, ").split("; "):
-            side = re.sub("^(facing it|over the back), ", "", way)
-            if side != "the links do not reach it":
-                check_needs(asked, side, pitched="at that pitch" in head)
-    elif NEEDS.fullmatch(text) and "at the least" not in text and asked.roll is not None:
-        found = NEEDS.fullmatch(text)
-        assert found is not None
-        k = joint_of(robot, found[1])
-        check_limits(robot, k, found[4], found[5])
-        turned = math.remainder(math.radians(float(found[2])) - asked.roll, math.tau)
-        assert abs(turned) < 1e-4, text
-    elif found := re.fullmatch(
-        rf"that pitch is impossible here: .*at ({NUMBER})° … ({NUMBER})°.*, the nearest .* ({NUMBER})°",
-        text,
-    ):
-        low, high, near = map(float, found.groups())
-        assert low <= near <= high, text
-        assert asked.pitch is not None
-        for said in (low, high):  # held there, and not at the pitch asked for
-            goal = np.append(asked.point, math.sin(math.radians(said)))
-            assert nearest(robot, goal, robot.limits, asked.rng, pitched=True, until=2e-4) < 2e-4, text
-        assert asked.away(robot.limits, pitched=True) > 1e-6, text
-    elif "the position alone decides it; the links would give " in text:
-        wide = np.column_stack([np.full(robot.n, -math.pi), np.full(robot.n, math.pi)])
-        for said in re.findall(rf"({NUMBER})°", text):
-            goal = np.append(asked.point, math.sin(math.radians(float(said))))
-            assert nearest(robot, goal, wide, asked.rng, pitched=True, until=2e-4) < 2e-4, text
-        assert asked.away(wide, pitched=True) > 1e-6, text
-    elif found := re.fullmatch(
-        rf"the arm reaches that point, but none of .* pitch of ({NUMBER})° there: the nearest is ({NUMBER})°",
-        text,
-    ):
-        assert asked.pitch is not None and degrees_near(float(found[1]), asked.pitch), text
-        goal = np.append(asked.point, math.sin(math.radians(float(found[2]))))
-        assert nearest(robot, goal, robot.limits, asked.rng, pitched=True, starts=300, until=2e-4) < 2e-4, (
-            text
-        )
-    elif found := re.fullmatch(
-        rf"(?:no solution was found: none of \d+ starts came nearer than {NUMBER} mm|the arm reaches that "
-        rf"point, but none of \d+ starts found a pitch of ({NUMBER})° there: the nearest is ({NUMBER})°); "
-        "(.*)",
-        text,
-    ):
-        assert asked.away(robot.limits, pitched=True) > 1e-7, text
-        if found[1] is not None:
-            assert asked.pitch is not None and degrees_near(float(found[1]), asked.pitch), text
-            goal = np.append(asked.point, math.sin(math.radians(float(found[2]))))
-            assert (
-                nearest(robot, goal, robot.limits, asked.rng, pitched=True, starts=300, until=2e-4) < 2e-4
-            ), text
-        if found[3].startswith("at the least, "):
-            check_needs(asked, found[3].removeprefix("at the least, "), pitched=True)
-        else:
-            assert re.fullmatch(r"even without joint limits, none of \d+ led there", found[3]), text
-            assert asked.away(wide_open(robot), pitched=True) > 1e-7, text
-    elif found := re.fullmatch(
-        rf"the rods keep the tool at a pitch of ({NUMBER})°; ({NUMBER})° cannot be had", text
-    ):
-        q = asked.rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (5, robot.n))
-        assert (
-            np.abs(np.degrees(np.arcsin(np.clip(tools(robot, q)[:, 2, 2], -1, 1))) - float(found[1])).max()
-            < 0.006
-        )
-        assert asked.pitch is not None and degrees_near(float(found[2]), asked.pitch)
-    elif not re.search(r"\d", text.replace("joint 1", "")):
-        assert "rolls the tool" in text or "orientation" in text or "pitch means" in text or text, text
-    else:
-        raise AssertionError(f"nothing here reads {text!r}")
+def check_links(
+    asked: Asked,
+    why: targets.OutOfReach | targets.OutOfBound,
+    rolled: float | None,
+    held: Reason | None = None,
+) -> None:
+    robot, wide = asked.robot, wide_open(asked.robot)
+    if why.distance_m is not None:
+        assert (why.distance_m - why.length_m) * (1 if why.far else -1) == pytest.approx(why.miss_m, abs=1e-9)
+    if held is not None:  # the base stays inside its limits: with them the figure is another one
+        assert isinstance(held, targets.JointsNeeded)
+        ((base, (angle,), low, high),) = ((n.joint, n.angles, n.low, n.high) for n in held.needs)
+        assert joint_of(robot, base) == 0 and [low, high] == robot.limits[0].tolist()
+        assert not low <= angle <= high
+        assert asked.away(wide, pitched=False, between={}) < why.miss_m - _SAME
+        wide[0] = robot.limits[0]
+    if rolled is not None:
+        wide[-1] = rolled
+    elif asked.roll is not None and asked.rolls_aside:  # said of the arm at the roll asked for
+        wide[-1] = asked.roll
+    exact = isinstance(why, targets.OutOfReach) and not why.pitched
+    if rolled is None and exact and (why.distance_m is None or why.point == "target"):
+        assert asked.away(wide, pitched=False, between={}) == pytest.approx(why.miss_m, abs=_SAME), why
+    else:  # a bound, or a wrist at a pitch: the links alone do not reach it
+        assert asked.away(wide, pitched=True, between={}) > 1e-6, why
 
 
-def check_needs(asked: Asked, text: str, *, pitched: bool) -> None:
+def check_nearest(asked: Asked, why: targets.NearestPoint, first: Reason) -> None:
+    robot, pitched = asked.robot, why.orientation == "pitch kept"
+    assert math.dist(why.point_m, asked.point) == pytest.approx(why.away_m, abs=1e-9)
+    pitch = asked.pitch if pitched else None
+    assert asked.holds(why.point_m, pitch, robot.limits, 300 if pitched else 60), why
+    # with a pitch kept, or a roll that moves the tool point, others may be nearer; never the other way
+    if pitched or (asked.roll is not None and asked.rolls_aside) or not robot.inverse_kinematics.complete:
+        return
+    assert asked.away(robot.limits, pitched=False) >= why.away_m - _SAME, why
+    wide = robot.limits.copy()
+    for one in why.held:  # without the limits that hold the tool off it comes nearer; without such, links do
+        k = joint_of(robot, one.joint)
+        assert np.abs(robot.limits[k] - one.limit).min() < 1e-6, why
+        wide[k] += [-0.1, 0.1]
+    if why.held:
+        assert asked.away(wide, pitched=False) < why.away_m - 1e-6, why
+        return
+    match first:
+        case targets.OutOfReach(far=True, miss_m=miss, distance_m=float(), point="target", side=None):
+            assert why.away_m == pytest.approx(miss, abs=_SAME), first  # one figure for one thing
+        case _:
+            pass
+
+
+def check_pitch(asked: Asked, why: Reason) -> None:
+    robot, wide = asked.robot, np.tile([-math.pi, math.pi], (asked.robot.n, 1))
+    match why:
+        case targets.PitchOutside(low, high, near):
+            assert low <= near <= high and asked.away(robot.limits, pitched=True) > 1e-6, why
+            assert all(asked.holds(asked.point, pitch, robot.limits) for pitch in (low, high)), why
+        case targets.PitchByPosition(pitches):
+            assert asked.away(wide, pitched=True) > 1e-6, why
+            assert all(asked.holds(asked.point, pitch, wide) for pitch in pitches), why
+        case targets.PitchNotFound(_, pitch, near):
+            assert asked.pitch == pitch and asked.away(robot.limits, pitched=True) > 1e-7, why
+            assert asked.holds(asked.point, near, robot.limits, 300), why
+        case targets.NotFound():
+            assert asked.away(robot.limits, pitched=True) > 1e-7, why
+        case targets.NoneWithoutLimits():
+            assert asked.away(wide_open(robot), pitched=True) > 1e-7, why
+        case targets.PitchOfRods(kept, pitch):
+            q = asked.rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (5, robot.n))
+            assert tools(robot, q)[:, 2, 2] == pytest.approx(math.sin(kept), abs=1e-9)
+            assert asked.pitch == pitch
+        case _:
+            assert isinstance(why, targets.NoSuchAngle | targets.NotInOrientation), why
+
+
+def widened(
+    robot: Robot, needs: Sequence[targets.AngleNeeded], at: int = 0
+) -> tuple[FloatArray, dict[int, float]]:
+    """Limits (n, 2) with those of all the joints named as wide as is said, and what these need [rad]."""
+    wide, near = robot.limits.copy(), dict[int, float]()
+    for need in needs:
+        if need.joint in {one.name for one in robot.chain.turn_limits}:
+            continue
+        k, angle = joint_of(robot, need.joint), need.angles[at % len(need.angles)]
+        assert [need.low, need.high] == robot.limits[k].tolist() and not need.low < angle < need.high, needs
+        near[k] = angle
+        wide[k] = min(need.low, angle - 1e-5), max(need.high, angle + 1e-5)
+    return wide, near
+
+
+def check_needs(asked: Asked, needs: Sequence[targets.AngleNeeded], *, pitched: bool) -> None:
     """With the limits of all the joints named widened to what is said, the arm gets there."""
-    robot = asked.robot
-    ways = [NEEDS.fullmatch(part) for part in text.split(" and ")]
-    assert all(ways), text
-    alternatives = max(2 if way and way[3] else 1 for way in ways)
-    for which in range(alternatives):
-        wide, near = robot.limits.copy(), dict[int, float]()
-        between = {one.link: (one.lower, one.upper) for one in robot.chain.turn_limits}
-        for way in ways:
-            assert way is not None
-            angles = [one for one in robot.chain.turn_limits if one.name == way[1]]
-            if angles:
-                (limit,), angle = angles, math.radians(float(way[2]))
-                assert not limit.lower < angle < limit.upper, text
-                assert degrees_near(float(way[4]), limit.lower) and degrees_near(float(way[5]), limit.upper)
-                between[limit.link] = min(limit.lower, angle - 2e-4), max(limit.upper, angle + 2e-4)
-                continue
-            k, angle = joint_of(robot, way[1]), math.radians(float(way[3 if way[3] and which else 2]))
-            check_limits(robot, k, way[4], way[5])
-            assert not robot.limits[k, 0] < angle < robot.limits[k, 1], text
-            near[k] = angle
-            wide[k] = min(wide[k, 0], angle - 2e-4), max(wide[k, 1], angle + 2e-4)
-        assert asked.away(wide, pitched=pitched, near=near, between=between, until=1e-6) < 1e-6, text
+    for which in range(max((len(need.angles) for need in needs), default=0)):
+        wide, near = widened(asked.robot, needs, which)
+        between = {one.link: (one.lower, one.upper) for one in asked.robot.chain.turn_limits}
+        for one in asked.robot.chain.turn_limits:
+            for angle in (need.angles[0] for need in needs if need.joint == one.name):
+                assert not one.lower < angle < one.upper, needs
+                between[one.link] = min(one.lower, angle - 1e-5), max(one.upper, angle + 1e-5)
+        assert asked.away(wide, pitched=pitched, near=near, between=between, until=1e-6) < 1e-6, needs
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -300,56 +278,45 @@ def test_of_targets(name: str) -> None:
     robot, rng = load_robot(name), np.random.default_rng(len(name))
     checked = 0
     while checked < EACH:
-        asked = Asked(robot, rng)
-        if asked.said:
-            check_target(asked)
-            checked += 1
+        asked = Asked.anywhere(robot, rng)
+        check_reasons(asked, asked.why)
+        checked += bool(asked.why)
 
 
 @pytest.mark.parametrize("point", [(-0.1458, -0.0261, 0.9279), (-0.1843, -0.0349, 0.9379)])
 def test_a_target_that_the_base_cannot_face_is_too_far_by_one_figure(point: tuple[float, ...]) -> None:
     """Facing it the arm would come nearer than over the back, which is all that the base allows."""
-    asked = Asked.__new__(Asked)
-    asked.robot, asked.rng, asked.point = load_robot("scorbot"), np.random.default_rng(1), np.array(point)
-    asked.pitch = asked.roll = None
-    asked.said = asked.robot.inverse(asked.point).explanation
-    assert "over the back" in asked.said and "facing it, Waist needs" in asked.said
-    check_target(asked)
+    asked = Asked(load_robot("scorbot"), np.random.default_rng(1), np.array(point))
+    far, held, *_ = asked.why
+    assert isinstance(far, targets.OutOfReach) and far.side == "over the back"
+    assert isinstance(held, targets.JointsNeeded) and held.side == "facing" and held.needs[0].joint == "Waist"
+    check_reasons(asked, asked.why)
 
 
 # Refused orientations.
 
-TURNED = re.compile(
-    rf"the arm reaches that point, but not in that orientation: the nearest that was found there is "
-    rf"({NUMBER})° off; (.*)"
-)
-
 
 def check_orientation(
-    robot: Robot, pose: FloatArray, q: FloatArray, said: str, rng: np.random.Generator
+    robot: Robot, pose: FloatArray, q: FloatArray, why: list[Reason], rng: np.random.Generator
 ) -> None:
-    found = TURNED.fullmatch(said)
-    assert found is not None, said
     there = tools(robot, q[None])[0]
-    assert np.abs(there[:3, 3] - pose[:3, 3]).max() < 1e-9, said
-    off = math.degrees(math.acos(min((np.trace(there[:3, :3].T @ pose[:3, :3]) - 1) / 2, 1.0)))
-    assert abs(off - float(found[1])) <= 0.006 * off, said
+    assert np.abs(there[:3, 3] - pose[:3, 3]).max() < 1e-9, why
+    off = math.acos(min((np.trace(there[:3, :3].T @ pose[:3, :3]) - 1) / 2, 1.0))
+    assert isinstance(why[0], targets.OffRotation) and why[0].angle == pytest.approx(off, rel=1e-3)
     goal = np.concatenate([pose[:3, 3], pose[:3, :3].ravel()])
-    assert nearest(robot, goal, robot.limits, rng, turned=True) > 1e-7, said
-    if found[2].startswith("the links do not allow"):  # a pose 1e-8 m too far costs 1e-4 rad at the point
-        assert nearest(robot, goal, wide_open(robot), rng, turned=True, starts=200) > 1e-9, said
-    elif not found[2].startswith("none was found without"):
-        said = found[2].removeprefix("for the one asked for, ").removeprefix("at the least, ")
-        wide, first = robot.limits.copy(), rng.uniform(*robot.limits.T, (200, robot.n))
-        for need in said.split(" and "):
-            way = NEEDS.fullmatch(need)
-            assert way is not None, need
-            k, angle = joint_of(robot, way[1]), math.radians(float(way[2]))
-            check_limits(robot, k, way[4], way[5])
-            assert not robot.limits[k, 0] < angle < robot.limits[k, 1], said
-            first[:, k] = angle
-            wide[k] = min(wide[k, 0], angle - 2e-4), max(wide[k, 1], angle + 2e-4)
-        assert nearest(robot, goal, wide, rng, turned=True, first=first, until=1e-6) < 1e-6, said
+    assert nearest(robot, goal, robot.limits, rng, turned=True) > 1e-7, why
+    match why[1:]:
+        case [targets.OrientationImpossible(proven)]:
+            if proven:  # a pose 1e-8 m too far costs 1e-4 rad at the point
+                assert nearest(robot, goal, wide_open(robot), rng, turned=True, starts=200) > 1e-9, why
+        case [targets.OrientationNeeds(way)]:
+            wide, near = widened(robot, way.needs)
+            first = rng.uniform(*robot.limits.T, (200, robot.n))
+            for k, angle in near.items():
+                first[:, k] = angle
+            assert nearest(robot, goal, wide, rng, turned=True, first=first, until=1e-6) < 1e-6, why
+        case _:
+            raise AssertionError(why)
 
 
 @pytest.mark.parametrize("name", (*ARMS, *(() if LONG else ("ar4",))))
@@ -365,8 +332,8 @@ def test_of_orientations(name: str) -> None:
         )
         solutions = robot.inverse(pose[:3, 3], rotation=pose[:3, :3])
         assert solutions.success, solutions.explanation
-        if said := robot.turned_off(solutions, solutions[0]):
-            check_orientation(robot, pose, solutions[0], said, rng)
+        if why := parts(robot.off_rotation(solutions, solutions[0])):
+            check_orientation(robot, pose, solutions[0], why, rng)
             checked += 1
 
 
@@ -527,12 +494,11 @@ def check_reach_words(led: Led, said: str) -> None:
     if found is None:
         assert said.endswith("; move the line") or said.endswith("; move the arc"), said
         return
-    asked = Asked.__new__(Asked)
-    asked.robot, asked.rng, asked.roll = led.robot, led.rng, None
-    asked.point = led.points(np.array([float(found[1]) / 100]))[0]
-    asked.pitch = math.asin(float(np.clip(led.tool[2, 2], -1, 1))) if "with that pitch" in said else None
-    asked.said = found[2]
-    check_target(asked)
+    pitch = math.asin(float(np.clip(led.tool[2, 2], -1, 1))) if "with that pitch" in said else None
+    asked = Asked(led.robot, led.rng, led.points(np.array([float(found[1]) / 100]))[0], pitch)
+    # of what is searched for only the bound is said
+    reasons = next(some for some in (asked.why, asked.why[:1]) if found[2] == say(Several(tuple(some)), "en"))
+    check_reasons(asked, reasons)
 
 
 def check_other_branches(led: Led, text: str) -> None:
