@@ -25,7 +25,7 @@ from msgspec import inspect
 
 from armctl.cli.main import cli
 from armctl.hardware.encoder.axes import EncoderBoardEntry, EncoderEntry, GripperEncoderEntry
-from armctl.program.keys import keys_of
+from armctl.program.base_steps import keys_of
 from armctl.program.steps import KINDS, Step
 from armctl.robot.board_entries import ServoEntries
 from armctl.robot.file import RobotFile

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import HealthCheck, settings
 
-from armctl.runtime import tick_time
+from armctl.runtime import monitor
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,7 +22,7 @@ settings.register_profile(
 )
 settings.load_profile("suite")
 
-REAL_GAP_S = tick_time.GAP_S
+REAL_GAP_S = monitor.GAP_S
 
 
 ON_REAL_TIME = (
@@ -94,7 +94,7 @@ def a_busy_machine_may_stand_still() -> Iterator[None]:
     and so do the tests of the runtime and of faults, whose clock is a manual one (``real_gap``).
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tick_time, "GAP_S", 30.0)
+        patch.setattr(monitor, "GAP_S", 30.0)
         yield
 
 
@@ -122,4 +122,4 @@ def no_defect_is_only_logged(request: pytest.FixtureRequest) -> Iterator[None]:
 @pytest.fixture
 def real_gap(monkeypatch: pytest.MonkeyPatch) -> None:
     """The time without a tick after which nothing goes on by itself, as it is in the product."""
-    monkeypatch.setattr(tick_time, "GAP_S", REAL_GAP_S)
+    monkeypatch.setattr(monitor, "GAP_S", REAL_GAP_S)

@@ -8,7 +8,7 @@ from msgspec import Meta
 
 from armctl.errors import ProgramError
 from armctl.program import Effect, Step
-from armctl.program.keys import Field
+from armctl.program.base_steps import Field
 from armctl.robot import Robot
 
 

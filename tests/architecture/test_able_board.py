@@ -22,7 +22,7 @@ from armctl.hardware.boards import board_type
 from armctl.hardware.transport import Connection
 from armctl.program import Effect, Program, Senses, Step, Until, load_program, save_program
 from armctl.program import steps as registry
-from armctl.program.keys import Field
+from armctl.program.base_steps import Field
 from armctl.protocol import (
     Connect,
     Enable,

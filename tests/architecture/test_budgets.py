@@ -18,15 +18,15 @@ FOLDERS = {
     ".": (15, 3_100),
     "calibration": (5, 1_310),
     "cli": (11, 2_490),
-    "facts": (6, 1_320),
+    "facts": (9, 1_990),
     "hardware": (31, 7_930),
     "kinematics": (51, 12_720),
     "motion": (20, 5_760),
     "process": (14, 3_300),
-    "program": (11, 2_520),
+    "program": (10, 2_510),
     "protocol": (5, 1_120),
     "robot": (40, 11_260),
-    "runtime": (23, 5_660),
+    "runtime": (22, 5_660),
     "ui": (67, 14_950),
 }
 """files and lines, at most"""

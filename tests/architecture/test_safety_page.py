@@ -31,7 +31,6 @@ from armctl.runtime import (
     pin,
     power,
     state,
-    tick_time,
 )
 from armctl.ui import app
 from armctl.ui.guard import stop_line
@@ -56,9 +55,9 @@ NUMBERS = {
     "records": server._MOST_A_SECOND,
     "orphan": server._HOLD_S,
     "link silent": records.SILENCE_S,
-    "gap": tick_time.GAP_S,
+    "gap": monitor.GAP_S,
     "after gap": clock.AFTER_GAP_S,
-    "late": tick_time._LATE_S,
+    "late": monitor._LATE_S,
     "doubtful": monitor._DOUBTFUL_FAILURES,
     "trusted": monitor._OFF_READINGS,
     "board silent": monitor._SILENCE_S,

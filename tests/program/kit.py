@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from msgspec import inspect
 
 from armctl.program import EndStep, Program, RepeatStep, Step
-from armctl.program.keys import keys_of
+from armctl.program.base_steps import keys_of
 from armctl.program.steps import KINDS
 
 FLOATS = st.floats(-1e6, 1e6)

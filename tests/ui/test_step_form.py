@@ -24,7 +24,7 @@ from armctl.program import (
     Step,
     WaitStep,
 )
-from armctl.program.keys import keys_of
+from armctl.program.base_steps import keys_of
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.manual.step_form import StepForm, by_label, edited, texts_of

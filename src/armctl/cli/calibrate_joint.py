@@ -29,7 +29,7 @@ from armctl.calibration import (
 )
 from armctl.cli.options import ends_like_ctrl_c
 from armctl.errors import CalibrationError, MotionRefusedError, ProgramError
-from armctl.facts.angles import DEGREE, said_degrees, to_degrees
+from armctl.facts.angles import DEGREE, in_degrees, to_degrees
 from armctl.hardware import Source
 from armctl.protocol import wall_time
 from armctl.robot import Robot
@@ -138,7 +138,7 @@ def show_fit(arm: Robot, joint: str, found: JointFit) -> None:
     click.echo(f"{title}: {found.zero:.2f} {unit} at 0°, {found.per_rad * DEGREE:+.4f} {unit} a degree")
     for i, residual in enumerate(map(to_degrees, found.residuals_rad)):
         click.echo(f"  mark {i + 1}: {residual:+.2f}°{'   left out' if i == found.suspect else ''}")
-    for line in (f"RMS {said_degrees(found.rms_rad)}", *differences(arm, joint, found)):
+    for line in (f"RMS {in_degrees(found.rms_rad)}", *differences(arm, joint, found)):
         click.echo(f"  {line}")
     if found.advice is not None:
         click.echo(f"armctl: warning: {found.advice}", err=True)

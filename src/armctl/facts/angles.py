@@ -36,6 +36,6 @@ def from_degrees(angle_deg: float | None) -> float | None:
     return None if angle_deg is None else angle_deg * DEGREE
 
 
-def said_degrees(angle: float, digits: int = 2) -> str:
-    """An angle [rad] with its unit, such as ``-12.50°``."""
-    return f"{to_degrees(angle):.{digits}f}°"
+def in_degrees(angle: float, spec: str = ".2f") -> str:
+    """An angle [rad] as text, such as ``12.50°``, never ``-0.00°``; ``spec``: how its number is written."""
+    return f"{to_degrees(angle):z{spec}}°"

@@ -185,7 +185,7 @@ def _found(one: AtLimit | BranchEnds) -> str:
 
 def _branch_ends(one: BranchEnds) -> str:
     rate = f"{math.degrees(one.turn) / 1000.0:.0f}° a mm"
-    farther = f"; at 100 %, {one.at_end}" if one.at_end else ""
+    farther = "; at 100 %, " if one.at_end else ""
     return (
         f"{_found(one)}{one.joint} would have to turn by {rate}, and more just beyond: a singularity{farther}"
     )
@@ -201,7 +201,7 @@ def _other_ways(one: AtLimit | BranchEnds) -> str:
 
 def _beyond_reach(one: BeyondReach) -> str:
     leaves = f"here it leaves what the arm reaches{f' with that {one.held}' if one.held else ''}"
-    return leaves if one.percent is None else f"{leaves}; at {one.percent} %, {one.why}"
+    return leaves if one.percent is None else f"{leaves}; at {one.percent} %, "
 
 
 def _pitch_decided(one: PitchDecided) -> str:

@@ -94,15 +94,10 @@ def degrees_apart(value: float, *others: float) -> tuple[str, ...]:
 
 def limits_apart(angles: Sequence[float], low: float, high: float) -> tuple[list[str], str, str]:
     """Each of some angles once, and limits, all [rad], as texts in degrees that read unlike each other."""
-    least, most, *needed = (math.degrees(angle) + 0.0 for angle in (low, high, *angles))
+    least, most, *needed = (to_degrees(angle) + 0.0 for angle in (low, high, *angles))
     digits = max((decimals_apart(angle, least, most) for angle in needed), default=2)
     first, last, *said = (f"{angle:z.{digits}f}°" for angle in (least, most, *needed))
     return list(dict.fromkeys(said)), first, last
-
-
-def in_degrees(angle: float, spec: str = ".2f") -> str:
-    """An angle [rad] as text, such as ``12.50°``, never ``-0.00°``; ``spec``: how its number is written."""
-    return f"{math.degrees(angle):z{spec}}°"
 
 
 _SEEN_MM = 0.05
@@ -402,8 +397,8 @@ class BranchEnds(Reason):
     joint: str
     turn: float
     """what that joint turns by before it [rad/m]"""
-    at_end: str
-    """why the links alone do not reach the end of the curve; empty: that is not known"""
+    at_end: Reason | None
+    """why the links alone do not reach the end of the curve; None: that is not known"""
     searched: bool
     """the way is the best of those that were found"""
     branches: tuple[str, ...]

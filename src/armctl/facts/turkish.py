@@ -206,7 +206,7 @@ def _found(one: AtLimit | BranchEnds) -> str:
 
 def _branch_ends(one: BranchEnds) -> str:
     turn = f"milimetre başına {math.degrees(one.turn) / 1000.0:.0f}° ve az ötede daha da çok"
-    farther = f"; % 100 noktasında: {one.at_end}" if one.at_end else ""
+    farther = "; % 100 noktasında: " if one.at_end else ""
     return f"{_found(one)}{one.joint} {turn} dönmek zorunda kalır: tekillik{farther}"
 
 
@@ -219,7 +219,7 @@ def _other_ways(one: AtLimit | BranchEnds) -> str:
 
 def _beyond_reach(one: BeyondReach) -> str:
     leaves = f"burada kolun {_HELD.get(one.held, '')}eriştiği bölgeden çıkıyor"
-    return leaves if one.percent is None else f"{leaves}; % {one.percent} noktasında: {one.why}"
+    return leaves if one.percent is None else f"{leaves}; % {one.percent} noktasında: "
 
 
 def _pitch_decided(one: PitchDecided) -> str:

@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from armctl.facts import targets
-from armctl.facts.reasons import Reason, in_degrees, in_millimetres, limits_apart
+from armctl.facts.angles import in_degrees
+from armctl.facts.reasons import Reason, in_millimetres, limits_apart
 
 _SIDES = {None: "", "facing": "hedefe dönükken ", "over the back": "arkaya uzanırken "}
 _LEAST = "en azından "

@@ -11,7 +11,19 @@ from types import ModuleType
 from typing import Any, NamedTuple, cast
 
 from armctl.facts import english, english_targets, reasons, targets, turkish, turkish_targets
-from armctl.facts.reasons import About, Advised, Found, Need, OnCurve, Reason, Said, Several, State
+from armctl.facts.reasons import (
+    About,
+    Advised,
+    BeyondReach,
+    BranchEnds,
+    Found,
+    Need,
+    OnCurve,
+    Reason,
+    Said,
+    Several,
+    State,
+)
 from armctl.facts.targets import AtPoint, AtRoll, Besides
 
 
@@ -66,6 +78,8 @@ def what(reason: Reason, language: str | None = None) -> str:
             return _found(reason, language)
         case Besides() | AtRoll() | AtPoint():
             return f"{_table(language).what[type(reason)](reason)}{say(reason.reason, language)}"
+        case BeyondReach(why=Reason() as inner) | BranchEnds(at_end=Reason() as inner):
+            return f"{_table(language).what[type(reason)](reason)}{say(inner, language)}"
         case OnCurve():
             told = f"{_table(language).what[OnCurve](reason)}: {say(reason.reason, language)}"
             more = advice(reason.reason, language) if reason.freer else ""

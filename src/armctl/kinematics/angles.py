@@ -16,7 +16,6 @@ LIMIT_TOLERANCE = 1e-9
 """How far rounding may carry an angle over its limit [rad]; what is accepted is clipped back onto it."""
 SAME_ROTATION = 1e-6
 """Rotations that differ by less are the same [rad]."""
-DEGREE = math.pi / 180.0
 _OPEN_END = 1e-8
 """how much less than a turn a widened joint has [rad]"""
 

@@ -1,29 +1,87 @@
-"""Why a target is not reached, and why solutions may be missing from a list."""
+"""What all answers of an arm share, why a target is not reached, why solutions may be missing."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.arrays import FloatArray
+from armctl.arrays import FloatArray, content, lock
 from armctl.facts import Reason, Several, WrongUnit
 from armctl.facts.targets import AngleNeeded, HeldAtLimit, NearestPoint, PointReached
 from armctl.kinematics.angles import SAME_ROTATION
+from armctl.kinematics.chain import Chain
+from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.newton import moving_joints, uncertainties
 from armctl.kinematics.samples import DEFAULT_STEP
-from armctl.kinematics.target import elevation, seem_degrees, seems_of_another_unit
-
-if TYPE_CHECKING:
-    from armctl.kinematics.solutions import Solutions
+from armctl.kinematics.target import Target, elevation, seem_degrees, seems_of_another_unit
 
 _ON_LIMIT, _LEVER = 1e-6, 1e-3
 """so near to a limit a joint is at it [rad]; what a turn must bring at least to count as nearer [m/rad]"""
 _BESIDE, _LISTED = 1e-4, 1e-6
 """how far beyond its limits an arm is solved for what rounding took there; which solutions are one [rad]"""
+
+
+class _Solver(Protocol):
+    def solve(self, target: Target, step: float, start: FloatArray | None = None) -> Any: ...
+
+
+SolverOf = Callable[[Chain, FloatArray, EnergyModel, Sequence[str]], _Solver | None]
+"""Of a chain, its limits (n, 2) [rad], its energy model and the titles of its joints."""
+
+
+class SolvedArm(NamedTuple):
+    """What all solutions of one arm share."""
+
+    branch_names: tuple[str, ...]
+    chain: Chain
+    energy: EnergyModel
+    pitch_joints: tuple[int, ...] = ()
+    limits: FloatArray | None = None
+    """(n, 2) joint limits [rad]"""
+    roll_joint: int | None = None
+    """index of the joint whose own angle is the roll"""
+    roll_moves_tip: bool = False
+    """True where the tool point lies beside the axis of that joint"""
+    titles: tuple[str, ...] = ()
+    """of the joints, for messages"""
+    up: FloatArray | None = None
+    """(3,) what a pitch is measured against; None: z of the base frame"""
+    solver_of: SolverOf | None = None
+    """makes the solver of the same arm inside other limits; None where it searches"""
+
+    @property
+    def upward(self) -> FloatArray:
+        """(3,) what a pitch is measured against."""
+        return np.array([0.0, 0.0, 1.0]) if self.up is None else self.up
+
+    def title(self, joint: int) -> str:
+        """What messages call a joint."""
+        return self.titles[joint] if self.titles else f"joint {joint + 1}"
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or content(tuple(self)) == content(other)
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    def __hash__(self) -> int:
+        return hash(content(tuple(self)))
+
+    def __reduce__(self) -> tuple[Callable[..., SolvedArm], tuple[object, ...]]:
+        return _solved_arm, tuple(self)
+
+
+def _solved_arm(*says: Any) -> SolvedArm:
+    """Out of a pickle, with arrays that are read-only again."""
+    arm = SolvedArm(*says)
+    for array in (arm.limits, arm.up):
+        if array is not None:
+            lock(array)
+    return arm
 
 
 def angle_needed(title: str, limits: NDArray[np.float64] | Sequence[float], *angles: float) -> AngleNeeded:
@@ -39,41 +97,39 @@ def angles_needed(
     return tuple(angle_needed(titles[joint], limits[joint], angle) for joint, angle in needed)
 
 
-def refusal(solutions: Solutions, *, instead: bool = True) -> Reason | None:
-    """Why there is no solution, ``instead`` with what can be reached; None when solved.
+def refusal(reason: Reason, arm: SolvedArm, target: Target, nearest: Reason | None = None) -> Reason:
+    """``reason``, and what can be reached instead, if that is given.
 
     And the question for the unit, where the target's numbers are hardly meant.
     """
-    if solutions.bare_reason is None:
-        return None
-    target, nearest = solutions.target, _nearest(solutions) if instead else None
-    asked = seems_of_another_unit(math.hypot(*target.point), solutions.arm.chain.length)
+    asked = seems_of_another_unit(math.hypot(*target.point), arm.chain.length)
     unit = WrongUnit() if asked or seem_degrees(target.roll or 0.0) else None
     more = [one for one in (nearest, unit) if one is not None]
-    return Several((solutions.bare_reason, *more)) if more else solutions.bare_reason
+    return Several((reason, *more)) if more else reason
 
 
-def _nearest(solutions: Solutions) -> NearestPoint | PointReached | None:
-    """What can be reached; None: not known."""
-    point = solutions.nearest_m
-    if point is None:
-        return None
-    if not solutions.nearest_away_m:
+def nearest_point(
+    arm: SolvedArm, target: Target, q: FloatArray, away_m: float
+) -> NearestPoint | PointReached:
+    """What can be reached, by a configuration (n,) [rad] so far from the target [m]; 0: the point itself."""
+    if not away_m:
         return PointReached()
-    x, y, z = map(float, point)
-    orientation = _orientation(solutions)
-    held = () if orientation == "pitch kept" else _holding_limits(solutions)
-    return NearestPoint((x, y, z), solutions.nearest_away_m, orientation, held)
+    point = arm.chain.forward(q)[:3, 3]
+    x, y, z = point.tolist()
+    orientation = _orientation(arm, target, q)
+    held = () if orientation == "pitch kept" else _holding_limits(arm, target, q, point)
+    return NearestPoint((x, y, z), away_m, orientation, held)
 
 
-def _holding_limits(solutions: Solutions) -> tuple[HeldAtLimit, ...]:
+def _holding_limits(
+    arm: SolvedArm, target: Target, q: FloatArray, point: FloatArray
+) -> tuple[HeldAtLimit, ...]:
     """Which joints stand at limits, beyond which the tool would come nearer to the target."""
-    arm, q, point = solutions.arm, solutions.nearest_q, solutions.nearest_m
-    if q is None or point is None or arm.limits is None or arm.chain.coupling is not None:
+    if arm.limits is None or arm.chain.coupling is not None:
         return ()
-    away = point - solutions.target.position
+    away = point - target.position
     nearer = -(arm.chain.jacobian(q)[:3].T @ away) / np.linalg.norm(away)
-    if solutions.target.roll is not None and arm.roll_joint is not None:
+    if target.roll is not None and arm.roll_joint is not None:
         nearer[arm.roll_joint] = 0.0
     low, high = arm.limits.T
     held = (low < high) & (
@@ -82,34 +138,24 @@ def _holding_limits(solutions: Solutions) -> tuple[HeldAtLimit, ...]:
     return tuple(HeldAtLimit(arm.title(j), float(q[j])) for j in np.flatnonzero(held).tolist())
 
 
-def _orientation(solutions: Solutions) -> Literal["", "pitch kept", "any"]:
+def _orientation(arm: SolvedArm, target: Target, q: FloatArray) -> Literal["", "pitch kept", "any"]:
     """Where the nearest configuration has the pitch that was asked for: another one may come nearer."""
-    target, q = solutions.target, solutions.nearest_q
     if target.rotation is not None:
         return "any"
-    if target.pitch is None or q is None:
+    if target.pitch is None:
         return ""
-    up = solutions.arm.upward
-    aim = solutions.arm.chain.forward(q)[:3, 2]
+    up = arm.upward
+    aim = arm.chain.forward(q)[:3, 2]
     rise = float(aim @ up)
     pitch = math.atan2(rise, float(np.linalg.norm(aim - rise * up)))  # exact near 90°, too
     return "pitch kept" if abs(pitch - elevation(target.pitch)) < SAME_ROTATION else ""
 
 
-def why_incomplete(solutions: Solutions, limits: FloatArray) -> str | None:
-    """Why solutions inside ``limits`` (n, 2) [rad] may be missing from the list; None where none is."""
-    given = solutions.arm.roll_joint if solutions.target.roll is not None else None
-    # any angle of these counts as the same solution, or they are given one
-    held = [k for k in (solutions.free_joint, solutions.free_roll, given) if k is not None]
-    return _moving(solutions, limits, held) or _at_a_limit(solutions, limits, held)
-
-
-def _moving(solutions: Solutions, limits: FloatArray, held: list[int]) -> str | None:
-    """Which joints may move while the target is met."""
-    arm = solutions.arm
-    if not solutions.success or arm.chain.coupling is not None:
+def which_move(arm: SolvedArm, target: Target, q: FloatArray, held: list[int]) -> str | None:
+    """Which joints may move while the target is met, as at ``q`` (k, n) [rad]; of the ``held`` ones none."""
+    if arm.limits is None or arm.chain.coupling is not None or not len(q):
         return None
-    moving = moving_joints(arm.chain, limits, solutions.target, solutions.q, held, arm.upward)
+    moving = moving_joints(arm.chain, arm.limits, target, q, held, arm.upward)
     if not moving:
         return None
     names = [arm.title(k) for k in moving]
@@ -119,14 +165,14 @@ def _moving(solutions: Solutions, limits: FloatArray, held: list[int]) -> str | 
     return f"{joints} may turn together while the tool stays: of a continuum some are listed"
 
 
-def _at_a_limit(solutions: Solutions, limits: FloatArray, held: list[int]) -> str | None:
-    """Which solution rounding may have taken beyond the limits.
+def lost_at_a_limit(arm: SolvedArm, target: Target, listed: FloatArray, held: list[int]) -> str | None:
+    """Which solution rounding may have taken beyond the limits; ``listed`` (k, n) [rad] are there.
 
     The arm is solved inside limits that are a little wider. How far rounding carries a solution depends
     on how nearly singular it is.
     """
-    arm, target = solutions.arm, solutions.target
-    if arm.solver_of is None or solutions.free_joint is not None:
+    limits = arm.limits
+    if arm.solver_of is None or limits is None:
         return None
     wide = np.where(np.ptp(limits, axis=1)[:, None] > 0.0, limits + _BESIDE * np.array([-1.0, 1.0]), limits)
     solver = arm.solver_of(arm.chain, wide, arm.energy, arm.titles)
@@ -139,7 +185,7 @@ def _at_a_limit(solutions: Solutions, limits: FloatArray, held: list[int]) -> st
     known = uncertainties(arm.chain, limits, target, q, held, arm.upward)
     counted = np.delete(np.arange(arm.chain.n), held)
     for i in np.flatnonzero(beyond.max(axis=1, initial=0.0) <= known):
-        apart = np.abs(solutions.q - q[i])[:, counted].max(axis=1, initial=0.0)
+        apart = np.abs(listed - q[i])[:, counted].max(axis=1, initial=0.0)
         if apart.min(initial=math.inf) > max(_LISTED, known[i]):
             title = arm.titles[int(beyond[i].argmax())]
             return f"a solution with {title} at its limit may be missing: rounding decides about it"

@@ -9,8 +9,8 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
-from armctl.facts.reasons import in_degrees
-from armctl.kinematics.angles import DEGREE, rest_angle
+from armctl.facts.angles import DEGREE, in_degrees
+from armctl.kinematics.angles import rest_angle
 from armctl.kinematics.target import checked_number
 
 _SEED = 20_240

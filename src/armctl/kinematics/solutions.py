@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,9 +16,8 @@ from armctl.errors import InputError, UnreachableError
 from armctl.facts import Reason, Said, say
 from armctl.facts.targets import OffRotation
 from armctl.kinematics.angles import SAME_ROTATION, rotation_angle
-from armctl.kinematics.chain import Chain
-from armctl.kinematics.energy import FROM_START, Criterion, EnergyModel, OnTarget, checked_criterion, energies
-from armctl.kinematics.explanations import refusal, why_incomplete
+from armctl.kinematics.energy import FROM_START, Criterion, OnTarget, checked_criterion, energies
+from armctl.kinematics.explanations import SolvedArm, lost_at_a_limit, nearest_point, refusal, which_move
 from armctl.kinematics.target import Target, as_numbers
 
 THERE_M = 1e-7
@@ -41,65 +40,6 @@ class Listed(Protocol):
     def __len__(self) -> int: ...
 
     def __array__(self) -> NDArray[Any]: ...
-
-
-class _Solver(Protocol):
-    def solve(self, target: Target, step: float, start: FloatArray | None = None) -> Solutions: ...
-
-
-SolverOf = Callable[[Chain, FloatArray, EnergyModel, Sequence[str]], _Solver | None]
-"""Of a chain, its limits (n, 2) [rad], its energy model and the titles of its joints."""
-
-
-class SolvedArm(NamedTuple):
-    """What all solutions of one arm share."""
-
-    branch_names: tuple[str, ...]
-    chain: Chain
-    energy: EnergyModel
-    pitch_joints: tuple[int, ...] = ()
-    limits: FloatArray | None = None
-    """(n, 2) joint limits [rad]"""
-    roll_joint: int | None = None
-    """index of the joint whose own angle is the roll"""
-    roll_moves_tip: bool = False
-    """True where the tool point lies beside the axis of that joint"""
-    titles: tuple[str, ...] = ()
-    """of the joints, for messages"""
-    up: FloatArray | None = None
-    """(3,) what a pitch is measured against; None: z of the base frame"""
-    solver_of: SolverOf | None = None
-    """makes the solver of the same arm inside other limits; None where it searches"""
-
-    @property
-    def upward(self) -> FloatArray:
-        """(3,) what a pitch is measured against."""
-        return np.array([0.0, 0.0, 1.0]) if self.up is None else self.up
-
-    def title(self, joint: int) -> str:
-        """What messages call a joint."""
-        return self.titles[joint] if self.titles else f"joint {joint + 1}"
-
-    def __eq__(self, other: object) -> bool:
-        return self is other or content(tuple(self)) == content(other)
-
-    def __ne__(self, other: object) -> bool:
-        return not self == other
-
-    def __hash__(self) -> int:
-        return hash(content(tuple(self)))
-
-    def __reduce__(self) -> tuple[Callable[..., SolvedArm], tuple[object, ...]]:
-        return _solved_arm, tuple(self)
-
-
-def _solved_arm(*says: Any) -> SolvedArm:
-    """Out of a pickle, with arrays that are read-only again."""
-    arm = SolvedArm(*says)
-    for array in (arm.limits, arm.up):
-        if array is not None:
-            lock(array)
-    return arm
 
 
 class Solutions(ByContent):
@@ -154,7 +94,7 @@ class Solutions(ByContent):
     @property
     def reason(self) -> str | None:
         """Why there is none, in words; None when solved."""
-        return None if (why := refusal(self, instead=False)) is None else say(why)
+        return None if (why := self._refusal()) is None else say(why)
 
     @cached_property
     def bare_reason(self) -> Reason | None:
@@ -165,7 +105,13 @@ class Solutions(ByContent):
     @cached_property
     def refusal(self) -> Reason | None:
         """The reason and the nearest reachable point, as data; None when solved."""
-        return refusal(self)
+        if self.nearest_q is None:
+            return self._refusal()
+        return self._refusal(nearest_point(self.arm, self.target, self.nearest_q, self.nearest_away_m))
+
+    def _refusal(self, instead: Reason | None = None) -> Reason | None:
+        bare = self.bare_reason
+        return None if bare is None else refusal(bare, self.arm, self.target, instead)
 
     @cached_property
     def branch_index(self) -> NDArray[np.int8]:
@@ -210,7 +156,12 @@ class Solutions(ByContent):
         """
         if self._missing is not None or self.arm.limits is None:
             return self._missing
-        return why_incomplete(self, self.arm.limits)
+        given = self.arm.roll_joint if self.target.roll is not None else None
+        # any angle of these counts as the same solution, or they are given one
+        held = [k for k in (self.free_joint, self.free_roll, given) if k is not None]
+        if (moving := which_move(self.arm, self.target, self.q, held)) is not None:
+            return moving
+        return lost_at_a_limit(self.arm, self.target, self.q, held) if self.free_joint is None else None
 
     @property
     def complete(self) -> bool:
@@ -410,7 +361,7 @@ class Solutions(ByContent):
         A roll that is free does not count.
         """
         if not self.success:
-            raise UnreachableError(refusal(self, instead=False) or "there is no solution")
+            raise UnreachableError(self._refusal() or "there is no solution")
         apart = np.abs(self.q - self.arm.chain.checked_one(q))
         if self.free_roll is not None:
             apart[:, self.free_roll] = 0.0

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray, content, read_only
 from armctl.errors import InputError
+from armctl.facts.angles import in_degrees
 from armctl.facts.english import WRONG_UNIT
-from armctl.facts.reasons import in_degrees
 from armctl.kinematics.angles import TWO_PI, rotation_from_rpy, wrapped
 
 

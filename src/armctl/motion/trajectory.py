@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import ArrayRecord, ByContent, FloatArray
 from armctl.errors import InputError
-from armctl.kinematics.angles import DEGREE, in_degrees
+from armctl.facts.angles import DEGREE, in_degrees
 from armctl.kinematics.target import as_numbers, checked_number
 from armctl.robot import Robot
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from armctl.decoding import MOST_REFUSALS, Decoder, Refusal
 from armctl.errors import Errors, ProgramError
+from armctl.program.base_steps import keys_of
 from armctl.program.csv_columns import (
     DO,
     JOINTS,
@@ -27,7 +28,6 @@ from armctl.program.csv_columns import (
     guarded,
     unguarded,
 )
-from armctl.program.keys import keys_of
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
 from armctl.program.steps import EDGES, CommentStep, MoveStep, PointStep, Step, any_step, tool_turn
 from armctl.robot import Robot

@@ -16,9 +16,9 @@ from armctl.arrays import FloatArray
 from armctl.documents import Document, as_path, not_written, write_atomically
 from armctl.errors import ArmctlError, Errors, ProgramError
 from armctl.facts import say
+from armctl.program.base_steps import literal
 from armctl.program.check import check_program
 from armctl.program.csv import read_csv
-from armctl.program.keys import literal
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
 from armctl.program.steps import (
     CommentStep,

@@ -17,8 +17,7 @@ from armctl.motion.paths.tool_path import TURN_MODES, PitchMode, TurnMode
 from armctl.motion.plan import follow_tool
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import ProfileName
-from armctl.program.base_steps import FASTEST, Effect, MotionStep, Seconds, Step
-from armctl.program.keys import Field, Key, keys_of, literal
+from armctl.program.base_steps import FASTEST, Effect, Field, Key, MotionStep, Seconds, Step, keys_of, literal
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.body.arm_body import LARGEST_PART_MM, THINNEST_PART_MM, edge_words
 

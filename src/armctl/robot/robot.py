@@ -201,9 +201,9 @@ class Robot(ArrayRecord):
         from armctl.robot.look_guess import guessed_look
 
         stands = "home" in self.poses and not self.shapes  # else it is for links without shapes alone
-        home, floor = (self.pose("home"), self.floor_z) if stands else (self.limits.mean(axis=1), -np.inf)
-        turning, opens = [joint.lower < joint.upper for joint in self.joints], self.gripper is not None
-        return guessed_look(self.chain, self.link_names, turning, home, floor, self.look, opens=opens)
+        where = (self.pose("home"), self.floor_z) if stands else (self.limits.mean(axis=1), -np.inf)
+        turning, opens = self.limits[:, 0] < self.limits[:, 1], self.gripper is not None
+        return guessed_look(self.chain, self.link_names, turning.tolist(), *where, self.look, opens=opens)
 
     @cached_property
     def body(self) -> ArmBody:
@@ -255,8 +255,7 @@ class Robot(ArrayRecord):
     def _holding(self, openings: Openings, part: CarriedPart | None) -> Robot:
         if (openings, part) == (self.openings, self.part):
             return self
-        known, key = self._held, (openings, part)
-        if (found := known.get(key)) is not None:
+        if (found := (known := self._held).get(key := (openings, part))) is not None:
             return found
         _ = self.inverse_kinematics, self.bodies  # all of them share these
         twin = object.__new__(type(self))
@@ -358,8 +357,7 @@ class Robot(ArrayRecord):
 
     def turned_off(self, solutions: Solutions, q: FloatArray) -> str | None:
         """How ``q`` (n,) of some solutions misses the rotation asked for, and why; None where it does not."""
-        why = self.off_rotation(solutions, q)
-        return None if why is None else say(why)
+        return None if (why := self.off_rotation(solutions, q)) is None else say(why)
 
     def off_rotation(self, solutions: Solutions, q: FloatArray) -> Reason | None:
         """The same as data."""

@@ -19,7 +19,7 @@ import numpy as np
 
 from armctl.documents import write_atomically
 from armctl.facts import State
-from armctl.facts.angles import said_degrees, to_degrees
+from armctl.facts.angles import in_degrees, to_degrees
 from armctl.facts.reasons import NAMES
 from armctl.kinematics import Target
 from armctl.program import Program
@@ -244,7 +244,8 @@ def _value(name: str, value: object) -> str:
             return f"{value.name!r} with {steps}"
         case Target():
             place = ", ".join(f"{1000 * number:.1f}" for number in value.point)
-            return f"({place}) mm{'' if value.pitch is None else f' pitch {said_degrees(value.pitch, 1)}'}"
+            pitch = "" if value.pitch is None else f" pitch {in_degrees(value.pitch, '.1f')}"
+            return f"({place}) mm{pitch}"
         case float():
             return f"{value:.4g}"
         case str() if name in _SECRET:

@@ -20,10 +20,10 @@ from armctl.protocol.snapshot import BOARD_REPORTS, POWERED
 from armctl.robot import CarriedPart
 from armctl.runtime.activity import Activity, Order
 from armctl.runtime.board import Board
+from armctl.runtime.monitor import LATE_SHOWN_S
 from armctl.runtime.mover import PathMover
 from armctl.runtime.planner import LONGEST_PLAN_S, Grip, Pending, result_of
 from armctl.runtime.state import ArmState
-from armctl.runtime.tick_time import LATE_SHOWN_S
 
 _UNSENT_S = 1.0
 """so long the end of a motion waits for the line"""

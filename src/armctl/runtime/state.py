@@ -23,11 +23,10 @@ from armctl.runtime.control import ControlHandover
 from armctl.runtime.gate import Gate
 from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.last_pose import PoseFolder, PoseWatch
-from armctl.runtime.monitor import Monitor
+from armctl.runtime.monitor import LONGEST_TICKS, Monitor, TickTime
 from armctl.runtime.mover import GripperMover
 from armctl.runtime.notices import EventLog, Notices
 from armctl.runtime.planner import Grip, Pending, Submit
-from armctl.runtime.tick_time import LONGEST_TICKS, TickTime
 
 SLOWEST = 0.05
 """the smallest speed override"""

@@ -30,11 +30,12 @@ from armctl.kinematics.angles import (
 )
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.explanations import SolvedArm, SolverOf
 from armctl.kinematics.families.numeric.descent import rotation_vectors, tool_motion
 from armctl.kinematics.families.numeric.solver import NumericSolver
 from armctl.kinematics.newton import newton_many
 from armctl.kinematics.samples import checked_step
-from armctl.kinematics.solutions import Solutions, SolvedArm, SolverOf
+from armctl.kinematics.solutions import Solutions
 from armctl.kinematics.solver import RollJoint, held_roll
 from armctl.kinematics.target import Target
 

@@ -23,8 +23,9 @@ from armctl.facts import (
     SingularStart,
     TooFewJoints,
 )
+from armctl.facts.angles import DEGREE
 from armctl.kinematics import DEFAULT_STEP, Solutions, Target
-from armctl.kinematics.angles import DEGREE, LIMIT_TOLERANCE
+from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.families.numeric.solver import LinkBound
 from armctl.kinematics.families.whole_pose import pose_of
 from armctl.motion.clearance import stands_clear
@@ -177,7 +178,7 @@ class Attempt:
         return None if solutions.met else solutions
 
     @cached_property
-    def beyond(self) -> str:
+    def beyond(self) -> Reason | None:
         """Why the end of the curve is too far or too near for the links alone; None: that is not known."""
         end, title = self.curve.positions(self.curve.length), self.robot.joints[0].title
         return LinkBound(self.robot.chain).violation(end, title)

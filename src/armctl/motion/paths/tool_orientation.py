@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
-from armctl.kinematics.angles import DEGREE, LIMIT_TOLERANCE, central_images, in_degrees, rotation_angle
+from armctl.facts.angles import DEGREE, in_degrees
+from armctl.kinematics.angles import LIMIT_TOLERANCE, central_images, rotation_angle
 from armctl.kinematics.families.numeric.descent import crossed, rotation_vectors
 from armctl.kinematics.families.yaw_pitch_roll.geometry import bend_sense
 from armctl.kinematics.subproblems import ToolPlane

@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
+from armctl.facts.angles import DEGREE
 from armctl.kinematics import Target
-from armctl.kinematics.angles import DEGREE, rotation_angle
+from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.target import checked_number
 from armctl.motion.paths.refusals import Attempt, end_refusal, limit_refusal, pitch_refusal, turn_refusal
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve

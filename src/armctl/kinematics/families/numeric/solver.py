@@ -24,7 +24,7 @@ from armctl.facts.targets import (
 from armctl.kinematics.angles import all_images, distinct, each_once, whole_turns
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel, OnTarget
-from armctl.kinematics.explanations import angles_needed
+from armctl.kinematics.explanations import SolvedArm, angles_needed
 from armctl.kinematics.families.numeric.descent import (
     Goal,
     LimitsGoal,
@@ -40,7 +40,7 @@ from armctl.kinematics.families.numeric.descent import (
     tool_motion,
 )
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step
-from armctl.kinematics.solutions import THERE_M, Solutions, SolvedArm
+from armctl.kinematics.solutions import THERE_M, Solutions
 from armctl.kinematics.solver import InverseKinematics, held_roll
 from armctl.kinematics.target import Target
 

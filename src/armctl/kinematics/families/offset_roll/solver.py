@@ -15,11 +15,12 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.facts import Reason
-from armctl.facts.reasons import in_degrees
+from armctl.facts.angles import DEGREE, in_degrees
 from armctl.facts.targets import AtRoll, NoOrientationNear
-from armctl.kinematics.angles import DEGREE, each_once, images, rest_angle, wrap
+from armctl.kinematics.angles import each_once, images, rest_angle, wrap
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel
+from armctl.kinematics.explanations import SolvedArm
 from armctl.kinematics.families.numeric.solver import NumericSolver
 from armctl.kinematics.families.offset_roll.roll_sweep import (
     BaseTarget,
@@ -39,7 +40,7 @@ from armctl.kinematics.families.yaw_pitch_roll.geometry import (
 )
 from armctl.kinematics.families.yaw_pitch_roll.solver import NO_PITCH, YawPitchRollSolver
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step
-from armctl.kinematics.solutions import Further, Solutions, SolvedArm
+from armctl.kinematics.solutions import Further, Solutions
 from armctl.kinematics.solver import InverseKinematics, held_roll
 from armctl.kinematics.subproblems import circle_angles, turn
 from armctl.kinematics.target import Target

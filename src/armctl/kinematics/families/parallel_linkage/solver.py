@@ -36,7 +36,7 @@ from armctl.kinematics.angles import (
 )
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.explanations import angle_needed, angles_needed
+from armctl.kinematics.explanations import SolvedArm, angle_needed, angles_needed
 from armctl.kinematics.families.yaw_pitch_roll.closed_form import two_link
 from armctl.kinematics.families.yaw_pitch_roll.geometry import (
     BRANCHES,
@@ -48,7 +48,7 @@ from armctl.kinematics.families.yaw_pitch_roll.geometry import (
     recognise,
 )
 from armctl.kinematics.samples import checked_step
-from armctl.kinematics.solutions import Solutions, SolvedArm
+from armctl.kinematics.solutions import Solutions
 from armctl.kinematics.solver import InverseKinematics, held_roll, roll_angles
 from armctl.kinematics.subproblems import ToolPlane
 from armctl.kinematics.target import Target

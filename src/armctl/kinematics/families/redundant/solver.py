@@ -11,22 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.facts.reasons import in_degrees
-from armctl.kinematics.angles import (
-    DEGREE,
-    LIMIT_TOLERANCE,
-    TWO_PI,
-    all_images,
-    images,
-    images_toward,
-    wrapped,
-)
+from armctl.facts.angles import DEGREE, in_degrees
+from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, all_images, images, images_toward, wrapped
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel, energies
+from armctl.kinematics.explanations import SolvedArm
 from armctl.kinematics.families.numeric.solver import NumericSolver
 from armctl.kinematics.families.redundant.locked import JOINTS, IndexArray, LockedArm, LockedSolutions
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step, grid_values
-from armctl.kinematics.solutions import Solutions, SolvedArm
+from armctl.kinematics.solutions import Solutions
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.target import Target
 

@@ -19,7 +19,7 @@ from armctl.facts.targets import JointsNeeded, LimitsForbid, OutOfReach, PitchOu
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, central_image, central_images
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel
-from armctl.kinematics.explanations import angle_needed, angles_needed
+from armctl.kinematics.explanations import SolvedArm, angle_needed, angles_needed
 from armctl.kinematics.families.numeric.descent import PositionGoal, Starts, come_nearest
 from armctl.kinematics.families.spherical_shoulder.geometry import (
     SPHERICAL_BRANCHES,
@@ -36,7 +36,7 @@ from armctl.kinematics.families.spherical_shoulder.swivel import (
 )
 from armctl.kinematics.families.whole_pose import pose_of
 from armctl.kinematics.samples import checked_step
-from armctl.kinematics.solutions import Further, Solutions, SolvedArm
+from armctl.kinematics.solutions import Further, Solutions
 from armctl.kinematics.solver import InverseKinematics, held_roll, roll_angles
 from armctl.kinematics.subproblems import turned
 from armctl.kinematics.target import Target, elevation

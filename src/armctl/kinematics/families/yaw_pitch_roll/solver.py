@@ -25,6 +25,7 @@ from armctl.kinematics.angles import (
 )
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel
+from armctl.kinematics.explanations import SolvedArm
 from armctl.kinematics.families.whole_pose import pose_of, turned_onto
 from armctl.kinematics.families.yaw_pitch_roll.closed_form import PlanePostures, pose_function, solve_batch
 from armctl.kinematics.families.yaw_pitch_roll.free_joint import FreeJointSweep
@@ -43,7 +44,7 @@ from armctl.kinematics.families.yaw_pitch_roll.least_rotation import LeastRotati
 from armctl.kinematics.families.yaw_pitch_roll.reach import Reach
 from armctl.kinematics.families.yaw_pitch_roll.section import PlanarSection
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step
-from armctl.kinematics.solutions import BatchSolutions, Solutions, SolvedArm
+from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.solver import NO_ROLL, InverseKinematics, held_roll, roll_angles
 from armctl.kinematics.subproblems import ToolPlane
 from armctl.kinematics.target import (

@@ -11,7 +11,7 @@ from armctl.decoding import refusal_of
 from armctl.errors import InputError, StateError
 from armctl.kinematics import CRITERIA
 from armctl.program import Program, Step
-from armctl.program.keys import Key, keys_of
+from armctl.program.base_steps import Key, keys_of
 from armctl.program.program import Change, replace
 from armctl.program.steps import all_keys
 from armctl.robot import Robot
