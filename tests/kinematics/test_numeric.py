@@ -464,3 +464,8 @@ def test_least_rotation_and_another_optimiser(name: str) -> None:
         point = robot.forward(q)[:3, 3]
         best = robot.inverse(point).best("least-rotation")
         assert np.abs(best).sum() <= 1.005 * least_by_slsqp(robot, point, np.vstack([best, others]))
+
+
+def test_a_joint_that_holds_the_tool_off_has_its_title() -> None:
+    found = load_robot("ar4").inverse([0.64330544, 0.02385538, 0.12549655])
+    assert found.explanation.endswith("where Joint 2 is at its limit of 90.00°")

@@ -288,3 +288,10 @@ def test_beside_the_base_axis_with_a_pitch_the_miss_is_the_way_to_the_nearest_po
             least = min(least, 1000 * math.sqrt(away.min()))
         assert least - 1.0 <= float(found[2]) <= least + 0.05, solutions.reason
     assert seen == {"far", "near"}
+
+
+def test_a_base_that_would_turn_for_nothing_is_not_named() -> None:
+    """The shoulder is on the base axis: the arm misses by the same length whichever way it faces."""
+    robot = load_robot("braccio")
+    said = robot.inverse([-0.3, -0.5, 0.3]).explanation
+    assert said.startswith("too far by") and "Base needs" not in said

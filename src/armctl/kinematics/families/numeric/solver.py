@@ -137,7 +137,7 @@ class NumericSolver(InverseKinematics):
 
     def __init__(self, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> None:
         super().__init__(chain, limits, energy, titles, roll_joint=roll_joint(chain))
-        self._arm = SolvedArm(("numeric",), chain, energy, (), limits, self.roll_joint)
+        self._arm = SolvedArm(("numeric",), chain, energy, (), limits, self.roll_joint, titles=self.titles)
         self._bound = LinkBound(chain)
         self._reach = max(self._bound.outer, 1e-3)
         self._starts = Starts(chain, limits)

@@ -65,7 +65,7 @@ class RedundantSolver(InverseKinematics):
         self._search = NumericSolver(chain, limits, energy, titles)
         super().__init__(chain, limits, energy, titles, roll_joint=self._search.roll_joint)
         self._locked = locked
-        self._arm = SolvedArm(LockedArm.branch_names, chain, energy, (), limits)
+        self._arm = SolvedArm(LockedArm.branch_names, chain, energy, (), limits, titles=self.titles)
 
     @classmethod
     def of(cls, chain: Chain, limits: FloatArray, energy: EnergyModel, titles: Sequence[str]) -> Self | None:

@@ -173,8 +173,12 @@ class Reach:
         if nearest is not None and (beyond := self._base_needs(least.branch)):
             others = [one for one in misses if _turned_alike(one.branch.angle, float(nearest[0]))]
             if others and not _turned_alike(least.branch.angle, float(nearest[0])):
-                held = JointsNeeded(angles_needed(self._titles, self._limits, beyond), _side(least.branch))
-                least = min(others, key=_Miss.rank)
+                other = min(others, key=_Miss.rank)
+                if other.miss_m > least.miss_m + AXIS_TOLERANCE:  # else the base would turn for nothing
+                    held = JointsNeeded(
+                        angles_needed(self._titles, self._limits, beyond), _side(least.branch)
+                    )
+                least = other
         reason = OutOfReach(
             far=least.length == outer, miss_m=least.miss_m, length_m=least.limit_m, distance_m=least.away_m,
             point="wrist" if wrist else "target", shoulder=self._titles[1], pitched=wrist,
