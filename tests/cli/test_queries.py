@@ -315,3 +315,12 @@ def test_an_orientation_that_the_arm_cannot_take_is_told(capsys: pytest.CaptureF
     status, out, err = call(capsys, *"ik uzuner 220 -60 100 --rpy 0 0 0".split())
     assert status == DONE and "orientation error  161.404°" in out
     assert "not in that orientation: the nearest that was found there is 161° off" in err
+
+
+def test_json_is_the_same_in_every_language(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LC_ALL", "tr_TR.UTF-8")
+    _, out, err = call(capsys, "ik", "uzuner", "300", "0", "600", "--json")
+    assert json.loads(out)["reason"].startswith("too far by 200.0 mm")
+    assert "200.0 mm" in err and "too far" not in err

@@ -224,6 +224,7 @@ def test_it_travels_as_a_record(reason: Reason) -> None:
         fact_record(ELBOW) | {"angle": "wide"},
         fact_record(NotNow("a motion", Need.HOLDING, State.OFF)) | {"state": "asleep"},
         fact_record(About("step 3", ELBOW)) | {"reason": {"fact": "Unheard"}},
+        fact_record(BeyondReach("line", "pitch", 40, ELBOW)) | {"why": {"fact": "Unheard"}},
     ],
 )
 def test_a_record_that_is_none_is_nothing(record: dict[str, object]) -> None:

@@ -12,6 +12,7 @@ from armctl.arrays import FloatArray
 from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import NUMBER, QUERY_SETTINGS, ROBOT, Number, json_option, print_json, rounded
 from armctl.errors import ArmctlError, InputError, UnreachableError
+from armctl.facts import say
 from armctl.facts.angles import DEGREE, from_degrees, to_degrees
 from armctl.kinematics import CRITERIA, Branch, Solutions, quaternion_wxyz, roll_pitch_yaw, rotation_of
 from armctl.published import REPORTS, Report
@@ -199,7 +200,7 @@ def _record(
         "branch": None if q is None else solutions.branch_of(q),
         "error_mm": None if q is None else error_mm,
         "orientation_error_deg": _turned_deg(solutions, q),
-        "reason": solutions.reason,
+        "reason": solutions.said("en"),
         "nearest_mm": None if nearest_m is None else rounded(1000 * nearest_m, 6),
         "complete": solutions.complete,
         "incomplete_reason": solutions.incomplete_reason,
@@ -212,7 +213,11 @@ def _record(
         record["branches"] = solutions.branch.tolist()
     if refused is not None:
         record["refused"] = [
-            {"branch": branch.name, "deg": rounded(arm.shown(branch.q)), "why": "; ".join(branch.forbidden)}
+            {
+                "branch": branch.name,
+                "deg": rounded(arm.shown(branch.q)),
+                "why": "; ".join(say(need, "en") for need in branch.needs),
+            }
             for branch in refused
         ]
     return record

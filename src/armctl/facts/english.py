@@ -201,7 +201,7 @@ def _other_ways(one: AtLimit | BranchEnds) -> str:
 
 def _beyond_reach(one: BeyondReach) -> str:
     leaves = f"here it leaves what the arm reaches{f' with that {one.held}' if one.held else ''}"
-    return leaves if one.percent is None else f"{leaves}; at {one.percent} %, "
+    return leaves if one.why is None else f"{leaves}; at {one.percent} %, "
 
 
 def _pitch_decided(one: PitchDecided) -> str:
@@ -279,5 +279,5 @@ ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     AtLimit: _other_ways,
     SingularStart: lambda _: "bend the arm first (turn a joint, or Main → Home where that pose is bent)",
     BranchEnds: _other_ways,
-    BeyondReach: lambda one: f"move the {one.curve}" if one.percent is None else "",
+    BeyondReach: lambda one: f"move the {one.curve}" if one.why is None else "",
 }

@@ -219,7 +219,7 @@ def _other_ways(one: AtLimit | BranchEnds) -> str:
 
 def _beyond_reach(one: BeyondReach) -> str:
     leaves = f"burada kolun {_HELD.get(one.held, '')}eriştiği bölgeden çıkıyor"
-    return leaves if one.percent is None else f"{leaves}; % {one.percent} noktasında: "
+    return leaves if one.why is None else f"{leaves}; % {one.percent} noktasında: "
 
 
 def _pitch_decided(one: PitchDecided) -> str:
@@ -300,5 +300,5 @@ ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     AtLimit: _other_ways,
     SingularStart: lambda _: "önce kolu bükün (bir eklemi döndürün ya da o poz bükülüyse Main → Home)",
     BranchEnds: _other_ways,
-    BeyondReach: lambda one: _move(one) if one.percent is None else "",
+    BeyondReach: lambda one: _move(one) if one.why is None else "",
 }

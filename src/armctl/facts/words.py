@@ -180,7 +180,9 @@ def _valued(name: str, value: Any) -> Any:
     if name in _ENUMS:
         return _ENUMS[name](value)
     if isinstance(value, dict):
-        return fact_of(cast(dict[str, Any], value))
+        if (inner := fact_of(cast(dict[str, Any], value))) is None:
+            raise ValueError(name)  # the whole says no more than its part
+        return inner
     if isinstance(value, list):
         return tuple(_valued("", one) for one in cast(list[Any], value))
     return value

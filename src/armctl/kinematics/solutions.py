@@ -94,7 +94,11 @@ class Solutions(ByContent):
     @property
     def reason(self) -> str | None:
         """Why there is none, in words; None when solved."""
-        return None if (why := self._refusal()) is None else say(why)
+        return self.said()
+
+    def said(self, language: str | None = None) -> str | None:
+        """The same in a language ("en", "tr"); None is the user's."""
+        return None if (why := self._refusal()) is None else say(why, language)
 
     @cached_property
     def bare_reason(self) -> Reason | None:

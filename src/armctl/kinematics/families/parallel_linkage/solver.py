@@ -269,7 +269,7 @@ class ParallelLinkageSolver(InverseKinematics):
                 way, excess = self._needs(q)
                 if excess < smallest:
                     best, smallest = way, excess
-        return LimitsForbid((best,))
+        return LimitsForbid((best,) if best.needs else ())
 
     def _needs(self, q: FloatArray) -> tuple[JointsNeeded, float]:
         """Which limits the first three joints (3,) would have to leave, and by how much in all [rad]."""
