@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from armctl.facts.angles import to_degrees
+from armctl.facts.angles import in_degrees, to_degrees
 from armctl.facts.reasons import (
     UNITS,
     AngleLimit,
@@ -156,7 +156,7 @@ def _on_curve(one: OnCurve) -> str:
 
 def _too_few(one: TooFewJoints) -> str:
     wish = "turn the tool like this" if one.turns else "keep the tool's orientation"
-    turn = f"{math.degrees(one.turn) / 1000:.3g}° a mm"
+    turn = f"{in_degrees(one.turn / 1000.0, '.3g')} a mm"
     return f"{one.joints} joints cannot {wish} here, it would also turn by {turn}"
 
 
@@ -168,7 +168,7 @@ def _in_its_plane(one: TooFewJoints) -> str:
 
 def _needs_angle(one: NeedsAngle) -> str:
     if one.angle is None:
-        low, high = (f"{math.degrees(limit):z.2f}°" for limit in (one.low, one.high))
+        low, high = map(in_degrees, (one.low, one.high))
         return f"before this branch ends, {one.joint} would have to leave its limits of {low} … {high}"
     angle, low, high = degrees_apart(one.angle, one.low, one.high)
     return f"at {one.percent:.4g} % {one.joint} would need {angle}, its limits are {low} … {high}"
@@ -176,7 +176,7 @@ def _needs_angle(one: NeedsAngle) -> str:
 
 def _at_limit(one: AtLimit) -> str:
     needs = " and ".join(map(_needs_angle, one.needs))
-    return f"{_found(one)}{one.joint} is at its limit of {math.degrees(one.limit):z.2f}°; {needs}"
+    return f"{_found(one)}{one.joint} is at its limit of {in_degrees(one.limit)}; {needs}"
 
 
 def _found(one: AtLimit | BranchEnds) -> str:
@@ -184,7 +184,7 @@ def _found(one: AtLimit | BranchEnds) -> str:
 
 
 def _branch_ends(one: BranchEnds) -> str:
-    rate = f"{math.degrees(one.turn) / 1000.0:.0f}° a mm"
+    rate = f"{in_degrees(one.turn / 1000.0, '.0f')} a mm"
     farther = "; at 100 %, " if one.at_end else ""
     return (
         f"{_found(one)}{one.joint} would have to turn by {rate}, and more just beyond: a singularity{farther}"
@@ -205,7 +205,7 @@ def _beyond_reach(one: BeyondReach) -> str:
 
 
 def _pitch_decided(one: PitchDecided) -> str:
-    low, high = (f"{math.degrees(pitch):z.2f}°" for pitch in (one.low, one.high))
+    low, high = map(in_degrees, (one.low, one.high))
     return (
         f"the position alone decides this arm's tool pitch: along the {one.curve} it is {low} … {high}, "
         "so it cannot be kept or interpolated; choose free"

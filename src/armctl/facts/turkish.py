@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from armctl.facts.angles import to_degrees
+from armctl.facts.angles import in_degrees, to_degrees
 from armctl.facts.reasons import (
     UNITS,
     AngleLimit,
@@ -177,7 +177,7 @@ def _move(one: TooFewJoints | BeyondReach | AtLimit | BranchEnds) -> str:
 
 def _too_few(one: TooFewJoints) -> str:
     wish = "takımı böyle döndüremez" if one.turns else "takımın yönelimini koruyamaz"
-    turn = f"{math.degrees(one.turn) / 1000:.3g}°"
+    turn = in_degrees(one.turn / 1000.0, ".3g")
     return f"{one.joints} eklem burada {wish}, takım milimetre başına ayrıca {turn} dönerdi"
 
 
@@ -189,7 +189,7 @@ def _in_its_plane(one: TooFewJoints) -> str:
 
 def _needs_angle(one: NeedsAngle) -> str:
     if one.angle is None:
-        low, high = (f"{math.degrees(limit):z.2f}°" for limit in (one.low, one.high))
+        low, high = map(in_degrees, (one.low, one.high))
         return f"bu dal bitmeden {one.joint} {low} … {high} sınırlarının dışına çıkmak zorunda kalır"
     angle, low, high = degrees_apart(one.angle, one.low, one.high)
     return f"% {one.percent:.4g} noktasında {one.joint} için {angle} gerekir, sınırları {low} … {high}"
@@ -197,7 +197,7 @@ def _needs_angle(one: NeedsAngle) -> str:
 
 def _at_limit(one: AtLimit) -> str:
     needs = " ve ".join(map(_needs_angle, one.needs))
-    return f"{_found(one)}{one.joint} {math.degrees(one.limit):z.2f}° olan sınırında; {needs}"
+    return f"{_found(one)}{one.joint} {in_degrees(one.limit)} olan sınırında; {needs}"
 
 
 def _found(one: AtLimit | BranchEnds) -> str:
@@ -205,7 +205,7 @@ def _found(one: AtLimit | BranchEnds) -> str:
 
 
 def _branch_ends(one: BranchEnds) -> str:
-    turn = f"milimetre başına {math.degrees(one.turn) / 1000.0:.0f}° ve az ötede daha da çok"
+    turn = f"milimetre başına {in_degrees(one.turn / 1000.0, '.0f')} ve az ötede daha da çok"
     farther = "; % 100 noktasında: " if one.at_end else ""
     return f"{_found(one)}{one.joint} {turn} dönmek zorunda kalır: tekillik{farther}"
 
@@ -223,7 +223,7 @@ def _beyond_reach(one: BeyondReach) -> str:
 
 
 def _pitch_decided(one: PitchDecided) -> str:
-    low, high = (f"{math.degrees(pitch):z.2f}°" for pitch in (one.low, one.high))
+    low, high = map(in_degrees, (one.low, one.high))
     return (
         f"bu kolda takım eğimini yalnız konum belirler: {_CURVES.get(one.curve, one.curve)} üzerinde eğim "
         f"{low} … {high}; bu yüzden ne korunabilir ne de başka bir eğime geçirilebilir; serbest bırakın"

@@ -109,12 +109,11 @@ def refusal(reason: Reason, arm: SolvedArm, target: Target, nearest: Reason | No
 
 
 def nearest_point(
-    arm: SolvedArm, target: Target, q: FloatArray, away_m: float
+    arm: SolvedArm, target: Target, q: FloatArray, point: FloatArray, away_m: float
 ) -> NearestPoint | PointReached:
-    """What can be reached, by a configuration (n,) [rad] so far from the target [m]; 0: the point itself."""
+    """What is reached, a ``point`` (3,) by ``q`` (n,) [rad], so far from the target [m]; 0: the target."""
     if not away_m:
         return PointReached()
-    point = arm.chain.forward(q)[:3, 3]
     x, y, z = point.tolist()
     orientation = _orientation(arm, target, q)
     held = () if orientation == "pitch kept" else _holding_limits(arm, target, q, point)

@@ -109,9 +109,10 @@ class Solutions(ByContent):
     @cached_property
     def refusal(self) -> Reason | None:
         """The reason and the nearest reachable point, as data; None when solved."""
-        if self.nearest_q is None:
+        q, point = self.nearest_q, self.nearest_m
+        if q is None or point is None:
             return self._refusal()
-        return self._refusal(nearest_point(self.arm, self.target, self.nearest_q, self.nearest_away_m))
+        return self._refusal(nearest_point(self.arm, self.target, q, point, self.nearest_away_m))
 
     def _refusal(self, instead: Reason | None = None) -> Reason | None:
         bare = self.bare_reason
