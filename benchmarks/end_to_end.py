@@ -56,9 +56,13 @@ _GAP_S = 0.06
 _POLL_S = 0.01
 _SETTLED_S = 1.0
 """a page that has just come knows by then that it operates: until then its buttons are disabled"""
+_PREPARED_S = 3.0
+"""what is done once, beside the first page, is done by then"""
 _STILL_S = 0.15
 """no setpoint for so long: the arm stands"""
 _PATIENCE_S, _CHECK_S = 30.0, 300.0
+_PRESSES = 10
+"""of a button that is refused, in that time"""
 _BASE = 0
 """the channel, and the joint, that swings"""
 _SWING_DEG = 95.0
@@ -149,15 +153,17 @@ class Console:
         self.wire.frames()
         self.arrived.clear()
 
-    async def until(self, condition: Callable[[list[Frame]], bool], what: str) -> list[Frame]:
+    async def until(
+        self, condition: Callable[[list[Frame]], bool], what: str, patience_s: float = _PATIENCE_S
+    ) -> list[Frame]:
         """Look every few milliseconds whether something has come to pass on the line."""
-        end = time.monotonic() + _PATIENCE_S
+        end = time.monotonic() + patience_s
         while time.monotonic() < end:
             if condition(frames := await self.frames()):
                 return frames
             await asyncio.sleep(_POLL_S)
         told = self.page.notices()
-        raise TimeoutError(f"{what} did not come within {_PATIENCE_S:g} s; the page says {told}")
+        raise TimeoutError(f"{what} did not come within {patience_s:g} s; the page says {told}")
 
     async def put(self, program: Program, text: bytes | None = None) -> None:
         """Upload a program."""
@@ -176,13 +182,25 @@ class Console:
                     await asyncio.sleep(0.02)
 
     async def go(self) -> float:
-        """Press Loop once it can be pressed; seconds until the first setpoint."""
+        """Press Loop once it can be pressed; seconds until the first setpoint.
+
+        What the page shows is older than what the arm does: a press may be refused, and is then done again.
+        """
         await self.page.enabled("Run", "Loop")
         self.forget()
-        pressed = time.monotonic()
-        await self.page.press("Run", "Loop")
-        frames = await self.until(bool, "the first setpoint")
-        return frames[0].at_s - pressed
+        pressed, again = time.monotonic(), 0
+        while True:
+            await self.page.enabled("Run", "Loop")
+            await self.page.press("Run", "Loop")
+            try:
+                frames = await self.until(bool, "the first setpoint", _PATIENCE_S / _PRESSES)
+            except TimeoutError as nothing:
+                again += 1
+                _say(f"Loop again: {nothing}")
+                if again == _PRESSES:
+                    raise
+            else:
+                return frames[0].at_s - pressed
 
     async def cruises(self) -> None:
         """Wait until the joint swings at full speed, with room left to stop."""
@@ -392,6 +410,7 @@ async def measure(split: bool, options: argparse.Namespace) -> Run:
                 served(wire, split=split, started=run.of(START), opened=run.of(OPEN))
             )
             pids = family(console.server.pid)
+            await asyncio.sleep(_PREPARED_S)
             run.holding = 100 * sum(await processor_shares(pids, options.cpu_s))
             run.memory_mb = memory_mb(pids)
             await console.put(SWING)

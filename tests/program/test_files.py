@@ -18,6 +18,7 @@ from tests.program.kit import programs
 import armctl
 from armctl.arm import Arm
 from armctl.errors import ProgramError
+from armctl.process import heavy_work
 from armctl.program import (
     ArcStep,
     CommentStep,
@@ -338,6 +339,18 @@ def test_every_form_that_is_read_is_told_by_its_name() -> None:
 def test_what_is_refused_names_the_file(name: str, content: bytes, message: str) -> None:
     with pytest.raises(ProgramError, match=message):
         read_program(name, content, ROBOT)
+
+
+def test_a_long_file_is_read_apart_with_the_same_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    def here(*_: object) -> Program:
+        raise AssertionError("a long file is read in this process")
+
+    long = Program(robot="uzuner", name="long", steps=(MoveStep(joints_deg=(10, 90, -80, -40, 0)),) * 4000)
+    text = write_csv(long, ROBOT).encode()
+    monkeypatch.setattr(heavy_work, "read_program", here)
+    assert heavy_work.read_program_apart("long.csv", text, ROBOT) == long
+    with pytest.raises(ProgramError, match=r"^long\.csv: 2 errors: line 4002, "):
+        heavy_work.read_program_apart("long.csv", text + b"this,is,no,step\n", ROBOT)
 
 
 # Python scripts.

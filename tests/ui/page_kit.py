@@ -78,21 +78,24 @@ class FakePage:
         """It ends before the next press."""
         self._beside.append(work)
 
-    def press(self, label: str, value: object = None) -> None:
-        """Press a button, or one of a group of buttons."""
+    def press(self, label: str, value: object = None, *, times: int = 1) -> None:
+        """Press a button, or one of a group of buttons, so many ``times`` without waiting in between."""
         if value is not None:
             self._handles[label].value = value
 
         async def act() -> None:
             result = self._actions[label]()
+            if result is not None:
+                await result
+
+        async def act_often() -> None:
             try:
-                if result is not None:
-                    await result
+                await asyncio.gather(*(act() for _ in range(times)))
             finally:
                 while self._beside:
                     await self._beside.pop(0)
 
-        asyncio.run(act())
+        asyncio.run(act_often())
 
     @property
     def html(self) -> str:

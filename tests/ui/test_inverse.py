@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from tests.ui.page_kit import FakePage
 from armctl.arrays import FloatArray
 from armctl.kinematics import CRITERIA, Target
 from armctl.motion.choices import way_refused
-from armctl.robot import load_robot
+from armctl.robot import Robot, load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.inverse.answer import (
     RankedSolutions,
@@ -219,6 +220,24 @@ def test_a_chosen_representative_and_a_place_on_the_curve_are_what_is_sent(serve
     page.put("On the curve °", 5.0)
     assert page.ghost.q is not None and np.degrees(page.ghost.q[1]) == pytest.approx(5.0, abs=0.006)
     page.press("Back to the least")
+    assert page.ghost.q == pytest.approx(solved(220, -196, 85).q(1))
+
+
+def test_targets_that_are_overtaken_while_they_wait_are_not_solved(
+    server: GuardedServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = FakePage(server, ROBOT, HOME)
+    InverseScreen(page.session)
+    page.ask(220, -196, 85)
+    solves: list[Target] = []
+
+    def counted(robot: Robot, target: Target, *others: Any) -> RankedSolutions:
+        solves.append(target)
+        return solve(robot, target, *others)
+
+    monkeypatch.setattr("armctl.ui.tabs.inverse.screen.solve", counted)
+    page.press("Solve", times=9)
+    assert len(solves) == 2
     assert page.ghost.q == pytest.approx(solved(220, -196, 85).q(1))
 
 

@@ -1,4 +1,4 @@
-"""What would take the page server seconds, done apart: long checks of programs, and arms with meshes.
+"""What would take the page server seconds, done apart: long programs read and checked, arms with meshes.
 
 An arm crosses as in ``records``, a program as its struct, a drawing as arrays.
 """
@@ -19,17 +19,17 @@ from armctl.errors import InputError, LimitError, RobotFileError
 from armctl.facts import Said
 from armctl.facts.words import fact_of, fact_record
 from armctl.motion.preflight import Finding
-from armctl.program import Program
+from armctl.program import Program, read_program
 from armctl.program.check import check_program
 from armctl.robot import Robot
 from armctl.robot.body.meshes import Drawn, coarse_solids, keep, kept
 from armctl.robot.record import robot_of, robot_record
 from armctl.robot.solids import Solid
 
-_CHECK_S, _ARM_S = 600.0, 120.0
-"""processor time of a check, and of an arm"""
-_AT_ONCE, _AT_ONCE_MESHED = 100, 8
-"""A program of so many steps is checked here: that takes less than the start of a process."""
+_CHECK_S, _ARM_S, _READ_S = 600.0, 120.0, 60.0
+"""processor time of a check, of an arm, and of reading a program"""
+_AT_ONCE, _AT_ONCE_MESHED, _AT_ONCE_BYTES = 100, 8, 100 << 10
+"""A program of so many steps is checked, and read, here: that takes less than the start of a process."""
 _TOLD = 200
 """how often it is told how far a check is"""
 
@@ -50,6 +50,20 @@ def _apart(work: str, request: bytes, seconds: float, parts: int, progress: Prog
             progress(*done)
 
     return apart(f"{__name__}:{work}", request, seconds=seconds, told=told, look=look)
+
+
+def read_program_apart(filename: str, content: bytes, robot: Robot) -> Program:
+    """As ``read_program``; blocks, but keeps no other thread waiting."""
+    if len(content) <= _AT_ONCE_BYTES:
+        return read_program(filename, content, robot)
+    request = msgspec.msgpack.encode((filename, content, robot_record(robot)))
+    return msgspec.msgpack.decode(_apart("do_read", request, _READ_S, 1, None), type=Program)
+
+
+def do_read(request: bytes, _: Tell) -> bytes:
+    """The ``Work`` of ``read_program_apart``."""
+    filename, content, robot = msgspec.msgpack.decode(request, type=tuple[str, bytes, dict[str, Any]])
+    return msgspec.msgpack.encode(read_program(filename, content, robot_of(robot)))
 
 
 class _CheckRequest(msgspec.Struct):

@@ -14,7 +14,7 @@ import viser
 from armctl.errors import ArmctlError
 from armctl.process.limits import near
 from armctl.protocol import Arrive, Leave, Origin, Snapshot
-from armctl.robot import CarriedPart
+from armctl.robot import CarriedPart, Robot
 from armctl.ui.console import Console, page_name
 from armctl.ui.control_return import ControlReturn
 from armctl.ui.guard import GuardedServer
@@ -23,6 +23,7 @@ from armctl.ui.panel import set_theme
 from armctl.ui.robot_switch import RESTARTED, RobotChange, RobotSwitch
 from armctl.ui.scene.arm_model import ARM, ArmFigure
 from armctl.ui.scene.stage import Stage, set_lights
+from armctl.ui.tabs.inverse.answer import prepare
 
 LOG = logging.getLogger("armctl.ui")
 FRAME_S = 1 / 25
@@ -65,15 +66,18 @@ class App:
             self._lines, None if state is None else state / f"operator-{server.get_port()}"
         )
         self._pages: dict[int, Page] = {}
+        self._prepared: Robot | None = None
+        """the arm for which a target was solved once"""
         set_theme(server.gui, dark=False)
         set_lights(self.server.scene)
         self._draw_arm()
         robots.on_change(self._changed)
         self.server.on_client_connect(self._connect)
         self.server.on_client_disconnect(self._disconnect)
-        self._loop: Future[None] = asyncio.run_coroutine_threadsafe(
-            self._draw(), self.server.get_event_loop()
-        )
+        self._loops: list[Future[None]] = [
+            asyncio.run_coroutine_threadsafe(work, self.server.get_event_loop())
+            for work in (self._beat(), self._draw())
+        ]
 
     def close(self) -> None:
         """Stop serving; pages that hang are not waited for, so that the arm is brought to rest after it."""
@@ -89,7 +93,8 @@ class App:
         asyncio.get_running_loop().set_exception_handler(
             lambda _, context: LOG.debug("left at the end: %s", context["message"])
         )
-        self._loop.cancel()
+        for loop in self._loops:
+            loop.cancel()
         for page in self._pages.values():
             page.session.close()
         await asyncio.sleep(FRAME_S)  # what was cancelled ends before the server does
@@ -110,6 +115,9 @@ class App:
             raise
         address = self.server.address_of(client.client_id)
         await self._arrive(who, f"pages at {near(address)}" if address else "")
+        if self._prepared is not self._console.robot:
+            self._prepared = self._console.robot
+            page.session.spawn(asyncio.to_thread(prepare, page.session.held))
         former = self._return.former
         if former is not None and self._lines.page_of(who) != former.page:
             text = (
@@ -183,11 +191,16 @@ class App:
             controller.submit(Arrive(who, watch=True), self.robots.origin(who))
             self._return.fell_silent(who)
 
+    async def _beat(self) -> None:
+        """Say that pages can command: from this loop, as where it hangs they cannot."""
+        while True:
+            self._console.controller.beat()
+            await asyncio.sleep(FRAME_S)
+
     async def _draw(self) -> None:
         frame = 0
         while True:
             await asyncio.sleep(FRAME_S)
-            self._console.controller.beat()  # from this loop: where it hangs, no page can command
             frame += 1
             control = self._console.controller.snapshot.control
             self._lines.watch(None if control.operator is None else control.operator.id)

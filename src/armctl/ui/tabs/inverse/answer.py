@@ -141,6 +141,12 @@ def solve(
     return answer(robot, solutions, criterion, start, profile)
 
 
+def prepare(robot: Robot) -> None:
+    """Do what takes half a second the first time, before somebody waits for it: imports, the arm's body."""
+    home = robot.pose("home")
+    solve(robot, Target.of(robot.forward(home)[:3, 3]), "shortest-time", home)
+
+
 def answer(
     robot: Robot, solutions: Solutions, criterion: str, start: FloatArray, profile: Profile = "cubic"
 ) -> RankedSolutions:

@@ -65,7 +65,7 @@ class InverseScreen:
         self._answer: RankedSolutions | None = None
         self._answered: tuple[str | None, ...] = ()
         self._ghost_is_old = False
-        self._newest = Newest()
+        self._newest, self._one_at_a_time = Newest(), asyncio.Lock()
         self._judging = OneAtATime(self._judge_selected)
         gui = session.gui
         self._note = LiveHtml(gui, _NOTE)
@@ -183,7 +183,10 @@ class InverseScreen:
         is_newest, start = self._newest.begin(), self._session.snapshot.q_command
         criterion, profile = self._criterion.value, self._movement.profile
         held = self._session.held
-        again = await asyncio.to_thread(answer, held, found.solutions, criterion, start, profile)
+        async with self._one_at_a_time:
+            if not is_newest():
+                return
+            again = await asyncio.to_thread(answer, held, found.solutions, criterion, start, profile)
         if is_newest():
             row = self._pager.row if np.array_equal(again.order, found.order) else None
             self._show(again)
@@ -205,7 +208,10 @@ class InverseScreen:
             self._forget(refusal)
             raise
         criterion, profile = self._criterion.value, self._movement.profile
-        found = await asyncio.to_thread(solve, self._session.held, target, criterion, start, profile)
+        async with self._one_at_a_time:
+            if not is_newest():
+                return None
+            found = await asyncio.to_thread(solve, self._session.held, target, criterion, start, profile)
         if not is_newest():
             return None
         self._answered = texts

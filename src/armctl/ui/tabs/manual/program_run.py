@@ -15,13 +15,12 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError, ProgramError, StateError
 from armctl.facts import Need, State
 from armctl.motion.preflight import Finding, not_checked
-from armctl.process.heavy_work import check_program_apart
+from armctl.process.heavy_work import check_program_apart, read_program_apart
 from armctl.program import (
     PROGRAM_SUFFIXES,
     Cursor,
     Program,
     encode_program,
-    read_program,
     write_csv,
     write_script,
 )
@@ -118,7 +117,7 @@ class ProgramFiles:
     async def _on_upload(self) -> None:
         self._session.require_operator()
         file, robot = self._upload.value, self._session.console.robot
-        program = await asyncio.to_thread(read_program, file.name, file.content, robot)
+        program = await asyncio.to_thread(read_program_apart, file.name, file.content, robot)
         self._session.require_operator()
         try:
             self._shared.put(program)
@@ -138,8 +137,11 @@ class ProgramFiles:
 
 
 _MOST_LOOPS = 100_000
-_LOOKING = ThreadPoolExecutor(2, "armctl-check")
-"""waits for the checks of all pages that only want to know: who runs a program does not queue behind them"""
+_LOOKING, _RUNNING = ThreadPoolExecutor(2, "armctl-check"), ThreadPoolExecutor(2, "armctl-run")
+"""Wait for the checks of all pages that only want to know, and of who runs a program.
+
+He queues neither behind them nor behind what any page solves or exports.
+"""
 _FROM_HINT = "The first pass begins with the selected row."
 _STEP_HINT = "Run the selected step alone, then select the next."
 _CHECK_HINT = "Look for what would be refused, without moving the arm."
@@ -276,7 +278,9 @@ class ProgramRun:
 
         try:
             check = partial(check_program_apart, program, robot, start=start, progress=progress)
-            findings = await asyncio.get_running_loop().run_in_executor(None if to_run else _LOOKING, check)
+            findings = await asyncio.get_running_loop().run_in_executor(
+                _RUNNING if to_run else _LOOKING, check
+            )
         except BaseException:
             self._verdict.visible = False
             raise
