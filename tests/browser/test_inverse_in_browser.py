@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from playwright.sync_api import Locator
 from tests.browser.ghost_view import wait_for_ghost, wait_for_no_ghost
 from tests.browser.kit import Screen
 from tests.browser.served_arm import HOME, ServedArm, served_arm
@@ -38,6 +39,46 @@ def solved(page: Screen) -> Screen:
 
 def stands_at(page: Screen, served: ServedArm, q: np.ndarray) -> None:
     served.wait_for_deg(page, np.degrees(q).tolist(), within=1e-7)
+
+
+def card(page: Screen, name: str) -> Locator:
+    return page.page.get_by_role("option", name=name)
+
+
+def is_chosen(page: Screen, name: str) -> bool:
+    return card(page, name).get_attribute("aria-selected") == "true"
+
+
+def test_another_way_is_one_click_or_one_key_away(solved: Screen, served: ServedArm) -> None:
+    page, robot = solved, served.robot
+    found = solve(robot, Target.of(POINT), "least-rotation", robot.pose("home"))
+    up, down = (way.q for way in found.choices)
+    assert is_chosen(page, "elbow up")
+    page.screenshot("inverse-ways")
+    card(page, "elbow down").click()
+    page.wait_until(lambda: is_chosen(page, "elbow down"), "the card is chosen")
+    wait_for_ghost(page, robot, down)
+    page.page.keyboard.press("ArrowLeft")
+    page.wait_until(lambda: is_chosen(page, "elbow up"), "the card before it is chosen")
+    wait_for_ghost(page, robot, up)
+    page.page.keyboard.press("End")
+    page.wait_until(lambda: is_chosen(page, "elbow down"), "the last card is chosen")
+    focused = page.page.evaluate("document.activeElement.dataset.key")
+    assert focused == "1"  # the list was drawn anew, and the same card has the focus
+    page.click(SELECTED)
+    stands_at(page, served, down)
+
+
+def test_ways_come_back_with_a_page_that_is_loaded_again(solved: Screen, served: ServedArm) -> None:
+    page = solved
+    page.open(served.url, until="STOP")
+    page.open_tab("Inverse")
+    assert (
+        page.page.locator("armctl-part").inner_text() == ""
+    )  # nothing is solved yet, and no old way is shown
+    page.type_xyz("220", "-196", "85")
+    page.click("Solve")
+    page.wait_until(lambda: card(page, "elbow down").count() == 1, "the ways are there")
 
 
 def test_a_solution_is_selected_in_the_curve_or_the_list_and_gone_to(

@@ -18,6 +18,7 @@ from armctl.robot import Robot
 from armctl.runtime import Controller
 from armctl.ui.events import Action
 from armctl.ui.guard import GuardedServer
+from armctl.ui.guard.parts import Parts
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.session import Session
 
@@ -43,6 +44,7 @@ class FakePage:
         last_known = SimpleNamespace(standing=lambda snapshot: snapshot.q_command)
         self.console = SimpleNamespace(robot=robot, last_known=last_known)
         self.ghost = Ghost(server.scene, robot)
+        self.parts = Parts()
         self.closed = False
         self.sent: list[Command] = []
         self.shown_at_sending: list[FloatArray | None] = []
@@ -66,6 +68,9 @@ class FakePage:
         label = getattr(handle, "label", None)
         if label is not None:
             self._handles[label], self._actions[label] = handle, action
+
+    def on_part(self, do: str, action: Callable[[str], None]) -> None:
+        self.parts.on(do, action)
 
     def needs(self, *_: object, **__: object) -> None:
         """What would be refused is not looked at here."""

@@ -17,15 +17,8 @@ from armctl.kinematics import CRITERIA, Target
 from armctl.motion.choices import way_refused
 from armctl.robot import Robot, load_robot
 from armctl.ui.guard import GuardedServer
-from armctl.ui.tabs.inverse.answer import (
-    RankedSolutions,
-    answer,
-    comparison_html,
-    list_row,
-    result_html,
-    short_branch,
-    solve,
-)
+from armctl.ui.tabs.inverse.answer import RankedSolutions, answer, short_branch, solve
+from armctl.ui.tabs.inverse.answer_html import comparison_html, list_row, result_html
 from armctl.ui.tabs.inverse.branches import branches_html, same_place
 from armctl.ui.tabs.inverse.screen import InverseScreen
 from armctl.ui.widgets.html import Pager
@@ -96,18 +89,20 @@ def test_a_few_rows_stand_for_all_and_what_they_save_is_true(criterion: str) -> 
     gravity = found.solutions.arm.energy.gravity
     for one in found.representatives:
         q = found.q(one.row)
-        assert one.rotation_deg == pytest.approx(np.degrees(np.abs(q).sum()))
+        assert one.costs.rotation_deg == pytest.approx(np.degrees(np.abs(q).sum()))
         stall = found.solutions.arm.energy.stall_torque
-        assert stall is not None and one.load == pytest.approx(
+        assert stall is not None and one.costs.load == pytest.approx(
             100 * np.linalg.norm(gravity.torque(q) / stall)
         )
     said = re.findall(r"Row (\d+) saves (\d+) % ([\w ]+) against row 1\.", comparison_html(found))
     of = {"rotation": "rotation_deg", "time": "time_s", "load": "load"}
     assert said
     for row, percent, what in said:
-        best = min(getattr(one, of[what]) for one in found.representatives)
-        assert best == next(getattr(one, of[what]) for one in found.representatives if one.row == int(row))
-        assert int(percent) == round(100 * (1 - best / getattr(first, of[what])))
+        best = min(getattr(one.costs, of[what]) for one in found.representatives)
+        assert best == next(
+            getattr(one.costs, of[what]) for one in found.representatives if one.row == int(row)
+        )
+        assert int(percent) == round(100 * (1 - best / getattr(first.costs, of[what])))
     curve = found.curve
     assert isinstance(curve, Picture)
     angle = float(curve.x[len(curve.x) // 3])

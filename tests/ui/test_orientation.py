@@ -16,7 +16,8 @@ from armctl.protocol import MoveJoints
 from armctl.robot import Robot, load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.forward.screen import REFERENCE, ForwardScreen, coupled_joints
-from armctl.ui.tabs.inverse.answer import result_html, solve
+from armctl.ui.tabs.inverse.answer import solve
+from armctl.ui.tabs.inverse.answer_html import result_html
 from armctl.ui.tabs.inverse.branches import branches_html
 from armctl.ui.tabs.inverse.screen import InverseScreen
 from armctl.ui.tabs.inverse.target_form import ANY, PITCH_AND_ROLL, WHOLE, TargetForm

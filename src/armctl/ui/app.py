@@ -23,6 +23,7 @@ from armctl.ui.panel import set_theme
 from armctl.ui.robot_switch import RESTARTED, RobotChange, RobotSwitch
 from armctl.ui.scene.arm_model import ARM, ArmFigure
 from armctl.ui.scene.stage import Stage, set_lights
+from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import prepare
 
 LOG = logging.getLogger("armctl.ui")
@@ -107,7 +108,7 @@ class App:
         who = page_name(client.client_id)
         try:
             lost = self._operator_lost
-            page = self._pages[client.client_id] = Page(client, self.robots, self._lines.link, lost)
+            page = self._pages[client.client_id] = Page(client, self.robots, self._link, lost)
             await page.build()
         except Exception:
             LOG.exception("%s could not be built", who)
@@ -125,6 +126,11 @@ class App:
                 "To have it now, press Take control."
             )
             page.session.notify("Control", text)
+
+    def _link(self, page: str, session: Session) -> None:
+        """The lines of ``page``, which calls itself so, are those of a session."""
+        self._lines.link(page, session.me)
+        self.server.part_lines.link(page, session.parts)
 
     async def _arrive(self, who: str, source: str) -> None:
         """Tell the arm that a page is there; a page of an arm that does not answer is shown all the same."""
@@ -175,6 +181,7 @@ class App:
         page = self._pages.pop(client.client_id, None)
         if page is not None:
             page.session.close()
+            self.server.part_lines.unlink(page.session.parts)
         self._leave(page_name(client.client_id), "the operator's page is gone")
 
     def _operator_lost(self, client_id: int) -> None:

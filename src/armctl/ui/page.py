@@ -41,7 +41,7 @@ class Page:
         self,
         client: viser.ClientHandle,
         robots: RobotSwitch,
-        link: Callable[[str, str], None],
+        link: Callable[[str, Session], None],
         lost: Callable[[int], None],
     ) -> None:
         """Build *Control* and empty tabs; ``link`` and ``lost`` as in ``Session.find_line``."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import re
-from collections.abc import Callable, Coroutine, Generator
+from collections.abc import Awaitable, Callable, Coroutine, Generator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -21,6 +21,7 @@ from armctl.robot import CarriedPart, Robot
 from armctl.robot.look.rows import Theme
 from armctl.ui.console import page_name
 from armctl.ui.events import Action, Color, Notifications
+from armctl.ui.guard.parts import Parts
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.scene.stage import look_at_arm
@@ -54,6 +55,7 @@ class Session:
         self.ghost = Ghost(client.scene, self.console.robot, lambda: self.snapshot)
         self.on_phone = False
         """the panels are a sheet over the lower part of the scene"""
+        self.parts = Parts()
         self.theme: Theme = "light"
         self._themed: list[Callable[[], None]] = []
 
@@ -138,6 +140,10 @@ class Session:
                 await self.attempt(action)
 
         attach(callback)
+
+    def on_part(self, do: str, action: Callable[[str], Awaitable[object] | None]) -> None:
+        """Run ``action(key)`` where this is done to a part of the page; what goes wrong is notified."""
+        self.parts.on(do, lambda key: self.spawn(self.attempt(partial(action, key))))
 
     def needs(
         self,
@@ -352,8 +358,8 @@ class Session:
         except ArmctlError as broken:
             self.notify("Not finished", self.with_names(str(broken)), "yellow")
 
-    async def find_line(self, link: Callable[[str, str], None], lost: Callable[[int], None]) -> None:
-        """Ask the page which line for STOP is its own: ``link(line, who)``, which then watches for its beats.
+    async def find_line(self, link: Callable[[str, Session], None], lost: Callable[[int], None]) -> None:
+        """Ask the page which lines are its own: ``link(page, session)``, which then watches for its beats.
 
         ``lost(client id)`` while this page operates without a line that beats.
         """
@@ -363,7 +369,7 @@ class Session:
                 LOG.warning("%s does not answer", who)
                 lost(self.client.client_id)
             await asyncio.sleep(_LINK_AGAIN_S)
-        link(line, who)
+        link(line, self)
 
     async def recall(self, key: str) -> str | None:
         """What this browser remembers under a key; None: nothing, or it keeps no storage."""

@@ -127,13 +127,13 @@ class BranchFinder:
             target = target._replace(roll=rest_angle(low, high))
         solutions = self._solver.solve(target, DEFAULT_STEP)
         meets = np.maximum(solutions.residual_m, solutions.residual_rad) <= _MET
+        turned = np.exp(1j * solutions.q)
+        left = np.argsort(solutions.branch_index, kind="stable")
+        left = left[meets[left]]
         found: list[Branch] = []
-        for i in np.argsort(solutions.branch_index, kind="stable").tolist():
-            q = solutions.q[i]
-            if not meets[i]:
-                continue
-            if any(np.abs(np.exp(1j * q) - np.exp(1j * other.q)).max() < _SAME for other in found):
-                continue
+        while len(left):
+            i, q = left[0], solutions.q[left[0]]
+            left = left[np.abs(turned[left] - turned[i]).max(axis=1) >= _SAME]  # whole turns are one branch
             inside = np.clip(q, *self._limits.T)  # takes rounding off the joints that are inside
             outside = np.abs(inside - q) > LIMIT_TOLERANCE
             beyond = [(k, float(q[k])) for k in np.flatnonzero(outside).tolist()]

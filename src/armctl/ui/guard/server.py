@@ -23,6 +23,7 @@ from armctl.errors import ServerError
 from armctl.ui.guard.door import HOST_NAME, Door, SocketDoor
 from armctl.ui.guard.filter import LOG, MAX_FRAME_BYTES, GuardedConnection, Tally
 from armctl.ui.guard.listening import is_name, listening_socket, names_of, url_host
+from armctl.ui.guard.parts import PARTS_PATH, PartLines
 from armctl.ui.guard.stop_line import STOP_PATH, OverlaidPage, StopLines
 from armctl.ui.viser_seam import (
     SUBPROTOCOL,
@@ -183,18 +184,21 @@ class GuardedServer(viser.ViserServer):
 
     stop_lines: StopLines
     """every page's own line for STOP"""
+    part_lines: PartLines
+    """and the one for what armctl draws itself"""
 
     def __init__(
         self,
         door: Door,
         stop_lines: StopLines,
+        part_lines: PartLines,
         listener: socket.socket,
         names: Sequence[str],
         *,
         host: str,
         label: str | None,
     ) -> None:
-        self._door, self._tally, self.stop_lines = door, door.tally, stop_lines
+        self._door, self._tally, self.stop_lines, self.part_lines = door, door.tally, stop_lines, part_lines
         address, port = listener.getsockname()[:2]
         self.encrypted = door.scheme == "https"
         self.beyond_loopback = not ipaddress.ip_address(address).is_loopback
@@ -281,8 +285,9 @@ def guarded_server(
     server: GuardedServer | None = None
     share_type_hints()
     let_groups_be_disabled()
-    tally, stop_lines = Tally(), StopLines()
-    sockets = {STOP_PATH: SocketDoor(stop_lines.handle), **sockets}
+    tally, stop_lines, part_lines = Tally(), StopLines(), PartLines()
+    own = {STOP_PATH: SocketDoor(stop_lines.handle), PARTS_PATH: SocketDoor(part_lines.handle)}
+    sockets = {**own, **sockets}
     door = Door(extra_hosts, token, tally, "http" if tls is None else "https", sockets)
     keep_quiet()
     try:
@@ -291,7 +296,7 @@ def guarded_server(
         )
         with opening_through(arrange) as opened:
             names = names_of(listener, host, extra_hosts)
-            server = GuardedServer(door, stop_lines, listener, names, host=host, label=label)
+            server = GuardedServer(door, stop_lines, part_lines, listener, names, host=host, label=label)
         _require_guarded(opened, bound_port == server.get_port())
         _probe(address, bound_port, door)
     except BaseException:

@@ -282,13 +282,16 @@ class StopLines:
 
 
 class OverlaidPage:
-    """The page of viser with styles and, where an arm is driven, ``overlay.js`` ahead of its own script."""
+    """The page of viser with styles and, where an arm is driven, our scripts ahead of its own."""
 
     def __init__(self, *, overlay: bool = True) -> None:
         here = resources.files("armctl.ui.guard")
-        script, style = (here.joinpath(f"overlay.{kind}").read_text() for kind in ("js", "css"))
-        scripts = f"<script>{SCRIPT}</script><script>{script}</script>"
-        self._overlay = f"<style>{CONSOLE_STYLE}{style}</style>" + scripts * overlay
+        styles, scripts = (
+            [here.joinpath(f"{name}.{kind}").read_text() for name in ("overlay", "parts")]
+            for kind in ("css", "js")
+        )
+        style = f"<style>{CONSOLE_STYLE}{''.join(styles)}</style>"
+        self._overlay = style + "".join(f"<script>{one}</script>" for one in (SCRIPT, *scripts)) * overlay
         self._bodies: dict[str, bytes | bytearray] = {}
 
     def answer(self, response: Response) -> Response:

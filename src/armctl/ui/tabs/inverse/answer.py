@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +14,11 @@ from armctl.errors import UnreachableError
 from armctl.facts.angles import to_degrees
 from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
 from armctl.kinematics.energy import EnergyModel, energies
-from armctl.motion import FLOOR_TOLERANCE_M, Profile
+from armctl.motion import Profile
 from armctl.motion.choices import JudgedConfigurations, first_possible
 from armctl.motion.figure import color_of
 from armctl.robot import Robot
-from armctl.ui.widgets.html import fixed, muted, numbers, refused, strong, table, warned
+from armctl.ui.widgets.html import fixed
 from armctl.ui.widgets.plots import Picture, PlotLine, thinned
 
 _UNITS: dict[Criterion, tuple[float, str]] = {
@@ -34,11 +35,15 @@ _PLAIN: dict[Criterion, str] = {
     "least-torque": "torque",
 }
 """what is least, in a word"""
-_SAME_RAD = 1e-9
+SAME_RAD = 1e-9
 """a row that is no farther off than this is the same configuration"""
 _SAME_BRANCH = 1e-6
 _MOST_POINTS = 1000
 """of an energy curve"""
+_MOST_WAYS, _MOST_TURNS = 16, 3
+"""ways to choose among; whole turns of one that are tried for one that may be gone to"""
+_SAME_COST = 1 + 1e-6
+_GAP_STEPS, _FAR_RAD = 2.5, 0.5
 
 
 def _shown(criterion: Criterion, energy: FloatArray, model: EnergyModel) -> FloatArray:
@@ -48,7 +53,8 @@ def _shown(criterion: Criterion, energy: FloatArray, model: EnergyModel) -> Floa
     return _UNITS[criterion][0] * energy
 
 
-def _unit(criterion: Criterion, model: EnergyModel) -> str:
+def unit_of(criterion: Criterion, model: EnergyModel) -> str:
+    """Of the energies of a criterion, as they are shown."""
     if criterion == "least-torque":
         return "N·m" if model.stall_torque is None else "% of stall"
     return _UNITS[criterion][1]
@@ -99,6 +105,8 @@ class RankedSolutions:
     """energy over the free joint; or why there is nothing to plot"""
     instead: int | None = None
     """the first row to which the arm may go, of some, where it may not go to ``best``; None: there is none"""
+    choices: tuple[Way, ...] = ()
+    """what a person chooses among, those that may be gone to first, by energy"""
     representatives: tuple[Representative, ...] = ()
     """a few rows that stand for all; empty where there is no solution"""
 
@@ -115,7 +123,7 @@ class RankedSolutions:
         """The row of least energy whose free joint is nearest to an angle [rad]; from 1."""
         free = self.solutions.free_joint
         away = np.abs(self.solutions.q[self.order, 0 if free is None else free] - angle)
-        return int(np.flatnonzero(away <= away.min() + _SAME_RAD)[0]) + 1
+        return int(np.flatnonzero(away <= away.min() + SAME_RAD)[0]) + 1
 
     def energy_of(self, q: FloatArray) -> float:
         """Energy of any configuration ``q`` (n,) [rad], as ``energy``; infinite if not admitted."""
@@ -126,7 +134,7 @@ class RankedSolutions:
     @property
     def unit(self) -> str:
         """Of the energies."""
-        return _unit(self.criterion, self.solutions.arm.energy)
+        return unit_of(self.criterion, self.solutions.arm.energy)
 
     def energy_text(self, q: FloatArray) -> str:
         """Energy of ``q`` (n,) [rad] with its unit, as exact as in the list."""
@@ -170,7 +178,10 @@ def answer(
     found = RankedSolutions(robot, solutions, name, start, energy, order, best, why_not, ways, judged, way)
     few = representatives(found) if solutions.success else ()
     other = _first_possible(robot, found, few) if way else None
-    return replace(found, curve=_energy_curve(robot, found), representatives=few, instead=other)
+    choices = ways_to(found) if solutions.success else ()
+    return replace(
+        found, curve=_energy_curve(robot, found), representatives=few, instead=other, choices=choices
+    )
 
 
 def _first_possible(robot: Robot, found: RankedSolutions, few: Sequence[Representative]) -> int | None:
@@ -206,47 +217,24 @@ def _verdicts(
     return tuple(verdicts)
 
 
-def result_html(robot: Robot, found: RankedSolutions) -> str:
-    """Count and branches, and the configuration of least energy; or why there is none."""
-    solutions, best = found.solutions, found.best
-    if not solutions.success:
-        text = strong("No solution") + refused(f"{_capital(found.why_not)}.")
-        nearest = solutions.nearest_m
-        return text if nearest is None else text + _floor_note(robot, "The nearest point", nearest)
-    used = zip(*np.unique(solutions.branch_index, return_counts=True), strict=True)
-    branches = "; ".join(f"{solutions.branch_names[i]}: {count}" for i, count in used)
-    angles = "" if best is None else numbers(robot.shown(best).tolist(), 3)
-    if best is not None and found.why_not:
-        text = strong("No solution in that orientation") + refused(f"{_capital(found.why_not)}.")
-        text += f"<div>the nearest that was found: {_in_one_line(angles)}</div>"
-        text += muted(f"The list has {counted(len(solutions))} of the point, as near to that orientation.")
-        return text + _floor_note(robot, "The point", solutions.target.position)
-    text = strong(f"{counted(len(solutions))} inside the limits")
-    text += muted(branches + ("" if solutions.complete else f"; {solutions.incomplete_reason}"))
-    text += _floor_note(robot, "The point", solutions.target.position)
-    if best is None:
-        return text + refused(_capital(found.why_not))
-    error_mm = 1000 * float(np.linalg.norm(robot.forward(best)[:3, 3] - solutions.target.position))
-    text += f"<div>least energy {'would' if found.way_refused else 'will'} go to {_in_one_line(angles)}</div>"
-    error = "below 0.001 mm" if error_mm < 1e-3 else f"{error_mm:.3f} mm"
-    text += muted(f"{solutions.branch_of(best)}; energy {found.energy_text(best)}; error {error}")
-    row_1 = found.q(1)
-    if np.abs(row_1 - best).max() >= _SAME_RAD:
-        least = found.energy_text(row_1)
-        text += muted(f"The exact least: it lies between two rows of the list (row 1: {least}).")
-    if found.criterion == "least-torque":
-        text += muted(f"Torques count {solutions.arm.energy.gravity.counted}.")
-    text += way_html(found.way_refused)
-    if found.instead is not None:
-        angles = _in_one_line(numbers(robot.shown(found.q(found.instead)).tolist(), 3))
-        text += f"<div>Go by least energy goes to row {found.instead} instead: {angles}</div>"
-        text += muted("It is the best to which the arm may go.")
-    return text
+class Costs(NamedTuple):
+    """What a configuration costs."""
+
+    rotation_deg: float
+    """sum of |joint angles|"""
+    time_s: float
+    """from the present pose, all joints together by a cubic"""
+    travel_s: float
+    """from the present pose, one joint after the other at full speed"""
+    load: float
+    """of all joints against gravity, as ``least-torque`` counts it, in its unit; 0: no link has a mass"""
 
 
-def way_html(why: str) -> str:
-    """A warning where the way to a configuration is refused; empty where it is not."""
-    return warned(f"The way there is refused: {why}.") if why else ""
+_COSTS: dict[Criterion, Callable[[Costs], float]] = {
+    "shortest-time": lambda one: one.time_s,
+    "least-travel": lambda one: one.travel_s,
+    "least-rotation": lambda one: one.rotation_deg,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,12 +245,7 @@ class Representative:
     """criteria by which it is the least, or the branch of which it is"""
     row: int
     """in the list, from 1"""
-    rotation_deg: float
-    """sum of |joint angles|"""
-    time_s: float
-    """from the present pose, all joints together by a cubic"""
-    load: float
-    """of all joints against gravity, as ``least-torque`` counts it, in its unit; 0: no link has a mass"""
+    costs: Costs
     refused: bool
     """whether the arm may not go there from where it stands"""
 
@@ -290,89 +273,131 @@ def representatives(found: RankedSolutions) -> tuple[Representative, ...]:
         of_branch = admitted[solutions.branch_index[admitted] == i]
         if len(of_branch):
             named.setdefault(int(place[of_branch[0]]), []).append(f"of {short_branch(name)}")
-    arm = solutions.arm
-    rows: list[Representative] = []
-    for row, names in named.items():
-        q = found.q(row)
-        rotation, time = (
-            float(energies(one, q[None], arm.energy, arm.pitch_joints, start)[0])
-            for one in ("least-rotation", "shortest-time")
-        )
-        load = 0.0
-        if arm.energy.gravity.weighs:
-            squares = energies("least-torque", q[None], arm.energy, arm.pitch_joints, start)
-            load = float(_shown("least-torque", squares, arm.energy)[0])
-        forbidden = not found.ways.possible(q)
-        rows.append(Representative(tuple(names), row, to_degrees(rotation), time, load, forbidden))
-    return tuple(rows)
-
-
-def comparison_html(found: RankedSolutions) -> str:
-    """The representatives side by side, and what others save against the first."""
-    rows, model = found.representatives, found.solutions.arm.energy
-    if len(rows) < 2:
-        return ""
-    digits = 3 if model.stall_torque is None else 1  # N·m, or percents
-    heads = ["", "row", "Σ|θ| °", "time s", f"load {_unit('least-torque', model)}", "verdict"]
-    figures = [
-        ["least " + ", ".join(one.names), str(one.row), fixed(one.rotation_deg, 1), fixed(one.time_s, 2),
-         fixed(one.load, digits), "refused" if one.refused else "possible"]
-        for one in rows
-    ]  # fmt: skip
-    counts = f"Loads count {model.gravity.counted}."
-    if not model.gravity.weighs:
-        heads, figures = [*heads[:-2], heads[-1]], [[*row[:-2], row[-1]] for row in figures]
-        counts = "There are no loads: the file of the arm gives no masses of links."
-    html = table(heads, figures, marked=0, words=(0, len(heads) - 1), small=True) + muted(counts)
-    return html + "".join(muted(saving) for saving in _savings(rows))
-
-
-def _savings(rows: Sequence[Representative]) -> list[str]:
-    """What rows save against the chosen one; of those that the arm may go to."""
-    chosen, texts = rows[0], list[str]()
-    possible = [one for one in rows if not one.refused]
-    if chosen.refused:
-        return texts
-    columns: tuple[tuple[str, Callable[[Representative], float]], ...] = (
-        ("rotation", lambda one: one.rotation_deg),
-        ("time", lambda one: one.time_s),
-        ("load", lambda one: one.load),
+    return tuple(
+        Representative(tuple(names), row, costs(found, found.q(row)), not found.ways.possible(found.q(row)))
+        for row, names in named.items()
     )
-    for what, of in columns:
-        least = min(possible, key=of)
-        saved = round(100 * (1 - of(least) / of(chosen))) if of(chosen) > 0 else 0
-        if saved >= 1:
-            texts.append(f"Row {least.row} saves {saved} % {what} against row {chosen.row}.")
-    return texts
 
 
-def list_head(found: RankedSolutions) -> list[str]:
-    """The heads of the list of solutions."""
-    return ["#", *theta_heads(len(found.start)), "branch", f"energy {found.unit}"]
+def costs(found: RankedSolutions, q: FloatArray) -> Costs:
+    """What going to ``q`` (n,) [rad] costs."""
+    arm, start = found.solutions.arm, found.start
+
+    def of(criterion: Criterion) -> float:
+        return float(energies(criterion, q[None], arm.energy, arm.pitch_joints, start)[0])
+
+    load = 0.0
+    if arm.energy.gravity.weighs:
+        load = float(_shown("least-torque", np.array(of("least-torque")), arm.energy))
+    return Costs(to_degrees(of("least-rotation")), of("shortest-time"), of("least-travel"), load)
 
 
-def list_row(found: RankedSolutions, row: int) -> list[str]:
-    """One row of the list, counted from 1."""
-    index = found.order[row - 1]
-    return [
-        str(row),
-        *(fixed(value, 2) for value in found.robot.shown(found.q(row)).tolist()),
-        short_branch(str(found.solutions.branch[index])),
-        fixed(float(found.energy[index]), 3),
-    ]
+# The ways to a target: of a joint that is free the best of each piece; whole turns are folded.
 
 
-def selected_html(found: RankedSolutions, row: int | None) -> str:
-    """Where the selected row, from 1, goes, and why the way to it is refused, once that is judged."""
-    if row is None:
-        return muted(f"No row is selected: type a row from 1 to {len(found.solutions)}.")
-    why = found.ways.known(found.q(row))
-    angles = numbers(found.robot.shown(found.q(row)).tolist(), 2)
-    goes = "goes" if why is None else "would go" if why else "will go"
-    text = f"<div>selected row {row}: {goes} to θ = (<b>{angles}</b>)°</div>"
-    if why and why == found.way_refused:
-        return text + warned("Refused, as told above.")
-    return text + way_html(why or "")
+@dataclass(frozen=True, slots=True)
+class Way:
+    """One way to put the tool there, as a person tells it from others."""
+
+    name: str
+    q: FloatArray
+    """(n,) [rad]"""
+    row: int | None
+    """in the list, from 1; None: it is not in it, since a joint would pass its limit"""
+    turns: int
+    """how many rows of the list differ from it by whole turns of joints alone"""
+    refused: str
+    """why the arm may not go there from where it stands; empty where it may"""
+    costs: Costs
+    least: tuple[Criterion, ...] = ()
+    """the criteria by which it is the least of those that may be gone to"""
+
+
+def ways_to(found: RankedSolutions) -> tuple[Way, ...]:
+    """What to choose among, of solutions that there are: those that may be gone to first, by energy."""
+    solutions = found.solutions
+    turned = np.exp(1j * solutions.q[found.order])
+
+    def alike(q: FloatArray) -> list[int]:
+        """Rows that differ from ``q`` by whole turns."""
+        rows = np.arange(1, len(turned) + 1)
+        for joint, one in enumerate(np.exp(1j * q)):
+            rows = rows[np.abs(turned[rows - 1, joint] - one) < _SAME_BRANCH]
+        return rows.tolist()
+
+    if found.verdicts:
+        ways = [_way(found, one.branch.name, alike(one.branch.q), one) for one in found.verdicts]
+    else:
+        named = _postures(found) if solutions.free_joint is None else _pieces(found)
+        listed = solutions.q[found.order]
+        ways = [_way(found, name, alike(listed[row - 1]), None) for name, row in named[:_MOST_WAYS]]
+    last = len(found.order) + 1
+    ways.sort(key=lambda way: (bool(way.refused), way.row or last))
+    possible = [way.costs for way in ways if not way.refused]
+    return tuple(
+        way if way.refused or len(possible) == 1 else replace(way, least=_least_by(way.costs, possible))
+        for way in ways
+    )
+
+
+def _least_by(one: Costs, of: Sequence[Costs]) -> tuple[Criterion, ...]:
+    return tuple(name for name, cost in _COSTS.items() if cost(one) <= _SAME_COST * min(map(cost, of)))
+
+
+def _way(found: RankedSolutions, name: str, rows: Sequence[int], one: BranchVerdict | None) -> Way:
+    """Of rows of the list, from 1, that differ by whole turns: the first to which the arm may go."""
+    row = next((row for row in rows[:_MOST_TURNS] if found.ways.possible(found.q(row))), None)
+    row = rows[0] if row is None and rows else row
+    if row is None and one is not None:
+        return Way(name, one.branch.q, None, 0, one.refused, costs(found, one.branch.q))
+    q = found.q(row or 1)
+    return Way(name, q, row, len(rows) - 1, found.ways.refused(q), costs(found, q))
+
+
+def _postures(found: RankedSolutions) -> list[tuple[str, int]]:
+    """Name and row of some solutions far from each other, the first of each name, by their energy."""
+    robot, far = found.robot, list[FloatArray]()
+    named: dict[str, int] = {}
+    for row in range(1, len(found.order) + 1):
+        q = found.q(row)
+        if all(np.abs(np.angle(np.exp(1j * (q - other)))).max() > _FAR_RAD for other in far):
+            far.append(q)
+            pose = robot.forward(q)
+            branches = robot.branches(pose[:3, 3], rotation=pose[:3, :3])
+            same = (one.name for one in branches if np.abs(np.exp(1j * one.q) - np.exp(1j * q)).max() < 1e-4)
+            named.setdefault(next(same, f"posture {len(far)}"), row)
+        if len(far) == _MOST_WAYS:
+            break
+    return list(named.items())
+
+
+def _pieces(found: RankedSolutions) -> list[tuple[str, int]]:
+    """Name and the row of least energy of each piece of the solutions, by that energy.
+
+    A piece is of one branch, and without a gap in the free joint.
+    """
+    solutions, free = found.solutions, found.solutions.free_joint
+    place = np.empty(len(found.order), dtype=np.int64)
+    place[found.order] = np.arange(1, len(found.order) + 1)
+    pieces: list[tuple[str, int]] = []
+    for i, name in enumerate(solutions.branch_names):
+        here = np.flatnonzero(solutions.branch_index == i)
+        if free is not None and len(here):
+            angles = solutions.q[here, free]
+            ahead = np.argsort(angles, kind="stable")
+            steps = np.diff(angles[ahead])
+            usual = np.median(steps[steps > SAME_RAD]) if (steps > SAME_RAD).any() else np.inf
+            parts = np.split(here[ahead], np.flatnonzero(steps > _GAP_STEPS * usual) + 1)
+        else:
+            parts = [here] if len(here) else []
+        for part in parts:
+            first = int(place[part].min())
+            span = ""
+            if free is not None and len(parts) > 1:
+                low, high = np.sort(found.robot.shown(solutions.q[part[[0, -1]]])[:, free])
+                span = f", {found.robot.joints[free].title} {fixed(low, 0)} … {fixed(high, 0)}°"
+            pieces.append((f"{name}{span}", first))
+    return sorted(pieces, key=lambda piece: piece[1])
 
 
 def short_branch(name: str) -> str:
@@ -419,23 +444,3 @@ def _energy_curve(robot: Robot, found: RankedSolutions) -> Picture | str:
 def counted(count: int, kind: str = "") -> str:
     """So many solutions, in words."""
     return f"{count} {kind}solution{'' if count == 1 else 's'}"
-
-
-def _floor_note(robot: Robot, what: str, point: FloatArray) -> str:
-    """A warning where a point (3,) [m] is below the floor; empty where it is not."""
-    if point[2] >= robot.floor_z - FLOOR_TOLERANCE_M:
-        return ""
-    return warned(f"{what} is below the floor: a motion down to it is refused.")
-
-
-def _in_one_line(angles: str) -> str:
-    return f"<span style='white-space:nowrap'>θ = (<b>{angles}</b>)°</span>"
-
-
-def theta_heads(n: int) -> list[str]:
-    """Heads of the columns of ``n`` joint angles."""
-    return [f"θ{i + 1}°" for i in range(n)]
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

@@ -12,7 +12,8 @@ from armctl.robot import Robot
 from armctl.ui.scene.arm_model import ArmFigure
 from armctl.ui.scene.ghost import THICKER
 from armctl.ui.session import Session
-from armctl.ui.tabs.inverse.answer import BranchVerdict, RankedSolutions, short_branch, theta_heads
+from armctl.ui.tabs.inverse.answer import BranchVerdict, RankedSolutions, short_branch
+from armctl.ui.tabs.inverse.answer_html import theta_heads
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, table
 
 TAB = "Inverse"

@@ -16,16 +16,14 @@ from armctl.protocol import MoveJoints, Snapshot
 from armctl.ui.events import Newest, OneAtATime
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
-from armctl.ui.tabs.inverse.answer import (
-    RankedSolutions,
-    answer,
+from armctl.ui.tabs.inverse.answer import RankedSolutions, answer, counted, solve
+from armctl.ui.tabs.inverse.answer_html import (
     comparison_html,
-    counted,
     list_head,
     list_row,
     result_html,
     selected_html,
-    solve,
+    ways_html,
 )
 from armctl.ui.tabs.inverse.branches import NOTHING, TAB, BranchView
 from armctl.ui.tabs.inverse.target_form import TargetForm
@@ -39,6 +37,7 @@ _NOTE = (
 )
 _SOLVES_FIRST = "This button solves the changed fields first, then goes at once."
 _SOLVES_ANEW = "This button solves anew from where the arm stands, then goes at once."
+_WAYS = "ways"
 _BY_ROW: str = "by its row number"
 _FEW_HINT = "The least by each criterion and of each branch. All solutions follow below."
 _ALONG = "On the curve °"
@@ -76,9 +75,6 @@ class InverseScreen:
         self._result = LiveHtml(gui)
         self._stale = LiveHtml(gui, visible=False)
         self._nearest = gui.add_button("Take nearest point", color="orange", visible=False)
-        self._criterion = gui.add_dropdown("Least energy is", self._robot.energy.criteria)
-        self._criterion_note = LiveHtml(gui, muted(CRITERION_TEXT[checked_criterion(self._criterion.value)]))
-        self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
         self._solves_first = LiveHtml(gui, warned(_SOLVES_FIRST), visible=False)
         go_least = gui.add_button("Go by least energy", icon=viser.Icon.PLAYER_PLAY)
         self._selected = LiveHtml(gui, visible=False)
@@ -86,6 +82,10 @@ class InverseScreen:
         # the same is told below the next one
         session.needs(Need.HOLDING, go_least, also=self._no_least, told=False)
         session.needs(Need.HOLDING, go_selected, also=self._not_selected)
+        session.parts.add(gui, _WAYS)
+        self._criterion = gui.add_dropdown("Least energy is", self._robot.energy.criteria)
+        self._criterion_note = LiveHtml(gui, muted(CRITERION_TEXT[checked_criterion(self._criterion.value)]))
+        self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
         tabs = gui.add_tab_group()
         with tabs.add_tab("List"):
             self._compared = LiveHtml(gui, visible=False)
@@ -105,6 +105,7 @@ class InverseScreen:
         session.on(fill.on_click, self._on_fill)
         session.on(solve_fields.on_click, self._on_solve)
         session.on(entered.on_submit, self._on_solve)
+        session.on_part("way", self._on_way)
         session.on(self._few.on_update, self._on_few)
         session.on(self._along.on_update, self._on_along)
         session.on(self._optimum.on_click, lambda: self._select(1))
@@ -277,6 +278,13 @@ class InverseScreen:
             if one.label == self._few.value:
                 self._select(one.row)
 
+    def _on_way(self, key: str) -> None:
+        found = self._answer
+        ways = () if found is None else found.choices
+        way = ways[int(key)] if key.isdecimal() and int(key) < len(ways) else None
+        if way is not None and way.row is not None:
+            self._select(way.row)
+
     def _on_along(self) -> None:
         if self._answer is not None and self._answer.solutions.success:
             joint = self._robot.joints[self._answer.solutions.free_joint or 0]
@@ -294,6 +302,7 @@ class InverseScreen:
         for part in (self._list, self._curve_note):
             part.show(muted(NOTHING))
         self._branches.forget()
+        self._session.parts.show(_WAYS, "")
         self._preview.hide()
 
     def _show(self, found: RankedSolutions) -> None:
@@ -302,7 +311,7 @@ class InverseScreen:
         self._note.visible = self._stale.visible = False
         self._result.show(result_html(self._robot, found))
         self._nearest.visible = solutions.nearest_away_m > 0.0
-        self._pager.reset(len(solutions), 1 if solutions.success else None)
+        self._pager.reset(len(solutions), (found.instead or 1) if solutions.success else None)
         self._draw_list(found)
         self._branches.show(found)
         self._mark.position = solutions.target.position
@@ -357,6 +366,7 @@ class InverseScreen:
 
     def _draw_list(self, found: RankedSolutions) -> None:
         count, row = len(found.solutions), self._pager.row
+        self._session.parts.show(_WAYS, ways_html(found, row))
         self._compared.visible = self._few.visible = len(found.representatives) > 1
         self._selected.visible = count > 0
         if count == 0:

@@ -1,0 +1,242 @@
+"""What the Inverse tab knows of a target, as HTML: result, ways to choose among, list, comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from html import escape
+
+import numpy as np
+
+from armctl.arrays import FloatArray
+from armctl.kinematics import Criterion
+from armctl.motion import FLOOR_TOLERANCE_M
+from armctl.robot import Robot
+from armctl.ui.tabs.inverse.answer import (
+    SAME_RAD,
+    RankedSolutions,
+    Representative,
+    Way,
+    counted,
+    short_branch,
+    unit_of,
+)
+from armctl.ui.widgets.html import fixed, muted, numbers, refused, strong, table, warned
+
+
+def result_html(robot: Robot, found: RankedSolutions) -> str:
+    """Count and branches, and the configuration of least energy; or why there is none."""
+    solutions, best = found.solutions, found.best
+    if not solutions.success:
+        text = strong("No solution") + refused(f"{_capital(found.why_not)}.")
+        nearest = solutions.nearest_m
+        return text if nearest is None else text + _floor_note(robot, "The nearest point", nearest)
+    used = zip(*np.unique(solutions.branch_index, return_counts=True), strict=True)
+    branches = "; ".join(f"{solutions.branch_names[i]}: {count}" for i, count in used)
+    angles = "" if best is None else numbers(robot.shown(best).tolist(), 3)
+    if best is not None and found.why_not:
+        text = strong("No solution in that orientation") + refused(f"{_capital(found.why_not)}.")
+        text += f"<div>the nearest that was found: {_in_one_line(angles)}</div>"
+        text += muted(f"The list has {counted(len(solutions))} of the point, as near to that orientation.")
+        return text + _floor_note(robot, "The point", solutions.target.position)
+    text = strong(f"{counted(len(solutions))} inside the limits")
+    text += muted(branches + ("" if solutions.complete else f"; {solutions.incomplete_reason}"))
+    text += _floor_note(robot, "The point", solutions.target.position)
+    if best is None:
+        return text + refused(_capital(found.why_not))
+    error_mm = 1000 * float(np.linalg.norm(robot.forward(best)[:3, 3] - solutions.target.position))
+    text += f"<div>least energy {'would' if found.way_refused else 'will'} go to {_in_one_line(angles)}</div>"
+    error = "below 0.001 mm" if error_mm < 1e-3 else f"{error_mm:.3f} mm"
+    text += muted(f"{solutions.branch_of(best)}; energy {found.energy_text(best)}; error {error}")
+    row_1 = found.q(1)
+    if np.abs(row_1 - best).max() >= SAME_RAD:
+        least = found.energy_text(row_1)
+        text += muted(f"The exact least: it lies between two rows of the list (row 1: {least}).")
+    if found.criterion == "least-torque":
+        text += muted(f"Torques count {solutions.arm.energy.gravity.counted}.")
+    text += way_html(found.way_refused)
+    if found.instead is not None:
+        angles = _in_one_line(numbers(robot.shown(found.q(found.instead)).tolist(), 3))
+        text += f"<div>Go by least energy goes to row {found.instead} instead: {angles}</div>"
+        text += muted("It is the best to which the arm may go.")
+    return text
+
+
+def way_html(why: str) -> str:
+    """A warning where the way to a configuration is refused; empty where it is not."""
+    return warned(f"The way there is refused: {why}.") if why else ""
+
+
+def comparison_html(found: RankedSolutions) -> str:
+    """The representatives side by side, and what others save against the first."""
+    rows, model = found.representatives, found.solutions.arm.energy
+    if len(rows) < 2:
+        return ""
+    digits = 3 if model.stall_torque is None else 1  # N·m, or percents
+    heads = ["", "row", "Σ|θ| °", "time s", f"load {unit_of('least-torque', model)}", "verdict"]
+    figures = [
+        [f"least {', '.join(one.names)}", str(one.row), fixed(one.costs.rotation_deg, 1),
+         fixed(one.costs.time_s, 2), fixed(one.costs.load, digits), "refused" if one.refused else "possible"]
+        for one in rows
+    ]  # fmt: skip
+    counts = f"Loads count {model.gravity.counted}."
+    if not model.gravity.weighs:
+        heads, figures = [*heads[:-2], heads[-1]], [[*row[:-2], row[-1]] for row in figures]
+        counts = "There are no loads: the file of the arm gives no masses of links."
+    html = table(heads, figures, marked=0, words=(0, len(heads) - 1), small=True) + muted(counts)
+    return html + "".join(muted(saving) for saving in _savings(rows))
+
+
+def _savings(rows: Sequence[Representative]) -> list[str]:
+    """What rows save against the chosen one; of those that the arm may go to."""
+    chosen, texts = rows[0], list[str]()
+    possible = [one for one in rows if not one.refused]
+    if chosen.refused:
+        return texts
+    columns: tuple[tuple[str, Callable[[Representative], float]], ...] = (
+        ("rotation", lambda one: one.costs.rotation_deg),
+        ("time", lambda one: one.costs.time_s),
+        ("load", lambda one: one.costs.load),
+    )
+    for what, of in columns:
+        least = min(possible, key=of)
+        saved = round(100 * (1 - of(least) / of(chosen))) if of(chosen) > 0 else 0
+        if saved >= 1:
+            texts.append(f"Row {least.row} saves {saved} % {what} against row {chosen.row}.")
+    return texts
+
+
+def list_head(found: RankedSolutions) -> list[str]:
+    """The heads of the list of solutions."""
+    return ["#", *theta_heads(len(found.start)), "branch", f"energy {found.unit}"]
+
+
+def list_row(found: RankedSolutions, row: int) -> list[str]:
+    """One row of the list, counted from 1."""
+    index = found.order[row - 1]
+    return [
+        str(row),
+        *(fixed(value, 2) for value in found.robot.shown(found.q(row)).tolist()),
+        short_branch(str(found.solutions.branch[index])),
+        fixed(float(found.energy[index]), 3),
+    ]
+
+
+def selected_html(found: RankedSolutions, row: int | None) -> str:
+    """Where the selected row, from 1, goes, and why the way to it is refused, once that is judged."""
+    if row is None:
+        return muted(f"No row is selected: type a row from 1 to {len(found.solutions)}.")
+    why = found.ways.known(found.q(row))
+    angles = numbers(found.robot.shown(found.q(row)).tolist(), 2)
+    goes = "goes" if why is None else "would go" if why else "will go"
+    text = f"<div>selected row {row}: {goes} to θ = (<b>{angles}</b>)°</div>"
+    if why and why == found.way_refused:
+        return text + warned("Refused, as told above.")
+    return text + way_html(why or "")
+
+
+def _floor_note(robot: Robot, what: str, point: FloatArray) -> str:
+    """A warning where a point (3,) [m] is below the floor; empty where it is not."""
+    if point[2] >= robot.floor_z - FLOOR_TOLERANCE_M:
+        return ""
+    return warned(f"{what} is below the floor: a motion down to it is refused.")
+
+
+def _in_one_line(angles: str) -> str:
+    return f"<span style='white-space:nowrap'>θ = (<b>{angles}</b>)°</span>"
+
+
+def theta_heads(n: int) -> list[str]:
+    """Heads of the columns of ``n`` joint angles."""
+    return [f"θ{i + 1}°" for i in range(n)]
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+# The ways to choose among, as cards.
+
+
+_LEAST: dict[Criterion, str] = {
+    "shortest-time": "fastest",
+    "least-travel": "least travel",
+    "least-rotation": "least rotation",
+}
+_WAYS_TOLD = (
+    "A way is one posture of the arm that puts the tool there. Time and travel count from where the arm "
+    "stands: travel is what the joints would take one after the other."
+)
+_PICTURE, _DRAWN = 44, 36
+"""width of a picture, and of the largest arm in it [px]"""
+
+
+def ways_html(found: RankedSolutions, row: int | None) -> str:
+    """Every way as a card, the one of the selected row (from 1) as chosen; empty where there is none."""
+    ways = found.choices
+    if not ways:
+        return ""
+    possible = sum(not way.refused for way in ways)
+    many = "1 way" if len(ways) == 1 else f"{len(ways)} ways"
+    free = found.solutions.free_joint
+    about = "" if free is None else f", the best of each as {found.robot.joints[free].title} turns"
+    head = f"<b title='{escape(_WAYS_TOLD)}'>{many}</b>{escape(about)}; {possible} may be gone to"
+    chosen = next((i for i, way in enumerate(ways) if way.row == row and row is not None), None)
+    drawn = [_flat(found.robot, way.q) for way in ways]
+    low, high = np.min([one.min(axis=0) for one in drawn], 0), np.max([one.max(axis=0) for one in drawn], 0)
+    scale, middle = _DRAWN / float((high - low).max()), 0.5 * (low + high)
+    cards = "".join(
+        _card(found, way, i, _thumbnail(_PICTURE / 2 + scale * (points - middle)), chosen, first=chosen or 0)
+        for i, (way, points) in enumerate(zip(ways, drawn, strict=True))
+    )
+    name = "Ways to the target"
+    return f"<div>{head}</div><div class=armctl-cards role=listbox aria-label='{name}'>{cards}</div>"
+
+
+def _card(found: RankedSolutions, way: Way, key: int, picture: str, chosen: int | None, *, first: int) -> str:
+    """One that may be gone to with what it costs, another one with the reason."""
+    if way.refused:
+        body = f"<em>{escape(way.refused.partition(';')[0])}</em>"
+    else:
+        cost = way.costs
+        figures = [f"{fixed(cost.time_s, 2)} s", f"travel {fixed(cost.travel_s, 2)} s"]
+        if cost.load:
+            unit = unit_of("least-torque", found.solutions.arm.energy).removesuffix(" of stall")
+            figures.append(f"load {fixed(cost.load, 0 if unit == '%' else 2)} {unit}")
+        badges = "".join(f"<span class=armctl-badge>{_LEAST[one]}</span>" for one in way.least)
+        turns = f" +{way.turns} by whole turns" * bool(way.turns)
+        body = f"<p>{escape(' · '.join(figures))}</p><p>{badges}{turns}</p>"
+    shown = found.robot.shown(way.q)
+    angles = "".join(f"<span>{fixed(float(angle), 1)}°</span>" for angle in shown)
+    state = f"aria-selected={'true' if key == chosen else 'false'}" + " aria-disabled=true" * (
+        way.row is None
+    )
+    return (
+        f"<div class='armctl-card{' armctl-refused' * bool(way.refused)}' role=option {state} "
+        f"tabindex={0 if key == first else -1} data-key={key} data-do=way title='{escape(way.refused)}'>"
+        f"{picture}<div><b>{escape(way.name.replace('-', ' '))}</b>{body}</div>"
+        f"<div class=angles>{angles}</div></div>"
+    )
+
+
+def _thumbnail(at: FloatArray) -> str:
+    """The arm as a line drawing through points (k, 2) [px]."""
+    path = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in at)
+    foot = f"M{at[0][0] - 8:.1f} {at[0][1]:.1f}h16"
+    size = f"0 0 {_PICTURE} {_PICTURE}"
+    return (
+        f"<svg class=armctl-thumb viewBox='{size}' aria-hidden=true><path class=foot d='{foot}'/>"
+        f"<path d='{path}'/>"
+        f"<circle cx={at[-1][0]:.1f} cy={at[-1][1]:.1f} r=3 /></svg>"
+    )
+
+
+def _flat(robot: Robot, q: FloatArray) -> FloatArray:
+    """(k, 2) foot, joints and tool in the plane of a picture, y down [m]; seen as the 3D view first is."""
+    foot = [0.0, 0.0, min(0.0, robot.floor_z)]
+    points = np.vstack([foot, robot.frames(q)[:, :3, 3], robot.forward(q)[:3, 3]])
+    ahead = np.array([*robot.forward(robot.pose("home"))[:2, 3], 0.0])
+    ahead /= max(1e-9, float(np.linalg.norm(ahead)))
+    away = 0.62 * ahead + 0.72 * np.array([ahead[1], -ahead[0], 0.0]) + np.array([0.0, 0.0, 0.32])
+    right = np.cross([0.0, 0.0, 1.0], away)
+    up = np.cross(away, right)
+    return np.stack([points @ right / np.linalg.norm(right), -points @ up / np.linalg.norm(up)], axis=1)

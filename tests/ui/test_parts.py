@@ -1,0 +1,112 @@
+"""Parts of the page that armctl draws itself: their line, what is sent on it, what is done there."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import queue
+from collections.abc import Iterator
+
+import pytest
+from tests.ui.guard_kit import PATIENCE_S
+from websockets import Origin
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+from armctl.ui.guard import GuardedServer, guarded_server
+from armctl.ui.guard.parts import Parts
+
+PAGE = "0123456789abcdef"
+
+
+def test_what_changes_is_sent_once_however_often_it_has_changed() -> None:
+    sent: list[dict[str, str]] = []
+
+    async def main() -> None:
+        parts = Parts()
+        first, second = asyncio.Event(), asyncio.Event()
+
+        async def send(text: str) -> None:
+            sent.append(json.loads(text)["parts"])
+            (first if len(sent) == 1 else second).set()
+
+        parts.show("ways", "<b>1</b>")
+        parts.show("steps", "none")
+        telling = asyncio.create_task(parts.tell(send))
+        await first.wait()
+        for number in range(5):
+            parts.show("ways", f"<b>{number}</b>")
+        parts.show("steps", "none")  # it is no other
+        await second.wait()
+        telling.cancel()
+
+    asyncio.run(main())
+    assert sent == [{"ways": "<b>1</b>", "steps": "none"}, {"ways": "<b>4</b>"}]
+
+
+@pytest.fixture
+def server() -> Iterator[GuardedServer]:
+    server = guarded_server(port=0)
+    yield server
+    server.stop()
+
+
+def line(server: GuardedServer) -> ClientConnection:
+    here = f"127.0.0.1:{server.get_port()}"
+    return connect(f"ws://{here}/page", origin=Origin(f"http://{here}"), ping_interval=None)
+
+
+def parts_of(server: GuardedServer, html: str, page: str = PAGE) -> tuple[Parts, queue.Queue[str]]:
+    """Parts that are linked to a page, and the keys of what is chosen there."""
+    chosen: queue.Queue[str] = queue.Queue()
+
+    async def make() -> Parts:
+        parts = Parts()
+        parts.show("ways", html)
+        parts.on("way", chosen.put)
+        server.part_lines.link(page, parts)
+        return parts
+
+    return asyncio.run_coroutine_threadsafe(make(), server.get_event_loop()).result(PATIENCE_S), chosen
+
+
+def hear(page: ClientConnection) -> dict[str, str]:
+    return json.loads(page.recv(timeout=PATIENCE_S))["parts"]
+
+
+def test_a_line_that_comes_before_its_page_waits_for_it(server: GuardedServer) -> None:
+    with line(server) as page:
+        page.send(json.dumps({"page": PAGE}))
+        _, others = parts_of(server, "of another page", "fedcba9876543210")
+        _, chosen = parts_of(server, "mine")
+        assert hear(page) == {"ways": "mine"}
+        page.send(json.dumps({"do": "nothing", "key": "1"}))  # of a part that has gone
+        page.send(json.dumps({"do": "way", "key": "2"}))
+        assert chosen.get(timeout=PATIENCE_S) == "2"
+        assert others.empty()
+
+
+def test_a_page_with_another_arm_gets_its_parts_on_a_new_line(server: GuardedServer) -> None:
+    _, before = parts_of(server, "of one arm")
+    with line(server) as page:
+        page.send(json.dumps({"page": PAGE}))
+        assert hear(page) == {"ways": "of one arm"}
+        parts_of(server, "of another arm")
+        with pytest.raises(ConnectionClosed):
+            hear(page)
+    with line(server) as page:
+        page.send(json.dumps({"page": PAGE}))
+        assert hear(page) == {"ways": "of another arm"}
+    assert before.empty()
+
+
+@pytest.mark.parametrize("said", ['{"go": 1}', "[]", "nothing", '{"do": 5}', json.dumps({"do": "x" * 300})])
+def test_what_is_no_message_of_a_page_ends_the_line(server: GuardedServer, said: str) -> None:
+    _, chosen = parts_of(server, "mine")
+    with line(server) as page:
+        page.send(json.dumps({"page": PAGE}))
+        hear(page)
+        page.send(said)
+        with pytest.raises(ConnectionClosed):
+            hear(page)
+    assert chosen.empty()
