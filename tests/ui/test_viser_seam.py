@@ -231,6 +231,7 @@ CONTRACT = {
     "nameIcons": ("closeButton", "`Notification`", "list-search", "adjustments", "tabler-icon"),
     "onPlotClick": ("u-over", "__viserTestpoints", "uplots", "posToVal", "`ScrollArea`"),
     "letGoOfLists": ("role:`option`",),
+    "drawNothing": ("getContextAttributes", "getShaderPrecisionFormat", "`webgl2`"),
     "scene": (
         "__viserMutable",
         "nodeRefFromName",

@@ -117,6 +117,50 @@ const armctlViser = (() => {
     }, true);
   }
 
+  // viser's page hears its server from the loop that draws the scene: where a browser has no WebGL, three.js draws
+  // with this, which answers as a context does, and draws nothing.
+  function drawNothing() {
+    const asked = HTMLCanvasElement.prototype.getContext;
+    HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+      return asked.call(this, kind, ...more) ?? (kind === "webgl2" || kind === "webgl" ? nothing(this) : null);
+    };
+  }
+  function nothing(canvas) {
+    const GL = globalThis.WebGL2RenderingContext ?? {};
+    const none = new Set([GL.ACTIVE_UNIFORMS, GL.ACTIVE_ATTRIBUTES, GL.ACTIVE_UNIFORM_BLOCKS]);
+    const answers = {
+      canvas,
+      getContextAttributes: () => ({ alpha: true, antialias: false, depth: true, stencil: false }),
+      getSupportedExtensions: () => [],
+      getShaderPrecisionFormat: () => ({ rangeMin: 127, rangeMax: 127, precision: 23 }),
+      getProgramParameter: (_, name) => (none.has(name) ? 0 : true),
+      checkFramebufferStatus: () => GL.FRAMEBUFFER_COMPLETE,
+      clientWaitSync: () => GL.ALREADY_SIGNALED,
+      getParameter: (name) => (parameters.has(name) ? parameters.get(name) : 4096),
+    };
+    const parameters = new Map([
+      [GL.VERSION, "WebGL 2.0"],
+      [GL.SHADING_LANGUAGE_VERSION, "WebGL GLSL ES 3.00"],
+      [GL.SCISSOR_BOX, [0, 0, 1, 1]],
+      [GL.VIEWPORT, [0, 0, 1, 1]],
+      [GL.IMPLEMENTATION_COLOR_READ_FORMAT, GL.RGBA],
+      [GL.IMPLEMENTATION_COLOR_READ_TYPE, GL.UNSIGNED_BYTE],
+    ]);
+    const simple = { create: {}, fence: {}, is: false, getError: 0, getExtension: null, getAttribLocation: -1 };
+    return new Proxy(answers, {
+      get: (_, name) => {
+        if (name in answers) return answers[name];
+        if (name === "drawingBufferWidth") return canvas.width;
+        if (name === "drawingBufferHeight") return canvas.height;
+        if (typeof name !== "string" || name in GL) return GL[name];
+        const kind = Object.keys(simple).find((start) => name.startsWith(start));
+        if (kind) return () => simple[kind];
+        if (/InfoLog$|Source$/.test(name)) return () => "";
+        return /^get.*Parameter$/.test(name) ? () => true : () => undefined;
+      },
+    });
+  }
+
   // The scene, once viser has built the node `root`; null before. Poses go where those of its server go.
   function scene(root) {
     const viewer = window.__viserMutable;
@@ -133,5 +177,5 @@ const armctlViser = (() => {
     };
   }
 
-  return { answer, openTabs, buttonOf, name, onPlotClick, type, letGoOfLists, scene };
+  return { answer, openTabs, buttonOf, name, onPlotClick, type, letGoOfLists, drawNothing, scene };
 })();

@@ -21,8 +21,8 @@
     "armctl runs again, with a new link: STOP does not reach the arm from here. Open the link that it printed.";
   const UNANSWERED = "STOP was not confirmed. Use the power switch.";
   const NO_3D =
-    "This browser draws no 3D (WebGL), and the console needs it. STOP works here all the same. " +
-    "Switch on hardware acceleration in the browser's settings, or open the link in another browser or on another computer.";
+    "This browser draws no 3D (WebGL), so the picture of the arm is missing. Everything else works. For the picture, " +
+    "switch on hardware acceleration in the browser's settings, or open the link in another browser or on another computer.";
   const began = performance.now();
   const page = keptName() ?? Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) =>
     byte.toString(16).padStart(2, "0"),
@@ -72,6 +72,7 @@
 
   // Shadows are for a graphics card: they take two thirds of the pictures a second without one.
   const draws = document.createElement("canvas").getContext("webgl2") !== null;
+  if (!draws) viser("drawNothing"); // else the page would hear nothing of its server
   function drawnBy() {
     const gl = document.createElement("canvas").getContext("webgl2");
     const told = gl?.getExtension("WEBGL_debug_renderer_info");
