@@ -110,6 +110,15 @@ class Asked:
             self.robot, goal, limits, self.rng, pitched=pitched, first=first, between=between, until=until
         )
 
+    def at_its_roll(self, rolled: float | None) -> FloatArray:
+        """(n, 2) a whole turn for each joint, but for a roll that moves the tip: ``rolled``, or as asked for."""
+        wide = wide_open(self.robot)
+        if rolled is not None:
+            wide[-1] = rolled
+        elif self.roll is not None and self.rolls_aside:
+            wide[-1] = self.roll
+        return wide
+
     def holds(
         self, point: Sequence[float], pitch: float | None, limits: FloatArray, starts: int = 60
     ) -> bool:
@@ -166,7 +175,8 @@ def check_reasons(asked: Asked, reasons: list[Reason], rolled: float | None = No
                 check_links(asked, reason, rolled, next(left))
             case targets.InsideCylinder(radius, distance) | targets.BesideAxis(radius, distance):
                 assert beside_base_axis(robot, asked.point) == pytest.approx(distance, abs=1e-9)
-                assert distance < radius and asked.away(wide_open(robot), pitched=True, between={}) > 1e-6
+                wide = asked.at_its_roll(rolled)
+                assert distance < radius and asked.away(wide, pitched=True, between={}) > 1e-6
             case targets.LimitsForbid(ways, pitched):
                 for way in ways:
                     check_needs(asked, way.needs, pitched=pitched)
@@ -185,7 +195,7 @@ def check_links(
     rolled: float | None,
     held: Reason | None = None,
 ) -> None:
-    robot, wide = asked.robot, wide_open(asked.robot)
+    robot, wide = asked.robot, asked.at_its_roll(rolled)
     if why.distance_m is not None:
         assert (why.distance_m - why.length_m) * (1 if why.far else -1) == pytest.approx(why.miss_m, abs=1e-9)
     if held is not None:  # the base stays inside its limits: with them the figure is another one
@@ -195,10 +205,6 @@ def check_links(
         assert not low <= angle <= high
         assert asked.away(wide, pitched=False, between={}) < why.miss_m - _SAME
         wide[0] = robot.limits[0]
-    if rolled is not None:
-        wide[-1] = rolled
-    elif asked.roll is not None and asked.rolls_aside:  # said of the arm at the roll asked for
-        wide[-1] = asked.roll
     exact = isinstance(why, targets.OutOfReach) and not why.pitched
     if rolled is None and exact and (why.distance_m is None or why.point == "target"):
         assert asked.away(wide, pitched=False, between={}) == pytest.approx(why.miss_m, abs=_SAME), why
