@@ -111,7 +111,7 @@ class Asked:
         )
 
     def at_its_roll(self, rolled: float | None) -> FloatArray:
-        """(n, 2) a whole turn for each joint, but for a roll that moves the tip: ``rolled``, or as asked for."""
+        """(n, 2) a whole turn for each joint, but for a roll that moves the tip: ``rolled``, or as asked."""
         wide = wide_open(self.robot)
         if rolled is not None:
             wide[-1] = rolled

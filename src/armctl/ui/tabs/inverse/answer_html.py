@@ -195,7 +195,7 @@ def ways_html(found: RankedSolutions, row: int | None) -> str:
 def _card(found: RankedSolutions, way: Way, key: int, picture: str, chosen: int | None, *, first: int) -> str:
     """One that may be gone to with what it costs, another one with the reason."""
     if way.refused:
-        body = f"<em>{escape(way.refused.partition(';')[0])}</em>"
+        body = f"<em>{escape(way.refused)}</em>"
     else:
         cost = way.costs
         figures = [f"{fixed(cost.time_s, 2)} s", f"travel {fixed(cost.travel_s, 2)} s"]
