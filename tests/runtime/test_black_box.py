@@ -140,6 +140,7 @@ def test_who_asked_for_what_and_how_it_was_answered(holding: Rig) -> None:
     )
     assert "was stopped by page" in move.answer
     assert (stop.who, stop.what) == ("page", "STOP: the operator's page is gone")
+    assert [one.command for one in (enable, move, stop, run)] == ["Enable", "MoveTo", "STOP", "RunProgram"]
     assert run.what == "RunProgram program 'swing' with 1 step, loops 1, first 0"
     assert (run.answer, run.answered_s) == ("", None)
     assert (nonsense.what, len(nonsense.who)) == ("str", 400)

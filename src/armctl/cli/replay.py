@@ -90,7 +90,7 @@ def told(recording: Recording) -> list[str]:
     ]
     happened = [(one.time_s, 0, f"> {one.who}: {one.what}") for one in recording.commands]
     happened += [
-        (one.answered_s, 2, f"< {one.what.partition(' ')[0]}: {one.answer}")
+        (one.answered_s, 2, f"< {one.command or one.what}: {one.answer}")
         for one in recording.commands
         if one.answered_s is not None
     ]

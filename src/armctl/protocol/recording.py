@@ -50,6 +50,8 @@ class CommandLine(msgspec.Struct):
     answered_s: float | None = None
     answer: str = ""
     """"done", or what refused, stopped or broke it; empty: none yet"""
+    command: str = ""
+    """its name; empty: an older version wrote the file"""
 
     def end(self, answer: str, now: float) -> None:
         """It is answered at ``now`` (controller clock) [s]."""

@@ -85,7 +85,8 @@ class BlackBox:
 
     def order(self, command: object, who: str, note: str, finished: Future[None], now: float) -> None:
         """A command (None: STOP) is about to be carried out; ``finished`` will tell what became of it."""
-        line = CommandLine(now, who[:_LONGEST_WORDS], _words(command, note))
+        name = "STOP" if command is None else type(command).__name__
+        line = CommandLine(now, who[:_LONGEST_WORDS], _words(command, name, note), command=name)
 
         def answered(future: Future[None]) -> None:
             error = future.exception()
@@ -213,20 +214,20 @@ class BlackBox:
             self._closing.wait(_APART_S)
 
 
-def _words(command: object, note: str) -> str:
+def _words(command: object, name: str, note: str) -> str:
     """A command in one short line; joint angles in degrees."""
     match command:
         case None:
-            words = f"STOP: {note}" if note else "STOP"
+            words = f"{name}: {note}" if note else name
         case _:
-            names: tuple[str, ...] = getattr(command, "__struct_fields__", ())  # what is no command has none
-            fields = ((name, getattr(command, name)) for name in names)
+            keys: tuple[str, ...] = getattr(command, "__struct_fields__", ())  # what is no command has none
+            fields = ((key, getattr(command, key)) for key in keys)
             told = ", ".join(
-                f"{name} {_value(name, value)}"
-                for name, value in fields
+                f"{key} {_value(key, value)}"
+                for key, value in fields
                 if not (value is None or value is False or (isinstance(value, str) and not value))
             )
-            words = f"{type(command).__name__} {told}".strip()
+            words = f"{name} {told}".strip()
     return words[:_LONGEST_WORDS]
 
 
