@@ -23,8 +23,6 @@ _LISTS = {"_what", "_kind", "_which", "_motion", "_choice", "choice", "_list"}
 KNOWN = {
     "decoding.py": "msgspec tells what is wrong with a document in words alone",
     "protocol/snapshot.py": "whether the cause of a state tells a warning already",
-    "robot/urdf/arm.py": "whether a refusal names the file already",
-    "ui/tabs/main/urdf_arm.py": "a folder that the user never named is taken out of a refusal",
 }
 """places that do, and why"""
 

@@ -161,6 +161,14 @@ def test_an_arm_that_cannot_be_opened_is_not_kept(arm: Path, tmp_path: Path) -> 
     with pytest.raises(RobotFileError, match=r"is not XML") as refused:
         _installed("other.urdf", b"no", robots, {})
     assert str(tmp_path) not in str(refused.value)
+    for side, told in (
+        ("no", "a.armctl.toml: expected '='"),
+        ('format = 1\nurdf = "../b.urdf"', 'a.armctl.toml: urdf = "../b.urdf" leads out of the folder'),
+        ('format = 1\nurdf = "b.urdf"', "arms.zip: cannot be read: "),
+    ):
+        with pytest.raises(RobotFileError) as refused:
+            _installed("arms.zip", zipped({"a.armctl.toml": side.encode()}), robots, {})
+        assert str(tmp_path) not in str(refused.value) and told in str(refused.value)
     assert [one.name for one in robots.iterdir()] == ["my_arm"]
     with pytest.raises(InputError, match="is no URDF arm"):
         _Present.of("uzuner")

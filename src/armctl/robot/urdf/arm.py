@@ -14,6 +14,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
+from armctl.facts import About
 from armctl.kinematics import Body, Chain, GravityModel
 from armctl.kinematics.angles import rest_angle
 from armctl.kinematics.families.offset_roll.roll_sweep import recognise_offset_roll
@@ -96,11 +97,13 @@ def load_urdf(path: Path, wanted: str | None, arguments: Mapping[str, ArgumentVa
         try:
             return applied(robot, side, document, endless)
         except RobotFileError as refusal:
-            raise RobotFileError(f"{source.side_path.name}: {refusal}") from refusal
+            raise refusal.about(source.side_path.name) from refusal
     except RobotFileError as refusal:
-        if str(refusal).startswith(str(path)):
-            raise
-        raise refusal.about(str(path)) from refusal
+        match refusal.reason:
+            case About(thing) if Path(thing).is_relative_to(path):  # it names the file already
+                raise
+            case _:
+                raise refusal.about(str(path)) from refusal
 
 
 def _robot(

@@ -68,12 +68,14 @@ class UrdfSource:
     @classmethod
     def _of_side_file(cls, side: Path) -> UrdfSource:
         path, folder = _named_by(side), _unpacked_folder(side)
+        named = os.path.relpath(path, side.parent)
         if folder is not None and not path.resolve().is_relative_to(folder.resolve()):
-            raise RobotFileError(f'{side}: urdf = "{path}" leads out of the folder that it came in')
+            error = RobotFileError(f'urdf = "{named}" leads out of the folder that it came in')
+            raise error.about(str(side))
         if path.name.lower().endswith(SIDE_SUFFIX) or (
             path.is_dir() and _only_arm(path).name.lower().endswith(SIDE_SUFFIX)
         ):
-            raise RobotFileError(f'{side}: urdf = "{path}" names a side file; name the URDF file')
+            raise RobotFileError(f'urdf = "{named}" names a side file; name the URDF file').about(str(side))
         found = cls.at(path)
         return replace(found, side_path=side, folder=folder or found.folder)
 
@@ -282,10 +284,8 @@ def _named_by(side: Path) -> Path:
         path = side.with_name(arm_stem(side) + ending)
         if path.is_file():
             return path
-    raise RobotFileError(
-        f"{side}: there is no {arm_stem(side)}.urdf beside it; put it there, or name the file: "
-        'urdf = "folder/arm.urdf"'
-    )
+    missing = f"there is no {arm_stem(side)}.urdf beside it; put it there, or name the file"
+    raise RobotFileError(f'{missing}: urdf = "folder/arm.urdf"').about(str(side))
 
 
 def _only_arm(folder: Path) -> Path:
@@ -298,10 +298,10 @@ def _only_arm(folder: Path) -> Path:
         if found:
             names = [path.relative_to(folder).as_posix() for path in found]
             some = ", ".join(names[:12]) + ", …" * (len(names) > 12)
-            error = UnclearArmError(f"{folder}: holds several arms: {some}; name one: {found[0]}")
+            error = UnclearArmError(f"holds several arms: {some}; name one: {found[0]}")
             error.arms = names
-            raise error
-    raise RobotFileError(f"{folder}: holds no .urdf and no .xacro file")
+            raise error.about(str(folder))
+    raise RobotFileError("holds no .urdf and no .xacro file").about(str(folder))
 
 
 def _whole_arms(found: list[Path]) -> list[Path]:

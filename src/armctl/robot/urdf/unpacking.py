@@ -55,7 +55,8 @@ def walk(folder: Path) -> Iterator[Path]:
         for name in sorted(names):
             count += 1
             if count > MOST_FILES:
-                raise RobotFileError(f"{folder}: holds more than {MOST_FILES} files; name the URDF file")
+                error = RobotFileError(f"holds more than {MOST_FILES} files; name the URDF file")
+                raise error.about(str(folder))
             if not name.startswith("."):
                 yield Path(place) / name
 
@@ -68,7 +69,7 @@ def unpacked(path: Path) -> Path:
         try:
             write_folder(place, zip_files(content))
         except RobotFileError as refusal:
-            raise RobotFileError(f"{path}: {refusal}") from refusal
+            raise refusal.about(str(path)) from refusal
     os.utime(place)
     _forget_old(place.parent)
     return place

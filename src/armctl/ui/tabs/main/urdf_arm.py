@@ -13,6 +13,7 @@ from typing import Any
 import viser
 
 from armctl.errors import InputError, RobotFileError, UnclearArmError
+from armctl.facts import About
 from armctl.motion.clearance import clear_pose, stands_clear
 from armctl.protocol import Snapshot
 from armctl.robot import Robot, load_robot, urdf_path
@@ -292,7 +293,12 @@ def _installed(name: str, content: bytes, folder: Path, chosen: Mapping[str, Any
         shutil.rmtree(place, ignore_errors=True)
         if isinstance(refusal, UnclearArmError):
             raise
-        raise RobotFileError(str(refusal).replace(f"{place}/", "").replace(str(place), name)) from refusal
+        match refusal.reason:
+            case About(thing, reason) if Path(thing).is_relative_to(place):  # a folder that nobody named
+                file = name if Path(thing) == place else os.path.relpath(thing, place)
+                raise RobotFileError(About(file, reason)) from refusal
+            case _:
+                raise
 
 
 def _keep_choice(
