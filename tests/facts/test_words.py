@@ -13,6 +13,7 @@ from armctl.facts import (
     About,
     Advised,
     AngleLimit,
+    AngleNeeded,
     AtLimit,
     BeyondReach,
     Blocked,
@@ -20,7 +21,6 @@ from armctl.facts import (
     Found,
     MotionEndsMoving,
     Need,
-    NeedsAngle,
     NoSteps,
     NotHomed,
     NotNow,
@@ -50,7 +50,6 @@ from armctl.facts import (
     what,
 )
 from armctl.facts.targets import (
-    AngleNeeded,
     AtPoint,
     AtRoll,
     BesideAxis,
@@ -81,7 +80,7 @@ from armctl.facts.targets import (
 from armctl.facts.words import KINDS, LANGUAGES, fact_of, fact_record, preferred
 
 ELBOW = AngleLimit("Elbow", math.radians(190.004), -math.pi, math.radians(190))
-NEEDS = NeedsAngle("Elbow", -1.0, 1.0, 1.2, 66.7)
+NEEDS = AngleNeeded("Elbow", (1.2,), -1.0, 1.0, 66.7)
 SAMPLES: list[Reason] = [
     Said("no", "mend it"),
     About("step 3", ELBOW),
@@ -120,7 +119,7 @@ SAMPLES: list[Reason] = [
     TooFewJoints("line", 5, turns=True, turn=2.0, has_plane=True),
     TooFewJoints("arc", 5, turns=False, turn=2.0, has_plane=False),
     NEEDS,
-    NeedsAngle("Elbow", -1.0, 1.0, None, 12.5),
+    AngleNeeded("Elbow", (), -1.0, 1.0, 12.5),
     AtLimit("line", "Elbow", 1.0, (NEEDS, NEEDS), True, ("elbow-up", "elbow-down")),
     SingularStart("arc"),
     BranchEnds("line", "Elbow", 2.0, NoSteps(), False, ()),

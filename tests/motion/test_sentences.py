@@ -29,7 +29,18 @@ from tests.motion.sentence_kit import (
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError
-from armctl.facts import AngleLimit, Blocked, Overload, RateLimit, Reason, Several, Singular, say, targets
+from armctl.facts import (
+    AngleLimit,
+    AngleNeeded,
+    Blocked,
+    Overload,
+    RateLimit,
+    Reason,
+    Several,
+    Singular,
+    say,
+    targets,
+)
 from armctl.motion import Finding, PointToPoint, Trajectory, plan_arc, plan_line, plan_spline, preflight
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
 from armctl.robot import Robot, load_robot, shipped_robots
@@ -182,7 +193,7 @@ def check_reasons(asked: Asked, reasons: list[Reason], rolled: float | None = No
                     check_needs(asked, way.needs, pitched=pitched)
             case targets.JointsNeeded(needs, least=True):
                 check_needs(asked, needs, pitched=True)
-            case targets.AngleNeeded(joint, (angle,), low, high):
+            case AngleNeeded(joint, (angle,), low, high):
                 assert asked.roll is not None and [low, high] == robot.limits[joint_of(robot, joint)].tolist()
                 assert abs(math.remainder(angle - asked.roll, math.tau)) < 1e-9, reasons
             case _:
@@ -260,9 +271,7 @@ def check_pitch(asked: Asked, why: Reason) -> None:
             assert isinstance(why, targets.NoSuchAngle | targets.NotInOrientation), why
 
 
-def widened(
-    robot: Robot, needs: Sequence[targets.AngleNeeded], at: int = 0
-) -> tuple[FloatArray, dict[int, float]]:
+def widened(robot: Robot, needs: Sequence[AngleNeeded], at: int = 0) -> tuple[FloatArray, dict[int, float]]:
     """Limits (n, 2) with those of all the joints named as wide as is said, and what these need [rad]."""
     wide, near = robot.limits.copy(), dict[int, float]()
     for need in needs:
@@ -275,7 +284,7 @@ def widened(
     return wide, near
 
 
-def check_needs(asked: Asked, needs: Sequence[targets.AngleNeeded], *, pitched: bool) -> None:
+def check_needs(asked: Asked, needs: Sequence[AngleNeeded], *, pitched: bool) -> None:
     """With the limits of all the joints named widened to what is said, the arm gets there."""
     for which in range(max((len(need.angles) for need in needs), default=0)):
         wide, near = widened(asked.robot, needs, which)

@@ -10,13 +10,13 @@ from armctl.facts.angles import in_degrees, to_degrees
 from armctl.facts.reasons import (
     UNITS,
     AngleLimit,
+    AngleNeeded,
     AtLimit,
     BeyondReach,
     Blocked,
     BranchEnds,
     MotionEndsMoving,
     Need,
-    NeedsAngle,
     NoSteps,
     NotHomed,
     NotNow,
@@ -38,7 +38,7 @@ from armctl.facts.reasons import (
     UnmatchedBlock,
     WrongUnit,
     decimals_apart,
-    degrees_apart,
+    limits_apart,
 )
 
 _BY_HULLS = ", by convex hulls"
@@ -63,7 +63,7 @@ _ALLOWS_OFF = (Need.OFF, Need.OFF_OR_HOLDING)
 
 
 def _angle(one: AngleLimit) -> str:
-    angle, low, high = degrees_apart(one.angle, one.low, one.high)
+    (angle,), low, high = limits_apart([one.angle], one.low, one.high)
     return f"{angle} is outside {low} … {high}"
 
 
@@ -166,16 +166,19 @@ def _in_its_plane(one: TooFewJoints) -> str:
     return f"move the {one.curve}"
 
 
-def _needs_angle(one: NeedsAngle) -> str:
-    if one.angle is None:
+def angle_needed(one: AngleNeeded) -> str:
+    """What is said of one, also inside of what is said of a target."""
+    if not one.angles:
         low, high = map(in_degrees, (one.low, one.high))
         return f"before this branch ends, {one.joint} would have to leave its limits of {low} … {high}"
-    angle, low, high = degrees_apart(one.angle, one.low, one.high)
-    return f"at {one.percent:.4g} % {one.joint} would need {angle}, its limits are {low} … {high}"
+    angles, low, high = limits_apart(one.angles, one.low, one.high)
+    needs = "needs" if one.percent is None else "would need"
+    place = "" if one.percent is None else f"at {one.percent:.4g} % "
+    return f"{place}{one.joint} {needs} {' or '.join(angles)}, its limits are {low} … {high}"
 
 
 def _at_limit(one: AtLimit) -> str:
-    needs = " and ".join(map(_needs_angle, one.needs))
+    needs = " and ".join(map(angle_needed, one.needs))
     return f"{_found(one)}{one.joint} is at its limit of {in_degrees(one.limit)}; {needs}"
 
 
@@ -257,7 +260,7 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     Overload: _overload,
     OnCurve: _on_curve,
     TooFewJoints: _too_few,
-    NeedsAngle: _needs_angle,
+    AngleNeeded: angle_needed,
     AtLimit: _at_limit,
     SingularStart: lambda one: f"the arm stands in a singularity and cannot begin this {one.curve}",
     BranchEnds: _branch_ends,

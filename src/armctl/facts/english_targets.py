@@ -7,7 +7,8 @@ from typing import Any
 
 from armctl.facts import targets
 from armctl.facts.angles import in_degrees
-from armctl.facts.reasons import Reason, in_millimetres, limits_apart
+from armctl.facts.english import angle_needed
+from armctl.facts.reasons import Reason, in_millimetres
 
 _SIDES = {None: "", "facing": "facing it, ", "over the back": "over the back, "}
 _LEAST = "at the least, "
@@ -20,13 +21,8 @@ _NO_SUCH_ANGLE = {
 }
 
 
-def _needed(one: targets.AngleNeeded) -> str:
-    angles, low, high = limits_apart(one.angles, one.low, one.high)
-    return f"{one.joint} needs {' or '.join(angles)}, its limits are {low} … {high}"
-
-
 def _way(one: targets.JointsNeeded) -> str:
-    return _SIDES[one.side] + (" and ".join(map(_needed, one.needs)) or "the links do not reach it")
+    return _SIDES[one.side] + (" and ".join(map(angle_needed, one.needs)) or "the links do not reach it")
 
 
 def _joints(one: targets.JointsNeeded) -> str:
@@ -146,7 +142,6 @@ def _nearest(one: targets.NearestPoint) -> str:
 
 
 WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
-    targets.AngleNeeded: _needed,
     targets.JointsNeeded: _joints,
     targets.LimitsForbid: _forbid,
     targets.OutOfReach: _out_of_reach,

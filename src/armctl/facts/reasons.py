@@ -85,13 +85,6 @@ def decimals_apart(value: float, *others: float, least: int = 2) -> int:
     return least
 
 
-def degrees_apart(value: float, *others: float) -> tuple[str, ...]:
-    """Angles [rad] as texts in degrees, with so many decimals that the first reads unlike the others."""
-    first, *rest = (to_degrees(angle) + 0.0 for angle in (value, *others))
-    digits = decimals_apart(first, *rest)
-    return tuple(f"{angle:z.{digits}f}°" for angle in (first, *rest))
-
-
 def limits_apart(angles: Sequence[float], low: float, high: float) -> tuple[list[str], str, str]:
     """Each of some angles once, and limits, all [rad], as texts in degrees that read unlike each other."""
     least, most, *needed = (to_degrees(angle) + 0.0 for angle in (low, high, *angles))
@@ -356,16 +349,16 @@ class TooFewJoints(Reason):
 
 
 @dataclass(frozen=True, slots=True)
-class NeedsAngle(Reason):
-    """An angle beyond its limits that a joint would need farther on a curve [rad]."""
+class AngleNeeded(Reason):
+    """A joint, or an angle between links, that would have to leave its limits [rad]."""
 
     joint: str
+    angles: tuple[float, ...]
+    """each of which would do; empty: the place on a curve, as it is said, does not tell it"""
     low: float
     high: float
-    angle: float | None
-    """None: the place, as it is said, does not tell it"""
-    percent: float
-    """of the way, where"""
+    percent: float | None = None
+    """of the way, where it is farther on a curve; None: for a target"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -375,7 +368,7 @@ class AtLimit(Reason):
     curve: str
     joint: str
     limit: float
-    needs: tuple[NeedsAngle, ...]
+    needs: tuple[AngleNeeded, ...]
     searched: bool
     """the way is the best of those that were found"""
     branches: tuple[str, ...]

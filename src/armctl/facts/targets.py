@@ -9,24 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from armctl.facts.reasons import Reason
+from armctl.facts.reasons import AngleNeeded, Reason
 
 Side = Literal["facing", "over the back"]
 """how the base turns to a target"""
 
 
 # What the joints would have to do.
-
-
-@dataclass(frozen=True, slots=True)
-class AngleNeeded(Reason):
-    """A joint, or an angle between links, that would have to leave its limits."""
-
-    joint: str
-    angles: tuple[float, ...]
-    """each of which would do"""
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,13 +10,13 @@ from armctl.facts.angles import in_degrees, to_degrees
 from armctl.facts.reasons import (
     UNITS,
     AngleLimit,
+    AngleNeeded,
     AtLimit,
     BeyondReach,
     Blocked,
     BranchEnds,
     MotionEndsMoving,
     Need,
-    NeedsAngle,
     NoSteps,
     NotHomed,
     NotNow,
@@ -38,7 +38,7 @@ from armctl.facts.reasons import (
     UnmatchedBlock,
     WrongUnit,
     decimals_apart,
-    degrees_apart,
+    limits_apart,
 )
 
 AT, STEP, MORE = "{:.{}f} saniyede, ", "adım {}: ", " (ve {} tane daha)"
@@ -84,7 +84,7 @@ _HELD = {"": "", "pitch": "o takım eğimiyle ", "rotation": "o takım yönelimi
 
 
 def _angle(one: AngleLimit) -> str:
-    angle, low, high = degrees_apart(one.angle, one.low, one.high)
+    (angle,), low, high = limits_apart([one.angle], one.low, one.high)
     return f"{angle}, {low} … {high} aralığının dışında"
 
 
@@ -187,16 +187,18 @@ def _in_its_plane(one: TooFewJoints) -> str:
     return _move(one)
 
 
-def _needs_angle(one: NeedsAngle) -> str:
-    if one.angle is None:
+def angle_needed(one: AngleNeeded) -> str:
+    """What is said of one, also inside of what is said of a target."""
+    if not one.angles:
         low, high = map(in_degrees, (one.low, one.high))
         return f"bu dal bitmeden {one.joint} {low} … {high} sınırlarının dışına çıkmak zorunda kalır"
-    angle, low, high = degrees_apart(one.angle, one.low, one.high)
-    return f"% {one.percent:.4g} noktasında {one.joint} için {angle} gerekir, sınırları {low} … {high}"
+    angles, low, high = limits_apart(one.angles, one.low, one.high)
+    place = "" if one.percent is None else f"% {one.percent:.4g} noktasında "
+    return f"{place}{one.joint} için {' ya da '.join(angles)} gerekir, sınırları {low} … {high}"
 
 
 def _at_limit(one: AtLimit) -> str:
-    needs = " ve ".join(map(_needs_angle, one.needs))
+    needs = " ve ".join(map(angle_needed, one.needs))
     return f"{_found(one)}{one.joint} {in_degrees(one.limit)} olan sınırında; {needs}"
 
 
@@ -278,7 +280,7 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     Overload: _overload,
     OnCurve: _on_curve,
     TooFewJoints: _too_few,
-    NeedsAngle: _needs_angle,
+    AngleNeeded: angle_needed,
     AtLimit: _at_limit,
     SingularStart: lambda one: f"kol bir tekillikte duruyor ve bu {_followed(one.curve)} izlemeye başlayamaz",
     BranchEnds: _branch_ends,

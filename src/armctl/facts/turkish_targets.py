@@ -7,7 +7,8 @@ from typing import Any
 
 from armctl.facts import targets
 from armctl.facts.angles import in_degrees
-from armctl.facts.reasons import Reason, in_millimetres, limits_apart
+from armctl.facts.reasons import Reason, in_millimetres
+from armctl.facts.turkish import angle_needed
 
 _SIDES = {None: "", "facing": "hedefe dönükken ", "over the back": "arkaya uzanırken "}
 _LEAST = "en azından "
@@ -21,13 +22,8 @@ _NO_SUCH_ANGLE = {
 }
 
 
-def _needed(one: targets.AngleNeeded) -> str:
-    angles, low, high = limits_apart(one.angles, one.low, one.high)
-    return f"{one.joint} için {' ya da '.join(angles)} gerekir, sınırları {low} … {high}"
-
-
 def _way(one: targets.JointsNeeded) -> str:
-    return _SIDES[one.side] + (" ve ".join(map(_needed, one.needs)) or "uzuvlar oraya yetişmiyor")
+    return _SIDES[one.side] + (" ve ".join(map(angle_needed, one.needs)) or "uzuvlar oraya yetişmiyor")
 
 
 def _joints(one: targets.JointsNeeded) -> str:
@@ -148,7 +144,6 @@ def _nearest(one: targets.NearestPoint) -> str:
 
 
 WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
-    targets.AngleNeeded: _needed,
     targets.JointsNeeded: _joints,
     targets.LimitsForbid: _forbid,
     targets.OutOfReach: _out_of_reach,

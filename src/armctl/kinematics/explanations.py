@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray, content, lock
-from armctl.facts import Reason, Several, WrongUnit
-from armctl.facts.targets import AngleNeeded, HeldAtLimit, NearestPoint, PointReached
+from armctl.facts import AngleNeeded, Reason, Several, WrongUnit
+from armctl.facts.targets import HeldAtLimit, NearestPoint, PointReached
 from armctl.kinematics.angles import SAME_ROTATION
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel

@@ -9,8 +9,8 @@ import numpy as np
 
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.errors import InputError
-from armctl.facts import Reason, say
-from armctl.facts.targets import AngleNeeded, JointsNeeded, OrientationImpossible, OrientationNeeds
+from armctl.facts import AngleNeeded, Reason, say
+from armctl.facts.targets import JointsNeeded, OrientationImpossible, OrientationNeeds
 from armctl.kinematics.angles import LIMIT_TOLERANCE, rest_angle, whole_turns
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel

@@ -13,10 +13,10 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, MotionRefusedError, UnreachableError
 from armctl.facts import (
+    AngleNeeded,
     AtLimit,
     BeyondReach,
     BranchEnds,
-    NeedsAngle,
     OnCurve,
     PitchDecided,
     Reason,
@@ -265,13 +265,14 @@ def _place_of(path: PiecewisePolynomial, piece: int, joint: int, value: float) -
     return 0.5 * (begin + end)
 
 
-def _needed(tried: Attempt, path: PiecewisePolynomial, need: _Need) -> NeedsAngle:
+def _needed(tried: Attempt, path: PiecewisePolynomial, need: _Need) -> AngleNeeded:
     joint, share = tried.robot.joints[need.joint], round(100.0 * need.s / tried.curve.length, 1)
     # near the end of a branch a joint turns so fast that the place, as it is said, does not tell the angle
     off = _SHOWN * tried.curve.length
     around = path(np.clip([need.s - off, need.s + off], path.breaks[0], path.breaks[-1]))[:, need.joint]
     turns_fast = share < 100.0 and np.abs(around - need.angle).max() > _TOLD
-    return NeedsAngle(joint.title, joint.lower, joint.upper, None if turns_fast else need.angle, share)
+    angles = () if turns_fast else (need.angle,)
+    return AngleNeeded(joint.title, angles, joint.lower, joint.upper, share)
 
 
 def end_refusal(tried: Attempt) -> ToolPathRefusedError | ToolPathUnreachableError:

@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.facts import Reason, Several
+from armctl.facts import AngleNeeded, Reason, Several
 from armctl.facts.targets import (
-    AngleNeeded,
     InsideCylinder,
     JointsNeeded,
     LimitsForbid,
