@@ -57,6 +57,7 @@ from armctl.facts.targets import (
     BetweenReaches,
     HeldAtLimit,
     InsideCylinder,
+    Instead,
     JointsNeeded,
     LimitsForbid,
     MayExist,
@@ -76,8 +77,9 @@ from armctl.facts.targets import (
     PitchOfRods,
     PitchOutside,
     PointReached,
+    PoseUnmet,
 )
-from armctl.facts.words import KINDS, LANGUAGES, fact_of, fact_record, preferred
+from armctl.facts.words import KINDS, LANGUAGES, fact_of, fact_record, opening, preferred
 
 ELBOW = AngleLimit("Elbow", math.radians(190.004), -math.pi, math.radians(190))
 NEEDS = AngleNeeded("Elbow", (1.2,), -1.0, 1.0, 66.7)
@@ -130,6 +132,8 @@ SAMPLES: list[Reason] = [
     NotNow("", Need.PAUSE, State.MOVING, "a line", "a line", stopping=True),
     NotNow("", Need.PAUSE, State.MOVING, "a line", "a line"),
 ]
+SAMPLES += [ToDo("mend pose"), PoseUnmet(None), PoseUnmet(ELBOW)]
+SAMPLES += [Instead("wait"), Instead("go near"), Instead("go near", "elbow-up")]
 NEEDED = AngleNeeded("Elbow", (1.7, -1.8), -1.5, 1.5)
 WAY = JointsNeeded((NEEDED, AngleNeeded("Base", (2.0,), -1.0, 1.0)), least=True)
 SAMPLES += [
@@ -265,6 +269,14 @@ def test_numbers_read_unlike_the_limit_that_they_pass() -> None:
     assert RateLimit("Base", "speed", 2.0, 1.0).longer == 2.0
     assert RateLimit("Base", "jerk", 8.0, 1.0).longer == 2.0
     assert advice(RateLimit("Base", "jerk", 8.0, 1.0)) == "take 2.00 times as long"
+
+
+def test_a_capital_is_that_of_the_language_of_its_word() -> None:
+    both = (NoOrientationNear(), Said("it"))
+    assert opening(both[0], "tr") == f"İ{say(both[0], 'tr')[1:]}" and say(both[0], "tr")[0] == "i"
+    assert opening(both[0], "en").startswith("No orientation")
+    assert opening(both[1], "tr") == "It" and opening(About("it.urdf", both[0]), "tr").startswith("It.urdf: ")
+    assert opening(Several(both), "tr")[0] == "İ" and opening(Several(both[::-1]), "tr")[:2] == "It"
 
 
 def test_what_a_check_found_is_one_reason_that_is_said_as_before() -> None:

@@ -129,6 +129,13 @@ def test_out_of_reach_it_goes_to_the_nearest_point_and_says_why(rig: Rig) -> Non
     assert_accelerations_keep_limits(rig)
 
 
+def test_what_it_does_instead_is_said_in_the_language_of_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LC_ALL", "tr_TR.UTF-8")
+    note = live_goal(ROBOT, KeepClear(ROBOT), HOME, Target.of([0.5, 0.0, 0.2]), None, None).note
+    assert note is not None and note.startswith("171.3 mm fazla uzak: ")
+    assert note.endswith("; en yakın nokta izleniyor")
+
+
 def test_below_the_floor_it_stays_above(rig: Rig) -> None:
     follow(rig, [0.2, 0.0, -0.1], 4.0)
     floor = Floor(ROBOT)

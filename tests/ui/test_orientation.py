@@ -10,6 +10,8 @@ from tests.robot.panda_kit import panda
 from tests.ui.page_kit import FakePage
 
 from armctl.errors import InputError, UnreachableError
+from armctl.facts import Several, ToDo, say
+from armctl.facts.targets import PoseUnmet
 from armctl.kinematics import Target, quaternion_wxyz, roll_pitch_yaw, rotation_from_rpy
 from armctl.kinematics.angles import rotation_angle
 from armctl.protocol import MoveJoints
@@ -85,8 +87,13 @@ def test_a_pose_that_cannot_be_had_leaves_the_angles(server: GuardedServer) -> N
     page = FakePage(server, robot, robot.pose("home"))
     ForwardScreen(page.session)
     page.put("Z mm", "5000")
-    with pytest.raises(UnreachableError, match="not the same pose"):
+    with pytest.raises(UnreachableError, match="not the same pose") as refused:
         page.press(REFERENCE)
+    match refused.value.reason:
+        case Several((PoseUnmet(reason), ToDo("mend pose"))):
+            assert reason is not None and "too far" in say(reason) and say(reason) in str(refused.value)
+        case other:
+            raise AssertionError(other)
     home = robot.pose("home")
     reach = robot.inverse([9.0, 0.0, 0.3]).nearest_m
     assert reach is not None
@@ -94,9 +101,9 @@ def test_a_pose_that_cannot_be_had_leaves_the_angles(server: GuardedServer) -> N
     edge = solve(robot, there, "least-rotation", home)
     shown = result_html(robot, edge)
     assert "No solution in that orientation" in shown and "least energy will go to" not in shown
-    assert edge.best is not None and "not in that orientation" in edge.why_not  # then none goes
+    assert edge.best is not None and edge.why_not and "not in that orientation" in say(edge.why_not)
     found = coupled_joints(robot, there, home)
-    assert found.q is None and "not in that orientation" in found.why_not
+    assert found.q is None and found.why_not and "not in that orientation" in say(found.why_not)
     assert found.nearest_q is not None
 
 

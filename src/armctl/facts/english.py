@@ -54,6 +54,7 @@ _TO_DO = {
     "other pose": "choose another pose to enable in",
     "support and enable": "support the arm, release it (it drops) and enable again",
     "turn back": "release it and turn it back by hand, or press Homing",
+    "mend pose": "mend the pose, take the nearest, or type a joint angle",
 }
 _UNMATCHED = {
     "end": "'end' without a 'repeat' before it; delete it, or add the 'repeat'",

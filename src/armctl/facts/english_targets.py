@@ -141,6 +141,17 @@ def _nearest(one: targets.NearestPoint) -> str:
     return f"{inside}the nearest reachable point{_ORIENTATIONS[one.orientation]} is {point}{held}"
 
 
+def _instead(one: targets.Instead) -> str:
+    if one.branch:
+        return f"the nearest point needs {one.branch}: the arm keeps its posture and waits"
+    return "the arm waits" if one.what == "wait" else "following the nearest point"
+
+
+def _unmet(one: targets.PoseUnmet) -> str:
+    why = "" if one.reason else "its joint angles are still being computed"
+    return f"the pose fields and the joint angles are not the same pose: {why}"
+
+
 WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.JointsNeeded: _joints,
     targets.LimitsForbid: _forbid,
@@ -164,6 +175,8 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.PitchNotFound: _pitch_not_found,
     targets.NoneWithoutLimits: lambda one: f"even without joint limits, none of {one.starts} led there",
     targets.MayExist: lambda _: "there may be one that was not found",
+    targets.Instead: _instead,
+    targets.PoseUnmet: _unmet,
     targets.Besides: lambda _: "besides, ",
     targets.AtRoll: lambda one: f"with {one.joint} at {in_degrees(one.roll)}, where it comes nearest: ",
     targets.AtPoint: lambda one: f"point {one.number} of {one.count}: ",
@@ -171,4 +184,4 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.NearestPoint: _nearest,
     targets.PointReached: lambda _: "the point itself can be reached",
 }
-"""Of ``Besides``, ``AtRoll`` and ``AtPoint`` what is said ahead of the reason inside."""
+"""Of ``PoseUnmet``, ``Besides``, ``AtRoll`` and ``AtPoint`` what is said ahead of the reason inside."""

@@ -170,7 +170,7 @@ class Found(Reason):
 class ToDo(Reason):
     """What to do about the reason ahead of it, where that was met."""
 
-    what: Literal["other pose", "support and enable", "turn back"]
+    what: Literal["other pose", "support and enable", "turn back", "mend pose"]
 
 
 @dataclass(frozen=True, slots=True)

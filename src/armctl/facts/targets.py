@@ -207,6 +207,26 @@ class MayExist(Reason):
     """A solution inside the limits may have been missed."""
 
 
+# What becomes of a target that is not gone to; behind why it is not.
+
+
+@dataclass(frozen=True, slots=True)
+class Instead(Reason):
+    """What the arm does instead of going to a live target."""
+
+    what: Literal["wait", "go near"]
+    branch: str = ""
+    """of the nearest point, for which the arm does not leave its own"""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseUnmet(Reason):
+    """A pose that was typed, and beside which the joint angles are of another one."""
+
+    reason: Reason | None
+    """None: those of the pose are still being computed"""
+
+
 # What is said besides, or ahead of another reason.
 
 

@@ -64,6 +64,7 @@ _TO_DO = {
     "other pose": "etkinleştirmek için başka bir duruş seçin",
     "support and enable": "kolu destekleyin, serbest bırakın (düşer) ve yeniden etkinleştirin",
     "turn back": "serbest bırakıp elle geri çevirin ya da Homing düğmesine basın",
+    "mend pose": "pozu düzeltin, en yakınını alın ya da bir eklem açısı yazın",
 }
 _UNMATCHED = {
     "end": "bu 'end' öncesinde 'repeat' yok; silin ya da 'repeat' ekleyin",

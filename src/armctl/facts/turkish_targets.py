@@ -143,6 +143,17 @@ def _nearest(one: targets.NearestPoint) -> str:
     return f"{inside}{_ORIENTATIONS[one.orientation]}erişilebilen en yakın nokta {point}{held}"
 
 
+def _instead(one: targets.Instead) -> str:
+    if one.branch:
+        return f"en yakın nokta için {one.branch} gerekir: kol duruşunu koruyor ve bekliyor"
+    return "kol bekliyor" if one.what == "wait" else "en yakın nokta izleniyor"
+
+
+def _unmet(one: targets.PoseUnmet) -> str:
+    why = "" if one.reason else "pozun eklem açıları hâlâ hesaplanıyor"
+    return f"poz alanları ile eklem açıları aynı poz değil: {why}"
+
+
 WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.JointsNeeded: _joints,
     targets.LimitsForbid: _forbid,
@@ -168,6 +179,8 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
         f"eklem sınırları olmadan da {one.starts} başlangıcın hiçbiri oraya varmadı"
     ),
     targets.MayExist: lambda _: "bulunamamış bir çözüm olabilir",
+    targets.Instead: _instead,
+    targets.PoseUnmet: _unmet,
     targets.Besides: lambda _: "ayrıca ",
     targets.AtRoll: lambda one: f"{one.joint} en çok yaklaştığı {in_degrees(one.roll)} açısındayken: ",
     targets.AtPoint: lambda one: f"{one.count} noktadan {one.number}. nokta: ",
@@ -175,4 +188,4 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.NearestPoint: _nearest,
     targets.PointReached: lambda _: "noktanın kendisine erişilebilir",
 }
-"""Of ``Besides``, ``AtRoll`` and ``AtPoint`` what is said ahead of the reason inside."""
+"""Of ``PoseUnmet``, ``Besides``, ``AtRoll`` and ``AtPoint`` what is said ahead of the reason inside."""

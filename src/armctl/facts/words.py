@@ -24,7 +24,7 @@ from armctl.facts.reasons import (
     Several,
     State,
 )
-from armctl.facts.targets import AtPoint, AtRoll, Besides
+from armctl.facts.targets import AtPoint, AtRoll, Besides, PoseUnmet
 
 
 class Language(NamedTuple):
@@ -78,7 +78,11 @@ def what(reason: Reason, language: str | None = None) -> str:
             return _found(reason, language)
         case Besides() | AtRoll() | AtPoint():
             return f"{_table(language).what[type(reason)](reason)}{say(reason.reason, language)}"
-        case BeyondReach(why=Reason() as inner) | BranchEnds(at_end=Reason() as inner):
+        case (
+            BeyondReach(why=Reason() as inner)
+            | BranchEnds(at_end=Reason() as inner)
+            | PoseUnmet(reason=Reason() as inner)
+        ):
             return f"{_table(language).what[type(reason)](reason)}{say(inner, language)}"
         case OnCurve():
             told = f"{_table(language).what[OnCurve](reason)}: {say(reason.reason, language)}"
@@ -129,6 +133,21 @@ def at(time_s: float | None, digits: int = 2, language: str | None = None) -> st
 def state_words(state: State, language: str | None = None) -> str:
     """What a state is called."""
     return _table(language).states[state]
+
+
+def opening(reason: Reason, language: str | None = None) -> str:
+    """``say`` with a capital in front: that of the user's language, unless the word is English or a name."""
+    text = say(reason, language)
+    return capitals(text[:1], "en" if _is_said(reason) else language) + text[1:]
+
+
+def _is_said(reason: Reason) -> bool:
+    """Whether the first word is a name, or of a text that there is in English alone."""
+    match reason:
+        case Several(reasons=(first, *_)) | Advised(reason=first) | Found(reason=first):
+            return _is_said(first)
+        case _:
+            return isinstance(reason, Said | About)
 
 
 def capitals(text: str, language: str | None = None) -> str:

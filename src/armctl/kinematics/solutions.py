@@ -98,7 +98,7 @@ class Solutions(ByContent):
 
     def said(self, language: str | None = None) -> str | None:
         """The same in a language ("en", "tr"); None is the user's."""
-        return None if (why := self._refusal()) is None else say(why, language)
+        return None if (why := self.why()) is None else say(why, language)
 
     @cached_property
     def bare_reason(self) -> Reason | None:
@@ -111,10 +111,11 @@ class Solutions(ByContent):
         """The reason and the nearest reachable point, as data; None when solved."""
         q, point = self.nearest_q, self.nearest_m
         if q is None or point is None:
-            return self._refusal()
-        return self._refusal(nearest_point(self.arm, self.target, q, point, self.nearest_away_m))
+            return self.why()
+        return self.why(nearest_point(self.arm, self.target, q, point, self.nearest_away_m))
 
-    def _refusal(self, instead: Reason | None = None) -> Reason | None:
+    def why(self, instead: Reason | None = None) -> Reason | None:
+        """Why there is none, as data, and what is done ``instead``; None when solved."""
         bare = self.bare_reason
         return None if bare is None else refusal(bare, self.arm, self.target, instead)
 
@@ -366,7 +367,7 @@ class Solutions(ByContent):
         A roll that is free does not count.
         """
         if not self.success:
-            raise UnreachableError(self._refusal() or "there is no solution")
+            raise UnreachableError(self.why() or "there is no solution")
         apart = np.abs(self.q - self.arm.chain.checked_one(q))
         if self.free_roll is not None:
             apart[:, self.free_roll] = 0.0

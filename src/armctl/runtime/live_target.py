@@ -10,7 +10,9 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, MotionRefusedError
+from armctl.facts import say
 from armctl.facts.angles import DEGREE
+from armctl.facts.targets import Instead
 from armctl.kinematics import Solutions, Target
 from armctl.protocol import Command, FollowTarget, StreamJoints
 from armctl.robot import Robot
@@ -209,16 +211,19 @@ def _toward_nearest(robot: Robot, q: FloatArray, found: Solutions, pitch: float 
     """To the reachable point nearest to the target, or just short of it: at its edge the arm is singular."""
     goal, point, target = found.nearest_q, found.nearest_m, found.target
     if goal is None or point is None:
-        return LiveGoal(None, f"{found.reason}; the arm waits")
+        return LiveGoal(None, _instead(found, Instead("wait")))
     back = robot.forward(q)[:3, 3] - point
     back *= min(_SHORT_M / max(float(np.linalg.norm(back)), _SHORT_M), 1.0)
     short = _solutions(robot, q, Target.of(point + back, target.pitch, target.roll, target.rotation), pitch)
     if short.success:
         goal, branch = _nearest(robot, q, short)
         if branch is not None:
-            why = f"the nearest point needs {branch}: the arm keeps its posture and waits"
-            return LiveGoal(None, f"{found.reason}; {why}")
-    return _swing_checked(robot, q, goal, point, f"{found.reason}; following the nearest point")
+            return LiveGoal(None, _instead(found, Instead("wait", branch)))
+    return _swing_checked(robot, q, goal, point, _instead(found, Instead("go near")))
+
+
+def _instead(found: Solutions, instead: Instead) -> str | None:
+    return None if (why := found.why(instead)) is None else say(why)
 
 
 def _in_orientation(robot: Robot, q: FloatArray, target: Target, rotation: FloatArray) -> Solutions | None:

@@ -86,7 +86,7 @@ def show_typed(
     try:
         q = session.console.robot.check_limits(angles.array)
     except ArmctlError as refusal:
-        problem.show(refused(sentence(str(refusal))))
+        problem.show(refused(sentence(refusal.reason)))
         session.ghost.hide(owner)
         return
     problem.show("")

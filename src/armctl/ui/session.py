@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import viser
 
 from armctl.errors import ArmctlError
-from armctl.facts import Need, say
+from armctl.facts import Need, Reason, say
 from armctl.protocol import Command, ControlCommand, Origin, Snapshot, Ticket
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.look.rows import Theme
@@ -149,7 +149,7 @@ class Session:
         self,
         arm: Need | Callable[[], Need | None] | None,
         *controls: Disableable,
-        also: Callable[[Snapshot], str | None] | None = None,
+        also: Callable[[Snapshot], str | Reason | None] | None = None,
         told: bool = True,
         anyone: bool = False,
     ) -> None:
@@ -188,7 +188,7 @@ class Session:
         self, offer: _Offer, snapshot: Snapshot, why_not: Callable[[Need | None], str | None]
     ) -> None:
         arm = offer.arm() if callable(offer.arm) else offer.arm
-        why = None if offer.anyone else why_not(arm)
+        why: str | Reason | None = None if offer.anyone else why_not(arm)
         if why is None and offer.also is not None:
             why = offer.also(snapshot)
         for control in offer.controls:
@@ -436,6 +436,6 @@ class _Offer:
 
     controls: tuple[Disableable, ...]
     arm: Need | Callable[[], Need | None] | None
-    also: Callable[[Snapshot], str | None] | None
+    also: Callable[[Snapshot], str | Reason | None] | None
     reason: LiveHtml | None
     anyone: bool

@@ -10,6 +10,8 @@ from html import escape
 
 import viser
 
+from armctl.facts import Reason
+from armctl.facts.words import opening
 from armctl.motion.preflight import Finding, Unchecked
 from armctl.ui.events import On
 
@@ -62,9 +64,9 @@ def with_minus(text: str) -> str:
     return _MINUS.sub("−", text)
 
 
-def sentence(text: str) -> str:
-    """A message as a sentence of its own."""
-    text = with_minus(text)
+def sentence(said: str | Reason) -> str:
+    """A message, or a reason in words, as a sentence of its own."""
+    text = with_minus(said if isinstance(said, str) else opening(said))
     return text if text.endswith(".") else f"{text[:1].upper()}{text[1:]}."
 
 

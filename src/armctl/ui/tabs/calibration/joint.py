@@ -219,7 +219,7 @@ def fit_html(work: CalibrationWork, joint: str) -> str:
     try:
         fit = work.fit(joint)
     except ArmctlError as error:
-        return refused(sentence(str(error)))
+        return refused(sentence(error.reason))
     if fit is None:
         left = LEAST_MARKS - len(marks)
         return muted(f"{left} more mark{'' if left == 1 else 's'} needed, as far apart as the joint allows.")
@@ -243,7 +243,7 @@ def limits_html(work: CalibrationWork, joint: str) -> str:
     try:
         low, high = work.limits(joint)
     except ArmctlError as error:
-        return refused(sentence(str(error)))
+        return refused(sentence(error.reason))
     mine, now = work.joint(joint), work.in_force and work.in_force.joints.get(joint)
     if mine.low is not None or mine.high is not None:
         said = "set here"
@@ -293,7 +293,7 @@ class CalibrationGripper:
         try:
             output = standing_gripper(self._session.console.robot, snapshot)
         except ArmctlError as error:
-            return muted(sentence(str(error)))
+            return muted(sentence(error.reason))
         return f"<div>Stands at <b>{fixed(output, 1)} {self._work.map.unit}</b></div>"
 
     async def _on_move(self) -> None:

@@ -12,8 +12,9 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, UnreachableError
-from armctl.facts import Need, State
+from armctl.facts import Need, Reason, Said, Several, State, ToDo, say
 from armctl.facts.angles import from_degrees, to_degrees
+from armctl.facts.targets import PoseUnmet
 from armctl.kinematics import DEFAULT_STEP, Target
 from armctl.kinematics.velocity import position_leaves_pitch
 from armctl.protocol import MoveJoints, Snapshot
@@ -198,7 +199,7 @@ def results_html(
     present: FloatArray,
     *,
     edited: bool = True,
-    unmet: str = "",
+    unmet: Reason | None = None,
     ghost: str = "",
 ) -> str:
     """A row for where the arm is, and one for where each button would send it.
@@ -316,8 +317,8 @@ class CoupledJoints:
 
     q: FloatArray | None
     """(n,) the solution nearest to the joint angles before [rad]"""
-    why_not: str = ""
-    """why there is none, and what is nearest; empty where there is one"""
+    why_not: Reason | None = None
+    """why there is none, and what is nearest; None where there is one"""
     nearest_q: FloatArray | None = None
     """(n,) the configuration that comes nearest where there is none [rad]"""
 
@@ -326,7 +327,7 @@ def coupled_joints(robot: Robot, target: Target, before: FloatArray) -> CoupledJ
     """The solution of a pose that takes the least travel from joint angles ``before`` (n,) [rad]."""
     solutions = robot.inverse_kinematics.solve(target, DEFAULT_STEP, before)
     if not solutions.success:
-        return CoupledJoints(None, solutions.explanation or "there is no solution", solutions.nearest_q)
+        return CoupledJoints(None, solutions.refusal or Said("there is no solution"), solutions.nearest_q)
     ways = [solutions]
     if solutions.free_joint is not None and target.rotation is None:
         # a sweep holds grid values only; the pitch before lies between them, and the same pose must come back
@@ -335,7 +336,7 @@ def coupled_joints(robot: Robot, target: Target, before: FloatArray) -> CoupledJ
         ways += [held] if held.success else []
     nearest = min(ways, key=lambda way: float(way.energies("least-travel", before).min()))
     q = nearest.best("least-travel", before)
-    turned_off = robot.turned_off(nearest, q)
+    turned_off = robot.off_rotation(nearest, q)
     return CoupledJoints(q) if turned_off is None else CoupledJoints(None, turned_off, q)
 
 
@@ -352,8 +353,8 @@ class PoseCoupling:
         self.pose = PoseFields(gui, self._robot, self._before)
         self._line = LiveHtml(gui, self._pose_line(self._before))
         self._take = gui.add_button("Take nearest pose", color="orange", visible=False)
-        self.unmet = ""
-        """why the pose fields and the angle fields are not the same pose; empty: they are"""
+        self.unmet: Reason | None = None
+        """why the pose fields and the angle fields are not the same pose; None: they are, or ``computing``"""
         self.computing = False
         """whether the joint angles for the pose fields are not known yet"""
         self._nearest: FloatArray | None = None
@@ -366,16 +367,13 @@ class PoseCoupling:
 
     def require_met(self) -> None:
         """Refuse while the pose fields show another pose than the angle fields, and say why they do."""
-        if self.unmet:
-            raise UnreachableError(
-                f"the pose fields and the joint angles are not the same pose: {self.unmet}; mend the pose, "
-                "take the nearest, or type a joint angle"
-            )
+        if self.unmet or self.computing:
+            raise UnreachableError(Several((PoseUnmet(self.unmet), ToDo("mend pose"))))
 
     def follow_angles(self) -> None:
         """The joint angles are what counts: show their pose, if they are complete."""
         self._newest.drop()
-        self._edited, self.unmet, self.computing = None, "", False
+        self._edited, self.unmet, self.computing = None, None, False
         try:
             q = self._angles.array
         except ArmctlError:  # half-typed, which the screen says and refuses to use
@@ -392,12 +390,12 @@ class PoseCoupling:
             except ArmctlError:  # half-typed: those before
                 pass
         self._newest.drop()
-        self.unmet, self.computing = "its joint angles are still being computed", True
+        self.unmet, self.computing = None, True
         await self._solver.run()
 
     async def _on_hold(self) -> None:
         """Holding or not asks for no other pose, unless the present one cannot be had."""
-        if self.unmet:
+        if self.unmet or self.computing:
             await self._follow_pose(self._edited or self.pose.xyz.fields[0])
 
     def _on_take(self) -> None:
@@ -414,7 +412,7 @@ class PoseCoupling:
         try:
             target = self.pose.target(edited)
         except ArmctlError as half_typed:
-            found = CoupledJoints(None, str(half_typed))
+            found = CoupledJoints(None, half_typed.reason)
         else:
             found = await asyncio.to_thread(coupled_joints, self._robot, target, self._before)
             if self._session.closed or not is_newest():
@@ -429,10 +427,10 @@ class PoseCoupling:
     def _met(self, q: FloatArray, found: CoupledJoints | None = None) -> None:
         """Tell whether the fields are one pose, that at ``q`` (n,) [rad], or why ``found`` is not."""
         self.computing = False
-        self.unmet, self._nearest = (found.why_not, found.nearest_q) if found else ("", None)
+        self.unmet, self._nearest = (found.why_not, found.nearest_q) if found else (None, None)
         self._take.visible = self._nearest is not None
-        why = refused(f"The joint angles stay as they are: {self.unmet}.")
-        self._line.show(why if self.unmet else self._pose_line(q))
+        why = refused(f"The joint angles stay as they are: {say(self.unmet)}.") if self.unmet else ""
+        self._line.show(why or self._pose_line(q))
 
     def _pose_line(self, q: FloatArray) -> str:
         if self.pose.orientation is not None:  # its fields show it

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import UnreachableError
+from armctl.facts import Reason
 from armctl.facts.angles import to_degrees
 from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
 from armctl.kinematics.energy import EnergyModel, energies
@@ -93,8 +94,8 @@ class RankedSolutions:
     """(k,) indices of the solutions, least energy first"""
     best: FloatArray | None
     """(n,) [rad]; None: no solution, or none that the criterion admits"""
-    why_not: str
-    """why there is none to go to by itself: no best one, or not in that orientation; empty where there is"""
+    why_not: Reason | None
+    """why there is none to go to by itself: no best one, or not in that orientation; None where there is"""
     ways: JudgedConfigurations
     """from ``start``"""
     verdicts: tuple[BranchVerdict, ...]
@@ -163,12 +164,12 @@ def answer(
     ``start`` (n,) [rad] is where the arm stands.
     """
     name = checked_criterion(criterion)
-    best, why_not, energy = None, "", np.empty(0)
+    best, why_not, energy = None, None, np.empty(0)
     try:
         best = solutions.best(name, start)
-        why_not = robot.turned_off(solutions, best) or ""
+        why_not = robot.off_rotation(solutions, best)
     except UnreachableError as refusal:
-        why_not = str(refusal)
+        why_not = refusal.reason
     if solutions.success:
         energy = _shown(name, solutions.energies(name, start), solutions.arm.energy)
     order = solutions.order(name, start)

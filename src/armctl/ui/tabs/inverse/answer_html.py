@@ -20,21 +20,22 @@ from armctl.ui.tabs.inverse.answer import (
     short_branch,
     unit_of,
 )
-from armctl.ui.widgets.html import fixed, muted, numbers, refused, strong, table, warned
+from armctl.ui.widgets.html import fixed, muted, numbers, refused, sentence, strong, table, warned
 
 
 def result_html(robot: Robot, found: RankedSolutions) -> str:
     """Count and branches, and the configuration of least energy; or why there is none."""
     solutions, best = found.solutions, found.best
+    why_not = refused(sentence(found.why_not)) if found.why_not else ""
     if not solutions.success:
-        text = strong("No solution") + refused(f"{_capital(found.why_not)}.")
+        text = strong("No solution") + why_not
         nearest = solutions.nearest_m
         return text if nearest is None else text + _floor_note(robot, "The nearest point", nearest)
     used = zip(*np.unique(solutions.branch_index, return_counts=True), strict=True)
     branches = "; ".join(f"{solutions.branch_names[i]}: {count}" for i, count in used)
     angles = "" if best is None else numbers(robot.shown(best).tolist(), 3)
     if best is not None and found.why_not:
-        text = strong("No solution in that orientation") + refused(f"{_capital(found.why_not)}.")
+        text = strong("No solution in that orientation") + why_not
         text += f"<div>the nearest that was found: {_in_one_line(angles)}</div>"
         text += muted(f"The list has {counted(len(solutions))} of the point, as near to that orientation.")
         return text + _floor_note(robot, "The point", solutions.target.position)
@@ -42,7 +43,7 @@ def result_html(robot: Robot, found: RankedSolutions) -> str:
     text += muted(branches + ("" if solutions.complete else f"; {solutions.incomplete_reason}"))
     text += _floor_note(robot, "The point", solutions.target.position)
     if best is None:
-        return text + refused(_capital(found.why_not))
+        return text + why_not
     error_mm = 1000 * float(np.linalg.norm(robot.forward(best)[:3, 3] - solutions.target.position))
     text += f"<div>least energy {'would' if found.way_refused else 'will'} go to {_in_one_line(angles)}</div>"
     error = "below 0.001 mm" if error_mm < 1e-3 else f"{error_mm:.3f} mm"
@@ -148,10 +149,6 @@ def _in_one_line(angles: str) -> str:
 def theta_heads(n: int) -> list[str]:
     """Heads of the columns of ``n`` joint angles."""
     return [f"θ{i + 1}°" for i in range(n)]
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 # The ways to choose among, as cards.

@@ -10,7 +10,7 @@ import numpy as np
 import viser
 
 from armctl.errors import ArmctlError, InputError, UnreachableError
-from armctl.facts import Need, State
+from armctl.facts import Need, Reason, State
 from armctl.kinematics import CRITERION_TEXT, FROM_START, checked_criterion
 from armctl.protocol import MoveJoints, Snapshot
 from armctl.ui.events import Newest, OneAtATime
@@ -226,7 +226,7 @@ class InverseScreen:
         if found is None:
             raise InputError("the target was changed while it was solved; look at the result and press again")
         if found.next is None or found.why_not:
-            raise UnreachableError(found.why_not)
+            raise UnreachableError(found.why_not or "there is no solution")
         self._show_ghost()
         await self._session.submit(MoveJoints(found.next, duration, profile))
 
@@ -248,10 +248,10 @@ class InverseScreen:
         stale = found is None or self._out_of_date(snapshot) or found.criterion != self._criterion.value
         return None if stale else found
 
-    def _no_least(self, snapshot: Snapshot) -> str | None:
+    def _no_least(self, snapshot: Snapshot) -> Reason | None:
         """Why there is no configuration of least energy to go to, as far as it is known."""
         found = self._present_answer(snapshot)
-        return None if found is None else found.why_not or None
+        return None if found is None else found.why_not
 
     def _not_selected(self, snapshot: Snapshot) -> str | None:
         """Why the selected row cannot be gone to, apart from the state of the arm; None: it can."""

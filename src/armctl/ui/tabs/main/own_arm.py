@@ -205,7 +205,7 @@ class OwnArm:
             solver = robot.inverse_kinematics
         except ArmctlError as refusal:
             self._wrong = str(refusal)
-            self._status.show("".join(refused(sentence(str(one))) for one in refusal.each or (refusal,)))
+            self._status.show("".join(refused(sentence(one.reason)) for one in refusal.each or (refusal,)))
             return
         self._wrong = None
         how = (
