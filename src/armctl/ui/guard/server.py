@@ -297,7 +297,7 @@ def guarded_server(
         with opening_through(arrange) as opened:
             names = names_of(listener, host, extra_hosts)
             server = GuardedServer(door, stop_lines, part_lines, listener, names, host=host, label=label)
-        _require_guarded(opened, bound_port == server.get_port())
+        _require_guarded(opened, server, bound_port)
         _probe(address, bound_port, door)
     except BaseException:
         if server is not None:
@@ -318,14 +318,14 @@ def _require_usable(token: str | None, hosts: Sequence[str]) -> None:
             raise ServerError(f"{name!r} is no host name; give it without scheme, port and path")
 
 
-def _require_guarded(opened: Sequence[Exception | None], is_our_port: bool) -> None:
-    """``opened``: what ``opening_through`` tells."""
+def _require_guarded(opened: Sequence[Exception | None], server: GuardedServer, port: int) -> None:
+    """``opened``: what ``opening_through`` tells; ``port``: the one that was bound."""
     if opened and (failure := opened[0]) is not None:
         raise ServerError(
             f"the web server cannot be opened: {failure}; "
             "is the installed version of websockets one that viser supports?"
         ) from failure
-    if len(opened) != 1 or not is_our_port:
+    if len(opened) != 1 or server.get_port() != port:  # a server that was not opened has no port to tell
         raise ServerError(
             "the web server's guard is not effective: viser did not open its server through it; "
             "armctl does not run unguarded"
