@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from armctl.errors import MotionRefusedError
-from armctl.kinematics import Target
+from armctl.kinematics import Solutions, Target
 from armctl.motion.choices import choose_end, plan_choice, solve
 from armctl.motion.plan import plan_joints
 from armctl.program import PointStep
@@ -28,6 +30,21 @@ def test_a_step_of_a_program_goes_where_a_single_motion_goes_though_the_best_is_
     assert why is not None and np.abs(trajectory.end - best).max() > 0.1
     assert choose_end(UR5, start, target) == pytest.approx(trajectory.end)
     assert PointStep(x_mm=x, y_mm=y, z_mm=z).plan(UR5, start).end == pytest.approx(trajectory.end)
+
+
+def test_a_target_is_solved_once_though_the_best_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    start, target = UR5.pose("home"), Target.of((0.1081, 0.1375, 0.1234))
+    family, asked = type(UR5.inverse_kinematics), list[Target]()
+    solve_it = family.solve
+
+    def counted(solver: Any, target: Target, *more: Any) -> Solutions:
+        asked.append(target)
+        return solve_it(solver, target, *more)
+
+    monkeypatch.setattr(family, "solve", counted)
+    assert plan_choice(UR5, start, target)[1] is not None and len(asked) == 1
+    choose_end(UR5, start, target)
+    assert len(asked) == 2
 
 
 def test_a_roll_that_is_free_is_turned_where_the_jaws_would_touch_as_it_stands() -> None:

@@ -39,6 +39,13 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: Choice)
     with the reason and the nearest point. A solver answers an orientation that cannot be had by the nearest;
     the arm is not sent there.
     """
+    return _solved(robot, start, target, choose)[0]
+
+
+def _solved(
+    robot: Robot, start: ArrayLike | None, target: Target, choose: Choice
+) -> tuple[FloatArray, Solutions | None]:
+    """As ``solve``, and the solutions that it was chosen from; None: they need not be listed for that."""
     if not isinstance(target, Target):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"a target is made with Target.of(position), it is not {target!r}")
     solver = robot.inverse_kinematics
@@ -47,7 +54,7 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: Choice)
     if not own and checked_criterion(choose) == "least-rotation" and position_only and solver.direct:
         q = robot.least_rotation(target.position)  # the same without listing ten thousand others
         if np.isfinite(q).all():
-            return q
+            return q, None
     begin = None if start is None else robot.chain.checked_one(start)
     solutions = solver.solve(target, DEFAULT_STEP, begin)
     if not solutions.success:
@@ -56,7 +63,7 @@ def solve(robot: Robot, start: ArrayLike | None, target: Target, choose: Choice)
     off = robot.off_rotation(solutions, q)
     if off is not None:
         raise UnreachableError(off)
-    return q
+    return q, solutions
 
 
 def solve_points(robot: Robot, points: FloatArray, choose: Choice, start: FloatArray) -> FloatArray:
@@ -211,13 +218,13 @@ def plan_choice(
 
     ``not_the_best`` says it.
     """
-    best = solve(robot, start, target, choose)
+    best, solutions = _solved(robot, start, target, choose)
     try:
         return plan_joints(robot, start, best, duration_s, profile, checked=checked), None
     except MotionRefusedError as refusal:
         begin = robot.chain.checked_one(start)
         ask = partial(may_go_to, robot, begin, duration_s=duration_s, profile=profile, checked=checked)
-        other = _next_best(robot, begin, target, choose, best, ask)
+        other = _next_best(robot, begin, target, solutions, choose, best, ask)
         if other is None:
             raise
         return plan_joints(robot, start, other, duration_s, profile, checked=False), refusal
@@ -227,6 +234,7 @@ def _next_best(
     robot: Robot,
     start: FloatArray,
     target: Target,
+    solutions: Solutions | None,
     choose: Choice,
     best: FloatArray,
     may_go: Callable[[FloatArray], bool],
@@ -235,7 +243,8 @@ def _next_best(
 
     Where a roll is free and none may be gone to as the criterion has it, the roll is turned.
     """
-    solutions = robot.inverse_kinematics.solve(target, DEFAULT_STEP, start)
+    if solutions is None:
+        solutions = robot.inverse_kinematics.solve(target, DEFAULT_STEP, start)
     rows = _admitted(solutions, choose, start)
     row = first_possible(robot, start, rows, may_go, known=(best,))
     if row is None and isinstance(choose, str) and (roll := solutions.free_roll) is not None:
@@ -274,9 +283,9 @@ def choose_end(
     profile: Profile = "cubic",
 ) -> FloatArray:
     """Where ``plan_target`` leads to, (n,) [rad]; the best of all solutions where the arm may go to none."""
-    best = solve(robot, start, target, choose)
+    best, solutions = _solved(robot, start, target, choose)
     ask = partial(may_go_to, robot, start, duration_s=duration_s, profile=profile)
-    other = None if ask(best) else _next_best(robot, start, target, choose, best, ask)
+    other = None if ask(best) else _next_best(robot, start, target, solutions, choose, best, ask)
     return best if other is None else other
 
 

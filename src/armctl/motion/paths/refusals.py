@@ -271,8 +271,7 @@ def _needed(tried: Attempt, path: PiecewisePolynomial, need: _Need) -> AngleNeed
     off = _SHOWN * tried.curve.length
     around = path(np.clip([need.s - off, need.s + off], path.breaks[0], path.breaks[-1]))[:, need.joint]
     turns_fast = share < 100.0 and np.abs(around - need.angle).max() > _TOLD
-    angles = () if turns_fast else (need.angle,)
-    return AngleNeeded(joint.title, angles, joint.lower, joint.upper, share)
+    return AngleNeeded(joint.title, () if turns_fast else (need.angle,), joint.lower, joint.upper, share)
 
 
 def end_refusal(tried: Attempt) -> ToolPathRefusedError | ToolPathUnreachableError:
