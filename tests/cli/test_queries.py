@@ -324,3 +324,7 @@ def test_json_is_the_same_in_every_language(
     _, out, err = call(capsys, "ik", "uzuner", "300", "0", "600", "--json")
     assert json.loads(out)["reason"].startswith("too far by 200.0 mm")
     assert "200.0 mm" in err and "too far" not in err
+    _, out, _ = call(capsys, "ik", "scorbot", "0", "0", "450", "--json")
+    assert "may turn while the tool stays" in json.loads(out)["incomplete_reason"]
+    _, out, _ = call(capsys, "ik", "scorbot", "0", "0", "450")
+    assert "takım yerinde dururken Waist" in out and "may turn" not in out

@@ -50,6 +50,7 @@ from armctl.facts import (
     what,
 )
 from armctl.facts.targets import (
+    AnyAngle,
     AtPoint,
     AtRoll,
     BesideAxis,
@@ -60,7 +61,13 @@ from armctl.facts.targets import (
     Instead,
     JointsNeeded,
     LimitsForbid,
+    ListedAt,
+    ListedInSteps,
+    LostAtLimit,
+    MayBeHidden,
     MayExist,
+    MayTurn,
+    MoreByTurns,
     NearestPoint,
     NoneWithoutLimits,
     NoOrientationNear,
@@ -68,6 +75,7 @@ from armctl.facts.targets import (
     NotFound,
     NotInOrientation,
     OffRotation,
+    OneLine,
     OrientationImpossible,
     OrientationNeeds,
     OutOfBound,
@@ -78,6 +86,8 @@ from armctl.facts.targets import (
     PitchOutside,
     PointReached,
     PoseUnmet,
+    Searched,
+    TurnTogether,
 )
 from armctl.facts.words import KINDS, LANGUAGES, fact_of, fact_record, opening, preferred
 
@@ -133,6 +143,23 @@ SAMPLES: list[Reason] = [
     NotNow("", Need.PAUSE, State.MOVING, "a line", "a line"),
 ]
 SAMPLES += [ToDo("mend pose"), PoseUnmet(None), PoseUnmet(ELBOW)]
+SAMPLES += [
+    Searched(),
+    Searched(continuum=True),
+    MoreByTurns(12),
+    ListedAt("Roll", 0.5),
+    ListedInSteps("Joint 7", 0.01),
+    MayTurn(("Base",)),
+    MayTurn(("Base", "Roll", "Elbow")),
+    AnyAngle("Base", "target on base axis"),
+    AnyAngle("Shoulder", "wrist on shoulder axis"),
+    AnyAngle("Joint 1", "centre of wrist"),
+    TurnTogether(("Joint 2", "Joint 4")),
+    TurnTogether(()),
+    OneLine(("Joint 4", "Joint 6"), "sum"),
+    MayBeHidden(),
+    LostAtLimit("Elbow"),
+]
 SAMPLES += [Instead("wait"), Instead("go near"), Instead("go near", "elbow-up")]
 NEEDED = AngleNeeded("Elbow", (1.7, -1.8), -1.5, 1.5)
 WAY = JointsNeeded((NEEDED, AngleNeeded("Base", (2.0,), -1.0, 1.0)), least=True)

@@ -14,6 +14,7 @@ from tests.kinematics.test_offset_roll import so101
 
 from armctl import load_robot
 from armctl.arrays import FloatArray
+from armctl.facts.targets import MayTurn
 from armctl.kinematics import Chain, Target
 from armctl.kinematics.angles import all_images
 
@@ -47,6 +48,7 @@ def test_a_target_on_the_base_axis_leaves_the_base_free(name: str, joint: str, h
     T = arm.forward(q)
     pitch, _ = arm.inverse_kinematics.pitch_and_roll(q)
     for on_axis in (found, arm.inverse([0.0, 0.0, height], pitch)):
+        assert on_axis.incomplete == MayTurn((joint,))
         assert on_axis.incomplete_reason == (
             f"{joint} may turn while the tool stays: of a continuum some are listed"
         )

@@ -203,7 +203,7 @@ def _record(
         "reason": solutions.said("en"),
         "nearest_mm": None if nearest_m is None else rounded(1000 * nearest_m, 6),
         "complete": solutions.complete,
-        "incomplete_reason": solutions.incomplete_reason,
+        "incomplete_reason": None if solutions.incomplete is None else say(solutions.incomplete, "en"),
     }
     if q is None:
         record["solutions_deg"] = []

@@ -141,6 +141,38 @@ def _nearest(one: targets.NearestPoint) -> str:
     return f"{inside}the nearest reachable point{_ORIENTATIONS[one.orientation]} is {point}{held}"
 
 
+_AT_ANY_ANGLE = {
+    "target on base axis": "the target is on the base axis, so that any angle of {} will do",
+    "wrist on shoulder axis": "the wrist is on the shoulder's axis, so that any angle of {} will do",
+    "centre of wrist": "the wrist's centre is on the axis of {}, which may be at any angle: one is listed",
+}
+
+
+def _in_steps(one: targets.ListedInSteps) -> str:
+    return (
+        f"listed in steps of {in_degrees(one.step, '.6g')} of {one.joint}; a run of solutions shorter than "
+        "that, and further ways of a singular pose, may be missing"
+    )
+
+
+def _may_turn(one: targets.MayTurn) -> str:
+    *others, last = one.joints
+    joints = f"{', '.join(others)} and {last} may turn together" if others else f"{last} may turn"
+    return f"{joints} while the tool stays: of a continuum some are listed"
+
+
+def _turn_together(one: targets.TurnTogether) -> str:
+    joints = f"{' and '.join(one.joints)} can turn against each other" if one.joints else "joints can turn"
+    return f"singular: {joints} here without moving the tool; a spread of that continuum is listed"
+
+
+def _one_line(one: targets.OneLine) -> str:
+    return (
+        f"the axes of {' and '.join(one.joints)} are one line here, so that only the {one.counts} of their "
+        "angles counts: one pair is listed"
+    )
+
+
 def _instead(one: targets.Instead) -> str:
     if one.branch:
         return f"the nearest point needs {one.branch}: the arm keeps its posture and waits"
@@ -175,6 +207,22 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.PitchNotFound: _pitch_not_found,
     targets.NoneWithoutLimits: lambda one: f"even without joint limits, none of {one.starts} led there",
     targets.MayExist: lambda _: "there may be one that was not found",
+    targets.Searched: lambda one: (
+        f"found by search, there may be others{': they form a continuum' if one.continuum else ''}"
+    ),
+    targets.MoreByTurns: lambda one: f"{one.count} more differ by whole turns",
+    targets.ListedAt: lambda one: (
+        f"{one.joint} is free, too: listed is what there is with it at {in_degrees(one.angle)}"
+    ),
+    targets.ListedInSteps: _in_steps,
+    targets.MayTurn: _may_turn,
+    targets.AnyAngle: lambda one: _AT_ANY_ANGLE[one.what].format(one.joint),
+    targets.TurnTogether: _turn_together,
+    targets.OneLine: _one_line,
+    targets.MayBeHidden: lambda _: "close to a singular pose: rounding may hide further solutions",
+    targets.LostAtLimit: lambda one: (
+        f"a solution with {one.joint} at its limit may be missing: rounding decides about it"
+    ),
     targets.Instead: _instead,
     targets.PoseUnmet: _unmet,
     targets.Besides: lambda _: "besides, ",

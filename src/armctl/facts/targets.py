@@ -207,6 +207,83 @@ class MayExist(Reason):
     """A solution inside the limits may have been missed."""
 
 
+# Why solutions may be missing from a list.
+
+
+@dataclass(frozen=True, slots=True)
+class Searched(Reason):
+    """A list that a search found."""
+
+    continuum: bool = False
+    """it stands for a continuum"""
+
+
+@dataclass(frozen=True, slots=True)
+class MoreByTurns(Reason):
+    """So many more solutions, which differ from listed ones by whole turns."""
+
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class ListedAt(Reason):
+    """A joint that is free besides another one, and listed at one angle [rad]."""
+
+    joint: str
+    angle: float
+
+
+@dataclass(frozen=True, slots=True)
+class ListedInSteps(Reason):
+    """A joint that is swept in steps [rad]: a run of solutions may lie between two."""
+
+    joint: str
+    step: float
+
+
+@dataclass(frozen=True, slots=True)
+class MayTurn(Reason):
+    """Joints that may turn while the tool stays."""
+
+    joints: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class AnyAngle(Reason):
+    """A joint that may be at any angle, as what it carries lies on its axis."""
+
+    joint: str
+    what: Literal["target on base axis", "wrist on shoulder axis", "centre of wrist"]
+
+
+@dataclass(frozen=True, slots=True)
+class TurnTogether(Reason):
+    """A singular pose, in which joints can turn without moving the tool."""
+
+    joints: tuple[str, ...]
+    """which turn against each other; empty: several"""
+
+
+@dataclass(frozen=True, slots=True)
+class OneLine(Reason):
+    """Joints whose axes are one line, so that only the sum or the difference of their angles counts."""
+
+    joints: tuple[str, str]
+    counts: Literal["sum", "difference"]
+
+
+@dataclass(frozen=True, slots=True)
+class MayBeHidden(Reason):
+    """A pose so near to a singular one that rounding may hide solutions."""
+
+
+@dataclass(frozen=True, slots=True)
+class LostAtLimit(Reason):
+    """A joint at its limit, where rounding decides about a solution."""
+
+    joint: str
+
+
 # What becomes of a target that is not gone to; behind why it is not.
 
 

@@ -143,6 +143,39 @@ def _nearest(one: targets.NearestPoint) -> str:
     return f"{inside}{_ORIENTATIONS[one.orientation]}erişilebilen en yakın nokta {point}{held}"
 
 
+_AT_ANY_ANGLE = {
+    "target on base axis": "hedef taban ekseninde, bu yüzden {} herhangi bir açıda olabilir",
+    "wrist on shoulder axis": "bilek omuz ekseninde, bu yüzden {} herhangi bir açıda olabilir",
+    "centre of wrist": "bileğin merkezi {} ekseninde, bu eklem herhangi bir açıda olabilir: biri listelendi",
+}
+_COUNTS = {"sum": "toplamı", "difference": "farkı"}
+
+
+def _in_steps(one: targets.ListedInSteps) -> str:
+    return (
+        f"{one.joint} için {in_degrees(one.step, '.6g')} adımlarla listelendi; bundan kısa bir çözüm aralığı "
+        "ve tekil bir duruşun başka çözümleri eksik olabilir"
+    )
+
+
+def _may_turn(one: targets.MayTurn) -> str:
+    *others, last = one.joints
+    joints = f"{', '.join(others)} ve {last} birlikte" if others else last
+    return f"takım yerinde dururken {joints} dönebilir: sürekli bir kümenin bazı çözümleri listelendi"
+
+
+def _turn_together(one: targets.TurnTogether) -> str:
+    joints = f"{' ve '.join(one.joints)} birbirine karşı" if one.joints else "eklemler"
+    return f"tekil: {joints} takımı oynatmadan dönebilir; bu sürekli kümeden seçmeler listelendi"
+
+
+def _one_line(one: targets.OneLine) -> str:
+    return (
+        f"{' ve '.join(one.joints)} eksenleri burada tek bir doğru, bu yüzden açılarının yalnız "
+        f"{_COUNTS[one.counts]} önemli: bir çift listelendi"
+    )
+
+
 def _instead(one: targets.Instead) -> str:
     if one.branch:
         return f"en yakın nokta için {one.branch} gerekir: kol duruşunu koruyor ve bekliyor"
@@ -179,6 +212,22 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
         f"eklem sınırları olmadan da {one.starts} başlangıcın hiçbiri oraya varmadı"
     ),
     targets.MayExist: lambda _: "bulunamamış bir çözüm olabilir",
+    targets.Searched: lambda one: (
+        f"aramayla bulundu, başkaları olabilir{': sürekli bir küme oluşturuyorlar' if one.continuum else ''}"
+    ),
+    targets.MoreByTurns: lambda one: f"{one.count} çözüm daha var, tam turlarla ayrılıyorlar",
+    targets.ListedAt: lambda one: (
+        f"{one.joint} da serbest: {in_degrees(one.angle)} açısındayken olan çözümler listelendi"
+    ),
+    targets.ListedInSteps: _in_steps,
+    targets.MayTurn: _may_turn,
+    targets.AnyAngle: lambda one: _AT_ANY_ANGLE[one.what].format(one.joint),
+    targets.TurnTogether: _turn_together,
+    targets.OneLine: _one_line,
+    targets.MayBeHidden: lambda _: "tekil bir duruşa yakın: yuvarlama başka çözümleri gizleyebilir",
+    targets.LostAtLimit: lambda one: (
+        f"{one.joint} sınırındayken bir çözüm eksik olabilir: ona yuvarlama karar veriyor"
+    ),
     targets.Instead: _instead,
     targets.PoseUnmet: _unmet,
     targets.Besides: lambda _: "ayrıca ",

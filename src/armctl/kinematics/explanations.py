@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray, content, lock
 from armctl.facts import AngleNeeded, Reason, Several, WrongUnit
-from armctl.facts.targets import HeldAtLimit, NearestPoint, PointReached
+from armctl.facts.targets import HeldAtLimit, LostAtLimit, MayTurn, MoreByTurns, NearestPoint, PointReached
 from armctl.kinematics.angles import SAME_ROTATION
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
@@ -150,21 +150,28 @@ def _orientation(arm: SolvedArm, target: Target, q: FloatArray) -> Literal["", "
     return "pitch kept" if abs(pitch - elevation(target.pitch)) < SAME_ROTATION else ""
 
 
-def which_move(arm: SolvedArm, target: Target, q: FloatArray, held: list[int]) -> str | None:
+def all_of(*reasons: Reason | None) -> Reason | None:
+    """Reasons as one, as far as they are there."""
+    there = tuple(one for one in reasons if one is not None)
+    return Several(there) if len(there) > 1 else next(iter(there), None)
+
+
+def by_turns(count: int) -> MoreByTurns | None:
+    """Solutions that differ by whole turns and are not listed, where there are any."""
+    return MoreByTurns(count) if count else None
+
+
+def which_move(arm: SolvedArm, target: Target, q: FloatArray, held: list[int]) -> MayTurn | None:
     """Which joints may move while the target is met, as at ``q`` (k, n) [rad]; of the ``held`` ones none."""
     if arm.limits is None or arm.chain.coupling is not None or not len(q):
         return None
     moving = moving_joints(arm.chain, arm.limits, target, q, held, arm.upward)
-    if not moving:
-        return None
-    names = [arm.title(k) for k in moving]
-    if len(names) == 1:
-        return f"{names[0]} may turn while the tool stays: of a continuum some are listed"
-    joints = f"{', '.join(names[:-1])} and {names[-1]}"
-    return f"{joints} may turn together while the tool stays: of a continuum some are listed"
+    return MayTurn(tuple(arm.title(k) for k in moving)) if moving else None
 
 
-def lost_at_a_limit(arm: SolvedArm, target: Target, listed: FloatArray, held: list[int]) -> str | None:
+def lost_at_a_limit(
+    arm: SolvedArm, target: Target, listed: FloatArray, held: list[int]
+) -> LostAtLimit | None:
     """Which solution rounding may have taken beyond the limits; ``listed`` (k, n) [rad] are there.
 
     The arm is solved inside limits that are a little wider. How far rounding carries a solution depends
@@ -186,6 +193,5 @@ def lost_at_a_limit(arm: SolvedArm, target: Target, listed: FloatArray, held: li
     for i in np.flatnonzero(beyond.max(axis=1, initial=0.0) <= known):
         apart = np.abs(listed - q[i])[:, counted].max(axis=1, initial=0.0)
         if apart.min(initial=math.inf) > max(_LISTED, known[i]):
-            title = arm.titles[int(beyond[i].argmax())]
-            return f"a solution with {title} at its limit may be missing: rounding decides about it"
+            return LostAtLimit(arm.titles[int(beyond[i].argmax())])
     return None

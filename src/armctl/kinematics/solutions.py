@@ -59,7 +59,7 @@ class Solutions(ByContent):
         least_rotation: Callable[[], FloatArray | None] | None = None,
         reason: Reason | str | Callable[[], Reason | str] | None = None,
         nearest_q: FloatArray | Callable[[], FloatArray] | None = None,
-        incomplete_reason: str | None = None,
+        incomplete: Reason | None = None,
         further: Further | None = None,
     ) -> None:
         """What a solver found.
@@ -73,12 +73,12 @@ class Solutions(ByContent):
             least_rotation: the exact optimum over the continuum, where a joint is free.
             reason: why there is none, or what finds that out (a search may take long); None when solved.
             nearest_q: (n,) configuration that comes nearest where there is none [rad], or what finds it.
-            incomplete_reason: why solutions may be missing, in words; None where a look at the list decides.
+            incomplete: why solutions may be missing; None where a look at the list decides.
             further: solutions of a continuum by a criterion ``FROM_START``.
         """
         self.arm, self.target, self._q, self._index = arm, target, q, branch_index
         self.free_joint, self.least_rotation, self.further = free_joint, least_rotation, further
-        self._reason, self._nearest, self._missing = reason, nearest_q, incomplete_reason
+        self._reason, self._nearest, self._missing = reason, nearest_q, incomplete
 
     @cached_property
     def q(self) -> FloatArray:
@@ -154,9 +154,14 @@ class Solutions(ByContent):
         """What makes two equal; the rest follows from it."""
         return content((self.arm, self.target, self.q, self.branch_index, self.free_joint, self.nearest_q))
 
-    @cached_property
+    @property
     def incomplete_reason(self) -> str | None:
-        """Why solutions may be missing from the list, in words; None where none is.
+        """Why solutions may be missing from the list, in words; None where none is."""
+        return None if self.incomplete is None else say(self.incomplete)
+
+    @cached_property
+    def incomplete(self) -> Reason | None:
+        """The same as data.
 
         A swept joint, and a roll that is free by itself, do not count.
         """
@@ -172,7 +177,7 @@ class Solutions(ByContent):
     @property
     def complete(self) -> bool:
         """False where solutions may be missing from the list; ``incomplete_reason`` says why."""
-        return self.incomplete_reason is None
+        return self.incomplete is None
 
     @property
     def success(self) -> bool:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
+from armctl.facts import Reason
 from armctl.kinematics.angles import (
     LIMIT_TOLERANCE,
     MOST_IMAGES,
@@ -30,7 +31,7 @@ from armctl.kinematics.angles import (
 )
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
-from armctl.kinematics.explanations import SolvedArm, SolverOf
+from armctl.kinematics.explanations import SolvedArm, SolverOf, all_of, by_turns
 from armctl.kinematics.families.numeric.descent import rotation_vectors, tool_motion
 from armctl.kinematics.families.numeric.solver import NumericSolver
 from armctl.kinematics.newton import newton_many
@@ -39,8 +40,6 @@ from armctl.kinematics.solutions import Solutions
 from armctl.kinematics.solver import RollJoint, held_roll
 from armctl.kinematics.target import Target
 
-HIDDEN = "close to a singular pose: rounding may hide further solutions"
-"""what an answer says whose list may miss some for that"""
 _SPREAD = 12
 """half of how many angles stand for a continuum"""
 _ROUNDING = 2e-14
@@ -58,8 +57,8 @@ class Configurations(NamedTuple):
     """(k, n) [rad] at any of their images"""
     branch: NDArray[np.int8]
     """(k,) index into the branch names"""
-    incomplete_reason: str | None = None
-    """why there are more, in words"""
+    incomplete: Reason | None = None
+    """why there are more"""
     double: bool = False
     """whether some may be double roots, or nearly"""
 
@@ -165,11 +164,7 @@ class WholePoses:
         if len(q) == 0:
             approach = self._search.solve if target.rotation is None else self._search.approach
             return approach(target, step, start)
-        reason = ways.incomplete_reason
-        if left_out:
-            reason = f"{reason}; " if reason else ""
-            reason = f"{reason}{left_out} more differ by whole turns"
-        return Solutions(self.arm, target, q, branch, incomplete_reason=reason)
+        return Solutions(self.arm, target, q, branch, incomplete=all_of(ways.incomplete, by_turns(left_out)))
 
     def spread(self, joint: int, start: FloatArray | None) -> FloatArray:
         """(m,) angles inside the limits of a joint that may be at any [rad], that of ``start`` (n,) too."""

@@ -10,6 +10,8 @@ from typing import Self
 import numpy as np
 
 from armctl.arrays import FloatArray
+from armctl.facts import Reason
+from armctl.facts.targets import MayBeHidden, TurnTogether
 from armctl.kinematics.angles import distinct, wrapped
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
@@ -24,7 +26,7 @@ from armctl.kinematics.families.general_six.pencil import (
 )
 from armctl.kinematics.families.numeric.descent import rotation_vectors
 from armctl.kinematics.families.numeric.solver import roll_joint
-from armctl.kinematics.families.whole_pose import HIDDEN, Configurations, WholePoses, misses, polished
+from armctl.kinematics.families.whole_pose import Configurations, WholePoses, misses, polished
 from armctl.kinematics.newton import newton
 from armctl.kinematics.samples import even_spread
 from armctl.kinematics.solutions import BatchSolutions, Solutions
@@ -101,7 +103,7 @@ class GeneralSixSolver(InverseKinematics):
     def _every_way(self, pose: FloatArray, _: FloatArray | None) -> Configurations:
         q, sure = self._isolated(pose)
         least = self._singular_values(q)
-        reason = None if sure else HIDDEN
+        why: Reason | None = None if sure else MayBeHidden()
         curves: list[FloatArray] = []
         for one in q[least < _SINGULAR]:
             if len(curves) < _CURVES and all(apart(curve, one).min() > _TRACE_STEP for curve in curves):
@@ -110,11 +112,9 @@ class GeneralSixSolver(InverseKinematics):
         if curves:
             q = np.concatenate([q, *curves])
             q = q[distinct(q)]
-            reason = (
-                "singular: joints can turn here without moving the tool; a spread of that continuum is listed"
-            )
+            why = TurnTogether(())
         branch = np.minimum(np.arange(len(q)), _MOST - 1).astype(np.int8)
-        return Configurations(q, branch, reason)
+        return Configurations(q, branch, why)
 
     def _isolated(self, pose: FloatArray) -> tuple[FloatArray, bool]:
         """(k, 6) configurations of a pose (4, 4) [rad], and whether it is sure that there are no more."""

@@ -20,11 +20,12 @@ from armctl.facts.targets import (
     NotFound,
     OutOfBound,
     PitchNotFound,
+    Searched,
 )
 from armctl.kinematics.angles import all_images, distinct, each_once, whole_turns
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel, OnTarget
-from armctl.kinematics.explanations import SolvedArm, angles_needed
+from armctl.kinematics.explanations import SolvedArm, all_of, angles_needed, by_turns
 from armctl.kinematics.families.numeric.descent import (
     Goal,
     LimitsGoal,
@@ -120,7 +121,6 @@ _SAME_NEAR = 1e-3
 """configurations this near to each other are one minimum: as good orientations lie so far around one [rad]"""
 _BEYOND = 1e-6
 """a joint that a search leaves so far outside its limits stands at its limit [rad]"""
-_SEARCHED = "found by search, there may be others"
 
 
 class NumericSolver(InverseKinematics):
@@ -197,7 +197,7 @@ class NumericSolver(InverseKinematics):
         moving = np.count_nonzero(self.limits[:, 0] < self.limits[:, 1])
         if self._rows(goal, found[:1]).shape[1] >= moving:
             q, _, left_out = all_images(found, self.limits, start)
-            reason = f"{_SEARCHED}; {left_out} more differ by whole turns" if left_out else _SEARCHED
+            why = all_of(Searched(), by_turns(left_out))
         else:
             of_parts = meet(self.chain, goal, self._starts.nearest_of_parts(goal, box), box)
             found = np.vstack([found, self._met(goal, of_parts)])
@@ -206,11 +206,11 @@ class NumericSolver(InverseKinematics):
             begins += [] if start is None else [(start, speed.min() / speed)]
             near = [all_images(found, self.limits, at, most=1).q for at, _ in begins]
             near += [self._least(goal, q, *begin, box) for q, begin in zip(near, begins, strict=True)]
-            q, reason = np.vstack(near), f"{_SEARCHED}: they form a continuum"
+            q, why = np.vstack(near), Searched(continuum=True)
             q = q[each_once(q)]
         rotation: FloatArray = np.abs(q).sum(axis=1)
         q = q[np.argsort(rotation.round(9), kind="stable")]
-        return Solutions(self._arm, target, q, np.zeros(len(q), dtype=np.int8), incomplete_reason=reason)
+        return Solutions(self._arm, target, q, np.zeros(len(q), dtype=np.int8), incomplete=why)
 
     def _least(
         self, goal: Goal, q: FloatArray, at: FloatArray, weights: FloatArray, box: FloatArray
@@ -384,9 +384,7 @@ class NumericSolver(InverseKinematics):
     def _refused(
         self, target: Target, reason: Reason | Callable[[], Reason], nearest: FloatArray
     ) -> Solutions:
-        return Solutions(
-            self._arm, target, (), (), reason=reason, nearest_q=nearest, incomplete_reason=_SEARCHED
-        )
+        return Solutions(self._arm, target, (), (), reason=reason, nearest_q=nearest, incomplete=Searched())
 
 
 def roll_joint(chain: Chain) -> int | None:

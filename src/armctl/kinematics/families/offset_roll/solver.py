@@ -15,12 +15,12 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.facts import Reason
-from armctl.facts.angles import DEGREE, in_degrees
-from armctl.facts.targets import AtRoll, NoOrientationNear
+from armctl.facts.angles import DEGREE
+from armctl.facts.targets import AtRoll, ListedAt, NoOrientationNear
 from armctl.kinematics.angles import each_once, images, rest_angle, wrap
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel
-from armctl.kinematics.explanations import SolvedArm
+from armctl.kinematics.explanations import SolvedArm, by_turns
 from armctl.kinematics.families.numeric.solver import NumericSolver
 from armctl.kinematics.families.offset_roll.roll_sweep import (
     BaseTarget,
@@ -195,11 +195,10 @@ class OffsetRollSolver(InverseKinematics):
         rows = self._sweep.solve(place, step)
         if len(rows.q) == 0:
             return self._without(target, step)
-        reason = f"{rows.left_out} more differ by whole turns" if rows.left_out else None
         return Solutions(
             self._arm, target, rows.q, rows.branch, free_joint=self.geometry.joint,
-            least_rotation=partial(self._swept_optimum, place, step, rows.q), incomplete_reason=reason,
-            further=partial(self._swept_travel, place, step, rows.q),
+            least_rotation=partial(self._swept_optimum, place, step, rows.q),
+            further=partial(self._swept_travel, place, step, rows.q), incomplete=by_turns(rows.left_out),
         )  # fmt: skip
 
     def _swept_optimum(self, place: BaseTarget, step: float, rows: FloatArray) -> FloatArray:
@@ -225,13 +224,11 @@ class OffsetRollSolver(InverseKinematics):
         roll = next((roll for roll in rolls if reaches(roll)), None)
         if roll is None:
             return self._without(target, step)
-        found = self._rolled(target, roll, step)
-        title = self.titles[-1]
-        reason = f"{title} is free, too: listed is what there is with it at {in_degrees(roll)}"
+        found, listed = self._rolled(target, roll, step), ListedAt(self.titles[-1], roll)
         return Solutions(
             self._arm, target, found.q, found.branch_index, free_joint=found.free_joint,
-            least_rotation=partial(self._optimum_over_rolls, target, roll), incomplete_reason=reason,
-            further=partial(self._travel_over_rolls, target, roll),
+            least_rotation=partial(self._optimum_over_rolls, target, roll),
+            further=partial(self._travel_over_rolls, target, roll), incomplete=listed,
         )  # fmt: skip
 
     def _optimum_over_rolls(self, target: Target, listed: float) -> FloatArray:
@@ -306,7 +303,7 @@ class OffsetRollSolver(InverseKinematics):
         if not nearest.success:
             return self._without(target, DEFAULT_STEP)
         index = [self._branch_of(q) for q in nearest.q]
-        return Solutions(self._arm, target, nearest.q, index, incomplete_reason=nearest.incomplete_reason)
+        return Solutions(self._arm, target, nearest.q, index, incomplete=nearest.incomplete)
 
     def _turns(self, rotation: FloatArray, x: float, y: float) -> list[tuple[float, float, float]]:
         """What the base, all pitch joints and the roll joint turn for a rotation ``R_base_tool`` [rad].

@@ -20,6 +20,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.facts import Reason
 from armctl.facts.targets import (
+    AnyAngle,
     BesideAxis,
     BetweenReaches,
     JointsNeeded,
@@ -184,18 +185,18 @@ class ParallelLinkageSolver(InverseKinematics):
             target,
             np.array([q for q, _ in found]),
             [i for _, i in found],
-            incomplete_reason=self._continuum(target),
+            incomplete=self._continuum(target),
         )
 
-    def _continuum(self, target: Target) -> str | None:
+    def _continuum(self, target: Target) -> AnyAngle | None:
         """Why one solution of many stands in the list, or None."""
         x, y, z = self._plane.local_of(*target.point)
         if is_on_axis(self._plane, x, y):
-            return f"the target is on the base axis, so that any angle of {self.titles[0]} will do"
+            return AnyAngle(self.titles[0], "target on base axis")
         folded = abs(self._plane.lengths[0] - self._plane.lengths[1]) < _ROUNDING
         bases = base_branches(self._plane, x, y, None)
         if folded and any(abs(complex(one.r, z) - self._plane.shoulder) < _ROUNDING for one in bases):
-            return f"the wrist is on the shoulder's axis, so that any angle of {self.titles[1]} will do"
+            return AnyAngle(self.titles[1], "wrist on shoulder axis")
         return None
 
     def _positions(self, target: Target) -> Iterator[tuple[FloatArray, int]]:

@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.facts.angles import DEGREE, in_degrees
+from armctl.facts import Reason
+from armctl.facts.angles import DEGREE
+from armctl.facts.targets import ListedInSteps
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, all_images, images, images_toward, wrapped
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import Criterion, EnergyModel, energies
-from armctl.kinematics.explanations import SolvedArm
+from armctl.kinematics.explanations import SolvedArm, all_of, by_turns
 from armctl.kinematics.families.numeric.solver import NumericSolver
 from armctl.kinematics.families.redundant.locked import JOINTS, IndexArray, LockedArm, LockedSolutions
 from armctl.kinematics.samples import DEFAULT_STEP, checked_step, grid_values
@@ -99,19 +101,15 @@ class RedundantSolver(InverseKinematics):
                 found = self._listed(pose, np.append(angles, self._in_turn(about.ravel(), angles[0])), step)
             if len(found.q) == 0:
                 return searched
-        title = self.titles[self._locked.joint]
-        reason = (
-            f"listed in steps of {in_degrees(step, '.6g')} of {title}; "
-            "a run of solutions shorter than that, and further ways of a singular pose, may be missing"
-        )
+        why: Reason | None = ListedInSteps(self.titles[self._locked.joint], step)
         q, branch = found.q, found.branch
         if (np.ptp(self.limits, axis=1) >= TWO_PI).any():
             q, source, left_out = all_images(q, self.limits, start, max(_MOST_ROWS, len(q)))
             branch = branch[source]
-            reason += f"; {left_out} more differ by whole turns" if left_out else ""
+            why = all_of(why, by_turns(left_out))
         return Solutions(
             self._arm, target, q, branch.astype(np.int8), free_joint=self._locked.joint,
-            least_rotation=partial(self._least_rotation, pose, found, step), incomplete_reason=reason,
+            least_rotation=partial(self._least_rotation, pose, found, step), incomplete=why,
             further=partial(self._further, pose, found, step),
         )  # fmt: skip
 

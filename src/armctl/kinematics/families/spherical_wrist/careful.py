@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
+from armctl.facts import Reason
+from armctl.facts.targets import AnyAngle, OneLine
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, distinct, rest_angle, turns_inside, within
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.families.spherical_wrist.closed_form import (
@@ -47,8 +49,8 @@ class CarefulSolutions(NamedTuple):
     q: FloatArray
     """(k, 6) joint angles [rad], each posture once"""
     branches: list[int]
-    continua: tuple[str, ...]
-    """a sentence for each continuum of which only one posture is listed"""
+    continua: tuple[Reason, ...]
+    """every continuum of which only one posture is listed"""
 
 
 class _Arm(NamedTuple):
@@ -73,7 +75,7 @@ class CarefulSolver:
         rest = self._closed.geometry.order(rest)
         postures: list[FloatArray] = []
         branches: list[int] = []
-        continua: list[tuple[str, ...]] = []
+        continua: list[tuple[Reason, ...]] = []
         for arm in self._arms(placed):
             for flip, wrist, q in self._postures(arm, placed, pose, rest):
                 postures.append(q)
@@ -81,7 +83,7 @@ class CarefulSolver:
                 continua.append(tuple(self._told(arm.free, wrist.coupled)))
         q = np.array(postures).reshape(-1, 6)
         kept: list[int] = distinct(q).tolist()
-        told = dict.fromkeys(text for k in kept for text in continua[k])
+        told = dict.fromkeys(one for k in kept for one in continua[k])
         return CarefulSolutions(q[kept], [branches[k] for k in kept], tuple(told))
 
     def _arms(self, placed: Placed) -> Iterator[_Arm]:
@@ -204,17 +206,11 @@ class CarefulSolver:
 
         return newton(rows, q, _STEPS, rank=_SINGULAR, gain=0.5, still=_LEAST)
 
-    def _told(self, free: tuple[int, ...], coupled: float) -> Iterator[str]:
+    def _told(self, free: tuple[int, ...], coupled: float) -> Iterator[Reason]:
         joint = self._closed.geometry.joint
         for k in free:
-            yield (
-                f"the wrist's centre is on the axis of {self._titles[joint(k)]}, which may be at any angle: "
-                "one is listed"
-            )
+            yield AnyAngle(self._titles[joint(k)], "centre of wrist")
         if coupled:
-            what = "sum" if coupled > 0.0 else "difference"
             first, second = sorted((joint(3), joint(5)))
-            yield (
-                f"the axes of {self._titles[first]} and {self._titles[second]} are one line here, so that "
-                f"only the {what} of their angles counts: one pair is listed"
-            )
+            joints = self._titles[first], self._titles[second]
+            yield OneLine(joints, "sum" if coupled > 0.0 else "difference")

@@ -15,6 +15,7 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.angles import LIMIT_TOLERANCE, TWO_PI, Range, images
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
+from armctl.kinematics.explanations import all_of
 from armctl.kinematics.families.numeric.solver import roll_joint
 from armctl.kinematics.families.spherical_wrist.careful import CarefulSolver
 from armctl.kinematics.families.spherical_wrist.closed_form import (
@@ -265,7 +266,7 @@ class SphericalWristSolver(InverseKinematics):
         else:
             q, branches, continua = np.array(quick[0]).reshape(-1, 6), quick[1], ()
             q = self.geometry.order(q)
-        return Configurations(q, np.array(branches, dtype=np.int8), "; ".join(continua) or None)
+        return Configurations(q, np.array(branches, dtype=np.int8), all_of(*continua))
 
     def _with_images(self, target: Target, rows: list[Row], branches: list[int]) -> Solutions:
         """The answer of configurations [rad] in the geometry's order, with their few images."""

@@ -9,6 +9,8 @@ from typing import Self
 import numpy as np
 
 from armctl.arrays import FloatArray
+from armctl.facts import Reason
+from armctl.facts.targets import MayBeHidden, TurnTogether
 from armctl.kinematics.angles import distinct, wrapped
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
@@ -22,7 +24,7 @@ from armctl.kinematics.families.three_parallel.closed_form import (
     with_shoulder,
     with_wrist,
 )
-from armctl.kinematics.families.whole_pose import HIDDEN, Configurations, WholePoses, misses, polished
+from armctl.kinematics.families.whole_pose import Configurations, WholePoses, misses, polished
 from armctl.kinematics.solutions import BatchSolutions, Solutions
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.subproblems import circle_angles, cross
@@ -243,13 +245,13 @@ class ThreeParallelSolver(InverseKinematics):
                 return Configurations(np.array(few[0]).reshape(-1, 6), np.array(few[1], dtype=np.int8))
         ways = all_ways(arm, pose[None])
         index = np.arange(BRANCHES, dtype=np.int8)
-        reason: str | None = None
+        why: Reason | None = None
         if ways.pairs_free[0]:
             lists: list[FloatArray] = []
             for joint in (arm.others[0], arm.others[2]):
                 lists.extend(with_pair(arm, pose, self._answers.spread(joint, start)))
             q, branch = np.concatenate(lists), np.tile(index, len(lists))
-            reason = self._continuum(arm.others[0], arm.others[2])
+            why = self._continuum(arm.others[0], arm.others[2])
         else:
             q, branch = ways.q[0], index
             for i in np.flatnonzero(ways.wrist_free[0]).tolist():
@@ -257,21 +259,21 @@ class ThreeParallelSolver(InverseKinematics):
                     more = with_wrist(arm, pose, i, self._answers.spread(arm.others[1], start))
                     q = np.concatenate([q, *more])
                     branch = np.append(branch, np.tile(index[[i, i + BRANCHES // 2]], len(more)))
-                reason = self._continuum(arm.others[1], arm.first)
+                why = self._continuum(arm.others[1], arm.first)
             for i in np.flatnonzero(ways.shoulder_free[0]).tolist():
                 more = with_shoulder(arm, q[i], self._answers.spread(arm.first, start))
                 q, branch = np.concatenate([q, more]), np.append(branch, np.tile(index[i], len(more)))
-                reason = self._continuum(arm.first, arm.first + 2)
+                why = self._continuum(arm.first, arm.first + 2)
         there = np.flatnonzero(~np.isnan(q[:, 0]))
         q, branch = q[there], branch[there]
         rough, q = q, self._sound(np.broadcast_to(pose, (len(q), 4, 4)), q)
         lost = rough[np.isnan(q[:, 0])]
-        if reason is None and len(lost):
+        if why is None and len(lost):
             lost = polished(self.chain, pose, lost, self._reach, _POLISH)
-            reason = HIDDEN if misses(self.chain, pose, lost).min() < _NEARLY_MET else None
+            why = MayBeHidden() if misses(self.chain, pose, lost).min() < _NEARLY_MET else None
         there = np.flatnonzero(~np.isnan(q[:, 0]))
         there = there[distinct(q[there])]
-        return Configurations(q[there], branch[there], reason, double=True)
+        return Configurations(q[there], branch[there], why, double=True)
 
     def _sound(self, poses: FloatArray, q: FloatArray) -> FloatArray:
         """Ways (k, 6) of poses (k, 4, 4), polished where they miss them; NaN where that does not help."""
@@ -284,11 +286,8 @@ class ThreeParallelSolver(InverseKinematics):
             q[far[misses(self.chain, poses[far], q[far]) > _MET]] = np.nan
         return q
 
-    def _continuum(self, one: int, other: int) -> str:
-        return (
-            f"singular: {self.titles[one]} and {self.titles[other]} can turn against each other here "
-            "without moving the tool; a spread of that continuum is listed"
-        )
+    def _continuum(self, one: int, other: int) -> TurnTogether:
+        return TurnTogether((self.titles[one], self.titles[other]))
 
 
 def branch_names(arm: ThreeParallel) -> tuple[str, ...]:
