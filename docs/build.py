@@ -7,6 +7,7 @@ the references are made from armctl itself, and links are led to where their pag
 from __future__ import annotations
 
 import ast
+import dataclasses
 import os
 import re
 import shutil
@@ -24,6 +25,8 @@ import yaml
 from msgspec import inspect
 
 from armctl.cli.main import cli
+from armctl.facts import Reason
+from armctl.facts.words import KINDS as FACTS
 from armctl.hardware.encoder.axes import EncoderBoardEntry, EncoderEntry, GripperEncoderEntry
 from armctl.program.base_steps import keys_of
 from armctl.program.steps import KINDS, Step
@@ -231,6 +234,25 @@ def _step(kind: type[Step]) -> str:
     return f"### `{kind.__struct_config__.tag}`\n\n{text}\n\n" + "\n".join(rows)
 
 
+# Facts.
+
+
+def facts() -> str:
+    """Every kind of reason, as clients get it: its name, its fields and what it means."""
+    lines = ["| fact | fields | meaning |", "|---|---|---|"]
+    for name, kind in sorted(FACTS.items()):
+        if kind is not Reason:
+            fields = "<br>".join(_fact_fields(kind))
+            lines.append(row((f"`{name}`", fields, " ".join((kind.__doc__ or "").split()))))
+    return "\n".join(lines)
+
+
+def _fact_fields(kind: type[Reason]) -> Iterator[str]:
+    said = said_of(kind)
+    for field in dataclasses.fields(kind):
+        yield f"`{field.name}`" + (f": {said[field.name]}" if field.name in said else "")
+
+
 # The command line.
 
 
@@ -274,6 +296,7 @@ GENERATED: Mapping[str, Callable[[], str]] = {
     "board-entries": board_entries,
     "steps": steps,
     "commands": commands,
+    "facts": facts,
     "docstrings": str,
 }
 """what stands in a page for a line that ends with ``<!-- generated: NAME -->``

@@ -17,6 +17,7 @@ import pytest
 from armctl.arm import Arm
 from armctl.cli.main import COMMANDS
 from armctl.errors import DOCS
+from armctl.facts.words import KINDS as FACTS
 from armctl.handles import ArmControls
 from armctl.program.steps import KINDS, all_keys
 from armctl.robot import robots_folder
@@ -63,6 +64,7 @@ def test_the_site_is_built_and_its_references_are_complete() -> None:
         "reference/program-file": [*tags, *(key.name for key in all_keys())],
         "reference/cli": [f"armctl {name} " for name in COMMANDS],
         "reference/python": calls,
+        "words": [f"{name} " for name in FACTS.keys() - {"Reason"}],
     }
     texts = {page: text_of(page) for page in needed}
     missing = [f"{page}: {one}" for page, words in needed.items() for one in words if one not in texts[page]]

@@ -1,4 +1,4 @@
-"""The kinds of reasons why a target has no solution, or none with its orientation: in metres and radians.
+"""The kinds of reasons why a target has no solution, or a list may miss some: in metres and radians.
 
 A joint is called by its title, as in ``armctl.facts.reasons``. Reasons that belong to one target follow each
 other in ``Several``.
@@ -85,7 +85,7 @@ class InsideCylinder(Reason):
 
 @dataclass(frozen=True, slots=True)
 class BesideAxis(Reason):
-    """The same, for an arm whose tool is led by rods."""
+    """A target nearer to the base axis than a tool that is led by rods comes to it."""
 
     radius_m: float
     distance_m: float
