@@ -37,7 +37,7 @@ def _is_sentence(node: ast.expr) -> bool:
     if isinstance(node, ast.Attribute) and node.attr == "value":  # the label that is chosen from a list
         return isinstance(node.value, ast.Attribute) and node.value.attr in _LISTS
     if isinstance(node, ast.Attribute):
-        return node.attr in ("cause", "warnings", "explanation", "errors")
+        return node.attr in ("cause", "warnings", "explanation", "errors", "what", "answer")
     return isinstance(node, ast.Name) and node.id in _SENTENCES
 
 
@@ -61,6 +61,7 @@ def test_the_search_finds_what_it_is_for() -> None:
         'str(refusal).replace("a", "b")',
         '"home again" in str(error)',
         'cause.partition("; ")',
+        'one.what.partition(" ")[0]',
         'snapshot.cause.startswith("stopped")',
         "text not in self.cause",
         '"home again" in failed',
