@@ -189,9 +189,7 @@ def test_a_page_that_hangs_stops_the_arm_within_a_second_and_one_without_its_lin
     served.wait_for(page, State.HOLDING)
 
 
-def test_without_webgl_all_but_the_picture_works(
-    screen: Screen, served: ServedArm
-) -> None:
+def test_without_webgl_all_but_the_picture_works(screen: Screen, served: ServedArm) -> None:
     screen.page.add_init_script(
         "const context = HTMLCanvasElement.prototype.getContext;"
         "HTMLCanvasElement.prototype.getContext = function (kind, ...more) {"

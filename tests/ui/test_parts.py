@@ -6,6 +6,7 @@ import asyncio
 import json
 import queue
 from collections.abc import Iterator
+from functools import partial
 
 import pytest
 from tests.ui.guard_kit import PATIENCE_S
@@ -56,6 +57,30 @@ def line(server: GuardedServer) -> ClientConnection:
     return connect(f"ws://{here}/page", origin=Origin(f"http://{here}"), ping_interval=None)
 
 
+def test_each_line_of_a_page_hears_everything() -> None:
+    heard: dict[str, list[str]] = {"a": [], "b": []}
+
+    async def main() -> None:
+        parts = Parts()
+        parts.show("ways", "0")
+
+        async def send(line: str, text: str) -> None:
+            heard[line].append(json.loads(text)["parts"]["ways"])
+
+        lines = [asyncio.create_task(parts.tell(partial(send, line))) for line in heard]
+        for number in range(1, 4):
+            while any(len(one) < number for one in heard.values()):
+                await asyncio.sleep(0)
+            parts.show("ways", str(number))
+        while any(len(one) < 4 for one in heard.values()):
+            await asyncio.sleep(0)
+        for line in lines:
+            line.cancel()
+
+    asyncio.run(main())
+    assert heard == {"a": ["0", "1", "2", "3"], "b": ["0", "1", "2", "3"]}
+
+
 def parts_of(server: GuardedServer, html: str, page: str = PAGE) -> tuple[Parts, queue.Queue[str]]:
     """Parts that are linked to a page, and the keys of what is chosen there."""
     chosen: queue.Queue[str] = queue.Queue()
@@ -64,6 +89,7 @@ def parts_of(server: GuardedServer, html: str, page: str = PAGE) -> tuple[Parts,
         parts = Parts()
         parts.show("ways", html)
         parts.on("way", chosen.put)
+        parts.on("end", lambda _: server.part_lines.unlink(parts))
         server.part_lines.link(page, parts)
         return parts
 
@@ -97,11 +123,53 @@ def test_a_page_with_another_arm_gets_its_parts_on_a_new_line(server: GuardedSer
     with line(server) as page:
         page.send(json.dumps({"page": PAGE}))
         assert hear(page) == {"ways": "of another arm"}
+        page.send(json.dumps({"do": "way", "key": "2"}))
+        page.send(json.dumps({"do": "end"}))
+        with pytest.raises(ConnectionClosed):  # once all before it is done
+            hear(page)
     assert before.empty()
 
 
-@pytest.mark.parametrize("said", ['{"go": 1}', "[]", "nothing", '{"do": 5}', json.dumps({"do": "x" * 300})])
-def test_what_is_no_message_of_a_page_ends_the_line(server: GuardedServer, said: str) -> None:
+def test_the_newer_of_two_lines_with_one_name_is_the_page_s(server: GuardedServer) -> None:
+    _, chosen = parts_of(server, "mine")
+    with line(server) as old, line(server) as new:
+        for page in (old, new):
+            page.send(json.dumps({"page": PAGE}))
+            assert hear(page) == {"ways": "mine"}
+        with pytest.raises(ConnectionClosed):
+            hear(old)
+        new.send(json.dumps({"do": "way", "key": "1"}))
+        assert chosen.get(timeout=PATIENCE_S) == "1"
+
+
+def test_who_does_too_much_is_disconnected(server: GuardedServer) -> None:
+    _, chosen = parts_of(server, "mine")
+    with line(server) as page:
+        page.send(json.dumps({"page": PAGE}))
+        hear(page)
+        with pytest.raises(ConnectionClosed):
+            for number in range(5000):
+                page.send(json.dumps({"do": "way", "key": str(number)}))
+            hear(page)
+    assert chosen.qsize() < 1000
+
+
+@pytest.mark.logs_a_defect
+def test_parts_that_cannot_be_sent_end_the_line_and_are_logged(
+    server: GuardedServer, caplog: pytest.LogCaptureFixture
+) -> None:
+    parts_of(server, "\ud800")
+    with line(server) as page:
+        page.send(json.dumps({"page": PAGE}))
+        with pytest.raises(ConnectionClosed):
+            hear(page)
+    assert "the parts of a page could not be sent" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "said", [b'{"do":"\xff"}', '{"go": 1}', "[]", "nothing", '{"do": 5}', json.dumps({"do": "x" * 300})]
+)
+def test_what_is_no_message_of_a_page_ends_the_line(server: GuardedServer, said: str | bytes) -> None:
     _, chosen = parts_of(server, "mine")
     with line(server) as page:
         page.send(json.dumps({"page": PAGE}))

@@ -15,11 +15,11 @@ import numpy as np
 
 from armctl.apart import Tell, apart
 from armctl.arrays import FloatArray
-from armctl.errors import InputError, LimitError, RobotFileError
+from armctl.errors import InputError, LimitError, ProgramError, RobotFileError
 from armctl.facts import Said
 from armctl.facts.words import fact_of, fact_record
 from armctl.motion.preflight import Finding
-from armctl.program import Program, read_program
+from armctl.program import Program, may_be_program, read_program
 from armctl.program.check import check_program
 from armctl.robot import Robot
 from armctl.robot.body.meshes import Drawn, coarse_solids, keep, kept
@@ -52,12 +52,17 @@ def _apart(work: str, request: bytes, seconds: float, parts: int, progress: Prog
     return apart(f"{__name__}:{work}", request, seconds=seconds, told=told, look=look)
 
 
-def read_program_apart(filename: str, content: bytes, robot: Robot) -> Program:
-    """As ``read_program``; blocks, but keeps no other thread waiting."""
-    if len(content) <= _AT_ONCE_BYTES:
+def read_program_apart(
+    filename: str, content: bytes, robot: Robot, progress: Progress | None = None
+) -> Program:
+    """As ``read_program``; blocks, but keeps no other thread waiting. ``progress``: see ``worked_out``."""
+    if len(content) <= _AT_ONCE_BYTES or not may_be_program(filename, content):
         return read_program(filename, content, robot)
     request = msgspec.msgpack.encode((filename, content, robot_record(robot)))
-    return msgspec.msgpack.decode(_apart("do_read", request, _READ_S, 1, None), type=Program)
+    try:
+        return msgspec.msgpack.decode(_apart("do_read", request, _READ_S, 1, progress), type=Program)
+    except LimitError as cause:
+        raise ProgramError(f"{filename}: {cause}") from cause
 
 
 def do_read(request: bytes, _: Tell) -> bytes:

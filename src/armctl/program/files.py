@@ -54,6 +54,11 @@ def read_program(filename: str, content: bytes, robot: Robot | None) -> Program:
         raise ProgramError(f"{filename}: {cause}") from cause
 
 
+def may_be_program(filename: str, content: bytes) -> bool:
+    """Whether ``read_program`` has to read the content to say what it is."""
+    return PurePath(filename).suffix.lower() in PROGRAM_SUFFIXES and not content.startswith(_WORKBOOKS)
+
+
 def _read(name: PurePath, content: bytes, robot: Robot | None) -> Program:
     if content.startswith(_WORKBOOKS) and name.suffix.lower() not in (".toml", ".py"):
         raise ProgramError(

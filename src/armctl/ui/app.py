@@ -75,10 +75,7 @@ class App:
         robots.on_change(self._changed)
         self.server.on_client_connect(self._connect)
         self.server.on_client_disconnect(self._disconnect)
-        self._loops: list[Future[None]] = [
-            asyncio.run_coroutine_threadsafe(work, self.server.get_event_loop())
-            for work in (self._beat(), self._draw())
-        ]
+        self._loop: Future[None] = asyncio.run_coroutine_threadsafe(self._run(), self.server.get_event_loop())
 
     def close(self) -> None:
         """Stop serving; pages that hang are not waited for, so that the arm is brought to rest after it."""
@@ -94,8 +91,7 @@ class App:
         asyncio.get_running_loop().set_exception_handler(
             lambda _, context: LOG.debug("left at the end: %s", context["message"])
         )
-        for loop in self._loops:
-            loop.cancel()
+        self._loop.cancel()
         for page in self._pages.values():
             page.session.close()
         await asyncio.sleep(FRAME_S)  # what was cancelled ends before the server does
@@ -112,13 +108,12 @@ class App:
             await page.build()
         except Exception:
             LOG.exception("%s could not be built", who)
-            self._pages.pop(client.client_id, None)
+            if (built := self._pages.pop(client.client_id, None)) is not None:
+                built.session.close()
             raise
         address = self.server.address_of(client.client_id)
         await self._arrive(who, f"pages at {near(address)}" if address else "")
-        if self._prepared is not self._console.robot:
-            self._prepared = self._console.robot
-            page.session.spawn(asyncio.to_thread(prepare, page.session.held))
+        self._prepare(page)
         former = self._return.former
         if former is not None and self._lines.page_of(who) != former.page:
             text = (
@@ -131,6 +126,12 @@ class App:
         """The lines of ``page``, which calls itself so, are those of a session."""
         self._lines.link(page, session.me)
         self.server.part_lines.link(page, session.parts)
+
+    def _prepare(self, page: Page) -> None:
+        """Have one page do what takes a while the first time with an arm."""
+        if self._prepared is not self._console.robot:
+            self._prepared = self._console.robot
+            page.session.spawn(asyncio.to_thread(prepare, page.session.held))
 
     async def _arrive(self, who: str, source: str) -> None:
         """Tell the arm that a page is there; a page of an arm that does not answer is shown all the same."""
@@ -159,8 +160,10 @@ class App:
             self._figure.root.remove()
             self._draw_arm()
         for client_id, page in tuple(self._pages.items()):
+            self.server.part_lines.unlink(page.session.parts)
             try:
                 page.rebuild()
+                self._prepare(page)
                 if change.did == RESTARTED:
                     then = "Enable again" if change.not_connected is None else "Connect, then Enable"
                     text = f"A new arm process was started. Press {then}."
@@ -197,6 +200,16 @@ class App:
             controller.submit(Leave("the operator's page does not answer"), Origin(who))
             controller.submit(Arrive(who, watch=True), self.robots.origin(who))
             self._return.fell_silent(who)
+
+    async def _run(self) -> None:
+        """Draw, and beat beside it; where one of them breaks, both end, and the arm comes to rest."""
+        try:
+            async with asyncio.TaskGroup() as both:
+                both.create_task(self._beat())
+                both.create_task(self._draw())
+        except Exception:
+            LOG.exception("the pages cannot be drawn any more")
+            raise
 
     async def _beat(self) -> None:
         """Say that pages can command: from this loop, as where it hangs they cannot."""

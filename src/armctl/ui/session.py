@@ -143,7 +143,7 @@ class Session:
 
     def on_part(self, do: str, action: Callable[[str], Awaitable[object] | None]) -> None:
         """Run ``action(key)`` where this is done to a part of the page; what goes wrong is notified."""
-        self.parts.on(do, lambda key: self.spawn(self.attempt(partial(action, key))))
+        self.parts.on(do, lambda key: None if self.closed else self.attempt(partial(action, key)))
 
     def needs(
         self,

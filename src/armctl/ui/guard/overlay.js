@@ -28,7 +28,7 @@
     byte.toString(16).padStart(2, "0"),
   ).join("");
 
-  globalThis.armctlPage = page; // what says its parts, too (parts.js)
+  globalThis.armctlPage = page; // the line of its parts says it, too (parts.js)
 
   // This page's name outlives its being loaded again, so that control comes back to it. In between it is kept;
   // while the page is open it is not, as a copy of its tab would get it, too.

@@ -3,16 +3,26 @@
 // It knows no part: data-do is what a click does, data-key to what.
 (() => {
   "use strict";
-  const RETRY_MS = 300;
+  const RETRY_MS = [300, 3000]; // at first, and at most
   const texts = new Map(); // the newest HTML of each part
   let line = null;
+  let retry = RETRY_MS[0];
 
   // The line: one websocket beside viser's.
   function open() {
     line = new WebSocket(`${location.protocol.replace("http", "ws")}//${location.host}/page`);
     line.onopen = () => tell({ page: armctlPage });
-    line.onmessage = ({ data }) => hear(JSON.parse(data).parts);
-    line.onclose = () => setTimeout(open, RETRY_MS);
+    line.onmessage = ({ data }) => {
+      retry = RETRY_MS[0];
+      document.documentElement.removeAttribute("data-armctl-parts-old");
+      hear(JSON.parse(data).parts);
+    };
+    line.onclose = () => {
+      document.documentElement.setAttribute("data-armctl-parts-old", "");
+      texts.clear(); // of another arm, it may be
+      setTimeout(open, retry);
+      retry = Math.min(2 * retry, RETRY_MS[1]);
+    };
   }
   function tell(said) {
     if (line.readyState === WebSocket.OPEN) line.send(JSON.stringify(said));
@@ -88,9 +98,11 @@
   addEventListener("keydown", (event) => {
     const row = event.target;
     if (!(row instanceof Element) || !row.matches("armctl-part [role=listbox] > [data-key]")) return;
+    if (event.altKey || event.ctrlKey || event.metaKey || event.shiftKey) return;
     const rows = Array.from(row.parentElement.children).filter((one) => one.dataset.key);
     const at = rows.indexOf(row);
-    const forth = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+    const columns = rows.filter((one) => one.offsetTop === rows[0].offsetTop).length;
+    const forth = { ArrowRight: 1, ArrowDown: columns, ArrowLeft: -1, ArrowUp: -columns }[event.key];
     const to = { Home: 0, End: rows.length - 1 }[event.key] ?? (forth === undefined ? undefined : at + forth);
     if (to !== undefined && rows[to]) {
       rows[to].focus();

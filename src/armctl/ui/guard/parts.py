@@ -14,6 +14,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from functools import partial
 from html import escape
 
 import msgspec
@@ -22,7 +23,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import CloseCode
 
-from armctl.ui.guard.filter import FloodGauge
+from armctl.ui.guard.filter import LOG, FloodGauge
 
 PARTS_PATH = "/page"
 _MOST_BYTES = 256
@@ -46,9 +47,9 @@ class Parts:
 
     def __init__(self) -> None:
         self._html: dict[str, str] = {}
-        self._unsent: set[str] = set()
-        self._changed = asyncio.Event()
-        self._actions: dict[str, Callable[[str], object]] = {}
+        self._lines: list[tuple[set[str], asyncio.Event]] = []
+        """of each line what is not sent yet, and that there is something"""
+        self._actions: dict[str, Callable[[str], Awaitable[object] | None]] = {}
 
     def __getitem__(self, name: str) -> str:
         """What a part shows."""
@@ -63,33 +64,42 @@ class Parts:
         """Replace what a part shows. The caller escapes what is not its own."""
         if html != self._html.get(name):
             self._html[name] = html
-            self._unsent.add(name)
-            self._changed.set()
+            for unsent, some in self._lines:
+                unsent.add(name)
+                some.set()
 
-    def on(self, do: str, action: Callable[[str], object]) -> None:
-        """Call ``action(key)`` where this is done to something with that key."""
+    def on(self, do: str, action: Callable[[str], Awaitable[object] | None]) -> None:
+        """Run ``action(key)`` where this is done to something with that key."""
         self._actions[do] = action
 
-    def done(self, do: str, key: str) -> None:
+    async def done(self, do: str, key: str) -> None:
         """Something is done on the page. What nobody knows may be of a part that has gone."""
-        if (action := self._actions.get(do)) is not None:
-            action(key)
+        if (action := self._actions.get(do)) is not None and (work := action(key)) is not None:
+            await work
 
     async def tell(self, send: Callable[[str], Awaitable[None]]) -> None:
         """Send all parts, and from then on what changes, until cancelled."""
-        self._unsent = set(self._html)
-        while True:
-            if self._unsent:
-                names, self._unsent = sorted(self._unsent), set()
-                parts = {name: self._html[name] for name in names}
+        unsent, some = set(self._html), asyncio.Event()
+        some.set()
+        self._lines.append((unsent, some))
+        try:
+            while await some.wait():
+                some.clear()
+                parts = {name: self._html[name] for name in sorted(unsent)}
+                unsent.clear()
                 await send(msgspec.json.encode({"parts": parts}).decode())
-            self._changed.clear()
-            if not self._unsent:
-                await self._changed.wait()
+        finally:
+            self._lines = [line for line in self._lines if line[1] is not some]
+
+
+class _Gauge(FloodGauge):
+    """A key that is held down does something thirty times a second; nobody does more."""
+
+    CAPACITY, REFILL_PER_S = 200.0, 60.0
 
 
 class PartLines:
-    """All pages' lines for their parts. Event loop only."""
+    """All pages' lines for their parts, one a page. Event loop only."""
 
     def __init__(self) -> None:
         self._parts: dict[str, Parts] = {}
@@ -98,43 +108,58 @@ class PartLines:
         self._linked = asyncio.Event()
 
     def link(self, page: str, parts: Parts) -> None:
-        """These are the parts of ``page`` from now on; a line that served others comes again."""
+        """These are the parts of ``page`` from now on. A line with others ends; the page opens a new one."""
+        self._end(page)
         self._parts[page] = parts
         self._linked.set()
         self._linked = asyncio.Event()
-        if (line := self._lines.pop(page, None)) is not None:
-            line.transport.close()
 
     def unlink(self, parts: Parts) -> None:
-        """Their page is gone."""
-        self._parts = {page: one for page, one in self._parts.items() if one is not parts}
+        """These are the parts of no page any more."""
+        for page in [page for page, one in self._parts.items() if one is parts]:
+            del self._parts[page]
+            self._end(page)
+
+    def _end(self, page: str) -> None:
+        if (line := self._lines.pop(page, None)) is not None:
+            line.transport.abort()
 
     async def handle(self, line: ServerConnection) -> None:
-        """Serve a line that the web server has let in, until it ends."""
-        gauge = FloodGauge(asyncio.get_running_loop().time)
+        """Serve a line that the web server has let in, until it ends. What is done there waits its turn."""
+        gauge = _Gauge(asyncio.get_running_loop().time)
         with suppress(ConnectionClosed):
             try:
                 async with asyncio.timeout(_UNKNOWN_S):
                     page = _said(await line.recv()).page or ""
                     while page not in self._parts:
                         await self._linked.wait()
+                self._end(page)
                 parts, self._lines[page] = self._parts[page], line
                 telling = asyncio.create_task(parts.tell(line.send))
+                telling.add_done_callback(partial(_told, line))
                 try:
                     async for raw in line:
                         said = _said(raw)
                         if not gauge.charge(len(raw), refused=False):
                             await line.close(CloseCode.POLICY_VIOLATION, "too many messages")
-                        elif self._parts.get(page) is parts:
-                            parts.done(said.do, said.key)
+                        elif self._lines.get(page) is line:
+                            await parts.done(said.do, said.key)
                 finally:
                     telling.cancel()
                     if self._lines.get(page) is line:
                         del self._lines[page]
             except TimeoutError:
                 await line.close(CloseCode.POLICY_VIOLATION, "no page of this name")
-            except msgspec.DecodeError:
+            except (msgspec.DecodeError, UnicodeDecodeError):
                 await line.close(CloseCode.INVALID_DATA, "no message of a page")
+
+
+def _told(line: ServerConnection, telling: asyncio.Task[None]) -> None:
+    """A line on which nothing is said any more ends: its page opens another one."""
+    error = None if telling.cancelled() else telling.exception()
+    if error is not None and not isinstance(error, ConnectionClosed):
+        LOG.error("the parts of a page could not be sent", exc_info=error)
+    line.transport.abort()
 
 
 def _said(raw: str | bytes) -> _Said:

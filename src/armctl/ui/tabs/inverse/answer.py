@@ -41,10 +41,10 @@ SAME_RAD = 1e-9
 _SAME_BRANCH = 1e-6
 _MOST_POINTS = 1000
 """of an energy curve"""
-_MOST_WAYS, _MOST_TURNS = 16, 3
-"""ways to choose among; whole turns of one that are tried for one that may be gone to"""
+MOST_WAYS, _MOST_TRIED, _MOST_POSTURES = 16, 4, 32
+"""ways to choose among; rows of one that are tried, by energy and nearness; postures that are told apart"""
 _SAME_COST = 1 + 1e-6
-_GAP_STEPS, _FAR_RAD = 2.5, 0.5
+_GAP_STEPS, _FAR_RAD, _SAME_POSE = 2.5, 0.5, 1e-4
 
 
 def _shown(criterion: Criterion, energy: FloatArray, model: EnergyModel) -> FloatArray:
@@ -179,10 +179,8 @@ def answer(
     found = RankedSolutions(robot, solutions, name, start, energy, order, best, why_not, ways, judged, way)
     few = representatives(found) if solutions.success else ()
     other = _first_possible(robot, found, few) if way else None
-    choices = ways_to(found) if solutions.success else ()
-    return replace(
-        found, curve=_energy_curve(robot, found), representatives=few, instead=other, choices=choices
-    )
+    found = replace(found, curve=_energy_curve(robot, found), representatives=few, instead=other)
+    return replace(found, choices=ways_to(found) if best is not None and not why_not else ())
 
 
 def _first_possible(robot: Robot, found: RankedSolutions, few: Sequence[Representative]) -> int | None:
@@ -305,11 +303,13 @@ class Way:
     """(n,) [rad]"""
     row: int | None
     """in the list, from 1; None: it is not in it, since a joint would pass its limit"""
-    turns: int
-    """how many rows of the list differ from it by whole turns of joints alone"""
+    rows: NDArray[np.int64]
+    """(k,) the rows of the list that are this way"""
     refused: str
     """why the arm may not go there from where it stands; empty where it may"""
     costs: Costs
+    folded: bool = False
+    """its rows differ by whole turns of joints, or by a roll that is free, alone"""
     least: tuple[Criterion, ...] = ()
     """the criteria by which it is the least of those that may be gone to"""
 
@@ -317,23 +317,16 @@ class Way:
 def ways_to(found: RankedSolutions) -> tuple[Way, ...]:
     """What to choose among, of solutions that there are: those that may be gone to first, by energy."""
     solutions = found.solutions
-    turned = np.exp(1j * solutions.q[found.order])
-
-    def alike(q: FloatArray) -> list[int]:
-        """Rows that differ from ``q`` by whole turns."""
-        rows = np.arange(1, len(turned) + 1)
-        for joint, one in enumerate(np.exp(1j * q)):
-            rows = rows[np.abs(turned[rows - 1, joint] - one) < _SAME_BRANCH]
-        return rows.tolist()
-
     if found.verdicts:
-        ways = [_way(found, one.branch.name, alike(one.branch.q), one) for one in found.verdicts]
+        groups = [(one.branch.name, _turned(found, one.branch.q), one) for one in found.verdicts]
     else:
         named = _postures(found) if solutions.free_joint is None else _pieces(found)
-        listed = solutions.q[found.order]
-        ways = [_way(found, name, alike(listed[row - 1]), None) for name, row in named[:_MOST_WAYS]]
+        groups = [(name, rows, None) for name, rows in named]
     last = len(found.order) + 1
-    ways.sort(key=lambda way: (bool(way.refused), way.row or last))
+    ways = sorted(
+        (_way(found, *group) for group in groups[:MOST_WAYS]),
+        key=lambda way: (bool(way.refused), way.row or last),
+    )
     possible = [way.costs for way in ways if not way.refused]
     return tuple(
         way if way.refused or len(possible) == 1 else replace(way, least=_least_by(way.costs, possible))
@@ -341,64 +334,73 @@ def ways_to(found: RankedSolutions) -> tuple[Way, ...]:
     )
 
 
+def _turned(found: RankedSolutions, q: FloatArray) -> NDArray[np.int64]:
+    """Rows of the list, from 1, that differ from ``q`` (n,) [rad] by whole turns, or a roll that is free."""
+    solutions = found.solutions
+    listed, rows = solutions.q[found.order], np.arange(1, len(found.order) + 1)
+    for joint, angle in enumerate(q):
+        if joint != solutions.free_roll:
+            rows = rows[np.abs(np.exp(1j * listed[rows - 1, joint]) - np.exp(1j * angle)) < _SAME_BRANCH]
+    return rows
+
+
 def _least_by(one: Costs, of: Sequence[Costs]) -> tuple[Criterion, ...]:
     return tuple(name for name, cost in _COSTS.items() if cost(one) <= _SAME_COST * min(map(cost, of)))
 
 
-def _way(found: RankedSolutions, name: str, rows: Sequence[int], one: BranchVerdict | None) -> Way:
-    """Of rows of the list, from 1, that differ by whole turns: the first to which the arm may go."""
-    row = next((row for row in rows[:_MOST_TURNS] if found.ways.possible(found.q(row))), None)
-    row = rows[0] if row is None and rows else row
-    if row is None and one is not None:
-        return Way(name, one.branch.q, None, 0, one.refused, costs(found, one.branch.q))
-    q = found.q(row or 1)
-    return Way(name, q, row, len(rows) - 1, found.ways.refused(q), costs(found, q))
+def _way(found: RankedSolutions, name: str, rows: NDArray[np.int64], one: BranchVerdict | None) -> Way:
+    """Of rows of the list, from 1: the first to which the arm may go, of the least and the nearest ones."""
+    if one is not None and not len(rows):
+        return Way(name, one.branch.q, None, rows, one.refused, costs(found, one.branch.q))
+    listed = found.solutions.taken(found.solutions.q[found.order[rows - 1]], found.criterion, found.start)
+    nearest = rows[np.argsort(np.abs(listed - found.start).max(axis=1), kind="stable")[:_MOST_TRIED]]
+    known = rows[rows == (found.instead or 0)]  # it is possible
+    tried: list[int] = np.unique(np.concatenate([rows[:_MOST_TRIED], nearest, known])).tolist()
+    row = next((row for row in tried if found.ways.possible(found.q(row))), int(rows[0]))
+    q = found.q(row)
+    return Way(name, q, row, rows, found.ways.refused(q), costs(found, q), folded=one is not None)
 
 
-def _postures(found: RankedSolutions) -> list[tuple[str, int]]:
-    """Name and row of some solutions far from each other, the first of each name, by their energy."""
-    robot, far = found.robot, list[FloatArray]()
-    named: dict[str, int] = {}
-    for row in range(1, len(found.order) + 1):
-        q = found.q(row)
-        if all(np.abs(np.angle(np.exp(1j * (q - other)))).max() > _FAR_RAD for other in far):
-            far.append(q)
-            pose = robot.forward(q)
-            branches = robot.branches(pose[:3, 3], rotation=pose[:3, :3])
-            same = (one.name for one in branches if np.abs(np.exp(1j * one.q) - np.exp(1j * q)).max() < 1e-4)
-            named.setdefault(next(same, f"posture {len(far)}"), row)
-        if len(far) == _MOST_WAYS:
+def _postures(found: RankedSolutions) -> list[tuple[str, NDArray[np.int64]]]:
+    """Name and rows of solutions that are searched for one by one: of one branch, or near each other."""
+    robot, named = found.robot, dict[str, list[NDArray[np.int64]]]()
+    listed = found.solutions.taken(found.solutions.q[found.order], found.criterion, found.start)
+    left = np.arange(len(listed))
+    for number in range(1, _MOST_POSTURES + 1):
+        if not len(left):
             break
-    return list(named.items())
+        q = listed[left[0]]
+        near = np.abs(np.angle(np.exp(1j * (listed[left] - q)))).max(axis=1) <= _FAR_RAD
+        pose = robot.forward(q)
+        turned, branches = np.exp(1j * q), robot.branches(pose[:3, 3], rotation=pose[:3, :3])
+        same = (one.name for one in branches if np.abs(np.exp(1j * one.q) - turned).max() < _SAME_POSE)
+        named.setdefault(next(same, f"posture {number}"), []).append(left[near] + 1)
+        left = left[~near]
+    return [(name, np.sort(np.concatenate(rows))) for name, rows in named.items()]
 
 
-def _pieces(found: RankedSolutions) -> list[tuple[str, int]]:
-    """Name and the row of least energy of each piece of the solutions, by that energy.
+def _pieces(found: RankedSolutions) -> list[tuple[str, NDArray[np.int64]]]:
+    """Name and rows of each piece of the solutions, by its least energy.
 
     A piece is of one branch, and without a gap in the free joint.
     """
-    solutions, free = found.solutions, found.solutions.free_joint
+    solutions, free = found.solutions, found.solutions.free_joint or 0
     place = np.empty(len(found.order), dtype=np.int64)
     place[found.order] = np.arange(1, len(found.order) + 1)
-    pieces: list[tuple[str, int]] = []
+    pieces: list[tuple[str, NDArray[np.int64]]] = []
     for i, name in enumerate(solutions.branch_names):
         here = np.flatnonzero(solutions.branch_index == i)
-        if free is not None and len(here):
-            angles = solutions.q[here, free]
-            ahead = np.argsort(angles, kind="stable")
-            steps = np.diff(angles[ahead])
-            usual = np.median(steps[steps > SAME_RAD]) if (steps > SAME_RAD).any() else np.inf
-            parts = np.split(here[ahead], np.flatnonzero(steps > _GAP_STEPS * usual) + 1)
-        else:
-            parts = [here] if len(here) else []
+        here = here[np.argsort(solutions.q[here, free], kind="stable")]
+        steps = np.diff(solutions.q[here, free])
+        usual = np.median(steps[steps > SAME_RAD]) if (steps > SAME_RAD).any() else np.inf
+        parts = np.split(here, np.flatnonzero(steps > _GAP_STEPS * usual) + 1) if len(here) else []
         for part in parts:
-            first = int(place[part].min())
             span = ""
-            if free is not None and len(parts) > 1:
+            if len(parts) > 1:
                 low, high = np.sort(found.robot.shown(solutions.q[part[[0, -1]]])[:, free])
                 span = f", {found.robot.joints[free].title} {fixed(low, 0)} … {fixed(high, 0)}°"
-            pieces.append((f"{name}{span}", first))
-    return sorted(pieces, key=lambda piece: piece[1])
+            pieces.append((f"{name}{span}", np.sort(place[part])))
+    return sorted(pieces, key=lambda piece: int(piece[1][0]))
 
 
 def short_branch(name: str) -> str:

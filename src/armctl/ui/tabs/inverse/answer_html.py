@@ -12,6 +12,7 @@ from armctl.kinematics import Criterion
 from armctl.motion import FLOOR_TOLERANCE_M
 from armctl.robot import Robot
 from armctl.ui.tabs.inverse.answer import (
+    MOST_WAYS,
     SAME_RAD,
     RankedSolutions,
     Representative,
@@ -160,36 +161,43 @@ _LEAST: dict[Criterion, str] = {
     "least-rotation": "least rotation",
 }
 _WAYS_TOLD = (
-    "A way is one posture of the arm that puts the tool there. Time and travel count from where the arm "
-    "stands: travel is what the joints would take one after the other."
+    "Time: by a planned movement from where the arm stands. Travel: what the joints would take one by one."
 )
 _PICTURE, _DRAWN = 44, 36
 """width of a picture, and of the largest arm in it [px]"""
+_UPRIGHT_M = 1e-6
+"""how far from the base's axis a tool is that points nowhere"""
 
 
-def ways_html(found: RankedSolutions, row: int | None) -> str:
-    """Every way as a card, the one of the selected row (from 1) as chosen; empty where there is none."""
+def ways_html(found: RankedSolutions, row: int | None, answer: int) -> str:
+    """Every way as a card, that of the selected row (from 1) as chosen; empty where there is none.
+
+    A card's key is ``answer``, the number of the answer, and which way of it.
+    """
     ways = found.choices
     if not ways:
         return ""
     possible = sum(not way.refused for way in ways)
     many = "1 way" if len(ways) == 1 else f"{len(ways)} ways"
+    if len(ways) == MOST_WAYS:
+        many = f"The {len(ways)} ways of least energy"
     free = found.solutions.free_joint
     about = "" if free is None else f", the best of each as {found.robot.joints[free].title} turns"
-    head = f"<b title='{escape(_WAYS_TOLD)}'>{many}</b>{escape(about)}; {possible} may be gone to"
-    chosen = next((i for i, way in enumerate(ways) if way.row == row and row is not None), None)
+    head = f"<b>{many}</b>{escape(about)}: {possible} possible<p>{_WAYS_TOLD}</p>"
+    chosen = next((i for i, way in enumerate(ways) if row is not None and row in way.rows), None)
     drawn = [_flat(found.robot, way.q) for way in ways]
     low, high = np.min([one.min(axis=0) for one in drawn], 0), np.max([one.max(axis=0) for one in drawn], 0)
     scale, middle = _DRAWN / float((high - low).max()), 0.5 * (low + high)
+    pictures = [_thumbnail(_PICTURE / 2 + scale * (points - middle)) for points in drawn]
     cards = "".join(
-        _card(found, way, i, _thumbnail(_PICTURE / 2 + scale * (points - middle)), chosen, first=chosen or 0)
-        for i, (way, points) in enumerate(zip(ways, drawn, strict=True))
+        _card(found, way, f"{answer}.{i}", picture, chosen=i == chosen, first=i == (chosen or 0))
+        for i, (way, picture) in enumerate(zip(ways, pictures, strict=True))
     )
     name = "Ways to the target"
     return f"<div>{head}</div><div class=armctl-cards role=listbox aria-label='{name}'>{cards}</div>"
 
 
-def _card(found: RankedSolutions, way: Way, key: int, picture: str, chosen: int | None, *, first: int) -> str:
+def _card(found: RankedSolutions, way: Way, key: str, picture: str, *, chosen: bool, first: bool) -> str:
     """One that may be gone to with what it costs, another one with the reason."""
     if way.refused:
         body = f"<em>{escape(way.refused)}</em>"
@@ -200,16 +208,15 @@ def _card(found: RankedSolutions, way: Way, key: int, picture: str, chosen: int 
             unit = unit_of("least-torque", found.solutions.arm.energy).removesuffix(" of stall")
             figures.append(f"load {fixed(cost.load, 0 if unit == '%' else 2)} {unit}")
         badges = "".join(f"<span class=armctl-badge>{_LEAST[one]}</span>" for one in way.least)
-        turns = f" +{way.turns} by whole turns" * bool(way.turns)
+        more = len(way.rows) - 1
+        turns = f" {more} more by whole turns" * bool(way.folded and more)
         body = f"<p>{escape(' · '.join(figures))}</p><p>{badges}{turns}</p>"
     shown = found.robot.shown(way.q)
     angles = "".join(f"<span>{fixed(float(angle), 1)}°</span>" for angle in shown)
-    state = f"aria-selected={'true' if key == chosen else 'false'}" + " aria-disabled=true" * (
-        way.row is None
-    )
+    state = f"aria-selected={'true' if chosen else 'false'}" + " aria-disabled=true" * (way.row is None)
     return (
         f"<div class='armctl-card{' armctl-refused' * bool(way.refused)}' role=option {state} "
-        f"tabindex={0 if key == first else -1} data-key={key} data-do=way title='{escape(way.refused)}'>"
+        f"tabindex={0 if first else -1} data-key={key} data-do=way title='{escape(way.refused)}'>"
         f"{picture}<div><b>{escape(way.name.replace('-', ' '))}</b>{body}</div>"
         f"<div class=angles>{angles}</div></div>"
     )
@@ -232,7 +239,8 @@ def _flat(robot: Robot, q: FloatArray) -> FloatArray:
     foot = [0.0, 0.0, min(0.0, robot.floor_z)]
     points = np.vstack([foot, robot.frames(q)[:, :3, 3], robot.forward(q)[:3, 3]])
     ahead = np.array([*robot.forward(robot.pose("home"))[:2, 3], 0.0])
-    ahead /= max(1e-9, float(np.linalg.norm(ahead)))
+    length = float(np.linalg.norm(ahead))
+    ahead = ahead / length if length > _UPRIGHT_M else np.array([1.0, 0.0, 0.0])
     away = 0.62 * ahead + 0.72 * np.array([ahead[1], -ahead[0], 0.0]) + np.array([0.0, 0.0, 0.32])
     right = np.cross([0.0, 0.0, 1.0], away)
     up = np.cross(away, right)

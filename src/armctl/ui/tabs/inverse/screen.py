@@ -63,6 +63,8 @@ class InverseScreen:
         self._mark = scene.add_icosphere("/inverse_mark", 0.006, color=_MARK_COLOR, visible=False)
         self._answer: RankedSolutions | None = None
         self._answered: tuple[str | None, ...] = ()
+        self._number = 0
+        """of the answer"""
         self._ghost_is_old = False
         self._newest, self._one_at_a_time = Newest(), asyncio.Lock()
         self._judging = OneAtATime(self._judge_selected)
@@ -208,11 +210,11 @@ class InverseScreen:
         except ArmctlError as refusal:
             self._forget(refusal)
             raise
-        criterion, profile = self._criterion.value, self._movement.profile
+        criterion, profile, held = self._criterion.value, self._movement.profile, self._session.held
         async with self._one_at_a_time:
             if not is_newest():
                 return None
-            found = await asyncio.to_thread(solve, self._session.held, target, criterion, start, profile)
+            found = await asyncio.to_thread(solve, held, target, criterion, start, profile)
         if not is_newest():
             return None
         self._answered = texts
@@ -279,11 +281,11 @@ class InverseScreen:
                 self._select(one.row)
 
     def _on_way(self, key: str) -> None:
+        """Choose a way of the present answer; a click on one before it comes too late."""
         found = self._answer
-        ways = () if found is None else found.choices
-        way = ways[int(key)] if key.isdecimal() and int(key) < len(ways) else None
-        if way is not None and way.row is not None:
-            self._select(way.row)
+        for i, way in enumerate(() if found is None or not self._answered else found.choices):
+            if key == f"{self._number}.{i}" and way.row is not None:
+                self._select(way.row)
 
     def _on_along(self) -> None:
         if self._answer is not None and self._answer.solutions.success:
@@ -308,6 +310,7 @@ class InverseScreen:
     def _show(self, found: RankedSolutions) -> None:
         solutions = found.solutions
         self._answer, self._ghost_is_old = found, False
+        self._number += 1
         self._note.visible = self._stale.visible = False
         self._result.show(result_html(self._robot, found))
         self._nearest.visible = solutions.nearest_away_m > 0.0
@@ -366,7 +369,7 @@ class InverseScreen:
 
     def _draw_list(self, found: RankedSolutions) -> None:
         count, row = len(found.solutions), self._pager.row
-        self._session.parts.show(_WAYS, ways_html(found, row))
+        self._session.parts.show(_WAYS, ways_html(found, row, self._number))
         self._compared.visible = self._few.visible = len(found.representatives) > 1
         self._selected.visible = count > 0
         if count == 0:

@@ -27,6 +27,7 @@ from armctl.program import (
 from armctl.program.files import SAMPLES, sample_program
 from armctl.protocol import Pause, Resume, RunProgram, Snapshot
 from armctl.robot import Robot
+from armctl.ui.events import Newest
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_editor import EMPTY, ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
@@ -56,7 +57,7 @@ class ProgramFiles:
         self._session = session
         self._check = check
         self._shared = session.console.shared(SharedProgram)
-        self._version = -1
+        self._uploads, self._version = Newest(), -1
         self._named = self._shared.program.name
         gui = session.gui
         self._name = gui.add_text("Name", initial_value=self._named)
@@ -117,7 +118,15 @@ class ProgramFiles:
     async def _on_upload(self) -> None:
         self._session.require_operator()
         file, robot = self._upload.value, self._session.console.robot
-        program = await asyncio.to_thread(read_program_apart, file.name, file.content, robot)
+        is_newest = self._uploads.begin()
+
+        def progress(*_: int) -> None:
+            if self._session.closed or not is_newest():
+                raise StateError(f"{file.name} was not taken: another file was chosen while it was read")
+
+        read = partial(read_program_apart, file.name, file.content, robot, progress)
+        program = await asyncio.get_running_loop().run_in_executor(_LOOKING, read)
+        progress()
         self._session.require_operator()
         try:
             self._shared.put(program)
