@@ -249,6 +249,8 @@ CONTRACT = {
         "actionDescription",
         "--scrollarea-scrollbar-size",
         "data-dock-tab",
+        "data-dock-group",
+        "`Paper`",
         "width:`20em`",
     ),
     "viser_file.css": ("scene tree",),
