@@ -6,9 +6,11 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from html import unescape
+from pathlib import Path
 
 import pytest
 
+import armctl.ui.tabs
 from armctl.facts import Said
 from armctl.motion import Finding
 from armctl.motion.preflight import Unchecked
@@ -23,6 +25,14 @@ def test_a_long_text_keeps_its_height_and_can_be_read_to_its_end() -> None:
     assert told is not None
     assert [unescape(part) for part in told.groups()] == [text, text]
     assert "<Shoulder>" not in html
+
+
+def test_no_text_of_a_tab_has_a_colour_that_is_made_for_one_theme() -> None:
+    folder = Path(armctl.ui.tabs.__file__).parent
+    told = {
+        path.name: re.findall(r"[ ';]color:#\w+", path.read_text("utf-8")) for path in folder.rglob("*.py")
+    }
+    assert len(told) > 20 and {name for name, colours in told.items() if colours} == set()
 
 
 @pytest.mark.parametrize("block", [muted, refused, warned])

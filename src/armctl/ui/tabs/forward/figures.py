@@ -24,7 +24,7 @@ from armctl.kinematics.velocity import (
 from armctl.robot import Robot
 from armctl.ui.session import Session
 from armctl.ui.widgets.angle_fields import held_at
-from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, numbers, refused, table
+from armctl.ui.widgets.html import ERROR, GOOD, LiveHtml, fixed, heading, muted, numbers, refused, table
 from armctl.ui.widgets.number_field import DEGREES, MILLIMETRES, FieldArray, NumberField
 
 _LEAST_PART = 0.35
@@ -96,7 +96,7 @@ def jacobian_html(robot: Robot, q: FloatArray) -> str:
 def manipulability_html(freedom: Freedom, tip: FloatArray) -> str:
     """The measure, the distance from singularities, and the hardest direction of the tool point (3,) [m]."""
     free, lost = freedom.verdict == "well away from singularities", freedom.verdict == "singular"
-    color = "#2b8a3e" if free else "#c92a2a"
+    color = GOOD if free else ERROR
     ratio = "∞" if lost else fixed(freedom.condition, 1)
     way = f"{direction_words(freedom.hardest, tip)}, along ({numbers(freedom.hardest.tolist(), 2)})"
     how = "cannot move" if lost else "moves least" if free else "can hardly move"

@@ -111,7 +111,7 @@ def _numbers(values: FloatArray, digits: int) -> list[str]:
 _ROUNDING = 1e-9
 _STEPS = ("0.1", "1", "5", "10")
 _FOLLOWING = "The sliders show the arm. Move one, then press <b>Go</b>."
-_EDITED = "<b style='color:#0c8599'>The ghost shows the new pose.</b> Press <b>Go</b>."
+_EDITED = "<b style='color:var(--armctl-ghost,#0b7285)'>The ghost shows the new pose.</b> Press <b>Go</b>."
 
 
 class JointControl:

@@ -15,7 +15,7 @@ from armctl.ui.tabs.manual.program_editor import EDIT_WAITS, PAGE_ROWS, ProgramE
 from armctl.ui.tabs.manual.program_run import ProgramFiles, ProgramRun
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.step_form import StepForm
-from armctl.ui.widgets.html import WARNING, LiveHtml, muted, strong
+from armctl.ui.widgets.html import GOOD, WARNING, LiveHtml, muted, strong
 
 # Serial motion: a list of recorded steps, edited and run once, several times or for ever.
 
@@ -108,9 +108,9 @@ class SerialMotion:
         loops = "∞" if progress.loops is None else progress.loops
         of = f"step {progress.step + 1} of {progress.steps}, pass {progress.loop + 1} of {loops}"
         if self._running is not None:
-            return f"{line} · <span style='color:#2b8a3e'>runs {of}</span>"
+            return f"{line} · <span style='color:{GOOD}'>runs {of}</span>"
         if self._shared.relation(progress) == "coming":
-            return f"{line} · <span style='color:#2b8a3e'>runs {of}</span>; <b>{EDIT_WAITS}</b>"
+            return f"{line} · <span style='color:{GOOD}'>runs {of}</span>; <b>{EDIT_WAITS}</b>"
         return f"{line}<br><span style='color:{WARNING}'>Runs another version: {of}</span>"
 
     def _draw(self) -> None:

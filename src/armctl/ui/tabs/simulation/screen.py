@@ -31,7 +31,7 @@ from armctl.ui.scene.stage import VIEWS, Marks
 from armctl.ui.session import Session
 from armctl.ui.tabs.simulation.twin import FRAME_S, TwinControl, twin_figure
 from armctl.ui.tabs.simulation.workspace import WorkspaceView
-from armctl.ui.widgets.html import WARNING, LiveHtml, muted
+from armctl.ui.widgets.html import ERROR, WARNING, LiveHtml, muted
 from armctl.ui.widgets.number_field import DraggedPoint, EditWatch
 from armctl.ui.widgets.plots import LinePlot, Picture, PlotLine
 
@@ -246,7 +246,7 @@ _TARGET_HINT = "Drag the arrows of the target in the 3D view. It begins where th
 _TEXT = {
     OFF: "Off. Nothing follows.",
     TWIN: "Drag the target: <b>the orange twin</b> follows, the arm does not move.",
-    ARM: "<b style='color:#c92a2a'>Drag the target: THE ARM follows at once</b>, at Speed %. STOP ends it.",
+    ARM: f"<b style='color:{ERROR}'>Drag the target: THE ARM follows at once</b>, at Speed %. STOP ends it.",
 }
 
 
