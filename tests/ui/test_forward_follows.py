@@ -156,3 +156,18 @@ def test_fields_that_follow_hold_the_pose_of_the_arm_to_all_digits(server: Guard
     bench.another_moves()
     bench.refresh()
     assert np.array_equal(bench.screen._angles.array, held)
+
+
+def test_a_pose_out_of_reach_is_told_in_place_of_figures_and_velocities(
+    server: GuardedServer,
+) -> None:
+    bench = Bench(server, 0)
+    bench.page.put("Z mm", "700")
+    bench.refresh()
+    told = "The pose fields and the joint angles are not the same pose: too far by "
+    assert bench.page.html.count(told) == 2 and "tool turns °/s" not in bench.page.html
+    bench.page.put("Base", "20")  # a joint rate
+    assert bench.page.html.count(told) == 2
+    bench.page.put("Fill with", "home")
+    bench.refresh()
+    assert told not in bench.page.html and "tool turns °/s" in bench.page.html

@@ -212,13 +212,17 @@ class VelocityForm:
             self._keep = gui.add_checkbox("Do not turn", initial_value=False, hint=_KEEP_HINT)
             self._answer = LiveHtml(gui)
         for handle in (*(field.handle for field in (*rates, *linear)), self._keep):
-            session.on(handle.on_update, lambda: self.show(self._q))
+            session.on(handle.on_update, self._show_again)
 
-    def show(self, q: FloatArray | None) -> None:
-        """Compute for a configuration (n,) [rad]; None: there is none to compute for."""
+    def _show_again(self) -> None:
+        if self._q is not None:
+            self.show(self._q)
+
+    def show(self, q: FloatArray | None, why_not: str = "") -> None:
+        """Compute for a configuration (n,) [rad]; None: there is none, for the reason ``why_not`` (HTML)."""
         self._q = q
         if q is None:
-            self._velocity.show("")
+            self._velocity.show(why_not)
             self._answer.show("")
             return
         J, rates = self._robot.jacobian(q), np.zeros(self._robot.n)

@@ -24,7 +24,7 @@ from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.forward.figures import VelocityForm, base_turns, jacobian_html, pose_html
 from armctl.ui.widgets.angle_fields import OrientationFields, angle_fields, held_at
-from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, table
+from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, sentence, table
 from armctl.ui.widgets.number_field import (
     MILLIMETRES,
     EditWatch,
@@ -184,9 +184,10 @@ class ForwardScreen:
             else muted(_MOVING)
         )
         if refusal is not None:
-            self._pose.show(refused(str(refusal)))
+            why_not = refused(sentence(str(refusal)))
+            self._pose.show(why_not)
             self._jacobian.show("")
-            self._velocities.show(None)
+            self._velocities.show(None, why_not)
             return
         self._pose.show(pose_html(self._robot, q))
         self._jacobian.show(jacobian_html(self._robot, q))
