@@ -185,9 +185,9 @@ def test_a_selected_row_whose_way_is_refused_says_so(server: GuardedServer) -> N
 
 
 def test_what_is_refused_is_told_of_the_pose_at_solving(server: GuardedServer) -> None:
-    page = FakePage(server, ROBOT, HOME)
+    page = FakePage(server, of_sticks(ROBOT), HOME)
     screen = InverseScreen(page.session)
-    page.ask(220, -196, 85)
+    page.ask(108.9, -39.6, -25.6)
     page.press("Solve")
     screen.refresh(page.snapshot)
     note = "The arm has moved since. What is refused here was judged from where it stood."
@@ -199,7 +199,12 @@ def test_what_is_refused_is_told_of_the_pose_at_solving(server: GuardedServer) -
     screen.refresh(page.snapshot)
     assert note not in page.html
     page.put("Movement", "Normal movement")
+    page.ask(220, -196, 85)
+    page.press("Solve")
     assert "will go to" in page.html
+    page.snapshot.q_command = HOME
+    screen.refresh(page.snapshot)
+    assert note not in page.html  # nothing was refused
 
 
 def test_a_chosen_representative_and_a_place_on_the_curve_are_what_is_sent(server: GuardedServer) -> None:

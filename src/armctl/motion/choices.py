@@ -171,6 +171,12 @@ class JudgedConfigurations:
         """As ``refused``; None where that has not been judged yet."""
         return self._known.get(_key(q))
 
+    @property
+    def refuse_some(self) -> bool:
+        """Whether the arm may not go to one of those that were judged."""
+        # copies: another thread may judge one more meanwhile
+        return any(tuple(self._known.values())) or not all(tuple(self._possible.values()))
+
 
 def _key(q: FloatArray) -> bytes:
     return (q + 0.0).tobytes()

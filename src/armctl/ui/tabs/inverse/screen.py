@@ -161,7 +161,9 @@ class InverseScreen:
     def _judged_before(self, snapshot: Snapshot) -> str:
         """That what is refused is told of ways from another pose; empty: it is not."""
         found = self._answer
-        if found is None or np.abs(found.start - snapshot.q_command).max() <= _MOVED:
+        if found is None or not found.ways.refuse_some:
+            return ""
+        if np.abs(found.start - snapshot.q_command).max() <= _MOVED:
             return ""
         return "The arm has moved since. What is refused here was judged from where it stood. Press Solve."
 
