@@ -30,10 +30,7 @@ _ROWS, _COPY = "DH rows", "A copy of the present robot"
 _BEGINNINGS = {build.title: build for build in BUILDS}
 _ROWS_HINT = "One row a line: a mm, alpha °, d mm, theta °, then the joint's name (none: a fixed row)."
 _EXAMPLE = "0 90 80 0 base\n120 0 0 0 shoulder\n110 0 0 0 elbow\n0 90 0 90 wrist\n0 0 90 0 roll"
-_INTRO = (
-    "Describe an arm. It is drawn beside the present one. When it is saved, it is in the list Robot on this "
-    "computer."
-)
+_INTRO = "Describe an arm. It is drawn beside the present one. Once it is saved, the list Robot has it."
 _JOINTS_HINT = (
     "Turn each joint to both ends of its range, and press lowest or highest there. Without servo channels "
     "the arm runs on the simulated board."
@@ -122,13 +119,13 @@ class OwnArm:
                 self._kind = gui.add_dropdown("Begin with", (*_BEGINNINGS, _ROWS, _COPY))
                 self._lengths_box = gui.add_folder(None)
                 self._meanings = LiveHtml(gui)
-                self._motors = gui.add_dropdown("Motors", tuple(_MOTORS), hint=_MOTORS_HINT)
-                self._hand = gui.add_dropdown("Hand", tuple(_HANDS), hint=_HAND_HINT)
                 self._rows_box = gui.add_folder(None, visible=False)
                 with self._rows_box:
                     self._convention = gui.add_dropdown("Convention", ("standard", "modified"))
                     self._rows = gui.add_text("Rows", _EXAMPLE, multiline=True, hint=_ROWS_HINT)
                     LiveHtml(gui, muted(_ROWS_HINT))
+                self._motors = gui.add_dropdown("Motors", tuple(_MOTORS), hint=_MOTORS_HINT)
+                self._hand = gui.add_dropdown("Hand", tuple(_HANDS), hint=_HAND_HINT)
             with steps.add_tab("2 Joints"):
                 LiveHtml(gui, muted(_JOINTS_HINT))
                 self._add_joint_fields(gui)
@@ -172,8 +169,9 @@ class OwnArm:
         self._floor = NumberField(gui, "Floor mm", 0.0, hint="Height of the floor in the base frame.")
         self._gripper = gui.add_text("Gripper channel", "", hint=_GRIPPER_HINT)
         save = gui.add_button("Save and open", icon=viser.Icon.DEVICE_FLOPPY, color="green")
-        session.needs(None, save, also=lambda _: self._wrong)
         download = gui.add_button("Download robot file", icon=viser.Icon.DOWNLOAD, color="gray")
+        session.needs(None, save, also=lambda _: self._wrong)
+        session.needs(None, download, also=lambda _: self._wrong, told=False, anyone=True)
         session.on(self._title.on_update, self._on_title)
         session.on(self._name.on_update, self._show)
         session.on(self._floor.handle.on_update, self._on_floor)
@@ -274,7 +272,7 @@ class OwnArm:
         self._edits, self._q = _Edits(), {}
         self._motors.value, self._hand.value = next(iter(_MOTORS)), next(iter(_HANDS))
         kind = self._kind.value
-        self._lengths_box.visible = kind in _BEGINNINGS
+        self._lengths_box.visible = self._meanings.visible = kind in _BEGINNINGS
         self._rows_box.visible = kind == _ROWS
         self._fill_lengths()
         self._fill()
