@@ -75,7 +75,7 @@ def test_the_arm_is_seen_in_trail_workspace_section_and_graph(page: Screen, serv
 
     page.tick("Workspace cloud")
     shown(page, "/workspace")
-    page.wait_for_text(re.compile("330 mm from the base axis, and from −49 to 493 mm"))
+    page.wait_for_text(re.compile("330 mm from the base axis, and heights from −49 to 493 mm"))
     page.wait_for_text(re.compile("[0-9]{5} tool points"))
     page.choose("Coloured by", "manipulability")
     page.wait_for_text(re.compile("near a singularity"))

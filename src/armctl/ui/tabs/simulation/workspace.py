@@ -168,8 +168,8 @@ def cloud_html(robot: Robot, model: WorkspaceCloud, colouring: str) -> str:
     """What the cloud is, and how far the tool comes."""
     extent = model.extent
     reach, low, high = (fixed(1000 * value, 0) for value in (extent.reach, extent.lowest, extent.highest))
-    text = f"<div>The tool comes <b>{reach} mm</b> from the base axis, and from "
-    text += f"<b>{low}</b> to <b>{high} mm</b> in height.</div>"
+    text = f"<div>The tool reaches <b>{reach} mm</b> from the base axis, and heights from "
+    text += f"<b>{low}</b> to <b>{high} mm</b>.</div>"
     if extent.lowest < robot.floor_z:
         floor = fixed(1000 * robot.floor_z, 0)
         text += muted(f"What is below the floor ({floor} mm) is left out of the cloud.")
