@@ -306,7 +306,7 @@ class Session:
         with question:
             self.gui.add_markdown(text)
             save = self.gui.add_button("Save and change")
-            stay = self.gui.add_button("Stay with this robot")
+            stay = self.gui.add_button("Stay with this robot", color="gray")
             change = self.gui.add_button("Change without saving", color="orange")
 
         def end() -> None:
