@@ -110,6 +110,17 @@ def test_a_few_rows_stand_for_all_and_what_they_save_is_true(criterion: str) -> 
     assert np.degrees(found.q(row)[1]) == pytest.approx(angle, abs=0.006)
 
 
+def test_where_the_arm_stands_saves_no_time_and_one_refused_row_is_enough_to_speak_of() -> None:
+    found = solve(ROBOT, Target.of(ROBOT.forward(HOME)[:3, 3]), "least-rotation", HOME)
+    html = comparison_html(found)
+    assert ">0.00<" in html and "saves 100 %" not in html and not found.ways.refuse_some
+    robot = load_robot("ur5")
+    home = robot.pose("home")
+    T = robot.forward(home)
+    found = solve(robot, Target.of(T[:3, 3], rotation=T[:3, :3]), "least-rotation", home)
+    assert not found.way_refused and ">refused<" in comparison_html(found) and found.ways.refuse_some
+
+
 def test_rows_that_the_arm_may_not_go_to_are_called_refused_and_recommended_never() -> None:
     robot = load_robot("ur5")
     home, rng = robot.pose("home"), np.random.default_rng(1)

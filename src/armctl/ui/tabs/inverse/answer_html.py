@@ -89,10 +89,10 @@ def comparison_html(found: RankedSolutions) -> str:
 
 
 def _savings(rows: Sequence[Representative]) -> list[str]:
-    """What rows save against the chosen one; of those that the arm may go to."""
+    """What rows save against the chosen one; of those to which the arm may go, and has to."""
     chosen, texts = rows[0], list[str]()
-    possible = [one for one in rows if not one.refused]
-    if chosen.refused:
+    possible = [one for one in rows if not one.refused and round(one.costs.time_s, 2) > 0]
+    if chosen.refused or not possible:
         return texts
     columns: tuple[tuple[str, Callable[[Representative], float]], ...] = (
         ("rotation", lambda one: one.costs.rotation_deg),
