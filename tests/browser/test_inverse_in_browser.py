@@ -64,7 +64,7 @@ def test_another_way_is_one_click_or_one_key_away(solved: Screen, served: Served
     page.page.keyboard.press("End")
     page.wait_until(lambda: is_chosen(page, "elbow down"), "the last card is chosen")
     focused = page.page.evaluate("document.activeElement.dataset.key")
-    assert focused == "1"  # the list was drawn anew, and the same card has the focus
+    assert focused.endswith(".1")  # the list was drawn anew, and the same card has the focus
     page.click(SELECTED)
     stands_at(page, served, down)
 

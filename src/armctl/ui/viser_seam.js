@@ -113,7 +113,7 @@ const armctlViser = (() => {
   // A dropdown keeps the focus after a choice by mouse; keys that do something would go on to be typed into it.
   function letGoOfLists() {
     addEventListener("click", (event) => {
-      if (event.detail && event.target.closest?.("#root [role=option]:not(armctl-part *)")) setTimeout(() => document.activeElement.blur());
+      if (event.detail && event.target.closest?.("[role=option]:not(armctl-part *)")) setTimeout(() => document.activeElement.blur());
     }, true);
   }
 

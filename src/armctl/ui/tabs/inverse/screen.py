@@ -63,9 +63,7 @@ class InverseScreen:
         self._mark = scene.add_icosphere("/inverse_mark", 0.006, color=_MARK_COLOR, visible=False)
         self._answer: RankedSolutions | None = None
         self._answered: tuple[str | None, ...] = ()
-        self._number = 0
-        """of the answer"""
-        self._ghost_is_old = False
+        self._number, self._ghost_is_old = 0, False  # the number of the answer
         self._newest, self._one_at_a_time = Newest(), asyncio.Lock()
         self._judging = OneAtATime(self._judge_selected)
         gui = session.gui
