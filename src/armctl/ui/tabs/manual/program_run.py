@@ -125,7 +125,7 @@ class ProgramFiles:
                 raise StateError(f"{file.name} was not taken: another file was chosen while it was read")
 
         read = partial(read_program_apart, file.name, file.content, robot, progress)
-        program = await asyncio.get_running_loop().run_in_executor(_LOOKING, read)
+        program = await asyncio.get_running_loop().run_in_executor(_READING, read)
         progress()
         self._session.require_operator()
         try:
@@ -146,10 +146,10 @@ class ProgramFiles:
 
 
 _MOST_LOOPS = 100_000
-_LOOKING, _RUNNING = ThreadPoolExecutor(2, "armctl-check"), ThreadPoolExecutor(2, "armctl-run")
-"""Wait for the checks of all pages that only want to know, and of who runs a program.
+_LOOKING, _RUNNING, _READING = (ThreadPoolExecutor(2, f"armctl-{what}") for what in ("check", "run", "read"))
+"""Wait for checks of pages that only want to know, for the check of who runs a program, and for uploads.
 
-He queues neither behind them nor behind what any page solves or exports.
+None of them queues behind the others, or behind what any page solves or exports.
 """
 _FROM_HINT = "The first pass begins with the selected row."
 _STEP_HINT = "Run the selected step alone, then select the next."
