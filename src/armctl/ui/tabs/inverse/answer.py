@@ -311,7 +311,7 @@ class Way:
     folded: bool = False
     """its rows differ by whole turns of joints, or by a roll that is free, alone"""
     least: tuple[Criterion, ...] = ()
-    """the criteria by which it is the least of those that may be gone to"""
+    """the criteria by which it is the least of those that may be gone to, where none is of a continuum"""
 
 
 def ways_to(found: RankedSolutions) -> tuple[Way, ...]:
@@ -328,10 +328,9 @@ def ways_to(found: RankedSolutions) -> tuple[Way, ...]:
         key=lambda way: (bool(way.refused), way.row or last),
     )
     possible = [way.costs for way in ways if not way.refused]
-    return tuple(
-        way if way.refused or len(possible) == 1 else replace(way, least=_least_by(way.costs, possible))
-        for way in ways
-    )
+    if not found.verdicts or len(possible) < 2:  # of a continuum another solution of a way may cost less
+        return tuple(ways)
+    return tuple(way if way.refused else replace(way, least=_least_by(way.costs, possible)) for way in ways)
 
 
 def _turned(found: RankedSolutions, q: FloatArray) -> NDArray[np.int64]:

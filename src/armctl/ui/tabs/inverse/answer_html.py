@@ -156,9 +156,9 @@ def theta_heads(n: int) -> list[str]:
 
 
 _LEAST: dict[Criterion, str] = {
-    "shortest-time": "fastest",
-    "least-travel": "least travel",
-    "least-rotation": "least rotation",
+    "shortest-time": "fastest of these",
+    "least-travel": "least travel of these",
+    "least-rotation": "least rotation of these",
 }
 _WAYS_TOLD = (
     "Time: by a planned movement from where the arm stands. Travel: what the joints would take one by one."
