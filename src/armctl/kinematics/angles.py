@@ -260,13 +260,18 @@ _SAME = 1e-6
 """configurations this near to each other are one [rad]"""
 
 
+def turned_apart(q: FloatArray, other: FloatArray) -> FloatArray:
+    """(...) [rad] by how much a joint differs at most between ``q`` (..., n) and ``other``, turns aside."""
+    return np.abs(wrapped(q - other)).max(axis=-1)
+
+
 def distinct(q: FloatArray, same: float = _SAME) -> NDArray[np.intp]:
     """Rows of ``q`` (k, n) [rad]: the first of those within ``same`` of each other, whole turns aside."""
     kept: list[int] = []
-    for i in range(len(q)):
-        apart = q[kept] - q[i]
-        if np.abs(wrapped(apart)).max(axis=1).min(initial=math.inf) > same:
-            kept.append(i)
+    left = np.arange(len(q))
+    while len(left):
+        kept.append(int(left[0]))
+        left = left[turned_apart(q[left], q[left[0]]) > same]
     return np.array(kept, dtype=np.intp)
 
 

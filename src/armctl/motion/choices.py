@@ -154,7 +154,7 @@ class JudgedConfigurations:
         """Why the arm may not go to ``q`` (n,) [rad]; empty where it may."""
         key = _key(q)
         if key not in self._known:
-            self._known[key] = way_refused(*self._of, q)
+            self._known[key] = "" if self._possible.get(key) else way_refused(*self._of, q)
         return self._known[key]
 
     def possible(self, q: FloatArray) -> bool:

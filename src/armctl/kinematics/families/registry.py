@@ -11,7 +11,7 @@ from armctl.arrays import ArrayRecord, FloatArray
 from armctl.errors import InputError
 from armctl.facts import AngleNeeded, Reason, say
 from armctl.facts.targets import JointsNeeded, OrientationImpossible, OrientationNeeds
-from armctl.kinematics.angles import LIMIT_TOLERANCE, rest_angle, whole_turns
+from armctl.kinematics.angles import LIMIT_TOLERANCE, distinct, rest_angle, whole_turns
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.explanations import angle_needed, angles_needed
@@ -65,8 +65,6 @@ def has_closed_form(chain: Chain) -> bool:
 
 # Every closed-form branch of a target, those that the joint limits forbid too, with what forbids them.
 
-_SAME = 1e-6
-"""configurations this near to each other are one [rad]"""
 _MET = 1e-6
 """how far what meets a target may be off it [m], [rad]: some families list what is nearest to a rotation"""
 
@@ -127,13 +125,11 @@ class BranchFinder:
             target = target._replace(roll=rest_angle(low, high))
         solutions = self._solver.solve(target, DEFAULT_STEP)
         meets = np.maximum(solutions.residual_m, solutions.residual_rad) <= _MET
-        turned = np.exp(1j * solutions.q)
-        left = np.argsort(solutions.branch_index, kind="stable")
-        left = left[meets[left]]
+        named = np.argsort(solutions.branch_index, kind="stable")
+        named = named[meets[named]]
         found: list[Branch] = []
-        while len(left):
-            i, q = left[0], solutions.q[left[0]]
-            left = left[np.abs(turned[left] - turned[i]).max(axis=1) >= _SAME]  # whole turns are one branch
+        for i in named[distinct(solutions.q[named])].tolist():  # whole turns are one branch
+            q = solutions.q[i]
             inside = np.clip(q, *self._limits.T)  # takes rounding off the joints that are inside
             outside = np.abs(inside - q) > LIMIT_TOLERANCE
             beyond = [(k, float(q[k])) for k in np.flatnonzero(outside).tolist()]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from armctl.errors import UnreachableError
 from armctl.facts import Reason
 from armctl.facts.angles import to_degrees
 from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
+from armctl.kinematics.angles import turned_apart
 from armctl.kinematics.energy import EnergyModel, energies
 from armctl.motion import Profile
 from armctl.motion.choices import JudgedConfigurations, first_possible
@@ -116,9 +118,16 @@ class RankedSolutions:
         """(n,) where *Go by least energy* goes [rad]: to the best, or instead of one that is refused."""
         return self.best if self.instead is None else self.q(self.instead)
 
-    def q(self, row: int) -> FloatArray:
-        """Configuration (n,) [rad] of a row of the list, counted from 1, as the criterion takes it."""
+    def q(self, row: int | NDArray[np.int64]) -> FloatArray:
+        """Configuration (..., n) [rad] of a row or rows of the list, from 1, as the criterion takes them."""
         return self.solutions.taken(self.solutions.q[self.order[row - 1]], self.criterion, self.start)
+
+    @cached_property
+    def place(self) -> NDArray[np.int64]:
+        """(k,) row of the list, from 1, of each solution in the solver's order."""
+        place = np.empty(len(self.order), dtype=np.int64)
+        place[self.order] = np.arange(1, len(self.order) + 1)
+        return place
 
     def row_at(self, angle: float) -> int:
         """The row of least energy whose free joint is nearest to an angle [rad]; from 1."""
@@ -186,9 +195,7 @@ def answer(
 def _first_possible(robot: Robot, found: RankedSolutions, few: Sequence[Representative]) -> int | None:
     """The first row to which the arm may go, of some that differ from each other and of the ``few``."""
     possible = min((one.row for one in few if not one.refused), default=len(found.order) + 1)
-    before = found.solutions.q[found.order[: possible - 1]]
-    taken = found.solutions.taken(before, found.criterion, found.start)
-    row = first_possible(robot, found.start, taken, found.ways.possible)
+    row = first_possible(robot, found.start, found.q(np.arange(1, possible)), found.ways.possible)
     if row is not None:
         return row + 1
     return possible if possible <= len(found.order) else None
@@ -208,7 +215,7 @@ def _verdicts(
     for number, found in enumerate(robot.branches(point, pitch, roll, rotation), 1):
         branch = replace(found, q=solutions.taken(found.q, criterion, start))
         # whole turns make no difference
-        chosen = best is not None and np.abs(np.exp(1j * branch.q) - np.exp(1j * best)).max() < _SAME_BRANCH
+        chosen = best is not None and turned_apart(branch.q, best) < _SAME_BRANCH
         if chosen and best is not None:
             branch = replace(branch, q=best)
         refusal = "; ".join(branch.forbidden) or ways.refused(branch.q)
@@ -256,9 +263,7 @@ class Representative:
 
 def representatives(found: RankedSolutions) -> tuple[Representative, ...]:
     """The least by each criterion and of each branch, those chosen by the criterion in force first."""
-    solutions, start = found.solutions, found.start
-    place = np.empty(len(found.order), dtype=np.int64)
-    place[found.order] = np.arange(1, len(found.order) + 1)
+    solutions, start, place = found.solutions, found.start, found.place
     named: dict[int, list[str]] = {}
     others: list[Criterion] = [one for one in solutions.arm.energy.criteria if one != found.criterion]
     for criterion in (found.criterion, *others):
@@ -336,11 +341,9 @@ def ways_to(found: RankedSolutions) -> tuple[Way, ...]:
 def _turned(found: RankedSolutions, q: FloatArray) -> NDArray[np.int64]:
     """Rows of the list, from 1, that differ from ``q`` (n,) [rad] by whole turns, or a roll that is free."""
     solutions = found.solutions
-    listed, rows = solutions.q[found.order], np.arange(1, len(found.order) + 1)
-    for joint, angle in enumerate(q):
-        if joint != solutions.free_roll:
-            rows = rows[np.abs(np.exp(1j * listed[rows - 1, joint]) - np.exp(1j * angle)) < _SAME_BRANCH]
-    return rows
+    counted = [joint for joint in range(len(q)) if joint != solutions.free_roll]
+    alike = turned_apart(solutions.q[found.order][:, counted], q[counted]) < _SAME_BRANCH
+    return np.flatnonzero(alike) + 1
 
 
 def _least_by(one: Costs, of: Sequence[Costs]) -> tuple[Criterion, ...]:
@@ -351,8 +354,8 @@ def _way(found: RankedSolutions, name: str, rows: NDArray[np.int64], one: Branch
     """Of rows of the list, from 1: the first to which the arm may go, of the least and the nearest ones."""
     if one is not None and not len(rows):
         return Way(name, one.branch.q, None, rows, one.refused, costs(found, one.branch.q))
-    listed = found.solutions.taken(found.solutions.q[found.order[rows - 1]], found.criterion, found.start)
-    nearest = rows[np.argsort(np.abs(listed - found.start).max(axis=1), kind="stable")[:_MOST_TRIED]]
+    away = np.abs(found.q(rows) - found.start).max(axis=1)
+    nearest = rows[np.argsort(away, kind="stable")[:_MOST_TRIED]]
     known = rows[rows == (found.instead or 0)]  # it is possible
     tried: list[int] = np.unique(np.concatenate([rows[:_MOST_TRIED], nearest, known])).tolist()
     row = next((row for row in tried if found.ways.possible(found.q(row))), int(rows[0]))
@@ -363,17 +366,16 @@ def _way(found: RankedSolutions, name: str, rows: NDArray[np.int64], one: Branch
 def _postures(found: RankedSolutions) -> list[tuple[str, NDArray[np.int64]]]:
     """Name and rows of solutions that are searched for one by one: of one branch, or near each other."""
     robot, named = found.robot, dict[str, list[NDArray[np.int64]]]()
-    listed = found.solutions.taken(found.solutions.q[found.order], found.criterion, found.start)
-    left = np.arange(len(listed))
+    left = np.arange(1, len(found.order) + 1)
     for number in range(1, _MOST_POSTURES + 1):
         if not len(left):
             break
-        q = listed[left[0]]
-        near = np.abs(np.angle(np.exp(1j * (listed[left] - q)))).max(axis=1) <= _FAR_RAD
+        q = found.q(left[0])
+        near = turned_apart(found.q(left), q) <= _FAR_RAD
         pose = robot.forward(q)
-        turned, branches = np.exp(1j * q), robot.branches(pose[:3, 3], rotation=pose[:3, :3])
-        same = (one.name for one in branches if np.abs(np.exp(1j * one.q) - turned).max() < _SAME_POSE)
-        named.setdefault(next(same, f"posture {number}"), []).append(left[near] + 1)
+        branches = robot.branches(pose[:3, 3], rotation=pose[:3, :3])
+        same = (one.name for one in branches if turned_apart(one.q, q) < _SAME_POSE)
+        named.setdefault(next(same, f"posture {number}"), []).append(left[near])
         left = left[~near]
     return [(name, np.sort(np.concatenate(rows))) for name, rows in named.items()]
 
@@ -384,8 +386,6 @@ def _pieces(found: RankedSolutions) -> list[tuple[str, NDArray[np.int64]]]:
     A piece is of one branch, and without a gap in the free joint.
     """
     solutions, free = found.solutions, found.solutions.free_joint or 0
-    place = np.empty(len(found.order), dtype=np.int64)
-    place[found.order] = np.arange(1, len(found.order) + 1)
     pieces: list[tuple[str, NDArray[np.int64]]] = []
     for i, name in enumerate(solutions.branch_names):
         here = np.flatnonzero(solutions.branch_index == i)
@@ -398,7 +398,7 @@ def _pieces(found: RankedSolutions) -> list[tuple[str, NDArray[np.int64]]]:
             if len(parts) > 1:
                 low, high = np.sort(found.robot.shown(solutions.q[part[[0, -1]]])[:, free])
                 span = f", {found.robot.joints[free].title} {fixed(low, 0)} … {fixed(high, 0)}°"
-            pieces.append((f"{name}{span}", np.sort(place[part])))
+            pieces.append((f"{name}{span}", np.sort(found.place[part])))
     return sorted(pieces, key=lambda piece: int(piece[1][0]))
 
 

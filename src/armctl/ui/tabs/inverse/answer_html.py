@@ -185,10 +185,7 @@ def ways_html(found: RankedSolutions, row: int | None, answer: int) -> str:
     about = "" if free is None else f", each the best as {found.robot.joints[free].title} turns"
     head = f"<b>{many}</b>: {possible} possible{escape(about)}<p>{_WAYS_TOLD}</p>"
     chosen = next((i for i, way in enumerate(ways) if row is not None and row in way.rows), None)
-    drawn = [_flat(found.robot, way.q) for way in ways]
-    low, high = np.min([one.min(axis=0) for one in drawn], 0), np.max([one.max(axis=0) for one in drawn], 0)
-    scale, middle = _DRAWN / float((high - low).max()), 0.5 * (low + high)
-    pictures = [_thumbnail(_PICTURE / 2 + scale * (points - middle)) for points in drawn]
+    pictures = _thumbnails(found.robot, np.array([way.q for way in ways]))
     cards = "".join(
         _card(found, way, f"{answer}.{i}", picture, chosen=i == chosen, first=i == (chosen or 0))
         for i, (way, picture) in enumerate(zip(ways, pictures, strict=True))
@@ -222,6 +219,14 @@ def _card(found: RankedSolutions, way: Way, key: str, picture: str, *, chosen: b
     )
 
 
+def _thumbnails(robot: Robot, q: FloatArray) -> list[str]:
+    """The arm at each of ``q`` (k, n) [rad] as a line drawing, all at one scale."""
+    drawn = _flat(robot, q)
+    low, high = drawn.min(axis=(0, 1)), drawn.max(axis=(0, 1))
+    at = _PICTURE / 2 + _DRAWN / float((high - low).max()) * (drawn - 0.5 * (low + high))
+    return [_thumbnail(one) for one in at]
+
+
 def _thumbnail(at: FloatArray) -> str:
     """The arm as a line drawing through points (k, 2) [px]."""
     path = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in at)
@@ -235,13 +240,16 @@ def _thumbnail(at: FloatArray) -> str:
 
 
 def _flat(robot: Robot, q: FloatArray) -> FloatArray:
-    """(k, 2) foot, joints and tool in the plane of a picture, y down [m]; seen as the 3D view first is."""
-    foot = [0.0, 0.0, min(0.0, robot.floor_z)]
-    points = np.vstack([foot, robot.frames(q)[:, :3, 3], robot.forward(q)[:3, 3]])
+    """(k, points, 2) foot, joints and tool at ``q`` (k, n) [rad] in the plane of a picture, y down [m].
+
+    Seen from where the 3D view first stands.
+    """
+    foot = np.broadcast_to([0.0, 0.0, min(0.0, robot.floor_z)], (len(q), 1, 3))
+    points = np.concatenate([foot, robot.frames(q)[..., :3, 3], robot.forward(q)[:, None, :3, 3]], axis=1)
     ahead = np.array([*robot.forward(robot.pose("home"))[:2, 3], 0.0])
     length = float(np.linalg.norm(ahead))
     ahead = ahead / length if length > _UPRIGHT_M else np.array([1.0, 0.0, 0.0])
     away = 0.62 * ahead + 0.72 * np.array([ahead[1], -ahead[0], 0.0]) + np.array([0.0, 0.0, 0.32])
     right = np.cross([0.0, 0.0, 1.0], away)
     up = np.cross(away, right)
-    return np.stack([points @ right / np.linalg.norm(right), -points @ up / np.linalg.norm(up)], axis=1)
+    return np.stack([points @ right / np.linalg.norm(right), -points @ up / np.linalg.norm(up)], axis=-1)
