@@ -159,6 +159,7 @@ def test_a_linked_page_that_falls_silent_is_reported_by_name(server: GuardedServ
         ('{"stop": "1"}', 1007),
         ('{"halt": 1}', 1007),
         (b"\xff\x00", 1007),
+        (b'{"page": "\xff"}', 1007),
         (json.dumps({"page": "x" * 300}), 1009),
     ],
 )

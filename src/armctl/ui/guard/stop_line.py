@@ -133,7 +133,7 @@ async def stop_door(
                 await connection.send(msgspec.json.encode(about(page)).decode())
             if not gauge.charge(len(raw), refused=False):
                 await connection.close(CloseCode.POLICY_VIOLATION, "too many messages")
-    except msgspec.DecodeError:
+    except (msgspec.DecodeError, UnicodeDecodeError):
         await connection.close(CloseCode.INVALID_DATA, "no message of a page")
     except (ConnectionClosed, TimeoutError):
         return
