@@ -30,8 +30,8 @@ from tests.ui.page_outline import outlines
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "docs" / "pictures"
 WIDTH, HEIGHT = 1280, 800
-SCENE = 130, 770
-"""from where to where the arm and its workspace are [px]"""
+FRAME = "#armctl-top", "#armctl-under"
+"""the bar above the scene, and the line below it"""
 FARTHER = 1500
 """how far the wheel is turned, until the whole workspace is seen"""
 COLORS = 256
@@ -59,10 +59,10 @@ class Picture:
 
 
 def scene(screen: Screen) -> FloatRect:
-    """The page between its panels: the 3D view."""
-    left, right = box(screen.panel("Control")), box(screen.panel("Main"))
-    x = left["x"] + left["width"]
-    return {"x": x, "y": SCENE[0], "width": right["x"] - x, "height": SCENE[1] - SCENE[0]}
+    """The 3D view."""
+    right, bar, line = (box(one) for one in (screen.panel("Main"), *map(screen.page.locator, FRAME)))
+    top = bar["y"] + bar["height"]
+    return {"x": 0, "y": top, "width": right["x"], "height": line["y"] - top}
 
 
 def box(target: Locator) -> FloatRect:
@@ -71,7 +71,7 @@ def box(target: Locator) -> FloatRect:
 
 
 def control(screen: Screen) -> Locator:
-    return screen.panel("Control")
+    return screen.page.locator("#armctl-top")
 
 
 def main_tab(screen: Screen) -> None:

@@ -8,23 +8,26 @@ from tests.browser.kit import Screen
 
 from armctl.robot import Robot
 
+NEXT, LOOKED_AT = "/ghost", "/looked_at"
+"""the ghost of the next pose, and the one of what is only looked at"""
 
-def ghost_tip_mm(screen: Screen, robot: Robot) -> NDArray[np.float64] | None:
-    """Where the ghost's tool is drawn (3,) [mm]; None: no ghost is shown."""
-    tip = screen.node("/ghost/tool")
+
+def ghost_tip_mm(screen: Screen, ghost: str = NEXT) -> NDArray[np.float64] | None:
+    """Where the ghost's tool is drawn (3,) [mm]; None: it is not shown."""
+    tip = screen.node(f"{ghost}/tool")
     return None if tip is None else 1000 * np.array(tip)
 
 
-def wait_for_ghost(screen: Screen, robot: Robot, q: NDArray[np.float64]) -> None:
+def wait_for_ghost(screen: Screen, robot: Robot, q: NDArray[np.float64], ghost: str = NEXT) -> None:
     """Wait until the ghost's tool is where that of ``q`` (n,) [rad] is."""
     tip = 1000 * robot.forward(q)[:3, 3]
 
     def there() -> bool:
-        shown = ghost_tip_mm(screen, robot)
+        shown = ghost_tip_mm(screen, ghost)
         return shown is not None and float(np.abs(shown - tip).max()) < 0.05
 
     screen.wait_until(there, f"the ghost's tool is at {tip.round(1).tolist()}")
 
 
-def wait_for_no_ghost(screen: Screen, robot: Robot) -> None:
-    screen.wait_until(lambda: ghost_tip_mm(screen, robot) is None, "no ghost is shown")
+def wait_for_no_ghost(screen: Screen, ghost: str = NEXT) -> None:
+    screen.wait_until(lambda: ghost_tip_mm(screen, ghost) is None, "no ghost is shown")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from playwright.sync_api import expect
-from tests.browser.ghost_view import wait_for_ghost, wait_for_no_ghost
+from tests.browser.ghost_view import LOOKED_AT, wait_for_ghost, wait_for_no_ghost
 from tests.browser.kit import Screen, Screens
 from tests.browser.serving import serving
 
@@ -64,22 +64,22 @@ def test_the_page_asks_where_the_arm_is(tmp_path: Path, screens: Screens) -> Non
         page.wait_for_text(re.compile(r"Last seen at 40\.0, 80\.0, −60\.0, .* on .*moving.*a fault ended it"))
         page.wait_for_text("The arm was moving when it was last seen")
         page.wait_for_text("Look at the arm")
-        wait_for_ghost(page, ROBOT, np.radians(LAST_DEG))
+        wait_for_ghost(page, ROBOT, np.radians(LAST_DEG), LOOKED_AT)
         page.screenshot("enable_last_pose")
         page.click("Cancel")
-        wait_for_no_ghost(page, ROBOT)
+        wait_for_no_ghost(page, LOOKED_AT)
         assert pulses() == [None] * 6
         page.click("Enable")
         page.type_into("Shoulder °", "400")
         page.wait_for_text("Shoulder: 400.00° is outside")
         page.type_into("Shoulder °", "100")
         typed = [40.0, 100.0, -60.0, -30.0, 0.0]
-        wait_for_ghost(page, ROBOT, np.radians(typed))
+        wait_for_ghost(page, ROBOT, np.radians(typed), LOOKED_AT)
         enable_here(page)
         page.screenshot("enable_one_by_one")
         page.wait_for_text("HOLDING")
         wanted = [*outputs.outputs(np.radians(typed)).values(), 1200.0]
         assert pulses() == pytest.approx(wanted, abs=0.126)
-        wait_for_no_ghost(page, ROBOT)
+        wait_for_no_ghost(page, LOOKED_AT)
         page.screenshot("enable_done")
         assert page.errors == []

@@ -66,7 +66,7 @@ def test_both_buttons_send_the_arm_where_the_fields_say_in_the_time_that_is_aske
     page.screenshot("forward-editing")
     page.click(REFERENCE)
     served.wait_for_deg(page, asked)
-    wait_for_no_ghost(page, served.robot)
+    wait_for_no_ghost(page)
 
     page.type_into("Base °", "20")
     page.type_into("Duration s", "0.1")
@@ -200,7 +200,7 @@ def out_of_reach_the_angles_stay_and_nothing_moves(page: Screen, served: ServedA
     served.wait_for_deg(page, np.degrees(nearest).tolist())
 
 
-def test_the_ghost_belongs_to_the_screen_that_showed_it_last_and_figures_follow_the_fields(
+def test_one_next_pose_is_shown_by_all_screens_and_figures_follow_the_fields(
     page: Screen, served: ServedArm
 ) -> None:
     robot = served.robot
@@ -213,8 +213,11 @@ def test_the_ghost_belongs_to_the_screen_that_showed_it_last_and_figures_follow_
     best = robot.inverse([0.22, -0.196, 0.085]).best("least-rotation")
     wait_for_ghost(page, robot, best)
     page.open_tab("Forward")
-    page.click("present pose")  # hides the ghost of this screen; that of the other is out of sight
-    wait_for_no_ghost(page, robot)
+    wait_for_angles(page, robot, best)  # nobody's own any more: they show the next pose
+    page.wait_for_text("The fields show the next pose until you edit them.")
+    page.click("present pose")
+    wait_for_no_ghost(page)
+    wait_for_angles(page, robot, robot.pose("home"))
     page.type_into("Base °", "30")
     wait_for_ghost(page, robot, np.radians([30.0, *HOME[1:]]))
     page.open_tab("Inverse")
@@ -225,7 +228,7 @@ def test_the_ghost_belongs_to_the_screen_that_showed_it_last_and_figures_follow_
         lambda: np.abs(np.array(served.commanded_deg) - np.degrees(best)).max() < 0.01, "the arm is there"
     )
     page.pause(500)  # what the other screen had shown must not come back now
-    wait_for_no_ghost(page, robot)
+    wait_for_no_ghost(page)
 
     page.open_tab("Forward")
     begin_anew(page, served)
@@ -236,7 +239,7 @@ def test_the_ghost_belongs_to_the_screen_that_showed_it_last_and_figures_follow_
     page.wait_for_text("330.00")
     page.wait_for_text(re.compile("Singular: the tool cannot move out or in"))
     page.choose("Show for", "present pose (live)")
-    wait_for_no_ghost(page, served.robot)
+    wait_for_no_ghost(page)
     page.wait_for_text(re.compile("Well away from singularities"))
     page.screenshot("forward-figures")
     page.open_tab("Angles and pose")
@@ -301,16 +304,16 @@ class Sequence:
         assert (said.count() > 0) is not self.edited
         held = angles(page, robot)
         if not self.edited:
-            wait_for_no_ghost(page, robot)
+            wait_for_no_ghost(page)
             assert held == pytest.approx(present, abs=0.01)
         elif held == pytest.approx(present, abs=0.01):
-            wait_for_no_ghost(page, robot)
+            wait_for_no_ghost(page)
         else:
             wait_for_ghost(page, robot, np.radians(held))
 
     def press(self) -> None:
         page, goal = self.page, angles(self.page, self.served.robot)
-        tip = ghost_tip_mm(page, self.served.robot)
+        tip = ghost_tip_mm(page)
         page.click(REFERENCE)
         self.served.wait_for_deg(page, goal, within=0.01)
         if tip is not None:

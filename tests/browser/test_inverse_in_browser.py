@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from playwright.sync_api import Locator
-from tests.browser.ghost_view import wait_for_ghost, wait_for_no_ghost
+from tests.browser.ghost_view import LOOKED_AT, wait_for_ghost, wait_for_no_ghost
 from tests.browser.kit import Screen
 from tests.browser.served_arm import HOME, ServedArm, served_arm
 
@@ -170,7 +170,7 @@ def test_what_is_not_solved_or_not_listed_moves_nothing_and_what_is_solved_is_by
     page.wait_for_text(re.compile("−42.402, 14.400, −45.909, −1.305"))
     page.click(LEAST)
     stands_at(page, served, served.robot.inverse(POINT).best("published"))
-    wait_for_no_ghost(page, served.robot)
+    wait_for_no_ghost(page)
 
     robot = served.robot
     pitch, _ = robot.inverse_kinematics.pitch_and_roll(robot.pose("rest"))
@@ -216,7 +216,7 @@ def test_a_target_is_dragged_and_an_unreachable_one_says_why_and_offers_the_near
     page.wait_for_text(re.compile(r"Too far by 200\.\d mm.*nearest reachable point is \("))
     nearest = robot.inverse([0.3, 0, 0.6])
     assert nearest.nearest_q is not None and nearest.nearest_m is not None
-    wait_for_ghost(page, robot, nearest.nearest_q)
+    wait_for_ghost(page, robot, nearest.nearest_q, LOOKED_AT)
     page.screenshot("inverse-unreachable")
     assert not page.is_enabled(SELECTED)
     page.wait_until(lambda: not page.is_enabled(LEAST), "nor can it go by least energy")
@@ -290,7 +290,8 @@ def test_both_solutions_of_the_lab_sheet_side_by_side_and_why_one_is_refused(
         screen.wait_for_text("In the 3D view green is the branch of least energy")
         two_ghosts_at(screen, served, [0, 0, 700])
         screen.screenshot("inverse-branches-mico")
-        wait_for_no_ghost(screen, served.robot)
+        best = served.robot.inverse([0.0, 0.0, 0.7]).best("least-rotation")
+        wait_for_ghost(screen, served.robot, best)  # the next pose is drawn beside them
         screen.type_xyz("300", "0", "100")
         screen.click("Solve")
         screen.wait_for_text("2 is refused: Shoulder needs 82.14°, its limits are −220.00° … 40.00°.")

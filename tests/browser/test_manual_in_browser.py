@@ -59,14 +59,14 @@ def test_sliders_move_the_arm_only_after_go_and_quick_steps_add_up_to_the_limit(
     page: Screen, served: ServedArm
 ) -> None:
     page.type_into("Base °", "25.5")
-    page.wait_for_text("The ghost shows the new pose.")
+    page.wait_for_text("The sliders show the next pose")
     page.screenshot("manual-joints")
     assert served.commanded_deg == HOME
     page.click("Go")
     served.wait_for_deg(page, [25.5, *HOME[1:]])
     page.wait_for_text(re.compile("The sliders show the arm"))
     page.nudge("Elbow °")
-    page.wait_for_text("The ghost shows the new pose.")
+    page.wait_for_text("The sliders show the next pose")
     page.click("Sliders to present pose")
     page.wait_until(lambda: page.number("Elbow °") == -80, "the slider is back")
     click_in(page, "Wrist roll", "+")

@@ -89,17 +89,17 @@ def test_pages_come_back_and_control_returns_until_a_new_link_is_made(
     expect_operator(pages[1], "you")
     with loaded_anew(pages):
         console.end(signal.SIGKILL)
-        expect(pages[0].page.locator("#armctl-bar p")).to_contain_text("comes back by itself")
+        expect(pages[0].page.locator("#armctl-told p")).to_contain_text("comes back by itself")
         assert console.start() == link
     expect_operator(pages[1], "you")
     for page in (pages[0], *pages[2:]):
         expect_operator(page, "browser page")
-        expect(page.page.locator("#armctl-bar p")).to_be_hidden()
+        expect(page.page.locator("#armctl-told p")).to_be_hidden()
     (token,) = (console.folder / "armctl").glob("token-*")
     assert stat.S_IMODE(token.stat().st_mode) == 0o600
     assert link.endswith(f"?token={token.read_text()}")
     console.end(signal.SIGINT)
     assert console.start("--new-link") != link
     for page in pages:
-        expect(page.page.locator("#armctl-bar p")).to_contain_text("with a new link")
+        expect(page.page.locator("#armctl-told p")).to_contain_text("with a new link")
         assert page.page.url.startswith("http")  # it is not left for the words of a refusal

@@ -34,8 +34,8 @@ def choose(page: Screen, served: ServedArm, name: str) -> None:
 
 def wait_for_robot(page: Screen, robot: Robot) -> None:
     """The page is the robot's: its joints are listed, its title is in the list, its frames are drawn."""
-    listed = page.panel("Control").get_by_role("cell", name=robot.joints[-1].title, exact=True)
-    listed.wait_for()
+    title = re.compile(f"^{re.escape(robot.joints[-1].title)}$")
+    page.page.locator("[name=where] th").filter(has_text=title).wait_for()
     page.wait_until(lambda: page.value("Robot") == robot.title, "the list shows the robot")
     model = arm_model(robot)
     parts = {*model.frames, *(mesh.name for mesh in model.meshes)}
@@ -129,7 +129,7 @@ OF_ITS_OWN = {
 
 def test_each_robot_brings_its_fields_limits_and_figure_and_moves(page: Screen, served: ServedArm) -> None:
     """One after the other on one page, and back to the first: nothing is left of the arms between."""
-    control = page.panel("Control")
+    control = page.panel("Main")
     place = control.bounding_box()
     before = "uzuner"
     for name in ("scorbot", "humanoid", "uzuner"):

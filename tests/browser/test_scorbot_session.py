@@ -89,8 +89,8 @@ def home(page: Screen) -> None:
 
 
 def joints_shown(page: Screen) -> list[float]:
-    """The angles in the panel, as the encoders measured them."""
-    text = page.text()
+    """The angles beside the arm, as the encoders measured them."""
+    text = page.text("[name=where]").replace("−", "-")
     return [
         float(found[1])
         for joint in ROBOT.joints

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from playwright.sync_api import expect
-from tests.browser.ghost_view import wait_for_ghost
+from tests.browser.ghost_view import LOOKED_AT, wait_for_ghost
 from tests.browser.kit import PATIENCE_MS, Screen
 from tests.browser.served_arm import HOME, ServedArm
 
@@ -72,7 +72,7 @@ def test_settings_that_were_not_shown_are_not_run_and_a_motion_is_plotted_with_i
     page.type_into("Time s", "0.5")
     page.wait_for_text(re.compile(r"at 0\.50 s: tool"))
     path = plan_joints(served.robot, served.robot.pose("home"), np.zeros(5))
-    wait_for_ghost(page, served.robot, path.sample(0.5).q)
+    wait_for_ghost(page, served.robot, path.sample(0.5).q, LOOKED_AT)
     assert served.commanded_deg == HOME
     page.click("Run")
     served.wait_for_deg(page, [0.0] * 5)
@@ -136,7 +136,7 @@ def test_a_program_and_a_path_are_drawn_run_and_reported_but_not_a_path_that_was
     page.click("Next")
     page.wait_for_text(re.compile("page 2 of 2"))
     page.type_into("Row", "7")
-    wait_for_ghost(page, served.robot, served.robot.inverse(line()[6]).best("published"))
+    wait_for_ghost(page, served.robot, served.robot.inverse(line()[6]).best("published"), LOOKED_AT)
 
 
 def test_a_study_is_exported_but_not_run_and_two_motions_are_compared_played_exported_and_run(
@@ -185,7 +185,7 @@ def test_a_study_is_exported_but_not_run_and_two_motions_are_compared_played_exp
     page.screenshot("trajectory-compared")
     page.click("Play")
     page.wait_for_text(re.compile(r"at 1\.\d\d s: tool"))
-    wait_for_ghost(page, served.robot, np.zeros(5))
+    wait_for_ghost(page, served.robot, np.zeros(5), LOOKED_AT)
     assert served.commanded_deg == HOME
     head, *rows = csv_of(page, "Export motion (CSV)")
     assert head.startswith("time_s,base_deg,shoulder_deg") and head.endswith(",tool_pitch_deg")
@@ -229,7 +229,7 @@ def test_the_tool_is_led_along_a_line_freer_if_need_be_and_what_the_pre_flight_r
     page.click("Show")
     page.wait_for_text(re.compile(r"asked for: 80 mm/s"))
     page.wait_for_text(re.compile("Pre-flight: clear"))
-    wait_for_ghost(page, robot, plan_line(robot, robot.pose("home"), end / 1000).end)
+    wait_for_ghost(page, robot, plan_line(robot, robot.pose("home"), end / 1000).end, LOOKED_AT)
     page.open_tab("Error report")
     page.wait_for_text("Off the ideal line or arc")
     page.click("Run")

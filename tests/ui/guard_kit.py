@@ -88,7 +88,7 @@ class RawPage:
     def operate(self) -> None:
         """Open the console's page on an arm that is enabled, and wait until it operates: that comes last."""
         self.introduce()
-        self.read_until(b"the arm is enabled already")
+        self.read_until(b"othing is solved yet; press Solve first")
 
     def set(self, uuid: object, value: object) -> None:
         self.say("GuiUpdateMessage", uuid=uuid, updates={"value": value})

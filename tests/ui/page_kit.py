@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import nullcontext
+from functools import cache
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 import viser
 
 from armctl.arrays import FloatArray
-from armctl.facts import State
+from armctl.facts import Need, State
 from armctl.hardware import Driver
-from armctl.protocol import Command, ManualClock, Snapshot
+from armctl.protocol import Command, Control, ManualClock, Snapshot
 from armctl.robot import Robot
 from armctl.runtime import Controller
 from armctl.ui.events import Action
 from armctl.ui.guard import GuardedServer
 from armctl.ui.guard.parts import Parts
+from armctl.ui.next_pose import NextPose
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.session import Session
 
@@ -32,6 +34,12 @@ def snapshot_of(robot: Robot) -> Snapshot:
     return Controller(robot, no_driver, ManualClock()).snapshot
 
 
+class Refreshed(Protocol):
+    """A screen."""
+
+    def refresh(self, snapshot: Snapshot) -> None: ...
+
+
 class FakePage:
     """Stands for a session: an arm that holds at ``q`` (n,) [rad], and takes every command."""
 
@@ -39,10 +47,12 @@ class FakePage:
         self.gui = server.gui
         self.client = SimpleNamespace(scene=server.scene, atomic=nullcontext)
         self.snapshot = SimpleNamespace(
-            q_command=q, q=q, state=State.HOLDING, gripper=None, part_mm=None, speed=1.0
-        )
+            q_command=q, q=q, state=State.HOLDING, gripper=None, part_mm=None, speed=1.0, busy=False,
+            progress=None, control=Control(),
+        )  # fmt: skip
         last_known = SimpleNamespace(standing=lambda snapshot: snapshot.q_command)
-        self.console = SimpleNamespace(robot=robot, last_known=last_known)
+        self.console = SimpleNamespace(robot=robot, last_known=last_known, shared=cache(lambda kind: kind()))
+        self.me, self.operates = "browser page 1", True
         self.ghost = Ghost(server.scene, robot)
         self.parts = Parts()
         self.closed = False
@@ -51,6 +61,8 @@ class FakePage:
         self._handles: dict[str, Any] = {}
         self._actions: dict[str, Action] = {}
         self._beside: list[Coroutine[Any, Any, None]] = []
+        self.obeyed: set[str] = set()
+        self.next = NextPose(self.session)
 
     @property
     def session(self) -> Session:
@@ -72,11 +84,22 @@ class FakePage:
     def on_part(self, do: str, action: Callable[[str], None]) -> None:
         self.parts.on(do, action)
 
+    def on_press(self, do: str, label: str, action: Callable[[str], Awaitable[object] | None]) -> None:
+        del label
+        self.parts.on(do, action)
+
     def needs(self, *_: object, **__: object) -> None:
         """What would be refused is not looked at here."""
 
+    def why_not(self, arm: Need | None, snapshot: Snapshot) -> str | None:
+        return None if snapshot.state is State.HOLDING else "the arm is moving; stop first"
+
+    def go(self) -> None:
+        """Press the line's *Go*."""
+        self.act(lambda: self.parts.done("go", str(self.next.number)))
+
     async def submit(self, command: Command) -> None:
-        self.shown_at_sending.append(self.ghost.q if self.ghost.seen else None)
+        self.shown_at_sending.append(self.next.q)
         self.sent.append(command)
 
     def spawn(self, work: Coroutine[Any, Any, None]) -> None:
@@ -87,9 +110,13 @@ class FakePage:
         """Press a button, or one of a group of buttons, so many ``times`` without waiting in between."""
         if value is not None:
             self._handles[label].value = value
+        self.act(self._actions[label], times=times)
+
+    def act(self, action: Action, *, times: int = 1) -> None:
+        """Do something, and what it has spawned."""
 
         async def act() -> None:
-            result = self._actions[label]()
+            result = action()
             if result is not None:
                 await result
 
@@ -101,6 +128,15 @@ class FakePage:
                     await self._beside.pop(0)
 
         asyncio.run(act_often())
+
+    def refresh(self, screen: Refreshed) -> None:
+        """Draw what the arm does now, as a page does."""
+
+        def draw() -> None:
+            self.next.refresh(self.session.snapshot)
+            screen.refresh(self.session.snapshot)
+
+        self.act(draw)
 
     @property
     def html(self) -> str:

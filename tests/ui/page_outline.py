@@ -15,8 +15,11 @@ from tests.browser.served_arm import served_arm
 from tests.ui.guard_kit import RawPage
 
 
+_CAUSE = re.compile("<div class='state.*?</div>")
+
+
 def outlines() -> dict[str, str]:
-    """A line a widget for each tab, and for *Control*, as a page has them that was just built."""
+    """A line a widget for each tab, and what is around them, as a page has them that was just built."""
     with (
         tempfile.TemporaryDirectory() as folder,
         served_arm(Path(folder)) as served,
@@ -29,7 +32,10 @@ def outlines() -> dict[str, str]:
             page.rebuild()  # and nothing is refreshed before it is read
             containers = page.client.gui._container_handle_from_uuid.values()
             tabs = [one for one in containers if isinstance(one, viser.GuiTabHandle)]
-            return {tab._label: "\n".join(_outline(tab)) for tab in tabs}
+            page._always.refresh(page.session.snapshot)
+            parts = page.session.parts
+            frame = _CAUSE.sub("", parts["bar"]) + parts["next"]
+            return {"Control": _plain(frame)} | {tab._label: "\n".join(_outline(tab)) for tab in tabs}
 
         return asyncio.run_coroutine_threadsafe(built(), served.app.server.get_event_loop()).result(10)
 

@@ -171,14 +171,14 @@ def test_a_ghost_carries_what_the_arm_carries_when_it_is_shown(server: GuardedSe
     states = [replace(snapshot, part_mm=(20.0, 30.0, 40.0)), replace(snapshot, part_mm=None)]
     ghost = Ghost(server.scene, robot, lambda: states[0])
     ghost.show(robot.pose("home"))
-    box = nodes(server)[f"/ghost/{TOOL}/part"]
-    solid = next(node for name, node in nodes(server).items() if re.fullmatch("/ghost/.+/solid", name))
+    box = nodes(server)[f"/looked_at/{TOOL}/part"]
+    solid = next(node for name, node in nodes(server).items() if re.fullmatch("/looked_at/.+/solid", name))
     assert (box.color, box.opacity) == (solid.color, solid.opacity) and box.opacity < 1
     wider = np.ptp(box.vertices, axis=0) - np.array([20, 30, 40]) / 1000
     assert (wider > 1e-4).all() and (wider < 0.01).all()  # beside the arm's own its surfaces would flicker
     states.pop(0)
     ghost.show(robot.pose("rest"))
-    assert f"/ghost/{TOOL}/part" not in nodes(server)
+    assert f"/looked_at/{TOOL}/part" not in nodes(server)
 
 
 def test_the_body_goes_with_the_gripper_and_out_of_view_again(server: GuardedServer) -> None:

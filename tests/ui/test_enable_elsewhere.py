@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,7 +19,7 @@ from armctl.errors import MotionRefusedError
 from armctl.motion.clearance import clear_rest, stands_clear
 from armctl.protocol import Enable
 from armctl.robot import Robot
-from armctl.ui.enabling import EnableButton
+from armctl.ui.enabling import Enabling
 
 CLEAR = "[0, -90, 0, 0, 0]"
 
@@ -79,20 +80,23 @@ def test_the_page_offers_it_in_one_press(robot: Robot) -> None:
 
     board = SimpleNamespace(simulated=True)
     session = SimpleNamespace(
-        snapshot=SimpleNamespace(board=board, state=None, limp=()),
+        snapshot=SimpleNamespace(board=board, state=None, limp=(), powered=False, unreachable=False),
         submit=submit,
+        why_not=lambda *_: None,
         console=SimpleNamespace(robot=robot),
     )
     page: Any = SimpleNamespace(
-        _session=session, _elsewhere=SimpleNamespace(label="", visible=False), _clear=None
+        _session=session,
+        _clear=None,
+        _question=SimpleNamespace(asked=False),
+        _ports=SimpleNamespace(back_on=None),
     )
+    offered = re.compile(r"<button[^>]*>Enable in ([^<]*)°</button>")
     with pytest.raises(MotionRefusedError, match="Tool, rest pose and floor"):
-        asyncio.run(EnableButton._on_enable(page))
-    assert page._elsewhere.visible and CLEAR in page._elsewhere.label
-    asyncio.run(EnableButton._on_elsewhere(page))
-    assert not page._elsewhere.visible
+        asyncio.run(Enabling.enable(page))
+    assert offered.findall(Enabling.html(page, session.snapshot)) == [CLEAR]
+    asyncio.run(Enabling.enable_elsewhere(page))
     assert sent[-1].q is not None and np.degrees(sent[-1].q) == pytest.approx([0, -90, 0, 0, 0])
     board.simulated = False  # where a real arm stands is no choice
     with pytest.raises(MotionRefusedError, match=r"below the floor$"):
-        asyncio.run(EnableButton._on_enable(page))
-    assert not page._elsewhere.visible
+        asyncio.run(Enabling.enable(page))

@@ -15,6 +15,7 @@ from armctl.facts import State
 from armctl.protocol import MoveJoints
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
+from armctl.ui.next_pose import PoseWriter
 from armctl.ui.tabs.forward.screen import LAST, REFERENCE, SHOWN, ForwardScreen
 from armctl.ui.widgets import number_field
 
@@ -38,20 +39,21 @@ class Bench:
         self.page = FakePage(self.server, ROBOT, self.present)
         self.page.ghost.see("Forward")
         self.screen = ForwardScreen(self.page.session)
+        self.other = PoseWriter(self.page.session, "another screen")
         self.edited = False
 
     def refresh(self) -> None:
         self.page.snapshot.q_command = self.page.snapshot.q = self.present
-        self.screen.refresh(self.page.session.snapshot)
+        self.page.refresh(self.screen)
 
     def another_moves(self) -> None:
         there = self.random.uniform(LOW, HIGH)
         for part in (0.3, 0.7, 1.0):
             self.present = self.present + part * (there - self.present)
-            self.page.snapshot.state = State.MOVING
+            self.page.snapshot.state, self.page.snapshot.busy = State.MOVING, True
             if self.random.random() < 0.7:
                 self.refresh()
-        self.page.snapshot.state = State.HOLDING
+        self.page.snapshot.state, self.page.snapshot.busy = State.HOLDING, False
 
     def type_angle(self) -> None:
         self.edited = True
@@ -73,11 +75,33 @@ class Bench:
         self.page.put("Show for", str(self.random.choice(SHOWN)))
 
     def another_tab(self) -> None:
-        """Another screen shows its ghost, and the tab is opened again."""
+        """Another screen writes the next pose, and the tab is opened again."""
         self.page.ghost.see("Inverse")
-        self.page.ghost.show(self.random.uniform(LOW, HIGH), self, "Inverse")
+        self.page.next.set(self.random.uniform(LOW, HIGH), self.other)
+        self.edited = False  # the fields show that pose now
         self.refresh()
         self.page.ghost.see("Forward")
+
+    def forget(self) -> None:
+        """The × of the next pose."""
+        had_one = self.page.next.q is not None
+        self.page.act(lambda: self.page.parts.done("forget", ""))
+        self.edited = self.edited and not had_one
+
+    def line_go(self) -> None:
+        """The *Go* of the line of the next pose: it sends what is drawn."""
+        drawn, before = self.page.next.q, len(self.page.sent)
+        adds = self.screen._writer.shown and self.screen._shown.value == SHOWN[1]
+        try:
+            self.page.go()
+        except ArmctlError:
+            assert len(self.page.sent) == before
+            return
+        command = self.page.sent[-1]
+        assert isinstance(command, MoveJoints) and drawn is not None and np.array_equal(command.q, drawn)
+        if self.screen._writer.shown and not adds:
+            self.edited = False
+        self.present = command.q
 
     def row(self, name: str) -> FloatArray | None:
         """(n,) what the row for a button says [degrees, to 0.1]; None: there is no such row."""
@@ -88,15 +112,18 @@ class Bench:
         return np.array([float(cell) for cell in cells[: ROBOT.n]])
 
     def looks_true(self) -> None:
-        html, ghost = self.page.html, self.page.ghost
-        assert (FOLLOWS in html) is not self.edited
+        html, following = self.page.html, self.page.next
+        assert (FOLLOWS in html) is not (self.edited or following.q is not None)
         reference, last = self.row("→ reference"), self.row("→ last position")
         said = re.search(rf"The ghost shows the ({'|'.join(SHOWN)})", html)
-        assert (said is not None) is ghost.seen
-        if ghost.seen:
-            assert said is not None and ghost.owner is self.screen._preview and ghost.q is not None
+        assert (said is not None) is self.screen._writer.shown
+        if said is not None:
+            assert following.q is not None
             leads = last if said.group(1) == SHOWN[1] else reference
-            assert leads is not None and np.abs(np.degrees(ghost.q) - leads).max() < 0.06
+            assert leads is not None and np.abs(np.degrees(following.q) - leads).max() < 0.06
+        elif following.q is not None:  # another screen's, which the fields show
+            assert "The fields show the next pose" in html and reference is not None
+            assert np.abs(np.degrees(following.q) - reference).max() < 0.06
         elif reference is not None and self.screen._shown.value == SHOWN[0]:
             goal, inside = np.radians(reference), 1e-3
             outside = bool(((goal < LOW + inside) | (goal > HIGH - inside)).any())
@@ -105,7 +132,7 @@ class Bench:
 
     def press(self, button: str) -> None:
         row = self.row("→ reference" if button == REFERENCE else "→ last position")
-        if button == REFERENCE and not self.edited:
+        if button == REFERENCE and not self.edited and self.page.next.q is None:
             row = np.degrees(self.present)  # "it would stay where it is"
         before = len(self.page.sent)
         try:
@@ -119,7 +146,7 @@ class Bench:
         shown = self.page.shown_at_sending[-1]
         assert shown is None or np.array_equal(shown, command.q)
         assert shown is not None or np.abs(command.q - self.present).max() < 1e-3
-        self.edited |= button == LAST
+        self.edited = True
         arrives = self.random.random() < 0.7 or np.abs(command.q - self.present).max() < 1e-9
         self.present = command.q if arrives else 0.5 * (self.present + command.q)
         if button == REFERENCE and arrives:
@@ -136,7 +163,7 @@ def test_what_is_said_and_drawn_is_what_the_buttons_do(
     bench = Bench(server, seed)
     ways = (
         bench.another_moves, bench.another_moves, bench.type_angle, bench.type_angle, bench.type_pose,
-        bench.fill, bench.show_for, bench.another_tab, bench.reload,
+        bench.fill, bench.show_for, bench.another_tab, bench.reload, bench.forget, bench.line_go,
         lambda: bench.press(REFERENCE), lambda: bench.press(LAST),
     )  # fmt: skip
     for _ in range(STEPS):

@@ -225,13 +225,13 @@ def test_a_chosen_representative_and_a_place_on_the_curve_are_what_is_sent(serve
     page.press("Solve")
     few = next(label for label in page.options("Select") if "time" in label)
     page.put("Select", few)
-    shown = page.ghost.q
+    shown = page.next.q
     page.press("Go by the selected one")
     assert shown is not None and np.array_equal(page.shown_at_sending[-1], shown)
     page.put("On the curve °", 5.0)
-    assert page.ghost.q is not None and np.degrees(page.ghost.q[1]) == pytest.approx(5.0, abs=0.006)
+    assert page.next.q is not None and np.degrees(page.next.q[1]) == pytest.approx(5.0, abs=0.006)
     page.press("Back to the least")
-    assert page.ghost.q == pytest.approx(solved(220, -196, 85).q(1))
+    assert page.next.q == pytest.approx(solved(220, -196, 85).q(1))
 
 
 def test_targets_that_are_overtaken_while_they_wait_are_not_solved(
@@ -249,7 +249,7 @@ def test_targets_that_are_overtaken_while_they_wait_are_not_solved(
     monkeypatch.setattr("armctl.ui.tabs.inverse.screen.solve", counted)
     page.press("Solve", times=9)
     assert len(solves) == 2
-    assert page.ghost.q == pytest.approx(solved(220, -196, 85).q(1))
+    assert page.next.q == pytest.approx(solved(220, -196, 85).q(1))
 
 
 @pytest.mark.parametrize(("name", "unit"), [("uzuner", "% of stall"), ("ar4", "N·m")])

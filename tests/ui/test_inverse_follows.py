@@ -29,7 +29,7 @@ def fields_m(screen: InverseScreen) -> FloatArray:
 
 def stand_at(page: FakePage, screen: InverseScreen, q: FloatArray, state: State = State.HOLDING) -> None:
     page.snapshot.q_command, page.snapshot.state = q, state
-    screen.refresh(page.session.snapshot)
+    page.refresh(screen)
 
 
 def test_fields_follow_until_they_are_edited_and_again_when_filled(page: FakePage) -> None:
@@ -54,18 +54,18 @@ def test_after_a_refused_solve_no_answer_is_left(page: FakePage) -> None:
     InverseScreen(page.session)
     page.ask(220, -196, 85)
     page.press("Solve")
-    assert "solutions inside the limits" in page.html and page.ghost.q is not None
+    assert "solutions inside the limits" in page.html and page.next.q is not None
     page.put("X mm", "12,5")
     with pytest.raises(InputError, match="'12,5' is not a number"):
         page.press("Solve")
-    assert "solutions inside the limits" not in page.html and page.ghost.q is None
+    assert "solutions inside the limits" not in page.html and page.next.q is None
     assert "&#x27;12,5&#x27; is not a number" in page.html and not page.is_visible("Row")
     page.put("Least energy is", "least-travel")  # does not bring it back
-    assert "solutions inside the limits" not in page.html and page.ghost.q is None
+    assert "solutions inside the limits" not in page.html and page.next.q is None
     page.put("X mm", "220")
     page.press("Solve")
-    assert "solutions inside the limits" in page.html and page.ghost.q is not None
-    assert np.abs(ROBOT.forward(page.ghost.q)[:3, 3] - [0.22, -0.196, 0.085]).max() < 1e-9
+    assert "solutions inside the limits" in page.html and page.next.q is not None
+    assert np.abs(ROBOT.forward(page.next.q)[:3, 3] - [0.22, -0.196, 0.085]).max() < 1e-9
 
 
 def test_the_ghost_is_hidden_while_the_fields_are_not_those_of_the_answer(page: FakePage) -> None:
@@ -73,10 +73,10 @@ def test_the_ghost_is_hidden_while_the_fields_are_not_those_of_the_answer(page: 
     page.ask(220, -196, 85)
     page.press("Solve")
     page.put("Row", 3001)
-    row = page.ghost.q
+    row = page.next.q
     page.put("X mm", "200")
-    screen.refresh(page.session.snapshot)
-    assert row is not None and page.ghost.q is None
+    page.refresh(screen)
+    assert row is not None and page.next.q is None
     page.put("X mm", "220")
-    screen.refresh(page.session.snapshot)
-    assert page.ghost.q is not None and np.array_equal(page.ghost.q, row)
+    page.refresh(screen)
+    assert page.next.q is not None and np.array_equal(page.next.q, row)

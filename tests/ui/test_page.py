@@ -7,14 +7,17 @@ import gc
 import logging
 import math
 import threading
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from tests.browser.served_arm import served_arm
-from tests.ui.guard_kit import CAMERA, PATIENCE_S, RawPage, uuid_of
+from tests.ui.guard_kit import PATIENCE_S, RawPage, uuid_of
 
 from armctl.protocol import Snapshot
+from armctl.ui import page as pages
 from armctl.ui.console import page_name
 from armctl.ui.guard.filter import FloodGauge
 
@@ -29,23 +32,30 @@ def test_garbage_for_every_control_gives_at_most_a_refusal(
     enabled, arrived = threading.Event(), threading.Event()
 
     def look(snapshot: Snapshot) -> None:
-        if not speed.disabled:
+        if session.operates:
             enabled.set()
-        if snapshot.speed == 0.55:
+        if any(party.name == "Ada" for party in snapshot.control.parties):
             arrived.set()
 
     with served_arm(tmp_path) as served, RawPage(served.app.server.get_port()) as page:
         page.operate()
         (client,) = served.app.server.get_clients().values()
         handles = tuple(client.gui._gui_input_handle_from_uuid.values())
-        (speed,) = (handle for handle in handles if getattr(handle, "label", "") == "Speed %")
+        (name,) = (handle for handle in handles if getattr(handle, "label", "") == "Your name")
+        session = next(iter(served.app._pages.values())).session
         served.console.frame_listeners.append(look)
         assert enabled.wait(PATIENCE_S)  # the page operates
         for handle in handles:
             if not handle._impl.is_button:
                 for value in GARBAGE:
                     page.set(uuid_of(handle), value)
-        page.set(uuid_of(speed), 55)
+        loop, parts = served.app.server.get_event_loop(), session.parts
+        for do, key in product(
+            set(parts._actions) - {"release"}, ("", "garbage", "nan", "-1e999", "12,5", "7")
+        ):
+            asyncio.run_coroutine_threadsafe(parts.done(do, key), loop).result(PATIENCE_S)
+        assert served.now.speed == pytest.approx(0.07)  # the one value that can be used
+        page.set(uuid_of(name), "Ada")
         assert arrived.wait(6 * PATIENCE_S)  # behind some thousand messages
         assert served.now.q_command.tolist() == served.robot.pose("home").tolist()
     assert [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR] == []
@@ -71,11 +81,23 @@ def test_what_a_page_still_waits_for_at_the_end_is_no_error(
 
 
 @pytest.mark.logs_a_defect
-def test_a_page_that_cannot_be_built_does_not_operate(tmp_path: Path) -> None:
+def test_a_page_that_cannot_be_built_does_not_operate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks, broke = pages.look_at_arm, threading.Event()
+
+    def look(*given: Any, **more: Any) -> None:
+        if not broke.is_set():
+            broke.set()
+            raise ZeroDivisionError("the first page")
+        looks(*given, **more)
+
     with served_arm(tmp_path) as served:
+        monkeypatch.setattr(pages, "look_at_arm", look)
         port = served.app.server.get_port()
         with RawPage(port) as broken, RawPage(port) as page:
-            broken.say("ViewerCameraMessage", **{**CAMERA, "image_height": 0})
+            broken.introduce()
+            assert broke.wait(PATIENCE_S)
             page.operate()
             (built,) = served.app._pages
             operator = served.now.control.operator

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -54,6 +55,7 @@ class Bench:
         )
         controller = SimpleNamespace(snapshot=self.snapshot, ended=False, submit=lambda *_: self.ticket)
         self.console = SimpleNamespace(robot=ROBOT, controller=controller, unsaved=[], savers=[])
+        self.console.shared = cache(lambda kind: kind())
 
         async def change(name: str, *_: object) -> None:
             self.changed_to.append(name)
@@ -108,7 +110,11 @@ class Bench:
         (Need.OFF, {"state": State.PAUSED}, "the arm is paused; the arm is enabled already"),
         (Need.HOLDING, {"state": State.FAULT}, "the arm is in fault; clear the fault first"),
         (Need.HOLDING, {"state": State.FAULT, "board": None}, "the arm is in fault; connect again"),
-        (Need.HOLDING, {"state": State.FAULT, "unreachable": True}, "the arm does not answer; see Control"),
+        (
+            Need.HOLDING,
+            {"state": State.FAULT, "unreachable": True},
+            "the arm does not answer; see the message over the picture",
+        ),
         (
             Need.HOLDING,
             {"state": State.OFF, "homing": (AxisHoming("Base", False, False),)},

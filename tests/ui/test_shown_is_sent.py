@@ -30,9 +30,9 @@ def sent(page: FakePage) -> np.ndarray:
     """The configuration of the last command, which the ghost showed at that moment."""
     command, shown = page.sent[-1], page.shown_at_sending[-1]
     assert isinstance(command, MoveJoints)
-    assert shown is not None and page.ghost.q is not None
+    assert shown is not None and page.next.q is not None
     assert np.array_equal(command.q, shown)
-    assert np.array_equal(command.q, page.ghost.q)
+    assert np.array_equal(command.q, page.next.q)
     return command.q
 
 
@@ -44,7 +44,7 @@ def test_least_energy_sends_its_ghost_and_solves_once(
     page.ask(220, -196, 85)
     page.put("Least energy is", criterion)
     page.press("Solve")
-    shown = page.ghost.q
+    shown = page.next.q
     monkeypatch.setattr("armctl.ui.tabs.inverse.screen.solve", None)  # nothing is solved again
     page.press(LEAST)
     assert shown is not None and np.array_equal(sent(page), shown)
@@ -55,9 +55,9 @@ def test_least_energy_shows_its_ghost_again_where_a_row_was_shown(page: FakePage
     InverseScreen(page.session)
     page.ask(220, -196, 85)
     page.press("Solve")
-    best = page.ghost.q
+    best = page.next.q
     page.put("Row", 3001)
-    row = page.ghost.q
+    row = page.next.q
     assert best is not None and row is not None and not np.array_equal(row, best)
     page.press(SELECTED)
     assert np.array_equal(sent(page), row)
@@ -81,10 +81,10 @@ def test_least_travel_is_solved_anew_where_the_arm_has_moved(page: FakePage) -> 
     page.put("Least energy is", "least-travel")
     page.ask(150, 150, 200)
     page.press("Solve")
-    before = page.ghost.q
+    before = page.next.q
     away = np.radians([-80.0, 30.0, 60.0, 20.0, 0.0])
     page.snapshot.q_command = away
-    screen.refresh(page.session.snapshot)
+    page.refresh(screen)
     page.press(LEAST)
     expected = ROBOT.inverse([0.15, 0.15, 0.2]).best("least-travel", away)
     assert sent(page) == pytest.approx(expected)
@@ -106,7 +106,7 @@ def test_forward_sends_its_ghost(page: FakePage) -> None:
     ForwardScreen(page.session)
     page.put("Base °", "12.5")
     asked = HOME + np.radians([12.5, 0, 0, 0, 0])
-    assert page.ghost.q == pytest.approx(asked)
+    assert page.next.q == pytest.approx(asked)
     page.press(REFERENCE)
     assert sent(page) == pytest.approx(asked)
     for joint in ROBOT.joints:

@@ -232,6 +232,7 @@ CONTRACT = {
     "onPlotClick": ("u-over", "__viserTestpoints", "uplots", "posToVal", "`ScrollArea`"),
     "letGoOfLists": ("role:`option`",),
     "drawNothing": ("getContextAttributes", "getShaderPrecisionFormat", "`webgl2`"),
+    "onSceneEdges": ("data-dock-root",),
     "scene": (
         "__viserMutable",
         "nodeRefFromName",
@@ -249,9 +250,10 @@ CONTRACT = {
         "actionDescription",
         "--scrollarea-scrollbar-size",
         "data-dock-tab",
-        "data-dock-group",
+        "data-dock-root",
         "`Paper`",
         "width:`20em`",
+        "`Notifications`",
     ),
     "viser_file.css": ("scene tree",),
 }

@@ -36,8 +36,8 @@ ADOPT_TOLERANCE_RAD = 0.25 * DEGREE
 _ADOPT_TOLERANCE_STEPS = 1.5
 """the same in steps of the board, where these are coarser: an encoder at rest wavers by a count"""
 _SAY_WHERE = (
-    "Say where it stands: in Control, with armctl run --pose last (or a named pose, or joint angles in "
-    'degrees), or with arm.enable(pose="last")'
+    "Say where it stands: on the page, with armctl run --pose last (or a named pose, or joint angles "
+    'in degrees), or with arm.enable(pose="last")'
 )
 LEAST_TORQUE = 0.05
 """share of the torque that a limit leaves at least: with none the arm would drop, which is a release"""

@@ -15,11 +15,12 @@ from armctl.errors import ArmctlError
 from armctl.process.limits import near
 from armctl.protocol import Arrive, Leave, Origin, Snapshot
 from armctl.robot import CarriedPart, Robot
+from armctl.ui.bar import set_theme
 from armctl.ui.console import Console, page_name
 from armctl.ui.control_return import ControlReturn
 from armctl.ui.guard import GuardedServer
+from armctl.ui.next_pose import NextPoses
 from armctl.ui.page import Page
-from armctl.ui.panel import set_theme
 from armctl.ui.robot_switch import RESTARTED, RobotChange, RobotSwitch
 from armctl.ui.scene.arm_model import ARM, ArmFigure
 from armctl.ui.scene.stage import Stage, set_lights
@@ -126,6 +127,7 @@ class App:
         """The lines of ``page``, which calls itself so, are those of a session."""
         self._lines.link(page, session.me)
         self.server.part_lines.link(page, session.parts)
+        self._console.shared(NextPoses).give_back(page, session)
 
     def _prepare(self, page: Page) -> None:
         """Have one page do what takes a while the first time with an arm."""
@@ -180,9 +182,12 @@ class App:
                 page.session.close()
 
     async def _disconnect(self, client: viser.ClientHandle) -> None:
+        name = self._lines.page_of(page_name(client.client_id))
         self._lines.unlink(page_name(client.client_id))
         page = self._pages.pop(client.client_id, None)
         if page is not None:
+            if name:
+                self._console.shared(NextPoses).leave(name, page.session.next)
             page.session.close()
             self.server.part_lines.unlink(page.session.parts)
         self._leave(page_name(client.client_id), "the operator's page is gone")

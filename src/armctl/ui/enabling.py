@@ -18,14 +18,15 @@ from armctl.protocol import Enable, Snapshot
 from armctl.ui.console import PortWatch
 from armctl.ui.session import Session
 from armctl.ui.widgets.angle_fields import angle_fields
-from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence
+from armctl.ui.widgets.html import LiveHtml, button, refused, sentence
 from armctl.ui.widgets.number_field import EditWatch, FieldArray
 
 _ROUNDED_RAD = 0.01 * DEGREE
 """fields round what they are filled with"""
 _LOOK = (
-    "The servos are off and cannot tell where the arm stands. <b>Look at the arm:</b> does it stand like the "
-    "blue ghost? If not, type its angles below, or put it there by hand. If the pose is wrong, the arm jumps."
+    "The servos are off and cannot tell where the arm stands. <b>Look at the arm:</b> does it stand like "
+    "the orange ghost? If not, type its angles below, or put it there by hand. If the pose is wrong, the arm "
+    "jumps."
 )
 _WAS_MOVING = "<b>The arm was moving when it was last seen.</b> The ghost shows where that was."
 _ENABLE_NOTE = "Enable asks where the arm stands. Then it switches the servos on, one by one: keep clear."
@@ -91,43 +92,52 @@ def show_typed(
         return
     problem.show("")
     there = seen_moving is not None and bool(np.abs(q - seen_moving).max() <= _ROUNDED_RAD)
-    session.ghost.show(q, owner, label="was moving" if there else None)
+    session.ghost.show(q, owner, label="was moving" if there else "here?")
 
 
-class EnableButton:
-    """Enable while the outputs are off, and the question where nobody knows how the arm stands."""
+class Enabling:
+    """Enable, and the question where nobody knows how the arm stands, in the present container."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
         self._ports = session.console.shared(PortWatch)
         self._told_back_on: str | None = None
-        gui = session.gui
-        command = session.command("Enable", self._on_enable, "Switch the outputs on")
-        self._box = gui.add_folder(None)
-        with self._box:
-            self._note = LiveHtml(gui)
-            enable = gui.add_button("Enable", icon=viser.Icon.BOLT, color="green")
-            self._elsewhere = gui.add_button("Enable in a clear pose", icon=viser.Icon.BOLT, visible=False)
-            session.needs(Need.OFF, enable, command, also=_unhomed)
-            session.needs(Need.OFF, self._elsewhere, told=False)
-        self._clear: FloatArray | None = None
+        self._clear: tuple[FloatArray, str] | None = None
+        """where the arm may be enabled instead, and its angles in words"""
         self._question = EnableQuestion(session)
-        session.on(enable.on_click, self._on_enable)
-        session.on(self._elsewhere.on_click, self._on_elsewhere)
+        command = session.command("Enable", self.enable, "Switch the outputs on")
+        session.needs(Need.OFF, command, also=_unhomed, told=False)
+
+    def why_not(self, snapshot: Snapshot) -> str | None:
+        """Why Enable is refused now, and what to do; None: it is not."""
+        if self._question.asked:
+            return "answer the question “Is the arm here?” first"
+        return self._session.why_not(Need.OFF, snapshot) or _unhomed(snapshot)
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Hide the button once the arm is on, or while the question is asked."""
+        """Keep the question up to date; tell once when a board that was lost is there again."""
         self._question.refresh(snapshot)
-        holds = snapshot.powered and snapshot.state is not State.OFF and not snapshot.limp
-        self._box.visible = not (holds or self._question.asked)
+        if snapshot.powered:
+            self._clear = None
         back_on = self._ports.back_on
-        self._note.show(muted(enable_note(snapshot, self._session.console.robot.board, back_on)))
         if back_on != self._told_back_on:
             self._told_back_on = back_on
             if back_on is not None:
                 self._session.notify("Board", _BACK_NOTE.format(back_on), "yellow")
 
-    async def _on_enable(self) -> None:
+    def html(self, snapshot: Snapshot) -> str:
+        """What Enable will do, or what must be done before; nothing while the arm is on, or is asked for."""
+        holds = snapshot.powered and snapshot.state is not State.OFF and not snapshot.limp
+        if holds or self._question.asked:
+            return ""
+        note = enable_note(snapshot, self._session.console.robot.board, self._ports.back_on)
+        elsewhere = ""
+        if self._clear is not None:
+            label = f"Enable in {self._clear[1]}°"
+            elsewhere = button("enable-elsewhere", label, why=self._session.why_not(Need.OFF, snapshot))
+        return f"<p>{escape(note)}</p>{elsewhere}"
+
+    async def enable(self) -> None:
         """Where nobody knows how the arm stands, the operator is asked first."""
         session = self._session
         if must_be_told(session.snapshot):
@@ -140,19 +150,18 @@ class EnableButton:
             board = session.snapshot.board
             if board is None or not board.simulated:
                 raise  # where the arm stands is no choice
-            found = await asyncio.to_thread(clear_rest, session.console.robot)
-            if found is None:
+            self._clear = await asyncio.to_thread(clear_rest, session.console.robot)
+            if self._clear is None:
                 raise
-            self._clear, angles = found
-            self._elsewhere.label = f"Enable in {angles}°"
-            self._elsewhere.visible = True
+            angles = self._clear[1]
             raise MotionRefusedError(
                 f"{refusal}: press “Enable in {angles}°”. Main → Tool, rest pose and floor keeps such a pose"
             ) from refusal
 
-    async def _on_elsewhere(self) -> None:
-        await self._session.submit(Enable(self._clear))
-        self._elsewhere.visible = False
+    async def enable_elsewhere(self) -> None:
+        """Enable where the arm is clear, as was offered."""
+        if self._clear is not None:
+            await self._session.submit(Enable(self._clear[0]))
 
 
 def _unhomed(snapshot: Snapshot) -> str | None:

@@ -1,4 +1,4 @@
-"""One browser page: the control panel and the tabs, built from a session."""
+"""One browser page: the bar and the tabs, built from a session."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ from collections.abc import Callable, Sequence
 import viser
 
 from armctl.protocol import Snapshot
-from armctl.ui.panel import PANEL_WIDTH, ControlPanel
+from armctl.ui.bar import ControlBar
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.stage import look_at_arm
 from armctl.ui.session import Session
 from armctl.ui.tabs import TABS, Screen
 
-_WIDE_PX, _USUAL_PX, _NARROW_PX, _PHONE_PX = 1600, 1200, 900, 576
+_WIDE_PX, _USUAL_PX, _PHONE_PX = 1600, 1200, 576
+_BAR_PX, _UNDER_PX = 56, 53
+"""the bar on top, and the line of the next pose (``guard/parts.css``)"""
+_FIRST = -1.0
+"""ahead of the tabs"""
 
 
 def tabs_width(window: int) -> int:
@@ -22,16 +26,10 @@ def tabs_width(window: int) -> int:
     return 580 if window >= _WIDE_PX else 480 if window >= _USUAL_PX else 380
 
 
-def above_tabs(width: int, height: int) -> bool:
-    """Whether the panel stands above the tabs, in a narrow upright window: the arm is seen beside them."""
-    return width < _NARROW_PX and width < height
-
-
-def covered(width: int, height: int) -> int:
-    """How much of the width of a window is panels [px]."""
-    if width < _PHONE_PX:
-        return 0  # they lie over the lower part of the scene
-    return tabs_width(width) + (0 if above_tabs(width, height) else PANEL_WIDTH)
+def picture_size(width: int, height: int) -> tuple[int, int]:
+    """Width and height of the scene in a window [px]; on a phone the tabs lie over its lower part."""
+    beside = 0 if width < _PHONE_PX else tabs_width(width)
+    return max(width - beside, 1), max(height - _BAR_PX - _UNDER_PX, 1)
 
 
 class Page:
@@ -44,15 +42,13 @@ class Page:
         link: Callable[[str, Session], None],
         lost: Callable[[int], None],
     ) -> None:
-        """Build *Control* and empty tabs; ``link`` and ``lost`` as in ``Session.find_line``."""
+        """Build the bar and empty tabs; ``link`` and ``lost`` as in ``Session.find_line``."""
         self.client, self._robots, self._link, self._lost = client, robots, link, lost
         self._window = client.camera.image_width, client.camera.image_height
         """[px]; those of the screen, until the page has said how many of them it takes for one of its own"""
         self._look()
         client.gui.main_panel.dock_right()
-        self._panel = client.gui.add_panel()
-        self._control = self._panel.add_tab("Control", viser.Icon.HAND_STOP)
-        self._lay_out()
+        client.gui.main_panel.set_width(tabs_width(self._window[0]))
         group = client.gui.add_tab_group()
         self._containers = [group.add_tab(tab.label, tab.icon) for tab in TABS]
         self._begin()
@@ -78,8 +74,8 @@ class Page:
             self.session.spawn(self.session.find_line(self._link, self._lost))
             self.session.spawn(self._fit())
             self.session.on_phone = self._window[0] < _PHONE_PX
-            with self._control, self._content():
-                self._always = ControlPanel(self.session, self._panel)
+            with self._content(_FIRST):
+                self._always = ControlBar(self.session)
 
     def _build_next(self) -> None:
         if self._unbuilt:
@@ -87,14 +83,13 @@ class Page:
             with self.client.atomic(), container, self._content():
                 self._screens.append(tab.build(self.session))
 
-    def _content(self) -> viser.GuiFolderHandle:
-        self._contents.append(self.client.gui.add_folder(None))
+    def _content(self, order: float | None = None) -> viser.GuiFolderHandle:
+        self._contents.append(self.client.gui.add_folder(None, order=order))
         return self._contents[-1]
 
     def _look(self) -> None:
-        width, height = self._window
-        picture = width - covered(width, height), height
-        look_at_arm(self.client, self._robots.console.robot, picture=picture, sheet=width < _PHONE_PX)
+        picture, sheet = picture_size(*self._window), self._window[0] < _PHONE_PX
+        look_at_arm(self.client, self._robots.console.robot, picture=picture, sheet=sheet)
 
     async def _fit(self) -> None:
         """Lay the page out anew where its pixels are larger than those of the screen: phones, and zoom."""
@@ -103,19 +98,8 @@ class Page:
             return
         self._window = int(width), max(int(height), 1)
         self.session.on_phone = self._window[0] < _PHONE_PX
-        self._lay_out()
+        self.client.gui.main_panel.set_width(tabs_width(self._window[0]))
         self._look()
-
-    def _lay_out(self) -> None:
-        """As wide as the window allows; *Control* to the left of the arm, or above the tabs."""
-        tabs, panel = self.client.gui.main_panel, self._panel
-        tabs.set_width(tabs_width(self._window[0]))
-        if above_tabs(*self._window):
-            panel.dock_above(tabs)
-            panel.expand()  # on a phone it begins folded, and Enable is in it
-        else:  # docked: notifications cover what floats at the left, but give way to what is docked there
-            panel.dock_left()
-            panel.set_width(PANEL_WIDTH)
 
     def rebuild(self) -> None:
         """The arm was changed: build everything anew for the present one."""
@@ -142,6 +126,7 @@ class Page:
         self._drawn = snapshot
         with self.client.atomic():
             self.session.refresh(snapshot)
+            self.session.next.refresh(snapshot)
             self._always.refresh(snapshot)
             for screen in self._screens:
                 screen.refresh(snapshot)

@@ -22,6 +22,7 @@ from armctl.robot.look.rows import Theme
 from armctl.ui.console import page_name
 from armctl.ui.events import Action, Color, Notifications
 from armctl.ui.guard.parts import Parts
+from armctl.ui.next_pose import NextPose
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.scene.stage import look_at_arm
@@ -53,11 +54,13 @@ class Session:
         self.closed = False
         """page or arm is gone; whoever has waited for something must not write to the page any more"""
         self.ghost = Ghost(client.scene, self.console.robot, lambda: self.snapshot)
+        """what is only looked at"""
         self.on_phone = False
         """the panels are a sheet over the lower part of the scene"""
         self.parts = Parts()
         self.theme: Theme = "light"
         self._themed: list[Callable[[], None]] = []
+        self.next = NextPose(self)
 
     @property
     def gui(self) -> viser.GuiApi:
@@ -115,8 +118,9 @@ class Session:
 
     def look(self, view: str = "Reset", beside: tuple[Robot, float] | None = None) -> None:
         """See the arm from one side; ``beside``: and another one, so far [m] along y."""
-        ghost = self.ghost.q if self.ghost.seen else None
-        shown = [q for q in (self.console.last_known.drawn(self.snapshot), ghost) if q is not None]
+        looked_at = self.ghost.q if self.ghost.seen else None
+        drawn = (self.console.last_known.drawn(self.snapshot), self.next.q, looked_at)
+        shown = [q for q in drawn if q is not None]
         robot = self.console.robot
         look_at_arm(self.client, robot, view, beside=beside, shown=shown, sheet=self.on_phone)
 
@@ -136,7 +140,7 @@ class Session:
         async def callback(event: viser.GuiEvent[Any]) -> None:
             if event.client is None:
                 return
-            with self._shown_at_work(event.target):
+            with self._shown_at_work(_label_of(event.target)):
                 await self.attempt(action)
 
         attach(callback)
@@ -144,6 +148,15 @@ class Session:
     def on_part(self, do: str, action: Callable[[str], Awaitable[object] | None]) -> None:
         """Run ``action(key)`` where this is done to a part of the page; what goes wrong is notified."""
         self.parts.on(do, lambda key: None if self.closed else self.attempt(partial(action, key)))
+
+    def on_press(self, do: str, label: str, action: Callable[[str], Awaitable[object] | None]) -> None:
+        """As ``on_part``, for a button with this label: what it does may take a while, and others go on."""
+
+        async def press(key: str) -> None:
+            with self._shown_at_work(label):
+                await self.attempt(partial(action, key))
+
+        self.parts.on(do, lambda key: None if self.closed else self.spawn(press(key)))
 
     def needs(
         self,
@@ -174,7 +187,7 @@ class Session:
         if arm is None:
             return None
         if snapshot.unreachable:
-            return "the arm does not answer; see Control"
+            return "the arm does not answer; see the message over the picture"
         why = snapshot.unmet(arm)
         return None if why is None else say(why)
 
@@ -236,10 +249,8 @@ class Session:
             self.refuse("an internal error; the program's log has the details", title="Error")
 
     @contextmanager
-    def _shown_at_work(self, pressed: object) -> Generator[None]:
+    def _shown_at_work(self, label: str) -> Generator[None]:
         """Show that what was pressed is being worked on, as long as it is and the arm does not act on it."""
-        button = pressed.value if isinstance(pressed, viser.GuiButtonGroupHandle) else ""
-        label = button or getattr(pressed, "label", "")
         shown: list[viser.NotificationHandle] = []
 
         def show() -> None:
@@ -392,6 +403,7 @@ class Session:
     def close(self) -> None:
         """The page or its arm is gone: end what waits for it."""
         self.closed = True
+        self.next.close()
         self._end_question()
         for task in tuple(self._tasks):
             task.cancel()
@@ -403,6 +415,12 @@ class Session:
     def notify(self, title: str, text: str, color: Color = "blue") -> None:
         """Show a notification for as long as it takes to read it."""
         self._notices.show(title, text, color)
+
+
+def _label_of(pressed: object) -> str:
+    """Of a control; of a group the button that was pressed."""
+    button = pressed.value if isinstance(pressed, viser.GuiButtonGroupHandle) else ""
+    return button or getattr(pressed, "label", "")
 
 
 class Disableable(Protocol):

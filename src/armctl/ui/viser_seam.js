@@ -161,6 +161,22 @@ const armctlViser = (() => {
     });
   }
 
+  // What of the window the picture of the scene takes: its edges are told whenever they have changed [px].
+  function onSceneEdges(tell) {
+    const sizes = new ResizeObserver(() => {
+      const box = document.querySelector("[data-dock-root] > div")?.getBoundingClientRect();
+      if (box) tell(box.left, innerWidth - box.right);
+    });
+    sizes.observe(document.documentElement);
+    const found = new MutationObserver(() => {
+      const scene = document.querySelector("[data-dock-root] > div");
+      if (!scene) return;
+      sizes.observe(scene);
+      found.disconnect();
+    });
+    found.observe(document.getElementById("root"), { childList: true, subtree: true });
+  }
+
   // The scene, once viser has built the node `root`; null before. Poses go where those of its server go.
   function scene(root) {
     const viewer = window.__viserMutable;
@@ -177,5 +193,5 @@ const armctlViser = (() => {
     };
   }
 
-  return { answer, openTabs, buttonOf, name, onPlotClick, type, letGoOfLists, drawNothing, scene };
+  return { answer, openTabs, buttonOf, name, onPlotClick, type, letGoOfLists, drawNothing, onSceneEdges, scene };
 })();

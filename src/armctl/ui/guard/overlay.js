@@ -1,6 +1,6 @@
-// What armctl lays over viser's page. STOP that is always there: Escape from every place of the page, a large
-// button wherever the panel's own one is out of view, and a line to the arm that waits for nothing else
-// (stop_line.py). A banner on a page that watches. What it asks of viser's page is `armctlViser` (viser_seam.js).
+// What armctl lays over viser's page. STOP that is always there: the large button at the left end of the bar, Escape
+// from every place of the page, and a line to the arm that waits for nothing else (stop_line.py). A banner on a page
+// that watches. What it asks of viser's page is `armctlViser` (viser_seam.js).
 (() => {
   "use strict";
   const BEAT_MS = 200;
@@ -156,50 +156,45 @@
   }
 
   // STOP.
-  let panelStop = null; // the button of viser's panel
-  let seen = false;
-
-  function stop(fromPanel) {
+  function stop() {
     press = { number: ++presses, at: performance.now() };
     if (line) line.send(JSON.stringify({ stop: press.number }));
-    else if (!fromPanel && panelStop) panelStop.click(); // viser's connection may be alive
+    else globalThis.armctlTell?.({ do: "stop" }); // the line of the page's parts may be alive
   }
 
-  addEventListener("keydown", (event) => event.key === "Escape" && !event.repeat && stop(false), true);
+  addEventListener("keydown", (event) => event.key === "Escape" && !event.repeat && stop(), true);
   const pressed = (event) => {
     const button = event.target instanceof Element && event.target.closest(STOP);
-    if (!button || (button === panelStop && !event.isTrusted)) return; // our own click on it, see stop()
     // a click that came from a pointer was counted when the pointer went down
-    if (event.type === "pointerdown" || event.detail === 0) stop(button === panelStop);
+    if (button && (event.type === "pointerdown" || event.detail === 0)) stop();
   };
   addEventListener("pointerdown", pressed, true);
   addEventListener("click", pressed, true);
 
   // What is shown.
-  const bar = document.createElement("div");
-  bar.id = "armctl-bar";
-  bar.innerHTML =
-    '<div role="status" id="armctl-watching" hidden></div><p role="alert" hidden></p>' +
-    '<button type="button" data-armctl-stop>STOP</button>';
-  const [banner, words, ownStop] = bar.children;
-  document.addEventListener("DOMContentLoaded", () => document.documentElement.append(bar));
-  const narrow = matchMedia("(max-width: 36em)");
+  const told = document.createElement("div");
+  told.id = "armctl-told";
+  told.innerHTML = '<div role="status" id="armctl-watching" hidden></div><p role="alert" hidden></p>';
+  const [banner, words] = told.children;
+  document.addEventListener("DOMContentLoaded", () => {
+    document.documentElement.append(told);
+    frame(document.getElementById("armctl-under"));
+  });
 
-  function findPanelStop() {
-    if (panelStop?.isConnected) return;
-    panelStop = viser("buttonOf", "STOP");
-    panelStop?.setAttribute("data-armctl-stop", "");
-    seen ||= panelStop !== null;
+  // What lies under the scene is as high as it is, and as wide as the scene (parts.css).
+  function frame(under) {
+    const set = (name, pixels) => document.documentElement.style.setProperty(name, `${pixels}px`);
+    new ResizeObserver(() => set("--armctl-under", under.offsetHeight)).observe(under);
+    viser("onSceneEdges", (left, right) => {
+      set("--armctl-left", left);
+      set("--armctl-right", right);
+    });
   }
 
-  function inView(button) {
-    const box = button.getBoundingClientRect();
-    if (!box.width || box.top < 0 || box.left < 0 || box.bottom > innerHeight || box.right > innerWidth) return false;
-    return button.contains(document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2));
-  }
-
-  function hideFromReaders(button, hidden) {
-    if (hidden !== (button.getAttribute("aria-hidden") === "true")) button.setAttribute("aria-hidden", hidden);
+  // STOP has its name once the page is ready: those who read names, and tests outside, wait for it.
+  function nameStop(ready) {
+    const button = document.querySelector(STOP);
+    if (button && ready === (button.getAttribute("aria-hidden") === "true")) button.setAttribute("aria-hidden", !ready);
   }
 
   function say(element, text) {
@@ -216,11 +211,7 @@
   viser("letGoOfLists"); // the keys that jog are pressed next
 
   function show(now) {
-    findPanelStop();
-    const own = narrow.matches || !panelStop || !inView(panelStop);
-    if (own !== ownStop.isConnected) own ? bar.append(ownStop) : ownStop.remove();
-    hideFromReaders(ownStop, !seen && now - began < BUILDING_MS); // "STOP" by name: the page is ready
-    if (panelStop) hideFromReaders(panelStop, own); // one button of that name
+    nameStop(document.querySelector("armctl-part[name=bar]")?.firstChild != null || now - began > BUILDING_MS);
     const lost = !line && now - Math.max(lostSince, began) > PATIENCE_MS;
     const unanswered = press && now - press.at > PATIENCE_MS;
     const cause = document.querySelector("[data-armctl-lost]")?.dataset.armctlLost;

@@ -27,6 +27,7 @@
   function tell(said) {
     if (line.readyState === WebSocket.OPEN) line.send(JSON.stringify(said));
   }
+  globalThis.armctlTell = tell; // a second way for STOP (overlay.js)
   function hear(parts) {
     for (const [name, html] of Object.entries(parts)) {
       texts.set(name, html);
@@ -81,6 +82,8 @@
     for (const { name } of [...node.attributes]) if (!wanted.hasAttribute(name)) node.removeAttribute(name);
     for (const { name, value } of wanted.attributes)
       if (node.getAttribute(name) !== value) node.setAttribute(name, value);
+    // A field that somebody is in is theirs; another one shows what the server says, whatever was typed there.
+    if (node.nodeName === "INPUT" && node !== document.activeElement) node.value = wanted.getAttribute("value");
     change(node, wanted);
   }
 
@@ -90,9 +93,28 @@
     if (element.getAttribute("aria-disabled") !== "true") tell({ do: element.dataset.do, key: element.dataset.key ?? "" });
   }
   addEventListener("click", (event) => {
-    const element = near(event, "armctl-part [data-do]");
+    const element = near(event, "armctl-part [data-do]:not(input)");
     if (element) act(element);
   });
+
+  // Fields: their key is what they hold. A slider tells it while it is dragged, others once they are left or Enter
+  // is pressed; then they show what the server has.
+  const LEAST_MS = 100; // between two values of a slider
+  let due = 0;
+  addEventListener("input", (event) => {
+    if (!event.target.matches?.("armctl-part input[type=range][data-do]")) return;
+    clearTimeout(due);
+    due = setTimeout(() => tellValue(event.target), LEAST_MS);
+  });
+  addEventListener("change", (event) => {
+    if (!event.target.matches?.("armctl-part input[data-do]")) return;
+    clearTimeout(due);
+    tellValue(event.target);
+  });
+  addEventListener("focusout", (event) => {
+    if (event.target.matches?.("armctl-part input[data-do]")) event.target.value = event.target.getAttribute("value");
+  });
+  const tellValue = (input) => tell({ do: input.dataset.do, key: input.value });
 
   // Lists by keyboard: arrows, Home and End choose; Enter and the space bar do what a click does.
   addEventListener("keydown", (event) => {

@@ -53,6 +53,15 @@ _OUR_ICON = (
     " d='M2 14.5h9M6 14V9l-3-4 6-3 4 4v3'/%3E%3C/svg%3E\">"
 )
 """a small arm"""
+_FRAME = (
+    "<section id=armctl-top aria-label=Control>"
+    "<button type=button data-armctl-stop aria-hidden=true title='Decelerate and hold, with power (Escape)'>"
+    "STOP</button><armctl-part name=bar></armctl-part></section>"
+    "<section id=armctl-over><armctl-part name=where></armctl-part><armctl-part name=alerts role=status>"
+    "</armctl-part></section>"
+    "<section id=armctl-under aria-label='Next pose'><armctl-part name=next></armctl-part></section>"
+)
+"""what of the console lies around viser's page"""
 
 
 class _PageMessage(msgspec.Struct, forbid_unknown_fields=True):
@@ -287,11 +296,12 @@ class OverlaidPage:
     def __init__(self, *, overlay: bool = True) -> None:
         here = resources.files("armctl.ui.guard")
         styles, scripts = (
-            [here.joinpath(f"{name}.{kind}").read_text() for name in ("overlay", "parts")]
-            for kind in ("css", "js")
+            [here.joinpath(f"{name}.{kind}").read_text() for name in names]
+            for kind, names in (("css", ("overlay", "frame", "parts")), ("js", ("overlay", "parts")))
         )
         style = f"<style>{CONSOLE_STYLE}{''.join(styles)}</style>"
         self._overlay = style + "".join(f"<script>{one}</script>" for one in (SCRIPT, *scripts)) * overlay
+        self._frame = _FRAME * overlay
         self._bodies: dict[str, bytes | bytearray] = {}
 
     def answer(self, response: Response) -> Response:
@@ -299,7 +309,8 @@ class OverlaidPage:
         encoding = response.headers["Content-Encoding"]
         if encoding not in self._bodies:
             page = gzip.decompress(response.body) if encoding == "gzip" else response.body
-            page = dressed(page.decode(), ahead=self._overlay, title="armctl", icon=_OUR_ICON).encode()
+            looks = {"ahead": self._overlay, "behind": self._frame, "title": "armctl", "icon": _OUR_ICON}
+            page = dressed(page.decode(), **looks).encode()
             self._bodies[encoding] = gzip.compress(page) if encoding == "gzip" else page
         response.body = self._bodies[encoding]
         del response.headers["Content-Length"]  # setting it adds another one

@@ -19,23 +19,30 @@ from armctl.robot.parts import Color
 from armctl.robot.solids import Solid, grown, joined, tube
 from armctl.ui.scene.arm_model import ARM, ArmFigure, add_solid, arm_model
 
-_COLOR, _OPACITY = (0, 180, 216), 0.35
+_LOOKED_AT, _OPACITY = (217, 115, 13), 0.35
 THICKER = 1.08
 """A ghost is this much thicker than the arm: where both are in one place, equal surfaces would flicker."""
 _SAME_RAD = 1e-4
 
 
 class Ghost:
-    """A page's one translucent arm, built when it is first needed; its owner is who showed something last.
+    """A translucent arm, built when it is first needed; its owner is who showed something last.
 
-    It is in view while the tab of its owner is open.
+    It is in view while the tab of its owner is open. A page has one for what is only looked at, and one for
+    its next pose (``NextPose``).
     """
 
     def __init__(
-        self, scene: viser.SceneApi, robot: Robot, snapshot: Callable[[], Snapshot | None] = lambda: None
+        self,
+        scene: viser.SceneApi,
+        robot: Robot,
+        snapshot: Callable[[], Snapshot | None] = lambda: None,
+        name: str = "/looked_at",
+        color: Color = _LOOKED_AT,
     ) -> None:
         """``snapshot``: of the arm; the ghost holds its jaws as the arm does when it is shown."""
         self._scene, self._robot, self._snapshot = scene, robot, snapshot
+        self._name, self._color = name, color
         self._figure: ArmFigure | None = None
         self.q: FloatArray | None = None
         """(n,) the configuration that is shown [rad]; None: nothing"""
@@ -92,7 +99,7 @@ class Ghost:
         """
         if self._figure is None:
             self._figure = ArmFigure(
-                self._scene, self._robot, "/ghost", color=_COLOR, opacity=_OPACITY, thicker=THICKER
+                self._scene, self._robot, self._name, color=self._color, opacity=_OPACITY, thicker=THICKER
             )
         self.claim(owner)
         self.q = q.copy()

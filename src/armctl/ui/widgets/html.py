@@ -91,6 +91,38 @@ def strong(text: str) -> str:
     return f"<div><b>{escape(text)}</b></div>"
 
 
+_ICONS = {
+    "play": "M5 3l9 5-9 5z",
+    "cross": "M4 4l8 8M12 4l-8 8",
+    "theme": "M8 2.5a5.5 5.5 0 1 0 .01 0zM8 2.5v11",
+}
+"""paths in a square of 16"""
+
+
+def button(
+    do: str,
+    label: str,
+    *,
+    key: str = "",
+    why: str | None = None,
+    title: str = "",
+    kind: str = "",
+    icon: str = "",
+) -> str:
+    """A button of a part of the page (``guard/parts.py``); with ``why`` it cannot be pressed, and says so.
+
+    Without a label its title is its name.
+    """
+    said = f" aria-disabled='true' title='{escape(with_minus(why))}'" if why else ""
+    if not why and title:
+        said = f" title='{escape(title)}'"
+    name = "" if label else f" aria-label='{escape(title)}'"
+    drawn = f"<svg viewBox='0 0 16 16' aria-hidden='true'><path d='{_ICONS[icon]}'/></svg>" if icon else ""
+    key = f" data-key='{escape(key)}'" if key else ""
+    more = f" data-do='{do}'{key}{name}{said}"
+    return f"<button type='button' class='{kind}'{more}>{drawn}{escape(label)}</button>"
+
+
 # Times as people read them.
 
 

@@ -154,7 +154,7 @@ class CalibrationSave:
 
     async def _take_effect(self, title: str, text: str) -> None:
         session = self._session
-        session.notify(title, f"{text}. The arm is opened anew with it: press Enable in Control.")
+        session.notify(title, f"{text}. The arm is opened anew with it: press Enable.")
         await session.reopen_arm()
 
 

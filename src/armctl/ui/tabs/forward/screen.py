@@ -7,20 +7,19 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, UnreachableError
-from armctl.facts import Need, Reason, Said, Several, State, ToDo, say
+from armctl.facts import Need, Reason, Said, Several, ToDo, say
 from armctl.facts.angles import from_degrees, to_degrees
 from armctl.facts.targets import PoseUnmet
 from armctl.kinematics import DEFAULT_STEP, Target
 from armctl.kinematics.velocity import position_leaves_pitch
-from armctl.protocol import MoveJoints, Snapshot
+from armctl.protocol import Snapshot
 from armctl.robot import Robot
 from armctl.ui.events import Newest, On, OneAtATime
-from armctl.ui.scene.ghost import Preview
+from armctl.ui.next_pose import End, Movement, PoseWriter
 from armctl.ui.session import Session
 from armctl.ui.tabs.forward.figures import VelocityForm, base_turns, jacobian_html, pose_html
 from armctl.ui.widgets.angle_fields import OrientationFields, angle_fields, held_at
@@ -45,8 +44,8 @@ _UNEDITED = (
     "The fields follow the arm until you edit them. With respect to reference, it would stay where it is. "
     "With respect to last position, the angles would be added to it."
 )
+_TAKEN = "The fields show the next pose until you edit them."
 _MOVING = "The fields take the pose of the arm once it stands."
-_SAME_RAD = 1e-6
 
 
 def resulting_pose(how: str, asked: FloatArray, present: FloatArray) -> FloatArray:
@@ -61,10 +60,8 @@ class ForwardScreen:
         self._session = session
         self._robot = session.console.robot
         self._standing = session.console.last_known.standing
-        self._preview = Preview(session.ghost, "Forward")
+        self._writer = PoseWriter(session, "angles in Forward", self._how, self._on_end)
         self._drawn: tuple[object, ...] = ()
-        self._sent: FloatArray | None = None
-        """(n,) where the fields have sent the arm [rad]: once it is there, they follow it again"""
         gui = session.gui
         LiveHtml(gui, "Type joint angles, or a tool pose. Nothing moves until a Go button is pressed.")
         tabs = gui.add_tab_group()
@@ -95,13 +92,17 @@ class ForwardScreen:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Keep what depends on where the arm is up to date."""
-        present = self._standing(snapshot)
-        if self._sent is not None and np.abs(self._sent - present).max() < _SAME_RAD:
-            self._sent = None
-            self._following.resume()
-        self._preview.refresh(present)
         if self._session.sees("Forward"):
             self._draw(snapshot)
+
+    def _how(self) -> Movement:
+        return self._movement.checked()
+
+    def _on_end(self, why: End) -> None:
+        """The fields hold nothing of their own any more, but for angles that are to be added once more."""
+        if why != "arrived" or self._shown.value != SHOWN[1]:
+            self._following.resume()
+            self._drawn = ()
 
     def _fill(self, q: FloatArray) -> None:
         self._angles.fill(q)
@@ -114,7 +115,7 @@ class ForwardScreen:
     def _on_fill(self) -> None:
         asked = self._fill_with.value
         if asked == "present pose":
-            self._sent = None
+            self._session.next.clear()
             self._following.resume()
             self._draw_anew()
         else:
@@ -127,40 +128,36 @@ class ForwardScreen:
         self._edit()
 
     def _edit(self) -> None:
-        self._sent = None
         self._following.edit()
+        if self._writer.taken:  # from here on the next pose is this screen's, whoever wrote it
+            self._session.next.clear("replaced")
         self._draw_anew()
 
     def _draw_anew(self) -> None:
-        self._preview.hide()  # from here on the ghost is this screen's again, whoever had it
         self._drawn = ()
         self._draw(self._session.snapshot)
 
     async def _go(self, how: str) -> None:
         self._watch.require_settled()
         present = self._session.snapshot.q_command
-        self._following.follow(present)
+        self._following.follow(self._session.next.shown(present))
         self._coupling.require_met()
-        profile, duration = self._movement.checked()
+        self._movement.checked()
         q = self._robot.check_limits(resulting_pose(how, self._angles.array, present))
-        self._preview.show(q, present)
-        await self._session.submit(MoveJoints(q, duration, profile))
-        if how == REFERENCE:
-            self._sent = q
-        else:
-            self._shown.value = SHOWN[1]  # the angles stay: the next press adds them once more
-            self._following.edit()
+        self._shown.value = SHOWN[how == LAST]
+        self._following.edit()
+        await self._writer.go(q)
+        if how == REFERENCE and not self._writer.shown:  # the arm is there already
+            self._on_end("arrived")
 
     def _draw(self, snapshot: Snapshot) -> None:
-        present, shown = self._standing(snapshot), self._shown.value
-        preview, moving = self._preview, snapshot.state is State.MOVING
-        if not moving:  # a field that changes all the time cannot be typed into
-            self._following.follow(present)
+        present, shown, next_pose = self._standing(snapshot), self._shown.value, self._session.next
+        if not snapshot.busy:  # a field that changes all the time cannot be typed into
+            self._following.follow(next_pose.shown(present))
         edited, texts, unmet = self._following.edited, self._angles.texts, self._coupling.unmet
-        key = (texts, shown, present.tobytes(), edited, moving, preview.shown, preview.taken, unmet)
+        key = (texts, shown, present.tobytes(), edited, snapshot.busy, next_pose.number, unmet)
         if key == self._drawn or self._coupling.computing:
             return
-        self._drawn = key
         q, refusal = present, None
         try:
             if shown != PRESENT:
@@ -168,19 +165,21 @@ class ForwardScreen:
                 q = resulting_pose(shown, self._angles.array, present)
         except ArmctlError as why:
             refusal = why
-        if refusal is not None or shown == PRESENT:
-            preview.hide()
-        elif not preview.taken and not moving:
-            try:
-                self._robot.check_limits(q)
-            except ArmctlError:
-                preview.hide()  # no button would send the arm there
-            else:
-                preview.show(q, present)
-        ghost = shown if preview.shown else ""
+        if edited:
+            self._write(None if refusal is not None or shown == PRESENT else q, snapshot)
+        self._drawn = (*key[:5], next_pose.number, unmet)
+        taken = self._writer.taken
         self._results.show(
-            results_html(self._robot, self._angles, present, edited=edited, unmet=unmet, ghost=ghost)
-            if edited or not moving
+            results_html(
+                self._robot,
+                self._angles,
+                present,
+                edited=edited or taken,
+                unmet=unmet,
+                ghost=shown if self._writer.shown else "",
+                taken=taken,
+            )
+            if edited or taken or not snapshot.busy
             else muted(_MOVING)
         )
         if refusal is not None:
@@ -193,6 +192,17 @@ class ForwardScreen:
         self._jacobian.show(jacobian_html(self._robot, q))
         self._velocities.show(q)
 
+    def _write(self, q: FloatArray | None, snapshot: Snapshot) -> None:
+        """Make ``q`` (n,) [rad] the next pose; None, or out of limits: no button would send the arm there."""
+        try:
+            within = None if q is None else self._robot.check_limits(q)
+        except ArmctlError:
+            within = None
+        if within is None:
+            self._writer.hide()
+        elif not snapshot.busy:
+            self._writer.show(within)
+
 
 def results_html(
     robot: Robot,
@@ -202,15 +212,16 @@ def results_html(
     edited: bool = True,
     unmet: Reason | None = None,
     ghost: str = "",
+    taken: bool = False,
 ) -> str:
     """A row for where the arm is, and one for where each button would send it.
 
     Before the fields are edited they hold the pose of the arm, which is the one with respect to reference.
     ``unmet``: why nothing can be sent although the angles are complete. ``ghost``: which of ``SHOWN`` is
-    drawn; empty: none.
+    drawn; empty: none. ``taken``: the fields show a next pose that was written elsewhere.
     """
     poses = {"now": present}
-    problems = "" if edited else muted(_UNEDITED)
+    problems = muted(_TAKEN) if taken else "" if edited else muted(_UNEDITED)
     try:
         asked = angles.array
         if unmet:

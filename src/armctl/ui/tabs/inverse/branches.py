@@ -89,8 +89,8 @@ class BranchView:
         shown = [min(alike, key=lambda one: (bool(one.refused), not one.chosen)) for alike in groups]
         places = self._label_places(np.array([one.branch.q for one in shown]))
         for i, (alike, best, place) in enumerate(zip(groups, shown, places, strict=True)):
-            # each a little thicker than the one before: shared surfaces would flicker, or mix their colours
-            thicker = THICKER + i * _THICKER_EACH
+            # each thicker than the one before, the first than the next pose: shared surfaces would flicker
+            thicker = THICKER + (1 + i) * _THICKER_EACH
             color = _REFUSED if best.refused else _CHOSEN if best.chosen else _POSSIBLE
             figure = ArmFigure(
                 self._scene, self._robot, f"/branches/{i}", color=color, opacity=_OPACITY, thicker=thicker

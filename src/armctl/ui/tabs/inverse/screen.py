@@ -12,8 +12,9 @@ import viser
 from armctl.errors import ArmctlError, InputError, UnreachableError
 from armctl.facts import Need, Reason, State
 from armctl.kinematics import CRITERION_TEXT, FROM_START, checked_criterion
-from armctl.protocol import MoveJoints, Snapshot
+from armctl.protocol import Snapshot
 from armctl.ui.events import Newest, OneAtATime
+from armctl.ui.next_pose import Movement, PoseWriter
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.inverse.answer import RankedSolutions, answer, counted, solve
@@ -58,7 +59,8 @@ class InverseScreen:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._robot = session.console.robot
-        self._preview = Preview(session.ghost, TAB)
+        self._writer = PoseWriter(session, "way in Inverse", self._how)
+        self._nearest_view = Preview(session.ghost, TAB)
         scene = session.client.scene
         self._mark = scene.add_icosphere("/inverse_mark", 0.006, color=_MARK_COLOR, visible=False)
         self._answer: RankedSolutions | None = None
@@ -118,7 +120,7 @@ class InverseScreen:
     def refresh(self, snapshot: Snapshot) -> None:
         """Tell when the result is out of date; hide the ghost once the arm has come to it."""
         if snapshot.state is not State.MOVING:  # a field that changes all the time cannot be typed into
-            self._form.following.follow(snapshot.q_command)
+            self._form.following.follow(self._session.next.shown(snapshot.q_command))
         self._branches.refresh()
         out_of_date = self._out_of_date(snapshot)
         stale = out_of_date or self._judged_before(snapshot)
@@ -129,14 +131,19 @@ class InverseScreen:
         if self._fields_changed is not self._ghost_is_old:
             self._ghost_is_old = self._fields_changed
             if self._ghost_is_old:
-                self._preview.hide()  # neither button goes there before it has solved
-            else:
+                self._writer.hide()  # neither button goes there before it has solved
+                self._nearest_view.hide()
+            elif not self._writer.taken:
                 self._show_selected()
-        self._preview.refresh(snapshot.q_command)
-        if not self._preview.shown and not self._branches.as_ghosts:
+        self._nearest_view.refresh(snapshot.q_command)
+        if not (self._writer.shown or self._nearest_view.shown or self._branches.as_ghosts):
             self._mark.visible = False
 
+    def _how(self) -> Movement:
+        return self._movement.checked()
+
     def _on_fill(self) -> None:
+        self._session.next.clear()
         self._form.following.resume()
         self._form.following.follow(self._session.snapshot.q_command)
 
@@ -203,7 +210,7 @@ class InverseScreen:
     async def _update(self) -> RankedSolutions | None:
         """Solve what the fields hold and show it; None if something newer was asked for meanwhile."""
         is_newest, start = self._newest.begin(), self._session.snapshot.q_command
-        self._form.following.follow(start)
+        self._form.following.follow(self._session.next.shown(start))
         self._form.following.edit()  # the answer is that of these fields
         try:
             target, texts = self._form.target(), self._form.texts
@@ -223,14 +230,13 @@ class InverseScreen:
 
     async def _on_go_least(self) -> None:
         self._form.watch.require_settled()
-        profile, duration = self._movement.checked()
+        self._movement.checked()
         found = self._present_answer(self._session.snapshot) or await self._update()
         if found is None:
             raise InputError("the target was changed while it was solved; look at the result and press again")
         if found.next is None or found.why_not:
             raise UnreachableError(found.why_not or "there is no solution")
-        self._show_ghost()
-        await self._session.submit(MoveJoints(found.next, duration, profile))
+        await self._writer.go(found.next)
 
     async def _on_go_selected(self) -> None:
         self._form.watch.require_settled()
@@ -240,9 +246,9 @@ class InverseScreen:
         found, row = self._answer, self._pager.row
         if found is None or row is None:  # then there was a reason
             return
-        profile, duration = self._movement.checked()
+        self._movement.checked()
         self._on_row()
-        await self._session.submit(MoveJoints(found.q(row), duration, profile))
+        await self._writer.go(found.q(row))
 
     def _present_answer(self, snapshot: Snapshot) -> RankedSolutions | None:
         """The answer for the present fields, criterion and pose; None: it has to be solved first."""
@@ -305,7 +311,8 @@ class InverseScreen:
             part.show(muted(NOTHING))
         self._branches.forget()
         self._session.parts.show(_WAYS, "")
-        self._preview.hide()
+        self._writer.hide()
+        self._nearest_view.hide()
 
     def _show(self, found: RankedSolutions) -> None:
         solutions = found.solutions
@@ -348,24 +355,29 @@ class InverseScreen:
         self._curve.show(replace(found.curve, lines=(*branches, selected, least)))
 
     def _show_ghost(self) -> None:
-        """Where *Go by least energy* goes, else the nearest; none beside the ghosts of all branches."""
+        """Where *Go by least energy* goes is the next pose; what only comes nearest is looked at."""
         found = self._answer
-        shown = None
-        if found is not None and not self._branches.as_ghosts:
-            shown = found.next if found.solutions.success else found.solutions.nearest_q
-        if shown is None:
-            self._preview.hide()
+        goal = None if found is None or found.why_not else found.next
+        if goal is None:
+            self._writer.hide()
         else:
-            self._preview.show(shown, self._session.snapshot.q_command)
+            self._writer.show(goal)
+        nearest = None if found is None or goal is not None else found.solutions.nearest_q
+        if found is not None and goal is None and found.solutions.success:
+            nearest = found.best
+        if nearest is None or self._branches.as_ghosts:
+            self._nearest_view.hide()
+        else:
+            self._nearest_view.show(nearest, self._session.snapshot.q_command)
 
     def _show_selected(self) -> None:
-        """The ghost of the selected row; of the first one and of none, that of least energy."""
+        """The selected row is the next pose; of the first one and of none, that of least energy."""
         found, row = self._answer, self._pager.row
         exact = row == 1 and found is not None and found.instead is None  # it may lie between two rows
         if found is None or row is None or exact or not found.solutions.success:
             self._show_ghost()
-        elif not self._branches.as_ghosts:
-            self._preview.show(found.q(row), self._session.snapshot.q_command)
+        else:
+            self._writer.show(found.q(row))
 
     def _draw_list(self, found: RankedSolutions) -> None:
         count, row = len(found.solutions), self._pager.row
@@ -409,5 +421,5 @@ class InverseScreen:
             return
         self._draw_list(found)
         self._draw_curve(found)
-        if row is not None and found.solutions.success and not self._branches.as_ghosts:
-            self._preview.show(found.q(row), self._session.snapshot.q_command)
+        if row is not None and found.solutions.success:
+            self._writer.show(found.q(row))

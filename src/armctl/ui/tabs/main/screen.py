@@ -311,9 +311,9 @@ class FirstSteps:
 
     def _html(self) -> str:
         point = numbers((1000 * example_point(self._session.console.robot)).round().tolist(), 0)
-        below = ", at the end of this page" if self._session.on_phone else ""
+        where = "beside STOP" if self._session.on_phone else "at the top"
         steps = {
-            "enable": f"Press <b>Enable</b> in <b>Control</b>{below}.",
+            "enable": f"Press <b>Enable</b> {where}.",
             "slider": "Open <b>Manual</b>, move a slider, and press <b>Go</b>.",
             "point": f"Open <b>Inverse</b>, type a point, for example {point} mm, "
             "and press <b>Go by least energy</b>.",

@@ -15,12 +15,14 @@ from armctl.errors import ArmctlError, InputError, MotionRefusedError, out_of_ra
 from armctl.facts import Need
 from armctl.facts.angles import to_degrees
 from armctl.hardware import Source
+from armctl.hardware.boards import board_type
 from armctl.kinematics import roll_pitch_yaw
 from armctl.protocol import MoveJoints, Snapshot
 from armctl.robot import Robot
+from armctl.ui.next_pose import PoseWriter
 from armctl.ui.session import Session
 from armctl.ui.widgets.angle_fields import held_at, slider_degrees, slider_limits
-from armctl.ui.widgets.html import LiveHtml, fixed, table
+from armctl.ui.widgets.html import LiveHtml, fixed, muted, table
 
 # The live table: where the tool is, how it moves, and what the joints are told and do.
 
@@ -61,6 +63,7 @@ class LiveReadout:
         if key != self._shown:
             self._shown = key
             content = tool_table(self._robot, snapshot) + joint_table(self._robot, snapshot)
+            content += rounding_note(self._robot, snapshot.q_command)
             for block in self._blocks:
                 block.show(content)
 
@@ -108,22 +111,51 @@ def _numbers(values: FloatArray, digits: int) -> list[str]:
     return [fixed(value, digits) for value in values.tolist()]
 
 
+# The rounding of setpoints to the board's steps.
+
+
+def joint_steps(robot: Robot) -> FloatArray:
+    """(n,) by how much each joint turns with one step of its setpoint [rad]; 0 for one that is held."""
+    outputs = robot.outputs
+    held = np.array([held_at(joint) is not None for joint in robot.joints])
+    return np.where(held, 0.0, board_type(robot.board).scale.step / np.abs(outputs.per_rad))
+
+
+def rounding_off_m(robot: Robot, q: FloatArray) -> float:
+    """How far off its target the tool point may be at ``q`` (n,) [rad], each joint half a step off [m]."""
+    return float(np.linalg.norm(robot.jacobian(q)[:3], axis=0) @ (0.5 * joint_steps(robot)))
+
+
+def rounding_note(robot: Robot, q: FloatArray) -> str:
+    """One line that says why a tool that was sent to 300 mm may show 299.9 mm; ``q`` (n,) [rad]."""
+    board, steps = board_type(robot.board), robot.shown(joint_steps(robot))
+    turning = steps[steps > 0]
+    if not len(turning):
+        return ""
+    low, high = (fixed(float(step), 3) for step in (turning.min(), turning.max()))
+    span = f"{low}°" if low == high else f"{low} … {high}°"
+    servo = f"Servo steps of {span} ({board.scale.step:g} {board.scale.unit})"
+    what = f"Encoder steps of {span} (1 count)" if board.homing else servo
+    off = fixed(1000 * rounding_off_m(robot, q), 2)
+    return muted(f"{what}: the tool may stop up to {off} mm beside its target.")
+
+
 _ROUNDING = 1e-9
 _STEPS = ("0.1", "1", "5", "10")
-_FOLLOWING = "The sliders show the arm. Move one, then press <b>Go</b>."
-_EDITED = "<b style='color:var(--armctl-ghost,#0b7285)'>The ghost shows the new pose.</b> Press <b>Go</b>."
+_FOLLOWING = "The sliders show the arm. Move one to say where it goes next, then press <b>Go</b>."
+_EDITED = "<b style='color:var(--armctl-ghost)'>The sliders show the next pose</b>, as the ghost does."
 
 
 class JointControl:
-    """A slider and step buttons a joint; once moved, they stay until Go is obeyed or they are put back."""
+    """A slider and step buttons a joint. The sliders show the next pose, whose ever it is, or the arm."""
 
     def __init__(self, session: Session) -> None:
         self._session, self._robot = session, session.console.robot
         gui = session.gui
         self._hint = LiveHtml(gui, _FOLLOWING)
-        self._edited = False
+        self._writer = PoseWriter(session, "sliders in Manual")
         self._stepper = JointStepper(session)
-        self._shown = self._present(session.snapshot)
+        self._shown = slider_degrees(self._robot, self._base(session.snapshot))
         """degrees"""
         self._sliders: dict[int, viser.GuiSliderHandle[float]] = {}
         """by joint"""
@@ -136,13 +168,16 @@ class JointControl:
                 continue
             self._sliders[i] = gui.add_slider(title, low, high, 0.01, initial_value=self._shown[i])
             session.on(self._sliders[i].on_update, self._on_slider)
-        go = gui.add_button("Go", icon=viser.Icon.PLAYER_PLAY)
-        session.needs(Need.HOLDING, go)
         reset = gui.add_button("Sliders to present pose", color="gray")
         why = _FOLLOWING  # told above the sliders
-        session.needs(None, reset, also=lambda _: None if self._edited else why, told=False, anyone=True)
-        session.on(go.on_click, lambda: session.submit(MoveJoints(self._robot.check_limits(self._asked()))))
-        session.on(reset.on_click, self._on_reset)
+        session.needs(
+            None,
+            reset,
+            also=lambda _: why if session.next.q is None else None,
+            told=False,
+            anyone=True,
+        )
+        session.on(reset.on_click, session.next.clear)
         with gui.add_folder("Step one joint (moves at once)"):
             self._step = gui.add_dropdown("Step °", _STEPS, initial_value="1")
             groups: list[viser.GuiButtonGroupHandle] = []
@@ -156,39 +191,26 @@ class JointControl:
             session.needs(self._stepper.need, *groups)
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Show the arm; the sliders follow it while they are not edited."""
-        present = self._present(snapshot)
-        if self._edited and present == slider_degrees(self._robot, self._asked()):
-            self._set_edited(False)
-        if not self._edited and present != self._shown:
-            self._show(present)
+        """Show the next pose, or the arm."""
+        shown = slider_degrees(self._robot, self._base(snapshot))
+        if shown != self._shown:
+            self._shown = shown
+            for i, slider in self._sliders.items():
+                slider.value = shown[i]
+        self._hint.show(_FOLLOWING if self._session.next.q is None else _EDITED)
 
-    def _present(self, snapshot: Snapshot) -> list[float]:
-        return slider_degrees(self._robot, self._session.console.last_known.standing(snapshot))
-
-    def _asked(self) -> FloatArray:
-        """What the sliders ask for (n,) [rad]; a joint that is held stays where it is."""
-        sliders, shown = self._sliders, enumerate(self._shown)
-        return self._robot.read([float(sliders[i].value) if i in sliders else angle for i, angle in shown])
-
-    def _show(self, degrees: list[float]) -> None:
-        self._shown = degrees
-        for i, slider in self._sliders.items():
-            slider.value = degrees[i]
-
-    def _set_edited(self, edited: bool) -> None:
-        if self._edited and not edited:
-            self._session.ghost.hide()
-        self._edited = edited
-        self._hint.show(_EDITED if edited else _FOLLOWING)
+    def _base(self, snapshot: Snapshot) -> FloatArray:
+        """What the sliders show (n,) [rad]."""
+        return self._session.next.shown(self._session.console.last_known.standing(snapshot))
 
     def _on_slider(self) -> None:
-        self._set_edited(True)
-        self._session.ghost.show(self._asked(), words="Manual")
-
-    def _on_reset(self) -> None:
-        self._set_edited(False)
-        self._show(self._present(self._session.snapshot))
+        """The joints whose sliders were moved are asked for anew; a slider rounds what the others are at."""
+        q = self._base(self._session.snapshot).copy()
+        for i, slider in self._sliders.items():
+            value = float(slider.value)
+            if value != self._shown[i]:
+                q[i], self._shown[i] = self._robot.joints[i].read(value), value
+        self._writer.show(np.clip(q, *self._robot.limits.T))
 
     async def _on_step(self, i: int, group: viser.GuiButtonGroupHandle) -> None:
         sign = 1 if group.value == "+" else -1

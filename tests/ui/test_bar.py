@@ -12,7 +12,8 @@ from armctl.arrays import FloatArray
 from armctl.hardware.boards import board_type
 from armctl.motion import plan_line
 from armctl.robot import Robot, load_robot
-from armctl.ui.panel import joint_steps, rounding_note, rounding_off_m, where_html
+from armctl.ui.bar import where_html
+from armctl.ui.tabs.manual.joints import joint_steps, rounding_note, rounding_off_m
 
 SERVO_ARMS = ("uzuner", "abaas", "mico", "humanoid")
 
@@ -60,7 +61,7 @@ def test_a_kept_orientation_reads_the_same_all_along_a_line() -> None:
     home = robot.pose("home")
     line = plan_line(robot, home, robot.forward(home)[:3, 3] + [0.0, 0.08, 0.0], orientation="kept")
     told = {
-        re.search("Rx, Ry, Rz.*?°", where_html(robot, q))
+        re.search("<th>Rx</th>.*?<th>Pitch", where_html(robot, q))
         for q in line.sample(np.linspace(0, line.duration, 9)).q
     }
     assert len({one[0] for one in told if one}) == 1 and None not in told

@@ -1,0 +1,282 @@
+"""What is in view on every tab: the bar on top, what must be known now, and where the arm is and goes next.
+
+STOP stands at the left end of the bar, on a line of its own (``guard/overlay.js``). Nothing in the bar comes,
+goes or moves: what cannot be done is grey, and says why.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from html import escape
+
+import numpy as np
+import viser
+
+from armctl.arrays import FloatArray
+from armctl.errors import InputError, out_of_range
+from armctl.facts import Need, State, state_words
+from armctl.facts.angles import to_degrees
+from armctl.facts.words import capitals
+from armctl.kinematics import roll_pitch_yaw
+from armctl.protocol import ClearFault, Pause, Release, Resume, SetSpeed, Snapshot, TakeControl
+from armctl.robot import Robot
+from armctl.ui.enabling import Enabling
+from armctl.ui.scene.arm_model import ARM, repaint
+from armctl.ui.scene.stage import add_floor
+from armctl.ui.session import Session
+from armctl.ui.widgets.html import button, fixed, sentence, with_minus
+from armctl.ui.widgets.number_field import parse_number
+
+_RELEASE_SECONDS = _ASKED_S = 5.0
+_DOUBLE_CLICK_S = 0.6
+_SPEED_HINT = "Slows down everything that moves; the path stays the same."
+_STOP_NOTE = (
+    "STOP (Escape): the arm stops and holds, with power. Release: THE ARM DROPS. Both are software only. "
+    "They do not replace an emergency stop."
+)
+_SLOWEST, _FASTEST = 5, 100
+LIGHT, DARK = "Light", "Dark"
+_BLUE = (24, 100, 171)
+_BAR, _ALERTS, _WHERE = "bar", "alerts", "where"
+
+
+class ControlBar:
+    """The bar, the alerts over the scene, and the numbers beside the arm."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._enabling = Enabling(session)
+        self._asked_release = False
+        self._released_at = 0.0
+        self._asked_take = -math.inf
+        self._operated: bool | None = None
+        self._where: tuple[FloatArray, FloatArray | None] | None = None
+        """what the numbers were written for"""
+        self._darkened: list[viser.GridHandle | viser.MeshHandle] = []
+        for do, label, action in (
+            ("stop", "STOP", self._on_stop),
+            ("enable", "Enable", self._enabling.enable),
+            ("enable-elsewhere", "Enable", self._enabling.enable_elsewhere),
+            ("release", "Release", self._on_release),
+            ("pause", "Pause", self._on_hold),
+            ("take", "Take control", self._on_take),
+            ("clear", "Clear fault", lambda: session.submit(ClearFault())),
+            ("theme", "Theme", self._on_theme),
+        ):
+            session.on_press(do, label, lambda _, action=action: action())
+        session.on_part("speed", self._on_speed)
+        hot_key = session.gui.add_command("STOP", hotkey="escape", description="Decelerate and hold")
+        session.on_key(hot_key, self._on_stop)
+        hold = session.command("Pause or resume", self._on_hold, "Come to rest on the path, or go on")
+        session.needs(Need.PAUSE, hold, told=False)
+        session.command("Reset view", session.look, "See the whole arm again")
+        session.on_theme(self._draw_theme)
+        session.spawn(self._recall_looks())
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Show what the arm does, who operates it, where it is, and what can be done."""
+        session = self._session
+        self._enabling.refresh(snapshot)
+        self._tell_control()
+        session.parts.show(_BAR, self._bar(snapshot))
+        session.parts.show(_ALERTS, self._alerts(snapshot))
+        q, then = session.console.last_known.drawn(snapshot), session.next.q
+        if self._where is None or not (_same(q, self._where[0]) and _same(then, self._where[1])):
+            self._where = q, then
+            session.parts.show(_WHERE, where_html(session.console.robot, q, then))
+
+    # What it shows.
+
+    def _bar(self, snapshot: Snapshot) -> str:
+        session, console = self._session, self._session.console
+        cause = session.with_names(snapshot.cause)
+        state = (
+            f"<div class='state {snapshot.state.value}' role='status'>"
+            f"<b>{escape(capitals(state_words(snapshot.state)))}</b>"
+            f"<span title='{escape(cause)}'>{escape(with_minus(cause))}</span></div>"
+        )
+        fault = snapshot.state is State.FAULT and snapshot.board is not None and not snapshot.unreachable
+        if fault:
+            on = button("clear", "Clear fault", why=session.why_not(None, snapshot), kind="warn")
+        else:
+            on = button("enable", "Enable", why=self._enabling.why_not(snapshot))
+        off = button(
+            "release",
+            "DROPS! Click again" if self._asked_release else "Release",
+            why=session.why_not(None, snapshot) or _no_board(snapshot),
+            kind="warn" if self._asked_release else "",
+        )
+        paused = snapshot.state is State.PAUSED
+        hold = button("pause", "Resume" if paused else "Pause", why=session.why_not(Need.PAUSE, snapshot))
+        others = len(snapshot.control.parties) - (snapshot.control.operator is not None)
+        second = f"<span>{others} watching</span>" if others else "<span></span>"
+        if not session.operates:
+            second = button("take", "Take control")
+        source = console.last_known.words(snapshot, console.robot.board)
+        marks = f"<i hidden data-armctl-title='{escape(f'armctl – {console.robot.title}')}'></i>"
+        if not session.operates:  # for the banner that is laid over the page
+            marks += f"<i hidden data-armctl-watching='{escape(session.operator)}'></i>"
+        if snapshot.unreachable:  # for what is laid over the page beside STOP
+            marks += f"<i hidden data-armctl-lost='{escape(snapshot.cause)}'></i>"
+        other = "dark" if session.theme == "light" else "light"
+        theme = button("theme", "", title=f"{other.capitalize()} theme", kind="bare", icon="theme")
+        return (
+            f"{state}<div class='power'>{on}{off}</div>{hold}{self._speed(snapshot)}"
+            f"<div class='who'><span>Operator: <b>{escape(session.operator)}</b></span>{second}</div>"
+            f"<div class='what'><b>{escape(console.robot.title)}</b>"
+            f"<span title='Position shown: {escape(source)}'>Position shown: {escape(source)}</span></div>"
+            f"{theme}{marks}"
+        )
+
+    def _speed(self, snapshot: Snapshot) -> str:
+        speed, why = round(100 * snapshot.speed), self._session.why_not(None, snapshot)
+        off = f" disabled title='{escape(why)}'" if why else f" title='{_SPEED_HINT}'"
+        return (
+            f"<div class='speed'><label for='armctl-speed'>Speed %</label>"
+            f"<input id='armctl-speed' inputmode='decimal' data-do='speed' value='{speed}'{off}>"
+            f"<input type='range' min='{_SLOWEST}' max='{_FASTEST}' data-do='speed' value='{speed}' "
+            f"aria-label='Speed, percent'{off}></div>"
+        )
+
+    def _alerts(self, snapshot: Snapshot) -> str:
+        """What has to be known now, the gravest first."""
+        session = self._session
+        lines = [f"<p class='bad'>⚠ {escape(with_minus(text))}</p>" for text in snapshot.more_warnings]
+        if snapshot.state is State.FAULT and snapshot.cause:
+            cause = session.with_names(snapshot.cause)
+            lines.insert(0, f"<p class='bad'>⚠ {escape(sentence(cause))}</p>")
+        return "".join(lines) + self._enabling.html(snapshot)
+
+    # What is done there.
+
+    async def _on_stop(self) -> None:
+        self._session.console.controller.stop(self._session.origin)
+
+    async def _on_hold(self) -> None:
+        paused = self._session.snapshot.state is State.PAUSED
+        await self._session.submit(Resume() if paused else Pause())
+
+    async def _on_speed(self, text: str) -> None:
+        percent = parse_number(text, "Speed %")
+        if not _SLOWEST <= percent <= _FASTEST:
+            raise InputError(f"speed: {out_of_range(percent, _SLOWEST, _FASTEST, '%')}")
+        await self._session.submit(SetSpeed(percent / 100))
+
+    async def _on_release(self) -> None:
+        """The first click asks, a second one within a few seconds releases."""
+        self._session.require_operator()
+        now = asyncio.get_running_loop().time()
+        if self._asked_release:
+            if now - self._released_at < _DOUBLE_CLICK_S:
+                return  # the second half of a double click is no answer
+            self._asked_release = False
+            await self._session.submit(Release())
+            return
+        self._released_at, self._asked_release = now, True
+        self.refresh(self._session.snapshot)
+        self._session.spawn(self._forget_release())
+
+    async def _forget_release(self) -> None:
+        await asyncio.sleep(_RELEASE_SECONDS)
+        self._asked_release = False
+        self.refresh(self._session.snapshot)
+
+    async def _on_take(self) -> None:
+        """Where somebody else operates, the first click asks, a second one within a few seconds takes."""
+        session = self._session
+        now = asyncio.get_running_loop().time()
+        if session.snapshot.control.operator is not None and now - self._asked_take > _ASKED_S:
+            self._asked_take = now
+            what = f"{session.operator} operates the arm. Click Take control again to take it."
+            session.notify("Take control?", what, "yellow")
+            return
+        self._asked_take = -math.inf
+        await session.say(TakeControl())
+
+    def _tell_control(self) -> None:
+        """Tell the page that it has control now, or has lost it."""
+        session, operated = self._session, self._operated
+        if session.snapshot.control.party(session.me) is None:
+            return  # it has just come
+        self._operated = session.operates
+        if operated is None or operated is session.operates:
+            return
+        if session.operates:
+            session.notify("Control", "This page now operates the arm.")
+        else:
+            session.notify(
+                "Control", f"This page watches now: {session.operator} operates the arm.", "yellow"
+            )
+
+    # Light and dark.
+
+    def _on_theme(self) -> None:
+        theme = DARK if self._session.theme == "light" else LIGHT
+        self._session.remember("theme", theme)
+        self._session.use_theme("dark" if theme == DARK else "light")
+
+    async def _recall_looks(self) -> None:
+        if await self._session.recall("drawn-by") == "card":
+            self._session.client.scene.configure_default_lights(cast_shadow=True)
+        if await self._session.recall("theme") == DARK:
+            self._session.use_theme("dark")
+
+    def _draw_theme(self) -> None:
+        """What is drawn for all pages is light; a page that is dark draws some of it in other colours."""
+        session, dark = self._session, self._session.theme == "dark"
+        set_theme(session.gui, dark=dark)
+        for node in self._darkened:
+            node.remove()
+        self._darkened = []
+        if dark:
+            scene, robot = session.client.scene, session.console.robot
+            self._darkened = [add_floor(scene, robot, dark=True), *repaint(scene, robot, ARM, "dark")]
+        self.refresh(session.snapshot)
+
+
+def _no_board(snapshot: Snapshot) -> str | None:
+    there = snapshot.board is not None and not snapshot.unreachable
+    return None if there else "no board is connected"
+
+
+def _same(q: FloatArray | None, before: FloatArray | None) -> bool:
+    return q is before if q is None or before is None else np.array_equal(q, before)
+
+
+def set_theme(gui: viser.GuiApi, *, dark: bool) -> None:
+    """Light or dark, in armctl's blue."""
+    gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False, brand_color=_BLUE)
+
+
+def where_html(robot: Robot, q: FloatArray, then: FloatArray | None = None) -> str:
+    """Joint angles and tool at ``q`` (n,) [rad], and beside them at the next pose; None: there is none."""
+    now = _figures(robot, q)
+    after = {} if then is None else _figures(robot, then)
+    rows = "".join(
+        f"<tr><th>{escape(name)}</th><td>{figure}</td>"
+        + (f"<td class='next'>{after[name]}</td>" if after else "")
+        + "</tr>"
+        for name, figure in now.items()
+    )
+    heads = "<td></td><th>now</th>" + ("<th class='next'>next</th>" if after else "")
+    return f"<table aria-label='Joints and tool'><tr>{heads}</tr>{rows}</table>"
+
+
+def _figures(robot: Robot, q: FloatArray) -> dict[str, str]:
+    joints = {
+        joint.title: f"{fixed(angle, 2)}°"
+        for joint, angle in zip(robot.joints, robot.shown(q).tolist(), strict=True)
+    }
+    T = robot.forward(q)
+    point = (1000 * T[:3, 3]).tolist()
+    tool = {axis: f"{fixed(value, 1)} mm" for axis, value in zip("XYZ", point, strict=True)}
+    pitch, roll = robot.inverse_kinematics.pitch_and_roll(q)
+    if robot.orients_tool:  # its roll counts from the plane of the arm, and changes as the base turns
+        turns = map(to_degrees, roll_pitch_yaw(T[:3, :3]).tolist())
+        tool |= {f"R{axis}": f"{fixed(turn, 1)}°" for axis, turn in zip("xyz", turns, strict=True)}
+        roll = None
+    for name, angle in (("Pitch", pitch), ("Roll", roll)):
+        if angle is not None:
+            tool[name] = f"{fixed(to_degrees(angle), 1)}°"
+    return joints | tool

@@ -1,0 +1,359 @@
+"""The next pose of a page: the one configuration that its ghost shows and its *Go* sends.
+
+Whoever can say where the arm should be writes it with a ``PoseWriter``: sliders, typed angles, a way.
+Fields that hold nothing of their own show it while there is one, and else where the arm stands (``shown``).
+
+=====  ===========================================================================================
+empty  no ghost; *Go* says why it cannot be pressed
+set    the ghost stands there; the motion is planned from where the arm stands; *Go* sends this
+going  it was sent; the ghost stays until the arm has come to it
+=====  ===========================================================================================
+
+It ends when the arm has come to it, by ×, by who wrote it, and with the arm. STOP, a refusal and a fault
+leave it: what was asked for is not lost. Where the arm is moved otherwise it is planned anew.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING, Literal, Self
+
+import numpy as np
+
+from armctl.arrays import FloatArray
+from armctl.errors import ArmctlError, InputError
+from armctl.facts import Need, State
+from armctl.motion import Profile, plan_joints
+from armctl.protocol import MoveJoints, Snapshot
+from armctl.robot import Robot
+from armctl.ui.events import OneAtATime
+from armctl.ui.scene.ghost import Ghost, Lines, segments
+from armctl.ui.widgets.html import button, fixed, sentence
+
+if TYPE_CHECKING:
+    from armctl.ui.console import Console
+    from armctl.ui.session import Session
+
+SAME_RAD = 1e-4
+"""a pose that is no farther off is the one where the arm stands"""
+NEXT_COLOR = (0, 180, 216)
+_THEIRS = (134, 142, 150)
+_PATH_POINTS = 48
+_LINE = "next"
+_NONE = "there is no next pose yet"
+_CHANGED = "the next pose has just changed; look at it, then press Go again"
+_HOW = "Move a slider, type a point, or choose a way to it."
+
+Movement = tuple[Profile, float | None]
+"""profile, and duration [s]; None: the shortest"""
+End = Literal["arrived", "replaced", "forgotten"]
+
+
+def usual() -> Movement:
+    """As the arm moves where nobody asks for another movement."""
+    return "cubic", None
+
+
+class PoseWriter:
+    """Somebody who can say where the arm should be: a screen, in its own words."""
+
+    def __init__(
+        self,
+        session: Session,
+        words: str,
+        movement: Callable[[], Movement] = usual,
+        ended: Callable[[End], None] = lambda _: None,
+    ) -> None:
+        """``words``: who it is. ``movement``: how the arm goes. ``ended``: what it asked for counts no more.
+
+        ``ended`` is called with "replaced" whenever somebody else writes, else where its pose was the next.
+        """
+        self._next, self.words, self.movement, self.ended = session.next, words, movement, ended
+        self._next.writers.append(self)
+
+    @property
+    def shown(self) -> bool:
+        """Whether the next pose is this one's."""
+        return self._next.writer is self
+
+    @property
+    def taken(self) -> bool:
+        """Whether it is somebody else's."""
+        return self._next.q is not None and not self.shown
+
+    def show(self, q: FloatArray) -> None:
+        """Make ``q`` (n,) [rad] the next pose."""
+        self._next.set(q, self)
+
+    def hide(self) -> None:
+        """There is no next pose, if it was this one's."""
+        if self.shown:
+            self._next.clear(None)
+
+    async def go(self, q: FloatArray) -> None:
+        """Make ``q`` (n,) [rad] the next pose, and send it."""
+        movement = self.movement()
+        self.show(q)
+        await self._next.send(q, movement)
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What is planned."""
+
+    robot: Robot
+    start: FloatArray
+    q: FloatArray
+    movement: Movement
+
+    def is_as(self, other: _Asked | None) -> bool:
+        """Whether the plan of the other one holds."""
+        return (
+            other is not None
+            and self.robot is other.robot
+            and self.movement == other.movement
+            and np.array_equal(self.q, other.q)
+            and np.array_equal(self.start, other.start)
+        )
+
+    def plan(self) -> _Planned:
+        """Plan the motion; it may take tenths of a second."""
+        profile, duration = self.movement
+        try:
+            trajectory = plan_joints(self.robot, self.start, self.q, duration, profile)
+        except ArmctlError as refusal:
+            return _Planned(refused=str(refusal))
+        q = trajectory.sample(np.linspace(0.0, trajectory.duration, _PATH_POINTS)).q
+        return _Planned(trajectory.duration, tool_m=self.robot.forward(q)[:, :3, 3])
+
+
+@dataclass(frozen=True, eq=False)
+class _Planned:
+    """How the arm goes to the next pose, or why it does not."""
+
+    seconds: float = 0.0
+    refused: str = ""
+    tool_m: FloatArray | None = None
+    """(k, 3) where the tool passes [m]"""
+
+
+class NextPoses:
+    """What all pages share of their next poses: what each shows, and what a page had that is loaded anew."""
+
+    _MOST_LEFT = 100
+
+    def __init__(self) -> None:
+        self.by_party: dict[str, FloatArray] = {}
+        """(n,) of each page that has one [rad]"""
+        self._left: dict[str, tuple[FloatArray, str, Movement]] = {}
+
+    @classmethod
+    def of(cls, console: Console, before: Self | None) -> Self:
+        """Those of an arm; nobody has one yet."""
+        del console, before
+        return cls()
+
+    def leave(self, page: str, pose: NextPose) -> None:
+        """A page, which calls itself so, is gone; it may only be loaded anew."""
+        if pose.q is not None and pose.writer is not None:
+            self._left[page] = pose.q, pose.writer.words, pose.movement or usual()
+            while len(self._left) > self._MOST_LEFT:
+                del self._left[next(iter(self._left))]
+
+    def give_back(self, page: str, session: Session) -> None:
+        """A page is there: it gets what it had, unless it has something newer."""
+        left = self._left.pop(page, None)
+        if left is not None and session.next.q is None:
+            q, words, movement = left
+            PoseWriter(session, words, lambda: movement).show(q)
+
+
+class NextPose:
+    """Where this page would send the arm; event loop only."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        scene, robot = session.client.scene, session.console.robot
+        self.ghost = Ghost(scene, robot, lambda: session.snapshot, "/ghost", NEXT_COLOR)
+        self._path = Lines(scene, "/next_path", NEXT_COLOR, 2.5)
+        self._theirs = Ghost(scene, robot, lambda: session.snapshot, "/theirs", _THEIRS)
+        self._poses = session.console.shared(NextPoses)
+        self.q: FloatArray | None = None
+        """(n,) [rad]; None: there is none"""
+        self.writers: list[PoseWriter] = []
+        self.writer: PoseWriter | None = None
+        self.number = 0
+        """counts what was written: *Go* names the one that it was pressed for"""
+        self._going = False
+        self._asked: _Asked | None = None
+        self._planned: _Planned | None = None
+        """None: it is not known yet"""
+        self._planning = OneAtATime(self._plan)
+        session.on_press("go", "Go", self._on_go)
+        session.on_part("forget", self._on_forget)
+
+    @property
+    def movement(self) -> Movement | None:
+        """How the arm goes to it, as it was planned last; None: not known."""
+        return None if self._asked is None else self._asked.movement
+
+    def shown(self, present: FloatArray) -> FloatArray:
+        """(n,) what fields show that nobody edits [rad]: the next pose, or where the arm stands."""
+        return present if self.q is None else self.q
+
+    def set(self, q: FloatArray, writer: PoseWriter) -> None:
+        """Make ``q`` (n,) [rad] the next pose; where the arm stands there, there is none."""
+        snapshot, before = self._session.snapshot, self.writer
+        if self._is_there(q, snapshot):
+            self.clear(None if before is writer else "replaced")
+            return
+        if self.q is None or not np.array_equal(q, self.q):
+            self.number += 1
+            self.q, self._going = q.copy(), False
+            self._poses.by_party[self._session.me] = self.q
+        self.writer = writer
+        self.ghost.show(q, label="next pose")
+        if before is not writer:
+            for other in self.writers:
+                if other is not writer:
+                    other.ended("replaced")
+        self.refresh(snapshot)
+
+    def clear(self, why: End | None = "forgotten") -> None:
+        """There is no next pose any more; who wrote it is told why, or knows (None)."""
+        if self.q is None:
+            return
+        writer, self.writer = self.writer, None
+        self.q, self._asked, self._planned, self._going = None, None, None, False
+        self.number += 1
+        self._poses.by_party.pop(self._session.me, None)
+        self.ghost.hide()
+        self._path.hide()
+        if writer is not None and why is not None:
+            writer.ended(why)
+        self.refresh(self._session.snapshot)
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Plan anew where the arm stands elsewhere, end where it has come to the pose, and say so."""
+        if self.q is not None and self.writer is not None:
+            self._going = self._going and snapshot.busy
+            if self._is_there(self.q, snapshot):
+                self.clear("arrived")
+                return
+            if not snapshot.busy:
+                self._ask(self.q, self.writer, snapshot)
+        self._show_theirs(snapshot)
+        self._session.parts.show(_LINE, self._html(snapshot))
+
+    def close(self) -> None:
+        """The page is gone."""
+        self._poses.by_party.pop(self._session.me, None)
+
+    def _show_theirs(self, snapshot: Snapshot) -> None:
+        """Who watches sees where the operator would send the arm."""
+        operator = snapshot.control.operator
+        q = None if operator is None or self._session.operates else self._poses.by_party.get(operator.id)
+        if q is None or operator is None:
+            self._theirs.hide()
+        elif self._theirs.q is None or not np.array_equal(q, self._theirs.q):
+            self._theirs.show(q, label=f"next pose of {operator.name}")
+
+    def _is_there(self, q: FloatArray, snapshot: Snapshot) -> bool:
+        standing = self._session.console.last_known.standing(snapshot)
+        return not snapshot.busy and float(np.abs(q - standing).max()) < SAME_RAD
+
+    def _ask(self, q: FloatArray, writer: PoseWriter, snapshot: Snapshot) -> None:
+        """Have the motion planned, unless it is."""
+        try:
+            movement = writer.movement()
+        except ArmctlError as refusal:
+            self._asked, self._planned = None, _Planned(refused=str(refusal))
+            return
+        standing = self._session.console.last_known.standing(snapshot)
+        asked = _Asked(self._session.held, standing.copy(), q, movement)
+        if not asked.is_as(self._asked):
+            self._asked, self._planned = asked, None
+            self._session.spawn(self._planning.run())
+
+    async def _plan(self) -> None:
+        asked = self._asked
+        if asked is None:
+            return
+        planned = await asyncio.to_thread(asked.plan)
+        if self._session.closed or asked is not self._asked:
+            return
+        self._planned = planned
+        if planned.tool_m is None:
+            self._path.hide()
+        else:
+            self._path.show(segments(planned.tool_m))
+        self._session.parts.show(_LINE, self._html(self._session.snapshot))
+
+    # Go.
+
+    async def _on_go(self, key: str) -> None:
+        q, writer = self.q, self.writer
+        if q is None or writer is None:
+            raise InputError(_NONE)
+        if key != str(self.number):
+            raise InputError(_CHANGED)
+        if self._planned is not None and self._planned.refused:
+            raise InputError(self._planned.refused)
+        await self.send(q, writer.movement())
+
+    async def send(self, q: FloatArray, movement: Movement) -> None:
+        """Send the arm to ``q`` (n,) [rad]; raises what refuses it."""
+        profile, duration = movement
+        await self._session.submit(MoveJoints(q, duration, profile))
+        self._going = self.q is not None and np.array_equal(q, self.q)
+
+    def _on_forget(self, _: str) -> None:
+        self.clear()
+
+    # The line.
+
+    def _html(self, snapshot: Snapshot) -> str:
+        why = self._session.why_not(Need.HOLDING, snapshot)
+        if self.q is None or self.writer is None:
+            return _line("<b>No next pose</b>", _quiet(_HOW), _go(_NONE))
+        x, y, z = (fixed(1000 * value, 1) for value in self._robot.forward(self.q)[:3, 3].tolist())
+        place = f"<b>X {x} &ensp;Y {y} &ensp;Z {z} mm</b>"
+        planned, speed = self._planned, max(snapshot.speed, 0.05)
+        seconds = "" if planned is None or planned.refused else f" · {fixed(planned.seconds / speed, 2)} s"
+        who = f"{escape(self.writer.words)}{seconds}"
+        if self._going or (snapshot.state is State.MOVING and why is not None):
+            left = "" if snapshot.progress is None else f" · {round(100 * snapshot.progress)} % of the way"
+            said = f"the arm is on its way{left}" if self._going else why or ""
+            return _line(place, _quiet(f"{who} · {said}"), _go(said), " on")
+        if planned is not None and planned.refused:
+            reason = sentence(planned.refused)
+            told = f"<em class='bad' title='{escape(reason)}'>{escape(reason)}</em>"
+            return _line(place, f"<span>{who} · {told}</span>", _FORGET + _go(reason), " on")
+        if why is not None:
+            told = f"<em title='{escape(why)}'>{escape(why)}</em>"
+        else:
+            told = "planning …" if planned is None else "<em class='good'>clear</em>"
+        line = f"<span>{who} · {told}</span>"
+        return _line(place, line, _FORGET + _go(why, str(self.number)), " on")
+
+    @property
+    def _robot(self) -> Robot:
+        return self._session.console.robot
+
+
+_FORGET = button("forget", "", title="Forget the next pose", kind="bare", icon="cross")
+
+
+def _quiet(text: str) -> str:
+    return f"<span>{text}</span>"
+
+
+def _line(place: str, what: str, buttons: str, state: str = "") -> str:
+    return f"<i class='swatch{state}'></i><p>{place}{what}</p>{buttons}"
+
+
+def _go(why: str | None = None, number: str = "") -> str:
+    return button("go", "Go", key=number, why=why, kind="go", icon="play")
