@@ -14,7 +14,6 @@ import viser
 from tests.browser.served_arm import served_arm
 from tests.ui.guard_kit import RawPage
 
-
 _CAUSE = re.compile("<div class='state.*?</div>")
 
 

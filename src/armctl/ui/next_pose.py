@@ -16,26 +16,25 @@ leave it: what was asked for is not lost. Where the arm is moved otherwise it is
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING, Literal, Self
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
+import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError
 from armctl.facts import Need, State
 from armctl.motion import Profile, plan_joints
-from armctl.protocol import MoveJoints, Snapshot
+from armctl.protocol import Command, MoveJoints, Snapshot
 from armctl.robot import Robot
+from armctl.ui.console import Console
 from armctl.ui.events import OneAtATime
+from armctl.ui.guard.parts import Parts
 from armctl.ui.scene.ghost import Ghost, Lines, segments
 from armctl.ui.widgets.html import button, fixed, sentence
-
-if TYPE_CHECKING:
-    from armctl.ui.console import Console
-    from armctl.ui.session import Session
 
 SAME_RAD = 1e-4
 """a pose that is no farther off is the one where the arm stands"""
@@ -50,6 +49,32 @@ _HOW = "Move a slider, type a point, or choose a way to it."
 Movement = tuple[Profile, float | None]
 """profile, and duration [s]; None: the shortest"""
 End = Literal["arrived", "replaced", "forgotten"]
+
+
+class Session(Protocol):
+    """What a next pose asks of its page (``ui.session``)."""
+
+    client: viser.ClientHandle
+    parts: Parts
+    closed: bool
+
+    @property
+    def console(self) -> Console: ...
+    @property
+    def next(self) -> NextPose: ...
+    @property
+    def snapshot(self) -> Snapshot: ...
+    @property
+    def held(self) -> Robot: ...
+    @property
+    def me(self) -> str: ...
+    @property
+    def operates(self) -> bool: ...
+    def why_not(self, arm: Need | None, snapshot: Snapshot) -> str | None: ...
+    def on_part(self, do: str, action: Callable[[str], Awaitable[object] | None]) -> None: ...
+    def on_press(self, do: str, label: str, action: Callable[[str], Awaitable[object] | None]) -> None: ...
+    def spawn(self, work: Coroutine[Any, Any, None]) -> None: ...
+    async def submit(self, command: Command) -> object: ...
 
 
 def usual() -> Movement:

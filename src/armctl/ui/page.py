@@ -9,6 +9,7 @@ import viser
 
 from armctl.protocol import Snapshot
 from armctl.ui.bar import ControlBar
+from armctl.ui.dragged_tool import DraggedTool
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.stage import look_at_arm
 from armctl.ui.session import Session
@@ -76,6 +77,7 @@ class Page:
             self.session.on_phone = self._window[0] < _PHONE_PX
             with self._content(_FIRST):
                 self._always = ControlBar(self.session)
+            self._tool = DraggedTool(self.session)
 
     def _build_next(self) -> None:
         if self._unbuilt:
@@ -128,5 +130,6 @@ class Page:
             self.session.refresh(snapshot)
             self.session.next.refresh(snapshot)
             self._always.refresh(snapshot)
+            self._tool.refresh(snapshot)
             for screen in self._screens:
                 screen.refresh(snapshot)

@@ -1,0 +1,286 @@
+"""One next pose a page: whoever writes it, what is drawn is what *Go* sends."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from tests.ui.page_kit import FakePage
+
+from armctl.arrays import FloatArray
+from armctl.errors import ArmctlError, InputError
+from armctl.facts import State
+from armctl.motion import plan_joints
+from armctl.protocol import MoveJoints, Party
+from armctl.robot import load_robot
+from armctl.ui.guard import GuardedServer
+from armctl.ui.next_pose import End, NextPoses, PoseWriter
+from armctl.ui.tabs.forward.screen import ForwardScreen
+from armctl.ui.tabs.inverse.screen import InverseScreen
+from armctl.ui.tabs.manual.joints import JointControl
+from armctl.ui.widgets import number_field
+
+ROBOT = load_robot("uzuner")
+LOW, HIGH = ROBOT.limits.T
+HOME = ROBOT.pose("home")
+THERE = HOME + np.radians([20.0, 0, 0, 0, 0])
+LONG = bool(os.environ.get("ARMCTL_LONG"))
+SEQUENCES, STEPS = (300, 40) if LONG else (10, 25)
+
+
+def line(page: FakePage) -> str:
+    """What the line below the picture says."""
+    return " ".join(re.sub("<[^>]*>", " ", page.parts["next"]).split())
+
+
+def go_is_off(page: FakePage) -> bool:
+    return "aria-disabled" in page.parts["next"].rpartition("data-do='go'")[2]
+
+
+@pytest.fixture
+def page(server: GuardedServer) -> FakePage:
+    made = FakePage(server, ROBOT, HOME)
+    made.next.refresh(made.session.snapshot)
+    return made
+
+
+def test_it_says_where_by_whom_and_how_long_and_go_sends_it(page: FakePage) -> None:
+    assert line(page).startswith("No next pose") and go_is_off(page)
+    with pytest.raises(InputError, match="there is no next pose yet"):
+        page.go()
+    writer = PoseWriter(page.session, "somebody")
+    page.act(lambda: writer.show(THERE))
+    x, y, z = 1000 * ROBOT.forward(THERE)[:3, 3]
+    seconds = plan_joints(ROBOT, HOME, THERE).duration
+    assert line(page) == f"X {x:.1f} &ensp;Y {y:.1f} &ensp;Z {z:.1f} mm somebody · {seconds:.2f} s · clear Go"
+    assert not go_is_off(page)
+    page.go()
+    (command,) = page.sent
+    assert isinstance(command, MoveJoints) and np.array_equal(command.q, THERE)
+    page.snapshot.q_command = THERE
+    page.next.refresh(page.session.snapshot)
+    assert page.next.q is None and not page.next.ghost.seen and line(page).startswith("No next pose")
+
+
+def test_go_names_the_pose_that_it_was_pressed_for(page: FakePage) -> None:
+    writer = PoseWriter(page.session, "somebody")
+    page.act(lambda: writer.show(THERE))
+    pressed = str(page.next.number)
+    page.act(lambda: writer.show(THERE + 0.1))
+    with pytest.raises(InputError, match="has just changed"):
+        page.act(lambda: page.parts.done("go", pressed))
+    assert page.sent == []
+    page.go()
+    assert len(page.sent) == 1
+
+
+def test_a_way_that_is_refused_says_why_and_is_not_sent(page: FakePage) -> None:
+    folded = HOME.copy()
+    folded[1] = LOW[1]
+    writer = PoseWriter(page.session, "somebody")
+    page.act(lambda: writer.show(folded))
+    assert "below the floor" in line(page) and go_is_off(page)
+    with pytest.raises(InputError, match="below the floor"):
+        page.go()
+    assert page.sent == []
+
+
+def test_a_movement_that_cannot_be_had_is_told_in_the_line(page: FakePage) -> None:
+    asked: list[float | None] = [0.01]
+    writer = PoseWriter(page.session, "somebody", lambda: ("cubic", asked[0]))
+    page.act(lambda: writer.show(THERE))
+    assert "shortest possible duration" in line(page) and go_is_off(page)
+    asked[0] = 3.0
+    page.act(lambda: page.next.refresh(page.session.snapshot))
+    assert "3.00 s · clear" in line(page)
+    page.go()
+    command = page.sent[-1]
+    assert isinstance(command, MoveJoints) and command.duration_s == 3.0
+
+
+def test_it_outlives_a_stop_and_is_planned_anew_where_the_arm_is_moved_otherwise(page: FakePage) -> None:
+    writer = PoseWriter(page.session, "somebody")
+    page.act(lambda: writer.show(THERE))
+    page.go()
+    page.snapshot.state, page.snapshot.busy = State.MOVING, True
+    page.next.refresh(page.session.snapshot)
+    assert "the arm is on its way" in line(page) and go_is_off(page)
+    page.snapshot.q_command = 0.5 * (HOME + THERE)  # stopped half way
+    page.snapshot.state, page.snapshot.busy = State.HOLDING, False
+    page.act(lambda: page.next.refresh(page.session.snapshot))
+    assert page.next.q is not None and np.array_equal(page.next.q, THERE)
+    seconds = plan_joints(ROBOT, page.snapshot.q_command, THERE).duration
+    assert f"{seconds:.2f} s · clear" in line(page) and not go_is_off(page)
+
+
+def test_who_is_replaced_is_told_and_a_pose_that_the_arm_has_is_none(page: FakePage) -> None:
+    told: list[tuple[str, End]] = []
+
+    def writer(name: str) -> PoseWriter:
+        return PoseWriter(page.session, name, ended=lambda why: told.append((name, why)))
+
+    one, other = writer("one"), writer("other")
+    page.act(lambda: one.show(THERE))
+    assert one.shown and other.taken and told == [("other", "replaced")]
+    page.act(lambda: other.show(THERE + 0.1))
+    assert one.taken and told[1:] == [("one", "replaced")]
+    one.hide()  # it is not its own
+    assert page.next.q is not None
+    other.hide()
+    assert page.next.q is None and len(told) == 2  # who hides knows
+    page.act(lambda: one.show(THERE))
+    page.act(lambda: page.parts.done("forget", ""))
+    assert page.next.q is None and told[-1] == ("one", "forgotten")
+    page.act(lambda: one.show(HOME))
+    assert page.next.q is None and not page.next.ghost.seen
+
+
+def test_a_page_that_is_loaded_anew_gets_it_back_and_who_watches_sees_it(server: GuardedServer) -> None:
+    page = FakePage(server, ROBOT, HOME)
+    poses = page.console.shared(NextPoses)
+    writer = PoseWriter(page.session, "somebody", lambda: ("normal", None))
+    page.act(lambda: writer.show(THERE))
+    watcher = FakePage(server, ROBOT, HOME)
+    watcher.me, watcher.operates, watcher.next._poses = "browser page 2", False, poses
+    watcher.snapshot.control = type(page.snapshot.control)((Party(page.me, "Ada", operates=True),))
+    watcher.next.refresh(watcher.session.snapshot)
+    assert watcher.next._theirs.q is not None and np.array_equal(watcher.next._theirs.q, THERE)
+    assert watcher.next.q is None
+    poses.leave("its name", page.next)
+    page.next.close()
+    watcher.next.refresh(watcher.session.snapshot)
+    assert not watcher.next._theirs.seen
+    back = FakePage(server, ROBOT, HOME)
+    back.act(lambda: poses.give_back("another name", back.session))
+    assert back.next.q is None
+    back.act(lambda: poses.give_back("its name", back.session))
+    assert back.next.q is not None and np.array_equal(back.next.q, THERE) and "somebody" in line(back)
+    back.go()
+    command = back.sent[-1]
+    assert isinstance(command, MoveJoints) and command.profile == "normal"
+    back.act(lambda: poses.give_back("its name", back.session))  # once
+
+
+class Sequence:
+    """One page with its three screens that write the next pose, and somebody else who moves the arm."""
+
+    def __init__(self, server: GuardedServer, seed: int) -> None:
+        self.random = np.random.default_rng(seed)
+        self.page = FakePage(server, ROBOT, HOME)
+        self.joints = JointControl(self.page.session)
+        self.sliders = {
+            label: self.page._handles[label] for label in self.page._handles if label.endswith("°")
+        }
+        self.slid = {label: self.page._actions[label] for label in self.sliders}
+        self.forward = ForwardScreen(self.page.session)
+        self.angles = {f"{joint.title} °": self.page._handles[f"{joint.title} °"] for joint in ROBOT.joints}
+        self.typed = {label: self.page._actions[label] for label in self.angles}
+        self.inverse = InverseScreen(self.page.session)
+        self.refresh()
+
+    def refresh(self) -> None:
+        def draw() -> None:
+            self.page.next.refresh(self.page.session.snapshot)
+            for screen in (self.joints, self.forward, self.inverse):
+                screen.refresh(self.page.session.snapshot)
+
+        self.page.act(draw)
+
+    def slide(self) -> None:
+        i = int(self.random.integers(ROBOT.n))
+        label = f"{ROBOT.joints[i].title} °"
+        slider = self.sliders[label]
+        slider.value = round(float(np.degrees(self.random.uniform(LOW[i], HIGH[i]))), 2)
+        self.page.act(self.slid[label])
+
+    def type_angle(self) -> None:
+        i = int(self.random.integers(ROBOT.n))
+        label = f"{ROBOT.joints[i].title} °"
+        self.angles[label].value = self.random.choice(
+            [f"{np.degrees(self.random.uniform(LOW[i], HIGH[i])):.2f}", "4,5", "", "300"],
+            p=[0.7, 0.1, 0.1, 0.1],
+        )
+        self.page.act(self.typed[label])
+
+    def solve(self) -> None:
+        point = 1000 * ROBOT.forward(self.random.uniform(LOW, HIGH))[:3, 3]
+        self.page.ask(*np.round(point * self.random.choice([1.0, 1.0, 3.0]), 1).tolist())
+        self.page.press("Solve")
+
+    def choose_a_row(self) -> None:
+        if (found := self.inverse._answer) is not None and found.solutions.success:
+            self.page.put("Row", int(self.random.integers(1, len(found.solutions) + 1)))
+
+    def another_moves(self) -> None:
+        there = self.random.uniform(LOW, HIGH)
+        self.page.snapshot.state, self.page.snapshot.busy = State.MOVING, True
+        for part in (0.4, 1.0):
+            self.page.snapshot.q_command = (1 - part) * self.page.snapshot.q_command + part * there
+            self.refresh()
+        self.page.snapshot.state, self.page.snapshot.busy = State.HOLDING, False
+
+    def forget(self) -> None:
+        self.page.act(lambda: self.page.parts.done("forget", ""))
+        assert self.page.next.q is None
+
+    def go(self) -> None:
+        drawn, sent = self.page.next.q, len(self.page.sent)
+        off = go_is_off(self.page)
+        try:
+            self.page.go()
+        except ArmctlError:
+            assert off and len(self.page.sent) == sent
+            return
+        command = self.page.sent[-1]
+        assert not off and isinstance(command, MoveJoints)
+        assert drawn is not None and np.array_equal(command.q, drawn)
+        arrives = self.random.random() < 0.6  # else it is stopped on its way
+        start = self.page.snapshot.q_command
+        self.page.snapshot.q_command = drawn.copy() if arrives else start + 0.3 * (drawn - start)
+        if not arrives:
+            return
+        self.refresh()
+        adds = self.forward._shown.value != "angles as reference" and self.forward._following.edited
+        assert self.page.next.q is None or adds
+
+    def looks_true(self) -> None:
+        page = self.page
+        q, ghost = page.next.q, page.next.ghost
+        shown = np.array([self.sliders[f"{joint.title} °"].value for joint in ROBOT.joints])
+        present: FloatArray = page.snapshot.q_command
+        base = present if q is None else q
+        assert np.abs(shown - np.degrees(base)).max() < 0.02  # the sliders show it, or the arm
+        assert ghost.seen is (q is not None)
+        assert (line(page).startswith("No next pose")) is (q is None)
+        if q is None:
+            return
+        assert ghost.q is not None and np.array_equal(ghost.q, q)
+        x, y, z = 1000 * ROBOT.forward(q)[:3, 3] + 0.0
+        told = line(page).replace("−", "-")
+        assert re.findall(r"[XYZ] (-?[\d.]+)", told)[:3] == [f"{round(v, 1) + 0.0:.1f}" for v in (x, y, z)]
+        try:
+            plan_joints(ROBOT, present, q)
+            refused = False
+        except ArmctlError:
+            refused = True
+        assert refused is ("class='bad'" in page.parts["next"]) and refused is go_is_off(page)
+
+
+@pytest.mark.parametrize("seed", range(SEQUENCES))
+def test_in_any_order_of_writers_what_is_drawn_is_what_go_sends(
+    server: GuardedServer, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(number_field, "_QUIET_S", 0.0)
+    monkeypatch.setattr(number_field, "_SETTLE_S", 0.0)
+    sequence = Sequence(server, seed)
+    ways: tuple[Callable[[], None], ...] = (
+        sequence.slide, sequence.slide, sequence.type_angle, sequence.type_angle, sequence.solve,
+        sequence.choose_a_row, sequence.another_moves, sequence.forget, sequence.go, sequence.go,
+    )  # fmt: skip
+    for _ in range(STEPS):
+        ways[sequence.random.integers(len(ways))]()
+        sequence.refresh()
+        sequence.looks_true()
