@@ -17,7 +17,7 @@ MOST_LINES, MOST_OF_A_FUNCTION = 450, 60
 FOLDERS = {
     ".": (15, 3_100),
     "calibration": (5, 1_310),
-    "cli": (11, 2_490),
+    "cli": (12, 2_570),
     "facts": (9, 2_210),
     "hardware": (31, 7_930),
     "kinematics": (51, 12_720),
@@ -27,7 +27,7 @@ FOLDERS = {
     "protocol": (5, 1_120),
     "robot": (40, 11_260),
     "runtime": (22, 5_660),
-    "ui": (69, 15_500),
+    "ui": (74, 16_300),
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

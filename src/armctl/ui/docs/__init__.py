@@ -1,0 +1,5 @@
+"""The documentation as the console serves it: under ``/docs``, offline, with a search."""
+
+from armctl.ui.docs.where import DOCS_PATH, page_of, page_of_error
+
+__all__ = ["DOCS_PATH", "page_of", "page_of_error"]
