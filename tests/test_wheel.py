@@ -11,6 +11,7 @@ import sys
 import sysconfig
 import zipfile
 from pathlib import Path
+from urllib.parse import urljoin
 from urllib.request import HTTPCookieProcessor, build_opener
 
 import pytest
@@ -19,6 +20,8 @@ from tests.docs.pages import blocks
 
 import armctl
 from armctl.errors import DOCS
+from armctl.ui.docs import ServedDocs, page_of
+from armctl.ui.docs.where import source_of
 
 ROOT = Path(__file__).parents[1]
 NETWORK = "needs the network"
@@ -108,6 +111,19 @@ def test_pypi_is_shown_pictures_and_links_of_the_site(wheel: Path) -> None:
     assert [link for link in re.findall(r"\]\(([^)]*)\)", page) if not link.startswith("https://")] == []
 
 
+def test_the_docs_that_the_console_serves_are_in_it_and_no_others(wheel: Path) -> None:
+    served = {source_of(place) for place in ServedDocs().pages}
+    with zipfile.ZipFile(wheel) as archive:
+        names = {name.removeprefix("armctl/") for name in archive.namelist()}
+        sizes = {one.filename: one.file_size for one in archive.infolist()}
+    assert served <= names
+    pages = {name for name in names if name.startswith("docs/") and name.endswith(".md")}
+    assert pages == {source for source in served if source.startswith("docs/")}
+    others = {name for name in names if name.startswith("docs/")} - pages
+    assert {Path(name).suffix for name in others} == {".png", ".svg"}
+    assert sum(size for name, size in sizes.items() if name.startswith("armctl/docs/")) < 2_000_000
+
+
 @pytest.mark.parametrize("python", interpreters())
 def test_it_starts_where_nothing_else_is(
     wheel: Path, python: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -126,3 +142,5 @@ def test_it_starts_where_nothing_else_is(
         browser = build_opener(HTTPCookieProcessor())  # the link gives a cookie and leads on to the page
         with browser.open(link, timeout=20) as page:
             assert page.status == 200 and b"armctl" in page.read()
+        with browser.open(urljoin(link, page_of("inverse")), timeout=20) as page:
+            assert page.status == 200 and b"Inverse</h1>" in page.read()

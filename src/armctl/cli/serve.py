@@ -21,6 +21,7 @@ from armctl import log_files
 from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
 from armctl.calibration import CalibrationStore
 from armctl.cli.options import ROBOT, EndEvent, MeshProgress, end_event, has_display, park_option, port_option
+from armctl.cli.reference import commands
 from armctl.documents import sweep_litter, write_atomically
 from armctl.errors import ArmctlError, ServerError, StoppedError, with_help
 from armctl.handles import bring_to_rest
@@ -42,6 +43,7 @@ from armctl.ui import (
 )
 from armctl.ui.api import PATH as API_PATH
 from armctl.ui.api import api_door
+from armctl.ui.docs import ServedDocs
 from armctl.ui.guard import TOKEN, GuardedServer, encryption, guarded_server
 from armctl.ui.scene.arm_model import MOST_DRAWN, MOST_GHOSTLY, keep_drawn
 
@@ -100,15 +102,14 @@ def serve(
     ended.patient = False
     _sweep()
     open_console = partial(_open_console, asked=port, pin=pin)
+    open_server = partial(guarded_server, host, http_port, extra_hosts=names, token=token, tls=tls)
     switches: list[RobotSwitch] = []
     sockets = {API_PATH: api_door(partial(_present_arm, switches), lambda who: switches[0].revive(who))}
     with ThreadPoolExecutor(1) as opener:  # the arm process starts while the page server does
         progress = MeshProgress(robot, lambda: ended.came)
         opening = opener.submit(open_console, robot, port, progress)
         try:
-            server = guarded_server(
-                host, http_port, extra_hosts=names, token=token, tls=tls, sockets=sockets, label="armctl"
-            )
+            server = open_server(sockets=sockets, docs=_docs(), label="armctl")
         except ServerError as refusal:
             progress.given_up = True
             with suppress(StoppedError):
@@ -138,6 +139,16 @@ def serve(
             app.close()
     finally:
         robots.close()
+
+
+def _docs() -> ServedDocs | None:
+    """The documentation, with what this command line says of itself; None: it was installed without."""
+    whole = click.get_current_context().find_root().command
+    try:
+        return ServedDocs({"commands": partial(commands, whole)})
+    except OSError as cause:
+        LOG.warning("no documentation is served: %s", cause)
+        return None
 
 
 def _encryption(certificate: Path | None, key: Path | None) -> ssl.SSLContext | None:

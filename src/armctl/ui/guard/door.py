@@ -22,6 +22,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from armctl.ui.docs import DOCS_PATH, ServedDocs
 from armctl.ui.guard.filter import GuardedConnection, Tally
 from armctl.ui.guard.listening import url_host
 
@@ -45,6 +46,13 @@ _PAGE_HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
     "Cross-Origin-Resource-Policy": "same-origin",
+}
+_DOCS_HEADERS = {
+    # Its pages have no script and no style of their own: what they load are files of this server.
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+        "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+    ),
 }
 
 
@@ -101,6 +109,8 @@ class Door:
     """http, or https on a line that is encrypted"""
     sockets: Mapping[str, SocketDoor] = field(default_factory=dict[str, SocketDoor])
     """armctl's own websockets by path"""
+    docs: ServedDocs | None = None
+    """what is below ``/docs``; a connection that it lets in there has its ``docs_path``"""
     guesses: Guesses = field(default_factory=Guesses)
     _single_use: set[str] = field(default_factory=set[str])
 
@@ -152,6 +162,9 @@ class Door:
                 return self._refuse(request, HTTPStatus.UNAUTHORIZED, "no valid token", *advice)
         if own is not None:
             return self._answer_at_socket(connection, own, socket_path, path, is_websocket)
+        if self.docs is not None and f"{path}/".startswith(f"{DOCS_PATH}/") and not is_websocket:
+            connection.docs_path = path
+            return None
         if path not in _PAGE:
             return _respond(HTTPStatus.NOT_FOUND, "There is nothing here.\n")
         if query and not is_websocket:
@@ -159,11 +172,21 @@ class Door:
             return _respond(HTTPStatus.FOUND, "", {"Location": "/"})
         return None
 
+    def document(self, path: str) -> Response:
+        """The documentation at a path that ``answer`` has let in to; it takes a while: not for the loop."""
+        found = None if self.docs is None else self.docs(path)
+        if found is None:
+            return _respond(HTTPStatus.NOT_FOUND, "There is no such page in the documentation.\n")
+        if found.moved_to:
+            return _respond(HTTPStatus.FOUND, "", {"Location": found.moved_to, **_DOCS_HEADERS})
+        return _respond(HTTPStatus.OK, found.body, {"Content-Type": found.kind, **_DOCS_HEADERS})
+
     def finish(self, connection: ServerConnection, request: Request, response: Response) -> None:
         """Add the protective headers to every response (``process_response`` of ``websockets``)."""
         del request
         for name, value in _PAGE_HEADERS.items():
-            response.headers[name] = value
+            if name not in response.headers:
+                response.headers[name] = value
         if isinstance(connection, GuardedConnection) and connection.head_only:
             response.body = b""
 

@@ -302,6 +302,8 @@ class GuardedConnection(ServerConnection):
         self.head_only = False
         """whether the request is HEAD: the answer is that to GET, without its body"""
         self.handed_over = False
+        self.docs_path: str | None = None
+        """path of the documentation that the door let it in to"""
         self.socket_path: str | None = None
         """path of the armctl socket that the door let it in to; None for viser's page"""
 

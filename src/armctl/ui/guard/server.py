@@ -20,6 +20,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from armctl.errors import ServerError
+from armctl.ui.docs import ServedDocs
 from armctl.ui.guard.door import HOST_NAME, Door, SocketDoor
 from armctl.ui.guard.filter import LOG, MAX_FRAME_BYTES, GuardedConnection, Tally
 from armctl.ui.guard.listening import is_name, listening_socket, names_of, url_host
@@ -76,6 +77,8 @@ def _arrangement(
     def arrange(handler: Handler, serve_page: PageServer) -> tuple[Handler, dict[str, Any]]:
         async def process_request(connection: ServerConnection, request: Request) -> Response | None:
             response = door.answer(connection, request)
+            if response is None and isinstance(connection, GuardedConnection) and connection.docs_path:
+                return await asyncio.to_thread(door.document, connection.docs_path)
             if response is None:
                 own = own_socket(connection)
                 if own is None:
@@ -257,6 +260,7 @@ def guarded_server(
     token: str | None = None,
     tls: ssl.SSLContext | None = None,
     sockets: Mapping[str, SocketDoor] = {},
+    docs: ServedDocs | None = None,
     label: str | None = None,
     overlay: bool = True,
 ) -> GuardedServer:
@@ -271,6 +275,7 @@ def guarded_server(
             once; a cookie keeps it.
         tls: encrypts the line (https), see ``encryption``.
         sockets: websockets of armctl's own by path (``/api``), which viser never sees.
+        docs: the documentation, served under ``/docs`` to whom the page is served.
         label: title of the main panel.
         overlay: with the STOP button over the page; without it where no arm is driven.
 
@@ -286,9 +291,8 @@ def guarded_server(
     share_type_hints()
     let_groups_be_disabled()
     tally, stop_lines, part_lines = Tally(), StopLines(), PartLines()
-    own = {STOP_PATH: SocketDoor(stop_lines.handle), PARTS_PATH: SocketDoor(part_lines.handle)}
-    sockets = {**own, **sockets}
-    door = Door(extra_hosts, token, tally, "http" if tls is None else "https", sockets)
+    sockets = {STOP_PATH: SocketDoor(stop_lines.handle), PARTS_PATH: SocketDoor(part_lines.handle), **sockets}
+    door = Door(extra_hosts, token, tally, "http" if tls is None else "https", sockets, docs)
     keep_quiet()
     try:
         arrange = _arrangement(
