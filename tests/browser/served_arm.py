@@ -21,6 +21,7 @@ from armctl.program import MoveStep, Program, Step
 from armctl.protocol import Command, Connect, Enable, Origin, Snapshot, Ticket
 from armctl.robot import Robot, load_robot
 from armctl.ui import App, CalibrationInForce, Console, PortChoice, RobotChoice, RobotSwitch
+from armctl.ui.docs import ServedDocs
 from armctl.ui.guard import guarded_server
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 
@@ -158,7 +159,8 @@ def served_arm(folder: Path, robot: str = "uzuner", pin: str = "") -> Iterator[S
         anew,
     )
     try:
-        app = App(robots, guarded_server(port=page_port(), label="armctl"), silence_s=_SILENCE_S)
+        server = guarded_server(port=page_port(), docs=ServedDocs(), label="armctl")
+        app = App(robots, server, silence_s=_SILENCE_S)
         try:
             arm.link.submit(Enable(arm.robot.pose("home")), Origin("test")).result(10)
             yield ServedArm(arm, app)

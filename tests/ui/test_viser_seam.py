@@ -183,6 +183,17 @@ def test_acknowledge_all(server: GuardedServer, monkeypatch: pytest.MonkeyPatch)
     assert "FileTransferPartAck" in client_code(), "acknowledge_all: viser's page hears it no more"
 
 
+def test_id_of_notification(server: GuardedServer) -> None:
+    with RawPage(server.get_port()) as one:
+        one.introduce()
+        client_id = Bell(server).ring_from(one)
+        shown = server.get_clients()[client_id].add_notification("a title", "a body")
+        name = viser_seam.id_of_notification(shown)
+        said = "id_of_notification: viser's page is told of another id"
+        assert name, said
+        one.read_until(name.encode())
+
+
 def test_upload_part_bytes() -> None:
     source = (CLIENT / "src" / "components" / "UploadButton.tsx").read_text("utf-8")
     said = "UPLOAD_PART_BYTES: viser's page cuts files in parts of another size"
@@ -229,6 +240,7 @@ CONTRACT = {
     "openTabs": ("aria-selected", "role:`tab`"),
     "nameSections": ("chevron-up", "chevron-down", "`Paper`"),
     "nameIcons": ("closeButton", "`Notification`", "list-search", "adjustments", "tabler-icon"),
+    "furnishNotifications": ("`Notification`", "id:n.uuid,title:n.props.title"),
     "onPlotClick": ("u-over", "__viserTestpoints", "uplots", "posToVal", "`ScrollArea`"),
     "letGoOfLists": ("role:`option`",),
     "drawNothing": ("getContextAttributes", "getShaderPrecisionFormat", "`webgl2`"),

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Awaitable, Callable
-from typing import Literal
+from html import escape
+from typing import Literal, Protocol
 
 import viser
+
+from armctl.ui.viser_seam import id_of_notification
 
 Action = Callable[[], Awaitable[object] | None]
 On = Callable[[Callable[..., object], Action], None]
@@ -15,6 +18,7 @@ Color = Literal["blue", "yellow", "red"]
 _MOST_NOTICES = 3
 """at a time: they lie over the scene, and older ones answer older clicks"""
 _LETTERS_A_SECOND = 12
+_MORE = '<a href="{}" target="_blank" rel="noopener" title="opens the documentation">What to do</a>'
 
 
 class Newest:
@@ -55,23 +59,45 @@ class OneAtATime:
             self._running = False
 
 
+class NotificationParts(Protocol):
+    """The parts of a page (``guard/parts.py``), of which a notification has one by its id."""
+
+    def show(self, name: str, html: str) -> None:
+        """Replace what a part shows."""
+        ...
+
+    def drop(self, name: str) -> None:
+        """A part is shown no more."""
+        ...
+
+
 class Notifications:
     """One page's newest few notifications; the same again replaces the first, one too many the oldest."""
 
-    def __init__(self, client: viser.ClientHandle) -> None:
-        self._client = client
+    def __init__(self, client: viser.ClientHandle, parts: NotificationParts) -> None:
+        self._client, self._parts = client, parts
         self._shown: dict[tuple[str, str, Color], viser.NotificationHandle] = {}
 
-    def show(self, title: str, text: str, color: Color) -> None:
-        """Show a message."""
+    def show(self, title: str, text: str, color: Color, more: str = "") -> None:
+        """Show a message; with a link to ``more``, an address in the documentation, if that is given."""
         key = (title, text, color)
         if (same := self._shown.pop(key, None)) is not None:
-            same.remove()
+            self._remove(same)
         while len(self._shown) >= _MOST_NOTICES:
-            self._shown.pop(next(iter(self._shown))).remove()
-        self._shown[key] = self._client.add_notification(
+            self._remove(self._shown.pop(next(iter(self._shown))))
+        self._shown[key] = shown = self._client.add_notification(
             title, text, auto_close_seconds=reading_seconds(text, color), color=color
         )
+        if more:
+            self._parts.show(_part(shown), _MORE.format(escape(more)))
+
+    def _remove(self, shown: viser.NotificationHandle) -> None:
+        self._parts.drop(_part(shown))
+        shown.remove()
+
+
+def _part(shown: viser.NotificationHandle) -> str:
+    return f"notification {id_of_notification(shown)}"
 
 
 def reading_seconds(text: str, color: Color) -> float:

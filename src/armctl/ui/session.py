@@ -20,6 +20,7 @@ from armctl.protocol import Command, ControlCommand, Origin, Snapshot, Ticket
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.look.rows import Theme
 from armctl.ui.console import page_name
+from armctl.ui.docs import page_of_error
 from armctl.ui.events import Action, Color, Notifications
 from armctl.ui.guard.parts import Parts
 from armctl.ui.next_pose import NextPose
@@ -42,7 +43,6 @@ class Session:
 
     def __init__(self, client: viser.ClientHandle, robots: RobotSwitch) -> None:
         self.client = client
-        self._notices = Notifications(client)
         self.robots = robots
         self.console = robots.console
         self._tasks: set[asyncio.Task[None]] = set()
@@ -58,6 +58,7 @@ class Session:
         self.on_phone = False
         """the panels are a sheet over the lower part of the scene"""
         self.parts = Parts()
+        self._notices = Notifications(client, self.parts)
         self.theme: Theme = "light"
         self._themed: list[Callable[[], None]] = []
         self.next = NextPose(self)
@@ -240,7 +241,7 @@ class Session:
                 await result
         except ArmctlError as refusal:
             if not self.closed:
-                self.refuse(str(refusal))
+                self.refuse(str(refusal), more=page_of_error(refusal))
         except Exception:
             if self.closed:  # it has met widgets that went with the page or the arm
                 LOG.debug("an action outlived its page", exc_info=True)
@@ -348,7 +349,7 @@ class Session:
         try:
             await self.robots.reopen(self.origin, self.require_operator, port)
         except ArmctlError as refusal:
-            self.refuse(str(refusal))
+            self.refuse(str(refusal), more=page_of_error(refusal))
 
     def spawn(self, work: Coroutine[Any, Any, None]) -> None:
         """Run something beside the callbacks; it ends with the page, and what it raises is logged."""
@@ -408,13 +409,13 @@ class Session:
         for task in tuple(self._tasks):
             task.cancel()
 
-    def refuse(self, text: str, title: str = "Refused") -> None:
-        """Say why something is not done."""
-        self.notify(title, text, "red")
+    def refuse(self, text: str, title: str = "Refused", more: str = "") -> None:
+        """Say why something is not done, with a link to ``more`` in the documentation if it is there."""
+        self.notify(title, text, "red", more)
 
-    def notify(self, title: str, text: str, color: Color = "blue") -> None:
+    def notify(self, title: str, text: str, color: Color = "blue", more: str = "") -> None:
         """Show a notification for as long as it takes to read it."""
-        self._notices.show(title, text, color)
+        self._notices.show(title, text, color, more)
 
 
 def _label_of(pressed: object) -> str:

@@ -81,6 +81,15 @@ const armctlViser = (() => {
       for (const button of document.querySelectorAll(`${selector}:not([aria-label])`)) button.setAttribute("aria-label", name);
   }
 
+  // A notification gets a place for our own part, which is named after it; it is empty where there is none.
+  function furnishNotifications() {
+    for (const box of document.querySelectorAll(".mantine-Notification-root[id]:not(:has(armctl-part))")) {
+      const part = document.createElement("armctl-part");
+      part.setAttribute("name", `notification ${box.id}`);
+      box.querySelector(".mantine-Notification-body")?.append(part);
+    }
+  }
+
   // Everything that has no name yet.
   function name() {
     nameFields();
@@ -193,5 +202,7 @@ const armctlViser = (() => {
     };
   }
 
-  return { answer, openTabs, buttonOf, name, onPlotClick, type, letGoOfLists, drawNothing, onSceneEdges, scene };
+  return {
+    answer, openTabs, buttonOf, name, furnishNotifications, onPlotClick, type, letGoOfLists, drawNothing, onSceneEdges, scene,
+  };
 })();

@@ -194,6 +194,11 @@ def control_of(client: viser.ClientHandle, message: messages.Message) -> Any:
     return table.get(fields.get("uuid", fields.get("source_component_uuid", "")))
 
 
+def id_of_notification(shown: viser.NotificationHandle) -> str:
+    """The id of a notification's element in the page (``furnishNotifications`` in ``viser_seam.js``)."""
+    return shown._impl.uuid  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
+
+
 def acknowledge_all(client: viser.ClientHandle, start: messages.FileTransferStartUpload) -> None:
     """Have the page take a file for sent, so that it can send another one.
 

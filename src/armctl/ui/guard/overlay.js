@@ -221,6 +221,7 @@
     const operator = document.querySelector("[data-armctl-watching]")?.dataset.armctlWatching;
     say(banner, operator ? `WATCHING: ${operator} operates the arm` : "");
     viser("name");
+    viser("furnishNotifications");
     const title = document.querySelector("[data-armctl-title]")?.dataset.armctlTitle;
     if (title && document.title !== title) document.title = title;
   }
