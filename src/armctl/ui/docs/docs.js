@@ -42,15 +42,19 @@
     const head = `${page} ${heading}`.toLowerCase();
     const all = `${head} ${text}`.toLowerCase();
     if (!words.every((word) => all.includes(word))) return 0;
-    return 1 + words.filter((word) => head.includes(word)).length + (heading.toLowerCase() === words.join(" ") ? 9 : 0);
+    const phrase = words.join(" ");
+    const inHead = words.filter((word) => head.includes(word)).length;
+    return 1 + 2 * inHead + (all.includes(phrase) ? 1 : 0) + (heading.toLowerCase() === phrase ? 9 : 0);
   }
 
-  // A line of the text around the first word, with each word marked.
+  // A line of the text around the words, with each of them marked.
   function excerpt(text, words) {
     const low = text.toLowerCase();
-    const at = Math.max(0, Math.min(...words.map((word) => low.indexOf(word)).filter((one) => one >= 0)));
-    const begin = Number.isFinite(at) && at > AROUND ? at - AROUND : 0;
-    const shown = text.slice(begin, begin + 2 * AROUND);
+    const places = [words.join(" "), ...words].map((one) => low.indexOf(one));
+    const at = places[0] >= 0 ? places[0] : Math.min(...places.filter((one) => one >= 0), text.length);
+    const begin = at > AROUND && at < text.length ? text.indexOf(" ", at - AROUND) + 1 : 0;
+    const room = text.slice(begin, begin + 2 * AROUND);
+    const shown = begin + room.length < text.length ? room.slice(0, room.lastIndexOf(" ")) : room;
     const line = document.createElement("span");
     line.append(begin ? "… " : "");
     let done = 0;
@@ -64,7 +68,7 @@
       line.append(shown.slice(done, done + where), mark);
       done += where + length;
     }
-    line.append(shown.slice(done), begin + 2 * AROUND < text.length ? " …" : "");
+    line.append(shown.slice(done), begin + shown.length < text.length ? " …" : "");
     return line;
   }
 
