@@ -62,6 +62,7 @@ class FakePage:
         self._actions: dict[str, Action] = {}
         self._beside: list[Coroutine[Any, Any, None]] = []
         self.obeyed: set[str] = set()
+        self.other_arrows: list[viser.TransformControlsHandle] = []
         self.next = NextPose(self.session)
 
     @property

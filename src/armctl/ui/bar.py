@@ -21,6 +21,7 @@ from armctl.facts.words import capitals
 from armctl.kinematics import roll_pitch_yaw
 from armctl.protocol import ClearFault, Pause, Release, Resume, SetSpeed, Snapshot, TakeControl
 from armctl.robot import Robot
+from armctl.ui.docs import page_of
 from armctl.ui.enabling import Enabling
 from armctl.ui.scene.arm_model import ARM, repaint
 from armctl.ui.scene.stage import add_floor
@@ -126,8 +127,13 @@ class ControlBar:
             f"<div class='who'><span>Operator: <b>{escape(session.operator)}</b></span>{second}</div>"
             f"<div class='what'><b>{escape(console.robot.title)}</b>"
             f"<span title='Position shown: {escape(source)}'>Position shown: {escape(source)}</span></div>"
-            f"{theme}{marks}"
+            f"{theme}{self._help()}{marks}"
         )
+
+    def _help(self) -> str:
+        """The page of the docs about what is looked at, in a tab of its own of the browser."""
+        page = page_of((self._session.ghost.tab or "control").lower())
+        return f"<a class='bare' href='{page}' target='_blank' title='Help' aria-label='Help'>?</a>"
 
     def _speed(self, snapshot: Snapshot) -> str:
         speed, why = round(100 * snapshot.speed), self._session.why_not(None, snapshot)

@@ -17,7 +17,7 @@ from armctl.ui.events import OneAtATime
 from armctl.ui.next_pose import PoseWriter
 from armctl.ui.session import Session
 
-_SCALE, _LINE_PX = 0.16, 2.0
+_SCALE, _LINE_PX = 0.11, 2.0
 """of the reach; width of the arrows"""
 _COARSE_STEP = 20 * DEFAULT_STEP
 """of a joint that is free, while the tool is still dragged"""
@@ -51,8 +51,9 @@ class DraggedTool:
         self._arrows.on_update(drag)
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Stand at the tool, unless somebody holds them; nothing can be dragged while the arm moves."""
-        if visible := snapshot.state is not State.MOVING:
+        """Stand at the tool, unless somebody holds them; hidden while the arm moves, and beside other arrows."""
+        others = any(arrows.visible for arrows in self._session.other_arrows)
+        if visible := snapshot.state is not State.MOVING and not others:
             self._stand(self._tool(snapshot))
         if self._arrows.visible is not visible:
             self._arrows.visible = visible
@@ -91,8 +92,8 @@ def dragged_to(
 ) -> FloatArray | None:
     """The configuration (n,) [rad] nearest to ``before`` (n,) [rad] with the tool at ``point`` (3,) [m].
 
-    An arm that can turn its tool about any axis keeps it turned as it is, where it can. ``done``: exactly; else
-    a joint that is free is stepped more coarsely. None: there is none.
+    An arm that can turn its tool about any axis keeps it turned as it is, where it can. ``done``: exactly;
+    else a joint that is free is stepped more coarsely. None: there is none.
     """
     step = DEFAULT_STEP if done else _COARSE_STEP
     turned = [robot.forward(before)[:3, :3]] if robot.orients_tool else []

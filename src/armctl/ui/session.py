@@ -5,12 +5,11 @@ from __future__ import annotations
 import asyncio
 import logging
 import re
-from collections.abc import Awaitable, Callable, Coroutine, Generator
+from collections.abc import Awaitable, Callable, Coroutine, Generator, Iterable
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any, Protocol
+from typing import Any
 
 import viser
 
@@ -24,10 +23,11 @@ from armctl.ui.docs import page_of_error
 from armctl.ui.events import Action, Color, Notifications
 from armctl.ui.guard.parts import Parts
 from armctl.ui.next_pose import NextPose
+from armctl.ui.offers import Disableable, Offer
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.scene.stage import look_at_arm
-from armctl.ui.widgets.html import LiveHtml, muted, sentence
+from armctl.ui.widgets.html import LiveHtml
 
 LOG = logging.getLogger("armctl.ui")
 _LINK_AGAIN_S = 0.5
@@ -47,7 +47,7 @@ class Session:
         self.console = robots.console
         self._tasks: set[asyncio.Task[None]] = set()
         self._keys: list[viser.CommandHandle] = []
-        self._offers: list[_Offer] = []
+        self._offers: list[Offer] = []
         self.obeyed: set[str] = set()
         """labels of the buttons of this page whose commands the arm has accepted"""
         self._end_question: Callable[[], None] = lambda: None
@@ -61,6 +61,8 @@ class Session:
         self._notices = Notifications(client, self.parts)
         self.theme: Theme = "light"
         self._themed: list[Callable[[], None]] = []
+        self.other_arrows: list[viser.TransformControlsHandle] = []
+        """what else can be dragged; it may stand where the tool is"""
         self.next = NextPose(self)
 
     @property
@@ -175,9 +177,9 @@ class Session:
         page that watches may use them, too, whatever the arm does.
         """
         reason = LiveHtml(self.gui, visible=False) if told else None
-        offer = _Offer(controls, arm, also, reason, anyone)
+        offer = Offer(controls, arm, also, reason, anyone)
         self._offers.append(offer)
-        self._draw_offer(offer, self.snapshot, partial(self.why_not, snapshot=self.snapshot))
+        self._draw_offers((offer,), self.snapshot)
 
     def why_not(self, arm: Need | None, snapshot: Snapshot) -> str | None:
         """Why what needs this of the arm is refused on this page now, and what to do; None: it is not."""
@@ -194,23 +196,13 @@ class Session:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Enable and disable the controls for a snapshot."""
-        why_not = cache(partial(self.why_not, snapshot=snapshot))  # many controls share a need
-        for offer in self._offers:
-            self._draw_offer(offer, snapshot, why_not)
+        self._draw_offers(self._offers, snapshot)
 
-    def _draw_offer(
-        self, offer: _Offer, snapshot: Snapshot, why_not: Callable[[Need | None], str | None]
-    ) -> None:
-        arm = offer.arm() if callable(offer.arm) else offer.arm
-        why: str | Reason | None = None if offer.anyone else why_not(arm)
-        if why is None and offer.also is not None:
-            why = offer.also(snapshot)
-        for control in offer.controls:
-            if control.disabled is not (why is not None):
-                control.disabled = why is not None
-        if offer.reason is not None:  # a page that has just come is about to be told who operates
-            offer.reason.visible = why is not None and snapshot.control.party(self.me) is not None
-            offer.reason.show(muted(sentence(why)) if why else "")
+    def _draw_offers(self, offers: Iterable[Offer], snapshot: Snapshot) -> None:
+        why_not = cache(partial(self.why_not, snapshot=snapshot))  # many controls share a need
+        known = snapshot.control.party(self.me) is not None  # one that has just come is about to be told
+        for offer in offers:
+            offer.draw(snapshot, why_not, told=known)
 
     def command(self, label: str, action: Action, description: str) -> viser.CommandHandle:
         """Add a command to the palette (Ctrl+K)."""
@@ -422,39 +414,3 @@ def _label_of(pressed: object) -> str:
     """Of a control; of a group the button that was pressed."""
     button = pressed.value if isinstance(pressed, viser.GuiButtonGroupHandle) else ""
     return button or getattr(pressed, "label", "")
-
-
-class Disableable(Protocol):
-    """A button, a field, or a command of the palette."""
-
-    @property
-    def disabled(self) -> bool:
-        """Whether it can be used no more."""
-        ...
-
-    @disabled.setter
-    def disabled(self, disabled: bool) -> None: ...
-
-
-def refused_by(check: Callable[[Snapshot], object]) -> Callable[[Snapshot], str | None]:
-    """For ``Session.needs``: why ``check`` refuses now, or None."""
-
-    def why(snapshot: Snapshot) -> str | None:
-        try:
-            check(snapshot)
-        except ArmctlError as refusal:
-            return str(refusal)
-        return None
-
-    return why
-
-
-@dataclass(frozen=True)
-class _Offer:
-    """Controls that can be used under the same conditions."""
-
-    controls: tuple[Disableable, ...]
-    arm: Need | Callable[[], Need | None] | None
-    also: Callable[[Snapshot], str | Reason | None] | None
-    reason: LiveHtml | None
-    anyone: bool

@@ -47,7 +47,8 @@ class Ghost:
         self.q: FloatArray | None = None
         """(n,) the configuration that is shown [rad]; None: nothing"""
         self.owner: object = None
-        self._tab: str | None = None
+        self.tab: str | None = None
+        """the label of the tab that is open; None: not known"""
         self._words: str | None = None
         self._lost: Callable[[], None] | None = None
 
@@ -68,7 +69,7 @@ class Ghost:
 
     def see(self, tab: str | None) -> bool:
         """This tab is open; None: not known. Whether it is another one than before."""
-        another, self._tab = tab != self._tab, tab
+        another, self.tab = tab != self.tab, tab
         self._show_in_view()
         return another
 
@@ -79,7 +80,7 @@ class Ghost:
 
     def is_open(self, tab: str) -> bool:
         """Whether this tab is known to be open."""
-        return self._tab == tab
+        return self.tab == tab
 
     def _show_in_view(self) -> None:
         if self._figure is not None:
@@ -87,7 +88,7 @@ class Ghost:
 
     def in_view(self, tab: str | None) -> bool:
         """Whether what belongs to a tab can be seen; None: it belongs to none."""
-        return tab is None or self._tab is None or tab == self._tab
+        return tab is None or self.tab is None or tab == self.tab
 
     def show(
         self, q: FloatArray, owner: object = None, words: str | None = None, label: str | None = None

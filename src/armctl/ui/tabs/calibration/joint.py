@@ -25,7 +25,8 @@ from armctl.facts import Need
 from armctl.facts.angles import DEGREE, to_degrees
 from armctl.protocol import Jog, MoveGripper, Snapshot
 from armctl.robot import Robot
-from armctl.ui.session import Session, refused_by
+from armctl.ui.offers import refused_by
+from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.shared_calibration import (
     CalibrationWork,
     End,

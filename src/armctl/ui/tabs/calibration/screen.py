@@ -14,8 +14,9 @@ from armctl.errors import ArmctlError, InputError
 from armctl.facts import Need
 from armctl.facts.angles import DEGREE, to_degrees
 from armctl.protocol import MoveJoints, Snapshot
+from armctl.ui.offers import refused_by
 from armctl.ui.robot_switch import release_first
-from armctl.ui.session import Session, refused_by
+from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.joint import (
     CalibrationGripper,
     CalibrationJoint,

@@ -31,6 +31,7 @@ class TargetForm:
         angles = self._robot.inverse_kinematics.pitch_and_roll(present)
         scene, tip = session.client.scene, pose[:3, 3]
         self.point = DraggedPoint(gui, scene, session.on, "/inverse_target", tip, self._on_dragged)
+        session.other_arrows.append(self.point.target)
         self._kind = self._orientation = None
         if self._robot.orients_tool:
             self._kind = gui.add_dropdown("Orientation", (ANY, PITCH_AND_ROLL, WHOLE), initial_value=ANY)

@@ -30,7 +30,8 @@ from armctl.protocol import (
 from armctl.protocol.commands import LONGEST_NAME
 from armctl.robot import Robot
 from armctl.ui.console import PortChoice, PortWatch
-from armctl.ui.session import Disableable, Session
+from armctl.ui.offers import Disableable
+from armctl.ui.session import Session
 from armctl.ui.tabs.main.boards import RobotChooser, board_html, homing_html, of_own_arm, ports_html
 from armctl.ui.tabs.main.own_arm import OwnArm
 from armctl.ui.tabs.main.urdf_arm import UrdfArm

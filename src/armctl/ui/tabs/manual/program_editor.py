@@ -20,7 +20,8 @@ from armctl.program.program import PLACES, Change, add, delete, duplicate, move,
 from armctl.program.steps import EDGES, MOST_REPEATS, SLOWEST_PERCENT, tool_turn
 from armctl.protocol import Snapshot, UpdateProgram
 from armctl.robot import Robot
-from armctl.ui.session import Session, refused_by
+from armctl.ui.offers import refused_by
+from armctl.ui.session import Session
 from armctl.ui.tabs.manual.joints import checked_percent
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.angle_fields import slider_degrees

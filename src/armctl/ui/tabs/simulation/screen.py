@@ -268,6 +268,7 @@ class LiveTarget:
         with self._box:
             moved = self._moved.set
             self._point = DraggedPoint(gui, scene, session.on, "/live_target", point, moved, "Target ")
+            session.other_arrows.append(self._point.target)
             put = gui.add_button("Put target there")
         self._note = LiveHtml(gui, visible=False)
         self._watch = EditWatch(self._point.xyz.fields)

@@ -1,0 +1,63 @@
+"""Controls that can be used under the same conditions, and why they cannot be used now."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from armctl.errors import ArmctlError
+from armctl.facts import Need, Reason
+from armctl.protocol import Snapshot
+from armctl.ui.widgets.html import LiveHtml, muted, sentence
+
+
+class Disableable(Protocol):
+    """A button, a field, or a command of the palette."""
+
+    @property
+    def disabled(self) -> bool:
+        """Whether it can be used no more."""
+        ...
+
+    @disabled.setter
+    def disabled(self, disabled: bool) -> None: ...
+
+
+def refused_by(check: Callable[[Snapshot], object]) -> Callable[[Snapshot], str | None]:
+    """For ``Session.needs``: why ``check`` refuses now, or None."""
+
+    def why(snapshot: Snapshot) -> str | None:
+        try:
+            check(snapshot)
+        except ArmctlError as refusal:
+            return str(refusal)
+        return None
+
+    return why
+
+
+@dataclass(frozen=True)
+class Offer:
+    """Some controls, and what they need."""
+
+    controls: tuple[Disableable, ...]
+    arm: Need | Callable[[], Need | None] | None
+    also: Callable[[Snapshot], str | Reason | None] | None
+    reason: LiveHtml | None
+    """where it is told why they cannot be used; None: nowhere"""
+    anyone: bool
+    """pages that watch may use them, whatever the arm does"""
+
+    def draw(self, snapshot: Snapshot, why_not: Callable[[Need | None], str | None], *, told: bool) -> None:
+        """Enable or disable them; ``why_not``: what needs this of the arm. ``told``: and show the reason."""
+        arm = self.arm() if callable(self.arm) else self.arm
+        why: str | Reason | None = None if self.anyone else why_not(arm)
+        if why is None and self.also is not None:
+            why = self.also(snapshot)
+        for control in self.controls:
+            if control.disabled is not (why is not None):
+                control.disabled = why is not None
+        if self.reason is not None:
+            self.reason.visible = why is not None and told
+            self.reason.show(muted(sentence(why)) if why else "")

@@ -1,0 +1,95 @@
+"""Dragging the tool writes the next pose."""
+
+from __future__ import annotations
+
+import asyncio
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.ui.page_kit import FakePage
+
+from armctl.facts import State
+from armctl.robot import load_robot
+from armctl.ui.dragged_tool import DraggedTool, dragged_to
+from armctl.ui.guard import GuardedServer
+
+UZUNER = load_robot("uzuner")
+HOME = UZUNER.pose("home")
+
+
+@pytest.mark.parametrize("name", ["uzuner", "scorbot", "ur5", "so101", "ar4"])
+def test_the_arm_follows_a_dragged_tool_without_jumping(name: str) -> None:
+    """A line of 4 mm steps about home: the tool is where it is dragged, and no joint jumps."""
+    robot = load_robot(name)
+    q = robot.pose("home")
+    start = robot.forward(q)
+    for k in range(1, 9):
+        point = start[:3, 3] + 0.004 * k * np.array([-0.5, 0.8, -0.3])
+        found = dragged_to(robot, point, q)
+        assert found is not None
+        assert robot.forward(found)[:3, 3] == pytest.approx(point, abs=1e-6)
+        assert np.abs(found - q).max() < 0.2
+        if robot.orients_tool:
+            assert robot.forward(found)[:3, :3] == pytest.approx(start[:3, :3], abs=1e-6)
+        q = found
+
+
+def test_what_is_out_of_reach_is_none_and_an_orientation_that_cannot_be_kept_is_given_up() -> None:
+    assert dragged_to(UZUNER, np.array([2.0, 0.0, 0.1]), HOME) is None
+    ur5 = load_robot("ur5")
+    q = ur5.pose("home")
+    far = np.array([-0.90, -0.1, 0.3])  # the wrist would be beyond the reach as the tool is turned
+    kept = ur5.inverse(far, rotation=ur5.forward(q)[:3, :3])
+    assert ur5.off_rotation(kept, kept.best("least-travel", q)) is not None
+    found = dragged_to(ur5, far, q)
+    assert found is not None and ur5.forward(found)[:3, 3] == pytest.approx(far, abs=1e-5)
+
+
+class Dragging:
+    def __init__(self, server: GuardedServer) -> None:
+        self.page = FakePage(server, UZUNER, HOME)
+        self.page.attempt = self._attempt  # type: ignore[attr-defined]
+        self.notices: list[str] = []
+        self.page.notify = lambda title, *_: self.notices.append(title)  # type: ignore[attr-defined]
+        self.tool = DraggedTool(self.page.session)
+
+    async def _attempt(self, action: Any) -> None:
+        await action()
+
+    def drag(self, point: np.ndarray, phase: str = "update", client: object = object()) -> None:
+        arrows = self.tool._arrows
+        arrows.position = point
+        (callback,) = arrows._impl_aux.update_cb
+        event = SimpleNamespace(client=client, phase=phase)
+
+        async def done() -> None:
+            await callback(event)
+            while self.page._beside:
+                await self.page._beside.pop(0)
+
+        asyncio.run(done())
+
+
+def test_it_writes_the_next_pose_and_the_arrows_stand_at_its_tool(server: GuardedServer) -> None:
+    bench = Dragging(server)
+    page, tip = bench.page, UZUNER.forward(HOME)[:3, 3]
+    page.refresh(bench.tool)
+    assert bench.tool._arrows.position == pytest.approx(tip, abs=1e-6) and bench.tool._arrows.visible
+    to = tip + np.array([0.0, 0.03, -0.02])
+    bench.drag(to)
+    assert page.next.q is not None and UZUNER.forward(page.next.q)[:3, 3] == pytest.approx(to, abs=1e-6)
+    assert page.next.writer is not None and page.next.writer.words == "dragged tool"
+    kept = page.next.q
+    bench.drag(np.array([2.0, 0.0, 0.0]))  # held beyond the reach: nothing is said yet
+    assert np.array_equal(page.next.q, kept) and bench.notices == []
+    bench.drag(np.array([2.0, 0.0, 0.0]), "end")
+    assert bench.notices == ["Out of reach"]
+    assert bench.tool._arrows.position == pytest.approx(to, abs=1e-5)  # and they come back
+    bench.drag(np.array([np.nan, 0.0, 0.0]))  # no page of armctl's
+    assert np.array_equal(page.next.q, kept)
+    page.go()
+    page.snapshot.state, page.snapshot.busy = State.MOVING, True
+    page.refresh(bench.tool)
+    assert not bench.tool._arrows.visible
