@@ -202,3 +202,23 @@ def test_a_card_that_is_clicked_is_what_is_sent(server: GuardedServer) -> None:
     page.put("Z mm", "9000")
     page.press("Solve")
     assert page.parts["ways"] == ""
+
+
+def test_a_way_under_the_mouse_is_looked_at_and_never_sent(server: GuardedServer) -> None:
+    page = FakePage(server, UZUNER, UZUNER.pose("home"))
+    screen = InverseScreen(page.session)
+    page.ask(220, -60, 100)
+    page.press("Solve")
+    found, chosen = screen._answer, page.next.q
+    assert found is not None and chosen is not None
+    other = next(i for i, way in enumerate(found.choices) if not np.array_equal(way.q, chosen) and way.row)
+    key = re.findall(r"data-key=(\S+)", page.parts["ways"])[other]
+    page.act(lambda: page.parts.done("look-way", key))
+    assert page.ghost.seen and page.ghost.q is not None
+    assert np.array_equal(page.ghost.q, found.choices[other].q)
+    assert page.next.q is not None and np.array_equal(page.next.q, chosen)
+    page.act(lambda: page.parts.done("look-way", ""))
+    assert not page.ghost.seen
+    page.act(lambda: page.parts.done("look-way", key))
+    page.act(lambda: page.parts.done("way", key))
+    assert not page.ghost.seen and np.array_equal(page.next.q, found.choices[other].q)

@@ -51,7 +51,7 @@ class DraggedTool:
         self._arrows.on_update(drag)
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Stand at the tool, unless somebody holds them; hidden while the arm moves, and beside other arrows."""
+        """Stand at the tool, unless they are held; hidden while the arm moves, and beside other arrows."""
         others = any(arrows.visible for arrows in self._session.other_arrows)
         if visible := snapshot.state is not State.MOVING and not others:
             self._stand(self._tool(snapshot))

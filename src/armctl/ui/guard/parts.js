@@ -116,6 +116,19 @@
   });
   const tellValue = (input) => tell({ do: input.dataset.do, key: input.value });
 
+  // Hovering over something looks at it, until it is left. A finger does not hover.
+  const HOVER_MS = 120;
+  let hovered = null;
+  let hovering = 0;
+  addEventListener("pointerover", (event) => {
+    const over = event.pointerType === "mouse" && !event.buttons ? near(event, "armctl-part [data-look]") : null;
+    if (over === hovered) return;
+    const { look } = (over ?? hovered).dataset;
+    hovered = over;
+    clearTimeout(hovering);
+    hovering = setTimeout(() => tell({ do: look, key: over?.dataset.key ?? "" }), HOVER_MS);
+  });
+
   // Lists by keyboard: arrows, Home and End choose; Enter and the space bar do what a click does.
   addEventListener("keydown", (event) => {
     const row = event.target;

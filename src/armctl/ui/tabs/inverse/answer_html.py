@@ -213,7 +213,8 @@ def _card(found: RankedSolutions, way: Way, key: str, picture: str, *, chosen: b
     state = f"aria-selected={'true' if chosen else 'false'}" + " aria-disabled=true" * (way.row is None)
     return (
         f"<div class='armctl-card{' armctl-refused' * bool(way.refused)}' role=option {state} "
-        f"tabindex={0 if first else -1} data-key={key} data-do=way title='{escape(way.refused)}'>"
+        f"tabindex={0 if first else -1} data-key={key} data-do=way data-look=look-way "
+        f"title='{escape(way.refused)}'>"
         f"{picture}<div><b>{escape(way.name.replace('-', ' '))}</b>{body}</div>"
         f"<div class=angles>{angles}</div></div>"
     )

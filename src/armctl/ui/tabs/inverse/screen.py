@@ -17,7 +17,7 @@ from armctl.ui.events import Newest, OneAtATime
 from armctl.ui.next_pose import Movement, PoseWriter
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
-from armctl.ui.tabs.inverse.answer import RankedSolutions, answer, counted, solve
+from armctl.ui.tabs.inverse.answer import RankedSolutions, Way, answer, counted, solve
 from armctl.ui.tabs.inverse.answer_html import (
     comparison_html,
     list_head,
@@ -60,7 +60,7 @@ class InverseScreen:
         self._session = session
         self._robot = session.console.robot
         self._writer = PoseWriter(session, "way in Inverse", self._how)
-        self._nearest_view = Preview(session.ghost, TAB)
+        self._looked_at = Preview(session.ghost, TAB)
         scene = session.client.scene
         self._mark = scene.add_icosphere("/inverse_mark", 0.006, color=_MARK_COLOR, visible=False)
         self._answer: RankedSolutions | None = None
@@ -108,6 +108,7 @@ class InverseScreen:
         session.on(solve_fields.on_click, self._on_solve)
         session.on(entered.on_submit, self._on_solve)
         session.on_part("way", self._on_way)
+        session.on_part("look-way", self._on_look)
         session.on(self._few.on_update, self._on_few)
         session.on(self._along.on_update, self._on_along)
         session.on(self._optimum.on_click, lambda: self._select(1))
@@ -132,11 +133,11 @@ class InverseScreen:
             self._ghost_is_old = self._fields_changed
             if self._ghost_is_old:
                 self._writer.hide()  # neither button goes there before it has solved
-                self._nearest_view.hide()
+                self._looked_at.hide()
             elif not self._writer.taken:
                 self._show_selected()
-        self._nearest_view.refresh(snapshot.q_command)
-        if not (self._writer.shown or self._nearest_view.shown or self._branches.as_ghosts):
+        self._looked_at.refresh(snapshot.q_command)
+        if not (self._writer.shown or self._looked_at.shown or self._branches.as_ghosts):
             self._mark.visible = False
 
     def _how(self) -> Movement:
@@ -286,12 +287,25 @@ class InverseScreen:
             if one.label == self._few.value:
                 self._select(one.row)
 
+    def _way(self, key: str) -> Way | None:
+        """The way of the present answer with this key; a click on one before it comes too late."""
+        ways = () if self._answer is None or not self._answered else self._answer.choices
+        return next((way for i, way in enumerate(ways) if key == f"{self._number}.{i}"), None)
+
     def _on_way(self, key: str) -> None:
-        """Choose a way of the present answer; a click on one before it comes too late."""
-        found = self._answer
-        for i, way in enumerate(() if found is None or not self._answered else found.choices):
-            if key == f"{self._number}.{i}" and way.row is not None:
-                self._select(way.row)
+        """Choose a way."""
+        way = self._way(key)
+        if way is not None and way.row is not None:
+            self._looked_at.hide()
+            self._select(way.row)
+
+    def _on_look(self, key: str) -> None:
+        """Look at a way; empty: no more."""
+        way = self._way(key)
+        if way is None:
+            self._looked_at.hide()
+        else:
+            self._looked_at.show(way.q, self._session.next.shown(self._session.snapshot.q_command))
 
     def _on_along(self) -> None:
         if self._answer is not None and self._answer.solutions.success:
@@ -312,7 +326,7 @@ class InverseScreen:
         self._branches.forget()
         self._session.parts.show(_WAYS, "")
         self._writer.hide()
-        self._nearest_view.hide()
+        self._looked_at.hide()
 
     def _show(self, found: RankedSolutions) -> None:
         solutions = found.solutions
@@ -366,9 +380,9 @@ class InverseScreen:
         if found is not None and goal is None and found.solutions.success:
             nearest = found.best
         if nearest is None or self._branches.as_ghosts:
-            self._nearest_view.hide()
+            self._looked_at.hide()
         else:
-            self._nearest_view.show(nearest, self._session.snapshot.q_command)
+            self._looked_at.show(nearest, self._session.snapshot.q_command)
 
     def _show_selected(self) -> None:
         """The selected row is the next pose; of the first one and of none, that of least energy."""
