@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import Locator
+from playwright.sync_api import Locator, expect
 from tests.browser.ghost_view import LOOKED_AT, wait_for_ghost, wait_for_no_ghost
 from tests.browser.kit import Screen
 from tests.browser.served_arm import HOME, ServedArm, served_arm
@@ -73,9 +73,8 @@ def test_ways_come_back_with_a_page_that_is_loaded_again(solved: Screen, served:
     page = solved
     page.open(served.url, until="STOP")
     page.open_tab("Inverse")
-    assert (
-        page.page.locator("armctl-part").inner_text() == ""
-    )  # nothing is solved yet, and no old way is shown
+    # nothing is solved yet, and no old way is shown
+    expect(page.page.locator("armctl-part[name=ways]")).to_be_empty()
     page.type_xyz("220", "-196", "85")
     page.click("Solve")
     page.wait_until(lambda: card(page, "elbow down").count() == 1, "the ways are there")

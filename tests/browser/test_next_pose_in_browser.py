@@ -1,4 +1,4 @@
-"""One next pose a page, in a browser: what is drawn and written is what *Go* sends; no page sends another's."""
+"""One next pose a page, in a browser: what is drawn and written is what *Go* sends, and no other."""
 
 from __future__ import annotations
 
