@@ -89,6 +89,9 @@ class FakePage:
         del label
         self.parts.on(do, action)
 
+    def on_part_value(self, do: str, action: Callable[[str, str], Any]) -> None:
+        self.parts.on_value(do, action)
+
     def needs(self, *_: object, **__: object) -> None:
         """What would be refused is not looked at here."""
 

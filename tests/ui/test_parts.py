@@ -15,7 +15,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from armctl.ui.guard import GuardedServer, guarded_server
-from armctl.ui.guard.parts import Parts
+from armctl.ui.guard.parts import MOST_TYPED, Parts
 
 PAGE = "0123456789abcdef"
 
@@ -43,6 +43,44 @@ def test_what_changes_is_sent_once_however_often_it_has_changed() -> None:
 
     asyncio.run(main())
     assert sent == [{"ways": "<b>1</b>", "steps": "none"}, {"ways": "<b>4</b>"}]
+
+
+def test_of_a_long_list_only_rows_that_have_changed_are_sent_and_the_order_where_it_is_another() -> None:
+    sent: list[dict[str, dict[str, object]]] = []
+
+    async def main() -> None:
+        parts = Parts()
+        news = asyncio.Queue[None]()
+
+        async def send(text: str) -> None:
+            sent.append(json.loads(text).get("rows", {}))
+            news.put_nowait(None)
+
+        parts.rows("steps", [("1", "a"), ("2", "b"), ("3", "c")])
+        telling = asyncio.create_task(parts.tell(send))
+        await news.get()
+        parts.rows("steps", [("1", "a"), ("2", "B"), ("3", "c")])
+        await news.get()
+        parts.row("steps", "3", "C")
+        parts.row("steps", "1", "a")  # it is no other
+        await news.get()
+        parts.rows("steps", [("3", "C"), ("1", "a"), ("4", "d")])
+        parts.row("steps", "4", "D")
+        await news.get()
+        parts.rows("steps", [("3", "C"), ("1", "a"), ("4", "D")])
+        parts.show("head", "so that there is something")
+        await news.get()
+        telling.cancel()
+        assert parts.shown_rows("steps") == {"3": "C", "1": "a", "4": "D"}
+
+    asyncio.run(main())
+    assert sent == [
+        {"steps": {"order": ["1", "2", "3"], "html": {"1": "a", "2": "b", "3": "c"}}},
+        {"steps": {"html": {"2": "B"}}},
+        {"steps": {"html": {"3": "C"}}},
+        {"steps": {"order": ["3", "1", "4"], "html": {"4": "D"}}},
+        {},
+    ]
 
 
 @pytest.fixture
@@ -110,6 +148,38 @@ def test_a_line_that_comes_before_its_page_waits_for_it(server: GuardedServer) -
         page.send(json.dumps({"do": "way", "key": "2"}))
         assert chosen.get(timeout=PATIENCE_S) == "2"
         assert others.empty()
+
+
+def test_a_value_arrives_with_its_key_and_one_that_is_too_long_ends_the_line(server: GuardedServer) -> None:
+    parts, _ = parts_of(server, "mine")
+    given: queue.Queue[tuple[str, str]] = queue.Queue()
+    parts.on_value("set", lambda key, value: given.put((key, value)))
+    with line(server) as page:
+        page.send(json.dumps({"page": PAGE}))
+        hear(page)
+        for value in ("12,5", "−3", "", "ü" * MOST_TYPED):
+            page.send(json.dumps({"do": "set", "key": "7.1", "value": value}))
+            assert given.get(timeout=PATIENCE_S) == ("7.1", value)
+        page.send(json.dumps({"do": "set", "key": "7.1", "value": "x" * (MOST_TYPED + 1)}))
+        with pytest.raises(ConnectionClosed):
+            hear(page)
+    assert given.empty()
+
+
+def test_what_is_shown_says_how_much_of_what_was_done_is_in_it(server: GuardedServer) -> None:
+    parts, _ = parts_of(server, "mine")
+    after = {1: "1", 2: "2", 3: "2", 4: "4"}
+    parts.on("act", lambda key: parts.show("ways", after[int(key)]))
+    with line(server) as page:
+        page.send(json.dumps({"page": PAGE}))
+        assert json.loads(page.recv(timeout=PATIENCE_S))["done"] == 0
+        done = 0
+        for key in "1234":
+            page.send(json.dumps({"do": "act", "key": key}))
+        while done < 4:
+            said = json.loads(page.recv(timeout=PATIENCE_S))
+            done += said["done"]
+            assert said["parts"] == {"ways": after[done]}
 
 
 def test_a_page_with_another_arm_gets_its_parts_on_a_new_line(server: GuardedServer) -> None:

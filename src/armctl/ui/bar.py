@@ -66,7 +66,7 @@ class ControlBar:
             ("theme", "Theme", self._on_theme),
         ):
             session.on_press(do, label, lambda _, action=action: action())
-        session.on_part("speed", self._on_speed)
+        session.on_part_value("speed", self._on_speed)
         hot_key = session.gui.add_command("STOP", hotkey="escape", description="Decelerate and hold")
         session.on_key(hot_key, self._on_stop)
         hold = session.command("Pause or resume", self._on_hold, "Come to rest on the path, or go on")
@@ -140,8 +140,8 @@ class ControlBar:
         off = f" disabled title='{escape(why)}'" if why else f" title='{_SPEED_HINT}'"
         return (
             f"<div class='speed'><label for='armctl-speed'>Speed %</label>"
-            f"<input id='armctl-speed' inputmode='decimal' data-do='speed' value='{speed}'{off}>"
-            f"<input type='range' min='{_SLOWEST}' max='{_FASTEST}' data-do='speed' value='{speed}' "
+            f"<input id='armctl-speed' inputmode='decimal' data-set='speed' value='{speed}'{off}>"
+            f"<input type='range' min='{_SLOWEST}' max='{_FASTEST}' data-set='speed' value='{speed}' "
             f"aria-label='Speed, percent'{off}></div>"
         )
 
@@ -163,7 +163,7 @@ class ControlBar:
         paused = self._session.snapshot.state is State.PAUSED
         await self._session.submit(Resume() if paused else Pause())
 
-    async def _on_speed(self, text: str) -> None:
+    async def _on_speed(self, _: str, text: str) -> None:
         percent = parse_number(text, "Speed %")
         if not _SLOWEST <= percent <= _FASTEST:
             raise InputError(f"speed: {out_of_range(percent, _SLOWEST, _FASTEST, '%')}")

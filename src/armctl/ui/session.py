@@ -161,6 +161,12 @@ class Session:
 
         self.parts.on(do, lambda key: None if self.closed else self.spawn(press(key)))
 
+    def on_part_value(self, do: str, action: Callable[[str, str], Awaitable[object] | None]) -> None:
+        """Run ``action(key, value)`` where a part of the page gives a value; what goes wrong is notified."""
+        self.parts.on_value(
+            do, lambda key, value: None if self.closed else self.attempt(partial(action, key, value))
+        )
+
     def needs(
         self,
         arm: Need | Callable[[], Need | None] | None,

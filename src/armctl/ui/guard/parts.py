@@ -5,17 +5,22 @@ fills it with the HTML that comes on the line ``/page``, keeps every node that c
 and the place in a list outlive a change, and says what is done there. The script knows no part, the server
 all.
 
+A long list is a part's element ``data-rows=name``. Its rows travel by key: one that changes is sent alone.
+
 A page sends ``{"page": name}`` once, with the name that it gave itself (``overlay.js``), then ``{"do": what,
-"key": of which}``. It gets ``{"parts": {name: html}}`` with what has changed.
+"key": of which, "value": as typed}``. It gets ``{"parts": {name: html}, "rows": {name: {"order": keys,
+"html": {key: html}}}, "done": number}`` with what has changed, and how much of what was done is in it.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
 from html import escape
+from typing import Annotated
 
 import msgspec
 import viser
@@ -26,7 +31,10 @@ from websockets.frames import CloseCode
 from armctl.ui.guard.filter import LOG, FloodGauge
 
 PARTS_PATH = "/page"
-_MOST_BYTES = 256
+_MOST_BYTES = 16 << 10
+MOST_TYPED = 2000
+"""characters of a value, each of which may take several bytes"""
+_Name = Annotated[str, msgspec.Meta(max_length=128)]
 _UNKNOWN_S = 60.0
 """how long a line may wait until viser has its page"""
 
@@ -34,12 +42,26 @@ _UNKNOWN_S = 60.0
 class _Said(msgspec.Struct, forbid_unknown_fields=True):
     """One message of a page."""
 
-    page: str | None = None
-    do: str = ""
-    key: str = ""
+    page: _Name | None = None
+    do: _Name = ""
+    key: _Name = ""
+    value: Annotated[str, msgspec.Meta(max_length=MOST_TYPED)] = ""
 
 
 _DECODER = msgspec.json.Decoder(_Said)
+
+
+@dataclass
+class _Unsent:
+    """What one line of a page has not been sent yet."""
+
+    parts: set[str]
+    orders: set[str]
+    """lists whose rows are others, or in another order"""
+    rows: dict[str, set[str]]
+    """by list, the keys of its rows that have changed"""
+    some: asyncio.Event = field(default_factory=asyncio.Event)
+    """there is something"""
 
 
 class Parts:
@@ -47,9 +69,11 @@ class Parts:
 
     def __init__(self) -> None:
         self._html: dict[str, str] = {}
-        self._lines: list[tuple[set[str], asyncio.Event]] = []
-        """of each line what is not sent yet, and that there is something"""
+        self._rows: dict[str, dict[str, str]] = {}
+        """by list: the HTML of its rows by key, in order"""
+        self._lines: list[_Unsent] = []
         self._actions: dict[str, Callable[[str], Awaitable[object] | None]] = {}
+        self._values: dict[str, Callable[[str, str], Awaitable[object] | None]] = {}
 
     def __getitem__(self, name: str) -> str:
         """What a part shows."""
@@ -64,9 +88,36 @@ class Parts:
         """Replace what a part shows. The caller escapes what is not its own."""
         if html != self._html.get(name):
             self._html[name] = html
-            for unsent, some in self._lines:
-                unsent.add(name)
-                some.set()
+            for line in self._lines:
+                line.parts.add(name)
+                line.some.set()
+
+    def rows(self, name: str, rows: Iterable[tuple[str, str]]) -> None:
+        """Make these (key, HTML) the rows of a list; those that are as before are not sent.
+
+        Each is one element with its key as ``data-key``. The caller escapes what is not its own.
+        """
+        before, now = self._rows.get(name, {}), dict(rows)
+        self._rows[name] = now
+        changed = {key for key, html in now.items() if before.get(key) != html}
+        moved = len(now) != len(before) or any(a != b for a, b in zip(now, before, strict=True))
+        if changed or moved:
+            for line in self._lines:
+                line.rows.setdefault(name, set()).update(changed)
+                line.orders.update([name] * moved)
+                line.some.set()
+
+    def row(self, name: str, key: str, html: str) -> None:
+        """Change one row of a list."""
+        if html != self._rows[name][key]:
+            self._rows[name][key] = html
+            for line in self._lines:
+                line.rows.setdefault(name, set()).add(key)
+                line.some.set()
+
+    def shown_rows(self, name: str) -> dict[str, str]:
+        """The HTML of a list's rows by key, in order."""
+        return dict(self._rows.get(name, {}))
 
     def drop(self, name: str) -> None:
         """A part is shown no more; what a page still shows of it is left there."""
@@ -78,30 +129,66 @@ class Parts:
         """Run ``action(key)`` where this is done to something with that key."""
         self._actions[do] = action
 
-    async def done(self, do: str, key: str) -> None:
+    def on_value(self, do: str, action: Callable[[str, str], Awaitable[object] | None]) -> None:
+        """Run ``action(key, value)`` where something with that key is given a value: what is typed."""
+        self._values[do] = action
+
+    async def done(self, do: str, key: str, value: str = "") -> None:
         """Something is done on the page. What nobody knows may be of a part that has gone."""
-        if (action := self._actions.get(do)) is not None and (work := action(key)) is not None:
+        if do in self._values:
+            work = self._values[do](key, value)
+        else:
+            work = self._actions[do](key) if do in self._actions else None
+        if work is not None:
             await work
 
-    async def tell(self, send: Callable[[str], Awaitable[None]]) -> None:
-        """Send all parts, and from then on what changes, until cancelled."""
-        unsent, some = set(self._html), asyncio.Event()
-        some.set()
-        self._lines.append((unsent, some))
+    async def tell(self, send: Callable[[str], Awaitable[None]], done: Callable[[], int] = int) -> None:
+        """Send all parts, and from then on what changes, until cancelled.
+
+        ``done``: how much was done on that line since it was last asked.
+        """
+        rows = {name: set(rows) for name, rows in self._rows.items()}
+        line = _Unsent(set(self._html), set(rows), rows)
+        line.some.set()
+        self._lines.append(line)
         try:
-            while await some.wait():
-                some.clear()
-                parts = {name: self._html[name] for name in sorted(unsent)}
-                unsent.clear()
-                await send(msgspec.json.encode({"parts": parts}).decode())
+            while await line.some.wait():
+                await send(self._take(line, done()))
         finally:
-            self._lines = [line for line in self._lines if line[1] is not some]
+            self._lines = [one for one in self._lines if one is not line]
+
+    def _take(self, line: _Unsent, done: int) -> str:
+        """The message that tells a line all that is unsent."""
+        parts = {name: self._html[name] for name in sorted(line.parts)}
+        said: dict[str, object] = {"parts": parts, "done": done}
+        lists: dict[str, dict[str, object]] = {}
+        for name, changed in line.rows.items():
+            rows = self._rows[name]
+            lists[name] = {"html": {key: rows[key] for key in changed if key in rows}}
+            if name in line.orders:
+                lists[name]["order"] = list(rows)
+        if lists:
+            said["rows"] = lists
+        line.some.clear()
+        for unsent in (line.parts, line.orders, line.rows):
+            unsent.clear()
+        return msgspec.json.encode(said).decode()
 
 
 class _Gauge(FloodGauge):
     """A key that is held down does something thirty times a second; nobody does more."""
 
     CAPACITY, REFILL_PER_S = 200.0, 60.0
+
+
+class _Count:
+    """Of what was done on a line since that was last told."""
+
+    number = 0
+
+    def take(self) -> int:
+        number, self.number = self.number, 0
+        return number
 
 
 class PartLines:
@@ -141,7 +228,8 @@ class PartLines:
                         await self._linked.wait()
                 self._end(page)
                 parts, self._lines[page] = self._parts[page], line
-                telling = asyncio.create_task(parts.tell(line.send))
+                answered = _Count()
+                telling = asyncio.create_task(parts.tell(line.send, answered.take))
                 telling.add_done_callback(partial(_told, line))
                 try:
                     async for raw in line:
@@ -149,7 +237,8 @@ class PartLines:
                         if not gauge.charge(len(raw), refused=False):
                             await line.close(CloseCode.POLICY_VIOLATION, "too many messages")
                         elif self._lines.get(page) is line:
-                            await parts.done(said.do, said.key)
+                            await parts.done(said.do, said.key, said.value)
+                            answered.number += 1
                 finally:
                     telling.cancel()
                     if self._lines.get(page) is line:
