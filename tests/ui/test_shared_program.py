@@ -3,16 +3,19 @@ from __future__ import annotations
 import asyncio
 import multiprocessing
 import os
+from itertools import count
 from pathlib import Path
 from typing import Any, cast
 
 import msgspec
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from armctl.errors import ProgramError
 from armctl.program import EndStep, Program, RepeatStep, Step, WaitStep, load_program
-from armctl.protocol import ProgramProgress
-from armctl.ui.tabs.manual.shared_program import SharedProgram, Unsaved
+from armctl.protocol import Party, ProgramProgress
+from armctl.ui.tabs.manual.shared_program import Edit, SharedProgram, Unsaved, keys_after
 
 WAIT = WaitStep(seconds=2)
 
@@ -45,6 +48,70 @@ def test_edit_and_undo(desk: SharedProgram) -> None:
     assert len(desk.program.steps) == 21
     with pytest.raises(ProgramError, match="there is nothing to undo"):
         desk.undo()
+
+
+def test_a_step_keeps_its_key_wherever_it_goes_and_no_key_is_used_again(desk: SharedProgram) -> None:
+    me = Party("page 1", "me")
+    a, b, c = (WaitStep(seconds=k) for k in (1, 2, 3))
+    desk.edit(program(a, b, c), me)
+    first, second, third = desk.keys
+    assert len({first, second, third}) == 3
+    desk.edit(program(c, a, b), me)
+    assert desk.keys == [third, first, second]
+    assert [desk.row(key) for key in (first, second, third)] == [1, 2, 0]
+    desk.edit(program(c, WaitStep(seconds=9), b), me)  # it is edited
+    assert desk.keys == [third, first, second]
+    desk.edit(program(c, c, b), me)  # and again
+    assert desk.keys == [third, first, second]
+    desk.undo(me)
+    assert desk.keys == [third, first, second]
+    desk.edit(program(*desk.program.steps, b), me)
+    *kept, new = desk.keys
+    assert kept == [third, first, second] and new not in kept
+    desk.edit(program(*desk.program.steps[1:]), me)
+    assert desk.keys == [first, second, new]
+    assert desk.row(third) is None and desk.row("") is None
+    desk.undo(me)
+    assert desk.keys[1:] == [first, second, new] and desk.keys[0] != third
+    gone = [*desk.keys]
+    desk.put(program(WaitStep(seconds=1), WaitStep(seconds=2)))  # another program
+    assert not set(gone) & set(desk.keys)
+    one = desk.keys
+    desk.put(program(WaitStep(seconds=7)))
+    desk.put(program(WaitStep(seconds=8)))
+    assert not set(one) & set(desk.keys)
+
+
+@given(st.lists(st.lists(st.integers(0, 6), max_size=8), max_size=12), st.booleans())
+@settings(max_examples=200)
+def test_keys_are_of_the_steps_that_stay_whatever_changes(lists: list[list[int]], edited: bool) -> None:
+    steps = [WaitStep(seconds=k) for k in range(7)]
+    new, before, keys = map(str, count()), list[Step](), list[str]()
+    for numbers in lists:
+        after = [steps[number] for number in numbers]
+        now = keys_after(before, keys, after, new, edited=edited)
+        assert len(now) == len(set(now)) == len(after)
+        of = dict(zip(keys, before, strict=True))
+        others = [key for key, step in zip(now, after, strict=True) if key in of and of[key] is not step]
+        assert len(others) <= edited
+        for step in steps:  # of each as many stay as there are in both
+            stay = sum(one is of.get(key) is step for key, one in zip(now, after, strict=True))
+            assert stay == min(before.count(step), after.count(step))
+        before, keys = after, now
+
+
+def test_it_is_known_who_has_edited_which_row_last(desk: SharedProgram) -> None:
+    me = Party("page 1", "Ada")
+    desk.edit(program(WAIT, WAIT, WAIT), me)
+    desk.edit(program(WAIT, WaitStep(seconds=5), WAIT), me)
+    assert desk.last_edit == Edit(me, 1)
+    desk.edit(program(*desk.program.steps, WAIT), me)
+    assert desk.last_edit == Edit(me, 3)
+    desk.undo(me)
+    desk.undo(me)
+    assert desk.last_edit == Edit(me, 1)
+    desk.put(program(WAIT))
+    assert desk.last_edit is None
 
 
 def test_save_and_load(desk: SharedProgram) -> None:

@@ -124,10 +124,13 @@ def move(program: Program, row: int, by: int) -> Change:
 
 
 def duplicate(program: Program, row: int) -> Change:
-    """A copy of a row behind it, or of the whole block that it begins or ends; the copy is selected."""
+    """A copy of a row behind it, or of the whole block that it begins or ends; the copy is selected.
+
+    Its steps are objects of their own, so that they can be told from those that were copied.
+    """
     _require_row(program, row)
     first, last = Blocks.of(program.steps).whole(row)
-    copied = program.steps[first : last + 1]
+    copied = tuple(msgspec.structs.replace(step) for step in program.steps[first : last + 1])
     return _spliced(program, last + 1, 0, copied), row + len(copied)
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 import asyncio
 import os
 import re
+from collections import deque
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import count
@@ -19,14 +21,23 @@ import msgspec
 
 from armctl.documents import has_ended, not_written, write_atomically
 from armctl.errors import ProgramError
-from armctl.program import Blocks, Program, encode_program, load_program, save_program
-from armctl.protocol import ProgramProgress, Snapshot, wall_time
+from armctl.program import Blocks, Program, Step, encode_program, load_program, save_program
+from armctl.protocol import Party, ProgramProgress, Snapshot, wall_time
 from armctl.system import private_folder
 from armctl.ui.console import Console
 
 _NAME = re.compile(r"\w[\w .+-]{0,60}")
 _UNDO_STEPS = 100
 Relation = Literal["running", "coming", "other"]
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """The last change of the program, and who made it."""
+
+    by: Party
+    row: int
+    """the first that is another one than before, from 0"""
 
 
 class SharedProgram:
@@ -37,6 +48,12 @@ class SharedProgram:
         self.program = Program(robot=robot, name="untitled")
         self.blocks = Blocks.of(())
         """of the program"""
+        self.keys: Sequence[str] = ()
+        """of each step: the same as long as the step is on the list, wherever that is; none is used again"""
+        self.last_edit: Edit | None = None
+        """None: nobody has edited what is on the list now"""
+        self._key_rows: dict[str, int] = {}
+        self._new_keys = map(str, count(1))
         self.kept = kept
         self.folder = folder
         """where programs are saved"""
@@ -77,13 +94,21 @@ class SharedProgram:
             self._relation = (compared, "running" if progress.running.steps == steps else coming)
         return self._relation[1]
 
-    def edit(self, changed: Program) -> None:
-        """Replace the program; a ``ProgramError`` names the step where its blocks do not match."""
-        if changed != self.program:
+    def row(self, key: str) -> int | None:
+        """Index of the step with this key; None: it is on the list no more."""
+        return self._key_rows.get(key)
+
+    def edit(self, changed: Program, by: Party | None = None) -> None:
+        """Replace the program; a ``ProgramError`` names the step where its blocks do not match.
+
+        ``by``: who has edited it, and may have moved a step past one that is equal.
+        """
+        moved = by is not None and any(map(is_not, changed.steps, self.program.steps))
+        if moved or changed != self.program:
             blocks = Blocks.matched(changed.steps)
             self._undo = [*self._undo[1 - _UNDO_STEPS :], self.program]
             self._redo.clear()
-            self._show(changed, blocks)
+            self._show(changed, blocks, by)
 
     def no_undo(self, *, redo: bool = False) -> str | None:
         """Why there is no change to take back (``redo``: to make again); None: there is one."""
@@ -91,16 +116,20 @@ class SharedProgram:
             return None
         return f"there is nothing to {'redo' if redo else 'undo'}"
 
-    def undo(self, *, redo: bool = False) -> None:
+    def undo(self, by: Party | None = None, *, redo: bool = False) -> None:
         """Take the last change back; ``redo``: make it again. Refused if there is none."""
         source, other = (self._redo, self._undo) if redo else (self._undo, self._redo)
         if (why := self.no_undo(redo=redo)) is not None:
             raise ProgramError(why)
         other.append(self.program)
         program = source.pop()
-        self._show(program, Blocks.of(program.steps))
+        self._show(program, Blocks.of(program.steps), by)
 
-    def _show(self, program: Program, blocks: Blocks) -> None:
+    def _show(self, program: Program, blocks: Blocks, by: Party | None) -> None:
+        before, after = self.program.steps, program.steps
+        self.last_edit = None if by is None else Edit(by, same_from_the_first(before, after))
+        self.keys = keys_after(before, self.keys, after, self._new_keys, edited=by is not None)
+        self._key_rows = {key: row for row, key in enumerate(self.keys)}
         self.program, self.blocks = program, blocks
         self.version += 1
 
@@ -193,6 +222,33 @@ class SharedProgram:
         await asyncio.to_thread(_delete, left.path)
         self.kept.left.remove(left)
         self.version += 1
+
+
+def same_from_the_first(before: Sequence[Step], after: Sequence[Step]) -> int:
+    """How many steps at the beginning are the same ones as before."""
+    both = min(len(before), len(after))
+    return next((i for i in range(both) if before[i] is not after[i]), both)
+
+
+def keys_after(
+    before: Sequence[Step], keys: Sequence[str], after: Sequence[Step], new: Iterator[str], *, edited: bool
+) -> list[str]:
+    """The key of each step of a program that was changed; ``keys``: of the steps ``before``.
+
+    A step keeps its key wherever it goes. ``edited``: one step alone in the place of another one is that one.
+    """
+    first = same_from_the_first(before, after)
+    last = same_from_the_first(before[first:][::-1], after[first:][::-1])
+    free: dict[int, deque[str]] = {}
+    for row in range(first, len(before) - last):
+        free.setdefault(id(before[row]), deque()).append(keys[row])
+    changed = after[first : len(after) - last]
+    found = [waiting.popleft() if (waiting := free.get(id(step))) else "" for step in changed]
+    left = [key for waiting in free.values() for key in waiting]
+    if edited and len(left) == found.count("") == 1:
+        found[found.index("")] = left[0]
+    middle = [key or next(new) for key in found]
+    return [*keys[:first], *middle, *keys[len(before) - last :]]
 
 
 _FRAMES = 60
