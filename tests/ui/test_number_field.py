@@ -41,6 +41,11 @@ def test_a_decimal_comma_is_explained_and_many_digits_are_refused_by_their_lengt
 ) -> None:
     with pytest.raises(InputError, match=r"write 1\.5, with a point"):
         parse_number("45,5", "X mm")
+    assert parse_number("45,5", "Duration s", comma=True) == 45.5
+    assert parse_number("−,5", "Pitch °", comma=True) == -0.5
+    for text in ("1,2,3", "1,234.5", ","):
+        with pytest.raises(InputError, match="Duration s"):
+            parse_number(text, "Duration s", comma=True)
     monkeypatch.setattr(number_field, "_NUMBER", None)  # with it, the time would grow with the square
     for text in ("0" * 41, "1" * 100_000 + "x"):
         with pytest.raises(InputError, match="is not a number"):

@@ -29,9 +29,14 @@ _MOST_CHARACTERS = 40
 _BETWEEN = re.compile(r"[,;\s]|(?<=[\d.\s])[×xX](?=[\d.\s])")
 
 
-def parse_number(text: str, what: str) -> float:
-    """The number in a field; an ``InputError`` where it is none, not finite, or too large."""
+def parse_number(text: str, what: str, *, comma: bool = False) -> float:
+    """The number in a field; an ``InputError`` where it is none, not finite, or too large.
+
+    ``comma``: it may stand for the decimal point, as no other number can follow in the field: "12,5".
+    """
     plain = text.strip().replace("−", "-")
+    if comma and "." not in plain:
+        plain = plain.replace(",", ".", 1)
     if not plain:
         raise InputError(f"{what} is empty; type a number")
     if len(plain) > _MOST_CHARACTERS or _NUMBER.fullmatch(plain) is None:
