@@ -90,7 +90,7 @@ def program(screen: Screen) -> None:
     screen.upload("Upload", ROOT / "examples" / "pick_and_place.toml")
     screen.wait_for_text(re.compile("above the part"))
     screen.press(screen.page.get_by_text("Files", exact=True))
-    screen.type_into("Selected row", "2")
+    screen.press(screen.page.get_by_role("row", name="above the part").first)
 
 
 def trajectory(screen: Screen, to: str = "home") -> None:

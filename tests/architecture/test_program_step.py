@@ -18,7 +18,7 @@ from armctl.program.steps import MoveStep
 from armctl.protocol import RunProgram
 from armctl.robot import load_robot
 from armctl.ui.tabs.manual.program_editor import recorded_kinds, step_here
-from armctl.ui.tabs.manual.screen import step_table
+from armctl.ui.tabs.manual.program_list import row_html
 from armctl.ui.tabs.manual.step_form import by_label, edited, texts_of
 
 ROBOT = load_robot("uzuner")
@@ -65,7 +65,8 @@ def test_what_it_may_not_hold_is_refused_everywhere(tmp_path: Path) -> None:
 
 def test_it_has_a_row_in_the_list_and_fields_in_the_form() -> None:
     step = BlinkStep(flashes=3)
-    assert "blink" in step_table([step], 0, None, None) and "3 flashes" in step_table([step], 0, None, None)
+    row = row_html("1", 0, step, 0)
+    assert "blink" in row and "3 flashes" in row
     texts = texts_of(step)
     assert list(texts) == ["Flashes", "Flash s", "roll_deg", "Note"]
     assert {"Flashes", "Flash s"} <= set(by_label(registry.all_keys()))

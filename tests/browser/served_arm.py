@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from armctl.calibration import CalibrationStore
 from armctl.facts import State
 from armctl.process.host import Host
 from armctl.program import MoveStep, Program, Step
-from armctl.protocol import Command, Connect, Enable, Origin, Snapshot, Ticket
+from armctl.protocol import Command, Connect, Enable, Origin, Party, Snapshot, Ticket
 from armctl.robot import Robot, load_robot
 from armctl.ui import App, CalibrationInForce, Console, PortChoice, RobotChoice, RobotSwitch
 from armctl.ui.docs import ServedDocs
@@ -98,9 +99,16 @@ class ServedArm:
         return self.console.shared(SharedProgram)
 
     def put(self, *poses_deg: tuple[float, ...]) -> None:
-        """A program of poses on the desk, before a page is opened."""
-        steps = tuple(MoveStep(joints_deg=pose) for pose in poses_deg)
-        self.edited.edit(Program(robot=self.robot.name, name="test", steps=steps))
+        """A program of poses on the list."""
+        self.put_steps(*(MoveStep(joints_deg=pose) for pose in poses_deg))
+
+    def put_steps(self, *steps: Step, by: Party | None = None) -> None:
+        """A program on the list, as edited ``by`` somebody."""
+
+        async def put() -> None:  # where the pages live
+            self.edited.edit(Program(robot=self.robot.name, name="test", steps=steps), by)
+
+        asyncio.run_coroutine_threadsafe(put(), self.app.server.get_event_loop()).result(_SILENCE_S)
 
 
 class TestHost(Host):

@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Locator, expect
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import HOME, ServedArm
 
@@ -53,6 +53,17 @@ def put(page: Screen, served: ServedArm, *poses: tuple[float, ...]) -> None:
 
 def click_in(page: Screen, row: str, button: str) -> None:
     page.click(button, within=page.row(row))
+
+
+def rows(page: Screen) -> Locator:
+    return page.page.get_by_role("grid", name="Steps of the program").get_by_role("row")
+
+
+def select(page: Screen, number: int) -> None:
+    """Click a row of the list, from 1."""
+    row = rows(page).nth(number - 1)
+    page.press(row)
+    expect(row).to_have_attribute("aria-selected", "true")
 
 
 def test_sliders_move_the_arm_only_after_go_and_quick_steps_add_up_to_the_limit(
@@ -116,15 +127,16 @@ def test_a_list_is_recorded_reordered_undone_run_paged_and_inserted_into(
     assert any("program 'untitled' finished" in event.text for event in served.now.events)
 
     put(page, served, *((0.1 * k, *HOME[1:]) for k in range(40)))
-    page.wait_for_text("page 1 of 3")
-    page.click("Next ▶")
-    page.wait_for_text("page 2 of 3")
+    page.wait_until(lambda: rows(page).count() == 40, "all rows are there")
+    select(page, 1)
+    page.page.keyboard.press("End")
+    expect(rows(page).nth(39)).to_have_attribute("aria-selected", "true")
+    expect(rows(page).nth(39)).to_be_in_viewport()
+    expect(rows(page).nth(0)).not_to_be_in_viewport()
     page.screenshot("manual-long")
-    page.type_into("Selected row", "40")
-    page.wait_for_text("page 3 of 3")
 
     put(page, served, tuple(HOME), (10.0, *HOME[1:]))
-    page.type_into("Selected row", "2")
+    select(page, 2)
     page.choose("New steps go", "before the selected row")
     page.type_into("Wait s", "2.5")
     page.click("Add wait")
@@ -134,8 +146,6 @@ def test_a_list_is_recorded_reordered_undone_run_paged_and_inserted_into(
     served.arm.gripper(40)
     page.click("Record gripper")
     page.wait_until(lambda: served.steps[2] == GripperStep(open_percent=40), "the last step is replaced")
-    page.type_into("Selected row", "9")
-    page.wait_for_notification("there is no row 9; the program has 3")
 
 
 def test_a_program_is_checked_and_runs_from_a_row_step_by_step_or_until_stop(
@@ -148,14 +158,16 @@ def test_a_program_is_checked_and_runs_from_a_row_step_by_step_or_until_stop(
     page.click("Run once")
     page.wait_for_notification(re.compile(r"test: step 2: .*-95\.00°"))
     assert served.now.program is None
-    page.type_into("Selected row", "2")
+    expect(rows(page).nth(1)).to_contain_text("-95.00°".replace("-", "−"))
+    expect(rows(page).nth(0)).not_to_contain_text("✕")
+    select(page, 2)
     page.click("Delete")
     page.wait_until(lambda: len(served.steps) == 1, "the step is deleted")
     page.click("Check")
     page.wait_for_text(re.compile("Pre-flight: (clear|may be run)"))
 
     put(page, served, (15.0, *HOME[1:]), (5.0, *HOME[1:]), (8.0, *HOME[1:]))
-    page.type_into("Selected row", "3")
+    select(page, 3)
     page.type_into("Times N", "2")
     page.tick("From selected step")
     served.steps_run.clear()
@@ -169,7 +181,7 @@ def test_a_program_is_checked_and_runs_from_a_row_step_by_step_or_until_stop(
 
     put(page, served, (5.0, *HOME[1:]), (10.0, *HOME[1:]), (15.0, *HOME[1:]))
     page.tick("From selected step", on=False)
-    page.type_into("Selected row", "1")
+    select(page, 1)
     page.unfold("Speed, comment, repeat", "Add repeat")
     page.type_into("Rows to repeat", "1-2")
     page.click("Add repeat")
@@ -182,7 +194,7 @@ def test_a_program_is_checked_and_runs_from_a_row_step_by_step_or_until_stop(
     put(page, served, tuple(HOME), (5.0, *HOME[1:]))
     page.click("Loop")
     page.wait_for_text(re.compile(r"runs step \d of 2, pass [2-9] of ∞"))
-    page.wait_for_text(re.compile(r"▶ [12]"))
+    rows(page).and_(page.page.locator("[aria-current=step]")).wait_for()
     click_in(page, "While it runs", "Pause")
     served.wait_for(page, State.PAUSED)
     click_in(page, "While it runs", "Resume")
@@ -281,22 +293,22 @@ def test_every_kind_of_step_is_recorded_edited_taken_back_exported_and_read_agai
     page.wait_until(lambda: len(served.steps) == 8, "the block is there")
     kinds = [MoveStep, RepeatStep, PointStep, LineStep, EndStep, ArcStep, SpeedStep, CommentStep]
     assert [type(step) for step in served.steps] == kinds
+    expect(rows(page)).to_have_count(8)
     page.screenshot("manual-every-kind")
 
-    page.type_into("Selected row", "4")
-    page.unfold("Selected step", "Apply to step")
+    rows(page).nth(3).dblclick()
     page.type_into("Tool speed mm/s", "25")
     page.type_into("Blend mm", "-1")
-    page.click("Apply to step")
-    page.wait_for_notification("Blend mm: must be 0")
-    page.type_into("Blend mm", "5")
-    page.screenshot("manual-step-form")
+    page.wait_for_text(re.compile("Blend mm: must be 0"))
+    page.wait_until(lambda: getattr(served.steps[3], "speed_mm_s", None) == 25, "the speed is saved")
     line = served.steps[3]
-    page.click("Apply to step")
+    page.screenshot("manual-step-fields")
+    page.type_into("Blend mm", "5")
     page.wait_until(lambda: served.steps[3] != line, "the line is edited")
     edited = served.steps
     assert isinstance(edited[3], LineStep)
     assert (edited[3].speed_mm_s, edited[3].blend_mm) == (25, 5)
+    page.click("Done")
     expect(page.button("Redo")).to_be_disabled()
     page.click("Undo")
     page.wait_until(lambda: served.steps[3] == line, "the line is as it was")
@@ -335,20 +347,18 @@ def test_a_program_is_edited_while_it_loops_but_not_by_a_page_that_watches(
     put(page, served, (5.0, *HOME[1:]), (10.0, *HOME[1:]))
     page.click("Loop")
     page.wait_for_text(re.compile(r"runs step \d of 2"))
-    page.type_into("Selected row", "2")
-    page.unfold("Selected step", "Apply to step")
+    rows(page).nth(1).dblclick()
+    page.entry("Angles °").wait_for()
     click_in(page, "While it runs", "Pause")
     served.wait_for(page, State.PAUSED)
     page.type_into("Angles °", "20, 90, -80, -40, 0")
-    page.click("Apply to step")
     page.wait_for_text("the edit takes effect at the next pass")
     page.screenshot("manual-edit-waits")
     assert served.commanded_deg[0] <= 10
     click_in(page, "While it runs", "Resume")
     page.wait_until(lambda: served.commanded_deg[0] > 15, "the edit has taken effect")
     page.wait_for_text(re.compile(r"runs step \d of 2"))
-    page.wait_for_text(re.compile(r"▶ [12]"))
+    rows(page).and_(page.page.locator("[aria-current=step]")).wait_for()
     assert page.notifications() == []
     page.type_into("Angles °", "0, -3, -60, -20, 0")
-    page.click("Apply to step")
     page.wait_for_notification(re.compile(r"The next pass would stop there.*below the floor", re.DOTALL))

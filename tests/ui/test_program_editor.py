@@ -15,17 +15,15 @@ from armctl.errors import InputError, StateError
 from armctl.facts import State
 from armctl.hardware import Source
 from armctl.kinematics import rotation_from_rpy
-from armctl.program import ArcStep, EndStep, GripperStep, LineStep, MoveStep, PointStep, RepeatStep, WaitStep
+from armctl.program import ArcStep, GripperStep, LineStep, MoveStep, PointStep
 from armctl.robot import Robot, load_robot
 from armctl.ui.tabs.manual.program_editor import (
-    PAGE_ROWS,
     checked_seconds,
     present_pose_deg,
     recorded_kinds,
     step_here,
     tool_point_mm,
 )
-from armctl.ui.tabs.manual.screen import step_table
 
 ROBOT = load_robot("uzuner")
 HOME_DEG = (0.0, 90.0, -80.0, -40.0, 0.0)
@@ -107,17 +105,3 @@ def test_the_recorded_pose_is_the_commanded_one_or_one_that_the_board_knows() ->
 def test_a_wait_outside_is_refused(value: float) -> None:
     with pytest.raises(InputError, match=r"a wait of .* s is outside 0 … 86400 s"):
         checked_seconds(value)
-
-
-def test_a_page_of_the_list_shows_and_marks_its_rows_escapes_notes_and_indents_blocks() -> None:
-    steps = [WaitStep(seconds=k) for k in range(2 * PAGE_ROWS)]
-    html = step_table(steps, 1, PAGE_ROWS, PAGE_ROWS + 2)
-    assert html.count("<tr") == PAGE_ROWS
-    assert f"▶ {PAGE_ROWS + 3}<" in html
-    assert (html.count("▶"), html.count("box-shadow")) == (1, 1)
-    assert "▶" not in step_table(steps, 0, 0, PAGE_ROWS + 2)
-    assert "<img" not in step_table([WaitStep(seconds=1, note="<img src=x onerror=alert(1)>")], 0, 0, None)
-    assert "Record pose" in step_table([], 0, None, None)
-    wait = WaitStep(seconds=1)
-    rows = step_table([wait, RepeatStep(times=2), wait, EndStep(), wait], 0, None, None).split("<tr")[1:]
-    assert ["padding-left:18px" in row for row in rows] == [False, False, True, False, False]

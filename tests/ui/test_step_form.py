@@ -1,14 +1,13 @@
 from __future__ import annotations
 
+import re
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any, cast
 
+import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.program.kit import programs
-from tests.ui.page_kit import FakePage
 
 from armctl.errors import InputError
 from armctl.kinematics import CRITERIA
@@ -26,8 +25,7 @@ from armctl.program import (
 )
 from armctl.program.base_steps import keys_of
 from armctl.robot import load_robot
-from armctl.ui.guard import GuardedServer
-from armctl.ui.tabs.manual.step_form import StepForm, by_label, edited, texts_of
+from armctl.ui.tabs.manual.step_form import StepEdit, by_label, edited, texts_of
 
 MOVE = MoveStep(joints_deg=(0.12345, 90, -80, -40, 0), duration_s=2)
 POINT = PointStep(x_mm=200, y_mm=0, z_mm=85)
@@ -127,10 +125,34 @@ def test_what_cannot_be_is_refused_by_its_field(step: Step, changes: dict[str, s
         edited(step, texts(step, **changes))
 
 
-def test_a_point_is_chosen_by_torque_only_where_masses_of_links_are_known(server: GuardedServer) -> None:
+def test_a_point_is_chosen_by_torque_only_where_masses_of_links_are_known() -> None:
     uzuner = load_robot("uzuner")
     bare = replace(uzuner, gravity=replace(uzuner.gravity, bodies=()))
     for robot, offered in ((uzuner, CRITERIA), (bare, CRITERIA[:-1])):
-        page = FakePage(server, robot, robot.pose("home"))
-        form = cast(Any, StepForm(page.session, cast(Any, SimpleNamespace())))
-        assert form._handles["Choose by"].options == offered
+        html = StepEdit("1").html(POINT, robot)
+        (choice,) = re.findall("<label[^>]*>Choose by</label><select.*?</select>", html)
+        assert tuple(re.findall("<option[^>]*>(.*?)</option>", choice)) == offered
+
+
+def test_a_field_that_is_refused_keeps_what_is_typed_and_the_others_are_saved() -> None:
+    edit, robot = StepEdit("1"), load_robot("uzuner")
+    assert edit.take(POINT, "Blend mm", "-1") is POINT
+    assert edit.refusals == {"Blend mm": "Blend mm: must be 0 … 1000, not -1.0"}
+    html = edit.html(POINT, robot)
+    assert "value='-1'" in html and "must be 0 … 1000, not −1.0</em>" in html
+    assert html.count("aria-invalid") == 1 and "Discard" in html
+    step = edit.take(POINT, "Duration s", "1,5")
+    assert step == msgspec.structs.replace(POINT, duration_s=1.5)
+    assert edit.refusals and edit.typed == {"Blend mm": "-1"}
+    step = edit.take(step, "Blend mm", "2")
+    assert step == msgspec.structs.replace(POINT, duration_s=1.5, blend_mm=2)
+    assert not edit.refusals and "Discard" not in edit.html(step, robot)
+
+
+def test_fields_that_are_right_only_together_are_saved_together() -> None:
+    """Of six joints: an orientation is interpolated to one that is given."""
+    edit, step = StepEdit("1"), msgspec.structs.replace(LINE, note="<b>'\"")
+    for label, text in (("Tool orientation", "interpolated"), ("Rx Ry Rz °", "180, 0, −90")):
+        step = edit.take(step, label, text)
+    assert (step.orientation, step.rx_deg, step.rz_deg) == ("interpolated", 180, -90)
+    assert "<b>" not in edit.html(step, load_robot("ur5"))

@@ -18,7 +18,7 @@ from armctl.program import steps as registry
 from armctl.program.base_steps import LONGEST_WAIT_S
 from armctl.program.program import PLACES, Change, add, delete, duplicate, move, repeat
 from armctl.program.steps import EDGES, MOST_REPEATS, SLOWEST_PERCENT, tool_turn
-from armctl.protocol import Snapshot, UpdateProgram
+from armctl.protocol import Party, Snapshot, UpdateProgram
 from armctl.robot import Robot
 from armctl.ui.offers import refused_by
 from armctl.ui.session import Session
@@ -27,8 +27,6 @@ from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.angle_fields import slider_degrees
 from armctl.ui.widgets.html import LiveHtml, muted, numbers
 
-PAGE_ROWS = 15
-"""of the list"""
 EMPTY = "the list is empty; record a pose first"
 EDIT_WAITS = "the edit takes effect at the next pass"
 
@@ -39,47 +37,60 @@ class ProgramEditor:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._shared = session.console.shared(SharedProgram)
-        self.selected = 0
-        """index of the selected row"""
-        self.page = 0
-        """of the list, from 0"""
+        self._key, self._row = "", 0
+        """of the selected row, and where it was last"""
+
+    @property
+    def selected(self) -> int:
+        """Index of the selected row; where it has gone, of the one that has taken its place."""
+        row = self._shared.row(self._key)
+        return max(min(self._row, len(self._shared.keys) - 1), 0) if row is None else row
 
     @property
     def step(self) -> Step | None:
         """The selected step; None where the list is empty."""
         steps = self._shared.program.steps
-        return steps[self.selected] if self.selected < len(steps) else None
+        return steps[self.selected] if steps else None
 
     def select(self, row: int) -> None:
-        """Select a row, from 0, and turn to its page."""
-        self.selected, self.page = row, row // PAGE_ROWS
+        """Select a row, from 0: it stays selected wherever it goes."""
+        keys = self._shared.keys
+        self._row, self._key = row, keys[row] if row < len(keys) else ""
 
     async def change(self, change: Callable[[Program], Change]) -> None:
         """Change list and selection, from the next pass on; refused if impossible, or on a watching page."""
         self._session.require_operator()
         changed, selected = change(self._shared.program)
-        runs = await self._take_over(lambda: self._shared.edit(changed))
+        runs = await self._take_over(lambda: self._shared.edit(changed, self._me))
         self.select(selected)
-        if runs:  # say before the next pass that the arm would stop in it: only Run checks a program
+        if runs:  # beside what else is done on the page
+            self._session.spawn(self._session.attempt(partial(self._tell_next_pass, changed)))
 
-            def progress(_: int, __: int) -> None:
-                if self._shared.program is not changed or self._session.closed:
-                    raise StateError("the program was edited again")
+    async def _tell_next_pass(self, changed: Program) -> None:
+        """Say before the next pass that the arm would stop in it: only Run checks a program."""
 
-            robot = self._session.console.robot
-            try:
-                found = await asyncio.to_thread(check_program_apart, changed, robot, progress=progress)
-            except StateError:  # that edit is checked, too
-                return
-            error = next((finding for finding in found if finding.severity == "error"), None)
-            if error is not None and self._shared.program is changed:
-                text = f"{error}; edit it, or Undo"
-                self._session.notify("The next pass would stop there", text, "yellow")
+        def progress(_: int, __: int) -> None:
+            if self._shared.program is not changed or self._session.closed:
+                raise StateError("the program was edited again")
+
+        robot = self._session.console.robot
+        try:
+            found = await asyncio.to_thread(check_program_apart, changed, robot, progress=progress)
+        except StateError:  # that edit is checked, too
+            return
+        error = next((finding for finding in found if finding.severity == "error"), None)
+        if error is not None and self._shared.program is changed:
+            text = f"{error}; edit it, or Undo"
+            self._session.notify("The next pass would stop there", text, "yellow")
+
+    @property
+    def _me(self) -> Party:
+        return Party(self._session.me, self._session.name)
 
     async def undo(self, *, redo: bool = False) -> None:
         """Take the last change back, or make it again; refused as ``change``."""
         self._session.require_operator()
-        await self._take_over(lambda: self._shared.undo(redo=redo))
+        await self._take_over(lambda: self._shared.undo(self._me, redo=redo))
 
     async def _take_over(self, edit: Callable[[], None]) -> bool:
         """Edit; if the arm runs what is edited, it is given the new version, too, and this is true."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -213,6 +213,17 @@ class ProgramRun:
         if newest is not None and newest.findings.done() and newest.program.steps != present:
             self._newest = None
             self._verdict.visible = False
+
+    @property
+    def findings(self) -> Sequence[Finding]:
+        """What the newest check has found, if it is about the program that is on the list."""
+        newest, present = self._newest, self._shared.program.steps
+        if newest is None or not newest.findings.done() or newest.findings.cancelled():
+            return ()
+        if newest.findings.exception() is not None:
+            return ()
+        same = newest.program.steps is present or newest.program.steps == present
+        return newest.findings.result() if same else ()
 
     async def check(self) -> list[Finding]:
         """Check the program from where the arm stands, and show the verdict; refused without steps."""

@@ -1,25 +1,23 @@
-"""The selected step of the program as fields to edit, and back."""
+"""The selected step of the program as fields in its row, and back."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from html import escape
 
 import msgspec
-import viser
 
 from armctl.decoding import refusal_of
-from armctl.errors import InputError, StateError
+from armctl.errors import InputError
 from armctl.kinematics import CRITERIA
-from armctl.program import Program, Step
+from armctl.program import Step
 from armctl.program.base_steps import Key, keys_of
-from armctl.program.program import Change, replace
-from armctl.program.steps import all_keys
 from armctl.robot import Robot
-from armctl.ui.session import Session
-from armctl.ui.tabs.manual.program_editor import EDIT_WAITS, EMPTY, ProgramEditor
-from armctl.ui.tabs.manual.shared_program import SharedProgram
-from armctl.ui.widgets.html import LiveHtml, muted
-from armctl.ui.widgets.number_field import EditWatch, format_number, number_texts, parse_number
+from armctl.ui.guard.parts import MOST_TYPED
+from armctl.ui.widgets.html import with_minus
+from armctl.ui.widgets.number_field import format_number, number_texts, parse_number
 
 
 def by_label(keys: Sequence[Key]) -> dict[str, list[Key]]:
@@ -94,7 +92,7 @@ def _values(step: Step, label: str, keys: Sequence[Key], text: str) -> dict[str,
 def _number(key: Key, text: str) -> float | int | None:
     if key.optional and not text.strip():
         return None
-    value = parse_number(text, key.field.label)
+    value = parse_number(text, key.field.label, comma=True)
     if key.form == "integer":
         if not value.is_integer():
             raise InputError(f"{key.field.label}: {text.strip()} is not a whole number")
@@ -102,76 +100,73 @@ def _number(key: Key, text: str) -> float | int | None:
     return value
 
 
-class StepForm:
-    """One field for everything that any step has; those of the selected step's kind are shown."""
+@dataclass
+class StepEdit:
+    """A step that is being edited in its row: what is typed and refused stays there until it is mended."""
 
-    def __init__(self, session: Session, editor: ProgramEditor) -> None:
-        self._session, self._editor = session, editor
-        self._filled: tuple[int, Step] | None = None
-        gui = session.gui
-        self._head = LiveHtml(gui)
-        self._keys = {label: keys[0] for label, keys in by_label(all_keys()).items()}
-        criteria = session.console.robot.energy.criteria
-        self._choices = {
-            label: criteria if key.choices == CRITERIA else key.choices for label, key in self._keys.items()
-        }
-        self._handles = {label: _add(gui, key, self._choices[label]) for label, key in self._keys.items()}
-        self._apply = gui.add_button("Apply to step", visible=False)
-        self._watch = EditWatch([])
-        for handle in self._handles.values():
-            self._watch.watch(handle.on_update)
-        session.needs(None, self._apply, told=False)
-        session.on(self._apply.on_click, self._on_apply)
+    key: str
+    """of the row"""
+    typed: dict[str, str] = field(default_factory=dict[str, str])
+    """by label, what was refused"""
+    refusals: dict[str, str] = field(default_factory=dict[str, str])
+    """by label, why"""
+    answers: int = 0
+    """how often something was typed: each time the fields show what counts now"""
 
-    def refresh(self) -> None:
-        """Fill the fields anew when another step is selected, or when it has changed."""
-        step, row = self._editor.step, self._editor.selected
-        self._head.show(muted("Nothing to edit: the list is empty." if step is None else self._heading(step)))
-        filled = None if step is None else (row, step)
-        if filled == self._filled:
-            return
-        self._filled = filled
-        texts = {} if step is None else texts_of(step, self._session.console.robot)
-        for label, handle in self._handles.items():
-            if label in texts:
-                _fill(handle, self._choices[label], texts[label])
-            handle.visible = label in texts
-        self._apply.visible = bool(texts)
+    def take(self, step: Step, label: str, text: str) -> Step:
+        """The step with what is typed into one field; the same one where that is refused."""
+        self.answers += 1
+        self.typed[label] = text
+        for texts in (self.typed, {label: text}):  # one field may be right by another one
+            with suppress(InputError):
+                taken = edited(step, texts)
+                for done in tuple(texts):
+                    self.typed.pop(done, None)
+                    self.refusals.pop(done, None)
+                return taken
+        try:
+            edited(step, {label: text})
+        except InputError as refusal:
+            self.refusals[label] = str(refusal)
+        return step
 
-    def _heading(self, step: Step) -> str:
-        session = self._session
-        waits = session.console.shared(SharedProgram).relation(session.snapshot.program) == "coming"
-        row = f"Row {self._editor.selected + 1}: {step.title or step.kind}"
-        return f"{row}; {EDIT_WAITS}" if waits else row
+    def html(self, step: Step, robot: Robot) -> str:
+        """The fields of the step, each with its label, its hint, and why it is refused."""
+        texts = texts_of(step, robot) | self.typed
+        fields = by_label(keys_of(type(step)))
+        inside = "".join(
+            self._field(number, label, fields[label][0], text, robot)
+            for number, (label, text) in enumerate(texts.items())
+        )
+        end = f"<button type=button data-do=step-done data-key={self.key}>Done</button>"
+        if self.refusals:
+            end = f"<button type=button data-do=step-discard data-key={self.key}>Discard</button>"
+        return f"{inside}<div class=armctl-end>{end}</div>"
 
-    async def _on_apply(self) -> None:
-        self._session.require_operator()
-        self._watch.require_settled()
-        if self._filled is None:
-            raise StateError(EMPTY)
-        row, before = self._filled
-        labels = texts_of(before, self._session.console.robot)
-        step = edited(before, {label: self._handles[label].value for label in labels})
-
-        def put(program: Program) -> Change:
-            if self._editor.step != before:  # another page was faster
-                raise StateError(f"row {row + 1} was changed meanwhile; look at it and edit again")
-            return replace(program, row, step)
-
-        await self._editor.change(put)
-
-
-Handle = viser.GuiTextHandle | viser.GuiDropdownHandle[str]
-
-
-def _add(gui: viser.GuiApi, key: Key, choices: tuple[str, ...]) -> Handle:
-    label, hint = key.field.label, key.field.hint or None
-    if choices:
-        return gui.add_dropdown(label, choices, hint=hint, visible=False)
-    return gui.add_text(label, "", hint=hint, visible=False)
+    def _field(self, number: int, label: str, key: Key, text: str, robot: Robot) -> str:
+        why, place = self.refusals.get(label, ""), f"armctl-step-{self.key}-{number}"
+        does = f"data-set=step-set data-key={self.key}.{number} data-said={self.answers}"
+        if number == 0:
+            does += " data-focus"
+        if why:
+            does += f" aria-invalid=true aria-describedby={place}-why"
+        choices = robot.energy.criteria if key.choices == CRITERIA else key.choices
+        if choices:
+            offered = choices if text in choices else (*choices, text)  # a file may name what is not offered
+            options = "".join(
+                f"<option{' selected' * (one == text)}>{escape(one)}</option>" for one in offered
+            )
+            box = f"<select id={place} {does}>{options}</select>"
+        else:
+            box = (
+                f"<input id={place} {does} data-enter=step-done value='{escape(text)}' autocomplete=off "
+                f"spellcheck=false maxlength={MOST_TYPED}>"
+            )
+        wide = " class=wide" * (key.form in ("numbers", "text") or len(text) > _WIDE)
+        said = f"<em id={place}-why>{escape(with_minus(why))}</em>" if why else ""
+        named = f"<label for={place}>{escape(label)}</label>"
+        return f"<div{wide} title='{escape(key.field.hint)}'>{named}{box}{said}</div>"
 
 
-def _fill(handle: Handle, choices: tuple[str, ...], text: str) -> None:
-    if isinstance(handle, viser.GuiDropdownHandle) and text not in handle.options:
-        handle.options = (*choices, text)  # a file may name what this version does not offer
-    handle.value = text
+_WIDE = 12
+"""characters that a narrow field shows"""

@@ -1,0 +1,333 @@
+"""The program as a list to play on: each step a row, chosen, edited, moved and watched there.
+
+It is a part of the page (``ui/guard/parts.py``), whose rows travel by key, so that it may be long. It stands
+in any container that is 250 px wide or more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from html import escape
+
+from armctl.motion.preflight import Finding
+from armctl.program import Program, Step
+from armctl.program.program import Change, delete, duplicate, move, replace
+from armctl.protocol import Snapshot
+from armctl.ui.session import Session
+from armctl.ui.tabs.manual.program_editor import EDIT_WAITS, ProgramEditor
+from armctl.ui.tabs.manual.shared_program import SharedProgram
+from armctl.ui.tabs.manual.step_form import StepEdit, texts_of
+from armctl.ui.widgets.html import GOOD, WARNING, with_minus
+
+PART = "program"
+"""the part, and the list in it"""
+_DEEPEST_SHOWN = 8
+_LONG = 20
+"""rows, from which on the list has its greatest height"""
+_TENTHS = 10
+"""how finely the progress of a step is shown"""
+_EMPTY = (
+    "<p>No steps yet. Bring the arm somewhere (Joints, Jog), then press <b>Record pose</b>; repeat; "
+    "press <b>Run once</b>.</p>"
+)
+_KEYS = (
+    "Enter:step-edit Delete:step-delete Alt+ArrowUp:step-up Alt+ArrowDown:step-down Ctrl+d:step-copy "
+    "Ctrl+z:step-undo Ctrl+y:step-redo Ctrl+Shift+z:step-redo"
+)
+_MARK = {"error": "✕", "warning": "!"}
+
+
+@dataclass(frozen=True, slots=True)
+class RowState:
+    """What a row shows beside its step."""
+
+    selected: bool = False
+    tools: bool = False
+    """with its buttons"""
+    done: int | None = None
+    """it runs; so many tenths of it are over"""
+    severity: str = ""
+    finding: str = ""
+    fields: str = ""
+    """HTML of the fields in which it is edited"""
+
+
+_PLAIN = RowState()
+
+
+class ProgramList:
+    """The list on one page, in the present container."""
+
+    def __init__(
+        self,
+        session: Session,
+        editor: ProgramEditor,
+        findings: Callable[[], Sequence[Finding]] = lambda: (),
+    ) -> None:
+        """``findings``: what is known to be wrong with the program that is on the list."""
+        self._session, self._editor, self._findings = session, editor, findings
+        self._shared = session.console.shared(SharedProgram)
+        self._edit: StepEdit | None = None
+        self._plain: dict[str, tuple[Step, int, str]] = {}
+        """rows as they are where nothing is said of them, by key: step, depth, HTML"""
+        self._version = -1
+        self._states: dict[str, RowState] = {}
+        """of the rows that are not plain, as drawn"""
+        self._view, self._viewed = "", ("", "")
+        session.parts.add(session.gui, PART)
+        for do, action in self._actions().items():
+            session.on_part(do, partial(self._then_draw, action))
+        session.on_part_value("step-set", partial(self._then_draw, self._on_set))
+        session.on_part_value("step-move", partial(self._then_draw, self._on_move))
+
+    def _actions(self) -> dict[str, Callable[[str], Awaitable[object] | None]]:
+        change, editor = self._change, self._editor
+        return {
+            "step": self._on_select,
+            "step-edit": self._on_edit,
+            "step-done": self._on_done,
+            "step-discard": lambda _: self._close(),
+            "step-up": partial(change, lambda program, row: move(program, row, -1)),
+            "step-down": partial(change, lambda program, row: move(program, row, 1)),
+            "step-copy": partial(change, duplicate),
+            "step-delete": partial(change, delete),
+            "step-undo": lambda _: editor.undo(),
+            "step-redo": lambda _: editor.undo(redo=True),
+        }
+
+    async def _then_draw(self, action: Callable[..., Awaitable[object] | None], *given: str) -> None:
+        """Do something, and show it at once: whoever types goes on in what the row shows then."""
+        try:
+            if (work := action(*given)) is not None:
+                await work
+        finally:
+            if not self._session.closed:
+                self.refresh(self._session.snapshot)
+
+    # What is done with rows. A key that has gone is a click that came too late.
+
+    async def _change(self, change: Callable[[Program, int], Change], key: str) -> None:
+        self._session.require_operator()
+        row = self._shared.row(key)
+        if row is not None:
+            self._editor.select(row)
+            await self._editor.change(lambda program: change(program, row))
+
+    def _on_select(self, key: str) -> None:
+        row = self._shared.row(key)
+        if row is None:
+            return
+        self._editor.select(row)
+        if self._edit is not None and self._edit.key != key and not self._edit.refusals:
+            self._close()
+
+    def _on_edit(self, key: str) -> None:
+        self._session.require_operator()
+        row = self._shared.row(key)
+        if row is not None:
+            self._editor.select(row)
+            if self._edit is None or self._edit.key != key:
+                self._edit = StepEdit(key)
+
+    def _on_done(self, key: str) -> None:
+        edit = self._edit
+        if edit is not None and edit.key == key.partition(".")[0] and not edit.refusals:
+            self._close()
+
+    def _close(self) -> None:
+        self._edit = None
+
+    async def _on_set(self, key: str, text: str) -> None:
+        key, _, number = key.partition(".")
+        row, edit = self._shared.row(key), self._edit
+        if row is None or edit is None or edit.key != key or not number.isdecimal():
+            return
+        edit.answers += 1  # the field shows what counts, also where the change is refused
+        self._session.require_operator()
+        step = self._shared.program.steps[row]
+        labels = [*texts_of(step, self._session.console.robot)]
+        if int(number) < len(labels):
+            taken = edit.take(step, labels[int(number)], text)
+            if taken != step:
+                await self._editor.change(lambda program: replace(program, row, taken))
+
+    async def _on_move(self, key: str, before: str) -> None:
+        row, at = self._shared.row(key), self._shared.row(before)
+        if row is None or (at is None and before):
+            return
+        to = len(self._shared.keys) if at is None else at
+        by = to - row - (to > row)
+        if by:
+            await self._change(lambda program, row: move(program, row, by), key)
+
+    # What is shown.
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Draw what has changed."""
+        session, shared, editor = self._session, self._shared, self._editor
+        may = session.why_not(None, snapshot) is None
+        if self._edit is not None and not (may and shared.row(self._edit.key) is not None):
+            self._close()
+        editor.select(editor.selected)
+        states = self._row_states(snapshot, may=may)
+        selected = shared.keys[editor.selected] if shared.keys else ""
+        running = next((key for key, state in states.items() if state.done is not None), "")
+        if self._viewed != (selected, running):
+            self._view = running if running and running != self._viewed[1] else selected
+            self._viewed = (selected, running)
+        session.parts.show(PART, self._html(snapshot, running=bool(running), may=may))
+        if self._version != shared.version:
+            self._version = shared.version
+            session.parts.rows(PART, self._all_rows(states))
+        else:
+            for key in states.keys() | self._states.keys():
+                if states.get(key) != self._states.get(key):
+                    row = shared.row(key)
+                    if row is not None:
+                        session.parts.row(PART, key, self._row(key, row, states.get(key, _PLAIN)))
+        self._states = states
+
+    def _row_states(self, snapshot: Snapshot, *, may: bool) -> dict[str, RowState]:
+        """Of the rows that are not plain, by key."""
+        shared, keys = self._shared, self._shared.keys
+        steps = shared.program.steps
+        said = _by_step(self._findings())
+        running = _running(snapshot) if shared.relation(snapshot.program) == "running" else None
+        edit = self._edit
+        rows = set(said) & set(range(len(steps)))
+        rows |= {self._editor.selected} if steps else set()
+        rows |= set() if running is None else {running[0]}
+        rows |= set() if edit is None or (row := shared.row(edit.key)) is None else {row}
+        states: dict[str, RowState] = {}
+        for row in rows:
+            selected, (severity, finding) = row == self._editor.selected, said.get(row, ("", ""))
+            done = running[1] if running is not None and running[0] == row else None
+            fields = ""
+            if edit is not None and edit.key == keys[row]:
+                fields = edit.html(steps[row], self._session.console.robot)
+            states[keys[row]] = RowState(selected, selected and may, done, severity, finding, fields)
+        return states
+
+    def _all_rows(self, states: dict[str, RowState]) -> Iterable[tuple[str, str]]:
+        before, self._plain = self._plain, {}
+        shared = self._shared
+        for row, (key, step) in enumerate(zip(shared.keys, shared.program.steps, strict=True)):
+            plain = before.get(key)
+            if plain is not None and plain[0] is step and plain[1] == shared.blocks.depths[row]:
+                self._plain[key] = plain
+            yield key, self._row(key, row, states.get(key, _PLAIN))
+
+    def _row(self, key: str, row: int, state: RowState) -> str:
+        step, depth = self._shared.program.steps[row], self._shared.blocks.depths[row]
+        if state is not _PLAIN:
+            return row_html(key, row, step, depth, state)
+        if key not in self._plain:
+            self._plain[key] = step, depth, row_html(key, row, step, depth, state)
+        return self._plain[key][2]
+
+    def _html(self, snapshot: Snapshot, *, running: bool, may: bool) -> str:
+        head = f"<div class=armctl-head>{self._headline(snapshot, running=running)}</div>"
+        edit, said = self._shared.last_edit, ""
+        if edit is not None and edit.by.id != self._session.me:
+            said = f"{escape(edit.by.name)} edited row {edit.row + 1}"
+        head += f"<p role=status>{said}</p>"
+        if not self._shared.keys:
+            return head + _EMPTY
+        does = f" data-twice=step-edit data-moves=step-move data-keys='{_KEYS}'" if may else ""
+        return (
+            f"{head}<div class=armctl-steps role=grid aria-label='Steps of the program' data-rows={PART} "
+            f"data-view={self._view}{does}{' data-long' * (len(self._shared.keys) > _LONG)}></div>"
+        )
+
+    def _headline(self, snapshot: Snapshot, *, running: bool) -> str:
+        program, progress = self._shared.program, snapshot.program
+        count = len(program.steps)
+        line = f"<b>{escape(program.name)}</b> · {count} step{'' if count == 1 else 's'}"
+        if progress is None:
+            return line
+        loops = "∞" if progress.loops is None else progress.loops
+        of = f"step {progress.step + 1} of {progress.steps}, pass {progress.loop + 1} of {loops}"
+        if running:
+            return f"{line} · <span style='color:{GOOD}'>runs {of}</span>"
+        if self._shared.relation(progress) == "coming":
+            return f"{line} · <span style='color:{GOOD}'>runs {of}</span>; <b>{EDIT_WAITS}</b>"
+        return f"{line}<br><span style='color:{WARNING}'>Runs another version: {of}</span>"
+
+
+def _running(snapshot: Snapshot) -> tuple[int, int] | None:
+    """The row that runs, and how many tenths of it are over; 0 where that is not known."""
+    at = snapshot.program
+    if at is None:
+        return None
+    over = 0.0
+    if snapshot.progress is not None and at.loops is not None:  # which is told of all passes
+        over = (snapshot.progress * at.loops - at.loop) * at.steps - at.step
+    return at.step, int(_TENTHS * min(max(over, 0.0), 1.0))
+
+
+def _by_step(findings: Sequence[Finding]) -> dict[int, tuple[str, str]]:
+    """Severity and words of what is wrong with each step, the worst first."""
+    said: dict[int, tuple[str, str]] = {}
+    for finding in sorted(findings, key=lambda finding: finding.severity != "error"):
+        if finding.step is not None and finding.step not in said:
+            part = f"{finding.part}: " if finding.part else ""
+            mend = f" → {finding.mend}" if finding.mend else ""
+            said[finding.step] = finding.severity, f"{part}{finding.what}{mend}"
+    return said
+
+
+def row_html(key: str, row: int, step: Step, depth: int, state: RowState = _PLAIN) -> str:
+    """A step as a row of the list; ``depth``: how many blocks are around it. The script writes its number.
+
+    It is no ``div``: styles of the page ask of each of those what is in it. In a list of 2,000 that made a
+    change five times as slow.
+    """
+    words = escape(with_minus(step.describe()))
+    note = f" <small>{escape(step.note)}</small>" if step.note else ""
+    mark, title = "", escape(" · ".join(text for text in (with_minus(step.describe()), step.note) if text))
+    style = f"--in:{min(depth, _DEEPEST_SHOWN)};" if depth else ""
+    if state.done is not None:
+        style += f"--done:{100 * state.done // _TENTHS}%"
+        mark = " aria-current=step"
+    if style:
+        mark += f" style='{style}'"
+    finding = ""
+    if state.finding:
+        what = f"{_MARK[state.severity]} {with_minus(state.finding)}"
+        finding = f"<em role=gridcell class=armctl-{state.severity}>{escape(what)}</em>"
+    selected = state.selected
+    more = _tools(key, row) if state.tools else ""
+    if state.fields:
+        more += f"<div role=gridcell class=armctl-fields data-key={key}>{state.fields}</div>"
+    return (
+        f"<armctl-row role=row class=armctl-step data-key={key} data-do=step "
+        f"tabindex={0 if selected else -1} aria-selected={'true' if selected else 'false'}{mark}>"
+        f"<i data-grip></i><span role=gridcell class=nth data-nth></span>"
+        f"<b role=gridcell>{escape(step.title or step.kind)}</b>"
+        f"<span role=gridcell class=does title='{title}'>{words}{note}</span>{finding}{more}</armctl-row>"
+    )
+
+
+_BUTTONS = {
+    "step-edit": ("Edit row {}", "Enter, double click", "M4 20l1-5L16 4l4 4L9 19z"),
+    "step-up": ("Move row {} up", "Alt+↑", "M12 19V5M6 11l6-6 6 6"),
+    "step-down": ("Move row {} down", "Alt+↓", "M12 5v14M6 13l6 6 6-6"),
+    "step-copy": ("Duplicate row {}", "Ctrl+D", "M9 9h11v11H9zM5 15H4V4h11v1"),
+    "step-delete": ("Delete row {}", "Delete", "M5 7h14M10 7V4h4v3M7 7l1 13h8l1-13"),
+}
+"""what each does, its key, and the lines of its icon"""
+
+
+def _tools(key: str, row: int) -> str:
+    """What can be done with a row, as buttons: for those who have no keys."""
+    buttons = ""
+    for do, (words, chord, lines) in _BUTTONS.items():
+        name = words.format(row + 1)
+        buttons += (
+            f"<button type=button tabindex=-1 data-do={do} data-key={key} aria-label='{name}' "
+            f"title='{name} ({chord})'><svg viewBox='0 0 24 24' aria-hidden=true><path d='{lines}'/></svg>"
+            "</button>"
+        )
+    return f"<span role=gridcell class=armctl-tools>{buttons}</span>"

@@ -1,0 +1,318 @@
+"""The program as a list of rows by key: what is shown of it, and what is done there."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from tests.ui.page_kit import FakePage
+
+from armctl.errors import ArmctlError, ProgramError
+from armctl.facts import Said
+from armctl.motion import Finding
+from armctl.program import EndStep, Program, RepeatStep, Step, WaitStep
+from armctl.protocol import Party, ProgramProgress
+from armctl.robot import load_robot
+from armctl.ui.guard import GuardedServer
+from armctl.ui.tabs.manual.program_editor import ProgramEditor
+from armctl.ui.tabs.manual.program_list import PART, ProgramList, row_html
+from armctl.ui.tabs.manual.shared_program import SharedProgram
+
+ROBOT = load_robot("uzuner")
+
+
+class ListPage(FakePage):
+    """A page with the list, which operates unless it ``watches``."""
+
+    me = name = "browser page 1"
+    watches = False
+
+    def __init__(self, server: GuardedServer, shared: SharedProgram) -> None:
+        super().__init__(server, ROBOT, ROBOT.pose("home"))
+        self.console.shared = lambda kind: shared
+        self.snapshot.program = self.snapshot.progress = None
+        self.shared = shared
+        self.editor = ProgramEditor(self.session)
+        self.findings: list[Finding] = []
+        self.list = ProgramList(self.session, self.editor, lambda: self.findings)
+        self.draw()
+
+    def require_operator(self) -> None:
+        if self.watches:
+            raise ArmctlError("this page is watching")
+
+    def why_not(self, *_: object) -> str | None:
+        return "this page is watching" if self.watches else None
+
+    def draw(self) -> None:
+        self.list.refresh(self.session.snapshot)
+
+    def put(self, *steps: Step) -> None:
+        self.shared.edit(Program(robot="uzuner", name="test", steps=steps))
+        self.draw()
+
+    def do(self, what: str, row: int | str, value: str = "") -> None:
+        """Do something with a row, from 0, or with a key."""
+        asyncio.run(self.parts.done(what, row if isinstance(row, str) else self.shared.keys[row], value))
+
+    @property
+    def rows(self) -> list[str]:
+        shown = self.parts.shown_rows(PART)
+        assert list(shown) == list(self.shared.keys)
+        return list(shown.values())
+
+    @property
+    def seconds(self) -> list[float]:
+        return [step.seconds for step in self.shared.program.steps if isinstance(step, WaitStep)]
+
+    def marked(self, mark: str) -> list[int]:
+        return [number for number, row in enumerate(self.rows) if mark in row]
+
+
+@pytest.fixture
+def shared(tmp_path: Path) -> SharedProgram:
+    return SharedProgram("uzuner", tmp_path)
+
+
+@pytest.fixture
+def page(server: GuardedServer, shared: SharedProgram) -> ListPage:
+    return ListPage(server, shared)
+
+
+def waits(*seconds: float) -> tuple[Step, ...]:
+    return tuple(WaitStep(seconds=one) for one in seconds)
+
+
+def test_a_row_says_its_step_escapes_its_note_and_is_indented_in_a_block(page: ListPage) -> None:
+    page.put(
+        WaitStep(seconds=1, note="<img src=x onerror='alert(1)'>"), RepeatStep(times=2), *waits(3), EndStep()
+    )
+    assert "<img" not in "".join(page.rows) and "onerror='" not in "".join(page.rows)
+    assert "&lt;img src=x" in page.rows[0]
+    assert page.marked("--in:1") == [2] and page.marked("--in") == [2]
+    assert [re.findall("<b role=gridcell>(.*?)</b>", row) for row in page.rows] == [
+        ["wait"], ["repeat"], ["wait"], ["end"]
+    ]  # fmt: skip
+    assert "Record pose" not in page.parts[PART]
+    page.put()
+    assert "Record pose" in page.parts[PART] and "role=grid" not in page.parts[PART]
+
+
+def test_one_row_is_selected_and_the_only_stop_of_the_tab_key(page: ListPage) -> None:
+    page.put(*waits(1, 2, 3))
+    for row in (2, 0, 1):
+        page.do("step", row)
+        assert page.marked("aria-selected=true") == page.marked("tabindex=0") == [row]
+        assert page.marked("data-do=step-delete") == [row] == [page.editor.selected]
+
+
+def test_rows_are_moved_copied_deleted_and_all_that_is_taken_back(page: ListPage) -> None:
+    page.put(*waits(1, 2, 3, 4))
+    page.do("step-down", 0)
+    assert (page.seconds, page.editor.selected) == ([2, 1, 3, 4], 1)
+    page.do("step-up", 3)
+    assert (page.seconds, page.editor.selected) == ([2, 1, 4, 3], 2)
+    page.do("step-move", 0, page.shared.keys[3])
+    assert (page.seconds, page.editor.selected) == ([1, 4, 2, 3], 2)
+    page.do("step-move", 3, page.shared.keys[0])
+    assert (page.seconds, page.editor.selected) == ([3, 1, 4, 2], 0)
+    page.do("step-move", 0)
+    assert (page.seconds, page.editor.selected) == ([1, 4, 2, 3], 3)
+    page.do("step-move", 1, page.shared.keys[2])  # it is there already
+    page.do("step-move", 1, page.shared.keys[1])
+    assert page.seconds == [1, 4, 2, 3]
+    page.do("step-copy", 1)
+    assert (page.seconds, page.editor.selected) == ([1, 4, 4, 2, 3], 2)
+    page.do("step-delete", 3)
+    assert (page.seconds, page.editor.selected) == ([1, 4, 4, 3], 3)  # the next row
+    page.do("step-delete", 3)
+    assert (page.seconds, page.editor.selected) == ([1, 4, 4], 2)  # there is none: the last
+    page.do("step-undo", 0)
+    page.do("step-undo", 0)
+    page.do("step-redo", 0)
+    assert page.seconds == [1, 4, 4, 3]
+    with pytest.raises(ProgramError, match="the first one already"):
+        page.do("step-up", 0)
+
+
+def test_a_click_that_comes_too_late_does_nothing(page: ListPage) -> None:
+    page.put(*waits(1, 2, 3))
+    gone = page.shared.keys[1]
+    page.do("step-delete", 1)
+    for what in ("step", "step-edit", "step-delete", "step-copy", "step-up", "step-move"):
+        for key in (gone, "", "nonsense"):
+            page.do(what, key, page.shared.keys[0])
+    page.do("step-move", 0, gone)
+    page.do("step-set", f"{gone}.0", "7")
+    assert page.seconds == [1, 3]
+    page.do("step-edit", 0)
+    first = page.shared.keys[0]
+    for key in (f"{first}.99", f"{first}.-1", f"{first}.x", first, ".", ""):
+        page.do("step-set", key, "7")
+    assert page.seconds == [1, 3]
+
+
+def test_fields_are_in_the_row_that_is_edited_and_saved_as_typed(page: ListPage) -> None:
+    page.put(*waits(1, 2))
+    page.do("step-edit", 1)
+    key = page.shared.keys[1]
+    assert page.marked("data-set") == [1]
+    page.do("step-set", f"{key}.0", "12,5")
+    page.do("step-set", f"{key}.1", "here")
+    assert page.shared.program.steps[1] == WaitStep(seconds=12.5, note="here")
+    assert page.shared.keys[1] == key  # its focus stays
+    page.do("step-set", f"{key}.0", "−1")
+    assert page.seconds == [1, 12.5]
+    assert "value='−1'" in page.rows[1] and "Wait time s: must be 0 … 86400" in page.rows[1]
+    page.do("step-done", f"{key}.0")
+    page.do("step", 0)
+    assert page.marked("data-set") == [1]  # it is open until it is mended
+    page.do("step-discard", key)
+    assert page.marked("data-set") == []
+    page.do("step-edit", 1)
+    assert "value='12.5'" in page.rows[1]
+    page.do("step-done", f"{key}.0")
+    assert page.marked("data-set") == []
+    page.do("step-edit", 1)
+    page.do("step", 0)
+    assert page.marked("data-set") == []
+
+
+def test_a_field_shows_what_counts_also_where_nothing_has_changed(page: ListPage) -> None:
+    """The page has what was typed: only a row that is another one is sent."""
+    page.put(*waits(1))
+    page.do("step-edit", 0)
+    before = page.rows[0]
+    page.do("step-set", f"{page.shared.keys[0]}.0", "1.0")
+    assert page.rows[0] != before and "value='1'" in page.rows[0]
+
+
+def test_selection_fields_and_rows_are_those_of_their_step_whatever_others_change(page: ListPage) -> None:
+    one, two, three = waits(1, 2, 3)
+    page.put(one, two, three)
+    page.do("step-edit", 1)
+    page.do("step-set", f"{page.shared.keys[1]}.0", "x")
+    page.put(*waits(8, 9), three, one, two)
+    assert page.marked("aria-selected=true") == page.marked("value='x'") == [4] == [page.editor.selected]
+    page.put(three, one)
+    assert page.marked("data-set") == [] and page.marked("aria-selected=true") == [1]
+
+
+def test_who_watches_is_offered_nothing_and_refused_what_is_done_all_the_same(page: ListPage) -> None:
+    page.put(*waits(1, 2))
+    page.do("step-edit", 0)
+    page.watches = True
+    with pytest.raises(ArmctlError, match="watching"):  # it was being typed
+        page.do("step-set", f"{page.shared.keys[0]}.0", "5")
+    page.draw()
+    for offered in ("data-moves", "data-keys", "data-twice"):
+        assert offered not in page.parts[PART]
+    assert page.marked("data-set") == page.marked("data-do=step-") == []
+    page.do("step", 1)
+    assert page.marked("aria-selected=true") == [1]
+    for what in ("step-edit", "step-delete", "step-copy", "step-down"):
+        with pytest.raises(ArmctlError, match="watching"):
+            page.do(what, 0)
+    with pytest.raises(ArmctlError, match="watching"):
+        page.do("step-move", 0)
+    page.do("step-set", f"{page.shared.keys[0]}.0", "5")
+    assert page.seconds == [1, 2]
+    page.watches = False
+    page.draw()
+    assert "data-moves" in page.parts[PART] and page.marked("data-do=step-delete") == [1]
+
+
+def test_the_head_says_which_other_page_has_edited_which_row(page: ListPage) -> None:
+    page.put(*waits(1, 2, 3))
+    page.do("step-delete", 2)
+    assert "edited" not in page.parts[PART]
+    other = Party("browser page 2", "<Ada>")
+    page.shared.edit(msgspec.structs.replace(page.shared.program, steps=waits(1, 5)[:1] + waits(6)), other)
+    page.draw()
+    assert "&lt;Ada&gt; edited row 1<" in page.parts[PART]
+    page.do("step-copy", 0)
+    assert "edited" not in page.parts[PART]
+
+
+def running(
+    page: ListPage, step: int, progress: float | None = None, loops: int | None = 2, loop: int = 0
+) -> None:
+    program = page.shared.program
+    page.snapshot.program = ProgramProgress(
+        program.name, step, len(program.steps), loop, loops, program, program
+    )
+    page.snapshot.progress = progress
+    page.draw()
+
+
+def test_the_running_step_is_marked_and_in_view_and_how_much_of_it_is_over(page: ListPage) -> None:
+    page.put(*waits(1, 2, 3, 4))
+    keys = page.shared.keys
+    running(page, 1, (1 + (1 + 0.5) / 4) / 2, loop=1)
+    assert page.marked("aria-current=step") == page.marked("--done:50%") == [1]
+    assert f"data-view={keys[1]} " in page.parts[PART]
+    assert "runs step 2 of 4, pass 2 of 2" in page.parts[PART]
+    running(page, 3, loops=None)
+    assert page.marked("aria-current=step") == page.marked("--done:0%") == [3]
+    assert f"data-view={keys[3]} " in page.parts[PART]
+    page.do("step", 2)
+    assert f"data-view={keys[2]} " in page.parts[PART]  # who selects looks there, until the next step runs
+    running(page, 0, loops=None, loop=1)
+    running(page, 1, loops=None, loop=1)
+    assert f"data-view={keys[1]} " in page.parts[PART]
+    page.snapshot.program = None
+    page.draw()
+    assert page.marked("aria-current") == []
+
+
+def test_another_version_that_runs_marks_no_row(page: ListPage) -> None:
+    page.put(*waits(1, 2))
+    running(page, 1)
+    page.put(*waits(1, 2, 3))
+    assert page.marked("aria-current") == []
+    assert "Runs another version: step 2 of 2" in page.parts[PART]
+
+
+def test_findings_stand_at_their_rows_the_worst_first(page: ListPage) -> None:
+    page.put(*waits(1, 2, 3))
+    warning, error = (
+        Finding(Said(what), severity=severity, step=1)
+        for what, severity in (("it is <hot>", "warning"), ("it is far", "error"))
+    )
+    page.findings = [warning, Finding(Said("of no step")), Finding(Said("too late"), step=3)]
+    page.draw()
+    assert page.marked("armctl-warning") == [1] and "! it is &lt;hot&gt;" in page.rows[1]
+    page.findings = [warning, error]
+    page.draw()
+    assert page.marked("armctl-error") == [1] == page.marked("it is far")
+    page.findings = []
+    page.draw()
+    assert page.marked("<em") == []
+
+
+def test_only_rows_that_have_changed_are_made_anew(page: ListPage, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[str] = []
+
+    def counted(key: str, *more: Any) -> str:
+        made.append(key)
+        return row_html(key, *more)
+
+    page.put(*waits(*range(500)))
+    monkeypatch.setattr("armctl.ui.tabs.manual.program_list.row_html", counted)
+
+    def after(action: Callable[[], None]) -> int:
+        made.clear()
+        action()
+        return len(made)
+
+    assert after(page.draw) <= 1
+    assert after(lambda: page.do("step", 250)) <= 3
+    assert after(lambda: page.do("step-down", 250)) <= 3
+    assert after(lambda: page.do("step-move", 0, page.shared.keys[400])) <= 4
+    assert after(lambda: page.do("step-delete", 7)) <= 4
+    assert after(lambda: running(page, 3, loops=None)) <= 4
