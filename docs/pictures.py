@@ -85,7 +85,7 @@ def manual(screen: Screen) -> None:
 
 
 def program(screen: Screen) -> None:
-    screen.open_tab("Manual", "Serial motion")
+    screen.open_tab("Serial motion")
     screen.unfold("Files", "Load")
     screen.upload("Upload", ROOT / "examples" / "pick_and_place.toml")
     screen.wait_for_text(re.compile("above the part"))

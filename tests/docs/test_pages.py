@@ -9,7 +9,7 @@ import pytest
 
 import armctl
 from armctl.robot.look.rows import MAKES
-from armctl.ui.tabs import TABS
+from armctl.ui.tabs import PROGRAM, TABS
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -26,7 +26,7 @@ LABELS = "\n".join(
     path.read_text() for folder in ("ui", "program") for path in (SOURCES / folder).rglob("*.py")
 )
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
-PANELS = {"Control", *(tab.label for tab in TABS)}
+PANELS = {"Control", PROGRAM.label, *(tab.label for tab in TABS)}
 """where a path of labels begins"""
 
 

@@ -50,10 +50,11 @@ def test_garbage_for_every_control_gives_at_most_a_refusal(
                 for value in GARBAGE:
                     page.set(uuid_of(handle), value)
         loop, parts = served.app.server.get_event_loop(), session.parts
-        for do, key in product(
-            set(parts._actions) - {"release"}, ("", "garbage", "nan", "-1e999", "12,5", "7")
-        ):
-            asyncio.run_coroutine_threadsafe(parts.done(do, key), loop).result(PATIENCE_S)
+        garbage = ("", "garbage", "nan", "-1e999", "12,5")
+        said = [*product(set(parts._actions) - {"release"}, garbage, ("",))]
+        said += product(parts._values, ("", "garbage"), garbage)
+        for do, key, value in (*said, ("speed", "", "7")):
+            asyncio.run_coroutine_threadsafe(parts.done(do, key, value), loop).result(PATIENCE_S)
         assert served.now.speed == pytest.approx(0.07)  # the one value that can be used
         page.set(uuid_of(name), "Ada")
         assert arrived.wait(6 * PATIENCE_S)  # behind some thousand messages

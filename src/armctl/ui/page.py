@@ -13,7 +13,7 @@ from armctl.ui.dragged_tool import DraggedTool
 from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.stage import look_at_arm
 from armctl.ui.session import Session
-from armctl.ui.tabs import TABS, Screen
+from armctl.ui.tabs import PROGRAM, TABS, Screen
 
 _WIDE_PX, _USUAL_PX, _PHONE_PX = 1600, 1200, 576
 _BAR_PX, _UNDER_PX = 56, 53
@@ -22,15 +22,16 @@ _FIRST = -1.0
 """ahead of the tabs"""
 
 
-def tabs_width(window: int) -> int:
-    """How wide the tabs are in a window [px]."""
-    return 580 if window >= _WIDE_PX else 480 if window >= _USUAL_PX else 380
+def panel_widths(window: int) -> tuple[int, int]:
+    """How wide program and tabs are in a window [px]; 0: they are not beside the scene."""
+    if window >= _USUAL_PX:
+        return (360, 580) if window >= _WIDE_PX else (280, 440)
+    return 0, 0 if window < _PHONE_PX else 380
 
 
 def picture_size(width: int, height: int) -> tuple[int, int]:
     """Width and height of the scene in a window [px]; on a phone the tabs lie over its lower part."""
-    beside = 0 if width < _PHONE_PX else tabs_width(width)
-    return max(width - beside, 1), max(height - _BAR_PX - _UNDER_PX, 1)
+    return max(width - sum(panel_widths(width)), 1), max(height - _BAR_PX - _UNDER_PX, 1)
 
 
 class Page:
@@ -49,9 +50,11 @@ class Page:
         """[px]; those of the screen, until the page has said how many of them it takes for one of its own"""
         self._look()
         client.gui.main_panel.dock_right()
-        client.gui.main_panel.set_width(tabs_width(self._window[0]))
+        self._panel = client.gui.add_panel()
+        program = self._panel.add_tab(PROGRAM.label, PROGRAM.icon)
         group = client.gui.add_tab_group()
-        self._containers = [group.add_tab(tab.label, tab.icon) for tab in TABS]
+        self._containers = [program, *(group.add_tab(tab.label, tab.icon) for tab in TABS)]
+        self._lay_out()
         self._begin()
 
     async def build(self) -> None:
@@ -69,7 +72,7 @@ class Page:
         self._drawn: Snapshot | None = None
         self._contents: list[viser.GuiFolderHandle] = []
         self._screens: list[Screen] = []
-        self._unbuilt = list(zip(TABS, self._containers, strict=True))
+        self._unbuilt = list(zip((PROGRAM, *TABS), self._containers, strict=True))
         with self.client.atomic():
             self.session = Session(self.client, self._robots)
             self.session.spawn(self.session.find_line(self._link, self._lost))
@@ -100,8 +103,22 @@ class Page:
             return
         self._window = int(width), max(int(height), 1)
         self.session.on_phone = self._window[0] < _PHONE_PX
-        self.client.gui.main_panel.set_width(tabs_width(self._window[0]))
+        self._lay_out()
         self._look()
+
+    def _lay_out(self) -> None:
+        """The program at the left, the tabs at the right; where there is no room, the program is folded."""
+        program, tabs = panel_widths(self._window[0])
+        if self._window[0] < _PHONE_PX:
+            self._panel.dock_below(self.client.gui.main_panel)
+        else:
+            self._panel.dock_left()
+            self.client.gui.main_panel.set_width(tabs)
+        if program:
+            self._panel.set_width(program)
+            self._panel.expand()
+        else:
+            self._panel.minimize()
 
     def rebuild(self) -> None:
         """The arm was changed: build everything anew for the present one."""

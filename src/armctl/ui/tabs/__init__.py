@@ -11,7 +11,7 @@ import viser
 from armctl.protocol import Snapshot
 from armctl.ui.session import Session
 
-__all__ = ["TABS", "Screen", "Tab"]
+__all__ = ["PROGRAM", "TABS", "Screen", "Tab"]
 
 
 class Screen(Protocol):
@@ -48,3 +48,5 @@ TABS: tuple[Tab, ...] = (
     Tab("Calibration", "armctl.ui.tabs.calibration.screen:CalibrationScreen"),
     Tab("Log", "armctl.ui.tabs.log:LogScreen"),
 )
+PROGRAM = Tab("Serial motion", "armctl.ui.tabs.manual.screen:SerialMotion", viser.Icon.LIST_NUMBERS)
+"""beside the scene, whatever tab is open"""

@@ -262,7 +262,7 @@ _HIDDEN = "hidden"
 _FIRST_STEPS = {"enable", "slider", "point"}
 _POINT_BUTTONS = {"Go by least energy", "Go by the selected one"}
 _SAMPLES = (
-    "Then load a sample program: <b>Manual → Serial motion → Files</b>. Choose one of <b>Saved programs</b>, "
+    "Then load a sample program: <b>Serial motion → Files</b>. Choose one of <b>Saved programs</b>, "
     "press <b>Load</b>, then <b>Run once</b>."
 )
 

@@ -1,4 +1,4 @@
-"""Manual: each joint alone, jog, gripper, and serial motion."""
+"""Manual: each joint alone, jog, gripper; and beside the scene, on every tab: serial motion."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class SerialMotion:
 
 
 class ManualScreen:
-    """Three inner tabs, so that each fits a laptop's screen."""
+    """Two inner tabs, so that each fits a laptop's screen."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -81,8 +81,6 @@ class ManualScreen:
         with tabs.add_tab("Jog" if session.console.robot.gripper is None else "Jog & gripper"):
             self._readout.add_to(session.gui)
             self._jog = JogControl(session)
-        with tabs.add_tab("Serial motion"):
-            self._serial = SerialMotion(session)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw a snapshot."""
@@ -90,4 +88,3 @@ class ManualScreen:
             self._readout.refresh(snapshot)
         self._joints.refresh(snapshot)
         self._jog.refresh(snapshot)
-        self._serial.refresh(snapshot)

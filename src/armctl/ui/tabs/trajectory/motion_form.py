@@ -43,7 +43,7 @@ _ABOUT = {
     TOOL_ARC: "The tool moves along the circle through its start, via and end points.",
     ARC: "The paper's test arc: radius 200 mm about the base axis, −87° to 87°, 85 mm high.",
     LINE: "The paper's test line: x = 220 mm, y from −196 to 196 mm in steps of 14 mm, 85 mm high.",
-    PROGRAM: "The program that is edited in Manual → Serial motion.",
+    PROGRAM: "The program that is edited in Serial motion.",
     JOINT_BY_JOINT: "How fast each joint moves the tip at one constant joint speed. A study: nothing moves.",
 }
 """the motions, in the order in which they are offered"""

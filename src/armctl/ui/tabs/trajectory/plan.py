@@ -311,7 +311,7 @@ def _judged(
 def _program(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMotion:
     program = asked.program
     if program is None or not program.steps:
-        raise ProgramError("the program on the desk has no steps; record some in Manual → Serial motion")
+        raise ProgramError("the program on the desk has no steps; record some in Serial motion")
     whole = rehearse(
         robot, program, start, asked.opening, longest_s=_LONGEST_S, most_steps=_MOST_STEPS, as_far=True
     )
