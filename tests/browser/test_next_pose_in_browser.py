@@ -14,6 +14,7 @@ from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import HOME, ServedArm
 
 from armctl.facts import State
+from armctl.program import MoveStep
 from armctl.protocol import MoveJoints
 
 pytestmark = pytest.mark.browser
@@ -79,11 +80,20 @@ def test_the_tool_is_dragged_on_any_tab_and_go_sends_exactly_what_is_drawn(
     assert "dragged tool" in line(page)
     assert served.commanded_deg == HOME  # dragging moves nothing
     expect(page.button("Go")).to_be_enabled()
+    page.click("Record")  # where it would go, before it has gone there
+    page.wait_until(lambda: len(served.steps) == 1, "it is on the list")
+    (step,) = served.steps
+    assert isinstance(step, MoveStep)
+    recorded = 1000 * served.robot.forward(np.radians(step.joints_deg))[:3, 3]
+    assert recorded == pytest.approx(tip, abs=0.1)
     page.screenshot("next-pose-dragged")
     page.click("Go")
     page.wait_until(lambda: written_mm(page) is None, "the arm has come to it")
     assert served.tool_mm == pytest.approx(tip, abs=0.05)
     wait_for_no_ghost(page)
+    page.click("Record")  # without one: where the arm is
+    page.wait_until(lambda: len(served.steps) == 2, "that is on the list, too")
+    assert served.steps[1] == served.steps[0]
     assert page.errors == []
 
 

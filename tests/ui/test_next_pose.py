@@ -55,7 +55,10 @@ def test_it_says_where_by_whom_and_how_long_and_go_sends_it(page: FakePage) -> N
     page.act(lambda: writer.show(THERE))
     x, y, z = 1000 * ROBOT.forward(THERE)[:3, 3]
     seconds = plan_joints(ROBOT, HOME, THERE).duration
-    assert line(page) == f"X {x:.1f} &ensp;Y {y:.1f} &ensp;Z {z:.1f} mm somebody · {seconds:.2f} s · clear Go"
+    assert (
+        line(page)
+        == f"X {x:.1f} &ensp;Y {y:.1f} &ensp;Z {z:.1f} mm somebody · {seconds:.2f} s · clear Record Go"
+    )
     assert not go_is_off(page)
     page.go()
     (command,) = page.sent

@@ -248,3 +248,25 @@ def test_what_is_no_message_of_a_page_ends_the_line(server: GuardedServer, said:
         with pytest.raises(ConnectionClosed):
             hear(page)
     assert chosen.empty()
+
+
+def test_a_part_that_is_dropped_before_it_was_sent_is_not_sent() -> None:
+    parts, sent = Parts(), []
+
+    async def told() -> None:
+        async def send(text: str) -> None:
+            sent.append(text)
+
+        parts.show("kept", "<b>one</b>")
+        telling = asyncio.create_task(parts.tell(send))
+        await asyncio.sleep(0)
+        parts.show("gone", "<b>two</b>")
+        parts.drop("gone")
+        parts.drop("gone")  # it is gone already
+        parts.show("kept", "<b>three</b>")
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        telling.cancel()
+
+    asyncio.run(told())
+    assert "three" in sent[-1] and not any("two" in text for text in sent)

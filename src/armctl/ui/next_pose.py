@@ -26,7 +26,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError
-from armctl.facts import Need, State
+from armctl.facts import Need
 from armctl.motion import Profile, plan_joints
 from armctl.protocol import Command, MoveJoints, Snapshot
 from armctl.robot import Robot
@@ -342,27 +342,31 @@ class NextPose:
 
     def _html(self, snapshot: Snapshot) -> str:
         why = self._session.why_not(Need.HOLDING, snapshot)
+        record = self._record(snapshot)
         if self.q is None or self.writer is None:
-            return _line("<b>No next pose</b>", _quiet(_HOW), _go(_NONE))
+            return _line("<b>No next pose</b>", _HOW, record + _go(_NONE))
         x, y, z = (fixed(1000 * value, 1) for value in self._robot.forward(self.q)[:3, 3].tolist())
         place = f"<b>X {x} &ensp;Y {y} &ensp;Z {z} mm</b>"
         planned, speed = self._planned, max(snapshot.speed, 0.05)
         seconds = "" if planned is None or planned.refused else f" · {fixed(planned.seconds / speed, 2)} s"
-        who = f"{escape(self.writer.words)}{seconds}"
-        if self._going or (snapshot.state is State.MOVING and why is not None):
+        who = f"{escape(self.writer.words)}{seconds} · "
+        if self._going:
             left = "" if snapshot.progress is None else f" · {round(100 * snapshot.progress)} % of the way"
-            said = f"the arm is on its way{left}" if self._going else why or ""
-            return _line(place, _quiet(f"{who} · {said}"), _go(said), " on")
+            said = f"the arm is on its way{left}"
+            return _line(place, who + said, record + _go(said), " on")
         if planned is not None and planned.refused:
-            reason = sentence(planned.refused)
-            told = f"<em class='bad' title='{escape(reason)}'>{escape(reason)}</em>"
-            return _line(place, f"<span>{who} · {told}</span>", _FORGET + _go(reason), " on")
-        if why is not None:
+            why = sentence(planned.refused)
+            told = f"<em class='bad' title='{escape(why)}'>{escape(why)}</em>"
+        elif why is not None:
             told = f"<em title='{escape(why)}'>{escape(why)}</em>"
         else:
             told = "planning …" if planned is None else "<em class='good'>clear</em>"
-        line = f"<span>{who} · {told}</span>"
-        return _line(place, line, _FORGET + _go(why, str(self.number)), " on")
+        return _line(place, who + told, _FORGET + record + _go(why, str(self.number)), " on")
+
+    def _record(self, snapshot: Snapshot) -> str:
+        what = "where the arm is" if self.q is None else "the next pose"
+        why, title = self._session.why_not(None, snapshot), f"Put {what} on the list of Serial motion"
+        return button("record", "Record", why=why, title=title, kind="record", icon="record")
 
     @property
     def _robot(self) -> Robot:
@@ -372,12 +376,8 @@ class NextPose:
 _FORGET = button("forget", "", title="Forget the next pose", kind="bare", icon="cross")
 
 
-def _quiet(text: str) -> str:
-    return f"<span>{text}</span>"
-
-
 def _line(place: str, what: str, buttons: str, state: str = "") -> str:
-    return f"<i class='swatch{state}'></i><p>{place}{what}</p>{buttons}"
+    return f"<i class='swatch{state}'></i><p>{place}<span>{what}</span></p>{buttons}"
 
 
 def _go(why: str | None = None, number: str = "") -> str:

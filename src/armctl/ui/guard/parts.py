@@ -122,8 +122,8 @@ class Parts:
     def drop(self, name: str) -> None:
         """A part is shown no more; what a page still shows of it is left there."""
         if self._html.pop(name, None) is not None:
-            for unsent, _ in self._lines:
-                unsent.discard(name)
+            for line in self._lines:
+                line.parts.discard(name)
 
     def on(self, do: str, action: Callable[[str], Awaitable[object] | None]) -> None:
         """Run ``action(key)`` where this is done to something with that key."""

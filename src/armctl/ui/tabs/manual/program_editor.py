@@ -13,7 +13,7 @@ import viser
 from armctl.errors import InputError, StateError, out_of_range
 from armctl.motion import usual_pitch
 from armctl.process.heavy_work import check_program_apart
-from armctl.program import CommentStep, Program, SpeedStep, Step, WaitStep
+from armctl.program import CommentStep, MoveStep, Program, SpeedStep, Step, WaitStep
 from armctl.program import steps as registry
 from armctl.program.base_steps import LONGEST_WAIT_S
 from armctl.program.program import PLACES, Change, add, delete, duplicate, move, repeat
@@ -225,6 +225,7 @@ class ProgramRecord:
         pose = partial(self._record, next(iter(self._kinds)))
         command = session.command("Record pose", pose, "Put the present pose on the list of Serial motion")
         session.needs(None, command, also=refused_by(self._require_known), told=False)
+        session.on_press("record", "Record", self._on_record_next)
         self._via = LiveHtml(gui)
         self._via.visible = False
         edits = gui.add_button_group("Edit", tuple(_EDITS))
@@ -273,6 +274,14 @@ class ProgramRecord:
     async def _edit(self, edit: Callable[[Program, int], Change]) -> None:
         row = self._editor.selected
         await self._editor.change(lambda program: edit(program, row))
+
+    async def _on_record_next(self, _: str) -> None:
+        """*Record* beside *Go*: the next pose is put on the list, or where the arm is."""
+        q = self._session.next.q
+        if q is None:
+            await self._record(next(iter(self._kinds)))
+        else:
+            await self._add(MoveStep(joints_deg=tuple(slider_degrees(self._session.console.robot, q))))
 
     async def _on_group(self, group: viser.GuiButtonGroupHandle) -> None:
         await self._record(group.value)
