@@ -27,7 +27,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError
 from armctl.facts import Need
-from armctl.motion import Profile, plan_joints
+from armctl.motion import Profile, Trajectory, plan_joints
 from armctl.protocol import Command, MoveJoints, Snapshot
 from armctl.robot import Robot
 from armctl.ui.console import Console
@@ -152,14 +152,14 @@ class _Asked:
         except ArmctlError as refusal:
             return _Planned(refused=str(refusal))
         q = trajectory.sample(np.linspace(0.0, trajectory.duration, _PATH_POINTS)).q
-        return _Planned(trajectory.duration, tool_m=self.robot.forward(q)[:, :3, 3])
+        return _Planned(trajectory, tool_m=self.robot.forward(q)[:, :3, 3])
 
 
 @dataclass(frozen=True, eq=False)
 class _Planned:
     """How the arm goes to the next pose, or why it does not."""
 
-    seconds: float = 0.0
+    trajectory: Trajectory | None = None
     refused: str = ""
     tool_m: FloatArray | None = None
     """(k, 3) where the tool passes [m]"""
@@ -224,6 +224,11 @@ class NextPose:
     def movement(self) -> Movement | None:
         """How the arm goes to it, as it was planned last; None: not known."""
         return None if self._asked is None else self._asked.movement
+
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """The motion to it; None: it is not planned yet, or refused."""
+        return None if self._planned is None else self._planned.trajectory
 
     def shown(self, present: FloatArray) -> FloatArray:
         """(n,) what fields show that nobody edits [rad]: the next pose, or where the arm stands."""
@@ -348,7 +353,8 @@ class NextPose:
         x, y, z = (fixed(1000 * value, 1) for value in self._robot.forward(self.q)[:3, 3].tolist())
         place = f"<b>X {x} &ensp;Y {y} &ensp;Z {z} mm</b>"
         planned, speed = self._planned, max(snapshot.speed, 0.05)
-        seconds = "" if planned is None or planned.refused else f" · {fixed(planned.seconds / speed, 2)} s"
+        motion = self.trajectory
+        seconds = "" if motion is None else f" · {fixed(motion.duration / speed, 2)} s"
         who = f"{escape(self.writer.words)}{seconds} · "
         if self._going:
             left = "" if snapshot.progress is None else f" · {round(100 * snapshot.progress)} % of the way"

@@ -14,6 +14,7 @@ from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.stage import look_at_arm
 from armctl.ui.session import Session
 from armctl.ui.tabs import PROGRAM, TABS, Screen
+from armctl.ui.timeline import Timeline
 
 _WIDE_PX, _USUAL_PX, _PHONE_PX = 1600, 1200, 576
 _BAR_PX, _UNDER_PX = 56, 53
@@ -80,7 +81,7 @@ class Page:
             self.session.on_phone = self._window[0] < _PHONE_PX
             with self._content(_FIRST):
                 self._always = ControlBar(self.session)
-            self._tool = DraggedTool(self.session)
+            self._tool, self._timeline = DraggedTool(self.session), Timeline(self.session)
 
     def _build_next(self) -> None:
         if self._unbuilt:
@@ -148,5 +149,6 @@ class Page:
             self.session.next.refresh(snapshot)
             self._always.refresh(snapshot)
             self._tool.refresh(snapshot)
+            self._timeline.refresh(snapshot)
             for screen in self._screens:
                 screen.refresh(snapshot)

@@ -59,7 +59,8 @@ _FRAME = (
     "STOP</button><armctl-part name=bar></armctl-part></section>"
     "<section id=armctl-over><armctl-part name=where></armctl-part><armctl-part name=alerts role=status>"
     "</armctl-part></section>"
-    "<section id=armctl-under aria-label='Next pose'><armctl-part name=next></armctl-part></section>"
+    "<section id=armctl-under aria-label='Next pose'><armctl-part name=next></armctl-part>"
+    "<armctl-part name=timeline></armctl-part></section>"
 )
 """what of the console lies around viser's page"""
 

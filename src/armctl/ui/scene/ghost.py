@@ -122,8 +122,8 @@ class Ghost:
 class Preview:
     """The page's ghost for one screen: shown until the arm stands there or another screen takes it."""
 
-    def __init__(self, ghost: Ghost, words: str) -> None:
-        """``words``: the label of the screen's tab, written beside it."""
+    def __init__(self, ghost: Ghost, words: str | None) -> None:
+        """``words``: the label of the screen's tab, written beside it; None: it belongs to no tab."""
         self._ghost, self._words = ghost, words
         self._q: FloatArray | None = None
         """(n,) what this screen has shown last [rad]; None: nothing"""
@@ -160,7 +160,7 @@ class Preview:
             return
         if np.abs(self._q - present).max() < _SAME_RAD:
             self.hide()
-        elif not (self.shown or self.taken) and self._ghost.is_open(self._words):
+        elif not (self.shown or self.taken) and self._words is not None and self._ghost.is_open(self._words):
             self._ghost.show(self._q, self, self._words)
 
 
