@@ -19,7 +19,7 @@ from armctl.errors import MotionRefusedError
 from armctl.motion.clearance import clear_rest, stands_clear
 from armctl.protocol import Enable
 from armctl.robot import Robot
-from armctl.ui.enabling import Enabling
+from armctl.ui.enabling import EnableControl
 
 CLEAR = "[0, -90, 0, 0, 0]"
 
@@ -93,10 +93,10 @@ def test_the_page_offers_it_in_one_press(robot: Robot) -> None:
     )
     offered = re.compile(r"<button[^>]*>Enable in ([^<]*)°</button>")
     with pytest.raises(MotionRefusedError, match="Tool, rest pose and floor"):
-        asyncio.run(Enabling.enable(page))
-    assert offered.findall(Enabling.html(page, session.snapshot)) == [CLEAR]
-    asyncio.run(Enabling.enable_elsewhere(page))
+        asyncio.run(EnableControl.enable(page))
+    assert offered.findall(EnableControl.html(page, session.snapshot)) == [CLEAR]
+    asyncio.run(EnableControl.enable_elsewhere(page))
     assert sent[-1].q is not None and np.degrees(sent[-1].q) == pytest.approx([0, -90, 0, 0, 0])
     board.simulated = False  # where a real arm stands is no choice
     with pytest.raises(MotionRefusedError, match=r"below the floor$"):
-        asyncio.run(Enabling.enable(page))
+        asyncio.run(EnableControl.enable(page))

@@ -22,7 +22,7 @@ from armctl.kinematics import roll_pitch_yaw
 from armctl.protocol import ClearFault, Pause, Release, Resume, SetSpeed, Snapshot, TakeControl
 from armctl.robot import Robot
 from armctl.ui.docs import page_of
-from armctl.ui.enabling import Enabling
+from armctl.ui.enabling import EnableControl
 from armctl.ui.scene.arm_model import ARM, repaint
 from armctl.ui.scene.stage import add_floor
 from armctl.ui.session import Session
@@ -47,7 +47,7 @@ class ControlBar:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._enabling = Enabling(session)
+        self._enabling = EnableControl(session)
         self._asked_release = False
         self._released_at = 0.0
         self._asked_take = -math.inf

@@ -95,7 +95,7 @@ def show_typed(
     session.ghost.show(q, owner, label="was moving" if there else "here?")
 
 
-class Enabling:
+class EnableControl:
     """Enable, and the question where nobody knows how the arm stands, in the present container."""
 
     def __init__(self, session: Session) -> None:

@@ -51,7 +51,7 @@ Movement = tuple[Profile, float | None]
 End = Literal["arrived", "replaced", "forgotten"]
 
 
-class Session(Protocol):
+class WritingPage(Protocol):
     """What a next pose asks of its page (``ui.session``)."""
 
     client: viser.ClientHandle
@@ -87,7 +87,7 @@ class PoseWriter:
 
     def __init__(
         self,
-        session: Session,
+        session: WritingPage,
         words: str,
         movement: Callable[[], Movement] = usual,
         ended: Callable[[End], None] = lambda _: None,
@@ -126,7 +126,7 @@ class PoseWriter:
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
+class _ToPlan:
     """What is planned."""
 
     robot: Robot
@@ -134,7 +134,7 @@ class _Asked:
     q: FloatArray
     movement: Movement
 
-    def is_as(self, other: _Asked | None) -> bool:
+    def is_as(self, other: _ToPlan | None) -> bool:
         """Whether the plan of the other one holds."""
         return (
             other is not None
@@ -188,7 +188,7 @@ class NextPoses:
             while len(self._left) > self._MOST_LEFT:
                 del self._left[next(iter(self._left))]
 
-    def give_back(self, page: str, session: Session) -> None:
+    def give_back(self, page: str, session: WritingPage) -> None:
         """A page is there: it gets what it had, unless it has something newer."""
         left = self._left.pop(page, None)
         if left is not None and session.next.q is None:
@@ -199,7 +199,7 @@ class NextPoses:
 class NextPose:
     """Where this page would send the arm; event loop only."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: WritingPage) -> None:
         self._session = session
         scene, robot = session.client.scene, session.console.robot
         self.ghost = Ghost(scene, robot, lambda: session.snapshot, "/ghost", NEXT_COLOR)
@@ -213,7 +213,7 @@ class NextPose:
         self.number = 0
         """counts what was written: *Go* names the one that it was pressed for"""
         self._going = False
-        self._asked: _Asked | None = None
+        self._asked: _ToPlan | None = None
         self._planned: _Planned | None = None
         """None: it is not known yet"""
         self._planning = OneAtATime(self._plan)
@@ -303,7 +303,7 @@ class NextPose:
             self._asked, self._planned = None, _Planned(refused=str(refusal))
             return
         standing = self._session.console.last_known.standing(snapshot)
-        asked = _Asked(self._session.held, standing.copy(), q, movement)
+        asked = _ToPlan(self._session.held, standing.copy(), q, movement)
         if not asked.is_as(self._asked):
             self._asked, self._planned = asked, None
             self._session.spawn(self._planning.run())

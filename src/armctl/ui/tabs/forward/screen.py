@@ -57,8 +57,7 @@ class ForwardScreen:
     """Angle and pose fields, the two ways to go, and the figures of a configuration."""
 
     def __init__(self, session: Session) -> None:
-        self._session = session
-        self._robot = session.console.robot
+        self._session, self._robot = session, session.console.robot
         self._standing = session.console.last_known.standing
         self._writer = PoseWriter(session, "angles in Forward", self._how, self._on_end)
         self._drawn: tuple[object, ...] = ()

@@ -57,8 +57,7 @@ class InverseScreen:
     """Target, solutions, energy curve, and two ways to go: to the very configuration that is shown."""
 
     def __init__(self, session: Session) -> None:
-        self._session = session
-        self._robot = session.console.robot
+        self._session, self._robot = session, session.console.robot
         self._writer = PoseWriter(session, "way in Inverse", self._how)
         self._looked_at = Preview(session.ghost, TAB)
         scene = session.client.scene
@@ -77,6 +76,7 @@ class InverseScreen:
         self._result = LiveHtml(gui)
         self._stale = LiveHtml(gui, visible=False)
         self._nearest = gui.add_button("Take nearest point", color="orange", visible=False)
+        session.parts.add(gui, _WAYS)
         self._solves_first = LiveHtml(gui, warned(_SOLVES_FIRST), visible=False)
         go_least = gui.add_button("Go by least energy", icon=viser.Icon.PLAYER_PLAY)
         self._selected = LiveHtml(gui, visible=False)
@@ -84,7 +84,6 @@ class InverseScreen:
         # the same is told below the next one
         session.needs(Need.HOLDING, go_least, also=self._no_least, told=False)
         session.needs(Need.HOLDING, go_selected, also=self._not_selected)
-        session.parts.add(gui, _WAYS)
         self._criterion = gui.add_dropdown("Least energy is", self._robot.energy.criteria)
         self._criterion_note = LiveHtml(gui, muted(CRITERION_TEXT[checked_criterion(self._criterion.value)]))
         self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
@@ -109,9 +108,9 @@ class InverseScreen:
         session.on(entered.on_submit, self._on_solve)
         session.on_part("way", self._on_way)
         session.on_part("look-way", self._on_look)
+        session.on(self._optimum.on_click, lambda: self._select(1))
         session.on(self._few.on_update, self._on_few)
         session.on(self._along.on_update, self._on_along)
-        session.on(self._optimum.on_click, lambda: self._select(1))
         session.on(self._nearest.on_click, self._on_nearest)
         session.on(self._criterion.on_update, self._on_criterion)
         session.on(self._movement.choice.on_update, self._choose_again)
@@ -119,7 +118,7 @@ class InverseScreen:
         session.on(go_selected.on_click, self._on_go_selected)
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Tell when the result is out of date; hide the ghost once the arm has come to it."""
+        """Tell when the result is out of date."""
         if snapshot.state is not State.MOVING:  # a field that changes all the time cannot be typed into
             self._form.following.follow(self._session.next.shown(snapshot.q_command))
         self._branches.refresh()
