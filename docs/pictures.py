@@ -52,7 +52,7 @@ class Picture:
 
     @property
     def shows(self) -> tuple[str, ...]:
-        return ("Control", *self.tabs)
+        return ("Control", "Serial motion", *self.tabs)
 
 
 # How each screen is brought to what it should show.
@@ -160,7 +160,7 @@ PICTURES = {
     "control": Picture((), control),
     "log": Picture(("Log",), log),
     "manual": Picture(("Manual",), manual),
-    "program": Picture(("Manual",), program),
+    "program": Picture((), program),
     "trajectory": Picture(("Trajectory",), trajectory),
     "graphs": Picture(("Trajectory",), graphs),
     "forward": Picture(("Forward",), forward),
@@ -171,7 +171,7 @@ PICTURES = {
     "calibration": Picture(("Calibration",), calibration),
 }
 FILM = "armctl"
-FILM_TABS = ("Control", "Inverse")
+FILM_TABS = ("Control", "Serial motion", "Inverse")
 
 
 # The moving picture.
@@ -251,7 +251,7 @@ class Film:
 
 
 def film(screen: Screen) -> Film:
-    """Type a point, see all solutions, go by least energy: the arm follows."""
+    """Type a point, look at the ways to it, choose one, press Go: the arm follows."""
     screen.open_tab("Inverse")
     screen.type_into("Duration s", str(_DURATION_S))
     film = Film(screen)
@@ -259,9 +259,12 @@ def film(screen: Screen) -> Film:
     for axis, value in zip("XYZ", POINT, strict=True):
         film.type(f"{axis} mm", value)
     film.press(screen.button("Solve"), _READ_MS)
-    film.press(screen.tab("Branches"))
-    film.press(screen.entry("Show as ghosts"), _READ_MS)
-    film.press(screen.button("Go by least energy"), 0)
+    ways = screen.page.get_by_role("option").locator("visible=true")
+    film.point(ways.nth(1))
+    film.screen.pause(400)
+    film.shoot(_READ_MS)  # it is looked at
+    film.press(ways.nth(1), _READ_MS)
+    film.press(screen.button("Go"), 0)
     begin = before = time.perf_counter()
     while before < begin + _DURATION_S:
         film.shoot(0)
@@ -269,11 +272,10 @@ def film(screen: Screen) -> Film:
         frame, _ = film.frames[-1]
         film.frames[-1] = (frame, round(1000 * (now - before) / _FASTER))
         before = now
-        if "motion halted" in screen.text().replace("\n", " "):
+        if "motion halted" in screen.text("#armctl-top").replace("\n", " "):
             raise SystemExit(f"{FILM}: the arm halted, because this computer is too busy: record it again")
     screen.wait_for_text("HOLDING")
     film.shoot(_READ_MS)
-    film.press(screen.entry("Show as ghosts"), _READ_MS)
     return film
 
 
