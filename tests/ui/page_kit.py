@@ -48,7 +48,7 @@ class FakePage:
         self.client = SimpleNamespace(scene=server.scene, atomic=nullcontext)
         self.snapshot = SimpleNamespace(
             q_command=q, q=q, state=State.HOLDING, gripper=None, part_mm=None, speed=1.0, busy=False,
-            progress=None, control=Control(),
+            progress=None, control=Control(), commanded=True,
         )  # fmt: skip
         last_known = SimpleNamespace(standing=lambda snapshot: snapshot.q_command)
         self.console = SimpleNamespace(robot=robot, last_known=last_known, shared=cache(lambda kind: kind()))

@@ -89,6 +89,16 @@ def test_it_writes_the_next_pose_and_the_arrows_stand_at_its_tool(server: Guarde
     assert bench.tool._arrows.position == pytest.approx(to, abs=1e-5)  # and they come back
     bench.drag(np.array([np.nan, 0.0, 0.0]))  # no page of armctl's
     assert np.array_equal(page.next.q, kept)
+    bench.tool._point, bench.tool._held, bench.tool._dragged = (
+        to + 0.01,
+        False,
+        True,
+    )  # let go, not solved yet
+    page.refresh(bench.tool)
+    assert np.isnan(bench.tool._arrows.position[0])  # they wait for it, and are not put back
+    bench.drag(to + np.array([0.0, 0.0, 0.01]), "end")
+    assert page.next.q is not None
+    assert UZUNER.forward(page.next.q)[:3, 3] == pytest.approx(to + [0, 0, 0.01], abs=1e-6)  # noqa: RUF005
     page.go()
     page.snapshot.state, page.snapshot.busy = State.MOVING, True
     page.refresh(bench.tool)

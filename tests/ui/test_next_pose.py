@@ -287,3 +287,84 @@ def test_in_any_order_of_writers_what_is_drawn_is_what_go_sends(
         ways[sequence.random.integers(len(ways))]()
         sequence.refresh()
         sequence.looks_true()
+
+
+def test_another_movement_makes_another_press_of_it(page: FakePage) -> None:
+    asked: list[float | None] = [3.0]
+    writer = PoseWriter(page.session, "somebody", lambda: ("cubic", asked[0]))
+    page.act(lambda: writer.show(THERE))
+    pressed = str(page.next.number)
+    asked[0] = None  # typed after the line was drawn
+    with pytest.raises(InputError, match="has just changed"):
+        page.act(lambda: page.parts.done("go", pressed))
+    assert page.sent == []
+    page.go()
+    command = page.sent[-1]
+    assert isinstance(command, MoveJoints) and command.duration_s is None
+
+
+def test_fields_that_are_being_typed_into_are_not_sent(page: FakePage) -> None:
+    def settled() -> None:
+        raise InputError("the fields were edited just now")
+
+    writer = PoseWriter(page.session, "somebody", settled=settled)
+    page.act(lambda: writer.show(THERE))
+    with pytest.raises(InputError, match="edited just now"):
+        page.go()
+    assert page.sent == []
+
+
+def test_nothing_is_said_of_one_pose_that_was_found_for_another(page: FakePage) -> None:
+    folded = HOME.copy()
+    folded[1] = LOW[1]
+    writer = PoseWriter(page.session, "somebody")
+    page.act(lambda: writer.show(folded))
+    assert "below the floor" in line(page) and page.next.trajectory is None
+    page.snapshot.state, page.snapshot.busy = State.MOVING, True  # somebody else moves it
+    page.next.refresh(page.session.snapshot)
+    page.act(lambda: writer.show(THERE))
+    assert "below the floor" not in line(page) and go_is_off(page) and page.next.trajectory is None
+    page.snapshot.state, page.snapshot.busy = State.HOLDING, False
+    page.act(lambda: page.next.refresh(page.session.snapshot))
+    assert "clear" in line(page) and page.next.trajectory is not None
+    page.next.set(THERE + 0.1, writer)  # not planned yet
+    assert page.next.trajectory is None and page.next._path._handle is not None
+    assert not page.next._path._handle.visible and "planning" in line(page)
+    page.act(lambda: None)
+    assert page.next._path._handle.visible and "clear" in line(page)
+
+
+def test_an_arm_that_is_off_and_led_by_hand_arrives_nowhere(page: FakePage) -> None:
+    writer = PoseWriter(page.session, "somebody")
+    page.act(lambda: writer.show(THERE))
+    page.snapshot.commanded, page.snapshot.q_command = False, THERE.copy()
+    page.act(lambda: page.next.refresh(page.session.snapshot))
+    assert page.next.q is not None and np.array_equal(page.next.q, THERE)
+    number = page.next.number
+    page.snapshot.q_command = THERE + 1e-5  # a count more or less
+    page.act(lambda: page.next.refresh(page.session.snapshot))
+    assert page.next.number == number
+
+
+def test_what_outlives_its_page_writes_nothing(page: FakePage) -> None:
+    writer = PoseWriter(page.session, "somebody")
+    page.closed = True
+    writer.show(THERE)
+    assert page.next.q is None and page.next._poses.by_party == {}
+
+
+def test_after_a_stop_go_leads_to_where_the_sum_led(page: FakePage) -> None:
+    forward = ForwardScreen(page.session)
+    page.refresh(forward)
+    for joint in ROBOT.joints:
+        page.put(f"{joint.title} °", "30" if joint.title == "Base" else "0")
+    page.press("Go with respect to last position")
+    goal = HOME + np.radians([30.0, 0, 0, 0, 0])
+    assert page.next.q == pytest.approx(goal)
+    page.snapshot.q_command = HOME + np.radians([19.8, 0, 0, 0, 0])  # stopped
+    page.refresh(forward)
+    assert page.next.q == pytest.approx(goal)
+    page.refresh(forward)
+    page.go()
+    command = page.sent[-1]
+    assert isinstance(command, MoveJoints) and command.q == pytest.approx(goal)

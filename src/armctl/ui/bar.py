@@ -32,10 +32,7 @@ from armctl.ui.widgets.number_field import parse_number
 _RELEASE_SECONDS = _ASKED_S = 5.0
 _DOUBLE_CLICK_S = 0.6
 _SPEED_HINT = "Slows down everything that moves; the path stays the same."
-_STOP_NOTE = (
-    "STOP (Escape): the arm stops and holds, with power. Release: THE ARM DROPS. Both are software only. "
-    "They do not replace an emergency stop."
-)
+_RELEASE_NOTE = "THE ARM DROPS. Software only: it replaces no emergency stop."
 _SLOWEST, _FASTEST = 5, 100
 LIGHT, DARK = "Light", "Dark"
 _BLUE = (24, 100, 171)
@@ -48,24 +45,25 @@ class ControlBar:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._enabling = EnableControl(session)
-        self._asked_release = False
-        self._released_at = 0.0
-        self._asked_take = -math.inf
+        self._asks_release = False
+        self._released_at = self._paused_at = self._took_at = self._asked_take = -math.inf
+        self._speeds_said = 0
+        """how often a speed was typed: the field shows what counts, also where it was refused"""
         self._operated: bool | None = None
-        self._where: tuple[FloatArray, FloatArray | None] | None = None
+        self._where: tuple[FloatArray, FloatArray | None, str] | None = None
         """what the numbers were written for"""
         self._darkened: list[viser.GridHandle | viser.MeshHandle] = []
         for do, label, action in (
             ("stop", "STOP", self._on_stop),
             ("enable", "Enable", self._enabling.enable),
             ("enable-elsewhere", "Enable", self._enabling.enable_elsewhere),
-            ("release", "Release", self._on_release),
-            ("pause", "Pause", self._on_hold),
             ("take", "Take control", self._on_take),
             ("clear", "Clear fault", lambda: session.submit(ClearFault())),
             ("theme", "Theme", self._on_theme),
         ):
             session.on_press(do, label, lambda _, action=action: action())
+        session.on_press("release", "Release", self._on_release)
+        session.on_press("pause", "Pause", self._on_pause)
         session.on_part_value("speed", self._on_speed)
         hot_key = session.gui.add_command("STOP", hotkey="escape", description="Decelerate and hold")
         session.on_key(hot_key, self._on_stop)
@@ -83,9 +81,13 @@ class ControlBar:
         session.parts.show(_BAR, self._bar(snapshot))
         session.parts.show(_ALERTS, self._alerts(snapshot))
         q, then = session.console.last_known.drawn(snapshot), session.next.q
-        if self._where is None or not (_same(q, self._where[0]) and _same(then, self._where[1])):
-            self._where = q, then
-            session.parts.show(_WHERE, where_html(session.console.robot, q, then))
+        source = session.console.last_known.words(snapshot, session.console.robot.board)
+        now, known, _ = source.partition(";")
+        now = now if known else "now"  # "unknown; drawn where Enable would put it"
+        before = self._where
+        if before is None or now != before[2] or not (_same(q, before[0]) and _same(then, before[1])):
+            self._where = q, then, now
+            session.parts.show(_WHERE, where_html(session.console.robot, q, then, now=now))
 
     # What it shows.
 
@@ -98,18 +100,22 @@ class ControlBar:
             f"<span title='{escape(cause)}'>{escape(with_minus(cause))}</span></div>"
         )
         fault = snapshot.state is State.FAULT and snapshot.board is not None and not snapshot.unreachable
-        if fault:
-            on = button("clear", "Clear fault", why=session.why_not(None, snapshot), kind="warn")
-        else:
-            on = button("enable", "Enable", why=self._enabling.why_not(snapshot))
+        on = button("enable", "Enable", why=self._enabling.why_not(snapshot))
+        asks = self._asks_release
         off = button(
             "release",
-            "DROPS! Click again" if self._asked_release else "Release",
+            "DROPS! Click again" if asks else "Release",
+            key="drop" if asks else "ask",
             why=session.why_not(None, snapshot) or _no_board(snapshot),
-            kind="warn" if self._asked_release else "",
+            title=_RELEASE_NOTE,
+            kind="warn" if asks else "",
         )
-        paused = snapshot.state is State.PAUSED
-        hold = button("pause", "Resume" if paused else "Pause", why=session.why_not(Need.PAUSE, snapshot))
+        if fault:  # nothing can be paused then
+            hold = button("clear", "Clear fault", why=session.why_not(None, snapshot), kind="warn")
+        else:
+            resumes = snapshot.state is State.PAUSED
+            key, label = ("resume", "Resume") if resumes else ("pause", "Pause")
+            hold = button("pause", label, key=key, why=session.why_not(Need.PAUSE, snapshot))
         others = len(snapshot.control.parties) - (snapshot.control.operator is not None)
         second = f"<span>{others} watching</span>" if others else "<span></span>"
         if not session.operates:
@@ -138,6 +144,7 @@ class ControlBar:
     def _speed(self, snapshot: Snapshot) -> str:
         speed, why = round(100 * snapshot.speed), self._session.why_not(None, snapshot)
         off = f" disabled title='{escape(why)}'" if why else f" title='{_SPEED_HINT}'"
+        off += f" data-said='{self._speeds_said}'"
         return (
             f"<div class='speed'><label for='armctl-speed'>Speed %</label>"
             f"<input id='armctl-speed' inputmode='decimal' data-set='speed' value='{speed}'{off}>"
@@ -152,6 +159,8 @@ class ControlBar:
         if snapshot.state is State.FAULT and snapshot.cause:
             cause = session.with_names(snapshot.cause)
             lines.insert(0, f"<p class='bad'>⚠ {escape(sentence(cause))}</p>")
+        elif snapshot.cause:  # where the bar has no room for it
+            lines.append(f"<p class='cause'>{escape(sentence(session.with_names(snapshot.cause)))}</p>")
         return "".join(lines) + self._enabling.html(snapshot)
 
     # What is done there.
@@ -163,35 +172,51 @@ class ControlBar:
         paused = self._session.snapshot.state is State.PAUSED
         await self._session.submit(Resume() if paused else Pause())
 
+    async def _on_pause(self, key: str) -> None:
+        """What the button said when it was pressed; the second half of a double click is no Resume."""
+        now = asyncio.get_running_loop().time()
+        if key == "pause":
+            self._paused_at = now
+            await self._session.submit(Pause())
+        elif now - self._paused_at > _DOUBLE_CLICK_S:
+            await self._session.submit(Resume())
+
     async def _on_speed(self, _: str, text: str) -> None:
+        self._speeds_said += 1
         percent = parse_number(text, "Speed %")
         if not _SLOWEST <= percent <= _FASTEST:
             raise InputError(f"speed: {out_of_range(percent, _SLOWEST, _FASTEST, '%')}")
         await self._session.submit(SetSpeed(percent / 100))
 
-    async def _on_release(self) -> None:
-        """The first click asks, a second one within a few seconds releases."""
+    async def _on_release(self, key: str) -> None:
+        """The first click asks, a later one within a few seconds releases."""
         self._session.require_operator()
         now = asyncio.get_running_loop().time()
-        if self._asked_release:
-            if now - self._released_at < _DOUBLE_CLICK_S:
-                return  # the second half of a double click is no answer
-            self._asked_release = False
+        last, self._released_at = self._released_at, now
+        if now - last < _DOUBLE_CLICK_S:
+            return  # the second half of a double click, or a key that is held, is no answer
+        if key == "drop" and self._asks_release:
+            self._asks_release = False
             await self._session.submit(Release())
             return
-        self._released_at, self._asked_release = now, True
+        self._asks_release = True
         self.refresh(self._session.snapshot)
-        self._session.spawn(self._forget_release())
+        self._session.spawn(self._forget_release(now))
 
-    async def _forget_release(self) -> None:
+    async def _forget_release(self, asked_at: float) -> None:
+        """The question ends by itself, unless something was pressed since."""
         await asyncio.sleep(_RELEASE_SECONDS)
-        self._asked_release = False
-        self.refresh(self._session.snapshot)
+        if asked_at == self._released_at:
+            self._asks_release = False
+            self.refresh(self._session.snapshot)
 
     async def _on_take(self) -> None:
         """Where somebody else operates, the first click asks, a second one within a few seconds takes."""
         session = self._session
         now = asyncio.get_running_loop().time()
+        last, self._took_at = self._took_at, now
+        if now - last < _DOUBLE_CLICK_S:
+            return
         if session.snapshot.control.operator is not None and now - self._asked_take > _ASKED_S:
             self._asked_take = now
             what = f"{session.operator} operates the arm. Click Take control again to take it."
@@ -255,17 +280,17 @@ def set_theme(gui: viser.GuiApi, *, dark: bool) -> None:
     gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False, brand_color=_BLUE)
 
 
-def where_html(robot: Robot, q: FloatArray, then: FloatArray | None = None) -> str:
-    """Joint angles and tool at ``q`` (n,) [rad], and beside them at the next pose; None: there is none."""
-    now = _figures(robot, q)
+def where_html(robot: Robot, q: FloatArray, then: FloatArray | None = None, *, now: str = "now") -> str:
+    """Joint angles and tool at ``q`` (n,) [rad], under ``now``, and at the next pose; None: there is none."""
+    here = _figures(robot, q)
     after = {} if then is None else _figures(robot, then)
     rows = "".join(
         f"<tr><th>{escape(name)}</th><td>{figure}</td>"
         + (f"<td class='next'>{after[name]}</td>" if after else "")
         + "</tr>"
-        for name, figure in now.items()
+        for name, figure in here.items()
     )
-    heads = "<td></td><th>now</th>" + ("<th class='next'>next</th>" if after else "")
+    heads = f"<td></td><th>{escape(now)}</th>" + ("<th class='next'>next</th>" if after else "")
     return f"<table aria-label='Joints and tool'><tr>{heads}</tr>{rows}</table>"
 
 

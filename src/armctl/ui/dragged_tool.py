@@ -32,7 +32,9 @@ class DraggedTool:
         self._robot = session.console.robot
         self._writer = PoseWriter(session, "dragged tool")
         self._solving = OneAtATime(self._solve)
-        self._dragged = False
+        self._dragged = self._held = False
+        """not worked out yet; and still held"""
+        self._point = self._tool(session.snapshot)
         self._arrows = session.client.scene.add_transform_controls(
             "/tool",
             scale=_SCALE * self._robot.chain.length,
@@ -45,7 +47,8 @@ class DraggedTool:
 
         async def drag(event: viser.TransformControlsEvent) -> None:
             if event.client is not None and not session.closed:
-                self._dragged = event.phase != "end"
+                self._point, self._dragged = np.array(self._arrows.position), True
+                self._held = event.phase != "end"
                 await session.attempt(self._solving.run)
 
         self._arrows.on_update(drag)
@@ -70,8 +73,9 @@ class DraggedTool:
 
     async def _solve(self) -> None:
         """Make what has the tool there the next pose; out of reach it stays where it was last."""
-        point, done = np.array(self._arrows.position), not self._dragged
+        point, done = self._point, not self._held
         if not np.isfinite(point).all():  # no page drags it there
+            self._dragged = False
             return
         before = self._shown(self._session.snapshot)
         q = await asyncio.to_thread(dragged_to, self._robot, point, before, done=done)
@@ -83,7 +87,8 @@ class DraggedTool:
             self._session.notify(
                 "Out of reach", "The next pose stays where the tool could be last.", "yellow"
             )
-        if done:
+        if done and not self._held:
+            self._dragged = False
             self._stand(self._tool(self._session.snapshot))
 
 

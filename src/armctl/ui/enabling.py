@@ -127,8 +127,9 @@ class EnableControl:
 
     def html(self, snapshot: Snapshot) -> str:
         """What Enable will do, or what must be done before; nothing while the arm is on, or is asked for."""
-        holds = snapshot.powered and snapshot.state is not State.OFF and not snapshot.limp
-        if holds or self._question.asked:
+        if self._question.asked:
+            return "<p class='bad'>Answer the question “Is the arm here?”, above the tabs.</p>"
+        if snapshot.powered and snapshot.state is not State.OFF and not snapshot.limp:
             return ""
         note = enable_note(snapshot, self._session.console.robot.board, self._ports.back_on)
         elsewhere = ""
@@ -143,6 +144,7 @@ class EnableControl:
         if must_be_told(session.snapshot):
             session.require_operator()
             self._question.ask(session.snapshot)
+            session.gui.main_panel.expand()
             return
         try:
             await session.submit(Enable())

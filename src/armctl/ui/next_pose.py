@@ -43,7 +43,7 @@ _THEIRS = (134, 142, 150)
 _PATH_POINTS = 48
 _LINE = "next"
 _NONE = "there is no next pose yet"
-_CHANGED = "the next pose has just changed; look at it, then press Go again"
+_CHANGED = "the next pose has just changed; look at it, then press again"
 _HOW = "Move a slider, type a point, or choose a way to it."
 
 Movement = tuple[Profile, float | None]
@@ -91,12 +91,15 @@ class PoseWriter:
         words: str,
         movement: Callable[[], Movement] = usual,
         ended: Callable[[End], None] = lambda _: None,
+        settled: Callable[[], None] = lambda: None,
     ) -> None:
         """``words``: who it is. ``movement``: how the arm goes. ``ended``: what it asked for counts no more.
 
         ``ended`` is called with "replaced" whenever somebody else writes, else where its pose was the next.
+        ``settled`` refuses (``ArmctlError``) while fields are being typed into.
         """
-        self._next, self.words, self.movement, self.ended = session.next, words, movement, ended
+        self._next, self.words, self.movement = session.next, words, movement
+        self.ended, self.settled = ended, settled
         self._next.writers.append(self)
 
     @property
@@ -141,7 +144,7 @@ class _ToPlan:
             and self.robot is other.robot
             and self.movement == other.movement
             and np.array_equal(self.q, other.q)
-            and np.array_equal(self.start, other.start)
+            and float(np.abs(self.start - other.start).max()) < SAME_RAD
         )
 
     def plan(self) -> _Planned:
@@ -236,13 +239,15 @@ class NextPose:
 
     def set(self, q: FloatArray, writer: PoseWriter) -> None:
         """Make ``q`` (n,) [rad] the next pose; where the arm stands there, there is none."""
+        if self._session.closed:  # what was asked for has outlived its page
+            return
         snapshot, before = self._session.snapshot, self.writer
         if self._is_there(q, snapshot):
             self.clear(None if before is writer else "replaced")
             return
         if self.q is None or not np.array_equal(q, self.q):
-            self.number += 1
             self.q, self._going = q.copy(), False
+            self._forget_plan()
             self._poses.by_party[self._session.me] = self.q
         self.writer = writer
         self.ghost.show(q, label="next pose")
@@ -257,11 +262,10 @@ class NextPose:
         if self.q is None:
             return
         writer, self.writer = self.writer, None
-        self.q, self._asked, self._planned, self._going = None, None, None, False
-        self.number += 1
+        self.q, self._going = None, False
+        self._forget_plan()
         self._poses.by_party.pop(self._session.me, None)
         self.ghost.hide()
-        self._path.hide()
         if writer is not None and why is not None:
             writer.ended(why)
         self.refresh(self._session.snapshot)
@@ -270,7 +274,7 @@ class NextPose:
         """Plan anew where the arm stands elsewhere, end where it has come to the pose, and say so."""
         if self.q is not None and self.writer is not None:
             self._going = self._going and snapshot.busy
-            if self._is_there(self.q, snapshot):
+            if snapshot.commanded and self._is_there(self.q, snapshot):  # not one that is led there by hand
                 self.clear("arrived")
                 return
             if not snapshot.busy:
@@ -300,13 +304,22 @@ class NextPose:
         try:
             movement = writer.movement()
         except ArmctlError as refusal:
-            self._asked, self._planned = None, _Planned(refused=str(refusal))
+            if self._asked is not None or self._planned is None:
+                self._forget_plan()
+            self._planned = _Planned(refused=str(refusal))
             return
         standing = self._session.console.last_known.standing(snapshot)
         asked = _ToPlan(self._session.held, standing.copy(), q, movement)
         if not asked.is_as(self._asked):
-            self._asked, self._planned = asked, None
+            self._forget_plan()
+            self._asked = asked
             self._session.spawn(self._planning.run())
+
+    def _forget_plan(self) -> None:
+        """The motion is another one, or none: what was said of it counts no more, nor does a press."""
+        self.number += 1
+        self._asked = self._planned = None
+        self._path.set_visible(False)
 
     async def _plan(self) -> None:
         asked = self._asked
@@ -316,10 +329,9 @@ class NextPose:
         if self._session.closed or asked is not self._asked:
             return
         self._planned = planned
-        if planned.tool_m is None:
-            self._path.hide()
-        else:
+        if planned.tool_m is not None:
             self._path.show(segments(planned.tool_m))
+            self._path.set_visible(True)
         self._session.parts.show(_LINE, self._html(self._session.snapshot))
 
     # Go.
@@ -328,11 +340,14 @@ class NextPose:
         q, writer = self.q, self.writer
         if q is None or writer is None:
             raise InputError(_NONE)
-        if key != str(self.number):
-            raise InputError(_CHANGED)
+        writer.settled()
+        self.refresh(self._session.snapshot)  # fields of the movement may have changed since it was drawn
+        self.require_seen(key)
+        if self._asked is None:  # then the movement is refused
+            raise InputError(_CHANGED if self._planned is None else self._planned.refused)
         if self._planned is not None and self._planned.refused:
             raise InputError(self._planned.refused)
-        await self.send(q, writer.movement())
+        await self.send(q, self._asked.movement)
 
     async def send(self, q: FloatArray, movement: Movement) -> None:
         """Send the arm to ``q`` (n,) [rad]; raises what refuses it."""
@@ -369,10 +384,17 @@ class NextPose:
             told = "planning …" if planned is None else "<em class='good'>clear</em>"
         return _line(place, who + told, _FORGET + record + _go(why, str(self.number)), " on")
 
+    def require_seen(self, key: str) -> None:
+        """Refuse (``InputError``) what was pressed for another next pose than this one."""
+        if key != str(self.number):
+            raise InputError(_CHANGED)
+
     def _record(self, snapshot: Snapshot) -> str:
         what = "where the arm is" if self.q is None else "the next pose"
         why, title = self._session.why_not(None, snapshot), f"Put {what} on the list of Serial motion"
-        return button("record", "Record", why=why, title=title, kind="record", icon="record")
+        return button(
+            "record", "Record", key=str(self.number), why=why, title=title, kind="record", icon="record"
+        )
 
     @property
     def _robot(self) -> Robot:

@@ -18,7 +18,7 @@ from armctl.ui.timeline import Timeline
 
 _WIDE_PX, _USUAL_PX, _PHONE_PX = 1600, 1200, 576
 _BAR_PX, _UNDER_PX = 56, 53
-"""the bar on top, and the line of the next pose (``guard/parts.css``)"""
+"""the bar on top, and the line of the next pose (``guard/frame.css``)"""
 _FIRST = -1.0
 """ahead of the tabs"""
 

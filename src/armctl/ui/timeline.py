@@ -67,6 +67,8 @@ class Timeline:
         self._open = False
         self._quantity = next(iter(QUANTITIES))
         self._motion: Trajectory | None = None
+        self._speed = 1.0
+        """the override"""
         self._share = 1.0
         """where the cursor stands, of the duration"""
         session.on_part("timeline", self._on_fold)
@@ -77,10 +79,12 @@ class Timeline:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw the motion to the next pose, where it is another one."""
-        motion = self._session.next.trajectory
-        if motion is not self._motion:
-            self._motion, self._share = motion, 1.0
-            self._looked_at.hide()
+        motion, speed = self._session.next.trajectory, max(snapshot.speed, 0.05)
+        if motion is not self._motion or speed != self._speed:
+            if motion is not self._motion:
+                self._motion, self._share = motion, 1.0
+                self._looked_at.hide()
+            self._speed = speed
             self._draw()
         self._looked_at.refresh(snapshot.q_command)
 
@@ -139,7 +143,8 @@ class Timeline:
             f"<span><i style='background:{color_of(i)}'></i>{escape(name)} <b>{fixed(value, 1)}</b></span>"
             for i, (name, value) in enumerate(zip(drawn.names, here.tolist(), strict=True))
         )
-        clock = f"<output>{fixed(at, 2)} / {fixed(motion.duration, 2)} s</output>"
+        end = motion.duration / self._speed
+        clock = f"<output>{fixed(self._share * end, 2)} / {fixed(end, 2)} s</output>"
         near = f"<span>{escape(drawn.nearest)}</span>" if drawn.nearest else ""
         return (
             f"<header>{chips}{clock}{fold}</header>"

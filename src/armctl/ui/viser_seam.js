@@ -23,12 +23,6 @@ const armctlViser = (() => {
     return Array.from(tabs, (tab) => tab.textContent.trim());
   }
 
-  // The button of viser's with this text, or null.
-  function buttonOf(text) {
-    const buttons = document.querySelectorAll("#root button");
-    return Array.from(buttons).find((button) => button.textContent.trim() === text) ?? null;
-  }
-
   // viser's labels name few of its fields, for those who have them read aloud.
   function nameFields() {
     for (const label of document.querySelectorAll("#root p > label[for]")) {
@@ -203,6 +197,6 @@ const armctlViser = (() => {
   }
 
   return {
-    answer, openTabs, buttonOf, name, furnishNotifications, onPlotClick, type, letGoOfLists, drawNothing, onSceneEdges, scene,
+    answer, openTabs, name, furnishNotifications, onPlotClick, type, letGoOfLists, drawNothing, onSceneEdges, scene,
   };
 })();

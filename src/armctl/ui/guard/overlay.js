@@ -14,6 +14,7 @@
   const KNOCK_MS = 3000;
   const BUILDING_MS = 10000; // how long a page may take before its own STOP is named, for those who read names
   const STOP = "[data-armctl-stop]";
+  const SECOND = "The line of STOP is lost. STOP goes over the page's own line: have the power switch at hand.";
   const LOST =
     "Not connected: STOP does not reach the arm. Use the power switch. What is shown here is old. " +
     "To go on, see that armctl runs: then this page comes back by itself.";
@@ -159,7 +160,7 @@
   function stop() {
     press = { number: ++presses, at: performance.now() };
     if (line) line.send(JSON.stringify({ stop: press.number }));
-    else globalThis.armctlTell?.({ do: "stop" }); // the line of the page's parts may be alive
+    else if (globalThis.armctlTell?.({ do: "stop" })) press = null; // the state in the bar is its answer
   }
 
   addEventListener("keydown", (event) => event.key === "Escape" && !event.repeat && stop(), true);
@@ -181,7 +182,7 @@
     frame(document.getElementById("armctl-under"));
   });
 
-  // What lies under the scene is as high as it is, and as wide as the scene (parts.css).
+  // What lies under the scene is as high as it is, and as wide as the scene (frame.css).
   function frame(under) {
     const set = (name, pixels) => document.documentElement.style.setProperty(name, `${pixels}px`);
     new ResizeObserver(() => set("--armctl-under", under.offsetHeight)).observe(under);
@@ -216,7 +217,7 @@
     const unanswered = press && now - press.at > PATIENCE_MS;
     const cause = document.querySelector("[data-armctl-lost]")?.dataset.armctlLost;
     const gone = cause && cause[0].toUpperCase() + cause.slice(1);
-    const text = lost ? (shutOut ? SHUT_OUT : LOST) : gone ? gone : unanswered ? UNANSWERED : draws ? "" : NO_3D;
+    const text = lost ? (shutOut ? SHUT_OUT : globalThis.armctlTell?.() ? SECOND : LOST) : gone ? gone : unanswered ? UNANSWERED : draws ? "" : NO_3D;
     say(words, text);
     const operator = document.querySelector("[data-armctl-watching]")?.dataset.armctlWatching;
     say(banner, operator ? `WATCHING: ${operator} operates the arm` : "");

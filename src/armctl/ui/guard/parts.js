@@ -39,11 +39,13 @@
     };
   }
   function tell(said) {
-    if (line.readyState !== WebSocket.OPEN) return;
+    if (line.readyState !== WebSocket.OPEN) return false;
     if (said.do) unanswered++;
     line.send(JSON.stringify(said));
+    return true;
   }
-  globalThis.armctlTell = tell; // a second way for STOP (overlay.js)
+  // A second way for STOP (overlay.js): whether it goes; without something to say whether it would.
+  globalThis.armctlTell = (said) => (said ? tell(said) : line.readyState === WebSocket.OPEN);
   function hear({ parts, rows = {}, done }) {
     unanswered -= done;
     for (const [name, { order, html }] of Object.entries(rows)) {
@@ -208,7 +210,23 @@
   const keyOf = (element) => element.dataset.key ?? "";
   function act(element) {
     if (element.getAttribute("aria-disabled") !== "true") tell({ do: element.dataset.do, key: keyOf(element) });
+    else sayWhy(element.title);
   }
+
+  // Why something cannot be pressed: a finger sees no title.
+  const WHY_MS = 5000;
+  let saidWhy = 0;
+  function sayWhy(text) {
+    const place = document.getElementById("armctl-why");
+    if (!place || !text) return;
+    place.textContent = text[0].toUpperCase() + text.slice(1);
+    clearTimeout(saidWhy);
+    saidWhy = setTimeout(() => (place.textContent = ""), WHY_MS);
+  }
+  // A key that is held down presses no button again.
+  addEventListener("keydown", (event) => {
+    if (event.repeat && (event.key === "Enter" || event.key === " ") && near(event, "armctl-part button[data-do]")) event.preventDefault();
+  }, true);
   // The second click of two is for the row of the first, whatever has moved in between.
   let clicked = null;
   addEventListener("click", (event) => {
@@ -238,7 +256,7 @@
     if (field) say(field);
   });
 
-  const LEAST_MS = 100; // between two values of a slider that is dragged
+  const LEAST_MS = 100; // so long a slider rests before it tells
   let due = 0;
   addEventListener("input", (event) => {
     const slider = near(event, "armctl-part input[type=range][data-set]");

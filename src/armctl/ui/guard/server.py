@@ -10,6 +10,7 @@ import re
 import socket
 import ssl
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from functools import partial
 from http import HTTPStatus
@@ -40,6 +41,8 @@ from armctl.ui.viser_seam import (
 )
 
 _TIMEOUT_S = 3.0
+_DOCS = ThreadPoolExecutor(1, "armctl docs")
+"""renders pages one at a time: whoever moves an arm waits for none"""
 _REFUSALS = {HTTPStatus.FORBIDDEN, HTTPStatus.MISDIRECTED_REQUEST, HTTPStatus.UNAUTHORIZED}
 _FOREIGN = "armctl-probe.invalid"
 
@@ -78,7 +81,8 @@ def _arrangement(
         async def process_request(connection: ServerConnection, request: Request) -> Response | None:
             response = door.answer(connection, request)
             if response is None and isinstance(connection, GuardedConnection) and connection.docs_path:
-                return await asyncio.to_thread(door.document, connection.docs_path)
+                loop = asyncio.get_running_loop()
+                return await loop.run_in_executor(_DOCS, door.document, connection.docs_path)
             if response is None:
                 own = own_socket(connection)
                 if own is None:

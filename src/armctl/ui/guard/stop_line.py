@@ -53,12 +53,13 @@ _OUR_ICON = (
     " d='M2 14.5h9M6 14V9l-3-4 6-3 4 4v3'/%3E%3C/svg%3E\">"
 )
 """a small arm"""
+_STOP_NOTE = "The arm stops and holds, with power (Escape). Software only: it replaces no emergency stop."
 _FRAME = (
     "<section id=armctl-top aria-label=Control>"
-    "<button type=button data-armctl-stop aria-hidden=true title='Decelerate and hold, with power (Escape)'>"
-    "STOP</button><armctl-part name=bar></armctl-part></section>"
-    "<section id=armctl-over><armctl-part name=where></armctl-part><armctl-part name=alerts role=status>"
-    "</armctl-part></section>"
+    f"<button type=button data-armctl-stop aria-hidden=true title='{_STOP_NOTE}'>STOP</button>"
+    "<armctl-part name=bar></armctl-part></section>"
+    "<section id=armctl-over><armctl-part name=where></armctl-part>"
+    "<armctl-part name=alerts role=status></armctl-part><p id=armctl-why role=status></p></section>"
     "<section id=armctl-under aria-label='Next pose'><armctl-part name=next></armctl-part>"
     "<armctl-part name=timeline></armctl-part></section>"
 )

@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import partial
 
+import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
@@ -45,6 +46,7 @@ _UNEDITED = (
     "With respect to last position, the angles would be added to it."
 )
 _TAKEN = "The fields show the next pose until you edit them."
+_SAME_RAD = 1e-6
 _MOVING = "The fields take the pose of the arm once it stands."
 
 
@@ -59,8 +61,9 @@ class ForwardScreen:
     def __init__(self, session: Session) -> None:
         self._session, self._robot = session, session.console.robot
         self._standing = session.console.last_known.standing
-        self._writer = PoseWriter(session, "angles in Forward", self._how, self._on_end)
+        self._writer = PoseWriter(session, "angles in Forward", self._how, self._on_end, self._settled)
         self._drawn: tuple[object, ...] = ()
+        self._written: tuple[object, ...] = ()
         gui = session.gui
         LiveHtml(gui, "Type joint angles, or a tool pose. Nothing moves until a Go button is pressed.")
         tabs = gui.add_tab_group()
@@ -97,6 +100,9 @@ class ForwardScreen:
     def _how(self) -> Movement:
         return self._movement.checked()
 
+    def _settled(self) -> None:
+        self._watch.require_settled()
+
     def _on_end(self, why: End) -> None:
         """The fields hold nothing of their own any more, but for angles that are to be added once more."""
         if why != "arrived" or self._shown.value != SHOWN[1]:
@@ -128,6 +134,7 @@ class ForwardScreen:
 
     def _edit(self) -> None:
         self._following.edit()
+        self._written = ()
         if self._writer.taken:  # from here on the next pose is this screen's, whoever wrote it
             self._session.next.clear("replaced")
         self._draw_anew()
@@ -145,6 +152,7 @@ class ForwardScreen:
         q = self._robot.check_limits(resulting_pose(how, self._angles.array, present))
         self._shown.value = SHOWN[how == LAST]
         self._following.edit()
+        self._written = self._angles.texts, self._shown.value, None
         await self._writer.go(q)
         if how == REFERENCE and not self._writer.shown:  # the arm is there already
             self._on_end("arrived")
@@ -164,8 +172,9 @@ class ForwardScreen:
                 q = resulting_pose(shown, self._angles.array, present)
         except ArmctlError as why:
             refusal = why
-        if edited:
-            self._write(None if refusal is not None or shown == PRESENT else q, snapshot)
+        if edited and not snapshot.busy and self._written != (texts, shown, unmet):
+            self._written = texts, shown, unmet  # once: where the arm is moved otherwise, it stays
+            self._write(None if refusal is not None or shown == PRESENT else q)
         self._drawn = (*key[:5], next_pose.number, unmet)
         taken = self._writer.taken
         self._results.show(
@@ -175,7 +184,7 @@ class ForwardScreen:
                 present,
                 edited=edited or taken,
                 unmet=unmet,
-                ghost=shown if self._writer.shown else "",
+                ghost=self._said(q, shown),
                 taken=taken,
             )
             if edited or taken or not snapshot.busy
@@ -191,7 +200,14 @@ class ForwardScreen:
         self._jacobian.show(jacobian_html(self._robot, q))
         self._velocities.show(q)
 
-    def _write(self, q: FloatArray | None, snapshot: Snapshot) -> None:
+    def _said(self, q: FloatArray, shown: str) -> str:
+        """What the ghost shows, of this screen; ``q`` (n,) [rad]: what is ``shown`` now."""
+        if not self._writer.shown:
+            return ""
+        as_now = np.abs(self._session.next.shown(q) - q).max() < _SAME_RAD
+        return shown if as_now else f"{shown}, as it was then"
+
+    def _write(self, q: FloatArray | None) -> None:
         """Make ``q`` (n,) [rad] the next pose; None, or out of limits: no button would send the arm there."""
         try:
             within = None if q is None else self._robot.check_limits(q)
@@ -199,7 +215,7 @@ class ForwardScreen:
             within = None
         if within is None:
             self._writer.hide()
-        elif not snapshot.busy:
+        else:
             self._writer.show(within)
 
 

@@ -58,7 +58,7 @@ class InverseScreen:
 
     def __init__(self, session: Session) -> None:
         self._session, self._robot = session, session.console.robot
-        self._writer = PoseWriter(session, "way in Inverse", self._how)
+        self._writer = PoseWriter(session, "way in Inverse", self._how, settled=self._settled)
         self._looked_at = Preview(session.ghost, TAB)
         scene = session.client.scene
         self._mark = scene.add_icosphere("/inverse_mark", 0.006, color=_MARK_COLOR, visible=False)
@@ -141,6 +141,9 @@ class InverseScreen:
 
     def _how(self) -> Movement:
         return self._movement.checked()
+
+    def _settled(self) -> None:
+        self._form.watch.require_settled()
 
     def _on_fill(self) -> None:
         self._session.next.clear()

@@ -275,8 +275,9 @@ class ProgramRecord:
         row = self._editor.selected
         await self._editor.change(lambda program: edit(program, row))
 
-    async def _on_record_next(self, _: str) -> None:
+    async def _on_record_next(self, key: str) -> None:
         """*Record* beside *Go*: the next pose is put on the list, or where the arm is."""
+        self._session.next.require_seen(key)
         q = self._session.next.q
         if q is None:
             await self._record(next(iter(self._kinds)))

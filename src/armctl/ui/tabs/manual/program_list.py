@@ -128,7 +128,7 @@ class ProgramList:
         row = self._shared.row(key)
         if row is not None:
             self._editor.select(row)
-            if self._edit is None or self._edit.key != key:
+            if self._edit is None or (self._edit.key != key and not self._edit.refusals):
                 self._edit = StepEdit(key)
 
     def _on_done(self, key: str) -> None:
@@ -196,7 +196,7 @@ class ProgramList:
         said = _by_step(self._findings())
         running = _running(snapshot) if shared.relation(snapshot.program) == "running" else None
         edit = self._edit
-        rows = set(said) & set(range(len(steps)))
+        rows = {row for row in said if row < len(steps)}
         rows |= {self._editor.selected} if steps else set()
         rows |= set() if running is None else {running[0]}
         rows |= set() if edit is None or (row := shared.row(edit.key)) is None else {row}
