@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import pytest
-from playwright.sync_api import Locator, expect
+from playwright.sync_api import Locator, Position, expect
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import HOME, ServedArm
 
@@ -48,6 +48,10 @@ def steps_list(page: Screen) -> Locator:
 
 def rows(page: Screen) -> Locator:
     return steps_list(page).get_by_role("row")
+
+
+_WORD = Position(x=44, y=12)
+"""where the kind of a step is written, in a row: the buttons of one that is selected are at its right"""
 
 
 def show(page: Screen, served: ServedArm, *steps: Step) -> None:
@@ -110,7 +114,7 @@ def plays(dice: random.Random, page: Screen, model: Model) -> Iterator[str]:
         match what:
             case "click":
                 model.at = dice.randrange(count)
-                rows(page).nth(model.at).click()
+                rows(page).nth(model.at).click(position=_WORD)
             case "down" | "up":
                 model.at = max(0, at - 1) if what == "up" else min(count - 1, at + 1)
                 press("ArrowUp" if what == "up" else "ArrowDown")
@@ -154,8 +158,11 @@ def test_whatever_is_done_the_list_is_what_a_plain_list_would_be(
     page: Screen, served: ServedArm, seed: int
 ) -> None:
     model = Model([1, 2, 3, 4, 5, 6, 7])
+    page.page.set_viewport_size(
+        {"width": 1280, "height": 1500}
+    )  # the whole list is in view: rows are dragged
     show(page, served, *waits(*model.rows))
-    rows(page).nth(0).click()
+    rows(page).nth(0).click(position=_WORD)
     done: list[str] = []
     for what in plays(random.Random(seed), page, model):
         done.append(what)
@@ -171,6 +178,7 @@ def test_whatever_is_done_the_list_is_what_a_plain_list_would_be(
 
         page.wait_until(agrees, f"{model.rows}, row {model.at} after {done}")
         model.at = selected(page)
+    page.page.set_viewport_size({"width": 1280, "height": 800})
     assert len(set(done)) >= 10
     assert page.notifications() == [] and page.errors == []
 
@@ -179,7 +187,7 @@ def test_a_step_is_edited_in_its_row_as_people_write_and_a_wrong_value_stays_wit
     page: Screen, served: ServedArm
 ) -> None:
     show(page, served, *waits(1, 2), PointStep(x_mm=200, y_mm=0, z_mm=85))
-    rows(page).nth(1).click()
+    rows(page).nth(1).click(position=_WORD)
     page.page.keyboard.press("Enter")
     expect(page.entry("Wait time s")).to_be_focused()
     page.page.keyboard.insert_text("12,5")  # what was there is selected
@@ -188,7 +196,7 @@ def test_a_step_is_edited_in_its_row_as_people_write_and_a_wrong_value_stays_wit
     expect(rows(page).nth(1)).to_be_focused()
     expect(steps_list(page).locator("[data-set]")).to_have_count(0)
 
-    rows(page).nth(2).dblclick()
+    rows(page).nth(2).dblclick(position=_WORD)
     expect(page.entry("Point mm")).to_be_focused()
     page.type_into("Pitch °", "−30")
     page.wait_until(lambda: getattr(served.steps[2], "pitch_deg", None) == -30, "a real minus is read")
@@ -209,7 +217,7 @@ def test_a_step_is_edited_in_its_row_as_people_write_and_a_wrong_value_stays_wit
     expect(field).to_have_attribute("aria-invalid", "true")
     assert field.get_attribute("aria-describedby") == why.get_attribute("id")
     page.page.keyboard.press("Escape")  # that is STOP, and closes nothing
-    rows(page).nth(0).click()
+    rows(page).nth(0).click(position=_WORD)
     expect(rows(page).nth(0)).to_have_attribute("aria-selected", "true")
     assert page.value("Blend mm") == "wide" and served.steps[2] == step
     page.screenshot("program-refused-field")
@@ -221,7 +229,7 @@ def test_a_step_is_edited_in_its_row_as_people_write_and_a_wrong_value_stays_wit
 
 def test_buttons_in_the_selected_row_do_what_keys_do(page: Screen, served: ServedArm) -> None:
     show(page, served, *waits(1, 2, 3))
-    rows(page).nth(0).click()
+    rows(page).nth(0).click(position=_WORD)
     for button, after in (
         ("Move row 1 down", [2, 1, 3]),
         ("Move row 2 up", [1, 2, 3]),
@@ -241,7 +249,7 @@ def test_focus_scroll_and_what_is_being_typed_survive_what_others_change(
 ) -> None:
     steps = waits(*range(1, 61))
     show(page, served, *steps)
-    rows(page).nth(40).click()
+    rows(page).nth(40).click(position=_WORD)
     before = steps_list(page).evaluate("list => list.scrollTop")
     assert before > 0
     served.put_steps(*steps[:50], by=OTHER)
@@ -271,7 +279,7 @@ def test_focus_scroll_and_what_is_being_typed_survive_what_others_change(
 def test_of_a_long_list_one_row_is_changed_and_no_other_is_touched(page: Screen, served: ServedArm) -> None:
     steps = waits(*range(2000))
     show(page, served, *steps)
-    rows(page).nth(3).click()
+    rows(page).nth(3).click(position=_WORD)
     steps_list(page).evaluate(_CHANGES)
     page.page.keyboard.press("Alt+ArrowDown")
     page.wait_until(lambda: selected(page) == 4, "the row has moved")
@@ -298,7 +306,7 @@ def test_the_running_step_is_marked_and_in_view_and_findings_stand_at_their_rows
     finding = rows(page).nth(42).locator("em")
     expect(finding).to_contain_text("too far by 671.0 mm")
     expect(rows(page).locator("em")).to_have_count(1)
-    rows(page).nth(42).click()
+    rows(page).nth(42).click(position=_WORD)
     page.page.keyboard.press("Delete")
     expect(rows(page).locator("em")).to_have_count(0)
     page.page.keyboard.press("Home")
@@ -328,7 +336,7 @@ def test_a_page_that_watches_sees_the_edits_and_is_offered_none(
     assert not rows(watcher).nth(1).locator("[data-grip]").is_visible()
     watcher.page.keyboard.press("Delete")
     watcher.page.keyboard.press("Control+d")
-    rows(page).nth(2).click()
+    rows(page).nth(2).click(position=_WORD)
     page.page.keyboard.press("Control+d")
     expect(rows(watcher)).to_have_count(4)
     watcher.wait_for_text(re.compile("browser page 1 edited row 4"))

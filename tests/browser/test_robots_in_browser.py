@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Locator, expect
 from tests.browser.kit import PATIENCE_MS, Screen, Screens
 from tests.browser.served_arm import ServedArm
 
@@ -40,6 +40,13 @@ def wait_for_robot(page: Screen, robot: Robot) -> None:
     model = arm_model(robot)
     parts = {*model.frames, *(mesh.name for mesh in model.meshes)}
     page.wait_until(lambda: parts_drawn(page) == parts, "the robot's parts are drawn, and no others")
+
+
+def across(panel: Locator) -> tuple[float, float]:
+    """Where a panel begins and how wide it is [px]; how high it is, its tab says."""
+    box = panel.bounding_box()
+    assert box is not None
+    return box["x"], box["width"]
 
 
 def parts_drawn(page: Screen) -> set[str]:
@@ -130,7 +137,7 @@ OF_ITS_OWN = {
 def test_each_robot_brings_its_fields_limits_and_figure_and_moves(page: Screen, served: ServedArm) -> None:
     """One after the other on one page, and back to the first: nothing is left of the arms between."""
     control = page.panel("Main")
-    place = control.bounding_box()
+    place = across(control)
     before = "uzuner"
     for name in ("scorbot", "humanoid", "uzuner"):
         page.open_tab("Main")
@@ -140,7 +147,7 @@ def test_each_robot_brings_its_fields_limits_and_figure_and_moves(page: Screen, 
         page.wait_for_text(re.compile(f"robot: {re.escape(TITLES[before])} → {re.escape(TITLES[name])}"))
         page.open_tab("Main")
         enable_and_go_home(page, served)
-        page.wait_until(lambda: control.bounding_box() == place, "the panel stands where it stood")
+        page.wait_until(lambda: across(control) == place, "the panel stands where it stood")
         expect(page.page).to_have_title(f"armctl – {TITLES[name]}", timeout=PATIENCE_MS)
         page.screenshot(f"robot-{name}-main")
         page.open_tab("Manual")

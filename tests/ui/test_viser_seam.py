@@ -263,6 +263,7 @@ CONTRACT = {
         "--scrollarea-scrollbar-size",
         "data-dock-tab",
         "data-dock-root",
+        "data-dock-unmergeable-header",
         "`Paper`",
         "width:`20em`",
         "`Notifications`",
