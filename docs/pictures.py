@@ -314,7 +314,7 @@ def opened(screen: Screen, url: str, enabled: bool) -> None:
     """A page that has just been opened, with the arm on if that is asked for."""
     screen.open(url, until="STOP")
     screen.dismiss_graphics_warning()
-    if enabled and "HOLDING" not in screen.text():
+    if enabled and "HOLDING" not in screen.text("#armctl-top"):
         screen.click("Enable")
         screen.wait_for_text("HOLDING")
 

@@ -32,6 +32,7 @@ def outlines() -> dict[str, str]:
             containers = page.client.gui._container_handle_from_uuid.values()
             tabs = [one for one in containers if isinstance(one, viser.GuiTabHandle)]
             page._always.refresh(page.session.snapshot)
+            page.session.next.refresh(page.session.snapshot)
             parts = page.session.parts
             frame = _CAUSE.sub("", parts["bar"]) + parts["next"]
             return {"Control": _plain(frame)} | {tab._label: "\n".join(_outline(tab)) for tab in tabs}
