@@ -12,24 +12,20 @@ from armctl.kinematics.velocity import position_freedom
 from armctl.robot import Robot, load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.forward.figures import (
+    LAST,
+    REFERENCE,
+    SHOWN,
     direction_words,
     jacobian_html,
     joint_rates_html,
     manipulability_html,
     pose_html,
+    resulting_pose,
+    results_html,
     tool_speeds_html,
     tool_velocity_html,
 )
-from armctl.ui.tabs.forward.screen import (
-    LAST,
-    REFERENCE,
-    SHOWN,
-    PoseFields,
-    angle_fields,
-    coupled_joints,
-    resulting_pose,
-    results_html,
-)
+from armctl.ui.tabs.forward.screen import PoseFields, angle_fields, coupled_joints
 
 ROBOTS = tuple(load_robot(name) for name in FIVE)
 ROBOT, MICO, HUMANOID, SCORBOT = (load_robot(name) for name in ("uzuner", "mico", "humanoid", "scorbot"))

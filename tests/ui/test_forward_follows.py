@@ -16,7 +16,8 @@ from armctl.protocol import MoveJoints
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.next_pose import PoseWriter
-from armctl.ui.tabs.forward.screen import LAST, REFERENCE, SHOWN, ForwardScreen
+from armctl.ui.tabs.forward.figures import LAST, REFERENCE, SHOWN
+from armctl.ui.tabs.forward.screen import ForwardScreen
 from armctl.ui.widgets import number_field
 
 ROBOT = load_robot("uzuner")

@@ -17,7 +17,8 @@ from armctl.kinematics.angles import rotation_angle
 from armctl.protocol import MoveJoints
 from armctl.robot import Robot, load_robot
 from armctl.ui.guard import GuardedServer
-from armctl.ui.tabs.forward.screen import REFERENCE, ForwardScreen, coupled_joints
+from armctl.ui.tabs.forward.figures import REFERENCE
+from armctl.ui.tabs.forward.screen import ForwardScreen, coupled_joints
 from armctl.ui.tabs.inverse.answer import solve
 from armctl.ui.tabs.inverse.answer_html import result_html
 from armctl.ui.tabs.inverse.branches import branches_html

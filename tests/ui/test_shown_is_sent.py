@@ -13,7 +13,8 @@ from armctl.kinematics import CRITERIA
 from armctl.protocol import MoveJoints
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
-from armctl.ui.tabs.forward.screen import LAST, REFERENCE, ForwardScreen
+from armctl.ui.tabs.forward.figures import LAST, REFERENCE
+from armctl.ui.tabs.forward.screen import ForwardScreen
 from armctl.ui.tabs.inverse.screen import InverseScreen
 
 ROBOT = load_robot("uzuner")

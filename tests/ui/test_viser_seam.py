@@ -264,6 +264,7 @@ CONTRACT = {
         "data-dock-tab",
         "data-dock-root",
         "data-dock-unmergeable-header",
+        "data-dock-griphandle",
         "`Paper`",
         "width:`20em`",
         "`Notifications`",

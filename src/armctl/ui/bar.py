@@ -46,7 +46,7 @@ class ControlBar:
         self._session = session
         self._enabling = EnableControl(session)
         self._asks_release = False
-        self._released_at = self._paused_at = self._took_at = self._asked_take = -math.inf
+        self._released_at = self._paused_at = self._asked_take = -math.inf
         self._speeds_said = 0
         """how often a speed was typed: the field shows what counts, also where it was refused"""
         self._operated: bool | None = None
@@ -214,9 +214,6 @@ class ControlBar:
         """Where somebody else operates, the first click asks, a second one within a few seconds takes."""
         session = self._session
         now = asyncio.get_running_loop().time()
-        last, self._took_at = self._took_at, now
-        if now - last < _DOUBLE_CLICK_S:
-            return
         if session.snapshot.control.operator is not None and now - self._asked_take > _ASKED_S:
             self._asked_take = now
             what = f"{session.operator} operates the arm. Click Take control again to take it."

@@ -8,7 +8,8 @@ from html import escape
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError
+from armctl.errors import ArmctlError, UnreachableError
+from armctl.facts import Reason
 from armctl.facts.angles import DEGREE, to_degrees
 from armctl.kinematics import quaternion_wxyz, roll_pitch_yaw
 from armctl.kinematics.velocity import (
@@ -235,3 +236,63 @@ class VelocityForm:
             self._answer.show(joint_rates_html(self._robot, J, self._linear.array, keep=self._keep.value))
         except ArmctlError as half_typed:
             self._answer.show(refused(f"{half_typed}."))
+
+
+# Where each button would send the arm.
+
+
+REFERENCE = "Go with respect to reference"
+LAST = "Go with respect to last position"
+PRESENT = "present pose (live)"
+SHOWN = ("angles as reference", "angles added to last position", PRESENT)
+_UNEDITED = (
+    "The fields follow the arm until you edit them. With respect to reference, it would stay where it is. "
+    "With respect to last position, the angles would be added to it."
+)
+_TAKEN = "The fields show the next pose until you edit them."
+
+
+def resulting_pose(how: str, asked: FloatArray, present: FloatArray) -> FloatArray:
+    """Where the arm would go: ``asked`` itself, or added to where it is commanded to be (n,) [rad]."""
+    return present + asked if how in (LAST, SHOWN[1]) else asked
+
+
+def results_html(
+    robot: Robot,
+    angles: FieldArray,
+    present: FloatArray,
+    *,
+    edited: bool = True,
+    unmet: Reason | None = None,
+    ghost: str = "",
+    taken: bool = False,
+) -> str:
+    """A row for where the arm is, and one for where each button would send it.
+
+    Before the fields are edited they hold the pose of the arm, which is the one with respect to reference.
+    ``unmet``: why nothing can be sent although the angles are complete. ``ghost``: which of ``SHOWN`` is
+    drawn; empty: none. ``taken``: the fields show a next pose that was written elsewhere.
+    """
+    poses = {"now": present}
+    problems = muted(_TAKEN) if taken else "" if edited else muted(_UNEDITED)
+    try:
+        asked = angles.array
+        if unmet:
+            raise UnreachableError(unmet)
+    except ArmctlError as refusal:
+        problems = refused(f"Nothing can be sent: {refusal}.")
+    else:
+        for name, how in (("reference", REFERENCE), ("last position", LAST))[not edited :]:
+            poses[f"→ {name}"] = q = resulting_pose(how, asked, present)
+            try:
+                robot.check_limits(q)
+            except ArmctlError as refusal:
+                problems += muted(f"✗ With respect to {name}: {refusal}.") if edited else ""
+    head = ["will go to", *(f"θ{i + 1}°" for i in range(robot.n)), "x mm", "y mm", "z mm"]
+    rows = [
+        [name, *(fixed(v, 1) for v in (*robot.shown(q).tolist(), *(1000 * robot.forward(q)[:3, 3]).tolist()))]
+        for name, q in poses.items()
+    ]
+    html = table(head, rows, small=True)
+    drawn = muted(f"The ghost shows the {ghost}.") if ghost else ""
+    return html + (problems or muted("Both are inside the joint limits.")) + drawn

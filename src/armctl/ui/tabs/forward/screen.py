@@ -22,9 +22,20 @@ from armctl.robot import Robot
 from armctl.ui.events import Newest, On, OneAtATime
 from armctl.ui.next_pose import End, Movement, PoseWriter
 from armctl.ui.session import Session
-from armctl.ui.tabs.forward.figures import VelocityForm, base_turns, jacobian_html, pose_html
+from armctl.ui.tabs.forward.figures import (
+    LAST,
+    PRESENT,
+    REFERENCE,
+    SHOWN,
+    VelocityForm,
+    base_turns,
+    jacobian_html,
+    pose_html,
+    resulting_pose,
+    results_html,
+)
 from armctl.ui.widgets.angle_fields import OrientationFields, angle_fields, held_at
-from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, sentence, table
+from armctl.ui.widgets.html import LiveHtml, muted, refused, sentence
 from armctl.ui.widgets.number_field import (
     MILLIMETRES,
     EditWatch,
@@ -35,24 +46,10 @@ from armctl.ui.widgets.number_field import (
 )
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
-REFERENCE = "Go with respect to reference"
-LAST = "Go with respect to last position"
-PRESENT = "present pose (live)"
-SHOWN = ("angles as reference", "angles added to last position", PRESENT)
 _GO_NOTE = "Reference: each joint goes to its angle. Last position: the angles are added to where it stands."
 _SHOWN_NOTE = "Which pose the ghost and these numbers show."
-_UNEDITED = (
-    "The fields follow the arm until you edit them. With respect to reference, it would stay where it is. "
-    "With respect to last position, the angles would be added to it."
-)
-_TAKEN = "The fields show the next pose until you edit them."
 _SAME_RAD = 1e-6
 _MOVING = "The fields take the pose of the arm once it stands."
-
-
-def resulting_pose(how: str, asked: FloatArray, present: FloatArray) -> FloatArray:
-    """Where the arm would go: ``asked`` itself, or added to where it is commanded to be (n,) [rad]."""
-    return present + asked if how in (LAST, SHOWN[1]) else asked
 
 
 class ForwardScreen:
@@ -217,47 +214,6 @@ class ForwardScreen:
             self._writer.hide()
         else:
             self._writer.show(within)
-
-
-def results_html(
-    robot: Robot,
-    angles: FieldArray,
-    present: FloatArray,
-    *,
-    edited: bool = True,
-    unmet: Reason | None = None,
-    ghost: str = "",
-    taken: bool = False,
-) -> str:
-    """A row for where the arm is, and one for where each button would send it.
-
-    Before the fields are edited they hold the pose of the arm, which is the one with respect to reference.
-    ``unmet``: why nothing can be sent although the angles are complete. ``ghost``: which of ``SHOWN`` is
-    drawn; empty: none. ``taken``: the fields show a next pose that was written elsewhere.
-    """
-    poses = {"now": present}
-    problems = muted(_TAKEN) if taken else "" if edited else muted(_UNEDITED)
-    try:
-        asked = angles.array
-        if unmet:
-            raise UnreachableError(unmet)
-    except ArmctlError as refusal:
-        problems = refused(f"Nothing can be sent: {refusal}.")
-    else:
-        for name, how in (("reference", REFERENCE), ("last position", LAST))[not edited :]:
-            poses[f"→ {name}"] = q = resulting_pose(how, asked, present)
-            try:
-                robot.check_limits(q)
-            except ArmctlError as refusal:
-                problems += muted(f"✗ With respect to {name}: {refusal}.") if edited else ""
-    head = ["will go to", *(f"θ{i + 1}°" for i in range(robot.n)), "x mm", "y mm", "z mm"]
-    rows = [
-        [name, *(fixed(v, 1) for v in (*robot.shown(q).tolist(), *(1000 * robot.forward(q)[:3, 3]).tolist()))]
-        for name, q in poses.items()
-    ]
-    html = table(head, rows, small=True)
-    drawn = muted(f"The ghost shows the {ghost}.") if ghost else ""
-    return html + (problems or muted("Both are inside the joint limits.")) + drawn
 
 
 # Joint angles and tool pose, coupled both ways while they are typed.
