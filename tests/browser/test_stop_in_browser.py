@@ -187,7 +187,7 @@ def test_a_page_that_hangs_stops_the_arm_within_a_second_and_one_without_its_lin
     page.page.evaluate("globalThis.armctlTell = () => false")  # that line is lost, too
     told.filter(has_text="STOP does not reach the arm. Use the power").wait_for(timeout=PATIENCE_MS)
     page.screenshot("stop-not-connected")
-    page.entry("Speed %").click()
+    in_a_number_field(page)
     assert served.now.state is State.MOVING
     page.page.keyboard.press("Escape")
     served.wait_for(page, State.HOLDING)

@@ -161,9 +161,11 @@
     press = { number: ++presses, at: performance.now() };
     if (line) line.send(JSON.stringify({ stop: press.number }));
     else if (globalThis.armctlTell?.({ do: "stop" })) press = null; // the state in the bar is its answer
+    else document.body.dispatchEvent(new KeyboardEvent("keydown", { key: "Escape", code: "Escape", bubbles: true }));
+    // the last way: STOP is a hot key of viser's, too, and its connection may be alive
   }
 
-  addEventListener("keydown", (event) => event.key === "Escape" && !event.repeat && stop(), true);
+  addEventListener("keydown", (event) => event.isTrusted && event.key === "Escape" && !event.repeat && stop(), true);
   const pressed = (event) => {
     const button = event.target instanceof Element && event.target.closest(STOP);
     // a click that came from a pointer was counted when the pointer went down
