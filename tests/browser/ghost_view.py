@@ -18,6 +18,21 @@ def ghost_tip_mm(screen: Screen, ghost: str = NEXT) -> NDArray[np.float64] | Non
     return None if tip is None else 1000 * np.array(tip)
 
 
+_ON_SCREEN = """([name, x, y, z]) => {
+  const node = window.__viserMutable.nodeRefFromName[name];
+  const camera = window.__viserMutable.camera ?? window.__viserMutable.cameraControl.camera;
+  const p = node.localToWorld(node.position.clone().set(x, y, z)).project(camera);
+  const box = document.querySelector("#root canvas[data-engine]").getBoundingClientRect();
+  return [box.left + (p.x + 1) / 2 * box.width, box.top + (1 - p.y) / 2 * box.height];
+}"""
+
+
+def arrow_px(screen: Screen, name: str, up_m: float) -> tuple[float, float]:
+    """Where on the screen the upward arrow of a node is, so far above its middle [m]."""
+    x, y = screen.page.evaluate(_ON_SCREEN, [name, 0, 0, up_m])
+    return x, y
+
+
 def wait_for_ghost(screen: Screen, robot: Robot, q: NDArray[np.float64], ghost: str = NEXT) -> None:
     """Wait until the ghost's tool is where that of ``q`` (n,) [rad] is."""
     tip = 1000 * robot.forward(q)[:3, 3]

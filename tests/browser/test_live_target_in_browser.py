@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from tests.browser.ghost_view import arrow_px
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import HOME, ServedArm
 
@@ -14,15 +15,6 @@ from armctl.protocol import Enable, SetSpeed
 
 pytestmark = pytest.mark.browser
 TAB = "Simulation"
-ARROW = """name => {
-  // Where on the screen the middle of the target's upward arrow is.
-  const node = window.__viserMutable.nodeRefFromName[name];
-  const camera = window.__viserMutable.camera ?? window.__viserMutable.cameraControl.camera;
-  const world = node.localToWorld(node.position.clone().set(0, 0, 0.07));
-  const p = world.project(camera);
-  const box = document.querySelector("canvas").getBoundingClientRect();
-  return [box.left + (p.x + 1) / 2 * box.width, box.top + (1 - p.y) / 2 * box.height];
-}"""
 
 
 def put_target(page: Screen, axis: str, mm: float) -> None:
@@ -75,7 +67,7 @@ def test_dragging_the_arrows_leads_the_arm_and_a_page_that_hangs_leads_nothing(
     page.choose("Live target", "THE ARM follows")
     served.wait_for(page, State.MOVING)
     page.pause(500)
-    x, y = page.page.evaluate(ARROW, "/live_target")
+    x, y = arrow_px(page, "/live_target", 0.07)
     before = served.tool_mm
     mouse = page.page.mouse
     mouse.move(x, y)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import expect
-from tests.browser.ghost_view import ghost_tip_mm, wait_for_no_ghost
+from tests.browser.ghost_view import arrow_px, ghost_tip_mm, wait_for_no_ghost
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import HOME, ServedArm
 
@@ -20,14 +20,6 @@ from armctl.protocol import MoveJoints
 pytestmark = pytest.mark.browser
 TAB = "Manual"
 SEQUENCES, STEPS = (300, 12) if os.environ.get("ARMCTL_LONG") else (1, 10)
-_ARROW = """([name, x, y, z]) => {
-  // Where on the screen a point of a node's own frame is.
-  const node = window.__viserMutable.nodeRefFromName[name];
-  const camera = window.__viserMutable.camera;
-  const p = node.localToWorld(node.position.clone().set(x, y, z)).project(camera);
-  const box = document.querySelector("#root canvas[data-engine]").getBoundingClientRect();
-  return [box.left + (p.x + 1) / 2 * box.width, box.top + (1 - p.y) / 2 * box.height];
-}"""
 
 
 def line(page: Screen) -> str:
@@ -55,7 +47,7 @@ def wait_for_next(page: Screen) -> None:
 def drag_tool(page: Screen, dx: float, dy: float) -> None:
     """Drag the upward arrow at the tool by so many pixels."""
     page.page.evaluate("document.querySelector('#webgl-software-rendering button')?.click()")
-    x, y = page.page.evaluate(_ARROW, ["/tool", 0, 0, 0.035])
+    x, y = arrow_px(page, "/tool", 0.035)
     mouse = page.page.mouse
     mouse.move(x, y)
     page.pause(300)

@@ -78,10 +78,11 @@ class ControlBar:
         session = self._session
         self._enabling.refresh(snapshot)
         self._tell_control()
-        session.parts.show(_BAR, self._bar(snapshot))
-        session.parts.show(_ALERTS, self._alerts(snapshot))
-        q, then = session.console.last_known.drawn(snapshot), session.next.q
         source = session.console.last_known.words(snapshot, session.console.robot.board)
+        cause = session.with_names(snapshot.cause)
+        session.parts.show(_BAR, self._bar(snapshot, cause, source))
+        session.parts.show(_ALERTS, self._alerts(snapshot, cause))
+        q, then = session.console.last_known.drawn(snapshot), session.next.q
         now, known, _ = source.partition(";")
         now = now if known else "now"  # "unknown; drawn where Enable would put it"
         before = self._where
@@ -91,9 +92,9 @@ class ControlBar:
 
     # What it shows.
 
-    def _bar(self, snapshot: Snapshot) -> str:
-        session, console = self._session, self._session.console
-        cause = session.with_names(snapshot.cause)
+    def _bar(self, snapshot: Snapshot, cause: str, source: str) -> str:
+        """``cause`` of the state; ``source`` of the position that is shown."""
+        session, robot = self._session, self._session.console.robot
         state = (
             f"<div class='state {snapshot.state.value}' role='status'>"
             f"<b>{escape(capitals(state_words(snapshot.state)))}</b>"
@@ -120,8 +121,7 @@ class ControlBar:
         second = f"<span>{others} watching</span>" if others else "<span></span>"
         if not session.operates:
             second = button("take", "Take control")
-        source = console.last_known.words(snapshot, console.robot.board)
-        marks = f"<i hidden data-armctl-title='{escape(f'armctl – {console.robot.title}')}'></i>"
+        marks = f"<i hidden data-armctl-title='{escape(f'armctl – {robot.title}')}'></i>"
         if not session.operates:  # for the banner that is laid over the page
             marks += f"<i hidden data-armctl-watching='{escape(session.operator)}'></i>"
         if snapshot.unreachable:  # for what is laid over the page beside STOP
@@ -131,7 +131,7 @@ class ControlBar:
         return (
             f"{state}<div class='power'>{on}{off}</div>{hold}{self._speed(snapshot)}"
             f"<div class='who'><span>Operator: <b>{escape(session.operator)}</b></span>{second}</div>"
-            f"<div class='what'><b>{escape(console.robot.title)}</b>"
+            f"<div class='what'><b>{escape(robot.title)}</b>"
             f"<span title='Position shown: {escape(source)}'>Position shown: {escape(source)}</span></div>"
             f"{theme}{self._help()}{marks}"
         )
@@ -152,15 +152,13 @@ class ControlBar:
             f"aria-label='Speed, percent'{off}></div>"
         )
 
-    def _alerts(self, snapshot: Snapshot) -> str:
+    def _alerts(self, snapshot: Snapshot, cause: str) -> str:
         """What has to be known now, the gravest first."""
-        session = self._session
         lines = [f"<p class='bad'>⚠ {escape(with_minus(text))}</p>" for text in snapshot.more_warnings]
-        if snapshot.state is State.FAULT and snapshot.cause:
-            cause = session.with_names(snapshot.cause)
+        if snapshot.state is State.FAULT and cause:
             lines.insert(0, f"<p class='bad'>⚠ {escape(sentence(cause))}</p>")
-        elif snapshot.cause:  # where the bar has no room for it
-            lines.append(f"<p class='cause'>{escape(sentence(session.with_names(snapshot.cause)))}</p>")
+        elif cause:  # where the bar has no room for it
+            lines.append(f"<p class='cause'>{escape(sentence(cause))}</p>")
         return "".join(lines) + self._enabling.html(snapshot)
 
     # What is done there.

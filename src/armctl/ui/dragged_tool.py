@@ -42,7 +42,7 @@ class DraggedTool:
             disable_rotations=True,
             disable_sliders=True,
             depth_test=False,
-            position=self._tool(session.snapshot),
+            position=self._point,
         )
 
         async def drag(event: viser.TransformControlsEvent) -> None:
@@ -62,10 +62,7 @@ class DraggedTool:
             self._arrows.visible = visible
 
     def _tool(self, snapshot: Snapshot) -> FloatArray:
-        return self._robot.forward(self._shown(snapshot))[:3, 3]
-
-    def _shown(self, snapshot: Snapshot) -> FloatArray:
-        return self._session.next.shown(self._session.console.last_known.standing(snapshot))
+        return self._robot.forward(self._session.next.shown_in(snapshot))[:3, 3]
 
     def _stand(self, point: FloatArray) -> None:
         if not self._dragged and np.abs(self._arrows.position - point).max() > _THERE_M:
@@ -77,7 +74,7 @@ class DraggedTool:
         if not np.isfinite(point).all():  # no page drags it there
             self._dragged = False
             return
-        before = self._shown(self._session.snapshot)
+        before = self._session.next.shown_in(self._session.snapshot)
         q = await asyncio.to_thread(dragged_to, self._robot, point, before, done=done)
         if self._session.closed:
             return

@@ -33,12 +33,10 @@ from armctl.robot import Robot
 from armctl.ui.console import Console
 from armctl.ui.events import OneAtATime
 from armctl.ui.guard.parts import Parts
-from armctl.ui.scene.ghost import Ghost, Lines, segments
+from armctl.ui.scene.ghost import SAME_RAD, Ghost, Lines, segments
 from armctl.ui.widgets.html import button, fixed, sentence
 
-SAME_RAD = 1e-4
-"""a pose that is no farther off is the one where the arm stands"""
-NEXT_COLOR = (0, 180, 216)
+_COLOR = (0, 180, 216)
 _THEIRS = (134, 142, 150)
 _PATH_POINTS = 48
 _LINE = "next"
@@ -205,8 +203,8 @@ class NextPose:
     def __init__(self, session: WritingPage) -> None:
         self._session = session
         scene, robot = session.client.scene, session.console.robot
-        self.ghost = Ghost(scene, robot, lambda: session.snapshot, "/ghost", NEXT_COLOR)
-        self._path = Lines(scene, "/next_path", NEXT_COLOR, 2.5)
+        self.ghost = Ghost(scene, robot, lambda: session.snapshot, "/ghost", _COLOR)
+        self._path = Lines(scene, "/next_path", _COLOR, 2.5)
         self._theirs = Ghost(scene, robot, lambda: session.snapshot, "/theirs", _THEIRS)
         self._poses = session.console.shared(NextPoses)
         self.q: FloatArray | None = None
@@ -236,6 +234,13 @@ class NextPose:
     def shown(self, present: FloatArray) -> FloatArray:
         """(n,) what fields show that nobody edits [rad]: the next pose, or where the arm stands."""
         return present if self.q is None else self.q
+
+    def shown_in(self, snapshot: Snapshot) -> FloatArray:
+        """As ``shown``, where the arm stands in a snapshot, or is drawn before its first command."""
+        return self.shown(self._standing(snapshot))
+
+    def _standing(self, snapshot: Snapshot) -> FloatArray:
+        return self._session.console.last_known.standing(snapshot)
 
     def set(self, q: FloatArray, writer: PoseWriter) -> None:
         """Make ``q`` (n,) [rad] the next pose; where the arm stands there, there is none."""
@@ -296,8 +301,7 @@ class NextPose:
             self._theirs.show(q, label=f"next pose of {operator.name}")
 
     def _is_there(self, q: FloatArray, snapshot: Snapshot) -> bool:
-        standing = self._session.console.last_known.standing(snapshot)
-        return not snapshot.busy and float(np.abs(q - standing).max()) < SAME_RAD
+        return not snapshot.busy and float(np.abs(q - self._standing(snapshot)).max()) < SAME_RAD
 
     def _ask(self, q: FloatArray, writer: PoseWriter, snapshot: Snapshot) -> None:
         """Have the motion planned, unless it is."""
@@ -308,8 +312,7 @@ class NextPose:
                 self._forget_plan()
             self._planned = _Planned(refused=str(refusal))
             return
-        standing = self._session.console.last_known.standing(snapshot)
-        asked = _ToPlan(self._session.held, standing.copy(), q, movement)
+        asked = _ToPlan(self._session.held, self._standing(snapshot).copy(), q, movement)
         if not asked.is_as(self._asked):
             self._forget_plan()
             self._asked = asked
@@ -367,9 +370,8 @@ class NextPose:
             return _line("<b>No next pose</b>", _HOW, record + _go(_NONE))
         x, y, z = (fixed(1000 * value, 1) for value in self._robot.forward(self.q)[:3, 3].tolist())
         place = f"<b>X {x} &ensp;Y {y} &ensp;Z {z} mm</b>"
-        planned, speed = self._planned, max(snapshot.speed, 0.05)
-        motion = self.trajectory
-        seconds = "" if motion is None else f" · {fixed(motion.duration / speed, 2)} s"
+        planned, motion = self._planned, self.trajectory
+        seconds = "" if motion is None else f" · {fixed(motion.duration / snapshot.speed, 2)} s"
         who = f"{escape(self.writer.words)}{seconds} · "
         if self._going:
             left = "" if snapshot.progress is None else f" · {round(100 * snapshot.progress)} % of the way"

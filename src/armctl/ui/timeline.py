@@ -79,7 +79,7 @@ class Timeline:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw the motion to the next pose, where it is another one."""
-        motion, speed = self._session.next.trajectory, max(snapshot.speed, 0.05)
+        motion, speed = self._session.next.trajectory, snapshot.speed
         if motion is not self._motion or speed != self._speed:
             if motion is not self._motion:
                 self._motion, self._share = motion, 1.0

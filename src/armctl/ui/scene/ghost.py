@@ -22,7 +22,8 @@ from armctl.ui.scene.arm_model import ARM, ArmFigure, add_solid, arm_model
 _LOOKED_AT, _OPACITY = (217, 115, 13), 0.35
 THICKER = 1.08
 """A ghost is this much thicker than the arm: where both are in one place, equal surfaces would flicker."""
-_SAME_RAD = 1e-4
+SAME_RAD = 1e-4
+"""a pose that is no farther off is the one where the arm stands"""
 
 
 class Ghost:
@@ -140,7 +141,7 @@ class Preview:
 
     def show(self, q: FloatArray, present: FloatArray) -> None:
         """Show ``q`` (n,) [rad], unless the arm stands there now."""
-        if np.abs(q - present).max() < _SAME_RAD:
+        if np.abs(q - present).max() < SAME_RAD:
             self.hide()
         else:
             self._q = q.copy()
@@ -158,7 +159,7 @@ class Preview:
         """
         if self._q is None:
             return
-        if np.abs(self._q - present).max() < _SAME_RAD:
+        if np.abs(self._q - present).max() < SAME_RAD:
             self.hide()
         elif not (self.shown or self.taken) and self._words is not None and self._ghost.is_open(self._words):
             self._ghost.show(self._q, self, self._words)

@@ -155,7 +155,7 @@ class JointControl:
         self._hint = LiveHtml(gui, _FOLLOWING)
         self._writer = PoseWriter(session, "sliders in Manual")
         self._stepper = JointStepper(session)
-        self._shown = slider_degrees(self._robot, self._base(session.snapshot))
+        self._shown = slider_degrees(self._robot, session.next.shown_in(session.snapshot))
         """degrees"""
         self._sliders: dict[int, viser.GuiSliderHandle[float]] = {}
         """by joint"""
@@ -192,20 +192,16 @@ class JointControl:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show the next pose, or the arm."""
-        shown = slider_degrees(self._robot, self._base(snapshot))
+        shown = slider_degrees(self._robot, self._session.next.shown_in(snapshot))
         if shown != self._shown:
             self._shown = shown
             for i, slider in self._sliders.items():
                 slider.value = shown[i]
         self._hint.show(_FOLLOWING if self._session.next.q is None else _EDITED)
 
-    def _base(self, snapshot: Snapshot) -> FloatArray:
-        """What the sliders show (n,) [rad]."""
-        return self._session.next.shown(self._session.console.last_known.standing(snapshot))
-
     def _on_slider(self) -> None:
         """The joints whose sliders were moved are asked for anew; a slider rounds what the others are at."""
-        q = self._base(self._session.snapshot).copy()
+        q = self._session.next.shown_in(self._session.snapshot).copy()
         for i, slider in self._sliders.items():
             value = float(slider.value)
             if value != self._shown[i]:
