@@ -46,7 +46,7 @@ def served(tmp_path: Path) -> Iterator[ServedArm]:
 @pytest.fixture
 def page(screen: Screen, served: ServedArm, request: pytest.FixtureRequest) -> Screen:
     """The console's page in ``screen``, with the tab open that the test's module names as ``TAB``."""
-    screen.open(served.url, until="STOP")
+    screen.open(served.url, until="Enable")
     if (tab := getattr(request.module, "TAB", None)) is not None:
         screen.open_tab(tab)
     return screen

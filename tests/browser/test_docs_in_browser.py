@@ -121,7 +121,7 @@ def test_the_search_says_when_the_console_is_gone(page: Page) -> None:
 
 
 def test_a_refusal_leads_to_its_section_in_a_tab_of_its_own(screen: Screen, served: ServedArm) -> None:
-    screen.open(served.url, until="STOP")
+    screen.open(served.url, until="Enable")
     screen.open_tab("Inverse")
     screen.type_xyz("900", "0", "0")
     screen.click("Go by least energy")

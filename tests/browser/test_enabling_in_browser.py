@@ -58,7 +58,7 @@ def test_the_page_asks_where_the_arm_is(tmp_path: Path, screens: Screens) -> Non
             with board.inspect() as model:
                 return [model.position_us(channel) for channel in range(6)]
 
-        page.open(url, until="STOP")
+        page.open(url, until="Enable")
         page.wait_for_text("asks where the arm stands")
         page.click("Enable")
         page.wait_for_text(re.compile(r"Last seen at 40\.0, 80\.0, −60\.0, .* on .*moving.*a fault ended it"))

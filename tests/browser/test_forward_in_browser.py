@@ -293,7 +293,7 @@ class Sequence:
 
     def reload(self) -> None:
         self.edited = False
-        self.page.open(self.served.url, until="STOP")
+        self.page.open(self.served.url, until="Enable")
         self.page.open_tab("Forward")
 
     def looks_true(self) -> None:

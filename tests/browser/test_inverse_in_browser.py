@@ -71,7 +71,7 @@ def test_another_way_is_one_click_or_one_key_away(solved: Screen, served: Served
 
 def test_ways_come_back_with_a_page_that_is_loaded_again(solved: Screen, served: ServedArm) -> None:
     page = solved
-    page.open(served.url, until="STOP")
+    page.open(served.url, until="Enable")
     page.open_tab("Inverse")
     # nothing is solved yet, and no old way is shown
     expect(page.page.locator("armctl-part[name=ways]")).to_be_empty()
@@ -277,7 +277,7 @@ def test_both_solutions_of_the_lab_sheet_side_by_side_and_why_one_is_refused(
     screen: Screen, tmp_path: Path
 ) -> None:
     with served_arm(tmp_path, "mico") as served:
-        screen.open(served.url, until="STOP")
+        screen.open(served.url, until="Enable")
         screen.open_tab("Inverse")
         screen.type_xyz("0", "0", "700")
         screen.click("Solve")

@@ -43,7 +43,7 @@ def link(board: BoardServer[SimulatedMaestro], tmp_path: Path) -> Iterator[str]:
 
 @pytest.fixture
 def page(link: str, screen: Screen) -> Screen:
-    screen.open(link, until="STOP")
+    screen.open(link, until="Enable")
     return screen
 
 

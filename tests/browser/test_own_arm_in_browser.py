@@ -28,7 +28,7 @@ def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ServedArm:
 @pytest.fixture
 def page(served: ServedArm, screens: Screens) -> Screen:
     screen = screens()
-    screen.open(served.url, until="STOP")
+    screen.open(served.url, until="Enable")
     screen.open_tab("Main", "Your own arm")
     screen.click("New arm")
     screen.wait_for_text("every solution in closed form")

@@ -44,7 +44,7 @@ def test_a_robot_file_of_ones_own_is_in_the_list_and_a_killed_arm_process_is_tol
     own = tmp_path / "lab_arm.toml"
     own.write_text(UZUNER.replace("Uzuner 5-DOF arm", "The lab's arm").replace('"uzuner"', '"lab_arm"'))
     with serving(tmp_path, "--robot", str(own)) as link:
-        screen.open(link, until="STOP")
+        screen.open(link, until="Enable")
         one_may_choose_another_and_its_own_again_only_if_it_can_be_read(screen, own)
         screen.click("Enable")
         screen.wait_for_text("HOLDING")

@@ -67,7 +67,7 @@ def cable(tmp_path: Path) -> Iterator[Cable]:
 @pytest.fixture
 def page(cable: Cable, tmp_path: Path, screen: Screen) -> Iterator[Screen]:
     with serving(tmp_path, "--robot", "scorbot", "--port", str(cable.link)) as url:
-        screen.open(url, until="STOP")
+        screen.open(url, until="Enable")
         yield screen
 
 

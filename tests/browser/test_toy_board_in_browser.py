@@ -42,7 +42,7 @@ def test_it_is_enabled_and_runs_a_recorded_program(
             return {channel: now.get(channel) for channel in wanted} == wanted
 
         page = screens()
-        page.open(url, until="STOP")
+        page.open(url, until="Enable")
         page.wait_for_text("Toy board")
         page.click("Enable")
         page.click("It is at the rest pose")

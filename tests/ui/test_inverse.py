@@ -182,7 +182,7 @@ def test_a_selected_row_whose_way_is_refused_says_so(server: GuardedServer) -> N
     page.press("Solve")
     assert "least energy would go to" in page.html and "below the floor" in page.html
     assert "selected row 1: would go to" in page.html and page.html.count("The way there is refused: ") == 2
-    page.put("Row", 301)
+    page.put("Row", "301")
     assert "selected row 301: would go to" in page.html and page.html.count("The way there is refused: ") == 2
     page.put("Z mm", "100")
     page.press("Solve")
@@ -190,7 +190,7 @@ def test_a_selected_row_whose_way_is_refused_says_so(server: GuardedServer) -> N
     page.put("Z mm", "-25.6")
     page.press("Go by least energy")  # solves first; here nothing is refused, as the controller would do
     assert "selected row 1: would go to" in page.html and page.html.count("The way there is refused: ") == 2
-    page.put("Row", 301)
+    page.put("Row", "301")
     page.press("Go by the selected one")
     assert "selected row 301: would go to" in page.html
 
@@ -413,10 +413,10 @@ def test_page_buttons_and_rows(server: GuardedServer, row: int, button: str, lea
     page.press("Page", button)
     assert rows() == [str(15 * leads_to + k) for k in range(1, 16)]
     assert pager.row == row
-    page.put("Row", 149)
+    page.put("Row", "149")
     html = pager.html("about it", [], lambda number: [f"row {number}"])
     assert "page 10 of 10 · about it" in html and html.count("background") == 1
-    page.put("Row", 151)
+    page.put("Row", "151")
     assert pager.row is None
     pager.reset(3, None)
     assert rows() == ["1", "2", "3"]

@@ -72,7 +72,7 @@ def test_the_ghost_is_hidden_while_the_fields_are_not_those_of_the_answer(page: 
     screen = InverseScreen(page.session)
     page.ask(220, -196, 85)
     page.press("Solve")
-    page.put("Row", 3001)
+    page.put("Row", "3001")
     row = page.next.q
     page.put("X mm", "200")
     page.refresh(screen)

@@ -215,7 +215,7 @@ class Sequence:
 
     def choose_a_row(self) -> None:
         if (found := self.inverse._answer) is not None and found.solutions.success:
-            self.page.put("Row", int(self.random.integers(1, len(found.solutions) + 1)))
+            self.page.put("Row", str(self.random.integers(1, len(found.solutions) + 1)))
 
     def another_moves(self) -> None:
         there = self.random.uniform(LOW, HIGH)

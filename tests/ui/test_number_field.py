@@ -121,3 +121,30 @@ def test_numbers_are_read_however_they_are_parted_and_what_is_none_is_named(text
         assert parse_numbers(good, "End", XYZ) == [220.0, -196.0, 85.0]
     with pytest.raises(InputError, match=why):
         parse_numbers(text, "End", XYZ)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("12,5", r"Times N: '12,5' is not a number"),
+        ("2.5", r"Times N: 2\.5 is no whole number"),
+        ("0", r"Times N: 0 is outside 1 … 1000"),
+        ("−3", r"Times N: -3 is outside 1 … 1000"),
+        ("1001", r"Times N: 1001 is outside 1 … 1000"),
+        ("", r"Times N is empty"),
+    ],
+)
+def test_a_count_outside_its_range_is_refused_by_its_name(server: GuardedServer, text: str, why: str) -> None:
+    field = NumberField(server.gui, "Times N", 3)
+    assert field.whole(1, 1000) == 3
+    field.handle.value = text
+    with pytest.raises(InputError, match=why):
+        field.whole(1, 1000)
+
+
+def test_a_number_outside_its_range_is_refused_with_as_many_digits_as_tell_it(server: GuardedServer) -> None:
+    field = NumberField(server.gui, "Wait s", 1.0)
+    assert field.within(0, 86_400) == 1.0
+    field.handle.value = "86400.5"
+    with pytest.raises(InputError, match=r"Wait s: 86400\.5 is outside 0 … 86400"):
+        field.within(0, 86_400)

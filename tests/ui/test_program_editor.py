@@ -11,14 +11,13 @@ import pytest
 from tests.arms import FIVE
 from tests.runtime.kit import make_rig
 
-from armctl.errors import InputError, StateError
+from armctl.errors import StateError
 from armctl.facts import State
 from armctl.hardware import Source
 from armctl.kinematics import rotation_from_rpy
 from armctl.program import ArcStep, GripperStep, LineStep, MoveStep, PointStep
 from armctl.robot import Robot, load_robot
 from armctl.ui.tabs.manual.program_editor import (
-    checked_seconds,
     present_pose_deg,
     recorded_kinds,
     step_here,
@@ -99,9 +98,3 @@ def test_the_recorded_pose_is_the_commanded_one_or_one_that_the_board_knows() ->
     found_on = replace(off, source=Source.TRANSMITTED, powered=True, q=q)  # the board holds it
     for known in (by_hand, found_on):
         assert present_pose_deg(ROBOT, known) == pytest.approx((10, 100, -30, -20, 5))
-
-
-@pytest.mark.parametrize("value", [-1.0, 1e9, float("nan")])
-def test_a_wait_outside_is_refused(value: float) -> None:
-    with pytest.raises(InputError, match=r"a wait of .* s is outside 0 … 86400 s"):
-        checked_seconds(value)

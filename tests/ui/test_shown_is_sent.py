@@ -57,7 +57,7 @@ def test_least_energy_shows_its_ghost_again_where_a_row_was_shown(page: FakePage
     page.ask(220, -196, 85)
     page.press("Solve")
     best = page.next.q
-    page.put("Row", 3001)
+    page.put("Row", "3001")
     row = page.next.q
     assert best is not None and row is not None and not np.array_equal(row, best)
     page.press(SELECTED)

@@ -12,7 +12,6 @@
   const ASK_BEATS = 5;
   const LEFT_MS = 5000; // after which a page that viser has lost is loaded anew
   const KNOCK_MS = 3000;
-  const BUILDING_MS = 10000; // how long a page may take before its own STOP is named, for those who read names
   const STOP = "[data-armctl-stop]";
   const SECOND = "The line of STOP is lost. STOP goes over the page's own line: have the power switch at hand.";
   const LOST =
@@ -107,6 +106,7 @@
       if ("line" in said) {
         line = opened;
         shutOut = false;
+        nameStop();
         line.send(JSON.stringify({ page, of: server ?? "", ask: 0 }));
         if (press && performance.now() - press.at < LATEST_MS) line.send(JSON.stringify({ stop: press.number }));
       }
@@ -194,10 +194,10 @@
     });
   }
 
-  // STOP has its name once the page is ready: those who read names, and tests outside, wait for it.
-  function nameStop(ready) {
-    const button = document.querySelector(STOP);
-    if (button && ready === (button.getAttribute("aria-hidden") === "true")) button.setAttribute("aria-hidden", !ready);
+  // STOP has its name, for those who read names, once its line is open: long before the page is built. It keeps it, as
+  // STOP has other ways where that line is lost.
+  function nameStop() {
+    document.querySelector(STOP)?.removeAttribute("aria-hidden");
   }
 
   function say(element, text) {
@@ -214,7 +214,7 @@
   viser("letGoOfLists"); // the keys that jog are pressed next
 
   function show(now) {
-    nameStop(document.querySelector("armctl-part[name=bar]")?.firstChild != null || now - began > BUILDING_MS);
+    if (now - began > OPENING_MS) nameStop();
     const lost = !line && now - Math.max(lostSince, began) > PATIENCE_MS;
     const unanswered = press && now - press.at > PATIENCE_MS;
     const cause = document.querySelector("[data-armctl-lost]")?.dataset.armctlLost;

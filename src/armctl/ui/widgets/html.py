@@ -200,6 +200,7 @@ PAGE_ROWS = 15
 
 
 _ROW_HINT = "Type a row's number to select it."
+_MOST_DIGITS = 9
 
 
 class Pager:
@@ -211,7 +212,7 @@ class Pager:
         self.row: int | None = None
         """selected, from 1; None: none"""
         self._buttons = gui.add_button_group("Page", ("First", "Prev", "Next", "Last"), visible=False)
-        self._field = gui.add_number("Row", 1, step=1, hint=_ROW_HINT, visible=False)
+        self._field = gui.add_text("Row", "1", hint=_ROW_HINT, visible=False)
         self.attach_row_edit = self._field.on_update
         on(self._buttons.on_click, self._on_button)
         on(self._field.on_update, self._on_row)
@@ -225,7 +226,7 @@ class Pager:
 
     def select(self, row: int) -> None:
         """Select a row (from 1) and turn to its page."""
-        self._field.value = self.row = row
+        self._field.value, self.row = str(row), row
         self._page = (row - 1) // PAGE_ROWS
 
     def html(
@@ -248,9 +249,10 @@ class Pager:
         self._changed()
 
     def _on_row(self) -> None:
-        """A number outside the list selects nothing, so that nothing can be sent by it."""
-        row = self._field.value
-        self.row = int(row) if 1 <= row <= self._rows else None
+        """What is no row of the list selects nothing, so that nothing can be sent by it."""
+        typed = self._field.value.strip()
+        row = int(typed) if typed.isascii() and typed.isdecimal() and len(typed) < _MOST_DIGITS else 0
+        self.row = row if 1 <= row <= self._rows else None
         if self.row is not None:
             self._page = (self.row - 1) // PAGE_ROWS
         self._changed()

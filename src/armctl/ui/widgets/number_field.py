@@ -15,7 +15,7 @@ import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
-from armctl.errors import InputError
+from armctl.errors import InputError, out_of_range
 from armctl.facts.angles import to_degrees
 from armctl.ui.events import Action, On
 
@@ -123,6 +123,20 @@ class NumberField(TextEntry):
     def edited(self) -> bool:
         """Whether it shows something else than what was filled in."""
         return self.text != self._filled
+
+    def within(self, low: float, high: float) -> float:
+        """The number; errors as ``parse_number``, and outside ``low`` … ``high``."""
+        value = self.value
+        if not low <= value <= high:
+            raise InputError(f"{self.label}: {out_of_range(value, low, high)}")
+        return value
+
+    def whole(self, low: int, high: int) -> int:
+        """The same for a whole number."""
+        value = self.within(low, high)
+        if value != int(value):
+            raise InputError(f"{self.label}: {value:g} is no whole number")
+        return int(value)
 
     def positive(self, name: str, unit: str, zero: str) -> float | None:
         """The number, None for an empty field or 0 (``zero``); errors as ``parse_number``, and below 0."""

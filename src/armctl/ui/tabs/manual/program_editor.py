@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from armctl.errors import InputError, StateError, out_of_range
+from armctl.errors import InputError, StateError
 from armctl.motion import usual_pitch
 from armctl.process.heavy_work import check_program_apart
 from armctl.program import CommentStep, MoveStep, Program, SpeedStep, Step, WaitStep
@@ -22,10 +22,10 @@ from armctl.protocol import Party, Snapshot, UpdateProgram
 from armctl.robot import Robot
 from armctl.ui.offers import refused_by
 from armctl.ui.session import Session
-from armctl.ui.tabs.manual.joints import checked_percent
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.angle_fields import slider_degrees
 from armctl.ui.widgets.html import LiveHtml, muted, numbers
+from armctl.ui.widgets.number_field import NumberField
 
 EMPTY = "the list is empty; record a pose first"
 EDIT_WAITS = "the edit takes effect at the next pass"
@@ -183,13 +183,6 @@ def present_pose_deg(robot: Robot, snapshot: Snapshot) -> tuple[float, ...]:
     )
 
 
-def checked_seconds(value: float) -> float:
-    """How long to wait [s]; an InputError where it is outside 0 … 86400, or not finite."""
-    if not 0 <= value <= LONGEST_WAIT_S:
-        raise InputError(f"a wait of {out_of_range(value, 0, LONGEST_WAIT_S, 's')}")
-    return float(value)
-
-
 _EDITS: dict[str, Callable[[Program, int], Change]] = {
     "Up": lambda program, row: move(program, row, -1),
     "Down": lambda program, row: move(program, row, 1),
@@ -218,7 +211,7 @@ class ProgramRecord:
             session.on(group.on_click, partial(self._on_group, group))
             groups.append(group)
         session.needs(None, *groups, also=refused_by(self._require_known))
-        self._seconds = gui.add_number("Wait s", 1.0, min=0.0, max=LONGEST_WAIT_S, step=0.1)
+        self._seconds = NumberField(gui, "Wait s", 1.0)
         wait = gui.add_button_group("Add a pause", (ADD_WAIT,))
         session.needs(None, wait, told=False)
         session.on(wait.on_click, partial(self._on_group, wait))
@@ -243,23 +236,22 @@ class ProgramRecord:
     def add_extras(self) -> None:
         """Add speed, comment and repeat, which are not recorded from the arm, to the present container."""
         gui = self._session.gui
-        percent = gui.add_number("Step speed %", initial_value=50, min=SLOWEST_PERCENT, max=100, step=1)
+        percent = NumberField(gui, "Step speed %", 50)
         comment = gui.add_text("Comment", "")
         rows = gui.add_text("Rows to repeat", "", hint="E.g. 2-5. Empty: the selected row.")
-        times = gui.add_number("How often", initial_value=2, min=1, max=MOST_REPEATS, step=1)
+        times = NumberField(gui, "How often", 2)
         group = gui.add_button_group("Add", ("Add speed", "Add comment", "Add repeat"))
 
         async def on_add() -> None:
             match group.value:
                 case "Add speed":
-                    speed = checked_percent(percent.value, "speed", SLOWEST_PERCENT)
-                    await self._add(SpeedStep(percent=speed))
+                    await self._add(SpeedStep(percent=percent.within(SLOWEST_PERCENT, 100)))
                 case "Add comment":
                     if not comment.value.strip():
                         raise InputError("Comment is empty; type it first")
                     await self._add(CommentStep(note=comment.value.strip()))
                 case _:
-                    often = int(times.value)
+                    often = times.whole(1, MOST_REPEATS)
                     await self._edit(lambda program, row: repeat(program, rows.value, row, often))
 
         self._session.on(group.on_click, on_add)
@@ -290,7 +282,7 @@ class ProgramRecord:
     async def _record(self, label: str) -> None:
         robot, snapshot = self._session.console.robot, self._session.snapshot
         if label == ADD_WAIT:
-            await self._add(WaitStep(seconds=checked_seconds(self._seconds.value)))
+            await self._add(WaitStep(seconds=self._seconds.within(0, LONGEST_WAIT_S)))
         elif label == SET_VIA:
             self._session.require_operator()
             self._via_mm = tool_point_mm(robot, present_pose_deg(robot, snapshot))

@@ -12,7 +12,7 @@ from functools import partial
 import viser
 
 from armctl.arrays import FloatArray
-from armctl.errors import InputError, ProgramError, StateError
+from armctl.errors import ProgramError, StateError
 from armctl.facts import Need, State
 from armctl.motion.preflight import Finding, not_checked
 from armctl.process.heavy_work import check_program_apart, read_program_apart
@@ -32,6 +32,7 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_editor import EMPTY, ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, first_error, muted, verdict_html
+from armctl.ui.widgets.number_field import NumberField
 
 # Programs as files: saved ones, downloads and uploads.
 
@@ -184,7 +185,7 @@ class ProgramRun:
         """how many steps of a long check are done, and how many there are"""
         self._stepping: tuple[Program, Cursor, int] | None = None
         gui = session.gui
-        self._times = gui.add_number("Times N", initial_value=3, min=1, max=_MOST_LOOPS, step=1)
+        self._times = NumberField(gui, "Times N", 3)
         self._from_row = gui.add_checkbox("From selected step", initial_value=False, hint=_FROM_HINT)
         self._run = gui.add_button_group("Run", ("Run once", "Run N times", "Loop"))
         step = gui.add_button_group("One step", ("Step",), hint=_STEP_HINT)
@@ -234,9 +235,7 @@ class ProgramRun:
 
     async def _on_run(self) -> None:
         first, button = self._editor.selected if self._from_row.value else 0, self._run.value
-        often = int(self._times.value) if button == "Run N times" else 1
-        if not 1 <= often <= _MOST_LOOPS:
-            raise InputError(f"N = {often} is outside 1 … {_MOST_LOOPS}")
+        often = self._times.whole(1, _MOST_LOOPS) if button == "Run N times" else 1
         program = self._program()
         self._session.require_operator()
         # Where another step comes first, it is not known where the arm would have come from.
