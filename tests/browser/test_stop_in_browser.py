@@ -12,7 +12,7 @@ from tests.browser.kit import PATIENCE_MS, Screen
 from tests.browser.served_arm import ServedArm
 
 from armctl.facts import State
-from armctl.protocol import MoveJoints, SetSpeed
+from armctl.protocol import MoveJoints, SetSpeed, TakeControl
 from armctl.ui.app import SILENCE_S
 
 pytestmark = pytest.mark.browser
@@ -200,7 +200,7 @@ def test_without_webgl_all_but_the_picture_works(screen: Screen, served: ServedA
         "  return /webgl/.test(kind) ? null : context.call(this, kind, ...more); };"
     )
     try:
-        screen.open(served.url, until="STOP")
+        screen.open(served.url, until="Enable")
         expect(screen.page.locator("#armctl-told p")).to_contain_text("draws no 3D (WebGL)", timeout=20_000)
         screen.open_tab("Inverse")
         screen.type_xyz("220", "-196", "85")
@@ -220,6 +220,10 @@ def test_stop_stands_though_viser_s_page_is_not_as_it_was(screen: Screen, served
     # armctl's script for viser's page cannot begin where its name is taken
     screen.page.add_init_script("Object.defineProperty(window, 'armctlViser', { value: {} });")
     screen.open(served.url, until="STOP")
+    screen.wait_until(lambda: served.now.control.operator is not None, "the page has come")
+    served.order(
+        TakeControl()
+    )  # what moves at the command of a page that does not answer is stopped by itself
     set_off(served, screen)
     screen.page.keyboard.press("Escape")
     served.wait_for(screen, State.HOLDING)

@@ -106,14 +106,15 @@ class App:
         try:
             lost = self._operator_lost
             page = self._pages[client.client_id] = Page(client, self.robots, self._link, lost)
+            address = self.server.address_of(client.client_id)
+            await self._arrive(who, f"pages at {near(address)}" if address else "")
             await page.build()
         except Exception:
             LOG.exception("%s could not be built", who)
             if (built := self._pages.pop(client.client_id, None)) is not None:
                 built.session.close()
+            self._leave(who, "its page could not be built")
             raise
-        address = self.server.address_of(client.client_id)
-        await self._arrive(who, f"pages at {near(address)}" if address else "")
         self._prepare(page)
         former = self._return.former
         if former is not None and self._lines.page_of(who) != former.page:

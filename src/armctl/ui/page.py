@@ -19,6 +19,8 @@ from armctl.ui.timeline import Timeline
 _WIDE_PX, _USUAL_PX, _PHONE_PX = 1600, 1200, 576
 _BAR_PX, _UNDER_PX = 56, 53
 """the bar on top, and the line of the next pose (``guard/frame.css``)"""
+_TURNS = 10
+"""of the event loop: what a page says passes through several tasks until it is answered"""
 _FIRST = -1.0
 """ahead of the tabs"""
 
@@ -59,9 +61,14 @@ class Page:
         self._begin()
 
     async def build(self) -> None:
-        """Fill the tabs one by one: what others ask for, STOP above all, waits for one tab at most."""
+        """Fill the tabs one by one: what others ask for, STOP above all, waits for one tab at most.
+
+        The bar comes first: who presses Enable waits for no tab.
+        """
         while not (self.built or self.session.closed):
-            await asyncio.sleep(0)
+            self._always.refresh(self.session.snapshot)
+            for _ in range(_TURNS):
+                await asyncio.sleep(0)
             self._build_next()
 
     @property
