@@ -221,9 +221,7 @@ def test_stop_stands_though_viser_s_page_is_not_as_it_was(screen: Screen, served
     screen.page.add_init_script("Object.defineProperty(window, 'armctlViser', { value: {} });")
     screen.open(served.url, until="STOP")
     screen.wait_until(lambda: served.now.control.operator is not None, "the page has come")
-    served.order(
-        TakeControl()
-    )  # what moves at the command of a page that does not answer is stopped by itself
+    served.order(TakeControl())  # else the motion of a page that does not answer is stopped by itself
     set_off(served, screen)
     screen.page.keyboard.press("Escape")
     served.wait_for(screen, State.HOLDING)
