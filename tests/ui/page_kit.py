@@ -153,6 +153,10 @@ class FakePage:
         """What a list offers."""
         return tuple(self._handles[label].options)
 
+    def reads(self, label: str) -> object:
+        """What a field or a list shows."""
+        return self._handles[label].value
+
     def is_visible(self, label: str) -> bool:
         """Whether it is shown."""
         return bool(self._handles[label].visible)

@@ -175,7 +175,7 @@ def test_a_card_that_is_clicked_is_what_is_sent(server: GuardedServer) -> None:
     point += np.array([-50.0, 0.0, -100.0])
     page.ask(*point.tolist())
     page.press("Solve")
-    found = solve(UR5, Target.of(point / 1000), "least-rotation", UR5.pose("home"))
+    found = solve(UR5, Target.of(point / 1000), "least-travel", UR5.pose("home"))
 
     def chosen() -> list[str]:
         return re.findall(r"aria-selected=true[^>]* data-key=([\d.]+)", page.parts["ways"])
@@ -222,3 +222,12 @@ def test_a_way_under_the_mouse_is_looked_at_and_never_sent(server: GuardedServer
     page.act(lambda: page.parts.done("look-way", key))
     page.act(lambda: page.parts.done("way", key))
     assert not page.ghost.seen and np.array_equal(page.next.q, found.choices[other].q)
+
+
+@pytest.mark.parametrize(("arm", "first"), [(UR5, "least-travel"), (UZUNER, "least-rotation")])
+def test_an_arm_begins_with_the_criterion_of_its_paper_else_with_the_least_travel(
+    server: GuardedServer, arm: Robot, first: str
+) -> None:
+    page = FakePage(server, arm, arm.pose("home"))
+    InverseScreen(page.session)
+    assert page.reads("Least energy is") == first

@@ -13,6 +13,7 @@ from msgspec import Meta
 
 from armctl.documents import Document, DocumentKind
 from armctl.errors import Errors, RobotFileError
+from armctl.kinematics import Criterion
 from armctl.robot.look.rows import SOLIDS, AnyRow, MakeName, Material
 from armctl.robot.parts import MOST_JOINTS, Hand, Look, Obstacle
 from armctl.robot.parts import Color as Rgb
@@ -234,6 +235,8 @@ class RobotFile(Strict, frozen=True):
     """what the source does not give"""
     payload_kg: NotNegative = 0.0
     """mass at the tool, for torques"""
+    criterion: Criterion = "least-travel"
+    """by which the page chooses among solutions at first: that of the paper the arm is from"""
     gripper: GripperEntry | None = None
     bodies: tuple[BodyEntry, ...] = ()
     """masses, for torques"""

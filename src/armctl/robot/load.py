@@ -188,23 +188,23 @@ def robot_of(document: Document) -> Robot:
         _turn_limits(links, by_name),
     )
     kind, outputs, settings = board
-    gripper, look = file.gripper, file.look
     robot = Robot(
         name=file.name,
         title=file.title,
         source=file.source,
         assumed=file.assumed,
+        criterion=file.criterion,
         joints=tuple(map(_joint, joints)),
         chain=chain,
         poses={name: np.radians(np.array(values, dtype=np.float64)) for name, values in file.poses.items()},
         output_map=outputs,
         board=kind,
         board_settings=settings,
-        gripper=None if gripper is None else Gripper(gripper.title, gripper.speed_percent_s / 100),
+        gripper=None if (hand := file.gripper) is None else Gripper(hand.title, hand.speed_percent_s / 100),
         gravity=_gravity(file, [str(row.turning) for row in links], chain),
         floor_z=file.floor.z_mm / 1000,
         points={name: np.array(point_mm) / 1000 for name, point_mm in file.points.items()},
-        look=Look() if look is None else look.look(),
+        look=Look() if file.look is None else file.look.look(),
         capsules=tuple(_capsule(entry, links, by_name, chain) for entry in file.capsules) or None,
         named_links=() if chain.coupling is None else tuple(_named_link(row, by_name) for row in links),
         obstacles=tuple(entry.obstacle() for entry in file.obstacles),

@@ -18,6 +18,7 @@ from armctl.kinematics import (
     Branch,
     BranchFinder,
     Chain,
+    Criterion,
     EnergyModel,
     GravityModel,
     InverseKinematics,
@@ -83,6 +84,8 @@ class Robot(ArrayRecord):
     """name and title of each link of a parallel linkage; empty: those of its joint"""
     openings: Openings = ANY_OPENING
     """between which its gripper is while it moves: the jaws of its look count where they are then"""
+    criterion: Criterion = "least-travel"
+    """by which the page chooses among solutions at first"""
     part: CarriedPart | None = None
     """what its gripper carries while it moves, kept apart like a piece of the last link; None: nothing"""
     limits: FloatArray = field(init=False)
@@ -96,15 +99,11 @@ class Robot(ArrayRecord):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        joints = self.joints
-        limits = {
-            "limits": [[joint.lower, joint.upper] for joint in joints],
-            "speed_limits": [joint.speed for joint in joints],
-            "acceleration_limits": [joint.acceleration for joint in joints],
-            "jerk_limits": [joint.jerk for joint in joints],
-        }
-        for name, values in limits.items():
-            object.__setattr__(self, name, read_only(values))
+        both = [[joint.lower, joint.upper] for joint in self.joints]
+        object.__setattr__(self, "limits", read_only(both))
+        for name in ("speed", "acceleration", "jerk"):
+            values = [getattr(joint, name) for joint in self.joints]
+            object.__setattr__(self, f"{name}_limits", read_only(values))
 
     def __hash__(self) -> int:
         return hash((self.name, self.chain, content(self.limits)))  # a board's settings need not have one

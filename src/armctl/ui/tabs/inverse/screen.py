@@ -11,8 +11,9 @@ import viser
 
 from armctl.errors import ArmctlError, InputError, UnreachableError
 from armctl.facts import Need, Reason, State
-from armctl.kinematics import CRITERION_TEXT, FROM_START, checked_criterion
+from armctl.kinematics import CRITERION_TEXT, FROM_START, Criterion, checked_criterion
 from armctl.protocol import Snapshot
+from armctl.robot import Robot
 from armctl.ui.events import Newest, OneAtATime
 from armctl.ui.next_pose import Movement, PoseWriter
 from armctl.ui.scene.ghost import Preview
@@ -53,6 +54,10 @@ _MOVED = 1e-4
 _DRAG_PAUSE_S = 0.1
 
 
+def _own_first(robot: Robot) -> list[Criterion]:
+    return sorted(robot.energy.criteria, key=lambda one: one != robot.criterion)
+
+
 class InverseScreen:
     """Target, solutions, energy curve, and two ways to go: to the very configuration that is shown."""
 
@@ -84,7 +89,7 @@ class InverseScreen:
         # the same is told below the next one
         session.needs(Need.HOLDING, go_least, also=self._no_least, told=False)
         session.needs(Need.HOLDING, go_selected, also=self._not_selected)
-        self._criterion = gui.add_dropdown("Least energy is", self._robot.energy.criteria)
+        self._criterion = gui.add_dropdown("Least energy is", _own_first(self._robot))
         self._criterion_note = LiveHtml(gui, muted(CRITERION_TEXT[checked_criterion(self._criterion.value)]))
         self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
         tabs = gui.add_tab_group()
