@@ -23,7 +23,7 @@ FOLDERS = {
     "kinematics": (51, 12_720),
     "motion": (20, 5_770),
     "process": (14, 3_310),
-    "program": (10, 2_520),
+    "program": (10, 2_550),
     "protocol": (5, 1_120),
     "robot": (40, 11_260),
     "runtime": (22, 5_660),

@@ -5,7 +5,7 @@ import pytest
 from tests.program.kit import program
 
 from armctl import load_robot
-from armctl.errors import InputError, ProgramError
+from armctl.errors import InputError, ProgramError, UnreachableError
 from armctl.motion import PointToPoint, SlowedTrajectory, peaks_of
 from armctl.program import (
     EndStep,
@@ -18,7 +18,7 @@ from armctl.program import (
     SpeedStep,
     WaitStep,
 )
-from armctl.program.rehearsal import rehearse, rehearse_pose
+from armctl.program.rehearsal import pose_after, rehearse, rehearse_pose
 from armctl.robot import CarriedPart
 
 ROBOT = load_robot("uzuner")
@@ -114,3 +114,30 @@ def test_slower_is_the_same_way() -> None:
     for factor in (0.5, np.nan, np.inf):
         with pytest.raises(InputError, match=r"factor of 1 or more|must be a finite number"):
             SlowedTrajectory(motion, factor)
+
+
+def test_where_a_step_leads_is_where_the_rehearsal_of_those_ahead_of_it_ends() -> None:
+    x, y, z = (1000 * ROBOT.forward(HOME)[:3, 3]).tolist()
+    led = program(
+        SpeedStep(percent=50),
+        LineStep(x_mm=x, y_mm=y, z_mm=z - 15, pitch="free"),
+        PointStep(x_mm=x, y_mm=y, z_mm=z - 15),
+        LineStep(x_mm=x - 10, y_mm=y, z_mm=z - 15, pitch="free"),
+        LineStep(x_mm=x - 10, y_mm=y, z_mm=z, pitch="free"),
+        WaitStep(seconds=1),
+        TO_REST,
+        PointStep(x_mm=x, y_mm=y, z_mm=z - 5, choose="least-travel"),
+        TO_HOME,
+    )
+    ends = {step.index: step.trajectory.end for step in rehearse(ROBOT, led, HOME).steps}
+    for row, step in enumerate(led.steps):
+        q = pose_after(ROBOT, led, row, HOME)
+        if isinstance(step, SpeedStep | WaitStep):
+            assert q is None
+        else:
+            np.testing.assert_allclose(q, ends[row], atol=1e-9)
+
+
+def test_a_step_that_leads_nowhere_says_why() -> None:
+    with pytest.raises(UnreachableError):
+        pose_after(ROBOT, program(PointStep(x_mm=5000, y_mm=0, z_mm=0)), 0, HOME)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -15,8 +14,8 @@ from tests.ui.page_kit import FakePage
 from armctl.errors import ArmctlError, ProgramError
 from armctl.facts import Said
 from armctl.motion import Finding
-from armctl.program import EndStep, Program, RepeatStep, Step, WaitStep
-from armctl.protocol import Party, ProgramProgress
+from armctl.program import EndStep, MoveStep, PointStep, Program, RepeatStep, Step, WaitStep
+from armctl.protocol import MoveJoints, Party, ProgramProgress
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.manual.program_editor import ProgramEditor
@@ -58,7 +57,8 @@ class ListPage(FakePage):
 
     def do(self, what: str, row: int | str, value: str = "") -> None:
         """Do something with a row, from 0, or with a key."""
-        asyncio.run(self.parts.done(what, row if isinstance(row, str) else self.shared.keys[row], value))
+        key = row if isinstance(row, str) else self.shared.keys[row]
+        self.act(lambda: self.parts.done(what, key, value))
 
     @property
     def rows(self) -> list[str]:
@@ -316,3 +316,43 @@ def test_only_rows_that_have_changed_are_made_anew(page: ListPage, monkeypatch: 
     assert after(lambda: page.do("step-move", 0, page.shared.keys[400])) <= 4
     assert after(lambda: page.do("step-delete", 7)) <= 4
     assert after(lambda: running(page, 3, loops=None)) <= 4
+
+
+ASIDE = (20.0, *ROBOT.shown(ROBOT.pose("home")).tolist()[1:])
+
+
+def line_of(page: ListPage) -> str:
+    return " ".join(re.sub("<[^>]*>", " ", page.parts["next"]).split())
+
+
+def test_a_row_that_is_clicked_is_the_next_pose_and_go_sends_it(page: ListPage) -> None:
+    page.put(WaitStep(seconds=1), MoveStep(joints_deg=ASIDE))
+    page.do("step", 1)
+    assert page.next.q is not None and "step 2" in line_of(page)
+    assert ROBOT.shown(page.next.q) == pytest.approx(ASIDE)
+    page.do("step", 0)  # that moves nothing: what is drawn stays
+    assert "step 2" in line_of(page)
+    page.go()
+    sent = page.sent[-1]
+    assert isinstance(sent, MoveJoints) and ROBOT.shown(sent.q) == pytest.approx(ASIDE)
+
+
+def test_a_step_that_is_edited_meanwhile_is_the_next_pose_as_it_is_then(page: ListPage) -> None:
+    page.put(MoveStep(joints_deg=ASIDE))
+    page.do("step", 0)
+    further = (ASIDE[0] + 10, *ASIDE[1:])
+    page.act(lambda: page.put(MoveStep(joints_deg=further)))
+    assert page.next.q is not None and ROBOT.shown(page.next.q) == pytest.approx(further)
+
+
+def test_a_step_that_leads_nowhere_is_no_next_pose_and_the_list_says_why(page: ListPage) -> None:
+    page.put(MoveStep(joints_deg=ASIDE), PointStep(x_mm=5000, y_mm=0, z_mm=0))
+    page.do("step", 0)
+    assert page.next.q is not None
+    page.do("step", 1)
+    page.draw()
+    assert page.next.q is None
+    assert "Step 2: too far by 4672.6 mm" in page.parts[PART]
+    page.do("step", 0)
+    page.draw()
+    assert "Step 2: " not in page.parts[PART] and page.next.q is not None

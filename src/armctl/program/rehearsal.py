@@ -13,6 +13,7 @@ from armctl.errors import ProgramError
 from armctl.motion.plan import plan_joints
 from armctl.motion.profiles import PointToPoint
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
+from armctl.program.base_steps import MotionStep
 from armctl.program.feed import PlannedStep, ProgramSource, begin_program, plan_next
 from armctl.program.program import Program
 from armctl.robot import CarriedPart, Robot
@@ -83,6 +84,27 @@ class Rehearsal:
     def tool_path(self, robot: Robot, count: int = 400) -> FloatArray:
         """Tool points (count, 3) [m], evenly spaced in time."""
         return robot.forward(self.trajectory.sample(np.linspace(0.0, self.duration, count)).q)[:, :3, 3]
+
+
+def pose_after(robot: Robot, program: Program, row: int, start: FloatArray) -> FloatArray | None:
+    """Where the step at ``row`` leads (n,) [rad], after those ahead of it; None: it moves no joint.
+
+    The nearest step ahead whose end is known by itself comes first; where there is none, the arm begins at
+    ``start``. Raises as ``MotionStep.path``.
+    """
+    if not isinstance(program.steps[row], MotionStep):
+        return None
+    led = [program.steps[row]]
+    for step in reversed(program.steps[:row]):
+        if isinstance(step, MotionStep):
+            if (end := step.end(robot)) is not None:
+                start = end
+                break
+            led.append(step)
+    for step in reversed(led):
+        path = step.path(robot, start) if isinstance(step, MotionStep) else None
+        start = start if path is None else path(path.high)
+    return start
 
 
 def rehearse_pose(robot: Robot, start: FloatArray, end: FloatArray, opening: float | None) -> Rehearsal:

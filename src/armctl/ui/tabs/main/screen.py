@@ -22,7 +22,6 @@ from armctl.protocol import (
     Disconnect,
     HomeAxes,
     LockControl,
-    MoveJoints,
     MoveTo,
     Snapshot,
     TakeControl,
@@ -30,6 +29,7 @@ from armctl.protocol import (
 from armctl.protocol.commands import LONGEST_NAME
 from armctl.robot import Robot
 from armctl.ui.console import PortChoice, PortWatch
+from armctl.ui.next_pose import PoseWriter
 from armctl.ui.offers import Disableable
 from armctl.ui.session import Session
 from armctl.ui.tabs.main.boards import RobotChooser, board_html, homing_html, of_own_arm, ports_html
@@ -143,6 +143,7 @@ class MainScreen:
         self._watched = console.shared(PortWatch)
         self._offered: str | None = None
         """the port that was chosen for the operator, as the lost board is there again"""
+        self._writer = PoseWriter(session, "pose")
         tabs = gui.add_tab_group()
         with tabs.add_tab("Arm"):
             self._first = FirstSteps(session)
@@ -248,7 +249,8 @@ class MainScreen:
         await self._go_to_pose("home")
 
     async def _go_to_pose(self, name: str) -> None:
-        await self._session.submit(MoveJoints(self._session.console.robot.pose(name)))
+        self._writer.words = f"pose {name}"
+        await self._writer.go(self._session.console.robot.pose(name))
 
     async def _go_to_point(self, name: str) -> None:
         """Of all the ways to stand there, the one nearest to the present pose: what an operator expects."""

@@ -10,16 +10,19 @@ from typing import Any
 import numpy as np
 import viser
 
-from armctl.errors import InputError, StateError
+from armctl.errors import ArmctlError, InputError, StateError
 from armctl.motion import usual_pitch
 from armctl.process.heavy_work import check_program_apart
 from armctl.program import CommentStep, MoveStep, Program, SpeedStep, Step, WaitStep
 from armctl.program import steps as registry
 from armctl.program.base_steps import LONGEST_WAIT_S
 from armctl.program.program import PLACES, Change, add, delete, duplicate, move, repeat
+from armctl.program.rehearsal import pose_after
 from armctl.program.steps import EDGES, MOST_REPEATS, SLOWEST_PERCENT, tool_turn
 from armctl.protocol import Party, Snapshot, UpdateProgram
 from armctl.robot import Robot
+from armctl.ui.events import OneAtATime
+from armctl.ui.next_pose import PoseWriter
 from armctl.ui.offers import refused_by
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.shared_program import SharedProgram
@@ -39,6 +42,10 @@ class ProgramEditor:
         self._shared = session.console.shared(SharedProgram)
         self._key, self._row = "", 0
         """of the selected row, and where it was last"""
+        self.leads_nowhere = ""
+        """why the step that was chosen leads to no next pose"""
+        self._writer = PoseWriter(session, "")
+        self._showing = OneAtATime(self._show_end)
 
     @property
     def selected(self) -> int:
@@ -56,6 +63,33 @@ class ProgramEditor:
         """Select a row, from 0: it stays selected wherever it goes."""
         keys = self._shared.keys
         self._row, self._key = row, keys[row] if row < len(keys) else ""
+
+    def choose(self, row: int) -> None:
+        """Select a row, from 0, and make the pose to which it leads the next one; a page may watch."""
+        self.select(row)
+        self.leads_nowhere = ""
+        self._session.spawn(self._showing.run())
+
+    def follow(self) -> None:
+        """The program was changed: what a step leads to may be another pose."""
+        self.leads_nowhere = ""
+        if self._writer.shown:
+            self.choose(self.selected)
+
+    async def _show_end(self) -> None:
+        """Planning the way there may take tenths of a second."""
+        session, program, row = self._session, self._shared.program, self.selected
+        start = session.console.last_known.standing(session.snapshot)
+        try:
+            q = await asyncio.to_thread(pose_after, session.held, program, row, start)
+        except ArmctlError as refusal:
+            if self._shared.program is program and self.selected == row:
+                self.leads_nowhere = f"step {row + 1}: {refusal}"
+                self._writer.hide()
+            return
+        if q is not None and self._shared.program is program and self.selected == row:
+            self._writer.words = f"step {row + 1}"
+            self._writer.show(q)
 
     async def change(self, change: Callable[[Program], Change]) -> None:
         """Change list and selection, from the next pass on; refused if impossible, or on a watching page."""

@@ -19,7 +19,7 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_editor import EDIT_WAITS, ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.step_form import StepEdit, texts_of
-from armctl.ui.widgets.html import GOOD, WARNING, with_minus
+from armctl.ui.widgets.html import GOOD, WARNING, sentence, with_minus
 
 PART = "program"
 """the part, and the list in it"""
@@ -119,7 +119,7 @@ class ProgramList:
         row = self._shared.row(key)
         if row is None:
             return
-        self._editor.select(row)
+        self._editor.choose(row)
         if self._edit is not None and self._edit.key != key and not self._edit.refusals:
             self._close()
 
@@ -180,6 +180,7 @@ class ProgramList:
         session.parts.show(PART, self._html(snapshot, running=bool(running), may=may))
         if self._version != shared.version:
             self._version = shared.version
+            editor.follow()
             session.parts.rows(PART, self._all_rows(states))
         else:
             for key in states.keys() | self._states.keys():
@@ -232,6 +233,8 @@ class ProgramList:
         edit, said = self._shared.last_edit, ""
         if edit is not None and edit.by.id != self._session.me:
             said = f"{escape(edit.by.name)} edited row {edit.row + 1}"
+        if self._editor.leads_nowhere:
+            said = escape(sentence(self._editor.leads_nowhere))
         head += f"<p role=status>{said}</p>"
         if not self._shared.keys:
             return head + _EMPTY
