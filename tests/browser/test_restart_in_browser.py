@@ -8,17 +8,17 @@ import signal
 import stat
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Locator, expect
 from tests.browser.kit import PATIENCE_MS, Screen, Screens
 from tests.browser.serving import page_port
 
 pytestmark = pytest.mark.browser
-PAGES = 10 if os.environ.get("ARMCTL_LONG") else 2
+PAGES = 20 if os.environ.get("ARMCTL_LONG") else 2
 
 
 class Console:
@@ -69,8 +69,20 @@ def expect_operator(screen: Screen, name: str) -> None:
     )
 
 
+def next_pose(screen: Screen) -> Locator:
+    return screen.page.locator("armctl-part[name=next] p")
+
+
+def has_again(screen: Screen, tab: str, fields: dict[str, str]) -> None:
+    """The tab is open, and its fields read so."""
+    expect(screen.tab(tab)).to_have_attribute("aria-selected", "true", timeout=PATIENCE_MS)
+    for label, text in fields.items():
+        field = screen.page.get_by_label(label, exact=True).locator("visible=true").first
+        expect(field).to_have_value(text, timeout=PATIENCE_MS)
+
+
 @contextmanager
-def loaded_anew(screens: list[Screen]) -> Iterator[None]:
+def loaded_anew(screens: list[Screen]) -> Generator[None]:
     """All pages are loaded again meanwhile, by themselves."""
     for screen in screens:
         screen.page.evaluate("window.armctlBefore = true")
@@ -87,6 +99,13 @@ def test_pages_come_back_and_control_returns_until_a_new_link_is_made(
     pages[1].click("Take control")
     pages[1].click("Take control")
     expect_operator(pages[1], "you")
+    pages[0].open_tab("Forward")
+    pages[0].type_into("Base °", "12.5")
+    expect(next_pose(pages[0])).to_contain_text("angles in Forward")
+    before = next_pose(pages[0]).inner_text()
+    pages[1].open_tab("Inverse")
+    pages[1].type_xyz("220", "-196", "85")
+    pages[1].open_tab("Simulation")
     with loaded_anew(pages):
         console.end(signal.SIGKILL)
         expect(pages[0].page.locator("#armctl-told p")).to_contain_text("comes back by itself")
@@ -95,6 +114,12 @@ def test_pages_come_back_and_control_returns_until_a_new_link_is_made(
     for page in (pages[0], *pages[2:]):
         expect_operator(page, "browser page")
         expect(page.page.locator("#armctl-told p")).to_be_hidden()
+    has_again(pages[0], "Forward", {"Base °": "12.5"})
+    expect(next_pose(pages[0])).to_contain_text(before.split(" mm")[0], timeout=PATIENCE_MS)
+    expect(next_pose(pages[0])).to_contain_text("angles in Forward")
+    has_again(pages[1], "Simulation", {})
+    pages[1].open_tab("Inverse")
+    has_again(pages[1], "Inverse", {"X mm": "220", "Y mm": "-196", "Z mm": "85"})
     (token,) = (console.folder / "armctl").glob("token-*")
     assert stat.S_IMODE(token.stat().st_mode) == 0o600
     assert link.endswith(f"?token={token.read_text()}")

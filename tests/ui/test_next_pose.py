@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable
+from html import unescape
 
 import numpy as np
 import pytest
@@ -141,30 +142,75 @@ def test_who_is_replaced_is_told_and_a_pose_that_the_arm_has_is_none(page: FakeP
     assert page.next.q is None and not page.next.ghost.seen
 
 
-def test_a_page_that_is_loaded_anew_gets_it_back_and_who_watches_sees_it(server: GuardedServer) -> None:
+def test_who_watches_sees_the_operators(server: GuardedServer) -> None:
     page = FakePage(server, ROBOT, HOME)
     poses = page.console.shared(NextPoses)
-    writer = PoseWriter(page.session, "somebody", lambda: ("normal", None))
-    page.act(lambda: writer.show(THERE))
+    page.act(lambda: PoseWriter(page.session, "somebody").show(THERE))
     watcher = FakePage(server, ROBOT, HOME)
     watcher.me, watcher.operates, watcher.next._poses = "browser page 2", False, poses
     watcher.snapshot.control = type(page.snapshot.control)((Party(page.me, "Ada", operates=True),))
     watcher.next.refresh(watcher.session.snapshot)
     assert watcher.next._theirs.q is not None and np.array_equal(watcher.next._theirs.q, THERE)
     assert watcher.next.q is None
-    poses.leave("its name", page.next)
     page.next.close()
     watcher.next.refresh(watcher.session.snapshot)
     assert not watcher.next._theirs.seen
-    back = FakePage(server, ROBOT, HOME)
-    back.act(lambda: poses.give_back("another name", back.session))
-    assert back.next.q is None
-    back.act(lambda: poses.give_back("its name", back.session))
-    assert back.next.q is not None and np.array_equal(back.next.q, THERE) and "somebody" in line(back)
+
+
+def kept_by(page: FakePage) -> str:
+    """What the page keeps while it is loaded anew."""
+    found = re.search("data-keep=recall data-kept='([^']*)'", page.parts["next"])
+    assert found is not None
+    return unescape(found[1])
+
+
+def test_a_page_that_is_loaded_anew_has_it_again_as_it_was(server: GuardedServer) -> None:
+    page, back = FakePage(server, ROBOT, HOME), FakePage(server, ROBOT, HOME)
+    page.act(lambda: PoseWriter(page.session, "some<body>", lambda: ("normal", None)).show(THERE))
+    page.next.refresh(page.session.snapshot)
+    back.act(lambda: back.parts.done("recall", "", kept_by(page)))
+    assert back.next.q is not None and np.array_equal(back.next.q, THERE)
+    assert "some&lt;body&gt;" in back.parts["next"] and "some<body>" not in back.parts["next"]
+    assert not back.sent
     back.go()
     command = back.sent[-1]
     assert isinstance(command, MoveJoints) and command.profile == "normal"
-    back.act(lambda: poses.give_back("its name", back.session))  # once
+
+
+def test_what_a_page_kept_changes_no_newer_pose_and_is_nothing_to_another_arm(server: GuardedServer) -> None:
+    page, back = FakePage(server, ROBOT, HOME), FakePage(server, ROBOT, HOME)
+    page.act(lambda: PoseWriter(page.session, "old").show(THERE))
+    page.next.refresh(page.session.snapshot)
+    kept = kept_by(page)
+    newer = PoseWriter(back.session, "newer")
+    back.act(lambda: newer.show(HOME + 0.1))
+    back.act(lambda: back.parts.done("recall", "", kept))
+    assert "newer" in line(back)
+    back.act(newer.hide)
+    back.act(lambda: back.parts.done("recall", "", kept.replace("uzuner", "abaas")))
+    assert back.next.q is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('"q":[', '"q":[null,'),
+        ('"q":[', '"q":[0.0,'),
+        ('"q":[', '"q":[9e9],"more":['),
+        ('"words":"', '"words":"' + 50 * "x"),
+        ('"profile":"cubic"', '"profile":"jump"'),
+        ('"duration_s":null', '"duration_s":-1'),
+        ("{", "["),
+    ],
+)
+def test_what_a_page_could_not_have_kept_is_refused(page: FakePage, old: str, new: str) -> None:
+    page.act(lambda: PoseWriter(page.session, "old").show(THERE))
+    page.next.refresh(page.session.snapshot)
+    kept = kept_by(page)
+    page.act(page.next.clear)
+    with pytest.raises(InputError):
+        page.act(lambda: page.parts.done("recall", "", kept.replace(old, new, 1)))
+    assert page.next.q is None
 
 
 class Sequence:

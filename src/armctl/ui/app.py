@@ -19,7 +19,6 @@ from armctl.ui.bar import set_theme
 from armctl.ui.console import Console, page_name
 from armctl.ui.control_return import ControlReturn
 from armctl.ui.guard import GuardedServer
-from armctl.ui.next_pose import NextPoses
 from armctl.ui.page import Page
 from armctl.ui.robot_switch import RESTARTED, RobotChange, RobotSwitch
 from armctl.ui.scene.arm_model import ARM, ArmFigure
@@ -128,7 +127,6 @@ class App:
         """The lines of ``page``, which calls itself so, are those of a session."""
         self._lines.link(page, session.me)
         self.server.part_lines.link(page, session.parts)
-        self._console.shared(NextPoses).give_back(page, session)
 
     def _prepare(self, page: Page) -> None:
         """Have one page do what takes a while the first time with an arm."""
@@ -183,12 +181,9 @@ class App:
                 page.session.close()
 
     async def _disconnect(self, client: viser.ClientHandle) -> None:
-        name = self._lines.page_of(page_name(client.client_id))
         self._lines.unlink(page_name(client.client_id))
         page = self._pages.pop(client.client_id, None)
         if page is not None:
-            if name:
-                self._console.shared(NextPoses).leave(name, page.session.next)
             page.session.close()
             self.server.part_lines.unlink(page.session.parts)
         self._leave(page_name(client.client_id), "the operator's page is gone")

@@ -19,8 +19,9 @@ import asyncio
 from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import dataclass
 from html import escape
-from typing import Any, Literal, Protocol, Self
+from typing import Annotated, Any, Literal, Protocol, Self
 
+import msgspec
 import numpy as np
 import viser
 
@@ -70,6 +71,7 @@ class WritingPage(Protocol):
     def operates(self) -> bool: ...  # noqa: D102
     def why_not(self, arm: Need | None, snapshot: Snapshot) -> str | None: ...  # noqa: D102
     def on_part(self, do: str, action: Callable[[str], Awaitable[object] | None]) -> None: ...  # noqa: D102
+    def on_part_value(self, do: str, action: Callable[[str, str], Awaitable[object] | None]) -> None: ...  # noqa: D102
     def on_press(self, do: str, label: str, action: Callable[[str], Awaitable[object] | None]) -> None: ...  # noqa: D102
     def spawn(self, work: Coroutine[Any, Any, None]) -> None: ...  # noqa: D102
     async def submit(self, command: Command) -> object: ...  # noqa: D102
@@ -167,14 +169,11 @@ class _Planned:
 
 
 class NextPoses:
-    """What all pages share of their next poses: what each shows, and what a page had that is loaded anew."""
-
-    _MOST_LEFT = 100
+    """What all pages share of their next poses: what each shows."""
 
     def __init__(self) -> None:
         self.by_party: dict[str, FloatArray] = {}
         """(n,) of each page that has one [rad]"""
-        self._left: dict[str, tuple[FloatArray, str, Movement]] = {}
 
     @classmethod
     def of(cls, console: Console, before: Self | None) -> Self:
@@ -182,19 +181,16 @@ class NextPoses:
         del console, before
         return cls()
 
-    def leave(self, page: str, pose: NextPose) -> None:
-        """A page, which calls itself so, is gone; it may only be loaded anew."""
-        if pose.q is not None and pose.writer is not None:
-            self._left[page] = pose.q, pose.writer.words, pose.movement or usual()
-            while len(self._left) > self._MOST_LEFT:
-                del self._left[next(iter(self._left))]
 
-    def give_back(self, page: str, session: WritingPage) -> None:
-        """A page is there: it gets what it had, unless it has something newer."""
-        left = self._left.pop(page, None)
-        if left is not None and session.next.q is None:
-            q, words, movement = left
-            PoseWriter(session, words, lambda: movement).show(q)
+class _Kept(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a page keeps of its next pose while it is loaded anew."""
+
+    arm: str
+    q: tuple[float, ...]
+    """[rad]"""
+    words: Annotated[str, msgspec.Meta(max_length=40)]
+    profile: Profile
+    duration_s: Annotated[float, msgspec.Meta(gt=0)] | None
 
 
 class NextPose:
@@ -220,6 +216,7 @@ class NextPose:
         self._planning = OneAtATime(self._plan)
         session.on_press("go", "Go", self._on_go)
         session.on_part("forget", self._on_forget)
+        session.on_part_value("recall", self._on_recall)
 
     @property
     def movement(self) -> Movement | None:
@@ -361,6 +358,23 @@ class NextPose:
     def _on_forget(self, _: str) -> None:
         self.clear()
 
+    # A page that is loaded anew says what it had (``overlay.js``). It can do no more by it than by typing.
+
+    def _kept(self, q: FloatArray, words: str) -> str:
+        profile, duration = self.movement or usual()
+        kept = _Kept(self._robot.name, tuple(q.tolist()), words, profile, duration)
+        return f"<i hidden data-keep=recall data-kept='{escape(msgspec.json.encode(kept).decode())}'></i>"
+
+    def _on_recall(self, _: str, value: str) -> None:
+        """Of another arm it means nothing; what is newer stays."""
+        try:
+            kept = msgspec.json.decode(value, type=_Kept)
+        except msgspec.DecodeError as cause:
+            raise InputError(f"the next pose that the page kept cannot be read: {cause}") from cause
+        if self.q is None and kept.arm == self._robot.name:
+            q = self._robot.check_limits(np.array(kept.q))
+            PoseWriter(self._session, kept.words, lambda: (kept.profile, kept.duration_s)).show(q)
+
     # The line.
 
     def _html(self, snapshot: Snapshot) -> str:
@@ -372,6 +386,7 @@ class NextPose:
         place = f"<b>X {x} &ensp;Y {y} &ensp;Z {z} mm</b>"
         planned, motion = self._planned, self.trajectory
         seconds = "" if motion is None else f" · {fixed(motion.duration / snapshot.speed, 2)} s"
+        place += self._kept(self.q, self.writer.words)
         who = f"{escape(self.writer.words)}{seconds} · "
         if self._going:
             left = "" if snapshot.progress is None else f" · {round(100 * snapshot.progress)} % of the way"

@@ -20,8 +20,9 @@ const armctlViser = (() => {
   // The labels of the tabs that are open: viser does not tell the server.
   function openTabs() {
     const tabs = document.querySelectorAll("#root [role=tab][aria-selected=true]");
-    return Array.from(tabs, (tab) => tab.textContent.trim());
+    return Array.from(tabs, tabLabel);
   }
+  const tabLabel = (tab) => (tab?.title || tab?.textContent || "").trim();
 
   // viser's labels name few of its fields, for those who have them read aloud.
   function nameFields() {
@@ -113,6 +114,53 @@ const armctlViser = (() => {
     input.dispatchEvent(new Event("input", { bubbles: true }));
   }
 
+  // What has been typed into viser's fields, and still stands there: the open tabs around each, its label, and which
+  // of those of this label in view it was. Those that `secret(label)` are left out; so is what is ticked, as that may
+  // let something begin.
+  const typed = new Map();
+  const FIELDS = "#root :is(input, textarea):not([type=password], [type=range], [type=checkbox], [readonly])";
+  addEventListener("input", ({ isTrusted, target }) => isTrusted && target.matches(FIELDS) && note(target), true);
+  const labelOf = (field) => field.getAttribute("aria-label") ?? field.labels[0]?.textContent ?? "";
+  function tabsAround(field) {
+    const around = [];
+    for (let at = field.closest("[data-dock-group]"); at; at = at.parentElement.closest("[data-dock-group]"))
+      around.unshift(tabLabel(at.querySelector("[role=tab][aria-selected=true]")));
+    return around.join(" / ");
+  }
+  function inView(tabs, label) {
+    const fields = Array.from(document.querySelectorAll(FIELDS));
+    return fields.filter((one) => one.offsetParent && labelOf(one) === label && tabsAround(one) === tabs);
+  }
+  function note(field) {
+    const [tabs, label] = [tabsAround(field), labelOf(field)];
+    typed.set(field, { tabs, label, nth: inView(tabs, label).indexOf(field), value: field.value });
+  }
+  function typedFields(secret) {
+    const all = Array.from(typed).filter(([field, { label, value }]) => field.isConnected && field.value === value && !secret(label));
+    return all.map(([, kept]) => kept);
+  }
+
+  // Type them again; gives those that are not in view yet.
+  function typeAgain(all) {
+    return all.filter(({ tabs, label, nth, value }) => {
+      const field = inView(tabs, label)[nth];
+      if (!field || field.disabled) return true;
+      if (typed.has(field)) return false; // somebody was faster
+      type(field, value);
+      note(field);
+      return false;
+    });
+  }
+
+  // Open the tabs of these labels, one after the other, as one may be in another; gives those that are left.
+  function openAgain(labels) {
+    const tabs = Array.from(document.querySelectorAll("#root [role=tab]"));
+    const tab = tabs.find((one) => tabLabel(one) === labels[0]);
+    const enter = { key: "Enter", bubbles: true }; // a click without a pointer does nothing there
+    if (tab?.getAttribute("aria-selected") === "false") tab.dispatchEvent(new KeyboardEvent("keydown", enter));
+    return tab ? labels.slice(1) : labels;
+  }
+
   // A dropdown keeps the focus after a choice by mouse; keys that do something would go on to be typed into it.
   function letGoOfLists() {
     addEventListener("click", (event) => {
@@ -197,6 +245,7 @@ const armctlViser = (() => {
   }
 
   return {
-    answer, openTabs, name, furnishNotifications, onPlotClick, type, letGoOfLists, drawNothing, onSceneEdges, scene,
+    answer, openTabs, openAgain, typedFields, typeAgain, name, furnishNotifications, onPlotClick, type, letGoOfLists,
+    drawNothing, onSceneEdges, scene,
   };
 })();

@@ -24,24 +24,49 @@
     "This browser draws no 3D (WebGL), so the picture of the arm is missing. Everything else works. For the picture, " +
     "switch on hardware acceleration in the browser's settings, or open the link in another browser or on another computer.";
   const began = performance.now();
-  const page = keptName() ?? Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) =>
+  const page = taken("armctl-page") ?? Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) =>
     byte.toString(16).padStart(2, "0"),
   ).join("");
 
   globalThis.armctlPage = page; // the line of its parts says it, too (parts.js)
 
-  // This page's name outlives its being loaded again, so that control comes back to it. In between it is kept;
-  // while the page is open it is not, as a copy of its tab would get it, too.
-  function keptName() {
-    const KEY = "armctl-page";
+  // This page's name outlives its being loaded anew, so that control comes back to it; so do its tabs and what is
+  // typed. In between they are kept; while the page is open they are not, as a copy of its tab would get them, too.
+  function taken(key) {
     try {
-      const kept = sessionStorage.getItem(KEY);
-      sessionStorage.removeItem(KEY);
-      addEventListener("pagehide", () => sessionStorage.setItem(KEY, page));
+      const kept = sessionStorage.getItem(key);
+      sessionStorage.removeItem(key);
       return kept;
     } catch {
       return null; // this browser keeps nothing
     }
+  }
+  const SECRET = /\bPIN\b/;
+  let left = taken("armctl-left");
+  let seen = { tabs: [], fields: [] };
+  function look() {
+    const tabs = (same && viser("openTabs")) || []; // viser's page loses them with its server
+    if (tabs.length) seen = { tabs, fields: viser("typedFields", (label) => SECRET.test(label)) ?? [] };
+  }
+  addEventListener("pagehide", () => {
+    look();
+    const kept = Array.from(document.querySelectorAll("[data-keep]"), ({ dataset }) => [dataset.keep, dataset.kept]);
+    const all = JSON.stringify({ title: document.title, kept, ...seen });
+    try {
+      sessionStorage.setItem("armctl-page", page);
+      sessionStorage.setItem("armctl-left", typeof left === "string" ? left : all); // it was not given back yet
+    } catch (error) {
+      console.warn("this browser keeps nothing while a page is loaded anew", error);
+    }
+  });
+  function giveBack() {
+    if (!left || document.title === "armctl") return; // the bar has not come, which names the arm
+    const had = left;
+    left = null; // where it cannot be read, too
+    const { title, tabs, fields, kept } = typeof had === "string" ? JSON.parse(had) : had;
+    if (document.title !== title) return;
+    for (const [what, value] of kept) globalThis.armctlTell({ do: what, value });
+    left = { title, tabs: viser("openAgain", tabs), fields: viser("typeAgain", fields), kept: [] };
   }
 
   // STOP and its line stand whatever of viser's page is not as it was: what cannot be asked of it is told once.
@@ -91,6 +116,7 @@
   let presses = 0;
   let press = null; // the newest STOP that is not confirmed
   let server = null; // which one has answered
+  let same = false; // it has, on this line
   let known = null; // when viser had this page last
   let shutOut = false; // the server does not take this page's link any more
   let knocked = -Infinity;
@@ -125,6 +151,7 @@
     if (said.known) known = now;
     const another = server !== null && server !== said.server;
     server = said.server;
+    same = !another;
     if (another || (known !== null && now - known > LEFT_MS)) location.reload();
   }
 
@@ -143,6 +170,7 @@
     if (line) lostSince = performance.now();
     const old = socket;
     socket = line = null;
+    same = false;
     old.close();
   }
 
@@ -227,6 +255,8 @@
     viser("furnishNotifications");
     const title = document.querySelector("[data-armctl-title]")?.dataset.armctlTitle;
     if (title && document.title !== title) document.title = title;
+    giveBack();
+    look();
   }
 
   // Beats come from this page's own thread, so they end when it hangs. A worker sets their pace: browsers
