@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.ui.page_kit import FakePage
 
 from armctl.motion import plan_joints
+from armctl.program import MoveStep, PointStep, Program, Step, WaitStep
+from armctl.program.rehearsal import rehearse
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
-from armctl.ui.next_pose import PoseWriter
+from armctl.ui.next_pose import NextPoses, PoseWriter
+from armctl.ui.tabs.manual.program_ahead import MOST_STEPS, ProgramAhead
+from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.timeline import QUANTITIES, Timeline, track
 
 UZUNER = load_robot("uzuner")
@@ -26,6 +31,15 @@ def shown(page: FakePage) -> str:
 class Bench:
     def __init__(self, server: GuardedServer, *, kept: str | None = None) -> None:
         self.page = FakePage(server, UZUNER, HOME)
+        self.page.snapshot.program = None
+        self.shared = SharedProgram("uzuner", Path("nowhere"))
+        self.page.console.shared = {
+            NextPoses: self.page.console.shared(NextPoses), SharedProgram: self.shared,
+        }.__getitem__  # fmt: skip
+        ahead = ProgramAhead(self.page.console)
+        self.page.console.shared = {SharedProgram: self.shared, ProgramAhead: ahead}.__getitem__
+        self.downloads: dict[str, str] = {}
+        self.page.download = self.downloads.__setitem__  # type: ignore[attr-defined]
         self.kept: dict[str, str] = {} if kept is None else {"timeline": kept}
         self.page.recall = self._recall  # type: ignore[attr-defined]
         self.page.remember = self.kept.__setitem__  # type: ignore[attr-defined]
@@ -103,3 +117,126 @@ def test_the_cursor_moves_a_ghost_that_is_never_sent(server: GuardedServer) -> N
     bench.do("timeline-at", "", "100")
     bench.set(THERE + 0.05)  # another motion
     assert not page.ghost.seen and page.sent == []
+
+
+def to(*degrees: float) -> Step:
+    return MoveStep(joints_deg=(degrees[0], *UZUNER.shown(HOME).tolist()[1:]))
+
+
+def clips(page: FakePage) -> list[tuple[str, float, float]]:
+    """Key, left edge and width [%] of each clip."""
+    found = re.findall(r"left:([\d.]+)%;width:([\d.]+)%' data-do=step data-key=(\d+)", shown(page))
+    return [(key, float(left), float(width)) for left, width, key in found]
+
+
+class Played(Bench):
+    """The program is drawn."""
+
+    def __init__(self, server: GuardedServer, *steps: Step) -> None:
+        super().__init__(server, kept="open")
+        self.put(*steps)
+        self.do("timeline-of", "program")
+        self.see()
+
+    def put(self, *steps: Step) -> None:
+        self.shared.edit(Program(robot="uzuner", name="test", steps=steps))
+
+    def see(self) -> None:
+        self.refresh()  # it is asked for
+        self.refresh()  # and is there
+
+
+def test_the_program_is_drawn_as_it_is_rehearsed_with_its_steps_below(server: GuardedServer) -> None:
+    bench = Played(server, to(30), WaitStep(seconds=1), to(-20))
+    found = rehearse(UZUNER, bench.shared.program, HOME)
+    assert f"/ {found.duration:.2f} s" in shown(bench.page)
+    for (key, left, width), step in zip(clips(bench.page), found.steps, strict=True):
+        assert key == bench.shared.keys[step.index]
+        assert left == pytest.approx(100 * step.begins / found.duration, abs=0.01)
+        assert width == pytest.approx(100 * step.duration / found.duration, abs=0.01)
+    bench.do("timeline-at", "", "400")
+    q = found.sample(0.4 * found.duration).q
+    assert bench.page.ghost.q == pytest.approx(q)
+    bench.put(to(30))  # edited: it is another motion
+    bench.see()
+    assert len(clips(bench.page)) == 1 and not bench.page.ghost.seen
+
+
+def test_a_program_that_ends_early_is_drawn_as_far_and_says_why(server: GuardedServer) -> None:
+    bench = Played(server, to(30), PointStep(x_mm=5000, y_mm=0, z_mm=0), to(0))
+    assert len(clips(bench.page)) == 1 and "step 2: " in shown(bench.page)
+    bench.put(PointStep(x_mm=5000, y_mm=0, z_mm=0))
+    bench.see()
+    assert "too far" in shown(bench.page).lower() and not clips(bench.page)
+    bench.put()
+    bench.see()
+    assert "list is empty" in shown(bench.page)
+    bench.put(*(to(1 + i % 2) for i in range(MOST_STEPS + 5)))
+    bench.see()
+    assert len(clips(bench.page)) == MOST_STEPS and f"the first {MOST_STEPS} steps" in shown(bench.page)
+
+
+def test_zoom_and_pan_keep_what_is_under_the_pointer(server: GuardedServer) -> None:
+    bench = Played(server, *(to(10 * i) for i in range(1, 9)))
+    page = bench.page
+
+    def window() -> tuple[float, float]:
+        return bench.line._window  # type: ignore[attr-defined]
+
+    def under(share: float) -> float:
+        low, high = window()
+        return low + share * (high - low)
+
+    random = np.random.default_rng(3)
+    for _ in range(200):
+        at, down = random.uniform(0, 1), random.uniform(-3, 3)
+        before, (low, high) = under(at), window()
+        bench.do(
+            "timeline-wheel", "", f"{at:.4f} {down:.4f} {random.uniform(-1, 1) if down > 2 else 0.0:.4f}"
+        )
+        low, high = window()
+        assert 0.0 <= low < high <= 1.0
+        if 1e-9 < low and high < 1 - 1e-9 and down <= 2:
+            assert under(at) == pytest.approx(before, abs=1e-3)
+        assert all(0.0 <= left and left + width <= 100.02 for _, left, width in clips(page))
+    for garbage in ("", "1 2", "nan 0 0", "0 x 0"):
+        bench.do("timeline-wheel", "", garbage)
+    bench.do("timeline-zoom", "all")
+    assert window() == (0.0, 1.0) and len(clips(page)) == 8
+    bench.do("timeline-at", "", "500")
+    bench.do("timeline-zoom", "in")
+    low, high = window()
+    assert low < 0.5 < high and high - low == pytest.approx(1 / 1.5)
+    bench.do("timeline-zoom", "out")
+    assert window() == pytest.approx((0.0, 1.0))
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_what_is_downloaded_is_what_is_drawn(server: GuardedServer, quantity: str) -> None:
+    bench = Played(server, to(30), to(-20))
+    bench.do("timeline-shows", quantity)
+    bench.do("timeline-zoom", "in")
+    bench.do("timeline-csv")
+    ((name, text),) = bench.downloads.items()
+    head, *rows = text.splitlines()
+    assert name.startswith("program-") and head.startswith("time s,")
+    table = np.array([[float(cell) for cell in row.split(",")] for row in rows])
+    motion = bench.line._motion
+    assert motion is not None
+    times = bench.line._times(motion)
+    assert table[:, 0] == pytest.approx(times, rel=1e-4)
+    assert table[:, 1:] == pytest.approx(track(UZUNER, motion, quantity, times).values, rel=1e-4, abs=1e-4)
+    assert len(head.split(",")) == table.shape[1]
+
+
+def test_a_joint_that_comes_near_its_limit_has_it_drawn(server: GuardedServer) -> None:
+    motion = plan_joints(UZUNER, HOME, THERE)
+    times = np.linspace(0.0, motion.duration, 500)
+    fast = track(UZUNER, motion, "Speed", times)
+    assert fast.bounds == pytest.approx((-60.0, 60.0)) and fast.nearest.startswith(fast.names[fast.line])
+    slow = track(UZUNER, plan_joints(UZUNER, HOME, THERE, 60.0), "Speed", np.linspace(0.0, 60.0, 500))
+    assert slow.bounds is None
+    bench = Bench(server, kept="open")
+    bench.set(THERE)
+    bench.do("timeline-shows", "Speed")
+    assert shown(bench.page).count("<rect") == 2

@@ -50,7 +50,7 @@ class ControlBar:
         self._speeds_said = 0
         """how often a speed was typed: the field shows what counts, also where it was refused"""
         self._operated: bool | None = None
-        self._where: tuple[FloatArray, FloatArray | None, str] | None = None
+        self._where: tuple[FloatArray, FloatArray | None, str, str] | None = None
         """what the numbers were written for"""
         self._darkened: list[viser.GridHandle | viser.MeshHandle] = []
         for do, label, action in (
@@ -82,13 +82,16 @@ class ControlBar:
         cause = session.with_names(snapshot.cause)
         session.parts.show(_BAR, self._bar(snapshot, cause, source))
         session.parts.show(_ALERTS, self._alerts(snapshot, cause))
-        q, then = session.console.last_known.drawn(snapshot), session.next.q
+        q, then, kind = session.console.last_known.drawn(snapshot), session.next.q, "next"
+        if session.ghost.seen:
+            then, kind = session.ghost.q, "looked"
         now, known, _ = source.partition(";")
         now = now if known else "now"  # "unknown; drawn where Enable would put it"
         before = self._where
-        if before is None or now != before[2] or not (_same(q, before[0]) and _same(then, before[1])):
-            self._where = q, then, now
-            session.parts.show(_WHERE, where_html(session.console.robot, q, then, now=now))
+        same = before is not None and _same(q, before[0]) and _same(then, before[1])
+        if before is None or not same or (now, kind) != before[2:]:
+            self._where = q, then, now, kind
+            session.parts.show(_WHERE, where_html(session.console.robot, q, then, now=now, kind=kind))
 
     # What it shows.
 
@@ -275,17 +278,25 @@ def set_theme(gui: viser.GuiApi, *, dark: bool) -> None:
     gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False, brand_color=_BLUE)
 
 
-def where_html(robot: Robot, q: FloatArray, then: FloatArray | None = None, *, now: str = "now") -> str:
-    """Joint angles and tool at ``q`` (n,) [rad], under ``now``, and at the next pose; None: there is none."""
+_THEN = {"next": "next", "looked": "looked at"}
+
+
+def where_html(
+    robot: Robot, q: FloatArray, then: FloatArray | None = None, *, now: str = "now", kind: str = "next"
+) -> str:
+    """Joint angles and tool at ``q`` (n,) [rad], under ``now``, and at the next pose; None: there is none.
+
+    ``kind``: "next", or "looked" for a pose that is only looked at.
+    """
     here = _figures(robot, q)
     after = {} if then is None else _figures(robot, then)
     rows = "".join(
         f"<tr><th>{escape(name)}</th><td>{figure}</td>"
-        + (f"<td class='next'>{after[name]}</td>" if after else "")
+        + (f"<td class='{kind}'>{after[name]}</td>" if after else "")
         + "</tr>"
         for name, figure in here.items()
     )
-    heads = f"<td></td><th>{escape(now)}</th>" + ("<th class='next'>next</th>" if after else "")
+    heads = f"<td></td><th>{escape(now)}</th>" + (f"<th class='{kind}'>{_THEN[kind]}</th>" if after else "")
     return f"<table aria-label='Joints and tool'><tr>{heads}</tr>{rows}</table>"
 
 

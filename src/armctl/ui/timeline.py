@@ -1,7 +1,8 @@
-"""The motion to the next pose over time, under the scene: graph, cursor, and a ghost at the cursor."""
+"""A motion over time, under the scene: to the next pose, or the program's; a ghost stands at the cursor."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
 
@@ -15,13 +16,30 @@ from armctl.protocol import Snapshot
 from armctl.robot import Robot
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
-from armctl.ui.widgets.html import button, fixed
-from armctl.ui.widgets.number_field import parse_number
+from armctl.ui.tabs.manual.program_ahead import ProgramAhead
+from armctl.ui.tabs.manual.shared_program import SharedProgram
+from armctl.ui.widgets.html import button, fixed, sentence
+from armctl.ui.widgets.number_field import parse_number, parse_numbers
 
-_PART, _SAMPLES, _WIDE, _HIGH = "timeline", 121, 1000, 100
+_PART, _SAMPLES, _WIDE, _HIGH = "timeline", 241, 1000, 100
 QUANTITIES = {"Angle": "°", "Speed": "°/s", "Accel.": "°/s²", "Tool": "mm"}
 """what can be drawn, and its unit"""
 _NOTHING = "The motion to the next pose is drawn here."
+_MOTIONS = {"pose": "Next pose", "program": "Program"}
+"""what motions can be drawn"""
+_NEAREST_ZOOM, _ZOOM = 0.002, 1.5
+"""the least share of the duration that is shown; by how much a press or a notch of the wheel changes it"""
+_NOTCHES = 5.0
+"""of a wheel at once, at most"""
+_TOOLS = (
+    ("timeline-zoom", "in", "+", "Zoom in (wheel)"),
+    ("timeline-zoom", "out", "−", "Zoom out (wheel)"),
+    ("timeline-zoom", "all", "All", "Show all of it"),
+    ("timeline-csv", "", "CSV", "Download what is drawn"),
+)
+"""what is done, to what, and in what words"""
+_BOUND_FROM = 0.7
+"""a joint that comes so near to its limit has it drawn"""
 _OPEN, _FOLDED = "open", "folded"
 
 
@@ -32,29 +50,36 @@ class Track:
     names: tuple[str, ...]
     values: FloatArray
     """(k, lines) in the unit of the quantity"""
-    nearest: str
+    nearest: str = ""
     """the joint that comes nearest to its limit, and how near; empty where there is none"""
+    line: int = 0
+    """which of the lines that is"""
+    bounds: tuple[float, float] | None = None
+    """lower and upper limit of that joint; None: it stays far from them"""
 
 
 def track(robot: Robot, motion: Trajectory, quantity: str, times: FloatArray) -> Track:
     """A quantity at ``times`` (k,) [s]: of every joint, or of the tool."""
     state = motion.sample(times)
     if quantity == "Tool":
-        return Track(("X", "Y", "Z"), 1000 * robot.forward(state.q)[..., :3, 3], "")
+        return Track(("X", "Y", "Z"), 1000 * robot.forward(state.q)[..., :3, 3])
     names = tuple(joint.title for joint in robot.joints)
     if quantity == "Angle":
-        return Track(names, robot.shown(state.q), "")
-    rates, limits = (
-        (state.velocity, robot.speed_limits)
-        if quantity == "Speed"
-        else (state.acceleration, robot.acceleration_limits)
-    )
-    shares = np.abs(rates).max(axis=0) / limits
+        low, high = robot.limits.T
+        shares = np.abs((state.q - 0.5 * (low + high)) / (0.5 * (high - low))).max(axis=0)
+        values, what = state.q, "of the way to its limit"
+    elif quantity == "Speed":
+        low, high = -robot.speed_limits, robot.speed_limits
+        shares, values, what = np.abs(state.velocity / high).max(axis=0), state.velocity, "of its speed limit"
+    else:
+        low, high = -robot.acceleration_limits, robot.acceleration_limits
+        shares = np.abs(state.acceleration / high).max(axis=0)
+        values, what = state.acceleration, "of its acceleration limit"
     most = int(shares.argmax())
-    what = "speed" if quantity == "Speed" else "acceleration"
-    return Track(
-        names, robot.shown(rates), f"{names[most]} at {100 * shares[most]:.0f} % of its {what} limit"
-    )
+    ends = robot.shown(low)[most], robot.shown(high)[most]
+    bounds = (float(ends[0]), float(ends[1])) if shares[most] >= _BOUND_FROM else None
+    near = f"{names[most]} at {100 * shares[most]:.0f} % {what}"
+    return Track(names, robot.shown(values), near, most, bounds)
 
 
 class Timeline:
@@ -63,34 +88,58 @@ class Timeline:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._robot = session.console.robot
+        self._ahead = session.console.shared(ProgramAhead)
+        self._shared = session.console.shared(SharedProgram)
         self._looked_at = Preview(session.ghost, None)
         self._open = False
-        self._quantity = next(iter(QUANTITIES))
+        self._shows, self._quantity = "pose", next(iter(QUANTITIES))
+        self._drawn: tuple[object, ...] = ()
+        """what is drawn, apart from what is done here"""
         self._motion: Trajectory | None = None
         self._speed = 1.0
         """the override"""
         self._share = 1.0
         """where the cursor stands, of the duration"""
-        session.on_part("timeline", self._on_fold)
-        session.on_part("timeline-shows", self._on_quantity)
+        self._window = 0.0, 1.0
+        """what of the duration is in view"""
+        for do, action in {
+            "timeline": self._on_fold,
+            "timeline-of": self._on_motion,
+            "timeline-shows": self._on_quantity,
+            "timeline-zoom": self._on_zoom,
+            "timeline-csv": self._on_csv,
+        }.items():
+            session.on_part(do, action)
         session.on_part_value("timeline-at", self._on_cursor)
+        session.on_part_value("timeline-wheel", self._on_wheel)
         session.parts.show(_PART, "")
         session.spawn(self._recall())
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Draw the motion to the next pose, where it is another one."""
-        motion, speed = self._session.next.trajectory, snapshot.speed
-        if motion is not self._motion or speed != self._speed:
+        """Draw the motion, where it is another one."""
+        whole = self._shows == "program"
+        if whole and self._open:
+            self._ahead.look(self._session, snapshot)
+        motion = self._ahead.motion if whole else self._session.next.trajectory
+        now = motion, snapshot.speed, self._running(snapshot), self._ahead.note if whole else ""
+        if now != self._drawn:
             if motion is not self._motion:
-                self._motion, self._share = motion, 1.0
+                self._motion, self._share, self._window = motion, 1.0, (0.0, 1.0)
                 self._looked_at.hide()
-            self._speed = speed
+            self._drawn, self._speed = now, snapshot.speed
             self._draw()
         self._looked_at.refresh(snapshot.q_command)
+
+    def _running(self, snapshot: Snapshot) -> int | None:
+        """The step of the program on the list that runs."""
+        at = snapshot.program
+        return at.step if at is not None and self._shared.relation(at) == "running" else None
 
     async def _recall(self) -> None:
         self._open = await self._session.recall("timeline") == _OPEN
         self._draw()
+
+    # What is done here.
 
     def _on_fold(self, _: str) -> None:
         self._open = not self._open
@@ -98,44 +147,104 @@ class Timeline:
         self._looked_at.hide()
         self._draw()
 
+    def _on_motion(self, key: str) -> None:
+        if key in _MOTIONS:
+            self._shows = key
+            self._draw()
+
     def _on_quantity(self, key: str) -> None:
         if key in QUANTITIES:
             self._quantity = key
             self._draw()
+
+    def _on_zoom(self, key: str) -> None:
+        """About the cursor, where it is in view."""
+        low, high = self._window
+        middle = self._share if low <= self._share <= high else 0.5 * (low + high)
+        if key in ("in", "out"):
+            self._zoom(middle, 1 / _ZOOM if key == "in" else _ZOOM)
+        else:
+            self._window = 0.0, 1.0
+        self._draw()
+
+    def _on_wheel(self, _: str, value: str) -> None:
+        """``value``: where the wheel was turned, of the width, and its notches down and to the right."""
+        try:
+            at, down, right = parse_numbers(value, "the wheel", ("at", "down", "right"))
+        except ArmctlError:  # no page of armctl's
+            return
+        low, high = self._window
+        if right:
+            self._pan(min(max(right, -_NOTCHES), _NOTCHES) * 0.1 * (high - low))
+        if down:
+            self._zoom(
+                low + min(max(at, 0.0), 1.0) * (high - low), _ZOOM ** min(max(down, -_NOTCHES), _NOTCHES)
+            )
+        self._draw()
+
+    def _zoom(self, about: float, factor: float) -> None:
+        low, high = self._window
+        size = min(max(factor * (high - low), _NEAREST_ZOOM), 1.0)
+        low = about - size * (about - low) / (high - low)
+        low = min(max(low, 0.0), 1.0 - size)
+        self._window = low, low + size
+
+    def _pan(self, by: float) -> None:
+        low, high = self._window
+        by = min(max(by, -low), 1.0 - high)
+        self._window = low + by, high + by
 
     def _on_cursor(self, _: str, value: str) -> None:
         try:
             share = parse_number(value, "the cursor") / _WIDE
         except ArmctlError:  # no page of armctl's
             return
-        motion = self._motion
+        motion, (low, high) = self._motion, self._window
         if motion is None:
             return
-        self._share = min(max(share, 0.0), 1.0)
-        q = motion.sample(self._share * motion.duration).q
+        self._share = low + min(max(share, 0.0), 1.0) * (high - low)
         if self._share < 1.0:
+            q = motion.sample(self._share * motion.duration).q
             self._looked_at.show(q, self._session.snapshot.q_command)
         else:
             self._looked_at.hide()
         self._draw()
 
+    def _on_csv(self, _: str) -> None:
+        """What is drawn, as it is drawn: at the present override, the part that is in view."""
+        motion = self._motion
+        if motion is None:
+            return
+        times = self._times(motion)
+        drawn = track(self._robot, motion, self._quantity, times)
+        unit = QUANTITIES[self._quantity]
+        rows = [",".join(["time s", *(f"{name} {unit}" for name in drawn.names)])]
+        for t, values in zip((times / self._speed).tolist(), drawn.values.tolist(), strict=True):
+            rows.append(",".join(f"{value:.6g}" for value in (t, *values)))
+        name = f"{self._shows}-{self._quantity.lower().strip('.')}.csv"
+        self._session.download(name, "\n".join(rows) + "\n")
+
+    def _times(self, motion: Trajectory) -> FloatArray:
+        low, high = self._window
+        return np.linspace(low * motion.duration, high * motion.duration, _SAMPLES)
+
+    # What is shown.
+
     def _draw(self) -> None:
         self._session.parts.show(_PART, self._html())
 
     def _html(self) -> str:
-        label = "Hide graph" if self._open else "Graph"
-        fold = button("timeline", label, title="The motion to the next pose over time", kind="link")
+        label = "Hide" if self._open else "Graph"
+        fold = button("timeline", label, title="A motion over time", kind="link")
         if not self._open:
             return f"<header>{fold}</header>"
-        chips = "".join(
-            button("timeline-shows", name, key=name, kind="chip on" if name == self._quantity else "chip")
-            for name in QUANTITIES
-        )
-        motion = self._motion
+        chips = _chips("timeline-of", _MOTIONS, self._shows) + "<i class='gap'></i>"
+        chips += _chips("timeline-shows", dict.fromkeys(QUANTITIES), self._quantity)
+        motion, whole = self._motion, self._shows == "program"
         if motion is None or motion.duration <= 0.0:
-            return f"<header>{chips}{fold}</header><p class='plot'>{_NOTHING}</p>"
-        times = np.linspace(0.0, motion.duration, _SAMPLES)
-        drawn = track(self._robot, motion, self._quantity, times)
+            why = sentence(self._ahead.note) if whole and self._ahead.note else _NOTHING
+            return f"<header>{chips}{fold}</header><p class='plot'>{escape(why)}</p>"
+        drawn = track(self._robot, motion, self._quantity, self._times(motion))
         at = self._share * motion.duration
         here = track(self._robot, motion, self._quantity, np.array([at])).values[0]
         unit = QUANTITIES[self._quantity]
@@ -145,26 +254,97 @@ class Timeline:
         )
         end = motion.duration / self._speed
         clock = f"<output>{fixed(self._share * end, 2)} / {fixed(end, 2)} s</output>"
-        near = f"<span>{escape(drawn.nearest)}</span>" if drawn.nearest else ""
+        note = self._ahead.note if whole else ""
+        words = "".join(f"<span>{escape(text)}</span>" for text in (unit, drawn.nearest, note) if text)
+        all_in_view = "all of it is in view" if self._window == (0.0, 1.0) else None
+        tools = "".join(
+            button(
+                do,
+                label,
+                key=key,
+                title=title,
+                kind="chip",
+                why=all_in_view if key in ("out", "all") else None,
+            )
+            for do, key, label, title in _TOOLS
+        )
+        clips = self._clips(motion) if whole else ""
         return (
-            f"<header>{chips}{clock}{fold}</header>"
-            f"<p class='legend'>{legend}<span>{unit}</span>{near}</p>{_plot(drawn.values, self._share)}"
+            f"<header>{chips}{tools}{fold}</header><p class='legend'>{legend}{words}{clock}</p>"
+            f"{_plot(drawn, self._window, self._share, _MOTIONS[self._shows])}{clips}"
         )
 
+    def _clips(self, motion: Trajectory) -> str:
+        """The steps as they follow each other, in the part of the time that is in view."""
+        found, (low, high), running = (
+            self._ahead.rehearsal,
+            self._window,
+            self._running(self._session.snapshot),
+        )
+        if found is None:
+            return ""
+        clips: list[str] = []
+        for step in found.steps:
+            begin, end = step.begins / motion.duration, (step.begins + step.duration) / motion.duration
+            begin, end = max(begin, low), min(end, high)
+            if end <= begin or step.index >= len(self._ahead.keys):
+                continue
+            left, width = 100 * (begin - low) / (high - low), 100 * (end - begin) / (high - low)
+            does = self._ahead_words(step.index)
+            on = " class=on" if step.index == running else ""
+            clips.append(
+                f"<button type=button tabindex=-1{on} style='left:{left:.2f}%;width:{width:.2f}%' "
+                f"data-do=step data-key={self._ahead.keys[step.index]} title='{escape(does)}'>"
+                f"{step.index + 1}</button>"
+            )
+        return f"<div class='clips' aria-label='Steps of the program'>{''.join(clips)}</div>"
 
-def _plot(values: FloatArray, share: float) -> str:
+    def _ahead_words(self, index: int) -> str:
+        row = self._shared.row(self._ahead.keys[index])
+        return "" if row is None else f"Step {row + 1}: {self._shared.program.steps[row].describe()}"
+
+
+def _chips(do: str, labels: Mapping[str, str | None], chosen: str) -> str:
+    return "".join(
+        button(do, label or key, key=key, kind="chip on" if key == chosen else "chip")
+        for key, label in labels.items()
+    )
+
+
+def _plot(drawn: Track, window: tuple[float, float], share: float, of: str) -> str:
+    values, bounds = drawn.values, drawn.bounds
     low, high = float(values.min()), float(values.max())
+    if bounds is not None:
+        low, high = min(low, bounds[0]), max(high, bounds[1])
     if high - low < 1e-6:
         low, high = low - 1.0, high + 1.0
+    edge = 0.04 * (high - low) if bounds is not None else 0.0
+    low, high = low - edge, high + edge
+
+    def up(value: FloatArray) -> FloatArray:
+        return _HIGH * (high - value) / (high - low)
+
+    bands = ""
+    if bounds is not None:  # what is beyond the limits of the joint that comes nearest to one
+        under, over = up(np.array(bounds)).tolist()
+        color = color_of(drawn.line)
+        bands = "".join(
+            f"<rect x='0' y='{y:.1f}' width='{_WIDE}' height='{height:.1f}' fill='{color}'/>"
+            for y, height in ((0.0, over), (under, _HIGH - under))
+        )
     x = np.linspace(0.0, _WIDE, len(values))
-    y = _HIGH * (high - values) / (high - low)
+    y = up(values)
     points = [[f"{a:.0f},{b:.1f}" for a, b in zip(x, line, strict=True)] for line in y.T]
     paths = "".join(f"<path stroke='{color_of(i)}' d='M{' '.join(line)}'/>" for i, line in enumerate(points))
-    at = round(_WIDE * share)
+    begin, end = window
+    here = (share - begin) / (end - begin)
+    cursor = f"<i class='cursor' style='left:{100 * here:.1f}%'></i>" if 0.0 <= here <= 1.0 else ""
+    at = round(_WIDE * min(max(here, 0.0), 1.0))
     return (
-        f"<div class='plot'><small>{fixed(high, 0)}</small><small>{fixed(low, 0)}</small>"
-        f"<svg viewBox='0 0 {_WIDE} {_HIGH}' preserveAspectRatio='none' aria-hidden='true'>{paths}</svg>"
-        f"<i class='cursor' style='left:{100 * share:.1f}%'></i>"
-        f"<input type='range' min='0' max='{_WIDE}' value='{at}' data-set='timeline-at' "
-        f"aria-label='Time of the motion to the next pose'></div>"
+        f"<div class='plot' data-wheel='timeline-wheel'>"
+        f"<small>{fixed(high, 0)}</small><small>{fixed(low, 0)}</small>"
+        f"<svg viewBox='0 0 {_WIDE} {_HIGH}' preserveAspectRatio='none' aria-hidden='true'>"
+        f"{bands}{paths}</svg>"
+        f"{cursor}<input type='range' min='0' max='{_WIDE}' value='{at}' data-set='timeline-at' "
+        f"aria-label='Time of the motion: {of}'></div>"
     )

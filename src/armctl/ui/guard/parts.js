@@ -3,6 +3,7 @@
 // It knows no part:
 //   data-do      what a click does; data-key to what
 //   data-set     what a field does once something is typed or chosen there; data-enter what Enter does then, too
+//   data-wheel   what the wheel does over it
 //   data-focus   what has the focus when it comes into a list that has it
 //   data-rows    a long list, whose rows come by key; its rows are what data-key is on
 //     data-keys  "chord:what chord:what": what keys do to the row that has the focus
@@ -264,6 +265,24 @@
     clearTimeout(due);
     due = setTimeout(() => say(slider), LEAST_MS);
   });
+
+  // The wheel over something: where, of its width, and how many notches down and to the right.
+  const [NOTCH_PX, WHEEL_MS] = [100, 60];
+  let turned = null;
+  addEventListener("wheel", (event) => {
+    const place = near(event, "armctl-part [data-wheel]");
+    if (!place) return;
+    event.preventDefault();
+    const box = place.getBoundingClientRect();
+    if (!turned) setTimeout(() => {
+      const { what, at, down, right } = turned;
+      turned = null;
+      tell({ do: what, value: [at, down / NOTCH_PX, right / NOTCH_PX].map((one) => one.toFixed(4)).join(" ") });
+    }, WHEEL_MS);
+    const [across, along] = event.shiftKey ? [event.deltaY, 0] : [event.deltaX, event.deltaY];
+    const { down = 0, right = 0 } = turned ?? {};
+    turned = { what: place.dataset.wheel, at: (event.clientX - box.left) / box.width, down: down + along, right: right + across };
+  }, { passive: false });
 
   // Hovering over something looks at it, until it is left. A finger does not hover.
   const HOVER_MS = 120;
