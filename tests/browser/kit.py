@@ -89,8 +89,24 @@ class Screen:
             self.page.add_init_script(DRAW_ON_DEMAND)
 
     def open(self, url: str, *, until: str | None = None) -> None:
-        """Open a page and wait until it shows the button ``until``, or any control of the server."""
+        """Open a page and wait until it shows the button ``until``, or any control of the server.
+
+        It is a new one: what a page has again that is loaded anew (``page.reload``) is none of this one's.
+        """
+        self._keep_nothing()
         self.page.goto(url)
+        self._wait_until_shown(until)
+
+    def reload(self, *, until: str) -> None:
+        """Load the page anew, and wait until it shows the button ``until``."""
+        self.page.reload()
+        self._wait_until_shown(until)
+
+    def _keep_nothing(self) -> None:
+        if self.page.url.startswith("http"):
+            self.page.evaluate("addEventListener('pagehide', () => sessionStorage.clear())")
+
+    def _wait_until_shown(self, until: str | None) -> None:
         self.page.wait_for_selector("[data-dock-group]", state="attached")
         expect(self.page.get_by_text("Connecting...", exact=True)).to_have_count(0, timeout=PATIENCE_MS)
         if until is None:
@@ -102,8 +118,9 @@ class Screen:
 
     def leave_page(self) -> None:
         """Make the window as good as new: no page, no cookies, nothing stored, no errors, the mouse aside."""
+        self._keep_nothing()
         if self.page.url.startswith("http"):
-            self.page.evaluate("localStorage.clear(); sessionStorage.clear()")
+            self.page.evaluate("localStorage.clear()")
         self.page.goto("about:blank")
         self.page.context.clear_cookies()
         self.page.mouse.move(0, 0)

@@ -106,7 +106,7 @@ def test_it_outlives_a_reload_and_who_watches_sees_it_and_has_one_of_its_own(
     wait_for_next(watcher)
     assert "This page is watching" in line(watcher) or "this page is watching" in line(watcher)
     expect(watcher.button("Go")).to_be_disabled()
-    page.open(served.url, until="Enable")
+    page.reload(until="Enable")
     wait_for_next(page)
     assert ghost_tip_mm(page) == pytest.approx(drawn, abs=0.01)
     page.wait_until(lambda: served.now.control.operator is not None, "it operates again")
@@ -173,7 +173,7 @@ class Sequence:
 
     def reload(self) -> None:
         before = ghost_tip_mm(self.page)
-        self.page.open(self.served.url, until="Enable")
+        self.page.reload(until="Enable")
         if before is not None:
             wait_for_next(self.page)
             self.page.wait_until(lambda: ghost_tip_mm(self.page) is not None, "it is drawn again")

@@ -66,8 +66,12 @@
     const { title, tabs, fields, kept } = typeof had === "string" ? JSON.parse(had) : had;
     if (document.title !== title) return;
     for (const [what, value] of kept) globalThis.armctlTell({ do: what, value });
-    left = { title, tabs: viser("openAgain", tabs), fields: viser("typeAgain", fields), kept: [] };
+    left = { title, tabs: viser("openAgain", chosen ? [] : tabs), fields: viser("typeAgain", fields), kept: [] };
   }
+  // Who is here already, and does something, goes on from there.
+  let chosen = false;
+  const choose = ({ isTrusted }) => (chosen ||= isTrusted);
+  for (const what of ["pointerdown", "keydown"]) addEventListener(what, choose, true);
 
   // STOP and its line stand whatever of viser's page is not as it was: what cannot be asked of it is told once.
   const failed = new Set();
