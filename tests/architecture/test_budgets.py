@@ -27,7 +27,7 @@ FOLDERS = {
     "protocol": (5, 1_120),
     "robot": (40, 11_260),
     "runtime": (22, 5_660),
-    "ui": (80, 18_100),
+    "ui": (81, 18_230),
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

@@ -9,12 +9,13 @@ from dataclasses import dataclass, field
 
 import pytest
 from playwright.sync_api import Locator, Position, expect
+from tests.browser.ghost_view import arrow_px
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import HOME, ServedArm
 
 from armctl.facts import State
 from armctl.program import EndStep, MoveStep, PointStep, RepeatStep, Step, WaitStep
-from armctl.protocol import Party
+from armctl.protocol import Enable, Party
 
 pytestmark = pytest.mark.browser
 TAB = "Manual"
@@ -344,3 +345,23 @@ def test_a_page_that_watches_sees_the_edits_and_is_offered_none(
     assert list(served.steps) == waits(1, 2, 3, 3)
     expect(page.page.get_by_text("edited row")).to_have_count(0)
     assert watcher.notifications() == [] and watcher.errors == []
+
+
+def test_a_click_on_a_pin_in_the_scene_selects_its_step_and_makes_it_the_next_pose(
+    page: Screen, served: ServedArm
+) -> None:
+    aside, up = (-20.0, *HOME[1:]), (HOME[0], HOME[1] + 10, *HOME[2:])
+    served.order(Enable())
+    served.wait_for(page, State.HOLDING)
+    show(page, served, MoveStep(joints_deg=up), MoveStep(joints_deg=aside), MoveStep(joints_deg=up))
+    page.wait_until(lambda: page.node("/program/pin1") is not None, "there are two pins")
+    assert page.node("/program/pin2") is None  # two steps lead to one place
+    page.pause(300)
+    at = arrow_px(page, "/program/pin1", 0.0)
+    page.page.mouse.click(*at)
+    page.wait_until(lambda: selected(page) == 1, "its step is selected")
+    expect(page.page.locator("armctl-part[name=next] p")).to_contain_text("step 2")
+    page.click("Go")
+    served.wait_for_deg(page, list(aside))
+    page.tick("Show in the scene", on=False)
+    page.wait_until(lambda: page.node("/program/pin0") is None, "the pins are gone")

@@ -8,6 +8,7 @@ from armctl.ui.tabs.manual.jog import JogControl
 from armctl.ui.tabs.manual.joints import JointControl, LiveReadout
 from armctl.ui.tabs.manual.program_editor import ProgramEditor, ProgramRecord
 from armctl.ui.tabs.manual.program_list import ProgramList
+from armctl.ui.tabs.manual.program_pins import ProgramPins
 from armctl.ui.tabs.manual.program_run import ProgramFiles, ProgramRun
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, muted, strong
@@ -15,6 +16,7 @@ from armctl.ui.widgets.html import LiveHtml, muted, strong
 # Serial motion: a list of recorded steps, edited and run once, several times or for ever.
 
 
+_PINS_HINT = "The path of the tool, and a pin where each step leads; click on one to select its step."
 RESTORE, DELETE = "Yes, restore it", "No, delete it"
 
 
@@ -28,6 +30,8 @@ class SerialMotion:
         self._offer = LiveHtml(gui)
         self._answer = gui.add_button_group("Unsaved program", (RESTORE, DELETE), visible=False)
         self._list = ProgramList(session, self._editor, lambda: self._run.findings)
+        self._pins = ProgramPins(session, self._editor)
+        self._with_pins = gui.add_checkbox("Show in the scene", initial_value=True, hint=_PINS_HINT)
         verdict = LiveHtml(gui)
         with gui.add_folder("Run"):
             self._run = ProgramRun(session, self._editor, verdict)
@@ -46,6 +50,7 @@ class SerialMotion:
         self._run.refresh(snapshot)
         self._show_kept()
         self._list.refresh(snapshot)
+        self._pins.refresh(snapshot, shown=self._with_pins.value)
 
     def _show_kept(self) -> None:
         """Offer what a console left unsaved; say where the present program is not kept."""
