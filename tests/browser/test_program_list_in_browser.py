@@ -251,6 +251,7 @@ def test_focus_scroll_and_what_is_being_typed_survive_what_others_change(
     steps = waits(*range(1, 61))
     show(page, served, *steps)
     rows(page).nth(40).click(position=_WORD)
+    expect(page.button("Delete row 41")).to_be_visible()  # the row has its buttons, and is higher by them
     before = steps_list(page).evaluate("list => list.scrollTop")
     assert before > 0
     served.put_steps(*steps[:50], by=OTHER)
