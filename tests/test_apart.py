@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armctl.apart import Tell, apart
+from armctl.apart import GIVEN_UP, Tell, apart, is_given_up
 from armctl.errors import LimitError, RobotFileError, StateError
 from armctl.process.heavy_work import check_program_apart
 from armctl.program import MoveStep, Program, check_program
@@ -115,6 +115,24 @@ def test_it_ends_as_soon_as_nobody_wants_it() -> None:
     with pytest.raises(StateError, match="cancelled"):
         apart(work("runs_for_ever"), b"", seconds=PATIENCE_S, told=told.append, look=look)
     ends(int(told[0]))
+
+
+def test_it_ends_where_it_is_given_up() -> None:
+    told: list[bytes] = []
+    given_up = threading.Event()
+
+    def tell(pid: bytes) -> None:
+        told.append(pid)
+        given_up.set()
+
+    token = GIVEN_UP.set(given_up)
+    try:
+        assert not is_given_up()
+        with pytest.raises(LimitError, match="cancelled"):
+            apart(work("runs_for_ever"), b"", seconds=PATIENCE_S, told=tell)
+        assert is_given_up() and gone(int(told[0]))
+    finally:
+        GIVEN_UP.reset(token)
 
 
 def test_it_ends_when_who_asked_is_killed() -> None:

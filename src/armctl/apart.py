@@ -16,6 +16,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from typing import IO, cast
 
 import msgspec
@@ -39,6 +40,15 @@ _SIZE = 8
 _TOLD, _DONE, _REFUSED, _NO_MEMORY = b"told", b"done", b"no  ", b"full"
 _LOG = logging.getLogger("armctl.apart")
 _ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+GIVEN_UP: ContextVar[threading.Event | None] = ContextVar("given_up", default=None)
+"""set where nobody waits any more for what is worked out in this context"""
+
+
+def is_given_up() -> bool:
+    """Whether nobody waits any more for what is worked out here."""
+    given_up = GIVEN_UP.get()
+    return given_up is not None and given_up.is_set()
 
 
 def apart(
@@ -74,6 +84,8 @@ def apart(
         late.start()
         try:
             while True:
+                if is_given_up():
+                    raise LimitError("it was cancelled")
                 try:
                     frame = frames.get(timeout=_LOOK_S)
                 except queue.Empty:

@@ -106,6 +106,9 @@ class FakePage:
         self.shown_at_sending.append(self.next.q)
         self.sent.append(command)
 
+    async def work_out(self, work: Callable[..., Any], *given: object) -> Any:
+        return await asyncio.to_thread(work, *given)
+
     def spawn(self, work: Coroutine[Any, Any, None]) -> None:
         """It ends before the next press."""
         self._beside.append(work)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import re
+import threading
+import time
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -13,13 +16,13 @@ import pytest
 from tests.ui.page_kit import snapshot_of
 from viser import GuiEvent
 
+from armctl.apart import is_given_up
 from armctl.errors import InputError
 from armctl.facts import Need, State
 from armctl.hardware import BoardIdentity
 from armctl.protocol import AxisHoming, Control, Doing, MoveJoints, Party, Snapshot, Ticket
 from armctl.robot import load_robot
-from armctl.ui import RobotChoice
-from armctl.ui import session as sessions
+from armctl.ui import RobotChoice, events
 from armctl.ui.guard import GuardedServer
 from armctl.ui.session import Session
 
@@ -68,7 +71,8 @@ class Bench:
 
     def _notify(self, title: str, body: str, **_: object) -> SimpleNamespace:
         self.shown.append(title)
-        return SimpleNamespace(remove=lambda: self.shown.remove(title))
+        impl = SimpleNamespace(uuid=f"{title} {len(self.shown)}")
+        return SimpleNamespace(remove=lambda: self.shown.remove(title), _impl=impl)
 
     def why_not(self, need: Need | None) -> str | None:
         return self.session.why_not(need, self.snapshot)
@@ -163,17 +167,20 @@ def test_controls_follow_the_arm_and_say_why_they_cannot_be_used(server: Guarded
     assert export.disabled
 
 
-def press(session: Session, button: Any) -> None:
+async def pressing(session: Session, button: Any) -> None:
     """Call what is attached to a button, as viser does."""
     (callback,) = button._impl.update_cb
-    event = GuiEvent(cast(Any, session.client), 6, button)
-    asyncio.run(callback(event))
+    await callback(GuiEvent(cast(Any, session.client), 6, button))
+
+
+def press(session: Session, button: Any) -> None:
+    asyncio.run(pressing(session, button))
 
 
 def test_what_takes_long_is_shown_until_it_is_done(
     server: GuardedServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sessions, "_AT_ONCE_S", 0.0)
+    monkeypatch.setattr(events, "_AT_ONCE_S", 0.0)
     bench = Bench(server)
     session, button = bench.session, server.gui.add_button("Solve")
     seen: list[list[str]] = []
@@ -190,6 +197,54 @@ def test_what_takes_long_is_shown_until_it_is_done(
     assert seen == [["Solve"], []]  # once the arm obeys, it shows so itself
     assert bench.shown == []
     assert session.obeyed == {"Solve"}
+
+
+def offered(session: Session) -> list[str]:
+    """Where *Cancel* is offered."""
+    return [html for html in cast(Any, session.parts)._html.values() if "cancel-work" in html]
+
+
+def test_what_is_worked_out_can_be_cancelled_and_its_process_hears_of_it(
+    server: GuardedServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(events, "_AT_ONCE_S", 0.0)
+    bench = Bench(server)
+    session, button = bench.session, server.gui.add_button("Plan")
+    begun, heard, after = threading.Event(), threading.Event(), list[str]()
+
+    def work() -> str:
+        begun.set()
+        while not is_given_up():
+            time.sleep(0)
+        heard.set()
+        return "too late"
+
+    async def plan() -> None:
+        after.append(await session.work_out(work))
+
+    session.on(button.on_click, plan)
+
+    async def press_and_cancel() -> None:
+        pressed = asyncio.create_task(pressing(session, button))
+        await asyncio.to_thread(begun.wait, 10)
+        while not (offers := offered(session)):
+            await asyncio.sleep(0)
+        (key,) = re.findall(r"data-key=(\d+)>Cancel", offers[0])
+        await session.parts.done("cancel-work", key)
+        await pressed
+        await session.parts.done("cancel-work", key)  # it comes too late
+        assert await asyncio.to_thread(heard.wait, 10)
+
+    asyncio.run(press_and_cancel())
+    assert after == [] and bench.shown == ["Plan"]  # that it was cancelled is what is told last
+    assert offered(session) == []
+
+
+def test_what_is_worked_out_without_a_press_comes_as_it_is(server: GuardedServer) -> None:
+    bench = Bench(server)
+    assert asyncio.run(bench.session.work_out(divmod, 7, 3)) == (2, 1)
+    with pytest.raises(ZeroDivisionError):
+        asyncio.run(bench.session.work_out(divmod, 7, 0))
 
 
 def test_a_robot_is_changed_at_once_only_where_nothing_is_lost(server: GuardedServer) -> None:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
+import threading
 from collections.abc import Awaitable, Callable
 from html import escape
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol, TypeVar
 
 import viser
 
+from armctl.apart import GIVEN_UP
 from armctl.ui.viser_seam import id_of_notification
 
 Action = Callable[[], Awaitable[object] | None]
 On = Callable[[Callable[..., object], Action], None]
 """Runs an action on a handle's event (its ``on_click`` or ``on_update``); a page's session gives it."""
 Color = Literal["blue", "yellow", "red"]
+_AT_ONCE_S = 0.3
+"""what is done by then is not said to be at work"""
 _MOST_NOTICES = 3
 """at a time: they lie over the scene, and older ones answer older clicks"""
 _LETTERS_A_SECOND = 12
@@ -59,6 +64,13 @@ class OneAtATime:
             self._running = False
 
 
+class GivenUpError(Exception):
+    """The user has cancelled what was being worked out."""
+
+
+T = TypeVar("T")
+
+
 class NotificationParts(Protocol):
     """The parts of a page (``guard/parts.py``), of which a notification has one by its id."""
 
@@ -94,6 +106,73 @@ class Notifications:
     def _remove(self, shown: viser.NotificationHandle) -> None:
         self._parts.drop(_part(shown))
         shown.remove()
+
+
+class AtWork:
+    """Something that was pressed, shown from a moment on until it is done, or until the arm acts on it.
+
+    What it has worked out beside the event loop (``work_out``) can be cancelled there.
+    """
+
+    def __init__(self, client: viser.ClientHandle, parts: NotificationParts, label: str, key: str) -> None:
+        """``key``: what the button *Cancel* says it is of."""
+        self._client, self._parts, self._label = client, parts, label
+        self._cancel = f"<button type=button data-do=cancel-work data-key={key}>Cancel</button>"
+        self._shown: viser.NotificationHandle | None = None
+        self._given_up: asyncio.Future[None] | None = None
+        self._timer = asyncio.get_running_loop().call_later(_AT_ONCE_S, self._show)
+
+    def _show(self) -> None:
+        self._shown = self._client.add_notification(
+            self._label, "Working …", loading=True, with_close_button=False
+        )
+        self._offer()
+
+    def _offer(self) -> None:
+        if self._shown is not None:
+            self._parts.show(_part(self._shown), "" if self._given_up is None else self._cancel)
+
+    def end(self) -> None:
+        """It is done, or the arm shows it from here on."""
+        self._timer.cancel()
+        if self._shown is not None:
+            self._parts.drop(_part(self._shown))
+            self._shown.remove()
+            self._shown = None
+
+    def give_up(self) -> None:
+        """Nobody waits for it any more."""
+        if self._given_up is not None and not self._given_up.done():
+            self._given_up.set_result(None)
+
+    async def work_out(self, work: Callable[..., T], *given: object) -> T:
+        """As ``asyncio.to_thread``, for what only computes: ``GivenUpError`` where the user cancels it.
+
+        A process that ``apart`` has begun for it ends then; a thread goes on, and nobody hears of it.
+        """
+        given_up = threading.Event()
+        token = GIVEN_UP.set(given_up)
+        try:
+            thread = asyncio.ensure_future(asyncio.to_thread(work, *given))
+        finally:
+            GIVEN_UP.reset(token)
+        self._given_up = asyncio.get_running_loop().create_future()
+        self._offer()
+        try:
+            await asyncio.wait({thread, self._given_up}, return_when=asyncio.FIRST_COMPLETED)
+            if thread.done():
+                return thread.result()
+            raise GivenUpError
+        finally:
+            given_up.set()
+            thread.add_done_callback(_unheard)
+            self._given_up = None
+            self._offer()
+
+
+def _unheard(thread: asyncio.Future[Any]) -> None:
+    if not thread.cancelled():
+        thread.exception()  # asked for, so that it is not reported as lost
 
 
 def _part(shown: viser.NotificationHandle) -> str:

@@ -9,7 +9,8 @@ from collections.abc import Awaitable, Callable, Coroutine, Generator, Iterable
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache, partial
-from typing import Any
+from itertools import count
+from typing import Any, TypeVar
 
 import viser
 
@@ -20,7 +21,7 @@ from armctl.robot import CarriedPart, Robot
 from armctl.robot.look.rows import Theme
 from armctl.ui.console import page_name
 from armctl.ui.docs import page_of_error
-from armctl.ui.events import Action, Color, Notifications
+from armctl.ui.events import Action, AtWork, Color, GivenUpError, Notifications
 from armctl.ui.guard.parts import Parts
 from armctl.ui.next_pose import NextPose
 from armctl.ui.offers import Disableable, Offer
@@ -32,10 +33,9 @@ from armctl.ui.widgets.html import LiveHtml
 LOG = logging.getLogger("armctl.ui")
 _LINK_AGAIN_S = 0.5
 _LINK_TIMEOUT_S = 3.0
-_AT_ONCE_S = 0.3
-"""what takes longer shows that it is being worked on"""
-_AT_WORK: ContextVar[Callable[[], None]] = ContextVar("at_work", default=lambda: None)
-"""to be called once the arm has accepted the command of the present action"""
+_AT_WORK: ContextVar[tuple[str, AtWork | None]] = ContextVar("at_work", default=("", None))
+"""what was pressed on a page, in whose context this runs"""
+T = TypeVar("T")
 
 
 class Session:
@@ -59,6 +59,8 @@ class Session:
         """the panels are a sheet over the lower part of the scene"""
         self.parts = Parts()
         self._notices = Notifications(client, self.parts)
+        self._numbers, self._at_work = count(1), dict[str, AtWork]()
+        self.on_part("cancel-work", self._on_cancel_work)
         self.theme: Theme = "light"
         self._themed: list[Callable[[], None]] = []
         self.other_arrows: list[viser.TransformControlsHandle] = []
@@ -237,6 +239,8 @@ class Session:
             result = action()
             if result is not None:
                 await result
+        except GivenUpError:
+            raise
         except ArmctlError as refusal:
             if not self.closed:
                 self.refuse(str(refusal), more=page_of_error(refusal))
@@ -250,29 +254,28 @@ class Session:
     @contextmanager
     def _shown_at_work(self, label: str) -> Generator[None]:
         """Show that what was pressed is being worked on, as long as it is and the arm does not act on it."""
-        shown: list[viser.NotificationHandle] = []
-
-        def show() -> None:
-            if label and not self.closed:
-                shown.append(
-                    self.client.add_notification(label, "Working …", loading=True, with_close_button=False)
-                )
-
-        def end() -> None:
-            timer.cancel()
-            while shown:
-                shown.pop().remove()
-
-        def accepted() -> None:
-            end()
-            self.obeyed.add(label)
-
-        timer = asyncio.get_running_loop().call_later(_AT_ONCE_S, show)
-        _AT_WORK.set(accepted)
+        if not label:
+            yield
+            return
+        key = str(next(self._numbers))
+        at_work = self._at_work[key] = AtWork(self.client, self.parts, label, key)
+        _AT_WORK.set((label, at_work))
         try:
             yield
+        except GivenUpError:
+            self.notify(label, "Cancelled.")
         finally:
-            end()
+            at_work.end()
+            del self._at_work[key]
+
+    async def work_out(self, work: Callable[..., T], *given: object) -> T:
+        """As ``asyncio.to_thread``, for what only computes: the page offers to cancel what takes a while."""
+        _, at_work = _AT_WORK.get()
+        return await (asyncio.to_thread(work, *given) if at_work is None else at_work.work_out(work, *given))
+
+    def _on_cancel_work(self, key: str) -> None:
+        if key in self._at_work:
+            self._at_work[key].give_up()
 
     def require_operator(self) -> None:
         """Refuse (``ArmctlError``) what only the operator may do."""
@@ -287,7 +290,10 @@ class Session:
         self.robots.require_settled()
         ticket = self.console.controller.submit(command, self.origin)
         await asyncio.wrap_future(ticket.accepted)
-        _AT_WORK.get()()  # from here on the arm itself shows it
+        label, at_work = _AT_WORK.get()
+        if at_work is not None:  # from here on the arm itself shows it
+            at_work.end()
+            self.obeyed.add(label)
         self.spawn(self._report_end(ticket))
         return ticket
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from html import escape
 
 import viser
@@ -57,7 +56,7 @@ class LogScreen:
             names = sorted(path.name for path in folder.glob("*.toml"))
             return report(robot, calibration, recording, names)
 
-        session.download("report.zip", await asyncio.to_thread(made))
+        session.download("report.zip", await session.work_out(made))
 
 
 def _line(event: Event) -> str:

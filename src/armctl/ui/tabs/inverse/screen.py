@@ -204,7 +204,7 @@ class InverseScreen:
         async with self._one_at_a_time:
             if not is_newest():
                 return
-            again = await asyncio.to_thread(answer, held, found.solutions, criterion, start, profile)
+            again = await self._session.work_out(answer, held, found.solutions, criterion, start, profile)
         if is_newest():
             row = self._pager.row if np.array_equal(again.order, found.order) else None
             self._show(again)
@@ -229,7 +229,7 @@ class InverseScreen:
         async with self._one_at_a_time:
             if not is_newest():
                 return None
-            found = await asyncio.to_thread(solve, held, target, criterion, start, profile)
+            found = await self._session.work_out(solve, held, target, criterion, start, profile)
         if not is_newest():
             return None
         self._answered = texts

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from html import escape
 
 import viser
 
+from armctl.apart import is_given_up
 from armctl.arrays import FloatArray
 from armctl.errors import StateError
 from armctl.motion.preflight import preflight
@@ -113,13 +113,10 @@ class TwinControl:
         if (why := self._no_file()) is not None:
             raise StateError(why)
         chosen, self._share = self._chosen(), 0.0
-        loop = asyncio.get_running_loop()
-        executor = ThreadPoolExecutor(1, thread_name_prefix="armctl-export")  # it may take minutes
         try:
-            name, page = await loop.run_in_executor(executor, self._exported, *chosen)
+            name, page = await self._session.work_out(self._exported, *chosen)
         finally:
             self._share = None
-            executor.shutdown(wait=False, cancel_futures=True)
         self._session.download(f"{name}.html", page)
 
     def _exported(
@@ -129,8 +126,8 @@ class TwinControl:
 
         def progress(share: float) -> None:
             self._share = share
-            if self._session.closed:
-                raise StateError("the page is gone")
+            if self._session.closed or is_given_up():
+                raise StateError("nobody waits for it")
 
         if isinstance(chosen, str):
             plan = rehearse_pose(held, q, robot.pose(chosen), HALF_OPEN if opening is None else opening)
@@ -163,10 +160,10 @@ class TwinControl:
         held, chosen, q, opening = self._chosen()
         if isinstance(chosen, str):
             pose = self._robot.pose(chosen)
-            return await asyncio.to_thread(rehearse_pose, held, q, pose, opening), ()
+            return await self._session.work_out(rehearse_pose, held, q, pose, opening), ()
         steps = tuple(f"{step.title or step.kind} {step.describe()}" for step in chosen.steps)
         plan = partial(rehearse, longest_s=LONGEST_S, most_steps=MOST_STEPS)
-        return await asyncio.to_thread(plan, held, chosen, q, opening), steps
+        return await self._session.work_out(plan, held, chosen, q, opening), steps
 
     async def _play(self, plan: Rehearsal, is_newest: Callable[[], bool]) -> None:
         async for time in played(0.0, plan.duration, lambda: self._session.snapshot.speed, FRAME_S):

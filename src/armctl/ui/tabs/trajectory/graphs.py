@@ -174,13 +174,15 @@ class GraphView:
 
     async def _on_csv(self) -> None:
         shown = self._require_shown()
-        self._session.download("motion.csv", await asyncio.to_thread(analysis_csv, shown.robot, shown.motion))
+        self._session.download(
+            "motion.csv", await self._session.work_out(analysis_csv, shown.robot, shown.motion)
+        )
 
     async def _on_figure(self) -> None:
         shown = self._require_shown()
         drawn = [TitledMotion(one.title, one.motion) for one in (shown, self._beside) if one is not None]
         form = _FIGURE_FORMS[self._figure.value]
-        content = await asyncio.to_thread(figure_file, shown.robot, form, *drawn)
+        content = await self._session.work_out(figure_file, shown.robot, form, *drawn)
         if not self._session.closed:
             self._session.download(f"motion.{form}", content)
 

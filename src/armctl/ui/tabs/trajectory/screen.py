@@ -136,7 +136,7 @@ class TrajectoryScreen:
         self._form.watch.require_settled()
         settings, is_newest = self._form.settings, self._newest.begin()
         if self._form.is_study:
-            shown = await asyncio.to_thread(self._form.study())
+            shown = await self._session.work_out(self._form.study())
             if is_newest():
                 self._settings[True] = settings
                 self._study.take(shown)
@@ -145,7 +145,7 @@ class TrajectoryScreen:
         request, from_present = self._form.request(self._session.snapshot.q_command), self._form.from_present
         self._planning += 1
         try:
-            planned = await asyncio.to_thread(plan_motion, self._robot, request)
+            planned = await self._session.work_out(plan_motion, self._robot, request)
         except ArmctlError as refusal:
             if is_newest():
                 self._judged = True
@@ -250,7 +250,7 @@ class ReportView:
             self._applied_summary.show(muted(f"Applied: {why}."))
             return
         path = planned.robot.forward(readings)[:, :3, 3]
-        reached = await asyncio.to_thread(closest_on_path, planned.points, path)
+        reached = await self._session.work_out(closest_on_path, planned.points, path)
         self._applied = ErrorReport(planned.points, reached)
         count = f"{len(path)} readings"
         html = summary_html("Applied", f"{_APPLIED} {MEANING[source]}. {count}.", self._applied)

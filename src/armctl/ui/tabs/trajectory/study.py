@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,7 +69,7 @@ class StudyView:
     async def _on_export(self) -> None:
         if self.shown is None:
             raise InputError("there is no study to export: press Show first")
-        text = await asyncio.to_thread(study_csv, self.shown.robot, self.shown.study)
+        text = await self._session.work_out(study_csv, self.shown.robot, self.shown.study)
         self._session.download("joint-by-joint.csv", text)
 
 
