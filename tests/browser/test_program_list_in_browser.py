@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+import numpy as np
 import pytest
 from playwright.sync_api import Locator, Position, expect
 from tests.browser.ghost_view import arrow_px
@@ -364,5 +365,38 @@ def test_a_click_on_a_pin_in_the_scene_selects_its_step_and_makes_it_the_next_po
     expect(page.page.locator("armctl-part[name=next] p")).to_contain_text("step 2")
     page.click("Go")
     served.wait_for_deg(page, list(aside))
-    page.tick("Show in the scene", on=False)
+    page.tick("In the scene", on=False)
     page.wait_until(lambda: page.node("/program/pin0") is None, "the pins are gone")
+
+
+def test_a_press_in_the_scene_offers_a_pose_and_steps_at_that_place(page: Screen, served: ServedArm) -> None:
+    served.order(Enable())
+    served.wait_for(page, State.HOLDING)
+    show(page, served, MoveStep(joints_deg=(-20.0, *HOME[1:])))
+    page.wait_until(lambda: page.node("/program/pin0") is not None, "there is a pin")
+    page.pause(300)
+    at = arrow_px(page, "/program/pin0", 0.0)
+    menu = page.page.get_by_label("What to do there")
+    page.page.mouse.click(*at, button="right")
+    expect(menu).to_be_visible()
+    page.page.mouse.click(at[0] - 120, at[1] + 40)  # anywhere else
+    expect(menu).to_have_count(0)
+    page.page.mouse.move(*at)  # a drag turns the view
+    page.page.mouse.down(button="right")
+    page.page.mouse.move(at[0] + 30, at[1], steps=3)
+    page.page.mouse.up(button="right")
+    page.pause(300)
+    expect(menu).to_have_count(0)
+    at = arrow_px(page, "/program/pin0", 0.0)
+    page.page.mouse.click(*at, button="right")
+    page.click("Add as a point")
+    page.wait_until(lambda: len(served.steps) == 2, "the step is there")
+    added, tip = served.steps[1], 1000 * served.robot.forward(np.radians([-20.0, *HOME[1:]]))[:3, 3]
+    assert isinstance(added, PointStep)
+    assert (added.x_mm, added.y_mm, added.z_mm) == pytest.approx(tip.tolist(), abs=0.06)
+    page.page.mouse.click(*at, button="right")
+    page.click("Next pose here")
+    expect(page.page.locator("armctl-part[name=next] p")).to_contain_text("pointed at in the scene")
+    page.click("Go")
+    page.wait_until(lambda: bool(np.abs(served.tool_mm - tip).max() < 0.06), "the tool is there")
+    assert page.errors == []

@@ -246,6 +246,8 @@ CONTRACT = {
     "letGoOfLists": ("role:`option`",),
     "drawNothing": ("getContextAttributes", "getShaderPrecisionFormat", "`webgl2`"),
     "onSceneEdges": ("data-dock-root",),
+    "onScenePress": ("data-dock-root",),
+    "rayAt": ("__viserMutable", "nodeRefFromName"),
     "scene": (
         "__viserMutable",
         "nodeRefFromName",

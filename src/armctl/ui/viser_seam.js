@@ -228,6 +228,47 @@ const armctlViser = (() => {
     found.observe(document.getElementById("root"), { childList: true, subtree: true });
   }
 
+  // The scene is pressed with the right button, or by a finger that stays, and not dragged: a ray from the camera in
+  // the scene's own frame, and where in the window: `pressed([x, y, z, dx, dy, dz], left, top)`.
+  const [STILL_PX, LONG_MS] = [6, 550];
+  function onScenePress(pressed) {
+    let began = null;
+    const isScene = (element) => element instanceof HTMLCanvasElement && element.closest("[data-dock-root]");
+    const moved = (event) => Math.hypot(event.clientX - began.x, event.clientY - began.y) > STILL_PX;
+    const end = () => {
+      clearTimeout(began?.timer);
+      began = null;
+    };
+    const open = ({ x, y, canvas }) => {
+      const ray = rayAt(canvas, x, y);
+      if (ray) pressed(ray, x, y);
+    };
+    addEventListener("pointerdown", (event) => {
+      const second = began !== null;
+      end();
+      const touch = event.pointerType === "touch";
+      if (second || !isScene(event.target) || !(touch || event.button === 2)) return;
+      began = { x: event.clientX, y: event.clientY, canvas: event.target };
+      if (touch) began.timer = setTimeout(() => open(began), LONG_MS);
+    }, true);
+    addEventListener("pointermove", (event) => began && moved(event) && end(), true);
+    addEventListener("pointerup", (event) => {
+      if (began && event.button === 2 && !began.timer) open(began);
+      end();
+    }, true);
+    addEventListener("pointercancel", end, true);
+    addEventListener("contextmenu", (event) => isScene(event.target) && event.preventDefault(), true);
+  }
+  function rayAt(canvas, x, y) {
+    const viewer = window.__viserMutable;
+    const [camera, root] = [viewer?.camera, viewer?.nodeRefFromName["/floor"]?.parent];
+    if (!camera || !root) return null;
+    const box = canvas.getBoundingClientRect();
+    const at = [(2 * (x - box.left)) / box.width - 1, 1 - (2 * (y - box.top)) / box.height];
+    const [near, far] = [-0.9, 0.9].map((depth) => root.worldToLocal(camera.position.clone().set(...at, depth).unproject(camera)));
+    return [...near.toArray(), ...far.sub(near).normalize().toArray()];
+  }
+
   // The scene, once viser has built the node `root`; null before. Poses go where those of its server go.
   function scene(root) {
     const viewer = window.__viserMutable;
@@ -246,6 +287,6 @@ const armctlViser = (() => {
 
   return {
     answer, openTabs, openAgain, typedFields, typeAgain, name, furnishNotifications, onPlotClick, type, letGoOfLists,
-    drawNothing, onSceneEdges, scene,
+    drawNothing, onSceneEdges, onScenePress, scene,
   };
 })();

@@ -243,6 +243,10 @@
     const input = field && near(`input[aria-label="${CSS.escape(field)}"]`);
     if (input) viser("type", input, value.toFixed(2));
   });
+  viser("onScenePress", (ray, left, top) => {
+    const value = [...ray, left, top].map((one) => one.toFixed(5)).join(" ");
+    globalThis.armctlTell?.({ do: "scene-press", value });
+  });
   viser("letGoOfLists"); // the keys that jog are pressed next
 
   function show(now) {

@@ -224,6 +224,11 @@
     clearTimeout(saidWhy);
     saidWhy = setTimeout(() => (place.textContent = ""), WHY_MS);
   }
+  // What is open for a moment is left by a press anywhere else.
+  addEventListener("pointerdown", ({ target }) => {
+    const open = document.querySelector("armctl-part [data-leave]");
+    if (open && !open.contains(target)) tell({ do: open.dataset.leave });
+  }, true);
   // A key that is held down presses no button again.
   addEventListener("keydown", (event) => {
     if (event.repeat && (event.key === "Enter" || event.key === " ") && near(event, "armctl-part button[data-do]")) event.preventDefault();

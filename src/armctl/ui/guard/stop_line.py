@@ -61,7 +61,7 @@ _FRAME = (
     "<section id=armctl-over><armctl-part name=where></armctl-part>"
     "<armctl-part name=alerts role=status></armctl-part><p id=armctl-why role=status></p></section>"
     "<section id=armctl-under aria-label='Next pose'><armctl-part name=next></armctl-part>"
-    "<armctl-part name=timeline></armctl-part></section>"
+    "<armctl-part name=timeline></armctl-part></section><armctl-part name=menu></armctl-part>"
 )
 """what of the console lies around viser's page"""
 

@@ -57,6 +57,11 @@ def pins_of(robot: Robot, found: Rehearsal) -> list[Pin]:
     return [Pin(points[place], tuple(sorted(set(rows[place])))) for place in points]
 
 
+def pin_radius(robot: Robot) -> float:
+    """Of a pin as it is drawn [m]."""
+    return _RADIUS * robot.chain.length
+
+
 def path_of(robot: Robot, found: Rehearsal) -> FloatArray:
     """Where the tool passes (k, 3) [m]; no more points than can be drawn."""
     return found.tool_path(robot, min(_SAMPLES_A_STEP * len(found.steps) + 1, _MOST_SAMPLES))
@@ -90,7 +95,7 @@ class ProgramPins:
         if found is None:
             return
         self._path.show(segments(path_of(self._robot, found)))
-        scene, radius = self._session.client.scene, _RADIUS * self._robot.chain.length
+        scene, radius = self._session.client.scene, pin_radius(self._robot)
         for i, pin in enumerate(pins_of(self._robot, found)[:_MOST_PINS]):
             ball = scene.add_icosphere(f"/program/pin{i}", radius, _COLOR, subdivisions=2, position=pin.point)
             self._session.on(ball.on_click, partial(self._on_pin, pin))

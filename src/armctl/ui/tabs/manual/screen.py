@@ -10,6 +10,7 @@ from armctl.ui.tabs.manual.program_editor import ProgramEditor, ProgramRecord
 from armctl.ui.tabs.manual.program_list import ProgramList
 from armctl.ui.tabs.manual.program_pins import ProgramPins
 from armctl.ui.tabs.manual.program_run import ProgramFiles, ProgramRun
+from armctl.ui.tabs.manual.scene_menu import SceneMenu
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, muted, strong
 
@@ -31,7 +32,8 @@ class SerialMotion:
         self._answer = gui.add_button_group("Unsaved program", (RESTORE, DELETE), visible=False)
         self._list = ProgramList(session, self._editor, lambda: self._run.findings)
         self._pins = ProgramPins(session, self._editor)
-        self._with_pins = gui.add_checkbox("Show in the scene", initial_value=True, hint=_PINS_HINT)
+        self._menu = SceneMenu(session, self._editor)
+        self._with_pins = gui.add_checkbox("In the scene", initial_value=True, hint=_PINS_HINT)
         verdict = LiveHtml(gui)
         with gui.add_folder("Run"):
             self._run = ProgramRun(session, self._editor, verdict)
@@ -50,6 +52,7 @@ class SerialMotion:
         self._run.refresh(snapshot)
         self._show_kept()
         self._list.refresh(snapshot)
+        self._menu.refresh(snapshot)
         self._pins.refresh(snapshot, shown=self._with_pins.value)
 
     def _show_kept(self) -> None:
