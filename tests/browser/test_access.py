@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from tests.browser.kit import Screen
-from tests.browser.served_arm import ServedArm
+from tests.browser.served_arm import HOME, ServedArm
 
 from armctl.facts import State
+from armctl.program import MoveStep, PointStep
 from armctl.protocol import Release
 from armctl.ui.tabs import TABS
 
@@ -53,9 +55,25 @@ def tab_to(page: Screen, name: str) -> None:
     raise AssertionError(f"the tab key does not come to {name!r}")
 
 
+def open_what_is_folded(page: Screen, served: ServedArm) -> None:
+    """A step that is edited and one that is wrong, the graph of the program, and the ways to a point."""
+    served.put_steps(MoveStep(joints_deg=(20.0, *HOME[1:])), PointStep(x_mm=5000, y_mm=0, z_mm=0))
+    page.click("Check")
+    page.wait_for_text(re.compile("too far"))
+    page.click("Graph")
+    page.click("Program")
+    page.page.get_by_label("Steps of the program").get_by_role("row").first.click()
+    page.click("Edit row 1")
+    page.open_tab("Inverse")
+    page.type_xyz("220", "-196", "85")
+    page.click("Solve")
+    page.page.get_by_role("option", name="elbow down").wait_for()
+
+
 def test_axe_finds_nothing_serious_on_any_tab_in_either_theme_and_the_keyboard_alone_does_the_main_job(
     page: Screen, served: ServedArm
 ) -> None:
+    open_what_is_folded(page, served)
     for theme, rules in (("Light", ["wcag2a", "wcag2aa", "wcag21aa"]), ("Dark", ["color-contrast"])):
         use_theme(page, theme)
         for tab in TABS:
@@ -67,6 +85,7 @@ def test_axe_finds_nothing_serious_on_any_tab_in_either_theme_and_the_keyboard_a
     assert violations(page, ["color-contrast"]) == []
     page.page.keyboard.press("Escape")
     use_theme(page, "Dark")
+    served.put_steps()
     page.page.reload()  # the browser remembers the theme
     page.page.locator(":root[data-mantine-color-scheme=dark]").wait_for(state="attached")
 

@@ -141,3 +141,11 @@ def test_where_a_step_leads_is_where_the_rehearsal_of_those_ahead_of_it_ends() -
 def test_a_step_that_leads_nowhere_says_why() -> None:
     with pytest.raises(UnreachableError):
         pose_after(ROBOT, program(PointStep(x_mm=5000, y_mm=0, z_mm=0)), 0, HOME)
+
+
+def test_it_is_cut_where_it_may_not_go_on_but_never_before_its_first_step() -> None:
+    led = program(TO_HOME, WaitStep(seconds=1), TO_REST, TO_HOME)
+    left = iter([True, False])
+    found = rehearse(ROBOT, led, REST, go_on=lambda: next(left))
+    assert found.cut and [step.index for step in found.steps] == [0, 1]
+    assert len(rehearse(ROBOT, led, REST, go_on=lambda: False).steps) == 1

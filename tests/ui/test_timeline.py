@@ -15,6 +15,7 @@ from armctl.program.rehearsal import rehearse
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.next_pose import NextPoses, PoseWriter
+from armctl.ui.tabs.manual import program_ahead
 from armctl.ui.tabs.manual.program_ahead import MOST_STEPS, ProgramAhead
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.timeline import QUANTITIES, Timeline, track
@@ -162,7 +163,10 @@ def test_the_program_is_drawn_as_it_is_rehearsed_with_its_steps_below(server: Gu
     assert len(clips(bench.page)) == 1 and not bench.page.ghost.seen
 
 
-def test_a_program_that_ends_early_is_drawn_as_far_and_says_why(server: GuardedServer) -> None:
+def test_a_program_that_ends_early_is_drawn_as_far_and_says_why(
+    server: GuardedServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(program_ahead, "BUDGET_S", 60.0)  # of a slow machine, too
     bench = Played(server, to(30), PointStep(x_mm=5000, y_mm=0, z_mm=0), to(0))
     assert len(clips(bench.page)) == 1 and "step 2: " in shown(bench.page)
     bench.put(PointStep(x_mm=5000, y_mm=0, z_mm=0))
@@ -174,6 +178,10 @@ def test_a_program_that_ends_early_is_drawn_as_far_and_says_why(server: GuardedS
     bench.put(*(to(1 + i % 2) for i in range(MOST_STEPS + 5)))
     bench.see()
     assert len(clips(bench.page)) == MOST_STEPS and f"the first {MOST_STEPS} steps" in shown(bench.page)
+    monkeypatch.setattr(program_ahead, "BUDGET_S", 0.0)
+    bench.put(to(1), to(2), to(3))
+    bench.see()
+    assert len(clips(bench.page)) == 1 and "the first 1 step of a pass" in shown(bench.page)
 
 
 def test_zoom_and_pan_keep_what_is_under_the_pointer(server: GuardedServer) -> None:

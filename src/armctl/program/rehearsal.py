@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -122,15 +123,17 @@ def rehearse(
     longest_s: float = math.inf,
     most_steps: int = 100_000,
     as_far: bool = False,
+    go_on: Callable[[], bool] = lambda: True,
 ) -> Rehearsal:
     """One pass of a program from ``start`` (n,) [rad] at an ``opening`` 0..1, cut at ``longest_s`` [s].
 
     A step that cannot be run is a ProgramError; with ``as_far`` it ends the rehearsal, but for the first.
+    ``go_on`` is asked before each step after the first: where it says no, the rehearsal is cut there.
     """
     source, at = ProgramSource(program), 0.0
     state = begin_program(robot, program, start, opening=opening)
     steps: list[RehearsedStep] = []
-    while at < longest_s and len(steps) < most_steps:
+    while at < longest_s and len(steps) < most_steps and (not steps or go_on()):
         planned, state = plan_next(robot, source, state)
         if not planned:
             if not steps:

@@ -410,6 +410,8 @@ class Session:
         self.closed = True
         self.next.close()
         self._end_question()
+        for at_work in self._at_work.values():
+            at_work.end()
         for task in tuple(self._tasks):
             task.cancel()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from dataclasses import dataclass
 from typing import Self
 
@@ -23,7 +24,9 @@ from armctl.ui.tabs.manual.program_editor import EMPTY
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 
 MOST_STEPS, LONGEST_S = 300, 600.0
-"""of a pass that are worked out: a few milliseconds each"""
+"""of a pass that are worked out"""
+BUDGET_S = 1.0
+"""of the processor: a step takes from 1 ms to 100, and other pages wait for the same interpreter"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +34,7 @@ class _ToRehearse:
     robot: Robot
     program: Program
     start: FloatArray
+    opening: float | None
 
 
 class ProgramAhead:
@@ -54,14 +58,18 @@ class ProgramAhead:
         del before
         return cls(console)
 
-    def look(self, session: Session, snapshot: Snapshot) -> None:
-        """A page looks at it: have it worked out anew where program or pose of the arm are others."""
+    def look(self, session: Session, snapshot: Snapshot, *, from_here: bool = True) -> None:
+        """A page looks at it: have it worked out anew where the program is another one.
+
+        ``from_here``: where the arm stands elsewhere, too; what a step leads to hardly depends on that.
+        """
         asked, program = self._asked, self._shared.program
         start = self._console.last_known.standing(snapshot)
-        same = asked is not None and asked.program is program and asked.robot is session.held
-        if same and asked is not None and (snapshot.busy or np.abs(asked.start - start).max() < SAME_RAD):
-            return
-        self._asked = _ToRehearse(session.held, program, start.copy())
+        if asked is not None and asked.program is program:
+            moved = asked.robot is not session.held or float(np.abs(asked.start - start).max()) >= SAME_RAD
+            if snapshot.busy or not (from_here and moved):
+                return
+        self._asked = _ToRehearse(session.held, program, start.copy(), snapshot.gripper)
         session.spawn(self._working.run())
 
     async def _work(self) -> None:
@@ -81,13 +89,16 @@ class ProgramAhead:
 
 
 def _rehearsed(asked: _ToRehearse) -> tuple[Rehearsal | None, str]:
+    end = time.thread_time() + BUDGET_S
     try:
         found = rehearse(
-            asked.robot, asked.program, asked.start, longest_s=LONGEST_S, most_steps=MOST_STEPS, as_far=True
-        )
+            asked.robot, asked.program, asked.start, asked.opening, longest_s=LONGEST_S,
+            most_steps=MOST_STEPS, as_far=True, go_on=lambda: time.thread_time() < end,
+        )  # fmt: skip
     except ArmctlError as refusal:
         return None, str(refusal)
     if found.broken is not None:
         return found, f"step {found.broken.index + 1}: {found.broken.error}"
-    first = f"the first {len(found.steps)} steps of a pass"
+    count = len(found.steps)
+    first = f"the first {count} step{'' if count == 1 else 's'} of a pass"
     return found, first if found.cut else ""

@@ -82,7 +82,7 @@ class ProgramPins:
     def refresh(self, snapshot: Snapshot, *, shown: bool) -> None:
         """Draw the program as it would run from where the arm stands, or nothing."""
         if shown and self._shared.program.steps:
-            self._ahead.look(self._session, snapshot)
+            self._ahead.look(self._session, snapshot, from_here=False)
         found = self._ahead.rehearsal if shown and self._shared.program.steps else None
         if found is not self._drawn:
             self._drawn = found
