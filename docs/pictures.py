@@ -91,6 +91,7 @@ def program(screen: Screen) -> None:
     screen.wait_for_text(re.compile("above the part"))
     screen.press(screen.page.get_by_text("Files", exact=True))
     screen.press(screen.page.get_by_role("row", name="above the part").first)
+    screen.wait_for_text(re.compile("step 2 ·"))
     screen.tab("Serial motion").scroll_into_view_if_needed()
 
 

@@ -86,9 +86,9 @@ class RawPage:
         self.say("ViewerCameraMessage", **CAMERA)
 
     def operate(self) -> None:
-        """Open the console's page on an arm that is enabled, and wait until it operates: that comes last."""
+        """Open the console's page on an enabled arm, and wait until its log says so: that is built last."""
         self.introduce()
-        self.read_until(b"othing is solved yet; press Solve first")
+        self.read_until(b"operates the arm")
 
     def set(self, uuid: object, value: object) -> None:
         self.say("GuiUpdateMessage", uuid=uuid, updates={"value": value})
