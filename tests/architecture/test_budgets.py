@@ -27,7 +27,7 @@ FOLDERS = {
     "protocol": (5, 1_120),
     "robot": (40, 11_260),
     "runtime": (22, 5_660),
-    "ui": (82, 18_470),
+    "ui": (83, 18_640),
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

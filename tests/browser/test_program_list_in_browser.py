@@ -400,3 +400,20 @@ def test_a_press_in_the_scene_offers_a_pose_and_steps_at_that_place(page: Screen
     page.click("Go")
     page.wait_until(lambda: bool(np.abs(served.tool_mm - tip).max() < 0.06), "the tool is there")
     assert page.errors == []
+
+
+def test_a_click_on_a_link_shows_a_ring_at_its_joint_and_another_one_takes_it_away(
+    page: Screen, served: ServedArm
+) -> None:
+    served.order(Enable())
+    served.wait_for(page, State.HOLDING)
+    page.wait_until(lambda: page.node("/tool") is not None, "the scene is there")
+    page.pause(300)
+    (x, y), (u, v) = arrow_px(page, "/arm/link1", 0.0), arrow_px(page, "/arm/link2", 0.0)
+    at = 0.5 * (x + u), 0.5 * (y + v)  # on the upper arm
+    page.page.mouse.click(*at)
+    page.wait_until(lambda: page.node("/ring") is not None, "there is a ring")
+    page.screenshot("ring")
+    page.page.mouse.click(*at)
+    page.wait_until(lambda: page.node("/ring") is None, "it is gone")
+    assert served.commanded_deg == HOME and page.errors == []

@@ -228,8 +228,8 @@ const armctlViser = (() => {
     found.observe(document.getElementById("root"), { childList: true, subtree: true });
   }
 
-  // The scene is pressed with the right button, or by a finger that stays, and not dragged: a ray from the camera in
-  // the scene's own frame, and where in the window: `pressed([x, y, z, dx, dy, dz], left, top)`.
+  // The scene is clicked, or pressed with the right button or by a finger that stays, and not dragged: a ray from the
+  // camera in the scene's own frame, and where in the window: `pressed(long, [x, y, z, dx, dy, dz], left, top)`.
   const [STILL_PX, LONG_MS] = [6, 550];
   function onScenePress(pressed) {
     let began = null;
@@ -239,21 +239,24 @@ const armctlViser = (() => {
       clearTimeout(began?.timer);
       began = null;
     };
-    const open = ({ x, y, canvas }) => {
-      const ray = rayAt(canvas, x, y);
-      if (ray) pressed(ray, x, y);
+    const tell = (long) => {
+      const ray = rayAt(began.canvas, began.x, began.y);
+      if (ray) pressed(long, ray, began.x, began.y);
     };
     addEventListener("pointerdown", (event) => {
       const second = began !== null;
       end();
-      const touch = event.pointerType === "touch";
-      if (second || !isScene(event.target) || !(touch || event.button === 2)) return;
+      if (second || !isScene(event.target) || event.button === 1) return;
       began = { x: event.clientX, y: event.clientY, canvas: event.target };
-      if (touch) began.timer = setTimeout(() => open(began), LONG_MS);
+      if (event.pointerType !== "touch") return;
+      began.timer = setTimeout(() => {
+        tell(true);
+        end();
+      }, LONG_MS);
     }, true);
     addEventListener("pointermove", (event) => began && moved(event) && end(), true);
     addEventListener("pointerup", (event) => {
-      if (began && event.button === 2 && !began.timer) open(began);
+      if (began) tell(event.button === 2);
       end();
     }, true);
     addEventListener("pointercancel", end, true);

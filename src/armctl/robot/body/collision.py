@@ -276,7 +276,7 @@ class CollisionModel:
         ``links``: as ``frames`` gives them. Beyond ``enough`` (k, m) [m] they are lower bounds, which cost
         less than exact ones. Without ``depths`` any negative one will do where hulls touch, within 0.1 mm.
         """
-        starts, spans = placed = self._placed(links)
+        starts, spans = placed = self.placed(links)
         out = self._apart_by_balls(starts + 0.5 * spans)
         enough = np.broadcast_to(np.asarray(enough, dtype=np.float64), out.shape)
         pair, at = np.nonzero(out < enough)
@@ -321,7 +321,7 @@ class CollisionModel:
     ) -> FloatArray:
         """Gaps (e,) [m] of pairs at configurations: by capsules, by hulls, and by surfaces.
 
-        ``placed``: as ``_placed`` gives them.
+        ``placed``: as ``placed`` gives them.
         """
         i, j = self._pieces[:, pair]
         (start, span), (other_start, other_span) = ([one[:, k, at] for one in placed] for k in (i, j))
@@ -356,7 +356,7 @@ class CollisionModel:
 
     def gaps_around(self, links: LinkFrames) -> FloatArray:
         """Gaps between each obstacle and each moving piece: (obstacles · moving, m) [m], as ``gaps``."""
-        obstacles, (starts, spans) = self.obstacles, self._placed(links)
+        obstacles, (starts, spans) = self.obstacles, self.placed(links)
         out = np.empty((len(obstacles) * len(self.moving), links.origin[0].shape[-1]))
         piece, box = np.tile(self.moving, len(obstacles)), np.arange(len(obstacles)).repeat(len(self.moving))
         places = ((obstacle, i) for obstacle in obstacles for i in self.moving)
@@ -400,7 +400,7 @@ class CollisionModel:
     def _radii(self) -> FloatArray:
         return np.array([capsule.radius for capsule in self.capsules])
 
-    def _placed(self, links: LinkFrames) -> tuple[FloatArray, FloatArray]:
+    def placed(self, links: LinkFrames) -> tuple[FloatArray, FloatArray]:
         """Starts and spans of all capsules: (3, capsules, m) each [m], base frame."""
         starts, ends = np.empty((2, 3, len(self.capsules), links.tool.shape[1]))
         for link, which, points in self._ends:

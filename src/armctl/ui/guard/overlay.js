@@ -243,9 +243,9 @@
     const input = field && near(`input[aria-label="${CSS.escape(field)}"]`);
     if (input) viser("type", input, value.toFixed(2));
   });
-  viser("onScenePress", (ray, left, top) => {
+  viser("onScenePress", (long, ray, left, top) => {
     const value = [...ray, left, top].map((one) => one.toFixed(5)).join(" ");
-    globalThis.armctlTell?.({ do: "scene-press", value });
+    globalThis.armctlTell?.({ do: long ? "scene-press" : "scene-click", value });
   });
   viser("letGoOfLists"); // the keys that jog are pressed next
 

@@ -32,12 +32,21 @@ _NEAR_A_PIN = 1.8
 _DIGITS = 1
 
 
+def read_ray(value: str) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
+    """Of a press in the scene: its ray from (3,) [m], along (3,), and where in the window [px]."""
+    numbers = np.array(parse_numbers(value, "a press in the scene", _RAY))
+    if not numbers[3:6].any():
+        raise InputError("a press in the scene has no direction")
+    return numbers[:3], numbers[3:6] / np.linalg.norm(numbers[3:6]), (numbers[6], numbers[7])
+
+
 def pressed_point(
-    origin: FloatArray, direction: FloatArray, floor_z: float, pins: FloatArray, radius: float
+    origin: FloatArray, direction: FloatArray, floor_z: float | None, pins: FloatArray, radius: float
 ) -> FloatArray | None:
     """Where a ray from ``origin`` along ``direction`` (3,) meets a pin, else the floor (3,) [m].
 
-    None: nowhere. ``pins`` (k, 3) [m]; of those that it passes within ``radius`` [m] the nearest one counts.
+    None: nowhere. ``floor_z`` [m]; None: only pins count. ``pins`` (k, 3) [m]; of those that it passes within
+    ``radius`` [m] the nearest one counts.
     """
     d = direction / np.linalg.norm(direction)
     if len(pins):
@@ -46,7 +55,7 @@ def pressed_point(
         met = np.flatnonzero((along > 0.0) & (beside <= radius))
         if len(met):
             return pins[met[along[met].argmin()]]
-    if abs(d[2]) < 1e-9 or (floor_z - origin[2]) / d[2] <= 0.0:
+    if floor_z is None or abs(d[2]) < 1e-9 or (floor_z - origin[2]) / d[2] <= 0.0:
         return None
     point = origin + (floor_z - origin[2]) / d[2] * d
     point[2] = floor_z
@@ -78,19 +87,16 @@ class SceneMenu:
         self._session.parts.show(_PART, "" if self._point is None else self._html(self._point, snapshot))
 
     def _on_scene(self, _: str, value: str) -> None:
-        numbers = np.array(parse_numbers(value, "a press in the scene", _RAY))
-        origin, direction, self._place = numbers[:3], numbers[3:6], (numbers[6], numbers[7])
-        if not direction.any():
-            raise InputError("a press in the scene has no direction")
-        self._point = pressed_point(
-            origin, direction, self._robot.floor_z, self._pins, _NEAR_A_PIN * pin_radius(self._robot)
-        )
+        origin, direction, self._place = read_ray(value)
+        radius = _NEAR_A_PIN * pin_radius(self._robot)
+        self._point = pressed_point(origin, direction, self._robot.floor_z, self.pins, radius)
         if self._point is not None and np.linalg.norm(self._point) > _FAR * self._robot.chain.length:
             self._point = None
         self.refresh(self._session.snapshot)
 
     @property
-    def _pins(self) -> FloatArray:
+    def pins(self) -> FloatArray:
+        """Where pins are drawn (k, 3) [m]."""
         found = self._ahead.rehearsal
         pins: list[Pin] = [] if found is None else pins_of(self._robot, found)
         return np.array([pin.point for pin in pins]).reshape(-1, 3)

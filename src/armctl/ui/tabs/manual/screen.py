@@ -6,6 +6,7 @@ from armctl.protocol import Snapshot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.jog import JogControl
 from armctl.ui.tabs.manual.joints import JointControl, LiveReadout
+from armctl.ui.tabs.manual.link_ring import LinkRing
 from armctl.ui.tabs.manual.program_editor import ProgramEditor, ProgramRecord
 from armctl.ui.tabs.manual.program_list import ProgramList
 from armctl.ui.tabs.manual.program_pins import ProgramPins
@@ -33,6 +34,7 @@ class SerialMotion:
         self._list = ProgramList(session, self._editor, lambda: self._run.findings)
         self._pins = ProgramPins(session, self._editor)
         self._menu = SceneMenu(session, self._editor)
+        self._ring = LinkRing(session, lambda: self._menu.pins)
         self._with_pins = gui.add_checkbox("In the scene", initial_value=True, hint=_PINS_HINT)
         verdict = LiveHtml(gui)
         with gui.add_folder("Run"):
@@ -53,6 +55,7 @@ class SerialMotion:
         self._show_kept()
         self._list.refresh(snapshot)
         self._menu.refresh(snapshot)
+        self._ring.refresh(snapshot)
         self._pins.refresh(snapshot, shown=self._with_pins.value)
 
     def _show_kept(self) -> None:
