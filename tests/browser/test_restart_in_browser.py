@@ -106,6 +106,8 @@ def test_pages_come_back_and_control_returns_until_a_new_link_is_made(
     pages[1].open_tab("Inverse")
     pages[1].type_xyz("220", "-196", "85")
     pages[1].open_tab("Simulation")
+    for page in pages:
+        page.pause(600)  # a page notes what is open and typed five times a second
     with loaded_anew(pages):
         console.end(signal.SIGKILL)
         expect(pages[0].page.locator("#armctl-told p")).to_contain_text("comes back by itself")

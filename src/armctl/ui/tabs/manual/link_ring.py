@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 from collections.abc import Callable
 
@@ -93,7 +94,7 @@ class LinkRing:
             if self._ring.visible is not visible:
                 self._ring.visible = visible
 
-    def _on_click(self, _: str, value: str) -> None:
+    async def _on_click(self, _: str, value: str) -> None:
         origin, direction, _place = read_ray(value)
         session, robot = self._session, self._robot
         pin = pressed_point(origin, direction, None, self._pins(), _NEAR_A_PIN * pin_radius(robot))
@@ -101,9 +102,12 @@ class LinkRing:
         if pin is None:
             shown = session.next.shown_in(session.snapshot)
             standing = session.console.last_known.drawn(session.snapshot)
-            found = (clicked_joint(robot, q, origin, direction) for q in (shown, standing))
-            joint = next((one for one in found if one is not None), None)
-        self._show(None if joint == self._joint else joint)
+            for q in (shown, standing):  # beside the event loop: an arm with meshes may be worked out by it
+                joint = await asyncio.to_thread(clicked_joint, robot, q, origin, direction)
+                if joint is not None:
+                    break
+        if not session.closed:
+            self._show(None if joint == self._joint else joint)
 
     def _show(self, joint: int | None) -> None:
         if self._ring is not None:
