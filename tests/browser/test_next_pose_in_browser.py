@@ -108,7 +108,7 @@ def test_it_outlives_a_reload_and_who_watches_sees_it_and_has_one_of_its_own(
     expect(watcher.button("Go")).to_be_disabled()
     page.reload(until="Enable")
     wait_for_next(page)
-    assert ghost_tip_mm(page) == pytest.approx(drawn, abs=0.01)
+    page.wait_until(lambda: ghost_tip_mm(page) == pytest.approx(drawn, abs=0.01), "it is drawn as before")
     page.wait_until(lambda: served.now.control.operator is not None, "it operates again")
     page.wait_until(lambda: page.is_enabled("Go"), "Go can be pressed")
     page.click("Go")
@@ -176,8 +176,9 @@ class Sequence:
         self.page.reload(until="Enable")
         if before is not None:
             wait_for_next(self.page)
-            self.page.wait_until(lambda: ghost_tip_mm(self.page) is not None, "it is drawn again")
-            assert ghost_tip_mm(self.page) == pytest.approx(before, abs=0.05)
+            self.page.wait_until(
+                lambda: ghost_tip_mm(self.page) == pytest.approx(before, abs=0.05), "it is drawn as before"
+            )
         self.page.wait_until(lambda: self.served.now.control.operator is not None, "a page operates")
 
     def forget(self) -> None:
