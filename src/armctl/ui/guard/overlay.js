@@ -12,6 +12,7 @@
   const ASK_BEATS = 5;
   const LEFT_MS = 5000; // after which a page that viser has lost is loaded anew
   const KNOCK_MS = 3000;
+  const AGAIN_MS = 10000; // so long what a page had may not be there again
   const STOP = "[data-armctl-stop]";
   const SECOND = "The line of STOP is lost. STOP goes over the page's own line: have the power switch at hand.";
   const LOST =
@@ -51,22 +52,34 @@
   addEventListener("pagehide", () => {
     look();
     const kept = Array.from(document.querySelectorAll("[data-keep]"), ({ dataset }) => [dataset.keep, dataset.kept]);
-    const all = JSON.stringify({ title: document.title, kept, ...seen });
+    const { tabs, fields } = seen;
+    const all = JSON.stringify({ title: document.title, kept, tabs, fields, ...notYetBack(kept, fields) });
     try {
       sessionStorage.setItem("armctl-page", page);
-      sessionStorage.setItem("armctl-left", typeof left === "string" ? left : all); // it was not given back yet
+      sessionStorage.setItem("armctl-left", typeof left === "string" ? left : all);
     } catch (error) {
       console.warn("this browser keeps nothing while a page is loaded anew", error);
     }
   });
+  // A page may be loaded anew once more before it has all of it again.
+  function notYetBack(kept, fields) {
+    if (!left) return {};
+    const again = performance.now() - began < AGAIN_MS ? left.kept : [];
+    return {
+      ...(left.tabs?.length && !chosen && { tabs: left.tabs }),
+      fields: fields.concat(left.fields ?? []),
+      kept: kept.length ? kept : again,
+    };
+  }
   function giveBack() {
     if (!left || document.title === "armctl") return; // the bar has not come, which names the arm
     const had = left;
     left = null; // where it cannot be read, too
-    const { title, tabs, fields, kept } = typeof had === "string" ? JSON.parse(had) : had;
+    const { title, tabs, fields, kept, told } = typeof had === "string" ? JSON.parse(had) : had;
     if (document.title !== title) return;
-    for (const [what, value] of kept) globalThis.armctlTell({ do: what, value });
-    left = { title, tabs: viser("openAgain", chosen ? [] : tabs), fields: viser("typeAgain", fields), kept: [] };
+    if (!told) for (const [what, value] of kept) globalThis.armctlTell({ do: what, value });
+    const [toOpen, toType] = [viser("openAgain", chosen ? [] : tabs), viser("typeAgain", fields)];
+    left = { title, tabs: toOpen, fields: toType, kept, told: true };
   }
   // Who is here already, and does something, goes on from there.
   let chosen = false;
