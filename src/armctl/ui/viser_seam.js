@@ -152,13 +152,13 @@ const armctlViser = (() => {
     });
   }
 
-  // Open the tabs of these labels, one after the other, as one may be in another; gives those that are not open yet.
+  // Open the tabs of these labels, one after the other, as one may be in another; gives those that are left.
   function openAgain(labels) {
     const tabs = Array.from(document.querySelectorAll("#root [role=tab]"));
     const tab = tabs.find((one) => tabLabel(one) === labels[0]);
-    if (tab?.getAttribute("aria-selected") === "true") return labels.slice(1);
-    tab?.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true })); // a click needs a pointer there
-    return labels;
+    const enter = { key: "Enter", bubbles: true }; // a click without a pointer does nothing there
+    if (tab?.getAttribute("aria-selected") === "false") tab.dispatchEvent(new KeyboardEvent("keydown", enter));
+    return tab ? labels.slice(1) : labels;
   }
 
   // A dropdown keeps the focus after a choice by mouse; keys that do something would go on to be typed into it.
