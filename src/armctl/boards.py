@@ -108,7 +108,7 @@ class Boards:
 
 def setup_of(robot: Robot) -> Setup:
     """What a robot needs of its board."""
-    return Setup(channel_settings(robot), robot.board_settings)
+    return Setup(channel_settings(robot), robot.board_settings, robot)
 
 
 def split_kind(port: str) -> tuple[BoardType | None, str]:

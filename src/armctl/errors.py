@@ -165,6 +165,8 @@ class EnableError(StateError):
     """The arm cannot be enabled where it stands, or as it is."""
 
     section = "the-arm-cannot-be-enabled"
+    channel: int | None = None
+    """of the board, where it is about one"""
 
 
 class BoardError(ArmctlError):

@@ -23,6 +23,7 @@ from armctl.robot.board_entries import BoardEntries
 
 if TYPE_CHECKING:
     from armctl.hardware.transport import Connection, Transport
+    from armctl.robot import Robot
 
 ANY_PRODUCT = None
 """stands for every product number of a USB vendor"""
@@ -54,6 +55,8 @@ class Setup:
     channels: Sequence[ChannelSettings] = ()
     settings: object = None
     """what ``BoardType.entries`` has read from the robot file besides the map of the outputs"""
+    robot: Robot | None = None
+    """for a simulated board that simulates the arm, too"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +115,9 @@ class BoardType(ABC):
     """whether it must find the zeros of its axes, after which the arm stays where that ended"""
     power: ClassVar[str] = "pulses"  # what Enable switches on and Release off
     slowest_answer_s: ClassVar[float] = 0.05  # on a line whose answers take longer nothing is enabled
+    sag_deg: ClassVar[float] = 1.0
+    """A measured joint that stands farther than this from its setpoint is reported. Proportional control lets
+    a joint sag under its load."""
     off_when_left: ClassVar[bool] = False
     """whether it switches its outputs off when no program speaks to it any more"""
     limits_acceleration: ClassVar[bool] = False  # whether it is to keep acceleration limits of its own

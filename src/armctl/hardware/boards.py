@@ -11,13 +11,15 @@ from armctl.errors import InputError
 from armctl.hardware.board_type import NEEDED, BoardType
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.encoder.board import EncoderBoard
+from armctl.hardware.feetech.board import FeetechBoard
 from armctl.hardware.firmata.board import FirmataBoard
 from armctl.hardware.maestro.board import MaestroBoard
 from armctl.robot import Robot
 from armctl.robot.board_entries import BoardEntries
 
-SHIPPED: tuple[BoardType, ...] = (MaestroBoard(), FirmataBoard(), EncoderBoard())
-"""in the order in which they are asked who is there: a question of the second upsets the first"""
+SHIPPED: tuple[BoardType, ...] = (MaestroBoard(), FirmataBoard(), EncoderBoard(), FeetechBoard())
+"""in the order in which they are asked who is there: a question of the second upsets the first,
+and a Maestro takes a ping on a servo bus for an order"""
 GROUP = "armctl.boards"
 _LOGGER = logging.getLogger("armctl.hardware")
 

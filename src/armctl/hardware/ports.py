@@ -226,6 +226,8 @@ def approach(listing: str | None, expected: str | None = None) -> Approach:
         return Approach((wanted.baud,), _RUNNING_S, (wanted,))
     if listing is None:
         return Approach((_USUAL_BAUD,), _RUNNING_S, board_types())
+    if named and not any(board.restarts for board in listed):
+        return Approach(tuple(dict.fromkeys(board.baud for board in listed)), 0.0, tuple(listed))
     restarting = [board for board in board_types() if board.restarts]
     restarting.sort(key=lambda board: board is not wanted)
     asked = listed if named else [wanted] if wanted is not None else []

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError, StateError
+from armctl.errors import ArmctlError, EnableError, StateError
 from armctl.facts import Quantities
 from armctl.facts.angles import DEGREE
 from armctl.hardware import Abilities, Driver, HomingState, Readback, Source
@@ -123,7 +123,12 @@ class Board:
         ``joints``: (n,) which of the angles are sent; None: all. Never those of limp joints.
         """
         sent = ~self.limp if joints is None else joints & ~self.limp
-        translated("writing setpoints", self._driver.write, self._values(q, opening, sent))
+        try:
+            translated("writing setpoints", self._driver.write, self._values(q, opening, sent))
+        except EnableError as refusal:
+            raise (
+                refusal if refusal.channel is None else refusal.about(self.title(refusal.channel))
+            ) from refusal
 
     def _values(self, q: FloatArray | None, opening: float | None, joints: BoolArray) -> dict[int, float]:
         values: dict[int, float] = {}

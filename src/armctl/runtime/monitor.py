@@ -12,6 +12,7 @@ from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.facts import Unanswered, say
 from armctl.facts.angles import DEGREE
 from armctl.hardware import Source
+from armctl.hardware.boards import board_type
 from armctl.protocol.snapshot import BOARD_REPORTS
 from armctl.robot import Robot
 from armctl.runtime.board import Board, BoolArray, Reading
@@ -27,8 +28,6 @@ _SURE_READINGS = 2
 _LAG_S = 0.08
 """how far the transmitted position may be behind a moving setpoint: a few servo frames"""
 _DEVIATION_UNITS = 1.0
-DEVIATION_RAD = 1.0 * DEGREE
-"""a measured joint farther away than this does not stand where it was told"""
 _DEVIATION_S = 0.5
 _DEVIATION_WORDS = {
     Source.TRANSMITTED: "the board does not send what it was told ({by}): its channel range is narrower than "
@@ -66,6 +65,7 @@ class Monitor:
         self._gripper = "gripper" if robot.gripper is None else robot.gripper.title
         self._notices = notices
         self._interval_s = interval_s
+        self._sag = board_type(robot.board).sag_deg * DEGREE
         self.reset()
 
     def reset(self) -> None:
@@ -337,7 +337,7 @@ class Monitor:
         source = self.reading.source
         away = np.abs(self.reading.q - q_command)
         if source is Source.MEASURED:
-            deviates, values, unit = away > DEVIATION_RAD, self._robot.shown(away), "°"
+            deviates, values, unit = away > self._sag, self._robot.shown(away), "°"
         else:
             values, unit = away * board.unit_per_rad, f" {board.map.unit}"
             deviates = values > _DEVIATION_UNITS

@@ -29,7 +29,6 @@ from armctl.protocol.snapshot import POWERED
 from armctl.runtime.activity import Activity, Order, Setpoint
 from armctl.runtime.board import MOTORS_APART_RAD, Board, BoolArray, Reading
 from armctl.runtime.core import Core
-from armctl.runtime.monitor import DEVIATION_RAD
 
 ADOPT_TOLERANCE_RAD = 0.25 * DEGREE
 """how far outside a limit a joint may stand when it is taken over, and two readings may differ"""
@@ -67,6 +66,8 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         raise EnableError(NotHomed())
     # Only what is measured says where a joint stands that is off.
     live = ~np.isnan(reading.q) & (reading.on | (reading.source is Source.MEASURED))
+    if reading.source is Source.MEASURED and not live.all() and reading.errors:
+        raise EnableError(f"{'; '.join(reading.errors)}; nothing was switched on")
     if not (live.all() or wanted is not None or board.identity.simulated):
         known = "" if core.poses.last is None else f" ({core.poses.last})"
         raise EnableError(f"nobody knows where the arm is{known}: {board.power} are off. {_SAY_WHERE}")
@@ -75,12 +76,16 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         raise MotionRefusedError(Several((touch, ToDo("other pose"))))
     if wanted is not None and live.any() and (np.abs(start - goal) > _tolerance(board)).any():
         core.log.warn("enabled where the arm stands, not in the pose asked for: move there now")
-    opening = reading.opening
+    opening = None if reading.opening is None else min(1.0, max(0.0, reading.opening))
     grips = board.map.gripper_channel is not None and core.robot.gripper is not None
     if live.all() and (opening is not None or not grips):
         _retake(core, board)
         core.adopt(start, opening, now)
-        board.write(start, opening if reading.gripper_on is False else None)
+        try:
+            board.write(start, opening if reading.gripper_on is False else None)
+        except EnableError:
+            core.forget()
+            raise
         confirmed = core.monitor.read(board, now)
         if confirmed is None or not confirmed.on.all() or confirmed.gripper_on is False:
             core.forget()
@@ -141,7 +146,8 @@ def limit_torque(core: Core, share: float, names: Sequence[str], who: str) -> No
         raise StateError("there is no board; connect first")
     q, reading = core.gate.q, core.monitor.reading
     if q is not None and reading.source is Source.MEASURED:
-        away = (np.abs(reading.q - q) > DEVIATION_RAD) & ~core.board.limp
+        sag = board_type(core.robot.board).sag_deg * DEGREE
+        away = (np.abs(reading.q - q) > sag) & ~core.board.limp
         if away.any():  # a stronger motor would throw it back to its setpoint
             names = [core.robot.joints[i].title for i in np.flatnonzero(away)]
             raise StateError(

@@ -1,0 +1,435 @@
+"""The driver of a servo bus, for servos of any make."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, EnableError
+from armctl.hardware.bus import EEPROM_ADVICE, SCALE
+from armctl.hardware.bus.line import BusLine
+from armctl.hardware.bus.make import ServoMake, ServoSettings, Telemetry, switch_on
+from armctl.hardware.driver import (
+    Abilities,
+    BoardIdentity,
+    ChannelSettings,
+    ChannelTable,
+    Readback,
+    Source,
+)
+from armctl.hardware.transport import Connection
+
+_DOUBTED, _MISSED = 3, 5
+"""readings in a row without an answer after which a servo is sent no more goals, and counts as gone"""
+_GONE_S, _GONE_SIMULATED_S = 0.25, 1.0
+"""... and for so long: a servo that starts anew is silent for longer; a busy computer may be late"""
+_LOOK_AGAIN_S = 0.5
+"""how often a servo that is gone is asked whether it is there again"""
+_RETRY_S = 0.006
+"""time in which a reading asks again those that did not answer"""
+_JUMP_STEPS = 60
+"""by which a position may differ from the one before beyond what the speed explains"""
+_LONGEST_STEP_S = 0.05
+"""time that a step of a goal counts for at most: what was late is not made up for by a jump"""
+
+
+@dataclass
+class _Servo:
+    """What the driver knows of one servo."""
+
+    id: int
+    settings: ServoSettings | None = None
+    seen: Telemetry = field(default_factory=Telemetry)
+    seen_at: float = 0.0
+    missed: int = 0
+    gone: bool = False
+    """whether it has not answered for some time"""
+    asked_at: float = 0.0
+    """when it was looked for last, where it is gone"""
+    doubted: int | None = None
+    """a position that is too far from the one before to be believed without another"""
+    on: bool = False
+    """whether armctl has switched it on, or found it on"""
+    goal: int | None = None
+    """the last goal that was sent [steps]"""
+    wanted: int | None = None
+    """the goal that it is on its way to [steps]"""
+    sent_at: float = 0.0
+    torque: float = 1.0
+    went_off: bool = False
+    """whether its torque went off by itself"""
+
+    @property
+    def takes_goals(self) -> bool:
+        """Whether a goal would only move it: it would switch on one that is limp, or has started anew."""
+        return self.on and not self.went_off and not self.gone and self.missed < _DOUBTED
+
+
+@dataclass
+class BusOptions:
+    """What a robot file says of its bus."""
+
+    torque: Mapping[int, float] = field(default_factory=dict[int, float])
+    """limit of the torque by servo, a share 0 ... 1; others have all of it"""
+
+
+class BusDriver(Abilities):
+    """A servo bus behind the ``Driver`` protocol. A channel is the id of a servo; units are its steps.
+
+    ``open`` and ``configure`` move nothing and write no EEPROM. The first setpoint of a servo that is limp
+    begins the torque-on rite (``make.switch_on``), which refuses with ``EnableError`` where torque would be
+    a jump. A servo that is limp, or that has not answered of late, is never sent a goal. One that starts anew
+    by itself stays limp until ``release``. ``stop`` holds: goals are never far ahead of the shaft.
+    """
+
+    def __init__(
+        self,
+        connection: Connection,
+        make: ServoMake,
+        servos: Sequence[int],
+        timeout_s: float,
+        options: BusOptions | None = None,
+        notes: Sequence[str] = (),
+    ) -> None:
+        """``servos``: the ids that the robot has, base first; ``timeout_s``: how long an answer may take."""
+        self._connection, self._make, self._timeout_s = connection, make, timeout_s
+        self._gone_s = _GONE_SIMULATED_S if connection.simulated else _GONE_S
+        self._options, self._notes = options or BusOptions(), tuple(notes)
+        self._line: BusLine | None = None
+        self._ids = tuple(servos)
+        self._servos: dict[int, _Servo] = {}
+        self._table = ChannelTable(SCALE)
+        self._turn = 0
+
+    def open(self) -> BoardIdentity:
+        """Open the line, see which servos answer, and read what stands in their EEPROM."""
+        self.close()
+        transport, info = self._connection.open()
+        line = self._line = BusLine(transport, self._make.form, self._now, self._timeout_s)
+        self._servos = {one: _Servo(one, torque=self._options.torque.get(one, 1.0)) for one in self._ids}
+        try:
+            earlier = self._look_round(line)
+        except ArmctlError:
+            self.close()
+            raise
+        return BoardIdentity(
+            kind=self._make.title,
+            port=line.name,
+            serial_number=info.serial_number if info else None,
+            simulated=self._connection.simulated,
+            notes=() if self._connection.simulated else self._notes,
+            earlier=earlier,
+        )
+
+    def configure(self, channels: Sequence[ChannelSettings]) -> None:
+        """Take what each servo may do. Sends nothing: what a limp servo is set to is part of the rite."""
+        table = ChannelTable(SCALE, channels, self._check)
+        for one in channels:
+            self._servos.setdefault(one.channel, _Servo(one.channel, gone=True))
+        self._table = table
+
+    def write(self, setpoints: Mapping[int, float]) -> None:
+        """Send goals [steps] in one packet. Servos that are limp are switched on first, base first."""
+        line = self._opened
+        goals = {servo: self._table.admit(servo, value) for servo, value in setpoints.items()}
+        limp = [servo for servo in goals if not self._servos[servo].on]
+        switched: list[int] = []
+        try:
+            for servo in limp:
+                self._switch_on(line, self._servos[servo])
+                switched.append(servo)
+        except (EnableError, BoardTimeoutError) as error:
+            for one in switched:
+                self._off(line, self._servos[one])
+            refusal = error if isinstance(error, EnableError) else EnableError(error.reason)
+            refusal.channel = limp[len(switched)]
+            raise refusal from error
+        for servo, goal in goals.items():
+            self._servos[servo].wanted = goal
+        self._send(line)
+
+    def read(self) -> Readback:
+        """What the servos measure. One that misses some readings keeps its last position for that time."""
+        line = self._opened
+        self._send(line)  # before what takes milliseconds: what was lost, or is still on its way
+        self._ask(line)
+        count = line.take_count()
+        servos = [self._servos[one] for one in self._table.channels]
+        faults, warnings = self._faults(servos)
+        known = [one for one in servos if not one.gone]
+        return Readback(
+            positions={one.id: None if one.gone else one.seen.position for one in servos},
+            source=Source.MEASURED,
+            faults=faults,
+            warnings=warnings,
+            load={one.id: one.seen.load for one in known},
+            temperature={one.id: one.seen.temperature for one in known},
+            voltage={one.id: one.seen.voltage for one in known},
+            current={one.id: one.seen.current for one in known},
+            asked=count.asked,
+            lost=count.lost,
+            delay_s=count.slowest_s,
+            on={one.id: bool(one.seen.on) and not one.went_off for one in servos},
+        )
+
+    def stop(self) -> None:
+        """Every servo that is on holds the goal that it was sent last."""
+        for one in self._servos.values():
+            one.wanted = one.goal
+
+    def home(self) -> None:
+        """Refuses: these servos know where they are."""
+        raise BoardError("bus servos need no homing: their sensors know where they are")
+
+    def release(self) -> None:
+        """Torque off, servo by servo: the arm drops. ``BoardError`` names those that did not confirm."""
+        self._release(tuple(self._servos))
+
+    def release_channels(self, channels: Sequence[int]) -> None:
+        """The same for these only."""
+        self._release(channels)
+
+    def limit_torque(self, limits: Mapping[int, float]) -> None:
+        """How strong servos may be: a share 0 ... 1 of their full torque."""
+        line = self._opened
+        silent = [
+            servo
+            for servo, share in limits.items()
+            if self._note_torque(servo, share) and not self._make.limit_torque(line, servo, share)
+        ]
+        if silent:
+            raise BoardTimeoutError(f"{line.name}: {_named(silent)} did not confirm the torque limit")
+
+    def close(self) -> None:
+        """Close the line; never raises. The servos go on holding."""
+        if self._line is not None:
+            self._line.close()
+            self._line = None
+
+    @property
+    def _opened(self) -> BusLine:
+        if self._line is None:
+            raise BoardError("the line to the servos is not open; connect first")
+        return self._line
+
+    def _now(self) -> float:
+        return self._connection.now()
+
+    def _look_round(self, line: BusLine) -> tuple[str, ...]:
+        """Who answers; in words, what is unusual."""
+        ids = self._ids
+        model = self._make.table["model"]
+        came = any([line.look_for_echo(servo, model.address) for servo in ids[:1]])
+        found = [servo for servo in ids if line.ping(servo) is not None]
+        if not found and ids:
+            raise BoardTimeoutError(self._nobody(line, came))
+        notes: list[str] = []
+        for servo in found:
+            one = self._servos[servo]
+            try:
+                one.settings = self._make.settings(line, servo)
+            except BoardTimeoutError:
+                one.gone = True
+                continue
+            notes += [f"servo {servo}: {words}" for words in one.settings.findings]
+            if one.settings.unfit is not None:
+                notes.append(f"servo {servo}: {one.settings.unfit}; {EEPROM_ADVICE}")
+        for servo in set(ids) - set(found):
+            self._servos[servo].gone = True
+        return (*self._missing(found), *notes)
+
+    def _missing(self, found: Sequence[int]) -> tuple[str, ...]:
+        """In words, who of the chain does not answer."""
+        missing = [servo for servo in self._ids if servo not in found]
+        if not missing:
+            return ()
+        words = f"{_named(missing)} of {len(self._ids)} did not answer"
+        if missing == list(self._ids[len(found) :]):
+            return (
+                f"{words}: whoever is behind a loose plug is silent; look at the one of servo {missing[0]}",
+            )
+        return (f"{words}: its plug, its id or its baud rate; `armctl servos` looks for it",)
+
+    def _nobody(self, line: BusLine, came: bool) -> str:
+        if line.echoes:
+            return (
+                f"{line.name}: the adapter answers with what it was sent, and no servo does; are the servos "
+                "powered, and is the first plug in?"
+            )
+        if came:
+            return (
+                f"{line.name}: something answers, but makes no sense: two servos with one id, another baud "
+                "rate, or another kind of bus"
+            )
+        return (
+            f"{line.name}: no servo answers ({_named(self._ids)} were asked). Are they powered (USB alone "
+            "does not feed them), is the first plug in, and is this the adapter's port?"
+        )
+
+    def _check(self, settings: ChannelSettings) -> None:
+        if not SCALE.holds_range(settings, 0, self._make.steps_per_turn - 1):
+            raise BoardError(
+                f"servo {settings.channel}: a range of {settings.minimum:g} … {settings.maximum:g} steps; "
+                f"whole steps of 0 … {self._make.steps_per_turn - 1} are possible"
+            )
+
+    # Power.
+
+    def _switch_on(self, line: BusLine, one: _Servo) -> None:
+        if one.gone or one.seen.position is None:
+            raise EnableError(f"servo {one.id} does not answer; look at its plug and its power")
+        if one.settings is None:
+            one.settings = self._make.settings(line, one.id)
+        if one.seen.on and not one.went_off:
+            one.goal = one.seen.goal if one.seen.goal is not None else one.seen.position
+        else:
+            one.goal = switch_on(self._make, line, one.id, one.settings, one.seen.position, one.torque)
+        one.on, one.went_off = True, False
+        one.seen = Telemetry(on=True).after(one.seen)
+        one.wanted, one.sent_at = one.goal, self._now()
+
+    def _off(self, line: BusLine, one: _Servo) -> bool:
+        one.on = one.went_off = False
+        one.goal = one.wanted = None
+        one.seen = Telemetry(on=False).after(one.seen)
+        return self._make.off(line, one.id)
+
+    def _release(self, servos: Sequence[int]) -> None:
+        line = self._opened
+        present = [one for servo in servos if not (one := self._servos[servo]).gone]
+        absent = [one for servo in servos if (one := self._servos[servo]).gone]
+        silent = [one.id for one in present if not self._off(line, one)]
+        for one in absent:  # it may hear though it is not heard
+            one.on = one.went_off = False
+            one.goal = one.wanted = None
+            line.tell(self._make.form.write(one.id, *self._torque_off))
+        if silent:
+            raise BoardTimeoutError(
+                f"{line.name}: {_named(silent)} did not confirm that the torque is off; cut the power of the "
+                "servos before you reach in"
+            )
+
+    @property
+    def _torque_off(self) -> tuple[int, bytes]:
+        return self._make.table["torque"].address, b"\0"
+
+    def _note_torque(self, servo: int, share: float) -> bool:
+        """Whether the servo can be told now; else the rite tells it."""
+        one = self._servos[servo]
+        one.torque = share * self._options.torque.get(servo, 1.0)
+        return not one.gone
+
+    # Goals.
+
+    def _send(self, line: BusLine) -> None:
+        """Send goals that differ from those that the servos have, no faster than the joints may move."""
+        now = self._now()
+        rows: dict[int, bytes] = {}
+        for servo in self._table.channels:
+            one = self._servos[servo]
+            if not one.takes_goals or one.wanted is None or one.goal is None:
+                continue
+            lost = one.seen.goal is not None and one.seen_at > one.sent_at and one.seen.goal != one.goal
+            if one.wanted == one.goal and not lost:
+                continue
+            one.goal = self._toward(one, one.goal, one.wanted, now)
+            one.sent_at = now
+            rows[servo] = self._make.goal_bytes(one.goal)
+        if rows:
+            line.tell(self._make.form.sync_write(self._make.goal_address, rows))
+
+    def _toward(self, one: _Servo, goal: int, wanted: int, now: float) -> int:
+        """The next goal on the way to the one that is wanted, no faster than the joint may move."""
+        speed = next((s.speed for s in self._table.settings if s.channel == one.id), None)
+        if speed is None:
+            return wanted
+        most = max(1, round(speed * min(_LONGEST_STEP_S, now - one.sent_at)))
+        return goal + max(-most, min(most, wanted - goal))
+
+    # Readings.
+
+    def _ask(self, line: BusLine) -> None:
+        """Read the telemetry of all that are there, and look again for those that are gone."""
+        make, now = self._make, self._now()
+        present = [one for servo in self._table.channels if not (one := self._servos[servo]).gone]
+        if present:
+            ids = [one.id for one in present]
+            answers = line.read_all(ids, make.telemetry.address, make.telemetry.size)
+            for one in present:
+                if one.id not in answers and self._now() - now < _RETRY_S + self._timeout_s:
+                    request = make.form.read(one.id, make.telemetry.address, make.telemetry.size)
+                    answers |= line.exchange(request, [one.id], make.telemetry.size)
+                if one.id in answers:
+                    self._take(one, make.understood(answers[one.id], make.telemetry))
+                else:
+                    one.missed += 1
+                    one.gone = one.missed >= _MISSED and self._now() - one.seen_at >= self._gone_s
+        if present and make.in_turn:
+            self._turn += 1
+            one = present[self._turn % len(present)]
+            block = make.in_turn[self._turn // len(present) % len(make.in_turn)]
+            request = make.form.read(one.id, block.address, block.size)
+            answers = line.exchange(request, [one.id], block.size)
+            if one.id in answers:
+                self._take(one, make.understood(answers[one.id], block))
+        for servo in self._table.channels:
+            one = self._servos[servo]
+            if one.gone and now - one.asked_at >= _LOOK_AGAIN_S:
+                one.asked_at = now
+                self._look_again(line, one)
+                break  # one at a time: each costs the wait for an answer that may not come
+
+    def _look_again(self, line: BusLine, one: _Servo) -> None:
+        block = self._make.telemetry
+        request = self._make.form.read(one.id, block.address, block.size)
+        answer = line.exchange(request, [one.id], block.size).get(one.id)
+        if answer is not None:
+            one.gone, one.seen, one.settings, one.doubted = False, Telemetry(), None, None
+            self._take(one, self._make.understood(answer, block))
+            for more in self._make.in_turn:
+                self._take(one, self._make.understood(line.read(one.id, more.address, more.size), more))
+
+    def _take(self, one: _Servo, seen: Telemetry) -> None:
+        """Believe an answer, unless its position is too far from the one before; the next one decides."""
+        now = self._now()
+        before = one.seen.position
+        if seen.position is not None and before is not None and now - one.seen_at < 1.0:
+            room = _JUMP_STEPS + self._make.steps_per_turn * (now - one.seen_at)  # a turn a second and more
+            if abs(seen.position - before) > room and (
+                one.doubted is None or abs(seen.position - one.doubted) > room
+            ):
+                one.doubted, one.missed = seen.position, one.missed + 1
+                return
+        one.doubted = None
+        if seen.position is not None:
+            one.missed, one.seen_at = 0, now
+        one.seen = seen.after(one.seen)
+        if one.on and one.seen.on is False:
+            one.went_off = True
+            one.goal = one.wanted = None
+
+    def _faults(self, servos: Sequence[_Servo]) -> tuple[dict[int, str], dict[int, str]]:
+        """By servo, in words: what is wrong, and what is to be watched."""
+        faults: dict[int, str] = {}
+        warnings: dict[int, str] = {}
+        for one, needs in zip(servos, self._table.settings, strict=True):
+            words = list(one.seen.faults or ())
+            own = one.settings
+            if own is not None and (needs.minimum < own.lowest or needs.maximum > own.highest):
+                warnings[one.id] = (
+                    f"servo {one.id}: the limits {own.lowest} … {own.highest} of its own EEPROM cut off a "
+                    f"part of the {needs.minimum:g} … {needs.maximum:g} steps of the robot file"
+                )
+            if one.gone:
+                faults[one.id] = f"servo {one.id} does not answer; look at its plug and its power"
+            elif one.went_off:
+                why = "; ".join(words) or "it has started anew, or another program switched it off"
+                faults[one.id] = f"servo {one.id} has switched its torque off ({why})"
+            elif words:
+                faults[one.id] = f"servo {one.id}: {'; '.join(words)}"
+        return faults, warnings
+
+
+def _named(servos: Sequence[int]) -> str:
+    numbers = ", ".join(map(str, servos))
+    return f"servo {numbers}" if len(servos) == 1 else f"servos {numbers}"

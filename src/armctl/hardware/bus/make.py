@@ -1,0 +1,170 @@
+"""What a make of bus servos says of itself; the rest of the bus asks nothing else of it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from armctl.errors import EnableError
+from armctl.hardware.bus.line import BusLine
+from armctl.hardware.bus.packets import Packet, PacketForm
+from armctl.hardware.bus.table import ControlTable
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Bytes of the control table that are read in one piece."""
+
+    address: int
+    size: int
+
+
+@dataclass(frozen=True, slots=True)
+class Telemetry:
+    """What a servo says of itself at one reading; None: that reading does not tell."""
+
+    position: int | None = None
+    """[steps]"""
+    goal: int | None = None
+    """[steps]"""
+    on: bool | None = None
+    """whether its torque is on"""
+    load: float | None = None
+    """signed share of its largest"""
+    voltage: float | None = None
+    """of its supply [V]"""
+    temperature: float | None = None
+    """[°C]"""
+    current: float | None = None
+    """[A]"""
+    faults: tuple[str, ...] | None = None
+    """what is wrong, in words; empty: nothing is"""
+
+    def after(self, before: Telemetry) -> Telemetry:
+        """This, and what the one before tells besides."""
+        own = {name: value for name in self.__slots__ if (value := getattr(self, name)) is not None}
+        return replace(before, **own)
+
+
+@dataclass(frozen=True, slots=True)
+class ServoSettings:
+    """What stands in the EEPROM of a servo, as far as the host must know it."""
+
+    model: int
+    firmware: str
+    lowest: int
+    """the least goal that it takes [steps]"""
+    highest: int
+    offset: int = 0
+    """homing offset [steps]"""
+    positions: bool = True
+    """whether it controls its position, as armctl needs it"""
+    answers_writes: bool = True
+    """whether it confirms what is written"""
+    findings: tuple[str, ...] = ()
+    """what is unusual, in words, each with what to do"""
+    unfit: str | None = None
+    """why no torque may be switched on, in words"""
+
+
+class ServoMake(ABC):
+    """A make of bus servos, whose table and packets are the same for all of them on a line."""
+
+    title: str  # "Feetech servo bus"
+    form: PacketForm
+    table: ControlTable
+    steps_per_turn: int
+    bauds: Sequence[int]
+    """all that its servos may be set to, the likeliest first"""
+    telemetry: Block
+    """read from all servos at each reading"""
+    in_turn: Sequence[Block] = ()
+    """read from one servo at each reading, one after the other"""
+    goal_address: int
+    models: Mapping[int, str]
+    """names of model numbers"""
+
+    @property
+    def still_steps(self) -> float:
+        """How far a servo may turn while its torque is switched on: one degree [steps]."""
+        return self.steps_per_turn / 360
+
+    @abstractmethod
+    def understood(self, packet: Packet, block: Block) -> Telemetry:
+        """What an answer with the bytes of ``block`` tells."""
+
+    @abstractmethod
+    def settings(self, line: BusLine, servo: int) -> ServoSettings:
+        """Read its EEPROM; ``BoardTimeoutError`` where it does not answer."""
+
+    @abstractmethod
+    def goal_bytes(self, steps: int) -> bytes:
+        """A goal as it is written at ``goal_address``."""
+
+    @abstractmethod
+    def prepare(self, line: BusLine, servo: int, torque: float) -> None:
+        """Set what must be right before torque: limits of speed and of torque (a share 0 ... 1), in RAM."""
+
+    @abstractmethod
+    def on_at(self, line: BusLine, servo: int, position: int) -> None:
+        """The end of the rite: goal, read back, torque, read back; ``EnableError`` says what went wrong."""
+
+    @abstractmethod
+    def off(self, line: BusLine, servo: int) -> bool:
+        """Torque off; whether the servo confirms it."""
+
+    @abstractmethod
+    def limit_torque(self, line: BusLine, servo: int, share: float) -> bool:
+        """How strong its motor may be, 0 ... 1; whether the servo confirms it."""
+
+    def position(self, line: BusLine, servo: int) -> int:
+        """Where it stands now [steps], from two answers that agree; a late answer is taken for none."""
+        register = self.table["present_position"]
+        last: int | None = None
+        for _ in range(_AGREE_ATTEMPTS):
+            packet = line.read(servo, register.address, register.size, more=True)
+            found = self.table.decode("present_position", packet.data)
+            if last is not None and abs(found - last) <= _AGREE_STEPS:
+                return found
+            last = found
+        raise EnableError(f"servo {servo}: its readings differ, it turns: let it stand and try again")
+
+
+_AGREE_STEPS = 3
+"""by which two readings of a servo may differ, one right after the other, though a hand turns it"""
+_AGREE_ATTEMPTS = 6
+
+
+def switch_on(
+    make: ServoMake, line: BusLine, servo: int, settings: ServoSettings, expected: float, torque: float
+) -> int:
+    """The torque-on rite of one servo; the goal [steps] at which it holds now.
+
+    ``expected`` [steps] is where the arm was said to stand. ``EnableError``: it has moved by more than a
+    degree since, it stands outside its own limits, it is not fit, or it did not confirm; its torque is off
+    then, as far as it answers.
+    """
+    if settings.unfit is not None:
+        raise EnableError(f"servo {servo}: {settings.unfit}")
+    make.prepare(line, servo, torque)
+    place = make.position(line, servo)
+    per_deg = make.steps_per_turn / 360
+    if abs(place - expected) > make.still_steps:
+        raise EnableError(
+            f"servo {servo} has turned by {abs(place - expected) / per_deg:.1f}° since it was looked at; "
+            "let the arm stand still, and enable again"
+        )
+    if not settings.lowest <= place <= settings.highest:
+        away = max(settings.lowest - place, place - settings.highest)
+        raise EnableError(
+            f"servo {servo} stands at {place} steps, outside the limits {settings.lowest} … "
+            f"{settings.highest} of its own EEPROM: with torque on it would jump by {away / per_deg:.1f}°. "
+            "Turn it back by hand, or set those limits anew"
+        )
+    try:
+        make.on_at(line, servo, place)
+    except EnableError:
+        make.off(line, servo)
+        raise
+    return place

@@ -1,0 +1,1 @@
+"""Feetech's STS and SMS servos."""

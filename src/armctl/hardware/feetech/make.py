@@ -1,0 +1,207 @@
+"""Feetech's STS and SMS servos: control table, what it means, and what torque-on takes.
+
+Sources: Feetech's memory tables and protocol manual; the vendor's SDK. Where LeRobot differs (baud indices
+5 to 7), the vendor is followed.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+from armctl.errors import BoardTimeoutError, EnableError
+from armctl.hardware.bus.line import BusLine
+from armctl.hardware.bus.make import Block, ServoMake, ServoSettings, Telemetry
+from armctl.hardware.bus.packets import Packet
+from armctl.hardware.bus.table import ControlTable, Register, Sign
+from armctl.hardware.feetech.packets import FeetechForm
+
+_MAGNITUDE = Sign.MAGNITUDE
+TABLE = ControlTable(
+    (
+        Register("firmware_major", 0, 1, kept=True, writable=False),
+        Register("firmware_minor", 1, 1, kept=True, writable=False),
+        Register("big_endian", 2, 1, kept=True, writable=False),
+        Register("model", 3, 2, kept=True, writable=False),
+        Register("id", 5, 1, kept=True, high=253),
+        Register("baud", 6, 1, kept=True, high=7),
+        Register("return_delay", 7, 1, kept=True, high=254, unit="µs", scale=2.0),
+        Register("status_level", 8, 1, kept=True, high=1),
+        Register("lowest", 9, 2, kept=True, high=4095, unit="steps"),
+        Register("highest", 11, 2, kept=True, high=4095, unit="steps"),
+        Register("hottest", 13, 1, kept=True, high=100, unit="°C"),
+        Register("most_voltage", 14, 1, kept=True, unit="V", scale=0.1),
+        Register("least_voltage", 15, 1, kept=True, unit="V", scale=0.1),
+        Register("most_torque", 16, 2, kept=True, high=1000, unit="%", scale=0.1),
+        Register("phase", 18, 1, kept=True),
+        Register("unloading", 19, 1, kept=True),
+        Register("led_alarm", 20, 1, kept=True),
+        Register("p_gain", 21, 1, kept=True),
+        Register("d_gain", 22, 1, kept=True),
+        Register("i_gain", 23, 1, kept=True),
+        Register("start_force", 24, 2, kept=True, high=1000, unit="%", scale=0.1),
+        Register("forward_dead_zone", 26, 1, kept=True, high=32, unit="steps"),
+        Register("backward_dead_zone", 27, 1, kept=True, high=32, unit="steps"),
+        Register("protection_current", 28, 2, kept=True, high=511, unit="A", scale=0.0065),
+        Register("resolution", 30, 1, kept=True, low=1, high=3),
+        Register("offset", 31, 2, kept=True, unit="steps", sign=_MAGNITUDE, sign_bit=11),
+        Register("mode", 33, 1, kept=True, high=3),
+        Register("protection_torque", 34, 1, kept=True, high=100, unit="%"),
+        Register("protection_time", 35, 1, kept=True, high=254, unit="s", scale=0.01),
+        Register("overload_torque", 36, 1, kept=True, high=100, unit="%"),
+        Register("speed_p_gain", 37, 1, kept=True),
+        Register("over_current_time", 38, 1, kept=True, high=254, unit="s", scale=0.01),
+        Register("speed_i_gain", 39, 1, kept=True),
+        Register("torque", 40, 1, high=128),
+        Register("acceleration", 41, 1, high=254, unit="steps/s²", scale=100.0),
+        Register("goal_position", 42, 2, unit="steps", sign=_MAGNITUDE, sign_bit=15),
+        Register("goal_time", 44, 2, high=1000, unit="%", scale=0.1, sign=_MAGNITUDE, sign_bit=10),
+        Register("goal_speed", 46, 2, unit="steps/s", sign=_MAGNITUDE, sign_bit=15),
+        Register("torque_limit", 48, 2, high=1000, unit="%", scale=0.1),
+        Register("lock", 55, 1, high=1),
+        Register("present_position", 56, 2, unit="steps", sign=_MAGNITUDE, sign_bit=15, writable=False),
+        Register("present_speed", 58, 2, unit="steps/s", sign=_MAGNITUDE, sign_bit=15, writable=False),
+        Register("present_load", 60, 2, unit="%", scale=0.1, sign=_MAGNITUDE, sign_bit=10, writable=False),
+        Register("present_voltage", 62, 1, unit="V", scale=0.1, writable=False),
+        Register("present_temperature", 63, 1, unit="°C", writable=False),
+        Register("put_off", 64, 1, writable=False),
+        Register("status", 65, 1, writable=False),
+        Register("moving", 66, 1, writable=False),
+        Register("present_current", 69, 2, unit="A", scale=0.0065, sign=_MAGNITUDE, writable=False),
+    )
+)
+STEPS_PER_TURN = 4096
+BAUDS = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)
+"""by the number in the register ``baud``"""
+MODELS = MappingProxyType({777: "STS3215", 2825: "STS3250", 1545: "STS3032", 2057: "STS3020"})
+MULTI_TURN = 1 << 4
+"""the bit of ``phase`` with which positions leave 0 … 4095"""
+VOLTAGE, SENSOR, HEAT, CURRENT, OVERLOAD = (1 << bit for bit in (0, 1, 2, 3, 5))
+"""bits of the error byte"""
+ERRORS = MappingProxyType(
+    {
+        VOLTAGE: "its supply is outside the voltages that its EEPROM allows",
+        SENSOR: "its angle sensor fails",
+        HEAT: "it is too hot: let it cool down, and take load off",
+        CURRENT: "its motor draws too much current: look for something in its way",
+        OVERLOAD: "overload: it has given way. Take away what is in its way or too heavy, then move it",
+    }
+)
+_KEPT = Block(0, 40)
+
+
+class FeetechMake(ServoMake):
+    """STS and SMS servos."""
+
+    title = "Feetech servo bus"
+    form = FeetechForm()
+    table = TABLE
+    steps_per_turn = STEPS_PER_TURN
+    bauds = BAUDS
+    telemetry = Block(40, 31)
+    goal_address = 42
+    models = MODELS
+
+    def understood(self, packet: Packet, block: Block) -> Telemetry:
+        """All but the EEPROM is in one block: what a servo was told as well as what it measures."""
+        t, data, first = self.table, packet.data, block.address
+        return Telemetry(
+            position=t.decode("present_position", data, first),
+            goal=t.decode("goal_position", data, first),
+            on=t.decode("torque", data, first) == 1,
+            load=t.decode("present_load", data, first) / 1000,
+            voltage=t.value("present_voltage", data, first),
+            temperature=t.value("present_temperature", data, first),
+            current=t.value("present_current", data, first),
+            faults=tuple(words for bit, words in ERRORS.items() if packet.code & bit),
+        )
+
+    def settings(self, line: BusLine, servo: int) -> ServoSettings:
+        """Its EEPROM, in one answer."""
+        data, t = line.read(servo, _KEPT.address, _KEPT.size).data, self.table
+        mode, phase = t.decode("mode", data, _KEPT.address), t.decode("phase", data, _KEPT.address)
+        lowest, highest = t.decode("lowest", data, _KEPT.address), t.decode("highest", data, _KEPT.address)
+        unfit = None
+        findings: list[str] = []
+        if mode != 0:
+            unfit = f"it is in mode {mode} (register 33), which does not control its position; mode 0 does"
+        elif phase & MULTI_TURN:
+            unfit = "it counts over several turns (bit 4 of register 18), so its positions leave 0 … 4095"
+        elif lowest >= highest:
+            if lowest == highest == 0:  # no limits: it turns without end
+                unfit = "it has no limits (registers 9 and 11 are 0)"
+            else:
+                unfit = f"its limits are {lowest} … {highest} steps (registers 9 and 11): none is left"
+        if t.decode("status_level", data, _KEPT.address) == 0:
+            findings.append("it does not confirm what is written (register 8 is 0)")
+        model = t.decode("model", data, _KEPT.address)
+        if model not in self.models:
+            findings.append(f"its model number {model} is not known; it is taken for an STS servo")
+        if (offset := t.decode("offset", data, _KEPT.address)) != 0:
+            findings.append(f"its homing offset is {offset} steps (register 31)")
+        return ServoSettings(
+            model,
+            f"{data[0]}.{data[1]}",
+            lowest,
+            highest,
+            offset,
+            mode == 0,
+            t.decode("status_level", data, _KEPT.address) != 0,
+            tuple(findings),
+            unfit,
+        )
+
+    def goal_bytes(self, steps: int) -> bytes:
+        """A goal."""
+        return self.table.encode("goal_position", steps)
+
+    def prepare(self, line: BusLine, servo: int, torque: float) -> None:
+        """Limits of its own in RAM: no ramp (it would lag behind the stream), and the torque.
+
+        The speed is set last of all, with the goal: 0 is full speed, which is right for a stream of goals.
+        """
+        self._write(line, servo, "acceleration", 0)
+        line_up = self.table.encode("goal_time", 0) + self.table.encode("goal_speed", 0)
+        self._confirmed(line, servo, line.write(servo, self.table["goal_time"].address, line_up))
+        self._write(line, servo, "torque_limit", round(1000 * torque))
+
+    def on_at(self, line: BusLine, servo: int, position: int) -> None:
+        """Goal, read back with the place, torque, read back.
+
+        A goal that differs from the present position switches torque on by itself, so all else is done by
+        now, and the goal is the place that has just been read.
+        """
+        self._write(line, servo, "goal_position", position)
+        seen = self.understood(line.read(servo, *_now), Block(*_now))
+        if seen.goal != position or seen.position is None:
+            raise EnableError(f"servo {servo} did not take {position} steps as its goal, but {seen.goal}")
+        if abs(seen.position - position) > self.still_steps:
+            raise EnableError(f"servo {servo} turns while its torque is switched on; hold the arm still")
+        if not seen.on:
+            self._write(line, servo, "torque", 1)
+        answer = line.read(servo, self.table["torque"].address, 1, more=True)
+        if answer.data[0] != 1:
+            raise EnableError(f"servo {servo} did not switch its torque on")
+        why = [words for bit, words in ERRORS.items() if answer.code & bit & ~OVERLOAD]
+        if why:
+            raise EnableError(f"servo {servo}: {'; '.join(why)}")
+
+    def off(self, line: BusLine, servo: int) -> bool:
+        """Torque off; the error byte of an answer says nothing against it."""
+        return line.write(servo, self.table["torque"].address, b"\0") is not None
+
+    def limit_torque(self, line: BusLine, servo: int, share: float) -> bool:
+        """A share of its full torque."""
+        data = self.table.encode("torque_limit", round(1000 * share))
+        return line.write(servo, self.table["torque_limit"].address, data) is not None
+
+    def _write(self, line: BusLine, servo: int, name: str, number: int) -> None:
+        data = self.table.encode(name, number)
+        self._confirmed(line, servo, line.write(servo, self.table[name].address, data))
+
+    def _confirmed(self, line: BusLine, servo: int, answer: Packet | None) -> None:
+        if answer is None:
+            raise BoardTimeoutError(f"servo {servo} does not confirm what it is told")
+
+
+_now = (FeetechMake.telemetry.address, FeetechMake.telemetry.size)
+FEETECH = FeetechMake()

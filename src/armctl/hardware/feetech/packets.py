@@ -1,0 +1,46 @@
+"""Feetech's packets (communication protocol manual, SCS/SMS/STS)."""
+
+from __future__ import annotations
+
+from armctl.hardware.bus.packets import Packet, PacketForm
+
+_BEFORE_LENGTH = 4
+"""bytes up to the length: head, id, length"""
+_LONGEST = 255
+
+
+class FeetechForm(PacketForm):
+    """``FF FF id length code data … checksum``; a status has its error byte in the place of the code.
+
+    So the two cannot be told apart, and an adapter that echoes seems to be a servo.
+    """
+
+    head = b"\xff\xff"
+    shortest = 6
+    word = 1
+
+    def instruction(self, packet: Packet) -> bytes:
+        """The bytes by which a host asks."""
+        body = bytes((packet.id, len(packet.data) + 2, packet.code)) + packet.data
+        return self.head + body + bytes((checksum(body),))
+
+    status = instruction
+
+    def length(self, begun: bytes) -> int | None:
+        """Of the packet that begins so; 0: it is none."""
+        if len(begun) < _BEFORE_LENGTH:
+            return None
+        if begun[2] == _LONGEST or begun[3] < 2:  # a head of three FF: the packet begins with the second
+            return 0
+        return _BEFORE_LENGTH + begun[3]
+
+    def opened(self, whole: bytes, *, status: bool) -> Packet | None:
+        """What it holds; None where the checksum does not fit."""
+        if checksum(whole[2:-1]) != whole[-1]:
+            return None
+        return Packet(whole[2], whole[4], whole[5:-1])
+
+
+def checksum(body: bytes) -> int:
+    """Of everything between head and checksum."""
+    return ~sum(body) & 0xFF
