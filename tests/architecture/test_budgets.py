@@ -19,7 +19,7 @@ FOLDERS = {
     "calibration": (5, 1_310),
     "cli": (12, 2_570),
     "facts": (9, 2_210),
-    "hardware": (31, 7_930),
+    "hardware": (62, 13_500),
     "kinematics": (51, 12_720),
     "motion": (20, 5_770),
     "process": (14, 3_310),

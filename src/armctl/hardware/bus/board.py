@@ -22,8 +22,8 @@ from armctl.robot.board_entries import ServoEntries
 
 if TYPE_CHECKING:
     from armctl.hardware.bus.make import ServoMake
-    from armctl.hardware.bus.plant import Joint
-    from armctl.hardware.bus.simulated import Gear, SimulatedServo, Supply
+    from armctl.hardware.bus.plant import PlantJoint
+    from armctl.hardware.bus.simulated import BusServo, Gear, Supply
     from armctl.hardware.transport import Connection, Transport
 
 SERVO_BUS = "USB adapter of a servo bus"
@@ -61,7 +61,7 @@ class BusBoard(BoardType):
         """The make of its servos."""
 
     @abstractmethod
-    def servo(self, number: int, joint: Joint, gear: Gear, supply: Supply) -> SimulatedServo:
+    def servo(self, number: int, joint: PlantJoint, gear: Gear, supply: Supply) -> BusServo:
         """A simulated servo with the id ``number``, as it is set up for its arm."""
 
     def driver(self, setup: Setup, connection: Connection) -> Driver:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from armctl.errors import BoardTimeoutError
-from armctl.hardware.bus.packets import BROADCAST, Packet, PacketForm, PacketReader
+from armctl.hardware.bus.packets import BROADCAST, BusPacket, PacketForm, PacketReader
 from armctl.hardware.transport import Transport
 
 ATTEMPTS = 3
@@ -71,7 +71,7 @@ class BusLine:
 
     def exchange(
         self, request: bytes, servos: Sequence[int], size: int | None, timeout_s: float | None = None
-    ) -> dict[int, Packet]:
+    ) -> dict[int, BusPacket]:
         """Ask, and take the answers of ``servos`` that have ``size`` bytes (None: any), by id.
 
         Those that did not come within ``timeout_s`` are missing.
@@ -81,7 +81,7 @@ class BusLine:
         asked_at = self._now()
         self._transport.write(request)
         echo = bytearray(request) if self.echoes else bytearray()
-        answers: dict[int, Packet] = {}
+        answers: dict[int, BusPacket] = {}
         silent_s, limit_s = 0.0, self.timeout_s if timeout_s is None else timeout_s
         while servos[-1] not in answers:  # they answer in their order: who is before the last is lost then
             left = min(asked_at + limit_s - self._now(), limit_s - silent_s)
@@ -102,14 +102,14 @@ class BusLine:
         count.slowest_s = max(count.slowest_s, took)
         return answers
 
-    def ping(self, servo: int, attempts: int = ATTEMPTS) -> Packet | None:
+    def ping(self, servo: int, attempts: int = ATTEMPTS) -> BusPacket | None:
         """What a servo says to a ping; None: it does not answer."""
         for _ in range(attempts):
             if (answer := self.exchange(self.form.ping(servo), [servo], None).get(servo)) is not None:
                 return answer
         return None
 
-    def read(self, servo: int, address: int, size: int, *, more: bool = False) -> Packet:
+    def read(self, servo: int, address: int, size: int, *, more: bool = False) -> BusPacket:
         """``size`` bytes of a servo's table; ``BoardTimeoutError`` where it does not answer.
 
         ``more``: a repeated question asks for a byte more each time, so that a late answer to an earlier
@@ -119,15 +119,15 @@ class BusLine:
             wanted = size + (attempt if more else 0)
             answer = self.exchange(self.form.read(servo, address, wanted), [servo], wanted).get(servo)
             if answer is not None:
-                return Packet(servo, answer.code, answer.data[:size])
+                return BusPacket(servo, answer.code, answer.data[:size])
         self.count.silent.add(servo)
         raise BoardTimeoutError(f"servo {servo} does not answer")
 
-    def read_all(self, servos: Sequence[int], address: int, size: int) -> dict[int, Packet]:
+    def read_all(self, servos: Sequence[int], address: int, size: int) -> dict[int, BusPacket]:
         """The same bytes of several servos, by id, in one question; who does not answer is missing."""
         return self.exchange(self.form.sync_read(servos, address, size), servos, size)
 
-    def write(self, servo: int, address: int, data: bytes) -> Packet | None:
+    def write(self, servo: int, address: int, data: bytes) -> BusPacket | None:
         """Write into a servo's table; None where it does not confirm that."""
         if servo == BROADCAST:
             self.tell(self.form.write(servo, address, data))

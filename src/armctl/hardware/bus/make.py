@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from armctl.errors import EnableError
 from armctl.hardware.bus.line import BusLine
-from armctl.hardware.bus.packets import Packet, PacketForm
+from armctl.hardware.bus.packets import BusPacket, PacketForm
 from armctl.hardware.bus.table import ControlTable
 
 
@@ -91,7 +91,7 @@ class ServoMake(ABC):
         return self.steps_per_turn / 360
 
     @abstractmethod
-    def understood(self, packet: Packet, block: Block) -> Telemetry:
+    def understood(self, packet: BusPacket, block: Block) -> Telemetry:
         """What an answer with the bytes of ``block`` tells."""
 
     @abstractmethod

@@ -30,7 +30,7 @@ class Instruction(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Packet:
+class BusPacket:
     """One packet. Of a host ``code`` is the instruction, of a servo its error byte."""
 
     id: int
@@ -49,11 +49,11 @@ class PacketForm(ABC):
     """bytes of an address, and of a size, in an instruction"""
 
     @abstractmethod
-    def instruction(self, packet: Packet) -> bytes:
+    def instruction(self, packet: BusPacket) -> bytes:
         """The bytes by which a host asks."""
 
     @abstractmethod
-    def status(self, packet: Packet) -> bytes:
+    def status(self, packet: BusPacket) -> bytes:
         """The bytes by which a servo answers."""
 
     @abstractmethod
@@ -61,7 +61,7 @@ class PacketForm(ABC):
         """How long the packet is that begins so, with ``head``; None: too little to tell; 0: it is none."""
 
     @abstractmethod
-    def opened(self, whole: bytes, *, status: bool) -> Packet | None:
+    def opened(self, whole: bytes, *, status: bool) -> BusPacket | None:
         """What a whole packet holds; None: it is spoilt, or an instruction where a status is meant."""
 
     def number(self, value: int) -> bytes:
@@ -70,37 +70,37 @@ class PacketForm(ABC):
 
     def ping(self, servo: int) -> bytes:
         """Ask who is there."""
-        return self.instruction(Packet(servo, Instruction.PING))
+        return self.instruction(BusPacket(servo, Instruction.PING))
 
     def read(self, servo: int, address: int, size: int) -> bytes:
         """Ask for ``size`` bytes from ``address`` on."""
-        return self.instruction(Packet(servo, Instruction.READ, self.number(address) + self.number(size)))
+        return self.instruction(BusPacket(servo, Instruction.READ, self.number(address) + self.number(size)))
 
     def write(self, servo: int, address: int, data: bytes) -> bytes:
         """Write ``data`` from ``address`` on."""
-        return self.instruction(Packet(servo, Instruction.WRITE, self.number(address) + data))
+        return self.instruction(BusPacket(servo, Instruction.WRITE, self.number(address) + data))
 
     def sync_read(self, servos: Sequence[int], address: int, size: int) -> bytes:
         """Ask several servos for the same; they answer one after the other."""
         data = self.number(address) + self.number(size) + bytes(servos)
-        return self.instruction(Packet(BROADCAST, Instruction.SYNC_READ, data))
+        return self.instruction(BusPacket(BROADCAST, Instruction.SYNC_READ, data))
 
     def sync_write(self, address: int, rows: Mapping[int, bytes]) -> bytes:
         """Write a row of the same length to each of several servos; none answers."""
         size = len(next(iter(rows.values()), b""))
         data = b"".join(bytes((servo,)) + row for servo, row in rows.items())
-        packet = Packet(BROADCAST, Instruction.SYNC_WRITE, self.number(address) + self.number(size) + data)
+        packet = BusPacket(BROADCAST, Instruction.SYNC_WRITE, self.number(address) + self.number(size) + data)
         return self.instruction(packet)
 
     def action(self) -> bytes:
         """Let all servos do what REG_WRITE has put off."""
-        return self.instruction(Packet(BROADCAST, Instruction.ACTION))
+        return self.instruction(BusPacket(BROADCAST, Instruction.ACTION))
 
     def reboot(self, servo: int) -> bytes:
         """Let a servo start anew."""
-        return self.instruction(Packet(servo, Instruction.REBOOT))
+        return self.instruction(BusPacket(servo, Instruction.REBOOT))
 
-    def asked_size(self, instruction: Packet) -> tuple[int, int]:
+    def asked_size(self, instruction: BusPacket) -> tuple[int, int]:
         """Address and size of a READ or SYNC_READ."""
         address = int.from_bytes(instruction.data[: self.word], "little")
         return address, int.from_bytes(instruction.data[self.word : 2 * self.word], "little")
@@ -116,10 +116,10 @@ class PacketReader:
         self.spoilt = 0
         """packets and pieces of them that made no sense"""
 
-    def feed(self, data: bytes) -> list[Packet]:
+    def feed(self, data: bytes) -> list[BusPacket]:
         """The packets that are whole by now."""
         self._kept += data
-        found: list[Packet] = []
+        found: list[BusPacket] = []
         while (packet := self._next()) is not None:
             found.append(packet)
         return found
@@ -133,7 +133,7 @@ class PacketReader:
         """Whether the beginning of a packet has come."""
         return bool(self._kept)
 
-    def _next(self) -> Packet | None:
+    def _next(self) -> BusPacket | None:
         form, kept = self._form, self._kept
         while kept:
             place = kept.find(form.head)

@@ -41,7 +41,7 @@ class Drive(Protocol):
 
 
 @dataclass
-class Joint:
+class PlantJoint:
     """A joint of the simulated arm."""
 
     angle: float = 0.0
@@ -108,7 +108,7 @@ class ArmPlant:
     """All joints of an arm, its gripper last, and the time that passes for them."""
 
     def __init__(
-        self, joints: Sequence[Joint], gravity: Callable[[FloatArray], FloatArray] | None = None
+        self, joints: Sequence[PlantJoint], gravity: Callable[[FloatArray], FloatArray] | None = None
     ) -> None:
         """``gravity``: angles (n,) [rad] of the first n joints -> torque (n,) [N·m]; None: there is none."""
         self.joints = tuple(joints)
@@ -152,7 +152,7 @@ def plant_of(robot: Robot | None, channels: Sequence[ChannelSettings]) -> ArmPla
     (0 ... 1); without a robot the angle is in radians of the servo from the middle of its turn.
     """
     if robot is None:
-        return ArmPlant([Joint() for _ in channels])
+        return ArmPlant([PlantJoint() for _ in channels])
     n = robot.n
     model = robot.gravity
 
@@ -163,12 +163,12 @@ def plant_of(robot: Robot | None, channels: Sequence[ChannelSettings]) -> ArmPla
     low, high = robot.limits.T
     heaviest = np.abs(model.torque(rng.uniform(low, high, (200, n)))).max(axis=0)
     reach = max(0.1, float(np.linalg.norm(robot.forward(robot.first_pose)[:3, 3])))
-    joints: list[Joint] = []
+    joints: list[PlantJoint] = []
     for i, joint in enumerate(robot.joints):
         stall = joint.stall_torque or DEFAULT_STALL_NM
         inertia = _ROTOR + _LINK_SHARE * float(heaviest[i]) / STANDARD_GRAVITY * reach
         joints.append(
-            Joint(
+            PlantJoint(
                 float(robot.first_pose[i]),
                 lies_at=float(robot.first_pose[i]),
                 low=float(low[i]) - _BEYOND_RAD,
@@ -179,7 +179,7 @@ def plant_of(robot: Robot | None, channels: Sequence[ChannelSettings]) -> ArmPla
             )
         )
     if robot.outputs.gripper_channel is not None:
-        joints.append(Joint(0.0, low=-0.02, high=1.02))
+        joints.append(PlantJoint(0.0, low=-0.02, high=1.02))
     plant = ArmPlant(joints, gravity)
     plant.weigh()
     return plant

@@ -8,8 +8,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from armctl.hardware.bus.packets import BROADCAST, Instruction, Packet, PacketForm, PacketReader
-from armctl.hardware.bus.plant import ArmPlant, Joint
+from armctl.hardware.bus.packets import BROADCAST, BusPacket, Instruction, PacketForm, PacketReader
+from armctl.hardware.bus.plant import ArmPlant, PlantJoint
 from armctl.hardware.bus.table import ControlTable
 from armctl.hardware.driver import ChannelSettings
 from armctl.robot import Robot
@@ -49,7 +49,7 @@ class Gear:
         return (steps - self.zero) / self.per_rad
 
 
-class SimulatedServo(ABC):
+class BusServo(ABC):
     """One servo: a control table, a motor on a joint, and what it makes of instructions.
 
     A make fills the table (``power_up``), says what a write means (``written``), keeps its measured values
@@ -60,7 +60,9 @@ class SimulatedServo(ABC):
     full_speed = 4.7
     """of the shaft without load at full voltage [rad/s]"""
 
-    def __init__(self, table: ControlTable, joint: Joint, gear: Gear, supply: Supply, memory: bytes) -> None:
+    def __init__(
+        self, table: ControlTable, joint: PlantJoint, gear: Gear, supply: Supply, memory: bytes
+    ) -> None:
         """``memory``: what the table holds from the factory, and which part of it an EEPROM keeps."""
         self.table, self.joint, self.gear, self.supply = table, joint, gear, supply
         self.memory = bytearray(memory)
@@ -70,7 +72,7 @@ class SimulatedServo(ABC):
         """[°C]"""
         self.silent_s = 0.0
         """how long it does not listen, because it starts anew"""
-        self._put_off: Packet | None = None
+        self._put_off: BusPacket | None = None
         joint.drives.append(self)
 
     # The control table.
@@ -121,7 +123,7 @@ class SimulatedServo(ABC):
         """Whether its status level lets it answer this."""
 
     @abstractmethod
-    def other(self, packet: Packet) -> Packet | None:
+    def other(self, packet: BusPacket) -> BusPacket | None:
         """An instruction that only this make has; None: no answer."""
 
     # The motor.
@@ -162,7 +164,7 @@ class SimulatedServo(ABC):
 
     # Instructions.
 
-    def handle(self, packet: Packet, form: PacketForm) -> Packet | None:
+    def handle(self, packet: BusPacket, form: PacketForm) -> BusPacket | None:
         """What it answers to an instruction that is for it, or for all."""
         if self.silent_s > 0.0:
             return None
@@ -181,12 +183,12 @@ class SimulatedServo(ABC):
             case Instruction.ACTION:
                 put_off, self._put_off = self._put_off, None
                 if put_off is not None:
-                    self.handle(Packet(put_off.id, Instruction.WRITE, put_off.data), form)
+                    self.handle(BusPacket(put_off.id, Instruction.WRITE, put_off.data), form)
             case _:
                 return self.other(packet)
         if packet.id == BROADCAST and packet.code != Instruction.PING:
             return None
-        return Packet(self.id, status, data) if self.answers(packet.code) else None
+        return BusPacket(self.id, status, data) if self.answers(packet.code) else None
 
     introduction = b""
     """what an answer to a ping holds"""
@@ -202,7 +204,7 @@ class SimulatedBus:
     def __init__(
         self,
         form: PacketForm,
-        servos: Sequence[SimulatedServo],
+        servos: Sequence[BusServo],
         plant: ArmPlant,
         supply: Supply,
         *,
@@ -214,7 +216,7 @@ class SimulatedBus:
         """the place in the chain whose plug is loose: it and all behind it are not there"""
         self.lost = self.spoilt = self.doubled = 0.0
         """shares of packets, either way, that noise takes, spoils, or doubles"""
-        self.heard: list[Packet] = []
+        self.heard: list[BusPacket] = []
         """the last instructions"""
         self._random = random.Random(seed)
         self._reader = PacketReader(form, status=False)
@@ -224,11 +226,11 @@ class SimulatedBus:
             servo.measure()
 
     @property
-    def present(self) -> list[SimulatedServo]:
+    def present(self) -> list[BusServo]:
         """The servos that have a line and a supply."""
         return self.servos[: self.loose]
 
-    def servo(self, number: int) -> SimulatedServo:
+    def servo(self, number: int) -> BusServo:
         """The first servo with this id."""
         return next(one for one in self.servos if one.id == number)
 
@@ -258,12 +260,12 @@ class SimulatedBus:
         for servo in self.servos:
             servo.begin(dt)
 
-    def _answered(self, packet: Packet) -> bytes:
+    def _answered(self, packet: BusPacket) -> bytes:
         form = self.form
         if packet.code == Instruction.SYNC_READ:
             address, size = form.asked_size(packet)
             ids, data = packet.data[2 * form.word :], form.number(address) + form.number(size)
-            asked = [Packet(one, Instruction.READ, data) for one in ids]
+            asked = [BusPacket(one, Instruction.READ, data) for one in ids]
             return b"".join(self._said(one) for one in asked)
         if packet.code == Instruction.SYNC_WRITE:
             address, size = form.asked_size(packet)
@@ -272,11 +274,11 @@ class SimulatedBus:
                 row = form.number(address) + rows[start + 1 : start + 1 + size]
                 for servo in self.present:
                     if servo.id == rows[start] and servo.silent_s <= 0.0:
-                        servo.handle(Packet(BROADCAST, Instruction.WRITE, row), form)
+                        servo.handle(BusPacket(BROADCAST, Instruction.WRITE, row), form)
             return b""
         return self._said(packet)
 
-    def _said(self, packet: Packet) -> bytes:
+    def _said(self, packet: BusPacket) -> bytes:
         """What comes back of the answers of all servos that a packet is for; at once means spoilt."""
         wanted = [one for one in self.present if packet.id in (one.id, BROADCAST)]
         said = [form for one in wanted if (form := self._say(one, packet))]
@@ -284,7 +286,7 @@ class SimulatedBus:
             return b"".join(said)
         return b"" if not said else said[0] if len(said) == 1 else _at_once(said)
 
-    def _say(self, servo: SimulatedServo, packet: Packet) -> bytes:
+    def _say(self, servo: BusServo, packet: BusPacket) -> bytes:
         answer = servo.handle(packet, self.form)
         if answer is None:
             return b""

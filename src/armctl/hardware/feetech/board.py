@@ -9,8 +9,8 @@ from armctl.hardware.bus.board import BusBoard
 
 if TYPE_CHECKING:
     from armctl.hardware.bus.make import ServoMake
-    from armctl.hardware.bus.plant import Joint
-    from armctl.hardware.bus.simulated import Gear, SimulatedServo, Supply
+    from armctl.hardware.bus.plant import PlantJoint
+    from armctl.hardware.bus.simulated import BusServo, Gear, Supply
 
 
 class FeetechBoard(BusBoard):
@@ -34,7 +34,7 @@ class FeetechBoard(BusBoard):
 
         return FEETECH
 
-    def servo(self, number: int, joint: Joint, gear: Gear, supply: Supply) -> SimulatedServo:
+    def servo(self, number: int, joint: PlantJoint, gear: Gear, supply: Supply) -> BusServo:
         """A simulated servo, as it is set up for its arm."""
         from armctl.hardware.feetech.simulated import SimulatedSts, factory_memory
 

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from armctl.errors import BoardTimeoutError, EnableError
 from armctl.hardware.bus.line import BusLine
 from armctl.hardware.bus.make import Block, ServoMake, ServoSettings, Telemetry
-from armctl.hardware.bus.packets import Packet
+from armctl.hardware.bus.packets import BusPacket
 from armctl.hardware.bus.table import ControlTable, Register, Sign
 from armctl.hardware.feetech.packets import FeetechForm
 
@@ -101,7 +101,7 @@ class FeetechMake(ServoMake):
     goal_address = 42
     models = MODELS
 
-    def understood(self, packet: Packet, block: Block) -> Telemetry:
+    def understood(self, packet: BusPacket, block: Block) -> Telemetry:
         """All but the EEPROM is in one block: what a servo was told as well as what it measures."""
         t, data, first = self.table, packet.data, block.address
         return Telemetry(
@@ -198,7 +198,7 @@ class FeetechMake(ServoMake):
         data = self.table.encode(name, number)
         self._confirmed(line, servo, line.write(servo, self.table[name].address, data))
 
-    def _confirmed(self, line: BusLine, servo: int, answer: Packet | None) -> None:
+    def _confirmed(self, line: BusLine, servo: int, answer: BusPacket | None) -> None:
         if answer is None:
             raise BoardTimeoutError(f"servo {servo} does not confirm what it is told")
 

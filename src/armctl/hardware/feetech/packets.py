@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from armctl.hardware.bus.packets import Packet, PacketForm
+from armctl.hardware.bus.packets import BusPacket, PacketForm
 
 _BEFORE_LENGTH = 4
 """bytes up to the length: head, id, length"""
@@ -19,7 +19,7 @@ class FeetechForm(PacketForm):
     shortest = 6
     word = 1
 
-    def instruction(self, packet: Packet) -> bytes:
+    def instruction(self, packet: BusPacket) -> bytes:
         """The bytes by which a host asks."""
         body = bytes((packet.id, len(packet.data) + 2, packet.code)) + packet.data
         return self.head + body + bytes((checksum(body),))
@@ -34,11 +34,11 @@ class FeetechForm(PacketForm):
             return 0
         return _BEFORE_LENGTH + begun[3]
 
-    def opened(self, whole: bytes, *, status: bool) -> Packet | None:
+    def opened(self, whole: bytes, *, status: bool) -> BusPacket | None:
         """What it holds; None where the checksum does not fit."""
         if checksum(whole[2:-1]) != whole[-1]:
             return None
-        return Packet(whole[2], whole[4], whole[5:-1])
+        return BusPacket(whole[2], whole[4], whole[5:-1])
 
 
 def checksum(body: bytes) -> int:

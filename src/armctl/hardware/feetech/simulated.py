@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from armctl.hardware.bus.packets import Instruction, Packet
-from armctl.hardware.bus.plant import Joint
-from armctl.hardware.bus.simulated import Gear, SimulatedServo, Supply
+from armctl.hardware.bus.packets import BusPacket, Instruction
+from armctl.hardware.bus.plant import PlantJoint
+from armctl.hardware.bus.simulated import BusServo, Gear, Supply
 from armctl.hardware.feetech.make import (
     CURRENT,
     HEAT,
@@ -61,14 +61,14 @@ def factory_memory(**changes: int) -> bytes:
     return bytes(memory)
 
 
-class SimulatedSts(SimulatedServo):
+class SimulatedSts(BusServo):
     """A servo that speaks Feetech's protocol: table, goals that switch torque on, protection, EEPROM lock.
 
     ``memory`` is what it holds from the factory; what is written while ``lock`` is 1 is forgotten at the
     next power cut.
     """
 
-    def __init__(self, joint: Joint, gear: Gear, supply: Supply, memory: bytes) -> None:
+    def __init__(self, joint: PlantJoint, gear: Gear, supply: Supply, memory: bytes) -> None:
         super().__init__(TABLE, joint, gear, supply, memory)
         self._kept = bytes(self.memory[:_RAM])
         self._way = self._overloaded_s = 0.0
@@ -101,7 +101,7 @@ class SimulatedSts(SimulatedServo):
         level = self.get("status_level")
         return level != 0 or instruction in (Instruction.PING, Instruction.READ)
 
-    def other(self, packet: Packet) -> Packet | None:
+    def other(self, packet: BusPacket) -> BusPacket | None:
         """Restart, factory values, calibration."""
         if packet.code == Instruction.REBOOT:
             self.restart(_RESTART_S)
@@ -112,7 +112,7 @@ class SimulatedSts(SimulatedServo):
             self.memory[:_RAM] = self._kept
         elif packet.code == _CALIBRATE:
             self._calibrate(int.from_bytes(packet.data[:2], "little") if packet.data else _MIDDLE)
-        return Packet(self.id, self.errors()) if self.answers(packet.code) else None
+        return BusPacket(self.id, self.errors()) if self.answers(packet.code) else None
 
     def written(self, address: int, data: bytes) -> int:
         """Take it as the servo does: a register that takes no such value is left as it was."""
