@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, EnableError
 from armctl.hardware.bus import EEPROM_ADVICE, SCALE
 from armctl.hardware.bus.line import BusLine
-from armctl.hardware.bus.make import ServoMake, ServoSettings, Telemetry, switch_on
+from armctl.hardware.bus.make import ServoMake, ServoSettings, Telemetry, switch_on, take_over
 from armctl.hardware.driver import (
     Abilities,
     BoardIdentity,
@@ -281,7 +281,7 @@ class BusDriver(Abilities):
         if one.settings is None:
             one.settings = self._make.settings(line, one.id)
         if one.seen.on and not one.went_off:
-            one.goal = one.seen.goal if one.seen.goal is not None else one.seen.position
+            one.goal = take_over(self._make, line, one.id, one.settings, one.seen, one.torque)
         else:
             one.goal = switch_on(self._make, line, one.id, one.settings, one.seen.position, one.torque)
         one.on, one.went_off = True, False

@@ -12,6 +12,7 @@ from armctl.hardware.transport import Transport
 ATTEMPTS = 3
 """how often a question to one servo is put"""
 _CHUNK = 4096
+_PACKETS = 2
 _STEP_S = 0.002
 _ECHO_READ = 4
 """Bytes that are read to see whether the adapter echoes: a question for so many has another length than
@@ -23,6 +24,7 @@ class LineCount:
     """What became of the questions since somebody took the count."""
 
     asked: int = 0
+    """packets: a question and an answer are two, of which the loss of either loses the answer"""
     lost: int = 0
     spoilt: int = 0
     """packets that made no sense: noise, or two servos that speak at once"""
@@ -97,7 +99,7 @@ class BusLine:
                     answers[packet.id] = packet
         took = self._now() - asked_at
         count = self.count
-        count.asked += len(servos)
+        count.asked += _PACKETS * len(servos)
         count.lost += len(servos) - len(answers)
         count.slowest_s = max(count.slowest_s, took)
         return answers

@@ -30,6 +30,8 @@ class Telemetry:
     """[steps]"""
     on: bool | None = None
     """whether its torque is on"""
+    torque_limit: float | None = None
+    """how strong its motor may be now, a share 0 ... 1"""
     load: float | None = None
     """signed share of its largest"""
     voltage: float | None = None
@@ -145,26 +147,51 @@ def switch_on(
     degree since, it stands outside its own limits, it is not fit, or it did not confirm; its torque is off
     then, as far as it answers.
     """
-    if settings.unfit is not None:
-        raise EnableError(f"servo {servo}: {settings.unfit}")
-    make.prepare(line, servo, torque)
     place = make.position(line, servo)
-    per_deg = make.steps_per_turn / 360
+    turned_deg = abs(place - expected) * 360 / make.steps_per_turn
     if abs(place - expected) > make.still_steps:
         raise EnableError(
-            f"servo {servo} has turned by {abs(place - expected) / per_deg:.1f}° since it was looked at; "
+            f"servo {servo} has turned by {turned_deg:.1f}° since it was looked at; "
             "let the arm stand still, and enable again"
         )
-    if not settings.lowest <= place <= settings.highest:
-        away = max(settings.lowest - place, place - settings.highest)
-        raise EnableError(
-            f"servo {servo} stands at {place} steps, outside the limits {settings.lowest} … "
-            f"{settings.highest} of its own EEPROM: with torque on it would jump by {away / per_deg:.1f}°. "
-            "Turn it back by hand, or set those limits anew"
-        )
+    _require_fit(make, servo, settings, place)
+    make.prepare(line, servo, torque)
+    place = make.position(line, servo)
     try:
         make.on_at(line, servo, place)
     except EnableError:
         make.off(line, servo)
         raise
     return place
+
+
+def take_over(
+    make: ServoMake, line: BusLine, servo: int, settings: ServoSettings, seen: Telemetry, torque: float
+) -> int:
+    """Take over a servo whose torque is on already; the goal [steps] at which it holds now.
+
+    It keeps the goal that it was found with, from which it may sag. Where it is weak and far from it, a
+    stronger motor would throw it there: it holds where it stands then. ``EnableError`` as in ``switch_on``.
+    """
+    place = make.position(line, servo)
+    _require_fit(make, servo, settings, place)
+    goal = place if seen.goal is None else seen.goal
+    weak = seen.torque_limit is not None and seen.torque_limit < torque
+    if weak and abs(goal - place) > make.still_steps:
+        goal = place
+        make.on_at(line, servo, place)
+    make.prepare(line, servo, torque)
+    return goal
+
+
+def _require_fit(make: ServoMake, servo: int, settings: ServoSettings, place: int) -> None:
+    """Refuse what its EEPROM makes dangerous: a goal outside of its own limits becomes another one."""
+    if settings.unfit is not None:
+        raise EnableError(f"servo {servo}: {settings.unfit}")
+    if not settings.lowest <= place <= settings.highest:
+        away_deg = max(settings.lowest - place, place - settings.highest) * 360 / make.steps_per_turn
+        raise EnableError(
+            f"servo {servo} stands at {place} steps, outside the limits {settings.lowest} … "
+            f"{settings.highest} of its own EEPROM: with torque on it would jump by {away_deg:.1f}°. "
+            "Turn it back by hand, or set those limits anew"
+        )

@@ -73,18 +73,29 @@ class BusServo(ABC):
         self.silent_s = 0.0
         """how long it does not listen, because it starts anew"""
         self._put_off: BusPacket | None = None
+        self._numbers: dict[str, int] = {}
         joint.drives.append(self)
 
     # The control table.
 
     def get(self, name: str) -> int:
         """A number of the table."""
-        return self.table.decode(name, self.memory, 0)
+        number = self._numbers.get(name)
+        if number is None:
+            number = self._numbers[name] = self.table.decode(name, self.memory, 0)
+        return number
 
     def put(self, name: str, number: int) -> None:
         """Set a number of the table, as its own electronics do."""
         register = self.table[name]
         self.memory[register.address : register.end] = self.table.encode(name, number)
+        self._numbers[name] = number
+
+    def store(self, address: int, data: bytes) -> None:
+        """Put bytes into the table."""
+        size = len(self.memory)
+        self.memory[address : address + len(data)] = data[: max(0, size - address)]
+        self._numbers.clear()
 
     @property
     def id(self) -> int:
@@ -150,7 +161,6 @@ class BusServo(ABC):
             return
         self.share = self.drive(dt)
         self.heat += dt / _WARM_S * (_ROOM_C + _HEAT_C * self.share**2 - self.heat)
-        self.measure()
 
     @property
     def amps(self) -> float:
@@ -168,7 +178,8 @@ class BusServo(ABC):
         """What it answers to an instruction that is for it, or for all."""
         if self.silent_s > 0.0:
             return None
-        data, status = b"", self.errors()
+        self.measure()
+        number, data, status = self.id, b"", self.errors()  # the old id answers the write of a new one
         match packet.code:
             case Instruction.PING:
                 data = self.introduction
@@ -188,7 +199,7 @@ class BusServo(ABC):
                 return self.other(packet)
         if packet.id == BROADCAST and packet.code != Instruction.PING:
             return None
-        return BusPacket(self.id, status, data) if self.answers(packet.code) else None
+        return BusPacket(number, status, data) if self.answers(packet.code) else None
 
     introduction = b""
     """what an answer to a ping holds"""

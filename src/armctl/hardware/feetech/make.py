@@ -108,6 +108,7 @@ class FeetechMake(ServoMake):
             position=t.decode("present_position", data, first),
             goal=t.decode("goal_position", data, first),
             on=t.decode("torque", data, first) == 1,
+            torque_limit=t.decode("torque_limit", data, first) / 1000,
             load=t.decode("present_load", data, first) / 1000,
             voltage=t.value("present_voltage", data, first),
             temperature=t.value("present_temperature", data, first),

@@ -78,7 +78,7 @@ class SimulatedSts(BusServo):
 
     def power_up(self) -> None:
         """Torque off, goal 0, the torque limit from the EEPROM, the EEPROM locked."""
-        self.memory[:] = self._kept + bytes(_SIZE - _RAM)
+        self.store(0, self._kept + bytes(_SIZE - _RAM))
         self.put("torque_limit", self.get("most_torque"))
         self.put("lock", 1)
         self._overloaded_s, self._latched = 0.0, 0
@@ -109,14 +109,14 @@ class SimulatedSts(BusServo):
         if packet.code == Instruction.FACTORY_RESET:
             number = self.id
             self._kept = factory_memory(id=number)[:_RAM]
-            self.memory[:_RAM] = self._kept
+            self.store(0, self._kept)
         elif packet.code == _CALIBRATE:
             self._calibrate(int.from_bytes(packet.data[:2], "little") if packet.data else _MIDDLE)
         return BusPacket(self.id, self.errors()) if self.answers(packet.code) else None
 
     def written(self, address: int, data: bytes) -> int:
         """Take it as the servo does: a register that takes no such value is left as it was."""
-        self.memory[address : address + len(data)] = data[: _SIZE - address]
+        self.store(address, data)
         written = range(address, address + len(data))
         if address < _RAM and self.get("lock") == 0:
             self._kept = bytes(self.memory[:_RAM])
