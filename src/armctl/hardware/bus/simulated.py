@@ -68,6 +68,7 @@ class BusServo(ABC):
         self.memory = bytearray(memory)
         self.share = 0.0
         """of its torque that the motor gives now, signed in steps"""
+        self._effort = 0.0
         self.heat = _ROOM_C
         """[°C]"""
         self.silent_s = 0.0
@@ -142,11 +143,12 @@ class BusServo(ABC):
     def torque(self, angle: float, speed: float) -> float:
         """What it does at its joint [N·m]."""
         way = math.copysign(1.0, self.gear.per_rad)
+        self._effort = 0.0
         if self.share == 0.0 and not self.driven:
             return 0.0
         weak = self.supply.volts / self.supply.open_v if self.supply.open_v else 0.0
-        stall = self.joint.stall / len(self.joint.drives)
-        return stall * (way * self.share * weak - speed / self.full_speed)
+        self._effort = way * self.share * weak - speed / self.full_speed
+        return self.joint.stall / len(self.joint.drives) * self._effort
 
     @property
     def driven(self) -> bool:
@@ -160,12 +162,12 @@ class BusServo(ABC):
             self.share = 0.0
             return
         self.share = self.drive(dt)
-        self.heat += dt / _WARM_S * (_ROOM_C + _HEAT_C * self.share**2 - self.heat)
+        self.heat += dt / _WARM_S * (_ROOM_C + _HEAT_C * self._effort**2 - self.heat)
 
     @property
     def amps(self) -> float:
         """What its motor draws."""
-        return abs(self.share) * self.stall_amps
+        return min(1.0, abs(self._effort)) * self.stall_amps
 
     def restart(self, silent_s: float = 0.0) -> None:
         """Its supply was interrupted: what is not in the EEPROM is lost."""

@@ -78,7 +78,7 @@ class ControlTable:
 
     def value(self, name: str, data: bytes | bytearray, first: int | None = None) -> float:
         """The same in the register's unit."""
-        return self.decode(name, data, first) * self[name].scale
+        return round(self.decode(name, data, first) * self[name].scale, 6)
 
     def encode(self, name: str, number: int) -> bytes:
         """The bytes of a number; ``InputError`` where the register does not take it."""
