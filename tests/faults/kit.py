@@ -18,9 +18,10 @@ from tests.hardware.lines import LoopTransport
 from tests.runtime.kit import TEST, TICK
 
 from armctl.arrays import FloatArray
+from armctl.boards import setup_of
 from armctl.facts import State
 from armctl.hardware import BoardIdentity, ChannelSettings, Driver, Readback
-from armctl.hardware.boards import channel_settings
+from armctl.hardware.boards import board_type, channel_settings
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import simulated_encoder_board
@@ -40,7 +41,12 @@ from armctl.runtime import Controller, InlineExecutor, PoseFolder
 
 ROBOTS = {
     board: load_robot(arm)
-    for board, arm in (("maestro", "uzuner"), ("firmata", "abaas"), ("encoder", "scorbot"))
+    for board, arm in (
+        ("maestro", "uzuner"),
+        ("firmata", "abaas"),
+        ("encoder", "scorbot"),
+        ("feetech", "so101"),
+    )
 }
 PORT, OTHER_PORT = "/dev/ttyACM7", "/dev/ttyACM8"
 FRAME_S = 0.02
@@ -151,7 +157,9 @@ class Bench:
             return SimulatedMaestro(MaestroModel.MICRO_6, MaestroSettings(channels=channels))
         if self.kind == "firmata":
             return SimulatedFirmata(boot_s=0.1, log_length=2)
-        return simulated_encoder_board(channel_settings(self.robot), self.robot.board_settings.axes)
+        if self.kind == "encoder":
+            return simulated_encoder_board(channel_settings(self.robot), self.robot.board_settings.axes)
+        return board_type(self.kind).simulated(setup_of(self.robot), {})
 
     def _driver(self, port: str) -> Driver:
         connection = Connection(lambda: self._open(port), self.clock.now)
@@ -159,8 +167,10 @@ class Bench:
             driver: Driver = MaestroDriver(connection, model=MaestroModel.MICRO_6)
         elif self.kind == "firmata":
             driver = FirmataDriver(connection)
-        else:
+        elif self.kind == "encoder":
             driver = EncoderDriver(connection, self.robot.board_settings)
+        else:
+            driver = board_type(self.kind).driver(setup_of(self.robot), connection)
         return Spied(driver, self.clock, self.log)
 
     def _open(self, port: str) -> LoopTransport:
@@ -263,9 +273,17 @@ class Bench:
                 else None
                 for pin in channels
             ]
-        else:
+        elif self.kind == "encoder":
             where = [self.board.axes[axis].place for axis in channels]
+        else:
+            servos = [self.board.servo(channel) for channel in channels]
+            where = [servo.shaft if servo.driven else None for servo in servos]
         return np.array([math.nan if value is None else value for value in where], dtype=float)
+
+    @property
+    def measures(self) -> bool:
+        """The board knows where the arm stands, and takes it over there at once."""
+        return self.kind in ("encoder", "feetech")
 
     @property
     def homes(self) -> bool:

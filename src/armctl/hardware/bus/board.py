@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 SERVO_BUS = "USB adapter of a servo bus"
 _CHIPS = ((0x1A86, 0x55D3), (0x0403, 0x6014), (0x2F5D, 0x2202))
 """CH343, FT232H (U2D2), OpenRB-150"""
-_TIMEOUT_S, _SIMULATED_TIMEOUT_S = 0.008, 0.06
+_TIMEOUT_S, _SIMULATED_TIMEOUT_S = 0.008, 0.15
 _MOST_ASKED = 32
 """ids that a port is probed for"""
 

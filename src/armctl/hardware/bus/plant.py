@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -154,7 +154,7 @@ def plant_of(robot: Robot | None, channels: Sequence[ChannelSettings]) -> ArmPla
     if robot is None:
         return ArmPlant([PlantJoint() for _ in channels])
     n = robot.n
-    model = robot.gravity
+    model = replace(robot.gravity, payload_kg=0.0)  # it carries nothing
 
     def gravity(angles: FloatArray) -> FloatArray:
         return model.torque(angles[:n])
