@@ -199,91 +199,91 @@ _FOUND = "are on already: Enable takes the arm over where it is|motors are off"
 _DISK = "the last pose of the arm cannot be kept .*(No space left|Read-only).*must be told where it stands"
 
 TABLE = rf"""
-# fault        phase       maestro  firmata  encoder  feetech  words
-drop           connecting  DO       DO       DO       DO       {_SILENT}|connected to
-drop           enabling    F        F        F        F        {_LOST}|did not answer 'EN 1'
-drop           homing      -        -        F        -        {_LOST}; and .* does not confirm that it holds; cut
-drop           holding     F        F        F        F        {_LOST}
-drop           moving      F        F        F        F        {_LOST}
-drop           stopping    F        F        F        F        {_LOST}
-drop           jogging     F        F        F        F        {_LOST}
-delay          connecting  DO       DO       DO       DO       {_SILENT}|connected to
-delay          enabling    FO       F        F        F        {_LOST}|did not answer 'EN 1'|nothing ran
-delay          homing      -        -        OF       -        watchdog: the board heard nothing from this computer
-delay          holding     FH       F        F        F        {_LOST}|watchdog|{_GAP}
-delay          moving      FH       F        F        F        {_LOST}|watchdog|{_GAP}
-delay          stopping    FH       F        F        F        {_LOST}|watchdog|{_SILENT}
-garble         connecting  DO       DO       DO       DO       {_SILENT}|connected to
-garble         enabling    OF       FO       FH       FH       serial protocol error|by itself|{_LOST}|enabled
-garble         homing      -        -        OFH      -        watchdog|finished
-garble         holding     FH       FH       FH       FH       by itself|{_LOST}|{_SILENT}|of the questions
-garble         moving      FH       FH       FH       FH       by itself|{_LOST}|check the supply|{_SILENT}
-garble         stopping    FH       FH       FH       FH       by itself|{_LOST}|check the (supply|USB cable)|{_SILENT}
-half           connecting  DO       DO       DO       DO       {_SILENT}|connected to
-half           enabling    F        F        F        F        by itself .*check its power|{_LOST}|{_SILENT}
-half           homing      -        -        OF       -        watchdog
-half           holding     FH       F        FH       FH       by itself|{_LOST}|{_SILENT}
-half           moving      FH       F        FH       FH       by itself|{_LOST}|{_SILENT}
-half           stopping    FH       F        FH       FH       by itself|{_LOST}|{_SILENT}
-double         connecting  O        O        O        O        connected to
-double         enabling    H        H        H        H        enabling finished|enabled
-double         homing      -        -        H        -        homing finished
-double         moving      H        H        H        H        move finished
-double         stopping    H        H        H        H        stopped by test
-unplug         connecting  D        D        D        D        {_GONE}
-unplug         enabling    F        F        F        F        {_GONE}
-unplug         homing      -        -        F        -        {_GONE}
-unplug         holding     F        F        F        F        {_GONE}
-unplug         moving      F        F        F        F        {_GONE}
-unplug         stopping    F        F        F        F        {_GONE}
-unplug         jogging     F        F        F        F        {_GONE}
-replug         connecting  D        D        D        D        {PORT}: no such port; is the board plugged in\?
-replug         enabling    F        F        F        F        {_GONE}
-replug         homing      -        -        F        -        {_GONE}
-replug         holding     F        F        F        F        {_GONE}
-replug         moving      F        F        F        F        {_GONE}
-replug         stopping    F        F        F        F        {_GONE}
-brown-out      connecting  DO       DO       DO       DO       {_SILENT}|connected to
-brown-out      enabling    F        F        FO       FO       {_RESTARTED}|did not answer 'EN 1'
-brown-out      homing      -        -        OF       -        {_RESTARTED}
-brown-out      holding     F        F        F        F        {_RESTARTED}
-brown-out      moving      F        F        F        F        {_RESTARTED}
-brown-out      stopping    F        F        F        F        {_RESTARTED}
-reset          connecting  O        O        O        O        connected to
-reset          enabling    F        F        O        O        {_RESTARTED}
-reset          homing      -        -        O        -        {_RESTARTED}
-reset          holding     F        F        F        F        {_RESTARTED}
-reset          moving      HF       F        F        F        {_RESTARTED}|move finished
-reset          stopping    HF       F        F        F        {_RESTARTED}|stopped by test
-busy           connecting  D        D        D        D        in use by another program .*close that and try again
-frozen         connecting  O        O        O        O        connected to
-frozen         enabling    O        O        O        O        {_GAP}
-frozen         homing      -        -        O        -        {_GAP}
-frozen         holding     H        H        F        F        {_GAP}
-frozen         moving      H        H        F        F        {_GAP}
-frozen         stopping    H        H        F        F        {_GAP}
-frozen         jogging     H        H        F        F        {_GAP}
-suspended      enabling    O        O        O        O        {_GAP}
-suspended      homing      -        -        O        -        {_GAP}
-suspended      holding     H        H        F        F        {_GAP}
-suspended      moving      H        H        F        F        {_GAP}
-suspended      stopping    H        H        F        F        {_GAP}
-clock+1d       moving      H        H        H        H        move finished
-clock-1d       moving      H        H        H        H        move finished
-clock-1d       enabling    H        H        H        H        enabling finished|enabled
-disk-full      enabling    H        H        H        H        {_DISK}
-disk-full      moving      H        H        H        H        {_DISK}
-disk-read-only moving      H        H        H        H        {_DISK}
-client-lost    enabling    O        O        -        -        stopped by laptop: its connection is gone
-client-lost    homing      -        -        O        -        stopped by laptop: its connection is gone
-client-lost    moving      H        H        H        H        stopped by laptop: its connection is gone
-client-lost    stopping    H        H        H        H        stopped by laptop: its connection is gone
-client-lost    jogging     H        H        H        H        stopped by laptop: its connection is gone
-arm-dead       enabling    D        D        D        D        {_FOUND}
-arm-dead       homing      -        -        D        -        motors are off
-arm-dead       holding     D        D        D        D        {_FOUND}
-arm-dead       moving      D        D        D        D        {_FOUND}
-arm-dead       stopping    D        D        D        D        {_FOUND}
+# a fault, in a phase: on maestro, firmata, encoder, feetech; words
+drop           connecting DO   DO   DO   DO   {_SILENT}|connected to
+drop           enabling   F    F    F    F    {_LOST}|did not answer 'EN 1'
+drop           homing     -    -    F    -    {_LOST}; and .* does not confirm that it holds; cut
+drop           holding    F    F    F    F    {_LOST}
+drop           moving     F    F    F    F    {_LOST}
+drop           stopping   F    F    F    F    {_LOST}
+drop           jogging    F    F    F    F    {_LOST}
+delay          connecting DO   DO   DO   DO   {_SILENT}|connected to
+delay          enabling   FO   F    F    F    {_LOST}|did not answer 'EN 1'|nothing ran
+delay          homing     -    -    OF   -    watchdog: the board heard nothing from this computer
+delay          holding    FH   F    F    F    {_LOST}|watchdog|{_GAP}
+delay          moving     FH   F    F    F    {_LOST}|watchdog|{_GAP}
+delay          stopping   FH   F    F    F    {_LOST}|watchdog|{_SILENT}
+garble         connecting DO   DO   DO   DO   {_SILENT}|connected to
+garble         enabling   OF   FO   FH   FH   serial protocol error|by itself|{_LOST}|enabled
+garble         homing     -    -    OFH  -    watchdog|finished
+garble         holding    FH   FH   FH   FH   by itself|{_LOST}|{_SILENT}|of the questions
+garble         moving     FH   FH   FH   FH   by itself|{_LOST}|check the supply|{_SILENT}
+garble         stopping   FH   FH   FH   FH   by itself|{_LOST}|check the (supply|USB cable)|{_SILENT}
+half           connecting DO   DO   DO   DO   {_SILENT}|connected to
+half           enabling   F    F    F    F    by itself .*check its power|{_LOST}|{_SILENT}
+half           homing     -    -    OF   -    watchdog
+half           holding    FH   F    FH   FH   by itself|{_LOST}|{_SILENT}
+half           moving     FH   F    FH   FH   by itself|{_LOST}|{_SILENT}
+half           stopping   FH   F    FH   FH   by itself|{_LOST}|{_SILENT}
+double         connecting O    O    O    O    connected to
+double         enabling   H    H    H    H    enabling finished|enabled
+double         homing     -    -    H    -    homing finished
+double         moving     H    H    H    H    move finished
+double         stopping   H    H    H    H    stopped by test
+unplug         connecting D    D    D    D    {_GONE}
+unplug         enabling   F    F    F    F    {_GONE}
+unplug         homing     -    -    F    -    {_GONE}
+unplug         holding    F    F    F    F    {_GONE}
+unplug         moving     F    F    F    F    {_GONE}
+unplug         stopping   F    F    F    F    {_GONE}
+unplug         jogging    F    F    F    F    {_GONE}
+replug         connecting D    D    D    D    {PORT}: no such port; is the board plugged in\?
+replug         enabling   F    F    F    F    {_GONE}
+replug         homing     -    -    F    -    {_GONE}
+replug         holding    F    F    F    F    {_GONE}
+replug         moving     F    F    F    F    {_GONE}
+replug         stopping   F    F    F    F    {_GONE}
+brown-out      connecting DO   DO   DO   DO   {_SILENT}|connected to
+brown-out      enabling   F    F    FO   FO   {_RESTARTED}|did not answer 'EN 1'
+brown-out      homing     -    -    OF   -    {_RESTARTED}
+brown-out      holding    F    F    F    F    {_RESTARTED}
+brown-out      moving     F    F    F    F    {_RESTARTED}
+brown-out      stopping   F    F    F    F    {_RESTARTED}
+reset          connecting O    O    O    O    connected to
+reset          enabling   F    F    O    O    {_RESTARTED}
+reset          homing     -    -    O    -    {_RESTARTED}
+reset          holding    F    F    F    F    {_RESTARTED}
+reset          moving     HF   F    F    F    {_RESTARTED}|move finished
+reset          stopping   HF   F    F    F    {_RESTARTED}|stopped by test
+busy           connecting D    D    D    D    in use by another program .*close that and try again
+frozen         connecting O    O    O    O    connected to
+frozen         enabling   O    O    O    O    {_GAP}
+frozen         homing     -    -    O    -    {_GAP}
+frozen         holding    H    H    F    F    {_GAP}
+frozen         moving     H    H    F    F    {_GAP}
+frozen         stopping   H    H    F    F    {_GAP}
+frozen         jogging    H    H    F    F    {_GAP}
+suspended      enabling   O    O    O    O    {_GAP}
+suspended      homing     -    -    O    -    {_GAP}
+suspended      holding    H    H    F    F    {_GAP}
+suspended      moving     H    H    F    F    {_GAP}
+suspended      stopping   H    H    F    F    {_GAP}
+clock+1d       moving     H    H    H    H    move finished
+clock-1d       moving     H    H    H    H    move finished
+clock-1d       enabling   H    H    H    H    enabling finished|enabled
+disk-full      enabling   H    H    H    H    {_DISK}
+disk-full      moving     H    H    H    H    {_DISK}
+disk-read-only moving     H    H    H    H    {_DISK}
+client-lost    enabling   O    O    -    -    stopped by laptop: its connection is gone
+client-lost    homing     -    -    O    -    stopped by laptop: its connection is gone
+client-lost    moving     H    H    H    H    stopped by laptop: its connection is gone
+client-lost    stopping   H    H    H    H    stopped by laptop: its connection is gone
+client-lost    jogging    H    H    H    H    stopped by laptop: its connection is gone
+arm-dead       enabling   D    D    D    D    {_FOUND}
+arm-dead       homing     -    -    D    -    motors are off
+arm-dead       holding    D    D    D    D    {_FOUND}
+arm-dead       moving     D    D    D    D    {_FOUND}
+arm-dead       stopping   D    D    D    D    {_FOUND}
 """
 
 

@@ -28,6 +28,7 @@ COMMANDS = {
     "twin": "armctl.cli.programs:twin",
     "calibrate": "armctl.cli.calibrate:calibrate",
     "doctor": "armctl.cli.boards:doctor",
+    "servos": "armctl.cli.servos:servos",
     "replay": "armctl.cli.replay:replay",
     "published": "armctl.cli.kinematics:published",
     "simulate": "armctl.cli.boards:simulate",

@@ -22,6 +22,7 @@ from armctl.hardware.driver import ChannelScale, ChannelSettings, Driver, transl
 from armctl.robot.board_entries import BoardEntries
 
 if TYPE_CHECKING:
+    from armctl.hardware.bus.setup import ServoSetup
     from armctl.hardware.transport import Connection, Transport
     from armctl.robot import Robot
 
@@ -159,6 +160,15 @@ class BoardType(ABC):
 
     def ask(self, line: Transport, now: Callable[[], float]) -> Introduction | None:
         """Ask, upsetting no board that is asked later; None: no answer. ``BoardProtocolError``: a fault."""
+        return None
+
+    def servo_setup(
+        self, open_line: Callable[[int], Transport], now: Callable[[], float], *, simulated: bool = False
+    ) -> ServoSetup | None:
+        """For ``armctl servos``: its servos, to be set up; ``open_line`` opens the port at a baud rate.
+
+        None: it has none that could be.
+        """
         return None
 
     def examine(self, check_up: CheckUp) -> list[Finding]:

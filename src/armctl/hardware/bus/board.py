@@ -23,6 +23,7 @@ from armctl.robot.board_entries import ServoEntries
 if TYPE_CHECKING:
     from armctl.hardware.bus.make import ServoMake
     from armctl.hardware.bus.plant import PlantJoint
+    from armctl.hardware.bus.setup import ServoSetup
     from armctl.hardware.bus.simulated import BusServo, Gear, Supply
     from armctl.hardware.transport import Connection, Transport
 
@@ -101,6 +102,15 @@ class BusBoard(BoardType):
                 bus.servos.append(self.servo(int(number), plant.joints[place], gear, supply))
                 bus.servos[-1].power_up()
         return bus
+
+    def servo_setup(
+        self, open_line: Callable[[int], Transport], now: Callable[[], float], *, simulated: bool = False
+    ) -> ServoSetup:
+        """Scan, ids, EEPROM, nudges."""
+        from armctl.hardware.bus.setup import ServoSetup
+
+        timeout_s = _SIMULATED_TIMEOUT_S if simulated else _TIMEOUT_S
+        return ServoSetup(self.make(), open_line, now, timeout_s, simulated=simulated)
 
     def ask(self, line: Transport, now: Callable[[], float]) -> Introduction | None:
         """Ping the ids that arms have; pings upset no other board."""

@@ -67,6 +67,10 @@ class BusLine:
         count, self.count = self.count, LineCount()
         return count
 
+    def pause(self, seconds: float) -> None:
+        """Let time pass on the line; what comes meanwhile is thrown away."""
+        self._transport.read(_CHUNK, seconds)
+
     def tell(self, data: bytes) -> None:
         """Send what nobody answers."""
         self._transport.write(data)
@@ -104,10 +108,11 @@ class BusLine:
         count.slowest_s = max(count.slowest_s, took)
         return answers
 
-    def ping(self, servo: int, attempts: int = ATTEMPTS) -> BusPacket | None:
+    def ping(self, servo: int, attempts: int = ATTEMPTS, timeout_s: float | None = None) -> BusPacket | None:
         """What a servo says to a ping; None: it does not answer."""
         for _ in range(attempts):
-            if (answer := self.exchange(self.form.ping(servo), [servo], None).get(servo)) is not None:
+            answers = self.exchange(self.form.ping(servo), [servo], None, timeout_s)
+            if (answer := answers.get(servo)) is not None:
                 return answer
         return None
 

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from armctl.errors import EnableError
+from armctl.errors import BoardError, EnableError
 from armctl.hardware.bus.line import BusLine
 from armctl.hardware.bus.packets import BusPacket, PacketForm
 from armctl.hardware.bus.table import ControlTable
@@ -119,6 +119,34 @@ class ServoMake(ABC):
     @abstractmethod
     def limit_torque(self, line: BusLine, servo: int, share: float) -> bool:
         """How strong its motor may be, 0 ... 1; whether the servo confirms it."""
+
+    def unlock(self, line: BusLine, servo: int) -> None:  # noqa: B027
+        """Let its EEPROM keep what is written."""
+
+    def lock(self, line: BusLine, servo: int) -> None:  # noqa: B027
+        """Protect its EEPROM again."""
+
+    def write_kept(
+        self, line: BusLine, servo: int, name: str, number: int, answers_as: int | None = None
+    ) -> None:
+        """Write a register of the EEPROM, lock it, and read it back; ``answers_as``: its id after that.
+
+        ``BoardError``: its torque is on, or it did not take the number.
+        """
+        register = self.table[name]
+        data = self.table.encode(name, number)
+        torque = self.table["torque"]
+        if any(line.read(servo, torque.address, torque.size).data):
+            raise BoardError(
+                f"the torque of servo {servo} is on: release the arm before its EEPROM is written"
+            )
+        self.unlock(line, servo)
+        written = line.write(servo, register.address, data)
+        after = servo if answers_as is None else answers_as
+        self.lock(line, after)
+        kept = line.read(after, register.address, register.size, more=True).data
+        if written is None or kept != data:
+            raise BoardError(f"servo {servo} did not take {number} as its {name}")
 
     def position(self, line: BusLine, servo: int) -> int:
         """Where it stands now [steps], from two answers that agree; a late answer is taken for none."""

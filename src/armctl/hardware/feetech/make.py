@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
-from armctl.errors import BoardTimeoutError, EnableError
+from armctl.errors import BoardError, BoardTimeoutError, EnableError
 from armctl.hardware.bus.line import BusLine
 from armctl.hardware.bus.make import Block, ServoMake, ServoSettings, Telemetry
 from armctl.hardware.bus.packets import BusPacket
@@ -194,6 +194,16 @@ class FeetechMake(ServoMake):
         """A share of its full torque."""
         data = self.table.encode("torque_limit", round(1000 * share))
         return line.write(servo, self.table["torque_limit"].address, data) is not None
+
+    def unlock(self, line: BusLine, servo: int) -> None:
+        """Without it the servo takes what is written, and forgets it at the next power cut."""
+        self._write(line, servo, "lock", 0)
+
+    def lock(self, line: BusLine, servo: int) -> None:
+        """And see that it is locked: an open EEPROM is what makes servos seem dead later."""
+        self._write(line, servo, "lock", 1)
+        if line.read(servo, self.table["lock"].address, 1, more=True).data[0] != 1:
+            raise BoardError(f"servo {servo} did not lock its EEPROM again; try once more")
 
     def _write(self, line: BusLine, servo: int, name: str, number: int) -> None:
         data = self.table.encode(name, number)

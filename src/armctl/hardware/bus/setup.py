@@ -1,0 +1,251 @@
+"""Setting servos up: who is on a bus, what differs from what an arm needs, and one change at a time.
+
+Nothing here runs while an arm is connected: whoever sets servos up has the line for himself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from armctl.errors import BoardError, BoardTimeoutError, InputError, out_of_range
+from armctl.hardware.bus.line import BusLine
+from armctl.hardware.bus.make import ServoMake, ServoSettings, switch_on
+from armctl.hardware.driver import ChannelSettings
+from armctl.hardware.transport import Transport
+
+IDS = range(253)
+"""that a servo may have"""
+_PING_S, _SIMULATED_PING_S = 0.004, 0.02
+"""how long a scan waits for an id that may not be there"""
+_NUDGE_TORQUE = 0.3
+NUDGE_DEG = 2.0
+"""by which a servo turns at most to show which one it is"""
+
+
+@dataclass(frozen=True, slots=True)
+class FoundServo:
+    """A servo that answers."""
+
+    id: int
+    baud: int
+    model: str
+    settings: ServoSettings
+    position: int | None = None
+    """[steps]"""
+    voltage: float | None = None
+    """[V]"""
+    temperature: float | None = None
+    """[°C]"""
+    on: bool | None = None
+    """whether its torque is on"""
+    faults: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """What is not as the arm needs it, and what to do."""
+
+    servo: int
+    what: str
+    cure: str
+
+
+class ServoSetup:
+    """A bus to be set up. ``open_line`` opens its port at a baud rate; one line is open at a time."""
+
+    def __init__(
+        self,
+        make: ServoMake,
+        open_line: Callable[[int], Transport],
+        now: Callable[[], float],
+        timeout_s: float,
+        *,
+        simulated: bool = False,
+    ) -> None:
+        """``timeout_s``: how long an answer of a servo that is there may take."""
+        self._timeout_s = timeout_s
+        self._make, self._open_line, self._now = make, open_line, now
+        self._ping_s = _SIMULATED_PING_S if simulated else _PING_S
+        self._line: BusLine | None = None
+        self._baud = 0
+
+    def close(self) -> None:
+        """Close the port. Never raises."""
+        if self._line is not None:
+            self._line.close()
+            self._line = None
+
+    def at(self, baud: int) -> BusLine:
+        """The open line at this rate."""
+        if self._line is None or self._baud != baud:
+            self.close()
+            self._line = BusLine(self._open_line(baud), self._make.form, self._now, self._timeout_s)
+            self._baud = baud
+            self._line.look_for_echo(1, self._make.table["model"].address)
+        return self._line
+
+    def scan(
+        self,
+        bauds: Sequence[int] | None = None,
+        ids: Iterable[int] = IDS,
+        progress: Callable[[float], None] = lambda _: None,
+    ) -> list[FoundServo]:
+        """All that answer, at any of ``bauds`` (None: all that the make knows), by rate and id.
+
+        ``progress`` is called with the share of the work that is done, and may raise to end it.
+        """
+        rates, wanted = list(bauds or self._make.bauds), list(ids)
+        found: list[FoundServo] = []
+        for i, baud in enumerate(rates):
+            line = self.at(baud)
+            for k, servo in enumerate(wanted):
+                progress((i + k / len(wanted)) / len(rates))
+                if line.ping(servo, attempts=1, timeout_s=self._ping_s) is None:
+                    continue
+                if (one := self.look(baud, servo)) is not None:
+                    found.append(one)
+        progress(1.0)
+        return found
+
+    def look(self, baud: int, servo: int) -> FoundServo | None:
+        """A servo that answers; None where it no longer does."""
+        make, line = self._make, self.at(baud)
+        try:
+            settings = make.settings(line, servo)
+            seen = make.understood(
+                line.read(servo, make.telemetry.address, make.telemetry.size), make.telemetry
+            )
+            for block in make.in_turn:
+                seen = make.understood(line.read(servo, block.address, block.size), block).after(seen)
+        except BoardTimeoutError:
+            return None
+        name = make.models.get(settings.model, f"model {settings.model}")
+        return FoundServo(
+            servo,
+            baud,
+            name,
+            settings,
+            seen.position,
+            seen.voltage,
+            seen.temperature,
+            seen.on,
+            seen.faults or (),
+        )
+
+    def change_id(self, baud: int, old: int, new: int) -> FoundServo:
+        """Give the servo ``old`` another id, in its EEPROM, and see that it has it.
+
+        ``InputError``: no such id; ``BoardError``: another servo has it, or the servo did not take it.
+        """
+        if new not in IDS:
+            raise InputError(f"an id of {out_of_range(new, IDS[0], IDS[-1])}")
+        line = self.at(baud)
+        if line.ping(old) is None:
+            raise BoardTimeoutError(f"servo {old} does not answer at {baud} baud; nothing was changed")
+        if old != new and line.ping(new) is not None:
+            raise BoardError(
+                f"there is a servo {new} already; nothing was changed. Plug in one new servo at a time"
+            )
+        self._make.write_kept(line, old, "id", new, answers_as=new)
+        found = self.look(baud, new)
+        if found is None or (old != new and line.ping(old, attempts=1) is not None):
+            raise BoardError(f"servo {old} did not take the id {new}; look again with `armctl servos`")
+        return found
+
+    def write(self, baud: int, servo: int, name: str, number: int) -> None:
+        """Write a register of its EEPROM, lock it, and see that it is there."""
+        self._make.write_kept(self.at(baud), servo, name, number)
+
+    def nudge(self, baud: int, servo: int, degrees: float = NUDGE_DEG) -> None:
+        """Turn it a little and back, weakly, to show which one it is; limp afterwards if it was before."""
+        if not 0.0 < abs(degrees) <= NUDGE_DEG:
+            raise InputError(f"a nudge of {out_of_range(abs(degrees), 0.1, NUDGE_DEG, '°')}")
+        line, make = self.at(baud), self._make
+        found = self.look(baud, servo)
+        if found is None or found.position is None:
+            raise BoardTimeoutError(f"servo {servo} does not answer at {baud} baud")
+        if found.on:
+            raise BoardError(f"the torque of servo {servo} is on: it holds an arm. Release it first")
+        place = switch_on(make, line, servo, found.settings, found.position, _NUDGE_TORQUE)
+        way = round(degrees * make.steps_per_turn / 360)
+        if not found.settings.lowest <= place + way <= found.settings.highest:
+            way = -way
+        try:
+            for goal in (*_ramp(place, place + way), *_ramp(place + way, place)):
+                line.tell(make.form.sync_write(make.goal_address, {servo: make.goal_bytes(goal)}))
+                self._wait(_NUDGE_STEP_S)
+        finally:
+            make.off(line, servo)
+
+    def _wait(self, seconds: float) -> None:
+        """Let time pass as an answer would."""
+        until = self._now() + seconds
+        while self._now() < until and self._line is not None:
+            self._line.pause(until - self._now())
+
+
+_NUDGE_STEP_S = 0.02
+_NUDGE_STEPS = 15
+
+
+def _ramp(start: int, end: int) -> list[int]:
+    return [round(start + (end - start) * k / _NUDGE_STEPS) for k in range(1, _NUDGE_STEPS + 1)]
+
+
+def differences(
+    found: Sequence[FoundServo],
+    channels: Sequence[ChannelSettings],
+    baud: int,
+    names: Mapping[int, str],
+) -> list[Difference]:
+    """What is not as an arm needs it, in the order of its chain; ``names`` of its joints by servo."""
+    by_id: dict[int, list[FoundServo]] = {}
+    for one in found:
+        by_id.setdefault(one.id, []).append(one)
+    told: list[Difference] = []
+    wanted = [one.channel for one in channels]
+    missing = [servo for servo in wanted if servo not in by_id]
+    strangers = [servo for servo in by_id if servo not in wanted]
+    behind = missing and missing == wanted[wanted.index(missing[0]) :]
+    for servo in missing:
+        what = f"servo {servo} ({names.get(servo, 'joint')}) does not answer"
+        if behind and len(missing) > 1:
+            cure = f"look at the plug before servo {missing[0]}: all behind it are silent"
+        elif strangers:
+            cure = f"if it is the one that answers as {strangers[0]}: armctl servos id {strangers[0]} {servo}"
+        else:
+            cure = "look at its plug; a new servo has the id 1: plug it in alone and give it its id"
+        told.append(Difference(servo, what, cure))
+    for settings in channels:
+        for one in by_id.get(settings.channel, ()):
+            told += _of_one(one, settings, baud)
+    told += [
+        Difference(
+            servo, f"servo {servo} is not one of this arm", "unplug it, or give it the id that is missing"
+        )
+        for servo in strangers
+    ]
+    return told
+
+
+def _of_one(one: FoundServo, needs: ChannelSettings, baud: int) -> list[Difference]:
+    told: list[Difference] = []
+    own = one.settings
+    if one.baud != baud:
+        told.append(
+            Difference(one.id, f"servo {one.id} answers at {one.baud} baud", f"armctl speaks {baud}: set it")
+        )
+    if own.unfit is not None:
+        told.append(Difference(one.id, f"servo {one.id}: {own.unfit}", "write the register that is named"))
+    elif needs.minimum < own.lowest or needs.maximum > own.highest:
+        told.append(
+            Difference(
+                one.id,
+                f"servo {one.id}: its own limits {own.lowest} … {own.highest} cut off a part of the "
+                f"{needs.minimum:g} … {needs.maximum:g} steps of the robot file",
+                "widen them, or narrow the limits of the joint",
+            )
+        )
+    told += [Difference(one.id, f"servo {one.id}: {words}", "") for words in (*own.findings, *one.faults)]
+    return told
