@@ -189,7 +189,10 @@ FAULTS: dict[str, Callable[[Bench], Callable[[], None]]] = {
 
 _GONE = "unplugged; plug it in and connect again"
 _LOST = "lost the board: .*check the cable and the power, then connect again"
-_SILENT = "check (the cable and the board's|cable, USB hub)|set the serial mode|load the sketch"
+_SILENT = (
+    "check (the cable and the board's|cable, USB hub)|set the serial mode|load the sketch|Are they powered"
+    "|does not answer; look at its plug"
+)
 _RESTARTED = (
     "(switched the (pulses|motors) off by itself|no longer drives pin|has restarted|has started anew).*"
     "(check its power|check the supply|home again)"
@@ -210,8 +213,8 @@ drop           jogging    F    F    F    F    {_LOST}
 delay          connecting DO   DO   DO   DO   {_SILENT}|connected to
 delay          enabling   FO   F    F    F    {_LOST}|did not answer 'EN 1'|nothing ran
 delay          homing     -    -    OF   -    watchdog: the board heard nothing from this computer
-delay          holding    FH   F    F    F    {_LOST}|watchdog|{_GAP}
-delay          moving     FH   F    F    F    {_LOST}|watchdog|{_GAP}
+delay          holding    FH   F    F    FH   {_LOST}|watchdog|{_SILENT}|{_GAP}
+delay          moving     FH   F    F    FH   {_LOST}|watchdog|{_SILENT}|{_GAP}
 delay          stopping   FH   F    F    F    {_LOST}|watchdog|{_SILENT}
 garble         connecting DO   DO   DO   DO   {_SILENT}|connected to
 garble         enabling   OF   FO   FH   FH   serial protocol error|by itself|{_LOST}|enabled

@@ -254,7 +254,7 @@ class Controller:
             tick=self._tick,
             state=core.state,
             cause=core.cause,
-            q_command=core.presumed.copy() if q is None else q.copy(),
+            q_command=core.presumed.copy() if q is None else core.standing_at(q),
             commanded=q is not None,
             velocity_command=still if sample is None else sample.velocity,
             acceleration_command=still if sample is None else sample.acceleration,

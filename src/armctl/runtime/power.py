@@ -72,7 +72,8 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         known = "" if core.poses.last is None else f" ({core.poses.last})"
         raise EnableError(f"nobody knows where the arm is{known}: {board.power} are off. {_SAY_WHERE}")
     start = taken_over(core, board, np.where(live, reading.q, goal))
-    if not live.all() and (touch := touching(core.around, core.robot, start)) is not None:
+    led = bool(core.limp)  # by a hand, which may have led it into itself
+    if (led or not live.all()) and (touch := touching(core.around, core.robot, start)) is not None:
         raise MotionRefusedError(Several((touch, ToDo("other pose"))))
     if wanted is not None and live.any() and (np.abs(start - goal) > _tolerance(board)).any():
         core.log.warn("enabled where the arm stands, not in the pose asked for: move there now")

@@ -10,10 +10,12 @@ import math
 from collections.abc import Callable
 from concurrent.futures import Future
 
+import numpy as np
+
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, BoardError, InputError, StateError, StoppedError, out_of_range
 from armctl.facts import Need, State
-from armctl.hardware import Driver
+from armctl.hardware import Driver, Source
 from armctl.motion.clearance import kept_out
 from armctl.protocol import Command, Doing, Origin, Ticket, unmet
 from armctl.robot import Robot
@@ -132,6 +134,13 @@ class ArmState:
     def powered(self) -> bool:
         """The board has said that pulses are on."""
         return bool(self.monitor.reading.on.any())
+
+    def standing_at(self, q: FloatArray) -> FloatArray:
+        """``q`` (n,) [rad], the last setpoint, with limp joints where a hand has led them."""
+        board, measured = self.board, self.monitor.reading
+        if board is None or not board.limp.any() or measured.source is not Source.MEASURED:
+            return q.copy()
+        return np.where(board.limp & ~np.isnan(measured.q), measured.q, q)
 
     @property
     def limp(self) -> tuple[str, ...]:

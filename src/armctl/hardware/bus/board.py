@@ -42,7 +42,7 @@ class BusBoard(BoardType):
     usb: ClassVar[Mapping[tuple[int, int | None], str]] = dict.fromkeys(_CHIPS, SERVO_BUS)
     likely = ((SERVO_BUS,), *ARDUINO_LIKELY[1:])
     shared = (SERVO_BUS, USB_SERIAL)
-    power = "torque"
+    power = "motors"
     sag_deg = 4.0
     advice = "see that the servos have power of their own, and that the first plug of the chain is in"
     notes: ClassVar[tuple[str, ...]] = ()

@@ -23,6 +23,10 @@ _DOUBTED, _MISSED = 3, 5
 """readings in a row without an answer after which a servo is sent no more goals, and counts as gone"""
 _GONE_S, _GONE_SIMULATED_S = 0.25, 1.0
 """... and for so long: a servo that starts anew is silent for longer; a busy computer may be late"""
+_ALL_OFF = (
+    "all servos have switched their torque off: their supply was interrupted, or another program did it; "
+    "check the supply"
+)
 _LOOK_AGAIN_S = 0.5
 """how often a servo that is gone is asked whether it is there again"""
 _RETRY_S = 0.006
@@ -79,7 +83,7 @@ class BusDriver(Abilities):
     ``open`` and ``configure`` move nothing and write no EEPROM. The first setpoint of a servo that is limp
     begins the torque-on rite (``make.switch_on``), which refuses with ``EnableError`` where torque would be
     a jump. A servo that is limp, or that has not answered of late, is never sent a goal. One that starts anew
-    by itself stays limp until ``release``. ``stop`` holds: goals are never far ahead of the shaft.
+    by itself stays limp until ``configure`` or ``release``. ``stop`` holds: goals are never far ahead.
     """
 
     def __init__(
@@ -122,8 +126,14 @@ class BusDriver(Abilities):
         )
 
     def configure(self, channels: Sequence[ChannelSettings]) -> None:
-        """Take what each servo may do. Sends nothing: what a limp servo is set to is part of the rite."""
+        """Take what each servo may do. Sends nothing: what a limp servo is set to is part of the rite.
+
+        Servos that had started anew by themselves are limp as any other from now on.
+        """
         table = ChannelTable(SCALE, channels, self._check)
+        for one in self._servos.values():
+            if one.went_off:
+                one.on = one.went_off = False
         for one in channels:
             self._servos.setdefault(one.channel, _Servo(one.channel, gone=True))
         self._table = table
@@ -149,17 +159,24 @@ class BusDriver(Abilities):
         self._send(line)
 
     def read(self) -> Readback:
-        """What the servos measure. One that misses some readings keeps its last position for that time."""
+        """What the servos measure. One that misses some readings keeps its last position for that time.
+
+        ``BoardTimeoutError``: none of them answered.
+        """
         line = self._opened
         self._send(line)  # before what takes milliseconds: what was lost, or is still on its way
         self._ask(line)
         count = line.take_count()
         servos = [self._servos[one] for one in self._table.channels]
         faults, warnings = self._faults(servos)
+        errors: tuple[str, ...] = ()
+        if len(servos) > 1 and all(one.went_off for one in servos):
+            faults, errors = {}, (_ALL_OFF,)
         known = [one for one in servos if not one.gone]
         return Readback(
             positions={one.id: None if one.gone else one.seen.position for one in servos},
             source=Source.MEASURED,
+            errors=errors,
             faults=faults,
             warnings=warnings,
             load={one.id: one.seen.load for one in known},
@@ -363,7 +380,10 @@ class BusDriver(Abilities):
                     self._take(one, make.understood(answers[one.id], make.telemetry))
                 else:
                     one.missed += 1
-                    one.gone = one.missed >= _MISSED and self._now() - one.seen_at >= self._gone_s
+            if not answers:
+                raise BoardTimeoutError(f"{line.name}: none of the servos answers")
+            for one in present:
+                one.gone = one.missed >= _MISSED and self._now() - one.seen_at >= self._gone_s
         if present and make.in_turn:
             self._turn += 1
             one = present[self._turn % len(present)]

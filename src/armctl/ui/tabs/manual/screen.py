@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from armctl.protocol import Snapshot
 from armctl.ui.session import Session
+from armctl.ui.tabs.manual.by_hand import ByHand
 from armctl.ui.tabs.manual.jog import JogControl
 from armctl.ui.tabs.manual.joints import JointControl, LiveReadout
 from armctl.ui.tabs.manual.link_ring import LinkRing
@@ -89,6 +90,7 @@ class ManualScreen:
         with tabs.add_tab("Joints"):
             self._readout.add_to(session.gui)
             self._joints = JointControl(session)
+            self._by_hand = ByHand(session)
         with tabs.add_tab("Jog" if session.console.robot.gripper is None else "Jog & gripper"):
             self._readout.add_to(session.gui)
             self._jog = JogControl(session)
@@ -98,4 +100,5 @@ class ManualScreen:
         if self._session.sees("Manual"):
             self._readout.refresh(snapshot)
         self._joints.refresh(snapshot)
+        self._by_hand.refresh(snapshot)
         self._jog.refresh(snapshot)
