@@ -22,7 +22,7 @@ from armctl.hardware.driver import ChannelScale, ChannelSettings, Driver, transl
 from armctl.robot.board_entries import BoardEntries
 
 if TYPE_CHECKING:
-    from armctl.hardware.bus.setup import ServoSetup
+    from armctl.hardware.servos import ServoSetup
     from armctl.hardware.transport import Connection, Transport
     from armctl.robot import Robot
 

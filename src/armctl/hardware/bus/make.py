@@ -10,6 +10,7 @@ from armctl.errors import BoardError, EnableError
 from armctl.hardware.bus.line import BusLine
 from armctl.hardware.bus.packets import BusPacket, PacketForm
 from armctl.hardware.bus.table import ControlTable
+from armctl.hardware.servos import ServoSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,27 +48,6 @@ class Telemetry:
         """This, and what the one before tells besides."""
         own = {name: value for name in self.__slots__ if (value := getattr(self, name)) is not None}
         return replace(before, **own)
-
-
-@dataclass(frozen=True, slots=True)
-class ServoSettings:
-    """What stands in the EEPROM of a servo, as far as the host must know it."""
-
-    model: int
-    firmware: str
-    lowest: int
-    """the least goal that it takes [steps]"""
-    highest: int
-    offset: int = 0
-    """homing offset [steps]"""
-    positions: bool = True
-    """whether it controls its position, as armctl needs it"""
-    answers_writes: bool = True
-    """whether it confirms what is written"""
-    findings: tuple[str, ...] = ()
-    """what is unusual, in words, each with what to do"""
-    unfit: str | None = None
-    """why no torque may be switched on, in words"""
 
 
 class ServoMake(ABC):

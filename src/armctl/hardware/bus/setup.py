@@ -6,12 +6,12 @@ Nothing here runs while an arm is connected: whoever sets servos up has the line
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 from armctl.errors import BoardError, BoardTimeoutError, InputError, out_of_range
 from armctl.hardware.bus.line import BusLine
-from armctl.hardware.bus.make import ServoMake, ServoSettings, switch_on
+from armctl.hardware.bus.make import ServoMake, switch_on
 from armctl.hardware.driver import ChannelSettings
+from armctl.hardware.servos import Difference, FoundServo
 from armctl.hardware.transport import Transport
 
 IDS = range(253)
@@ -23,35 +23,7 @@ NUDGE_DEG = 2.0
 """by which a servo turns at most to show which one it is"""
 
 
-@dataclass(frozen=True, slots=True)
-class FoundServo:
-    """A servo that answers."""
-
-    id: int
-    baud: int
-    model: str
-    settings: ServoSettings
-    position: int | None = None
-    """[steps]"""
-    voltage: float | None = None
-    """[V]"""
-    temperature: float | None = None
-    """[°C]"""
-    on: bool | None = None
-    """whether its torque is on"""
-    faults: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Difference:
-    """What is not as the arm needs it, and what to do."""
-
-    servo: int
-    what: str
-    cure: str
-
-
-class ServoSetup:
+class BusSetup:
     """A bus to be set up. ``open_line`` opens its port at a baud rate; one line is open at a time."""
 
     def __init__(
