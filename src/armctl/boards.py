@@ -10,7 +10,7 @@ from pathlib import Path
 from armctl.calibration import CalibrationStore, calibrated
 from armctl.errors import OtherBoardError, PortError
 from armctl.hardware import BoardType, ByteModel, Driver, Setup
-from armctl.hardware.boards import board_type, channel_settings, find_board_type
+from armctl.hardware.boards import board_of_address, board_type, channel_settings, find_board_type
 from armctl.hardware.ports import boards_listed_as, find_board, list_ports
 from armctl.hardware.simulation import TICK_S, BoardServer
 from armctl.hardware.transport import NO_SUCH_PORT, Connection, PortInfo, describe_port
@@ -91,7 +91,9 @@ class Boards:
     def _driver(self, line: str, *, simulated: bool = False) -> Driver:
         board = board_type(self._robot.board)
         accept = partial(self._accept, line)
-        connection = Connection(line, self._now, self._ports, accept, simulated, board.baud)
+        own = board_of_address(line) is board
+        opened = partial(board.open_line, line) if own else line
+        connection = Connection(opened, self._now, self._ports, accept, simulated, board.baud)
         return board.driver(setup_of(self._robot), connection)
 
     def _accept(self, line: str, serial_number: str | None) -> None:

@@ -14,6 +14,7 @@
 #include <avr_extint.h>
 #include <avr_ioport.h>
 #include <avr_timer.h>
+#include <avr_twi.h>
 #include <avr_uart.h>
 #include <sim_avr.h>
 #include <sim_core.h>
@@ -39,6 +40,9 @@ typedef struct {
 
 typedef struct sim sim_t;
 
+/* What is on the I2C bus: gets what the CPU puts there, and answers with a message of simavr's; 0: nobody. */
+typedef uint32_t (*bus_t)(uint8_t message, uint8_t address, uint8_t data);
+
 /* What a pin's notification carries: simavr hands it back untouched. */
 typedef struct {
     sim_t *sim;
@@ -48,7 +52,8 @@ typedef struct {
 struct sim {
     avr_t *avr;
     avr_io_t resets; /* told of every reset */
-    avr_irq_t *uart_input;
+    avr_irq_t *uart_input, *twi_input;
+    bus_t bus;
     int uart_full; /* the UART's receive queue takes no more */
     int overflow;  /* a buffer below was full: something was lost */
     int driving;   /* a level is being set from outside: not an edge of the firmware's */
@@ -356,6 +361,25 @@ uint32_t sim_edges(sim_t *sim, edge_t *edges, uint32_t room)
     memmove(sim->edges, sim->edges + count, (sim->edge_count - count) * sizeof *edges);
     sim->edge_count -= count;
     return count;
+}
+
+static void on_twi(avr_irq_t *irq, uint32_t value, void *param)
+{
+    sim_t *sim = param;
+    avr_twi_msg_irq_t seen = {.u.v = value};
+    uint32_t answer = sim->bus(seen.u.twi.msg, seen.u.twi.addr, seen.u.twi.data);
+    (void)irq;
+    if (answer) {
+        uint8_t message = (uint8_t)(answer >> 8), data = (uint8_t)answer;
+        avr_raise_irq(sim->twi_input, avr_twi_irq_msg(message, seen.u.twi.addr, data));
+    }
+}
+
+void sim_bus(sim_t *sim, bus_t bus)
+{
+    sim->bus = bus;
+    sim->twi_input = avr_io_getirq(sim->avr, AVR_IOCTL_TWI_GETIRQ(0), TWI_IRQ_INPUT);
+    avr_irq_register_notify(avr_io_getirq(sim->avr, AVR_IOCTL_TWI_GETIRQ(0), TWI_IRQ_OUTPUT), on_twi, sim);
 }
 
 void sim_watch(sim_t *sim, int pin, int watched) { sim->watched[pin] = (uint8_t)watched; }

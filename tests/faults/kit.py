@@ -128,7 +128,7 @@ class Bench:
     """asked for anew at each tick, as by a button that is held"""
 
     def __post_init__(self) -> None:
-        self.robot: Robot = ROBOTS[self.kind]
+        self.robot = self._robot()
         self.board = self._model()
         self.line: FaultyModel[Any] = FaultyModel(self.board, self.seed)
         self.patch = pytest.MonkeyPatch()
@@ -147,6 +147,9 @@ class Bench:
             black_boxes=folder and folder / "black-box",
             poses=self.poses,
         )
+
+    def _robot(self) -> Robot:
+        return ROBOTS[self.kind]
 
     def _model(self) -> Any:
         if self.kind == "maestro":

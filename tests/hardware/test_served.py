@@ -26,6 +26,8 @@ from armctl.hardware.maestro.simulated import (
     SimulatedMaestro,
     simulated_maestro,
 )
+from armctl.hardware.pca9685.driver import Pca9685Driver
+from armctl.hardware.pca9685.simulated import SimulatedPca9685, SimulatedPca9685Board
 from armctl.hardware.simulation import BoardServer
 from armctl.hardware.transport import Connection
 from armctl.protocol import ManualClock, MonotonicClock
@@ -75,6 +77,7 @@ def test_plain_serial_clients(clock: ManualClock, tmp_path: Path):
             partial(EncoderDriver, settings=EncoderSettings(AXES), timeout_s=PATIENT_S),
             AXIS_CHANNELS,
         ),
+        (SimulatedPca9685Board(SimulatedPca9685()), partial(Pca9685Driver, timeout_s=PATIENT_S), SERVOS),
     ],
 )
 def test_two_sessions_and_an_unplugged_board(board: ByteModel, driver_of, channels):

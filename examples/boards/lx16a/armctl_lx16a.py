@@ -204,13 +204,12 @@ class Lx16aDriver(Abilities):
         if (volts := bus.asked(servo, READ_VOLTAGE, 2, 1)) is not None:
             self._seen[servo].voltage = int.from_bytes(volts, "little") / 1000
         known = {servo: self._seen[servo] for servo in self._table.channels}
+        gone = [servo for servo, one in known.items() if one.missed >= _GONE]
         asked, lost, bus.count, bus.lost = bus.count, bus.lost, 0, 0
         return Readback(
-            {servo: None if one.missed >= _GONE else one.position for servo, one in known.items()},
+            {servo: None if servo in gone else one.position for servo, one in known.items()},
             Source.MEASURED,
-            faults={
-                servo: f"servo {servo} does not answer" for servo, one in known.items() if one.missed >= _GONE
-            },
+            faults={servo: f"servo {servo} does not answer" for servo in gone},
             temperature={servo: one.temperature for servo, one in known.items()},
             voltage={servo: one.voltage for servo, one in known.items()},
             asked=asked,

@@ -22,9 +22,9 @@ from armctl.hardware.board_type import Finding, Verdict, failed
 from armctl.hardware.boards import board_type, board_types, channel_settings, find_board_type
 from armctl.hardware.doctor import Patient, examine
 from armctl.hardware.faults import FAULT_HELP, FaultyModel, Trouble, trouble
-from armctl.hardware.ports import approach, find_board, list_ports, probe
+from armctl.hardware.ports import approach, find_board, list_ports, open_line, probe
 from armctl.hardware.simulation import BoardServer
-from armctl.hardware.transport import PortInfo, SerialTransport, describe_port
+from armctl.hardware.transport import PortInfo, describe_port
 from armctl.protocol import MonotonicClock
 from armctl.report import environment, report, scrubbed
 from armctl.robot import Robot, load_robot
@@ -85,7 +85,9 @@ def _answer(port: PortInfo) -> str | None:
         return None
     try:
         answer = probe(
-            lambda baud: SerialTransport(port.device, baud=baud), approach(port.kind), MonotonicClock().now
+            lambda baud: open_line(port.device, baud),
+            approach(port.kind, port=port.device),
+            MonotonicClock().now,
         )
         return f"probed: {answer}"
     except ArmctlError as error:
@@ -143,11 +145,12 @@ def _examined(port: str, robot: Robot | None) -> Sequence[Finding]:
     now = MonotonicClock().now
     expected = None if robot is None else robot.board
     channels = () if robot is None else tuple(channel_settings(robot))
+    settings = None if robot is None else robot.board_settings
     # Of the simulated boards the Maestro is the one that needs no robot to be set up.
     with closing(Boards(robot or load_robot("uzuner"), now)) as boards:
         if port == SIMULATED:
             device = boards.simulated().port
-            patient = Patient(device, expected=expected, channels=channels, simulated=True)
+            patient = Patient(device, None, expected, channels, simulated=True, settings=settings)
         else:
             listing = list_ports()
             named, device = split_kind(port)
@@ -157,8 +160,9 @@ def _examined(port: str, robot: Robot | None) -> Sequence[Finding]:
                 device = find_board(listing, expected).device
             kind = named.kind if named else expected
             missing = [one for one in listing if one.missing]
-            patient = Patient(device, describe_port(device, listing), kind, channels, missing=missing)
-        return examine(patient, lambda baud: SerialTransport(device, baud=baud), now)
+            info = describe_port(device, listing)
+            patient = Patient(device, info, kind, channels, missing=missing, settings=settings)
+        return examine(patient, lambda baud: open_line(device, baud), now)
 
 
 def _report(asked: str, findings: Sequence[Finding]) -> str:

@@ -153,7 +153,7 @@ class MeshProgress:
 QUERY_SETTINGS = {"ignore_unknown_options": True, "help_option_names": ["-h", "--help"]}
 """For commands with number arguments: ``-196`` is a number, not an option."""
 
-_PORT_HELP = "sim, auto, a device or socket://host:port."
+_PORT_HELP = "sim, auto, a device, socket://host:port or i2c://bus/address."
 port_option = click.option("--port", default="sim", show_default=True, help=_PORT_HELP)
 park_option = click.option(
     "--park",

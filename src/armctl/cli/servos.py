@@ -15,8 +15,9 @@ from armctl.cli.options import ROBOT, json_option, named_port_option, print_json
 from armctl.errors import InputError
 from armctl.hardware.boards import board_type, channel_settings
 from armctl.hardware.bus.lerobot import KeptServo, changed, read_kept, write_kept
-from armctl.hardware.bus.setup import FoundServo, ServoSetup, differences
+from armctl.hardware.bus.setup import differences
 from armctl.hardware.ports import find_board, list_ports
+from armctl.hardware.servos import FoundServo, ServoSetup
 from armctl.hardware.transport import SerialTransport
 from armctl.protocol import MonotonicClock
 from armctl.robot import Robot, load_robot

@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, ClassVar, Protocol, TypeAlias
 
 import numpy as np
 
-from armctl.errors import BoardError
+from armctl.errors import BoardError, PortError
 from armctl.hardware.driver import ChannelScale, ChannelSettings, Driver, translated
 from armctl.robot.board_entries import BoardEntries
 
 if TYPE_CHECKING:
     from armctl.hardware.servos import ServoSetup
-    from armctl.hardware.transport import Connection, Transport
+    from armctl.hardware.transport import Connection, PortInfo, Transport
     from armctl.robot import Robot
 
 ANY_PRODUCT = None
@@ -109,6 +109,10 @@ class BoardType(ABC):
     """how a port with this board may be listed, likeliest first; those of one group are as likely"""
     shared: ClassVar[tuple[str, ...]] = ()
     """which of these are listings behind which another kind of board may be as well"""
+    scheme: ClassVar[str | None] = None
+    """what stands before ``://`` in the addresses that only this kind of board has; it opens them itself"""
+    stands_behind: ClassVar[str | None] = None
+    """the kind of board that answers for it on a serial port, where it stands behind another board"""
     baud: ClassVar[int] = 115_200  # at which its line is opened
     restarts: ClassVar[bool] = False
     """whether opening its port starts it anew: it may take seconds to answer then"""
@@ -149,6 +153,14 @@ class BoardType(ABC):
     def listed_by_name(self, stable_name: str) -> str | None:
         """How a port is listed of which only udev's stable name is known; None: not this board."""
         return None
+
+    def own_ports(self) -> Sequence[PortInfo]:
+        """The addresses of its own that this computer has; opens none."""
+        return ()
+
+    def open_line(self, port: str) -> Transport:
+        """Open one of its own addresses; ``PortError`` says why it cannot be opened, and what to do."""
+        raise PortError(f"{port}: a {self.title} has no addresses of its own")
 
     def port_refusal(self, listing: str, interface: int | None) -> str | None:
         """Why a port of this board is the wrong one to use; ``interface``: its USB interface number."""
@@ -300,6 +312,7 @@ class CheckUp:
     listing: str | None = None  # how the port is listed; None: it is not
     reported: tuple[str, ...] = ()  # errors that the board had kept from before
     simulated: bool = False
+    settings: object = None  # what the robot file says of the board besides the map of the outputs
 
 
 # How long questions to a board and their answers take.

@@ -14,10 +14,17 @@ from armctl.hardware.encoder.board import EncoderBoard
 from armctl.hardware.feetech.board import FeetechBoard
 from armctl.hardware.firmata.board import FirmataBoard
 from armctl.hardware.maestro.board import MaestroBoard
+from armctl.hardware.pca9685.board import Pca9685Board
 from armctl.robot import Robot
 from armctl.robot.board_entries import BoardEntries
 
-SHIPPED: tuple[BoardType, ...] = (MaestroBoard(), FirmataBoard(), EncoderBoard(), FeetechBoard())
+SHIPPED: tuple[BoardType, ...] = (
+    MaestroBoard(),
+    FirmataBoard(),
+    EncoderBoard(),
+    FeetechBoard(),
+    Pca9685Board(),
+)
 """in the order in which they are asked who is there: a question of the second upsets the first,
 and a Maestro takes a ping on a servo bus for an order"""
 GROUP = "armctl.boards"
@@ -61,6 +68,12 @@ def board_type(kind: str) -> BoardType:
     if found is None:
         raise InputError(f"there is no board of the kind {kind!r}; there are {', '.join(kinds())}")
     return found
+
+
+def board_of_address(port: str) -> BoardType | None:
+    """The board that opens a port itself: its address is of that board's own form. None: any other port."""
+    scheme, colon, _ = port.partition("://")
+    return next((one for one in board_types() if colon and one.scheme == scheme), None)
 
 
 def kinds() -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from armctl.errors import ArmctlError
 from armctl.hardware.access import permission_hint
@@ -20,7 +20,7 @@ from armctl.hardware.board_type import (
     ok,
     warning,
 )
-from armctl.hardware.boards import board_type, board_types
+from armctl.hardware.boards import board_of_address, board_type, board_types
 from armctl.hardware.driver import ChannelSettings, translated
 from armctl.hardware.ports import PortChecks, Probed, approach, boards_listed_as, reach
 from armctl.hardware.transport import PortInfo, Transport
@@ -41,6 +41,7 @@ class Patient:
     checks: PortChecks = field(default_factory=PortChecks)
     simulated: bool = False  # whether a simulated board is behind it
     missing: Sequence[PortInfo] = ()  # boards that are plugged in without a port
+    settings: object = None  # what the robot file says of the board besides the map of the outputs
 
     @property
     def listing(self) -> str | None:
@@ -56,18 +57,21 @@ def examine(
     if any(one.verdict is Verdict.FAILED for one in findings):
         return (*findings, not_checked("opens", "the port cannot be used"), *_unseen())
     try:
-        line, probed = reach(open_line, approach(patient.listing, patient.expected), now)
+        line, probed = reach(open_line, approach(patient.listing, patient.expected, patient.port), now)
     except ArmctlError as error:
         return (*findings, failed("opens", str(error)), *_unseen())
     try:
         findings.append(ok("opens", "yes; locked for other programs but root's"))
+        probed = _behind(patient, probed)
         findings.append(_who(patient, probed))
         if probed.board is None:
             return (*findings, *_unseen()[1:])
         # Another board than expected is not asked for the robot's channels.
         fits = patient.expected in (None, probed.board) or not patient.channels
         needs = ChannelsToCheck(patient.channels) if fits else OF_ANOTHER_BOARD
-        check_up = CheckUp(line, now, needs, patient.listing, probed.reported, patient.simulated)
+        check_up = CheckUp(
+            line, now, needs, patient.listing, probed.reported, patient.simulated, patient.settings
+        )
         try:
             findings += translated("the check-up", board_type(probed.board).examine, check_up)
         except ArmctlError as error:
@@ -81,6 +85,8 @@ def _port(patient: Patient) -> list[Finding]:
     """What can be told without opening the port."""
     port, info, checks = patient.port, patient.info, patient.checks
     if "://" in port:
+        if (board := board_of_address(port)) is not None:
+            return [ok("port", f"an address of a {board.title}: its opening tells whether it can be used")]
         return [ok("port", "a network address: neither permission nor other programs can be checked")]
     if not os.path.exists(port):  # a Path raises where it may not look
         advice = "plug the board in; `armctl ports` lists what is there"
@@ -110,6 +116,14 @@ def _listed(info: PortInfo) -> str:
     serial_number = f", USB serial number {info.serial_number}" if info.serial_number else ""
     stable = f", also {info.stable_name}" if info.stable_name else ""
     return f"{info.kind}{serial_number}{stable}"
+
+
+def _behind(patient: Patient, probed: Probed) -> Probed:
+    """The expected board in place of the one that answers for it: its check-up looks for it."""
+    if patient.expected is None or probed.board is None:
+        return probed
+    stands_behind = board_type(patient.expected).stands_behind == probed.board
+    return replace(probed, board=patient.expected) if stands_behind else probed
 
 
 def _who(patient: Patient, probed: Probed) -> Finding:

@@ -15,9 +15,9 @@ from serial.tools.list_ports_common import ListPortInfo
 from armctl.errors import BoardError, BoardProtocolError, InputError, NoBoardError
 from armctl.hardware.access import TakenDevice, permission_hint, port_notes, program_using, taken_devices
 from armctl.hardware.board_type import ANY_PRODUCT, BoardType, Introduction, listen
-from armctl.hardware.boards import board_type, board_types, find_board_type
+from armctl.hardware.boards import board_of_address, board_type, board_types, find_board_type
 from armctl.hardware.driver import translated
-from armctl.hardware.transport import UNKNOWN, PortInfo, Transport, resolved
+from armctl.hardware.transport import UNKNOWN, PortInfo, SerialTransport, Transport, resolved
 from armctl.system import may_open
 
 _BY_ID = Path("/dev/serial/by-id")
@@ -58,7 +58,10 @@ def list_ports(
     by_id: Path = _BY_ID,
     checks: PortChecks = _SYSTEM,
 ) -> list[PortInfo]:
-    """Every serial port, known boards first. Opens none: that would reset an Arduino."""
+    """Every serial port and what boards list themselves, known boards first.
+
+    Opens none: that would reset an Arduino.
+    """
     stable_names = _stable_names(by_id)
     ports: list[PortInfo] = []
 
@@ -103,7 +106,14 @@ def list_ports(
         if kind != UNKNOWN:
             device = f"USB {one.place}"
             ports.append(PortInfo(device, kind, kind, one.serial_number, False, one.why, missing=True))
+    ports += (port for board in board_types() for port in board.own_ports())
     return sorted(ports, key=lambda port: (_rank(port.kind), not port.usable, port.device))
+
+
+def open_line(port: str, baud: int) -> Transport:
+    """Open a port, as its board does it where the address is one of that board's own."""
+    board = board_of_address(port)
+    return SerialTransport(port, baud=baud) if board is None else board.open_line(port)
 
 
 def find_board(ports: Sequence[PortInfo], kind: str | None) -> PortInfo:
@@ -210,12 +220,16 @@ class Approach:
     asked: tuple[BoardType, ...]  # the boards that are asked, in this order, where none has spoken
 
 
-def approach(listing: str | None, expected: str | None = None) -> Approach:
+def approach(listing: str | None, expected: str | None = None, port: str = "") -> Approach:
     """How to meet a port that is listed so (None: no USB device, such as a pty or a socket).
+
+    One whose address is of a board's own form has that kind of board, or none.
 
     What is behind a USB-to-serial chip may be anything, so nothing is asked there unless the user has
     said which kind of board to expect: an Arduino speaks anyway, and any byte could upset another device.
     """
+    if (owner := board_of_address(port)) is not None:
+        return Approach((owner.baud,), 0.0, (owner,))
     wanted = None if expected is None else find_board_type(expected)
     listed = boards_listed_as(listing)
     for board in listed:

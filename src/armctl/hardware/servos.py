@@ -1,4 +1,4 @@
-"""Setting servos up, as ``armctl servos`` does: what a board with servos that have settings can tell and do."""
+"""Setting servos up, as ``armctl servos`` does: what a board whose servos have settings can tell and do."""
 
 from __future__ import annotations
 

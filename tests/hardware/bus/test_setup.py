@@ -11,8 +11,9 @@ from tests.hardware.bus_kit import BusBench, TimedLoop
 
 from armctl.errors import BoardError, BoardTimeoutError, InputError
 from armctl.hardware.bus.lerobot import changed, read_kept, write_kept
-from armctl.hardware.bus.setup import Difference, ServoSetup, differences
+from armctl.hardware.bus.setup import BusSetup, differences
 from armctl.hardware.feetech.make import FEETECH
+from armctl.hardware.servos import Difference
 from armctl.robot import load_robot
 
 ROBOT = load_robot("so101")
@@ -26,7 +27,7 @@ class Desk:
     def __init__(self) -> None:
         self.bench = BusBench(ROBOT)
         self.bus, self.opened = self.bench.bus, list[int]()
-        self.setup = ServoSetup(FEETECH, self._open, self.bench.clock.now, 0.008)
+        self.setup = BusSetup(FEETECH, self._open, self.bench.clock.now, 0.008)
 
     def _open(self, baud: int):
         self.opened.append(baud)

@@ -12,6 +12,7 @@ from armctl.hardware.firmata.codec import (
     BoardText,
     CapabilityReport,
     FirmwareReport,
+    I2cReply,
     Malformed,
     PinMode,
     PinState,
@@ -34,6 +35,10 @@ from armctl.hardware.firmata.simulated import SimulatedServo
         (codec.servo_write(9, 1500), "f0 6f 09 5c 0b f7"),  # 1500 = 11·128 + 92
         (codec.servo_write(22, 544), "f0 6f 16 20 04 f7"),
         (codec.servo_write(127, 2912), "f0 6f 7f 60 16 f7"),
+        (codec.I2C_START, "f0 78 00 00 f7"),
+        (codec.i2c_write(0x40, b"\xfe\x79"), "f0 76 40 00 7e 01 79 00 f7"),
+        (codec.i2c_read(0x40, 0xFE, 1), "f0 76 40 08 7e 01 01 00 f7"),
+        (codec.i2c_read(0x41, None, 1), "f0 76 41 08 01 00 f7"),
     ],
 )
 def test_bytes(message: bytes, expected: str):
@@ -50,6 +55,8 @@ def test_bytes(message: bytes, expected: str):
         (lambda: codec.servo_write(128, 1500), "pin 128 is outside 0 … 127"),
         (lambda: codec.servo_config(-1, 544, 2400), "pin -1 is outside 0 … 127"),
         (lambda: codec.pin_state_query(128), "pin 128 is outside 0 … 127"),
+        (lambda: codec.i2c_write(128, b""), "I²C address 128 is outside 0 … 127"),
+        (lambda: codec.i2c_read(-1, 0, 1), "I²C address -1 is outside 0 … 127"),
         (lambda: codec.pin_mode(128, PinMode.OUTPUT), "pin 128 is outside 0 … 127"),
     ],
 )
@@ -92,6 +99,8 @@ GOLDEN = [
     ("f0 6e 09 01 00 f7", PinState(9, 1, 0)),
     ("f0 6e 0c 04 55 70 7f f7", PinState(12, 4, 0x55 + 0x70 * 128 + 0x7F * 16384)),
     (TEXT, BoardText("Hé")),
+    ("f0 77 40 00 7e 01 79 00 f7", I2cReply(0x40, 0xFE, b"\x79")),
+    ("f0 77 40 00 00 00 f7", I2cReply(0x40, 0, b"")),
 ]
 
 
@@ -130,6 +139,7 @@ def test_a_message_broken_off_by_another_costs_only_itself():
         *("6c", "6c 7f 00", "6c 7f 00 7f"),
         *("6e 09", "6e 09 04", "6e"),
         *("71 48", "71 02 03 48 00"),
+        *("77 40 00", "77 40 00 00 00 01"),
     ],
 )
 def test_a_message_that_makes_no_sense(body: str):

@@ -9,7 +9,7 @@ from tests.avr.conformance import Check, ModelLine
 from tests.avr.firmata_conformance import CONFORMANCE, REPORT
 
 from armctl.errors import InputError
-from armctl.hardware.firmata.codec import ReplyParser
+from armctl.hardware.firmata.codec import BoardText, I2cReply, ReplyParser
 from armctl.hardware.firmata.simulated import SimulatedFirmata, SimulatedServo
 
 NAME = "StandardFirmata.ino".encode("utf-16-le").hex(" ")
@@ -54,6 +54,45 @@ def test_it_reports_itself_when_it_has_started_and_is_deaf_before():
 )
 def test_answers(command: str, answer: str):
     assert say(running(), command) == answer
+
+
+class OneChip:
+    """An I²C chip at 0x40 that gives back its register's number, counted up."""
+
+    def __init__(self) -> None:
+        self.written: list[str] = []
+
+    def __call__(self, address: int, data: bytes, count: int) -> bytes | None:
+        if address != 0x40:
+            return None
+        self.written.append(data.hex(" "))
+        start = data[0] if data else 0
+        return bytes((start + k) % 256 for k in range(count))
+
+
+def test_i2c():
+    chip = OneChip()
+    board = SimulatedFirmata(i2c=chip)
+    board.advance(0.0)
+    board.feed(b"")
+    assert say(board, "f0 76 40 08 00 00 01 00 f7") == "", "not before its pins are given to I²C"
+    assert say(board, "f0 78 00 00 f7 f0 6d 14 f7") == "f0 6e 14 06 00 f7"
+    assert say(board, "f0 76 40 00 06 00 7f 01 f7") == ""
+    assert say(board, "f0 76 40 08 7e 01 02 00 f7") == "f0 77 40 00 7e 01 7e 01 7f 01 f7"
+    assert say(board, "f0 76 40 08 01 00 f7") == "f0 77 40 00 00 00 00 00 f7"
+    assert chip.written == ["06 ff", "fe", ""]
+    assert say(board, f"f0 76 40 00 {'06 00 ' * 15} f7 f9") == "f9 02 03"
+    assert len(chip.written) == 3, "a sysex of 33 bytes is dropped"
+
+
+def test_where_nobody_answers_it_says_so_and_sends_what_it_read_before():
+    board = SimulatedFirmata(i2c=OneChip())
+    board.advance(0.0)
+    say(board, "f0 78 00 00 f7 f0 76 40 08 05 00 01 00 f7")
+    text, reply = ReplyParser().feed(bytes.fromhex(say(board, "f0 76 41 08 09 00 01 00 f7")))
+    assert text == BoardText("I2C Read Error: Too many bytes received")  # the sketch's own mistake
+    assert reply == I2cReply(0x40, 5, b"\x05")
+    assert say(board, "f0 76 41 00 00 00 f7") == ""
 
 
 @pytest.mark.parametrize("check", CONFORMANCE, ids=lambda check: check.__name__)

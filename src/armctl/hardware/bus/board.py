@@ -23,8 +23,8 @@ from armctl.robot.board_entries import ServoEntries
 if TYPE_CHECKING:
     from armctl.hardware.bus.make import ServoMake
     from armctl.hardware.bus.plant import PlantJoint
-    from armctl.hardware.bus.setup import ServoSetup
     from armctl.hardware.bus.simulated import BusServo, Gear, Supply
+    from armctl.hardware.servos import ServoSetup
     from armctl.hardware.transport import Connection, Transport
 
 SERVO_BUS = "USB adapter of a servo bus"
@@ -107,10 +107,10 @@ class BusBoard(BoardType):
         self, open_line: Callable[[int], Transport], now: Callable[[], float], *, simulated: bool = False
     ) -> ServoSetup:
         """Scan, ids, EEPROM, nudges."""
-        from armctl.hardware.bus.setup import ServoSetup
+        from armctl.hardware.bus.setup import BusSetup
 
         timeout_s = _SIMULATED_TIMEOUT_S if simulated else _TIMEOUT_S
-        return ServoSetup(self.make(), open_line, now, timeout_s, simulated=simulated)
+        return BusSetup(self.make(), open_line, now, timeout_s, simulated=simulated)
 
     def ask(self, line: Transport, now: Callable[[], float]) -> Introduction | None:
         """Ping the ids that arms have; pings upset no other board."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, EnableError
 from armctl.hardware.bus import EEPROM_ADVICE, SCALE
 from armctl.hardware.bus.line import BusLine
-from armctl.hardware.bus.make import ServoMake, ServoSettings, Telemetry, switch_on, take_over
+from armctl.hardware.bus.make import ServoMake, Telemetry, switch_on, take_over
 from armctl.hardware.driver import (
     Abilities,
     BoardIdentity,
@@ -17,6 +17,7 @@ from armctl.hardware.driver import (
     Readback,
     Source,
 )
+from armctl.hardware.servos import ServoSettings
 from armctl.hardware.transport import Connection
 
 _DOUBTED, _MISSED = 3, 5

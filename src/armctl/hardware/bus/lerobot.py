@@ -11,7 +11,7 @@ from msgspec import Meta
 
 from armctl.documents import write_atomically
 from armctl.errors import InputError
-from armctl.hardware.bus.setup import FoundServo
+from armctl.hardware.servos import FoundServo
 
 Step = Annotated[int, Meta(ge=-4095, le=4095)]
 

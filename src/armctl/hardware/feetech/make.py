@@ -10,10 +10,11 @@ from types import MappingProxyType
 
 from armctl.errors import BoardError, BoardTimeoutError, EnableError
 from armctl.hardware.bus.line import BusLine
-from armctl.hardware.bus.make import Block, ServoMake, ServoSettings, Telemetry
+from armctl.hardware.bus.make import Block, ServoMake, Telemetry
 from armctl.hardware.bus.packets import BusPacket
 from armctl.hardware.bus.table import ControlTable, Register, Sign
 from armctl.hardware.feetech.packets import FeetechForm
+from armctl.hardware.servos import ServoSettings
 
 _MAGNITUDE = Sign.MAGNITUDE
 TABLE = ControlTable(

@@ -15,6 +15,7 @@ from armctl.hardware.firmata import LARGEST_PULSE_US, SMALLEST_PULSE_US
 
 _MAX_14_BIT = 0x3FFF
 _MAX_PIN = 0x7F
+_MAX_I2C_ADDRESS = 0x7F
 
 
 class MessageStart(IntEnum):
@@ -44,6 +45,9 @@ class Sysex(IntEnum):
     EXTENDED_ANALOG = 0x6F
     SERVO_CONFIG = 0x70
     STRING_DATA = 0x71
+    I2C_REQUEST = 0x76
+    I2C_REPLY = 0x77
+    I2C_CONFIG = 0x78
     REPORT_FIRMWARE = 0x79
     SAMPLING_INTERVAL = 0x7A
 
@@ -132,6 +136,24 @@ def servo_limits(minimum_us: int, maximum_us: int) -> tuple[int, int]:
     return lowest, highest
 
 
+I2C_START = sysex(Sysex.I2C_CONFIG, 0, 0)
+"""give the sketch its I²C pins; no pause between the register of a question and its answer"""
+I2C_READ = 0b0000_1000
+
+
+def i2c_write(address: int, data: bytes) -> bytes:
+    """One I²C transfer: a register, and what goes there and behind. Whether anybody took it is not told."""
+    _check("I²C address", address, 0, _MAX_I2C_ADDRESS)
+    return sysex(Sysex.I2C_REQUEST, address, 0, *(half for byte in data for half in split_14_bits(byte)))
+
+
+def i2c_read(address: int, register: int | None, count: int) -> bytes:
+    """Ask for ``count`` bytes from a register on; None: from wherever the chip has its pointer."""
+    _check("I²C address", address, 0, _MAX_I2C_ADDRESS)
+    start = () if register is None else split_14_bits(register)
+    return sysex(Sysex.I2C_REQUEST, address, I2C_READ, *start, *split_14_bits(count))
+
+
 def split_14_bits(value: int) -> tuple[int, int]:
     """Two data bytes of 7 bits, low one first."""
     return value & 0x7F, value >> 7
@@ -190,19 +212,39 @@ class BoardText:
 
 
 @dataclass(frozen=True, slots=True)
+class I2cReply:
+    """What was read from an I²C chip.
+
+    Sketches before 2.4 send what they had read before where nobody answers; a ``BoardText`` goes ahead of it.
+    """
+
+    address: int
+    register: int  # 0 where none was given
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class Malformed:
     """A message that breaks off or makes no sense."""
 
     raw: bytes
 
 
-Reply: TypeAlias = VersionReport | FirmwareReport | CapabilityReport | PinState | BoardText | Malformed
+Reply: TypeAlias = (
+    VersionReport | FirmwareReport | CapabilityReport | PinState | BoardText | I2cReply | Malformed
+)
 
 _LONGEST_SYSEX = 8192
 """the capabilities of a Mega are about 700 bytes; anything this long is no Firmata"""
 _COMMAND_BIT = 0x80
 _START, _PIN_ENDS = bytes((MessageStart.START_SYSEX,)), bytes((END_OF_PIN,))
-_DECODED = (Sysex.REPORT_FIRMWARE, Sysex.CAPABILITY_RESPONSE, Sysex.PIN_STATE_RESPONSE, Sysex.STRING_DATA)
+_DECODED = (
+    Sysex.REPORT_FIRMWARE,
+    Sysex.CAPABILITY_RESPONSE,
+    Sysex.PIN_STATE_RESPONSE,
+    Sysex.STRING_DATA,
+    Sysex.I2C_REPLY,
+)
 
 
 class ReplyParser:
@@ -264,10 +306,16 @@ def _decode(body: bytes) -> list[Reply]:
         return [PinState(data[0], data[1], value)]
     if kind == Sysex.STRING_DATA and even and (text := _text(data)).isprintable():
         return [BoardText(text)]
+    if kind == Sysex.I2C_REPLY and even and len(data) >= 4:
+        address, register, *rest = _whole_bytes(data)
+        return [I2cReply(address, register, bytes(rest))]
     return [Malformed(body)] if kind is None or kind in _DECODED else []
 
 
 def _text(data: bytes) -> str:
-    """Characters sent as two 7-bit bytes each."""
-    codes = bytes((low | high << 7) & 0xFF for low, high in zip(data[::2], data[1::2], strict=True))
-    return codes.decode("latin-1")
+    return _whole_bytes(data).decode("latin-1")
+
+
+def _whole_bytes(data: bytes) -> bytes:
+    """Bytes that were sent as two of 7 bits each."""
+    return bytes((low | high << 7) & 0xFF for low, high in zip(data[::2], data[1::2], strict=True))

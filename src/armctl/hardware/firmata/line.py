@@ -28,6 +28,11 @@ _CHUNK = 4096
 _KEPT = 512
 """how much of what came is kept to tell who it is"""
 
+RESTARTED = (
+    "the board has restarted (reset button, or its supply broke down): its servos are off and the arm may "
+    "have dropped; check the supply, then connect again"
+)
+
 Wanted = TypeVar("Wanted")
 
 
@@ -46,12 +51,14 @@ class FirmataLine:
     which a write failed, or whose board has started anew, takes nothing more: it has to be opened
     again, and there only a question that ends no sysex is asked until the board answers it.
     ``send``, ``receive`` and ``listen`` raise ``BoardError`` then, and where the line is gone.
+    ``restarted``: what it means that the board has started anew.
     """
 
-    def __init__(self, transport: Transport, now: Callable[[], float]) -> None:
+    def __init__(self, transport: Transport, now: Callable[[], float], restarted: str = RESTARTED) -> None:
         self.name = transport.name
         self._transport = transport
         self._now = now
+        self._restarted = restarted
         self._parser = ReplyParser()
         self._version: VersionReport | None = None
         self._identified = False
@@ -151,10 +158,7 @@ class FirmataLine:
         # The version is never asked for once the board is known; a board that starts tells it by itself.
         # Another one than before is a garbled message.
         elif self._version in replies:
-            raise self.lose(
-                "the board has restarted (reset button, or its supply broke down): its servos "
-                "are off and the arm may have dropped; check the supply, then connect again"
-            )
+            raise self.lose(self._restarted)
         return replies
 
     def _check(self) -> None:

@@ -4,10 +4,20 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from armctl.errors import InputError
-from armctl.hardware.firmata.codec import END_OF_PIN, MessageStart, PinMode, Sysex, split_14_bits, sysex
+from armctl.hardware.firmata.codec import (
+    END_OF_PIN,
+    I2C_READ,
+    MessageStart,
+    PinMode,
+    Sysex,
+    split_14_bits,
+    sysex,
+)
 
 # One servo of a simulated sketch: what the Arduino Servo library does with what it is given.
 
@@ -113,8 +123,19 @@ def _with_text(kind: Sysex, text: str, *data: int) -> bytes:
 _NAME_REPORT = _with_text(Sysex.REPORT_FIRMWARE, "StandardFirmata.ino", *_VERSION)
 
 
+I2cTransfer: TypeAlias = Callable[[int, bytes, int], "bytes | None"]
+"""An I²C bus: address, what is written, how many bytes are read then. None: nobody acknowledges."""
+_WIRE_BUFFER = 32
+_NOTHING_READ = bytes(_WIRE_BUFFER)
+_I2C_ERROR = "I2C Read Error: Too many bytes received"
+
+
+def _no_chips(address: int, data: bytes, count: int) -> bytes | None:
+    return None
+
+
 class SimulatedFirmata:
-    """StandardFirmata on a Mega, with servos and analog reports; I²C and serial pins do nothing.
+    """StandardFirmata on a Mega, with servos, analog reports and I²C (``i2c``: what is on its bus).
 
     Nothing is connected to its inputs: the digital ones are low, and an analog channel reads what ``analog``
     says, 0 … 1023.
@@ -125,8 +146,9 @@ class SimulatedFirmata:
     real Mega 1.7 s and its bootloader's time). The last ``log_length`` pulses of each pin are kept.
     """
 
-    def __init__(self, boot_s: float = 0.0, log_length: int = 10_000) -> None:
+    def __init__(self, boot_s: float = 0.0, log_length: int = 10_000, i2c: I2cTransfer = _no_chips) -> None:
         self._boot_s = boot_s
+        self._i2c = i2c
         self._log_length = log_length
         self._now: float | None = None
         self._pulses: dict[int, deque[Pulse]] = {}
@@ -148,6 +170,9 @@ class SimulatedFirmata:
         self._channels: set[int] = set()
         """the analog channels that are reported"""
         self._sampling_ms, self._sampled_ms = _SAMPLING_MS, 0
+        self._i2c_enabled = False
+        self._i2c_read = _NOTHING_READ
+        """address, register and data of the last reading that somebody answered"""
 
     def advance(self, now: float) -> bytes:
         """Let servo frames go by up to ``now`` [s]; the sketch reports itself once it has started."""
@@ -207,6 +232,8 @@ class SimulatedFirmata:
         match message.command:
             case MessageStart.START_SYSEX if len(data) > SYSEX_BUFFER:
                 self._crashed = True
+            case MessageStart.START_SYSEX if len(data) > _SYSEX_OBEYED:
+                pass
             case MessageStart.START_SYSEX if data:
                 return self._obey_sysex(data[0], data[1:])
             case MessageStart.REPORT_VERSION:
@@ -249,9 +276,30 @@ class SimulatedFirmata:
                 self._servos[data[0]].attach(data[1] + (data[2] << 7), data[3] + (data[4] << 7))
                 self._on.add(data[0])
                 self._set_mode(data[0], PinMode.SERVO)
+            case Sysex.I2C_CONFIG:
+                self._i2c_enabled = True
+                for pin in _I2C_PINS:
+                    self._set_mode(pin, PinMode.I2C)
+            case Sysex.I2C_REQUEST if len(data) > 2 and self._i2c_enabled:
+                return self._obey_i2c(data[0], data[1], data[2:])
             case _:
                 pass  # other sysexes have no handler, and short ones are ignored
         return b""
+
+    def _obey_i2c(self, address: int, mode: int, pairs: bytes) -> bytes:
+        """A write is not answered; a reading that fails is, with a text and what was read before."""
+        data = bytes((low | high << 7) & 0xFF for low, high in zip(pairs[::2], pairs[1::2], strict=False))
+        if not mode & I2C_READ:
+            self._i2c(address, data[:_WIRE_BUFFER], 0)
+            return b""
+        register, count = data[:-1], min(data[-1], _WIRE_BUFFER - 2)
+        found = self._i2c(address, register, count)
+        if found is not None:
+            self._i2c_read = bytes((address, *(register or b"\0"), *found)).ljust(_WIRE_BUFFER, b"\0")
+        halves = (half for byte in self._i2c_read[: 2 + count] for half in split_14_bits(byte))
+        reply = sysex(Sysex.I2C_REPLY, *halves)
+        # The sketch mixes up "few" and "many".
+        return reply if found is not None else _with_text(Sysex.STRING_DATA, _I2C_ERROR) + reply
 
     def _set_mode(self, pin: int, mode: int) -> bytes:
         if not _capabilities(pin):
@@ -300,6 +348,8 @@ def _checked(pin: int) -> int:
 
 # The receiving side of the sketch: single bytes to commands (FirmataParser.cpp).
 
+_SYSEX_OBEYED = 32
+"""data bytes of the longest sysex that is carried out; a longer one is dropped without a word"""
 SYSEX_BUFFER = 64
 """data bytes that the sketch can keep; more of them crash old builds for the Mega"""
 

@@ -23,6 +23,7 @@ from msgspec import inspect
 from armctl.facts import Reason
 from armctl.facts.words import KINDS as FACTS
 from armctl.hardware.encoder.axes import EncoderBoardEntry, EncoderEntry, GripperEncoderEntry
+from armctl.hardware.pca9685 import Pca9685Options
 from armctl.program.base_steps import keys_of
 from armctl.program.steps import KINDS, Step
 from armctl.robot.board_entries import ServoEntries
@@ -182,11 +183,12 @@ def board_entries() -> str:
     """The tables that boards read."""
     servo, gripper = ServoEntries().models
     tables = {
-        "`servo` of a joint (Maestro, Firmata)": servo,
-        "`servo` of the gripper (Maestro, Firmata)": gripper,
+        "`servo` of a joint (Maestro, Firmata, PCA9685)": servo,
+        "`servo` of the gripper (Maestro, Firmata, PCA9685)": gripper,
         "`encoder` of a joint (encoder board)": EncoderEntry,
         "`encoder` of the gripper (encoder board)": GripperEncoderEntry,
         "`[board]` of an encoder board, beside `kind`": EncoderBoardEntry,
+        "`[board]` of a PCA9685, beside `kind`": Pca9685Options,
     }
     return "\n\n".join(f"### {head}\n\n{table(struct)}" for head, struct in tables.items())
 
