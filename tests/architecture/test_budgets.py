@@ -26,8 +26,8 @@ FOLDERS = {
     "program": (10, 2_550),
     "protocol": (5, 1_120),
     "robot": (40, 11_260),
-    "runtime": (22, 5_660),
-    "ui": (83, 18_640),
+    "runtime": (22, 5_700),
+    "ui": (86, 18_900),
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

@@ -9,6 +9,7 @@ from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, EnableErro
 from armctl.hardware.bus import EEPROM_ADVICE, SCALE
 from armctl.hardware.bus.line import BusLine
 from armctl.hardware.bus.make import ServoMake, Telemetry, switch_on, take_over
+from armctl.hardware.bus.who import missing_words, named, nobody_words
 from armctl.hardware.driver import (
     Abilities,
     BoardIdentity,
@@ -30,8 +31,6 @@ _ALL_OFF = (
 )
 _LOOK_AGAIN_S = 0.5
 """how often a servo that is gone is asked whether it is there again"""
-_RETRY_S = 0.006
-"""time in which a reading asks again those that did not answer"""
 _JUMP_STEPS = 60
 """by which a position may differ from the one before beyond what the speed explains"""
 _LONGEST_STEP_S = 0.05
@@ -216,7 +215,7 @@ class BusDriver(Abilities):
             if self._note_torque(servo, share) and not self._make.limit_torque(line, servo, share)
         ]
         if silent:
-            raise BoardTimeoutError(f"{line.name}: {_named(silent)} did not confirm the torque limit")
+            raise BoardTimeoutError(f"{line.name}: {named(silent)} did not confirm the torque limit")
 
     def close(self) -> None:
         """Close the line; never raises. The servos go on holding."""
@@ -240,7 +239,7 @@ class BusDriver(Abilities):
         came = any([line.look_for_echo(servo, model.address) for servo in ids[:1]])
         found = [servo for servo in ids if line.ping(servo) is not None]
         if not found and ids:
-            raise BoardTimeoutError(self._nobody(line, came))
+            raise BoardTimeoutError(nobody_words(line, ids, came=came))
         notes: list[str] = []
         for servo in found:
             one = self._servos[servo]
@@ -254,35 +253,7 @@ class BusDriver(Abilities):
                 notes.append(f"servo {servo}: {one.settings.unfit}; {EEPROM_ADVICE}")
         for servo in set(ids) - set(found):
             self._servos[servo].gone = True
-        return (*self._missing(found), *notes)
-
-    def _missing(self, found: Sequence[int]) -> tuple[str, ...]:
-        """In words, who of the chain does not answer."""
-        missing = [servo for servo in self._ids if servo not in found]
-        if not missing:
-            return ()
-        words = f"{_named(missing)} of {len(self._ids)} did not answer"
-        if missing == list(self._ids[len(found) :]):
-            return (
-                f"{words}: whoever is behind a loose plug is silent; look at the one of servo {missing[0]}",
-            )
-        return (f"{words}: its plug, its id or its baud rate; `armctl servos` looks for it",)
-
-    def _nobody(self, line: BusLine, came: bool) -> str:
-        if line.echoes:
-            return (
-                f"{line.name}: the adapter answers with what it was sent, and no servo does; are the servos "
-                "powered, and is the first plug in?"
-            )
-        if came:
-            return (
-                f"{line.name}: something answers, but makes no sense: two servos with one id, another baud "
-                "rate, or another kind of bus"
-            )
-        return (
-            f"{line.name}: no servo answers ({_named(self._ids)} were asked). Are they powered (USB alone "
-            "does not feed them), is the first plug in, and is this the adapter's port?"
-        )
+        return (*missing_words(ids, found), *notes)
 
     def _check(self, settings: ChannelSettings) -> None:
         if not SCALE.holds_range(settings, 0, self._make.steps_per_turn - 1):
@@ -323,7 +294,7 @@ class BusDriver(Abilities):
             line.tell(self._make.form.write(one.id, *self._torque_off))
         if silent:
             raise BoardTimeoutError(
-                f"{line.name}: {_named(silent)} did not confirm that the torque is off; cut the power of the "
+                f"{line.name}: {named(silent)} did not confirm that the torque is off; cut the power of the "
                 "servos before you reach in"
             )
 
@@ -373,10 +344,10 @@ class BusDriver(Abilities):
         if present:
             ids = [one.id for one in present]
             answers = line.read_all(ids, make.telemetry.address, make.telemetry.size)
+            lost = [servo for servo in ids if servo not in answers]
+            if lost:  # once more: what a whole reading misses is mostly one packet
+                answers |= line.read_all(lost, make.telemetry.address, make.telemetry.size)
             for one in present:
-                if one.id not in answers and self._now() - now < _RETRY_S + self._timeout_s:
-                    request = make.form.read(one.id, make.telemetry.address, make.telemetry.size)
-                    answers |= line.exchange(request, [one.id], make.telemetry.size)
                 if one.id in answers:
                     self._take(one, make.understood(answers[one.id], make.telemetry))
                 else:
@@ -449,8 +420,3 @@ class BusDriver(Abilities):
             elif words:
                 faults[one.id] = f"servo {one.id}: {'; '.join(words)}"
         return faults, warnings
-
-
-def _named(servos: Sequence[int]) -> str:
-    numbers = ", ".join(map(str, servos))
-    return f"servo {numbers}" if len(servos) == 1 else f"servos {numbers}"
