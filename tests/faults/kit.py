@@ -20,8 +20,9 @@ from tests.runtime.kit import TEST, TICK
 from armctl.arrays import FloatArray
 from armctl.boards import setup_of
 from armctl.facts import State
-from armctl.hardware import BoardIdentity, ChannelSettings, Driver, Readback
+from armctl.hardware import Abilities, BoardIdentity, ChannelSettings, Driver, Readback
 from armctl.hardware.boards import board_type, channel_settings
+from armctl.hardware.bus.driver import BusDriver
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import simulated_encoder_board
@@ -93,6 +94,23 @@ class Spied:
 
     def _note(self, what: str, setpoints: Mapping[int, float] | None = None) -> None:
         self._log.append((self._clock.now(), what, dict(setpoints or {})))
+
+
+class SpiedBus(Spied, Abilities):
+    """The same of a servo bus, which can do more."""
+
+    def release_channels(self, channels: Sequence[int]) -> None:
+        self._note("release", dict.fromkeys(channels, 0.0))
+        self._bus.release_channels(channels)
+
+    def limit_torque(self, limits: Mapping[int, float]) -> None:
+        self._note("limit", limits)
+        self._bus.limit_torque(limits)
+
+    @property
+    def _bus(self) -> Abilities:
+        assert isinstance(self._driver, Abilities)
+        return self._driver
 
 
 class NoSuchPort:
@@ -174,7 +192,8 @@ class Bench:
             driver = EncoderDriver(connection, self.robot.board_settings)
         else:
             driver = board_type(self.kind).driver(setup_of(self.robot), connection)
-        return Spied(driver, self.clock, self.log)
+        spied = SpiedBus if isinstance(driver, BusDriver) else Spied
+        return spied(driver, self.clock, self.log)
 
     def _open(self, port: str) -> LoopTransport:
         number = errno.ENOENT if port != self.port else errno.EBUSY if self.busy else 0
