@@ -38,6 +38,10 @@ OURS = Path(__file__).parents[1]
 ROBOT, MANY = "uzuner", 10
 SETTLED_S, SECONDS = 3.0, 5.0
 _PATIENCE_S = 120.0
+_SERVE = (
+    "from armctl.cli.main import main; from armctl.ui import App; App.__init__.__defaults__ = (60.0,); main()"
+)
+"""A page that draws by software on a busy computer may be silent for so long that the arm would be stopped."""
 _TRIES = 5
 _TOO_SLOW = "no page lives so well on this computer now that the arm goes on; do nothing else on it"
 CLICKS = 12
@@ -109,7 +113,7 @@ def served(checkout: Path) -> Generator[Served]:
         log = Path(folder) / "log"
         with log.open("w") as file:
             server = subprocess.Popen(
-                [sys.executable, "-m", "armctl", *words, "--http-port", str(served.port)],
+                [sys.executable, "-c", _SERVE, *words, "--http-port", str(served.port)],
                 stdout=file, stderr=file, cwd=folder,
                 env=os.environ | {"PYTHONPATH": str(checkout / "src"), "PYTHONUNBUFFERED": "1"}
                 | dict.fromkeys(("XDG_DATA_HOME", "XDG_STATE_HOME"), folder),

@@ -115,6 +115,8 @@ POSES = (
 """of the steps of the program [degrees]"""
 EDITS = "Delete", "Alt+ArrowUp", "Alt+ArrowDown", "Control+d"
 """keys, and what they do to a row"""
+_LOOKS = 40
+"""until what is shown has to be true"""
 _COLUMNS = """() => {
   const rows = Array.from(document.querySelectorAll("[name=where] tr"), row => Array.from(row.children));
   const [heads, ...figures] = rows.map(cells => cells.slice(1).map(cell => cell.textContent));
@@ -313,8 +315,19 @@ class Sequence:
         self.go(stop=True)
 
     def looks_true(self) -> None:
-        """On both pages ghost, line and numbers say the same, once they have come to rest."""
-        self.page.pause(600)
+        """On both pages ghost, line and numbers say the same, once they have come to rest.
+
+        Scene and line come to a page on two websockets: on a busy computer one may be late.
+        """
+        self.page.pause(400)
+        for _ in range(_LOOKS):
+            try:
+                return self.look()
+            except AssertionError:
+                self.page.pause(250)
+        return self.look()
+
+    def look(self) -> None:
         for page in (self.page, self.other):
             self.looks_true_on(page)
         operator = [page for page in (self.page, self.other) if page.button("Take control").count() == 0]
