@@ -41,7 +41,7 @@ _PATIENCE_S = 120.0
 _SERVE = (
     "from armctl.cli.main import main; from armctl.ui import App; App.__init__.__defaults__ = (60.0,); main()"
 )
-"""A page that draws by software on a busy computer may be silent for so long that the arm would be stopped."""
+"""A page that draws by software on a busy computer may be silent for longer than the arm moves without it."""
 _TRIES = 5
 _TOO_SLOW = "no page lives so well on this computer now that the arm goes on; do nothing else on it"
 CLICKS = 12
