@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Position, expect
-from tests.browser.ghost_view import arrow_px, ghost_tip_mm, wait_for_no_ghost
+from tests.browser.ghost_view import LOOKED_AT, arrow_px, ghost_tip_mm, wait_for_no_ghost
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import HOME, ServedArm
 
@@ -339,15 +339,18 @@ class Sequence:
 
     def looks_true_on(self, page: Screen) -> None:
         q, tip, said, figures = self.kept(page), ghost_tip_mm(page), line(page), self.figures(page)
-        now, *others = figures.values()
+        now, *_ = figures.values()
         assert now == pytest.approx(self.told(self.served.now.q_command), abs=0.06)
+        if (looked_at := figures.pop("looked at", None)) is not None:  # in place of the next one
+            assert looked_at[5:] == pytest.approx(ghost_tip_mm(page, LOOKED_AT), abs=0.06)
+            figures["next"] = [] if q is None else self.told(q).tolist()
         if q is None:
-            assert tip is None and "next" not in figures
+            assert tip is None and not figures.get("next")
             assert said.startswith("No next pose") and not page.is_enabled("Go")
             return
         assert tip is not None and tip == pytest.approx(self.told(q)[5:], abs=0.05)
         assert written_mm(page) == pytest.approx(tip, abs=0.06)
-        assert others and others[0] == pytest.approx(self.told(q), abs=0.06)
+        assert figures["next"] == pytest.approx(self.told(q).tolist(), abs=0.06)
         if (step := re.search(r"step (\d+)", said)) is not None:
             ends = self.led_to(int(step[1]) - 1)
             assert int(step[1]) <= len(self.served.steps)

@@ -97,8 +97,8 @@ class PoseWriter:
         """``words``: who it is. ``movement``: how the arm goes. ``ended``: what it asked for counts no more.
 
         ``ended`` is called with "replaced" whenever somebody else writes, else where its pose was the next.
-        ``settled`` refuses (``ArmctlError``) while fields are being typed into. ``kept_words``: who it was, on
-        a page that is loaded anew; empty: ``words``, which go on being true.
+        ``settled`` refuses (``ArmctlError``) while fields are being typed into. ``kept_words``: who it was,
+        on a page that is loaded anew; empty: ``words``, which go on being true.
         """
         self._next, self.words, self.movement = session.next, words, movement
         self.ended, self.settled, self.kept_words = ended, settled, kept_words
