@@ -15,7 +15,7 @@ import armctl
 SOURCES = Path(armctl.__file__).parent
 MOST_LINES, MOST_OF_A_FUNCTION = 450, 60
 FOLDERS = {
-    ".": (15, 3_110),
+    ".": (15, 3_120),
     "calibration": (5, 1_310),
     "cli": (12, 2_570),
     "facts": (9, 2_210),
@@ -27,7 +27,7 @@ FOLDERS = {
     "protocol": (5, 1_120),
     "robot": (40, 11_260),
     "runtime": (22, 5_660),
-    "ui": (83, 18_640),
+    "ui": (83, 18_660),
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"
