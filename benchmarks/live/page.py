@@ -12,7 +12,7 @@ import msgspec
 import viser
 import zstandard
 from websockets.asyncio.client import ClientConnection, connect
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.typing import Origin, Subprotocol
 
 _OPEN_TABS = "Manual", "Serial motion"
@@ -37,8 +37,10 @@ _LAST = "Download the suggestion"
 class Page:
     """One page; ``open`` makes it."""
 
-    def __init__(self, viser_line: ClientConnection, stop_line: ClientConnection) -> None:
-        self._viser, self._line = viser_line, stop_line
+    def __init__(
+        self, viser_line: ClientConnection, stop_line: ClientConnection, part_line: ClientConnection | None
+    ) -> None:
+        self._viser, self._line, self._parts = viser_line, stop_line, part_line
         self._name = secrets.token_hex(16)
         self._widgets: dict[tuple[str, str], list[str]] = {}
         self._texts: dict[str, str] = {}
@@ -57,7 +59,7 @@ class Page:
         viser_line = await connect(
             f"ws://{here}/", origin=origin, subprotocols=[protocol], max_size=None, compression=None
         )
-        page = cls(viser_line, await _stop_line(here, origin))
+        page = cls(viser_line, await _stop_line(here, origin), await _part_line(here, origin))
         await page._say("ViewerCameraMessage", **_CAMERA)
         async with asyncio.timeout(_PATIENCE_S):
             await page._built.wait()
@@ -66,14 +68,19 @@ class Page:
     async def close(self) -> None:
         for task in self._tasks:
             task.cancel()
-        await self._viser.close()
-        await self._line.close()
+        for line in (self._viser, self._line, self._parts):
+            if line is not None:
+                await line.close()
 
     async def enabled(self, label: str, value: object = True) -> None:
         """Wait until a button can be pressed."""
         async with asyncio.timeout(_PATIENCE_S):
-            while self._button(label, value) in self._disabled:
+            while not self.is_enabled(label, value):
                 await asyncio.sleep(_LOOK_S)
+
+    def is_enabled(self, label: str, value: object = True) -> bool:
+        """Whether a button can be pressed."""
+        return self._button(label, value) not in self._disabled
 
     def _button(self, label: str, value: object) -> str:
         return self._widgets["GuiButtonMessage" if value is True else "GuiButtonGroupMessage", label][0]
@@ -169,16 +176,28 @@ class Page:
         beats = 0
         with suppress(ConnectionClosed):
             await self._line.send(json.dumps({"page": self._name}))
-            self._tasks.append(asyncio.create_task(self._listen()))
+            self._tasks.append(asyncio.create_task(_listen(self._line)))
+            if self._parts is not None:
+                await self._parts.send(json.dumps({"page": self._name}))
+                self._tasks.append(asyncio.create_task(_listen(self._parts)))
             while True:
                 beats += 1
                 await self._line.send(json.dumps({"beat": beats, "tabs": _OPEN_TABS}))
                 await asyncio.sleep(_BEAT_S)
 
-    async def _listen(self) -> None:
-        with suppress(ConnectionClosed):
-            async for _ in self._line:
-                pass
+
+async def _listen(line: ClientConnection) -> None:
+    with suppress(ConnectionClosed):
+        async for _ in line:
+            pass
+
+
+async def _part_line(here: str, origin: Origin) -> ClientConnection | None:
+    """A line for what armctl draws of the page itself; None: an earlier version, which has none."""
+    try:
+        return await connect(f"ws://{here}/page", origin=origin, compression=None)
+    except InvalidStatus:
+        return None
 
 
 async def _stop_line(here: str, origin: Origin) -> ClientConnection:

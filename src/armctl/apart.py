@@ -51,6 +51,12 @@ def is_given_up() -> bool:
     return given_up is not None and given_up.is_set()
 
 
+def require_wanted() -> None:
+    """Refuse (``LimitError``) to go on with what nobody waits for any more."""
+    if is_given_up():
+        raise LimitError("it was cancelled")
+
+
 def apart(
     work: str,
     request: bytes,
@@ -84,8 +90,7 @@ def apart(
         late.start()
         try:
             while True:
-                if is_given_up():
-                    raise LimitError("it was cancelled")
+                require_wanted()
                 try:
                     frame = frames.get(timeout=_LOOK_S)
                 except queue.Empty:

@@ -15,7 +15,7 @@ import armctl
 SOURCES = Path(armctl.__file__).parent
 MOST_LINES, MOST_OF_A_FUNCTION = 450, 60
 FOLDERS = {
-    ".": (15, 3_110),
+    ".": (15, 3_120),
     "calibration": (5, 1_310),
     "cli": (13, 2_800),
     "facts": (9, 2_210),

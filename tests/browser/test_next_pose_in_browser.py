@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from playwright.sync_api import expect
-from tests.browser.ghost_view import arrow_px, ghost_tip_mm, wait_for_no_ghost
+from playwright.sync_api import Position, expect
+from tests.browser.ghost_view import LOOKED_AT, arrow_px, ghost_tip_mm, wait_for_no_ghost
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import HOME, ServedArm
 
 from armctl.facts import State
-from armctl.program import MoveStep
+from armctl.program import MoveStep, WaitStep
 from armctl.protocol import MoveJoints
 
 pytestmark = pytest.mark.browser
@@ -30,14 +31,6 @@ def written_mm(page: Screen) -> NDArray[np.float64] | None:
     """X, Y and Z that the line writes; None: there is no next pose."""
     found = re.findall(r"[XYZ] (-?[\d.]+)", line(page))
     return np.array(found, dtype=np.float64) if len(found) == 3 else None
-
-
-def beside_the_arm_mm(page: Screen) -> NDArray[np.float64] | None:
-    """X, Y and Z in the column *next* over the picture; None: there is no such column."""
-    rows = page.page.locator("[name=where] tr").all_inner_texts()
-    cells = [re.findall(r"-?[\d.]+(?= mm)", row.replace("−", "-")) for row in rows]
-    next_ones = [row[1] for row in cells if len(row) == 2]
-    return np.array(next_ones, dtype=np.float64) if next_ones else None
 
 
 def wait_for_next(page: Screen) -> None:
@@ -116,12 +109,61 @@ def test_it_outlives_a_reload_and_who_watches_sees_it_and_has_one_of_its_own(
     assert written_mm(watcher) is not None  # its own stays, and is planned from where the arm stands now
 
 
+POSES = (
+    (30.0, 80.0, -70.0, -30.0, 10.0), (-25.0, 90.0, -60.0, -50.0, 0.0), (0.0, 100.0, -75.0, -20.0, -15.0),
+)  # fmt: skip
+"""of the steps of the program [degrees]"""
+EDITS = "Delete", "Alt+ArrowUp", "Alt+ArrowDown", "Control+d"
+"""keys, and what they do to a row"""
+_LOOKS = 40
+"""until what is shown has to be true"""
+_COLUMNS = """() => {
+  const rows = Array.from(document.querySelectorAll("[name=where] tr"), row => Array.from(row.children));
+  const [heads, ...figures] = rows.map(cells => cells.slice(1).map(cell => cell.textContent));
+  return Object.fromEntries(heads.map((head, at) => [head, figures.map(cells => cells[at])]));
+}"""
+_PINS = """() => Object.entries(window.__viserMutable.nodeRefFromName)
+  .filter(([name, node]) => node && /^\\/program\\/pin\\d+$/.test(name)).map(([name]) => name)
+"""
+_IS_SCENE = "([x, y]) => document.elementFromPoint(x, y)?.tagName === 'CANVAS'"
+
+
 class Sequence:
     """What is done to two pages and one arm, at random."""
 
     def __init__(self, screens: Screens, served: ServedArm, seed: int) -> None:
         self.served, self.random = served, np.random.default_rng(seed)
         self.page, self.other = screens(served.url), screens(served.url)
+        self.robot, self.done = served.robot, list[str]()
+        served.put_steps(*(MoveStep(joints_deg=pose) for pose in POSES), WaitStep(seconds=0.1))
+
+    # What is shown.
+
+    def kept(self, page: Screen) -> NDArray[np.float64] | None:
+        """(5,) the next pose in full, as the page keeps it for itself while it is loaded anew [rad]."""
+        kept = page.page.locator("[data-keep=recall]")
+        if kept.count() == 0:
+            return None
+        return np.array(json.loads(kept.get_attribute("data-kept") or "")["q"])
+
+    def figures(self, page: Screen) -> dict[str, list[float]]:
+        """Numbers of each column beside the arm: five joints [degrees], then the tool [mm]."""
+        columns: dict[str, list[str]] = page.page.evaluate(_COLUMNS)
+        return {
+            head: [float(re.sub(r"[^-.\d]", "", one.replace("−", "-"))) for one in column[:8]]
+            for head, column in columns.items()
+        }
+
+    def told(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Five joints [degrees] and the tool [mm] at ``q`` (5,) [rad]."""
+        return np.append(np.degrees(q), 1000 * self.robot.forward(q)[:3, 3])
+
+    def led_to(self, row: int) -> NDArray[np.float64] | None:
+        """(5,) where a step of the program leads, from 0 [rad]; None: that depends on where the arm stood."""
+        moves = [step for step in self.served.steps[: row + 1] if isinstance(step, MoveStep)]
+        return np.radians(moves[-1].joints_deg) if moves else None
+
+    # What is done.
 
     def slide(self) -> None:
         self.page.open_tab("Manual", "Joints")
@@ -158,13 +200,77 @@ class Sequence:
     def drag(self) -> None:
         drag_tool(self.page, 0, float(self.random.uniform(-40, 40)))
 
+    def step(self) -> None:
+        """Click a row of the program."""
+        self.row()
+
+    def row(self) -> bool:
+        rows = self.page.page.locator(".armctl-steps > [role=row]")
+        if not (count := rows.count()):
+            return False
+        rows.nth(int(self.random.integers(count))).click(position=Position(x=44, y=12))
+        self.page.pause(400)
+        return True
+
+    def edit_steps(self) -> None:
+        if self.row():
+            self.looks_true()
+            self.page.page.keyboard.press(EDITS[int(self.random.integers(len(EDITS)))])
+
+    def record(self) -> None:
+        if self.page.is_enabled("Record"):
+            self.page.click("Record")
+
+    def undo(self) -> None:
+        button = ("Undo", "Redo")[int(self.random.integers(2))]
+        if self.page.is_enabled(button):
+            self.page.click(button)
+
+    def pin(self) -> None:
+        """Click a pin in the scene."""
+        pins: list[str] = self.page.page.evaluate(_PINS)
+        if not pins:
+            return
+        at = arrow_px(self.page, pins[int(self.random.integers(len(pins)))], 0.0)
+        if self.page.page.evaluate(_IS_SCENE, at):
+            self.page.page.mouse.click(*at)
+            self.page.pause(400)
+
+    def fill_with(self) -> None:
+        self.page.open_tab("Forward")
+        self.page.click(("rest", "home")[int(self.random.integers(2))])
+
+    def go_to_pose(self) -> None:
+        """A pose by its name, at once."""
+        self.page.open_tab("Main")
+        name = ("rest", "zero")[int(self.random.integers(2))]
+        if not self.page.is_enabled(name):
+            return
+        self.page.click(name)
+        self.page.wait_until(
+            lambda: bool(np.abs(self.served.now.q_command - self.robot.pose(name)).max() < 1e-6),
+            f"the arm is at {name}",
+        )
+        self.served.wait_for(self.page, State.HOLDING)
+
     def other_writes(self) -> None:
-        before = written_mm(self.page)
+        before = self.kept(self.page)
         self.other.open_tab("Manual", "Joints")
         self.other.type_into("Wrist roll °", f"{self.random.uniform(-40, 40):.1f}")
-        after = written_mm(self.page)
+        after = self.kept(self.page)
         assert (before is None) is (after is None)
         assert before is None or np.array_equal(before, after)
+
+    def other_goes(self) -> None:
+        """The other page takes control, and gives it back."""
+        for page in (self.other, self.page):
+            if page.button("Take control").is_visible():
+                page.click("Take control")  # it asks
+                page.click("Take control")
+            page.wait_until(lambda page=page: not page.button("Take control").is_visible(), "it operates")
+            if page is self.other:
+                self.looks_true()
+                self.go(page)
 
     def another_moves(self) -> None:
         pose = np.radians([self.random.uniform(-45, 45), 90.0, self.random.uniform(-84, -40), -40.0, 0.0])
@@ -185,30 +291,70 @@ class Sequence:
         if written_mm(self.page) is not None:
             self.page.click("Forget the next pose")
 
-    def go(self, *, stop: bool = False) -> None:
-        tip, go = ghost_tip_mm(self.page), self.page.button("Go")
-        if written_mm(self.page) is None or not go.is_enabled():
+    def go(self, page: Screen | None = None, *, stop: bool = False) -> None:
+        page = page or self.page
+        other = self.other if page is self.page else self.page
+        q, others = self.kept(page), self.kept(other)
+        if q is None or not page.button("Go").is_enabled():
             return
-        assert tip is not None
-        self.page.click("Go")
+        page.click("Go")
         if stop:
-            self.page.page.keyboard.press("Escape")
-            self.served.wait_for(self.page, State.HOLDING)
+            page.page.keyboard.press("Escape")
+            self.served.wait_for(page, State.HOLDING)
             return
-        self.served.wait_for(self.page, State.HOLDING)
-        self.page.wait_until(
-            lambda: bool(np.abs(self.served.tool_mm - tip).max() < 0.06), "the tool is where the ghost was"
+        page.wait_until(
+            lambda: bool(np.abs(self.served.now.q_command - q).max() < 1e-6), "the arm is where the ghost was"
         )
+        self.served.wait_for(page, State.HOLDING)
+        page.pause(400)
+        left = self.kept(other)
+        if others is not None and np.abs(self.served.now.q_command - others).max() > 1e-3:
+            assert left is not None and np.array_equal(left, others)
+
+    def stop(self) -> None:
+        self.go(stop=True)
 
     def looks_true(self) -> None:
-        """Ghost, line and numbers say the same, once the page has come to rest."""
-        self.page.pause(600)
-        written, beside, tip = written_mm(self.page), beside_the_arm_mm(self.page), ghost_tip_mm(self.page)
-        assert (written is None) is (tip is None) is (beside is None)
-        if written is not None and tip is not None:
-            assert written == pytest.approx(tip, abs=0.06) and beside == pytest.approx(tip, abs=0.06)
-        else:
-            assert line(self.page).startswith("No next pose") and not self.page.is_enabled("Go")
+        """On both pages ghost, line and numbers say the same, once they have come to rest.
+
+        Scene and line come to a page on two websockets: on a busy computer one may be late.
+        """
+        self.page.pause(400)
+        for _ in range(_LOOKS):
+            try:
+                return self.look()
+            except AssertionError:
+                self.page.pause(250)
+        return self.look()
+
+    def look(self) -> None:
+        for page in (self.page, self.other):
+            self.looks_true_on(page)
+        operator = [page for page in (self.page, self.other) if page.button("Take control").count() == 0]
+        if len(operator) == 1:
+            watcher = self.other if operator[0] is self.page else self.page
+            theirs, drawn = ghost_tip_mm(watcher, "/theirs"), ghost_tip_mm(operator[0])
+            assert (theirs is None) is (drawn is None)
+            assert theirs is None or theirs == pytest.approx(drawn, abs=0.05)
+
+    def looks_true_on(self, page: Screen) -> None:
+        q, tip, said, figures = self.kept(page), ghost_tip_mm(page), line(page), self.figures(page)
+        now, *_ = figures.values()
+        assert now == pytest.approx(self.told(self.served.now.q), abs=0.06)  # in the board's steps
+        if (looked_at := figures.pop("looked at", None)) is not None:  # in place of the next one
+            assert looked_at[5:] == pytest.approx(ghost_tip_mm(page, LOOKED_AT), abs=0.06)
+            figures["next"] = [] if q is None else self.told(q).tolist()
+        if q is None:
+            assert tip is None and not figures.get("next")
+            assert said.startswith("No next pose") and not page.is_enabled("Go")
+            return
+        assert tip is not None and tip == pytest.approx(self.told(q)[5:], abs=0.05)
+        assert written_mm(page) == pytest.approx(tip, abs=0.06)
+        assert figures["next"] == pytest.approx(self.told(q).tolist(), abs=0.06)
+        if (step := re.search(r"step (\d+)", said)) is not None:
+            ends = self.led_to(int(step[1]) - 1)
+            assert int(step[1]) <= len(self.served.steps)
+            assert ends is None or q == pytest.approx(ends, abs=1e-4)
 
 
 @pytest.mark.parametrize("seed", range(SEQUENCES))
@@ -219,9 +365,16 @@ def test_in_random_sequences_what_is_drawn_is_what_go_sends(
     ways = (
         sequence.slide, sequence.solve, sequence.choose_a_way, sequence.hover, sequence.type_angles,
         sequence.drag, sequence.other_writes, sequence.another_moves, sequence.reload, sequence.forget,
-        sequence.go, sequence.go, lambda: sequence.go(stop=True),
+        sequence.step, sequence.step, sequence.edit_steps, sequence.record, sequence.undo, sequence.pin,
+        sequence.fill_with, sequence.go_to_pose, sequence.go, sequence.go, sequence.stop, sequence.other_goes,
     )  # fmt: skip
-    for _ in range(STEPS):
-        ways[int(sequence.random.integers(len(ways)))]()
-        sequence.looks_true()
-    assert sequence.page.errors == []
+    try:
+        for _ in range(STEPS):
+            way = ways[int(sequence.random.integers(len(ways)))]
+            sequence.done.append(way.__name__)
+            way()
+            sequence.looks_true()
+    except Exception as broken:
+        broken.add_note(f"done: {', '.join(sequence.done)}")
+        raise
+    assert sequence.page.errors == [] and sequence.other.errors == []

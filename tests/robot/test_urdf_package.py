@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import threading
 import zipfile
 from pathlib import Path
 
@@ -12,7 +13,8 @@ import pytest
 from tests.robot.urdf_kit import Step, written
 
 from armctl import load_robot
-from armctl.errors import RobotFileError, UnclearArmError
+from armctl.apart import GIVEN_UP
+from armctl.errors import LimitError, RobotFileError, UnclearArmError
 from armctl.robot.urdf import (
     UrdfSource,
     add_to_package,
@@ -387,6 +389,34 @@ def test_rounded_limits_and_poses_are_taken_as_the_limits(tmp_path: Path) -> Non
     path = beside(tmp_path, joints=joints, gripper=None, poses={"home": [0, 143.24, 0]})
     robot = load_robot(path)
     assert robot.limits[1].tolist() == [-2.5, 2.5] and robot.pose("home")[1] == 2.5
+
+
+class GivenUpAfter(threading.Event):
+    """Nobody waits any more once it has been asked so often."""
+
+    def __init__(self, looks: int) -> None:
+        super().__init__()
+        self.left = looks
+
+    def is_set(self) -> bool:
+        self.left -= 1
+        return self.left < 0
+
+
+def test_an_upload_that_nobody_waits_for_ends_at_each_file_and_leaves_nothing(tmp_path: Path) -> None:
+    files = {name: arm_text(tmp_path).encode() for name in ("a.urdf", "b.xacro", "c.xml")}
+    robots, looks = tmp_path / "robots", 2 * len(files)  # unpacked, and written
+    token = GIVEN_UP.set(None)
+    try:
+        for look in range(looks):
+            GIVEN_UP.set(GivenUpAfter(look))
+            with pytest.raises(LimitError, match="cancelled"):
+                install_package("arm.zip", zipped(files), robots)
+            assert not robots.exists() or [*robots.iterdir()] == []
+        GIVEN_UP.set(GivenUpAfter(looks))
+        assert install_package("arm.zip", zipped(files), robots) == robots / "arm"
+    finally:
+        GIVEN_UP.reset(token)
 
 
 def test_changes_are_merged_and_the_file_before_is_kept(tmp_path: Path) -> None:

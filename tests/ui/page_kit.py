@@ -106,7 +106,8 @@ class FakePage:
         self.shown_at_sending.append(self.next.q)
         self.sent.append(command)
 
-    async def work_out(self, work: Callable[..., Any], *given: object) -> Any:
+    async def work_out(self, work: Callable[..., Any], *given: object, undo: object = None) -> Any:
+        del undo  # nothing is cancelled here
         return await asyncio.to_thread(work, *given)
 
     def spawn(self, work: Coroutine[Any, Any, None]) -> None:

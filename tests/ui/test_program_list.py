@@ -345,6 +345,34 @@ def test_a_step_that_is_edited_meanwhile_is_the_next_pose_as_it_is_then(page: Li
     assert page.next.q is not None and ROBOT.shown(page.next.q) == pytest.approx(further)
 
 
+def test_the_next_pose_stays_that_of_its_step_wherever_that_goes_and_goes_with_it(page: ListPage) -> None:
+    further = (ASIDE[0] + 10, *ASIDE[1:])
+    page.put(MoveStep(joints_deg=ASIDE), MoveStep(joints_deg=further), WaitStep(seconds=1))
+    page.do("step", 1)
+    page.do("step", 2)  # that moves nothing
+    page.do("step-delete", 0)
+    assert page.next.q is not None and ROBOT.shown(page.next.q) == pytest.approx(further)
+    assert "step 1" in line_of(page)
+    page.do("step-delete", 0)  # in its place is a step that leads nowhere
+    assert page.next.q is None and page.editor.leads_nowhere == ""
+
+
+def test_the_last_step_takes_its_next_pose_along(page: ListPage) -> None:
+    page.put(MoveStep(joints_deg=ASIDE))
+    page.do("step", 0)
+    page.do("step-delete", 0)
+    assert page.next.q is None and page.shared.keys == []
+
+
+def test_a_page_that_is_loaded_anew_calls_no_step_by_an_old_number(
+    page: ListPage,
+) -> None:
+    page.put(MoveStep(joints_deg=ASIDE))
+    page.do("step", 0)
+    page.next.refresh(page.session.snapshot)
+    assert "&quot;words&quot;:&quot;step of a program, as it was&quot;" in page.parts["next"]
+
+
 def test_a_step_that_leads_nowhere_is_no_next_pose_and_the_list_says_why(page: ListPage) -> None:
     page.put(MoveStep(joints_deg=ASIDE), PointStep(x_mm=5000, y_mm=0, z_mm=0))
     page.do("step", 0)

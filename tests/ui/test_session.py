@@ -7,16 +7,19 @@ import re
 import threading
 import time
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
+from tests.robot.urdf_kit import Step, written
 from tests.ui.page_kit import snapshot_of
 from viser import GuiEvent
 
 from armctl.apart import is_given_up
+from armctl.calibration import LEAST_POINTS, ToolError, own_map
 from armctl.errors import InputError
 from armctl.facts import Need, State
 from armctl.hardware import BoardIdentity
@@ -25,6 +28,11 @@ from armctl.robot import load_robot
 from armctl.ui import RobotChoice, events
 from armctl.ui.guard import GuardedServer
 from armctl.ui.session import Session
+from armctl.ui.tabs.calibration import shared_calibration
+from armctl.ui.tabs.calibration.joint import CalibrationPoints
+from armctl.ui.tabs.calibration.shared_calibration import TouchedPoints
+from armctl.ui.tabs.main import urdf_arm
+from armctl.ui.tabs.main.urdf_arm import UrdfArm
 
 ROBOT = load_robot("uzuner")
 ME, OTHER = Party("browser page 7", "Ada", True), Party("browser page 8", "Bob", True)
@@ -49,6 +57,8 @@ class Bench:
         given = {"state": State.HOLDING, "board": BOARD, "control": Control((ME,)), **changes}
         self.snapshot = replace(snapshot_of(ROBOT), **given)
         self.shown: list[str] = []
+        self.told: list[tuple[str, str]] = []
+        """those that say something: title and text"""
         self.ended = False
         self.changed_to: list[str] = []
         self.opening: RobotChoice | None = None
@@ -71,6 +81,8 @@ class Bench:
 
     def _notify(self, title: str, body: str, **_: object) -> SimpleNamespace:
         self.shown.append(title)
+        if body != "Working …":
+            self.told.append((title, body))
         impl = SimpleNamespace(uuid=f"{title} {len(self.shown)}")
         return SimpleNamespace(remove=lambda: self.shown.remove(title), _impl=impl)
 
@@ -204,40 +216,149 @@ def offered(session: Session) -> list[str]:
     return [html for html in cast(Any, session.parts)._html.values() if "cancel-work" in html]
 
 
+async def press_and_cancel(session: Session, button: Any, begun: threading.Event) -> None:
+    """Press a button; cancel what that does once it has begun, and again, too late."""
+    pressed = asyncio.create_task(pressing(session, button))
+    await asyncio.to_thread(begun.wait, 10)
+    while not (offers := offered(session)):
+        await asyncio.sleep(0)
+    (key,) = re.findall(r"data-key=(\d+)>Cancel", offers[0])
+    await session.parts.done("cancel-work", key)
+    await pressed
+    await session.parts.done("cancel-work", key)
+
+
+def wait_until_given_up() -> None:
+    while not is_given_up():
+        time.sleep(0)
+
+
 def test_what_is_worked_out_can_be_cancelled_and_its_process_hears_of_it(
     server: GuardedServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(events, "_AT_ONCE_S", 0.0)
     bench = Bench(server)
     session, button = bench.session, server.gui.add_button("Plan")
-    begun, heard, after = threading.Event(), threading.Event(), list[str]()
+    begun, undone, after = threading.Event(), threading.Event(), list[str]()
 
     def work() -> str:
         begun.set()
-        while not is_given_up():
-            time.sleep(0)
-        heard.set()
+        wait_until_given_up()
         return "too late"
 
+    def undo(made: str) -> None:
+        assert made == "too late"
+        undone.set()
+
     async def plan() -> None:
-        after.append(await session.work_out(work))
+        after.append(await session.work_out(work, undo=undo))
+
+    async def cancel() -> None:
+        await press_and_cancel(session, button, begun)
+        assert await asyncio.to_thread(undone.wait, 10)
 
     session.on(button.on_click, plan)
-
-    async def press_and_cancel() -> None:
-        pressed = asyncio.create_task(pressing(session, button))
-        await asyncio.to_thread(begun.wait, 10)
-        while not (offers := offered(session)):
-            await asyncio.sleep(0)
-        (key,) = re.findall(r"data-key=(\d+)>Cancel", offers[0])
-        await session.parts.done("cancel-work", key)
-        await pressed
-        await session.parts.done("cancel-work", key)  # it comes too late
-        assert await asyncio.to_thread(heard.wait, 10)
-
-    asyncio.run(press_and_cancel())
-    assert after == [] and bench.shown == ["Plan"]  # that it was cancelled is what is told last
+    asyncio.run(cancel())
+    assert after == [] and bench.told == [("Plan", "Cancelled.")]
     assert offered(session) == []
+
+
+def test_what_is_worked_out_in_time_is_not_undone(
+    server: GuardedServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(events, "_AT_ONCE_S", 0.0)
+    bench = Bench(server)
+    session, button = bench.session, server.gui.add_button("Plan")
+    after, undone = list[str](), list[str]()
+
+    async def plan() -> None:
+        after.append(await session.work_out(str.upper, "made", undo=undone.append))
+
+    session.on(button.on_click, plan)
+    press(session, button)
+    assert (after, undone) == (["MADE"], [])
+
+
+def test_an_upload_that_is_cancelled_leaves_nothing(
+    server: GuardedServer, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(events, "_AT_ONCE_S", 0.0)
+    bench = Bench(server)
+    session, button = bench.session, server.gui.add_button("Upload an arm")
+    bench.console.files = tmp_path
+    arm = written(tmp_path / "arm.urdf", (Step("pan", "revolute", "base", "tool0", "0 0 0.1"),)).read_bytes()
+    upload = SimpleNamespace(value=SimpleNamespace(name="my.urdf", content=arm))
+    begun, removed, there = threading.Event(), threading.Event(), list[bool]()
+    install, remove = urdf_arm._installed, urdf_arm._remove
+
+    def slowly(*given: Any) -> RobotChoice:
+        """It is there when it is cancelled: nobody could have asked in time."""
+        choice = install(*given)
+        there.append((tmp_path / "robots/my").is_dir())
+        begun.set()
+        wait_until_given_up()
+        return choice
+
+    def and_tell(choice: RobotChoice) -> None:
+        remove(choice)
+        removed.set()
+
+    monkeypatch.setattr(urdf_arm, "_installed", slowly)
+    monkeypatch.setattr(urdf_arm, "_remove", and_tell)
+    page: Any = SimpleNamespace(_session=session, _upload=upload)
+    page._install = partial(UrdfArm._install, page)
+
+    async def cancel() -> None:
+        await press_and_cancel(session, button, begun)
+        assert await asyncio.to_thread(removed.wait, 10)
+
+    session.on(button.on_click, lambda: UrdfArm._on_upload(page))
+    asyncio.run(cancel())
+    assert there == [True] and [*(tmp_path / "robots").iterdir()] == []
+    assert bench.told == [("Upload an arm", "Cancelled: nothing of my.urdf is kept.")]
+    assert bench.changed_to == []
+
+
+@pytest.mark.parametrize("changed_since", [False, True])
+def test_a_point_whose_comparison_is_cancelled_is_not_added(
+    server: GuardedServer, monkeypatch: pytest.MonkeyPatch, changed_since: bool
+) -> None:
+    monkeypatch.setattr(events, "_AT_ONCE_S", 0.0)
+    bench = Bench(server)
+    session, button = bench.session, server.gui.add_button("Add point")
+    points, outputs = TouchedPoints(ROBOT), own_map(ROBOT).outputs(ROBOT.pose("home"))
+    for x in range(LEAST_POINTS):
+        points.add(outputs, np.array([0.1 * x, 0.0, 0.0]))
+    before, begun = points.touches, threading.Event()
+    compare = shared_calibration.tool_error
+
+    def slowly(*given: Any) -> ToolError:
+        if len(given[2]) == LEAST_POINTS + 1:
+            begun.set()
+            wait_until_given_up()
+        return compare(*given)
+
+    monkeypatch.setattr(shared_calibration, "tool_error", slowly)
+    page: Any = SimpleNamespace(_session=session, _points=points)
+
+    async def cancel() -> None:
+        cancelling = asyncio.create_task(press_and_cancel(session, button, begun))
+        await asyncio.to_thread(begun.wait, 10)
+        if changed_since:  # on another page
+            points.delete(0)
+        await cancelling
+        await asyncio.gather(*session._tasks)
+
+    add = partial(points.add, outputs, np.array([0.0, 0.0, 0.5]))
+    session.on(button.on_click, lambda: CalibrationPoints._change(page, add))
+    asyncio.run(cancel())
+    assert isinstance(points.result, ToolError)  # of those that are left
+    if changed_since:
+        assert len(points.touches) == LEAST_POINTS and points.touches != before
+        assert bench.told[-1][1] == "Cancelled: the points stay: others have changed since."
+    else:
+        assert points.touches == before
+        assert bench.told == [("Add point", "Cancelled: the points are as before.")]
 
 
 def test_what_is_worked_out_without_a_press_comes_as_it_is(server: GuardedServer) -> None:

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from armctl.apart import require_wanted
 from armctl.arrays import FloatArray
 from armctl.errors import CalibrationError
 from armctl.kinematics import Chain
@@ -167,12 +168,17 @@ def tool_error(
 
     ``robot`` is as the arm runs, with its calibration; ``q`` (k, n) [rad] as commanded or measured while the
     tool touched each of ``points_m`` (k, 3), base frame [m]. Zero and scale of the joints ``calibrated`` are
-    corrected in the calibration, not in the robot file. Refuses fewer than six points, or all in one place.
+    corrected in the calibration, not in the robot file. Refuses fewer than six points, or all in one place;
+    ends with a ``LimitError`` where nobody waits for it any more (``apart.is_given_up``).
     """
     configurations, points = _checked(robot, q, points_m)
     errors = points - robot.forward(configurations)[:, :3, 3]
     parameters = parameters_of(robot)
-    solved = {one: found for one in parameters if (found := one.solve(robot, configurations, points))}
+    solved: dict[Parameter, tuple[float, FloatArray]] = {}
+    for one in parameters:
+        require_wanted()
+        if found := one.solve(robot, configurations, points):
+            solved[one] = found
     squares = {one: float(np.sum(left**2)) for one, (_, left) in solved.items()}
     least = min(squares.values())
     variance = (_TOUCH_WEIGHT * _TOUCH_M**2 + least) / (_TOUCH_WEIGHT + errors.size - 1)

@@ -6,6 +6,7 @@ import asyncio
 import math
 import threading
 from collections.abc import Awaitable, Callable
+from functools import partial
 from html import escape
 from typing import Any, Literal, Protocol, TypeVar
 
@@ -65,7 +66,7 @@ class OneAtATime:
 
 
 class GivenUpError(Exception):
-    """The user has cancelled what was being worked out."""
+    """The user has cancelled what was being worked out; its text, if any, says what is as before."""
 
 
 T = TypeVar("T")
@@ -145,10 +146,13 @@ class AtWork:
         if self._given_up is not None and not self._given_up.done():
             self._given_up.set_result(None)
 
-    async def work_out(self, work: Callable[..., T], *given: object) -> T:
-        """As ``asyncio.to_thread``, for what only computes: ``GivenUpError`` where the user cancels it.
+    async def work_out(
+        self, work: Callable[..., T], *given: object, undo: Callable[[T], object] | None = None
+    ) -> T:
+        """As ``asyncio.to_thread``, for what can be left: ``GivenUpError`` where the user cancels it.
 
-        A process that ``apart`` has begun for it ends then; a thread goes on, and nobody hears of it.
+        A process that ``apart`` has begun for it ends then; a thread goes on where it does not ask
+        ``is_given_up``, and nobody hears of it. What it makes all the same is given to ``undo``, on a thread.
         """
         given_up = threading.Event()
         token = GIVEN_UP.set(given_up)
@@ -158,21 +162,26 @@ class AtWork:
             GIVEN_UP.reset(token)
         self._given_up = asyncio.get_running_loop().create_future()
         self._offer()
+        heard = False
         try:
             await asyncio.wait({thread, self._given_up}, return_when=asyncio.FIRST_COMPLETED)
-            if thread.done():
-                return thread.result()
-            raise GivenUpError
+            if not thread.done():
+                raise GivenUpError
+            heard = True
+            return thread.result()
         finally:
             given_up.set()
-            thread.add_done_callback(_unheard)
+            if not heard:
+                thread.add_done_callback(partial(_unheard, undo))
             self._given_up = None
             self._offer()
 
 
-def _unheard(thread: asyncio.Future[Any]) -> None:
-    if not thread.cancelled():
-        thread.exception()  # asked for, so that it is not reported as lost
+def _unheard(undo: Callable[[Any], object] | None, thread: asyncio.Future[Any]) -> None:
+    if thread.cancelled() or thread.exception() is not None:  # asked for, so that it is not reported as lost
+        return
+    if undo is not None:
+        asyncio.get_running_loop().run_in_executor(None, undo, thread.result())
 
 
 def _part(shown: viser.NotificationHandle) -> str:

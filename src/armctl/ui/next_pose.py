@@ -92,14 +92,16 @@ class PoseWriter:
         movement: Callable[[], Movement] = usual,
         ended: Callable[[End], None] = lambda _: None,
         settled: Callable[[], None] = lambda: None,
+        kept_words: str = "",
     ) -> None:
         """``words``: who it is. ``movement``: how the arm goes. ``ended``: what it asked for counts no more.
 
         ``ended`` is called with "replaced" whenever somebody else writes, else where its pose was the next.
-        ``settled`` refuses (``ArmctlError``) while fields are being typed into.
+        ``settled`` refuses (``ArmctlError``) while fields are being typed into. ``kept_words``: who it was,
+        on a page that is loaded anew; empty: ``words``, which go on being true.
         """
         self._next, self.words, self.movement = session.next, words, movement
-        self.ended, self.settled = ended, settled
+        self.ended, self.settled, self.kept_words = ended, settled, kept_words
         self._next.writers.append(self)
 
     @property
@@ -386,7 +388,7 @@ class NextPose:
         place = f"<b>X {x} &ensp;Y {y} &ensp;Z {z} mm</b>"
         planned, motion = self._planned, self.trajectory
         seconds = "" if motion is None else f" · {fixed(motion.duration / snapshot.speed, 2)} s"
-        place += self._kept(self.q, self.writer.words)
+        place += self._kept(self.q, self.writer.kept_words or self.writer.words)
         who = f"{escape(self.writer.words)}{seconds} · "
         if self._going:
             left = "" if snapshot.progress is None else f" · {round(100 * snapshot.progress)} % of the way"

@@ -262,16 +262,23 @@ class Session:
         _AT_WORK.set((label, at_work))
         try:
             yield
-        except GivenUpError:
-            self.notify(label, "Cancelled.")
+        except GivenUpError as given_up:
+            self.notify(label, f"Cancelled: {given_up}." if given_up.args else "Cancelled.")
         finally:
             at_work.end()
             del self._at_work[key]
 
-    async def work_out(self, work: Callable[..., T], *given: object) -> T:
-        """As ``asyncio.to_thread``, for what only computes: the page offers to cancel what takes a while."""
+    async def work_out(
+        self, work: Callable[..., T], *given: object, undo: Callable[[T], object] | None = None
+    ) -> T:
+        """As ``asyncio.to_thread``, for what can be left: the page offers to cancel what takes a while.
+
+        ``undo`` is given, on a thread, what ``work`` has made after it was cancelled.
+        """
         _, at_work = _AT_WORK.get()
-        return await (asyncio.to_thread(work, *given) if at_work is None else at_work.work_out(work, *given))
+        if at_work is None:
+            return await asyncio.to_thread(work, *given)
+        return await at_work.work_out(work, *given, undo=undo)
 
     def _on_cancel_work(self, key: str) -> None:
         if key in self._at_work:

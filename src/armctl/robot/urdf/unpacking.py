@@ -19,8 +19,9 @@ from pathlib import Path, PurePosixPath
 
 from platformdirs import user_cache_path
 
+from armctl.apart import require_wanted
 from armctl.documents import DocumentKind, not_written, write_atomically
-from armctl.errors import RobotFileError
+from armctl.errors import ArmctlError, RobotFileError
 from armctl.robot.body.meshes import SUFFIXES
 
 ARM_SUFFIXES = (".urdf", ".xacro")
@@ -85,6 +86,7 @@ def zip_files(content: bytes) -> dict[str, bytes]:
             if len(entries) > MOST_FILES:
                 raise RobotFileError(f"the zip file holds {len(entries)} files; {MOST_FILES} at most")
             for entry in entries:
+                require_wanted()
                 name = entry.filename.replace("\\", "/")
                 require_inside(name)
                 kind = stat.S_IFMT(entry.external_attr >> 16)
@@ -104,11 +106,9 @@ def zip_files(content: bytes) -> dict[str, bytes]:
                         f"the zip file holds more than {_MOST_UNPACKED_BYTES >> 20} MiB; leave out what the "
                         "arm does not need, or unpack it and name the folder"
                     )
-    except (zipfile.BadZipFile, NotImplementedError, OSError, EOFError, ValueError, RuntimeError) as cause:
-        raise RobotFileError(f"is no zip file that can be read: {cause}") from cause
-    except Exception as cause:  # zlib, lzma and bz2 each raise an error of their own
-        if isinstance(cause, RobotFileError):
-            raise
+    except ArmctlError:
+        raise
+    except Exception as cause:  # zipfile raises many kinds; zlib, lzma and bz2 each have one of their own
         raise RobotFileError(f"is no zip file that can be read: {cause}") from cause
     return files
 
@@ -133,6 +133,7 @@ def write_folder(place: Path, files: Mapping[str, bytes]) -> None:
         building = Path(tempfile.mkdtemp(prefix=".armctl-", dir=place.parent))
         try:
             for name, content in files.items():
+                require_wanted()
                 require_inside(name)
                 path = building / name
                 path.parent.mkdir(parents=True, exist_ok=True)

@@ -25,6 +25,7 @@ from armctl.facts import Need
 from armctl.facts.angles import DEGREE, to_degrees
 from armctl.protocol import Jog, MoveGripper, Snapshot
 from armctl.robot import Robot
+from armctl.ui.events import GivenUpError
 from armctl.ui.offers import refused_by
 from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.shared_calibration import (
@@ -368,8 +369,8 @@ class CalibrationPoints:
     async def _on_add(self) -> None:
         self._session.require_operator()
         self._watch.require_settled()
-        self._points.add(*self._touch(self._session.snapshot))
-        await self._points.compute()
+        touched = self._touch(self._session.snapshot)
+        await self._change(lambda: self._points.add(*touched))
 
     def _touch(self, snapshot: Snapshot) -> tuple[dict[int, float], FloatArray]:
         """Outputs and point (3,) [m]; ``ArmctlError`` where one of them is not known."""
@@ -378,8 +379,20 @@ class CalibrationPoints:
 
     async def _on_delete(self) -> None:
         self._session.require_operator()
-        self._points.delete(int(self._which.value) - 1)
-        await self._points.compute()
+        await self._change(lambda: self._points.delete(int(self._which.value) - 1))
+
+    async def _change(self, change: Callable[[], None]) -> None:
+        """Change the points, and compare them; where that is cancelled they are as before."""
+        points, before = self._points, self._points.touches
+        change()
+        changed = points.touches
+        try:
+            await points.compute(self._session.work_out)
+        except GivenUpError as given_up:
+            as_before = points.go_back(before, changed)
+            self._session.spawn(points.compute())  # if nobody else compares those that are left
+            kept = "the points are as before" if as_before else "the points stay: others have changed since"
+            raise GivenUpError(kept) from given_up
 
     async def _on_download(self) -> None:
         result = self._points.result

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Awaitable, Callable, Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -42,6 +42,8 @@ _APART = 1.0
 """outputs that differ by less are one place"""
 End = Literal["low", "high"]
 Jaw = Literal["closed", "open"]
+WorkOut = Callable[..., Awaitable[Any]]
+"""calls a function with arguments on a thread, as ``asyncio.to_thread`` does"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,16 +256,24 @@ class TouchedPoints:
         """Go on with the touches of another one."""
         self._set(other.touches)
 
-    async def compute(self) -> None:
-        """Compute the tool error off the event loop, unless it is known or there are too few points."""
+    def go_back(self, touches: tuple[TouchedPoint, ...], now: tuple[TouchedPoint, ...]) -> bool:
+        """Have ``touches`` again in place of ``now``; not where somebody has changed them since."""
+        if self.touches is not now:
+            return False
+        self._set(touches)
+        return True
+
+    async def compute(self, work_out: WorkOut = asyncio.to_thread) -> None:
+        """Compute the tool error off the event loop, unless it is known or there are too few points.
+
+        ``work_out`` does so. What it raises but an ``ArmctlError`` leaves the touches without a result.
+        """
         touches = self.touches
         if len(touches) < LEAST_POINTS or self.result is not None:
             return
         q, points = self._angles(), np.array([touch.point_m for touch in touches])
         try:
-            result: ToolError | str = await asyncio.to_thread(
-                tool_error, self._robot, q, points, self._calibrated
-            )
+            result: ToolError | str = await work_out(tool_error, self._robot, q, points, self._calibrated)
         except ArmctlError as error:
             result = str(error)
         if self.touches is touches:  # else they have changed meanwhile, and are computed anew

@@ -35,6 +35,7 @@ from armctl.robot.urdf import (
 )
 from armctl.robot.urdf.side_file import SIDE_SUFFIX
 from armctl.ui.enabling import show_typed
+from armctl.ui.events import GivenUpError
 from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.session import Session
 from armctl.ui.widgets.angle_fields import angle_fields
@@ -213,7 +214,9 @@ class UrdfArm:
     async def _install(self, file: viser.UploadedFile, folder: Path, chosen: Mapping[str, Any]) -> None:
         session = self._session
         try:
-            choice = await asyncio.to_thread(_installed, file.name, file.content, folder, chosen)
+            choice = await session.work_out(_installed, file.name, file.content, folder, chosen, undo=_remove)
+        except GivenUpError as given_up:
+            raise GivenUpError(f"nothing of {file.name} is kept") from given_up
         except UnclearArmError as unclear:
             if unclear.arguments:
                 before: dict[str, str] = chosen.get("arguments", {})
@@ -299,6 +302,11 @@ def _installed(name: str, content: bytes, folder: Path, chosen: Mapping[str, Any
                 raise RobotFileError(About(file, reason)) from refusal
             case _:
                 raise
+
+
+def _remove(choice: RobotChoice) -> None:
+    """Take back what ``_installed`` has kept."""
+    shutil.rmtree(choice.name, ignore_errors=True)
 
 
 def _keep_choice(

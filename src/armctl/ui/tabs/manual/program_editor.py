@@ -44,7 +44,9 @@ class ProgramEditor:
         """of the selected row, and where it was last"""
         self.leads_nowhere = ""
         """why the step that was chosen leads to no next pose"""
-        self._writer = PoseWriter(session, "")
+        self._writer = PoseWriter(session, "", kept_words="step of a program, as it was")
+        self._asked = self._shown = ""
+        """keys of the step whose end is to be the next pose, and of the one whose end was made it last"""
         self._showing = OneAtATime(self._show_end)
 
     @property
@@ -67,29 +69,41 @@ class ProgramEditor:
     def choose(self, row: int) -> None:
         """Select a row, from 0, and make the pose to which it leads the next one; a page may watch."""
         self.select(row)
-        self.leads_nowhere = ""
-        self._session.spawn(self._showing.run())
+        self._ask(self._key)
 
     def follow(self) -> None:
-        """The program was changed: what a step leads to may be another pose."""
+        """The program was changed: what a step leads to may be another pose.
+
+        Where the step is gone whose pose is the next one, it is that of the row that is selected now.
+        """
         self.leads_nowhere = ""
         if self._writer.shown:
-            self.choose(self.selected)
+            gone = self._shared.row(self._shown) is None
+            self.select(self.selected)
+            self._ask(self._key if gone else self._shown)
+
+    def _ask(self, key: str) -> None:
+        self.leads_nowhere, self._asked = "", key
+        self._session.spawn(self._showing.run())
 
     async def _show_end(self) -> None:
         """Planning the way there may take tenths of a second."""
-        session, program, row = self._session, self._shared.program, self.selected
-        start = session.console.last_known.standing(session.snapshot)
-        try:
-            q = await asyncio.to_thread(pose_after, session.held, program, row, start)
-        except ArmctlError as refusal:
-            if self._shared.program is program and self.selected == row:
-                self.leads_nowhere = f"step {row + 1}: {refusal}"
-                self._writer.hide()
+        session, program, key = self._session, self._shared.program, self._asked
+        row, start = self._shared.row(key), session.console.last_known.standing(session.snapshot)
+        q, refused = None, ""
+        if row is not None:
+            try:
+                q = await asyncio.to_thread(pose_after, session.held, program, row, start)
+            except ArmctlError as refusal:
+                refused = f"step {row + 1}: {refusal}"
+        if self._shared.program is not program or self._asked != key:
             return
-        if q is not None and self._shared.program is program and self.selected == row:
-            self._writer.words = f"step {row + 1}"
+        if q is not None and row is not None:
+            self._shown, self._writer.words = key, f"step {row + 1}"
             self._writer.show(q)
+        elif refused or self._shared.row(self._shown) is None:
+            self.leads_nowhere = refused
+            self._writer.hide()
 
     async def change(self, change: Callable[[Program], Change]) -> None:
         """Change list and selection, from the next pass on; refused if impossible, or on a watching page."""
