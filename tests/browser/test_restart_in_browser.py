@@ -161,19 +161,21 @@ def test_a_page_that_waits_for_a_busy_server_keeps_what_it_had(screen: Screen, c
 
     screen.page.route("**/*", serve_late)
     answers = answers_of(screen.page)
-    with loaded_anew([screen]):
-        console.end(signal.SIGKILL)
-        assert console.start() == link
-        # viser is back ahead of the page, with the first tab, and the line has answered more than once
-        expect(screen.tab("Main")).to_have_attribute("aria-selected", "true", timeout=2 * PATIENCE_MS)
-        del answers[:]
-        screen.wait_until(lambda: len(answers) > 1, "the new server has answered")
-        screen.wait_until(lambda: len(waits) == 1, "the page asks for itself")
-        waits[0].continue_()
+    try:
+        with loaded_anew([screen]):
+            console.end(signal.SIGKILL)
+            assert console.start() == link
+            # viser is back ahead of the page, with the first tab, and the line has answered more than once
+            expect(screen.tab("Main")).to_have_attribute("aria-selected", "true", timeout=2 * PATIENCE_MS)
+            del answers[:]
+            screen.wait_until(lambda: len(answers) > 1, "the new server has answered")
+            screen.wait_until(lambda: len(waits) == 1, "the page asks for itself")
+            waits[0].continue_()
+    finally:
+        screen.page.unroute("**/*")
     has_again(screen, "Forward", {"Base °": "12.5"})
     expect(next_pose(screen)).to_contain_text("angles in Forward")
     assert len(waits) == 1
-    screen.page.unroute("**/*")
 
 
 def test_a_page_that_is_loaded_anew_twice_has_its_tab_and_the_server_all_that_was_typed(
