@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Locator, Page, Route, WebSocket, expect
+from playwright.sync_api import Locator, expect
 from tests.browser.kit import PATIENCE_MS, Screen, Screens
 from tests.browser.served_arm import ServedArm
 from tests.browser.serving import page_port
@@ -131,51 +131,6 @@ def test_pages_come_back_and_control_returns_until_a_new_link_is_made(
     for page in pages:
         expect(page.page.locator("#armctl-told p")).to_contain_text("with a new link")
         assert page.page.url.startswith("http")  # it is not left for the words of a refusal
-
-
-def answers_of(page: Page) -> list[str]:
-    """What servers say of themselves on a page's lines for STOP, as it comes."""
-    answers: list[str] = []
-
-    def hear(line: WebSocket) -> None:
-        line.on("framereceived", lambda said: answers.append(str(said)) if '"server"' in str(said) else None)
-
-    page.on("websocket", hear)
-    return answers
-
-
-def test_a_page_that_waits_for_a_busy_server_keeps_what_it_had(screen: Screen, console: Console) -> None:
-    link = console.start()
-    screen.open(link)
-    screen.open_tab("Forward")
-    screen.type_into("Base °", "12.5")
-    expect(next_pose(screen)).to_contain_text("angles in Forward")
-    screen.pause(600)
-    waits: list[Route] = []
-
-    def serve_late(route: Route) -> None:
-        if route.request.is_navigation_request():
-            waits.append(route)
-        else:
-            route.continue_()
-
-    screen.page.route("**/*", serve_late)
-    answers = answers_of(screen.page)
-    try:
-        with loaded_anew([screen]):
-            console.end(signal.SIGKILL)
-            assert console.start() == link
-            # viser is back ahead of the page, with the first tab, and the line has answered more than once
-            expect(screen.tab("Main")).to_have_attribute("aria-selected", "true", timeout=2 * PATIENCE_MS)
-            del answers[:]
-            screen.wait_until(lambda: len(answers) > 1, "the new server has answered")
-            screen.wait_until(lambda: len(waits) == 1, "the page asks for itself")
-            waits[0].continue_()
-    finally:
-        screen.page.unroute("**/*")
-    has_again(screen, "Forward", {"Base °": "12.5"})
-    expect(next_pose(screen)).to_contain_text("angles in Forward")
-    assert len(waits) == 1
 
 
 def test_a_page_that_is_loaded_anew_twice_has_its_tab_and_the_server_all_that_was_typed(
