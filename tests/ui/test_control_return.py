@@ -77,6 +77,16 @@ def test_it_waits_for_who_had_it_and_gives_it_back(server: Server) -> None:
     assert server.due(ONE, TWO) is None and server.returning.former is None
 
 
+def test_who_is_silent_while_its_page_is_loaded_anew_is_waited_for(server: Server) -> None:
+    server.lines.there.add("b")
+    assert server.due(ONE) is None
+    server.lines.there.clear()
+    server.now_s = control_return._COMES_S + 0.1
+    assert server.due(ONE) is None
+    server.now_s = control_return._LOADED_S + 0.1
+    assert server.due(ONE) == ONE
+
+
 def test_who_does_not_come_is_not_waited_for(server: Server) -> None:
     assert server.due(ONE) is None
     server.now_s = control_return._COMES_S + 0.1

@@ -238,6 +238,7 @@ def test_dressed() -> None:
 CONTRACT = {
     "answer": ("viser-user:", "localStorage"),
     "openTabs": ("aria-selected", "role:`tab`"),
+    "tabsInView": ("aria-selected", "role:`tab`"),
     "tabsAround": ("data-dock-group",),
     "nameSections": ("chevron-up", "chevron-down", "`Paper`"),
     "nameIcons": ("closeButton", "`Notification`", "list-search", "adjustments", "tabler-icon"),

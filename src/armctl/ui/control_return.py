@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -24,6 +25,8 @@ _COMES_S = 5.0
 """for so long after the start control is kept for who had it; a page knocks three times a second"""
 _BUILT_S = 60.0
 """for so long, once that page has knocked"""
+_LOADED_S = 10.0
+"""so long that page may be silent then: it is loaded anew, and a page that is loaded does not knock"""
 
 
 class Former(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -50,6 +53,7 @@ class ControlReturn:
         self.former = self._kept = _read(path)
         """who operated before this start, as long as control is kept for it; None: nobody"""
         self._began: float | None = None
+        self._knocked = -math.inf
         self._silent: set[str] = set()
         self._writing = OneAtATime(self._write)
 
@@ -81,8 +85,10 @@ class ControlReturn:
         back = self._lines.who_is(former.page)
         if back not in pages:
             back = None
-            knocks = self._lines.is_there(former.page)
-            if self._now() - began < (_BUILT_S if knocks else _COMES_S):
+            now = self._now()
+            if self._lines.is_there(former.page):
+                self._knocked = now
+            if now - began < (_BUILT_S if now - self._knocked < _LOADED_S else _COMES_S):
                 return None
         self.former = None
         return back if back is not None else next(iter(pages), None)

@@ -22,6 +22,11 @@ const armctlViser = (() => {
     const tabs = document.querySelectorAll("#root [role=tab][aria-selected=true]");
     return Array.from(tabs, tabLabel);
   }
+  // … and those of them that can be seen: those within a tab that is left stay in the document.
+  function tabsInView() {
+    const tabs = document.querySelectorAll("#root [role=tab][aria-selected=true]");
+    return Array.from(tabs).filter((tab) => tab.offsetParent).map(tabLabel);
+  }
   const tabLabel = (tab) => (tab?.title || tab?.textContent || "").trim();
 
   // viser's labels name few of its fields, for those who have them read aloud.
@@ -140,14 +145,17 @@ const armctlViser = (() => {
     return all.map(([, kept]) => kept);
   }
 
-  // Type them again; gives those that are not in view yet.
+  // Type the next one of them again; gives those that are left, which may not be in view yet. One at a time: of what
+  // is typed within 50 ms, viser tells its server the first and the last alone.
   function typeAgain(all) {
+    let once = false;
     return all.filter(({ tabs, label, nth, value }) => {
-      const field = inView(tabs, label)[nth];
+      const field = !once && inView(tabs, label)[nth];
       if (!field || field.disabled) return true;
       if (typed.has(field)) return false; // somebody was faster
       type(field, value);
       note(field);
+      once = true;
       return false;
     });
   }
@@ -289,7 +297,7 @@ const armctlViser = (() => {
   }
 
   return {
-    answer, openTabs, openAgain, typedFields, typeAgain, name, furnishNotifications, onPlotClick, type, letGoOfLists,
+    answer, openTabs, tabsInView, openAgain, typedFields, typeAgain, name, furnishNotifications, onPlotClick, type, letGoOfLists,
     drawNothing, onSceneEdges, onScenePress, scene,
   };
 })();

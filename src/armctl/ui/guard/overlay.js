@@ -11,6 +11,7 @@
   const LATEST_MS = 5000; // a STOP that is older is not sent again
   const ASK_BEATS = 5;
   const LEFT_MS = 5000; // after which a page that viser has lost is loaded anew
+  const RELOAD_MS = 20000; // so long a server may take to serve it
   const KNOCK_MS = 3000;
   const AGAIN_MS = 10000; // so long what a page had may not be there again
   const STOP = "[data-armctl-stop]";
@@ -44,42 +45,47 @@
   }
   const SECRET = /\bPIN\b/;
   let left = taken("armctl-left");
-  let seen = { tabs: [], fields: [] };
+  let seen = { kept: [], tabs: [], fields: [] };
+  // Nothing is noted of a page that is about to go: viser comes back to another server ahead of it, and begins anew.
   function look() {
-    const tabs = (same && viser("openTabs")) || []; // viser's page loses them with its server
-    if (tabs.length) seen = { tabs, fields: viser("typedFields", (label) => SECRET.test(label)) ?? [] };
+    if (!same || performance.now() - reloaded < RELOAD_MS) return;
+    const kept = Array.from(document.querySelectorAll("[data-keep]"), ({ dataset }) => [dataset.keep, dataset.kept]);
+    seen = { ...seen, title: document.title, kept };
+    const tabs = viser("tabsInView") ?? [];
+    if (!tabs.length) return; // they are folded, or not there yet
+    seen = { ...seen, tabs, fields: viser("typedFields", (label) => SECRET.test(label)) ?? [] };
   }
   addEventListener("pagehide", () => {
     look();
-    const kept = Array.from(document.querySelectorAll("[data-keep]"), ({ dataset }) => [dataset.keep, dataset.kept]);
-    const { tabs, fields } = seen;
-    const all = JSON.stringify({ title: document.title, kept, tabs, fields, ...notYetBack(kept, fields) });
+    const all = typeof left === "string" ? left : JSON.stringify({ ...seen, ...notYetBack() });
     try {
       sessionStorage.setItem("armctl-page", page);
-      sessionStorage.setItem("armctl-left", typeof left === "string" ? left : all);
+      sessionStorage.setItem("armctl-left", all);
     } catch (error) {
       console.warn("this browser keeps nothing while a page is loaded anew", error);
     }
   });
   // A page may be loaded anew once more before it has all of it again.
-  function notYetBack(kept, fields) {
+  function notYetBack() {
     if (!left) return {};
     const again = performance.now() - began < AGAIN_MS ? left.kept : [];
     return {
-      ...(left.tabs?.length && !chosen && { tabs: left.tabs }),
-      fields: fields.concat(left.fields ?? []),
-      kept: kept.length ? kept : again,
+      ...((left.toOpen.length || !seen.tabs.length) && !chosen && { tabs: left.tabs }),
+      title: seen.title ?? left.title,
+      fields: seen.fields.concat(left.fields ?? []),
+      kept: seen.kept.length ? seen.kept : again,
     };
   }
   function giveBack() {
     if (!left || document.title === "armctl") return; // the bar has not come, which names the arm
     const had = left;
     left = null; // where it cannot be read, too
-    const { title, tabs, fields, kept, told } = typeof had === "string" ? JSON.parse(had) : had;
+    const all = typeof had === "string" ? JSON.parse(had) : had;
+    const { title, kept, tabs, toOpen = tabs, told } = all;
     if (document.title !== title) return;
     if (!told) for (const [what, value] of kept) globalThis.armctlTell({ do: what, value });
-    const [toOpen, toType] = [viser("openAgain", chosen ? [] : tabs), viser("typeAgain", fields)];
-    left = { title, tabs: toOpen, fields: toType, kept, told: true };
+    const [later, fields] = [viser("openAgain", chosen ? [] : toOpen) ?? [], viser("typeAgain", all.fields) ?? []];
+    left = { title, kept, tabs, toOpen: later, fields, told: true };
   }
   // Who is here already, and does something, goes on from there.
   let chosen = false;
@@ -132,8 +138,9 @@
   let beats = 0;
   let presses = 0;
   let press = null; // the newest STOP that is not confirmed
-  let server = null; // which one has answered
-  let same = false; // it has, on this line
+  let server = null; // which one this page is of
+  let same = true; // as far as is known, it is the one that viser hears
+  let reloaded = -Infinity; // when that was asked for
   let known = null; // when viser had this page last
   let shutOut = false; // the server does not take this page's link any more
   let knocked = -Infinity;
@@ -166,10 +173,12 @@
   function recognise(said) {
     const now = performance.now();
     if (said.known) known = now;
-    const another = server !== null && server !== said.server;
-    server = said.server;
-    same = !another;
-    if (another || (known !== null && now - known > LEFT_MS)) location.reload();
+    server ??= said.server;
+    same = server === said.server;
+    if (same && (known === null || now - known <= LEFT_MS)) return;
+    if (now - reloaded < RELOAD_MS) return; // it is served by and by; to ask again would begin that anew
+    reloaded = now;
+    location.reload();
   }
 
   // A browser does not tell why a line is refused.
