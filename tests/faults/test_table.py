@@ -211,19 +211,19 @@ drop           moving     F    F    F    F    {_LOST}
 drop           stopping   F    F    F    F    {_LOST}
 drop           jogging    F    F    F    F    {_LOST}
 delay          connecting DO   DO   DO   DO   {_SILENT}|connected to
-delay          enabling   FO   F    F    F    {_LOST}|did not answer 'EN 1'|nothing ran
+delay          enabling   FO   F    F    OFH  {_LOST}|did not answer 'EN 1'|nothing ran|{_SILENT}|enabled
 delay          homing     -    -    OF   -    watchdog: the board heard nothing from this computer
 delay          holding    FH   F    F    FH   {_LOST}|watchdog|{_SILENT}|{_GAP}
 delay          moving     FH   F    F    FH   {_LOST}|watchdog|{_SILENT}|{_GAP}
-delay          stopping   FH   F    F    F    {_LOST}|watchdog|{_SILENT}
+delay          stopping   FH   F    F    FH   {_LOST}|watchdog|{_SILENT}|{_GAP}|stopped by test
 garble         connecting DO   DO   DO   DO   {_SILENT}|connected to
-garble         enabling   OF   FO   FH   FH   serial protocol error|by itself|{_LOST}|enabled
+garble         enabling   OF   FO   FH   OFH  serial protocol error|by itself|{_LOST}|enabled|{_SILENT}
 garble         homing     -    -    OFH  -    watchdog|finished
 garble         holding    FH   FH   FH   FH   by itself|{_LOST}|{_SILENT}|of the questions
 garble         moving     FH   FH   FH   FH   by itself|{_LOST}|check the supply|{_SILENT}
 garble         stopping   FH   FH   FH   FH   by itself|{_LOST}|check the (supply|USB cable)|{_SILENT}
 half           connecting DO   DO   DO   DO   {_SILENT}|connected to
-half           enabling   F    F    F    F    by itself .*check its power|{_LOST}|{_SILENT}
+half           enabling   F    F    F    OFH  by itself .*check its power|{_LOST}|{_SILENT}
 half           homing     -    -    OF   -    watchdog
 half           holding    FH   F    FH   FH   by itself|{_LOST}|{_SILENT}
 half           moving     FH   F    FH   FH   by itself|{_LOST}|{_SILENT}
@@ -253,7 +253,7 @@ brown-out      holding    F    F    F    F    {_RESTARTED}
 brown-out      moving     F    F    F    F    {_RESTARTED}
 brown-out      stopping   F    F    F    F    {_RESTARTED}
 reset          connecting O    O    O    O    connected to
-reset          enabling   F    F    O    O    {_RESTARTED}
+reset          enabling   F    F    O    H    {_RESTARTED}|enabled
 reset          homing     -    -    O    -    {_RESTARTED}
 reset          holding    F    F    F    F    {_RESTARTED}
 reset          moving     HF   F    F    F    {_RESTARTED}|move finished
@@ -262,15 +262,15 @@ busy           connecting D    D    D    D    in use by another program .*close 
 frozen         connecting O    O    O    O    connected to
 frozen         enabling   O    O    O    O    {_GAP}
 frozen         homing     -    -    O    -    {_GAP}
-frozen         holding    H    H    F    F    {_GAP}
-frozen         moving     H    H    F    F    {_GAP}
-frozen         stopping   H    H    F    F    {_GAP}
-frozen         jogging    H    H    F    F    {_GAP}
+frozen         holding    H    H    F    H    {_GAP}
+frozen         moving     H    H    F    H    {_GAP}
+frozen         stopping   H    H    F    H    {_GAP}
+frozen         jogging    H    H    F    H    {_GAP}
 suspended      enabling   O    O    O    O    {_GAP}
 suspended      homing     -    -    O    -    {_GAP}
-suspended      holding    H    H    F    F    {_GAP}
-suspended      moving     H    H    F    F    {_GAP}
-suspended      stopping   H    H    F    F    {_GAP}
+suspended      holding    H    H    F    H    {_GAP}
+suspended      moving     H    H    F    H    {_GAP}
+suspended      stopping   H    H    F    H    {_GAP}
 clock+1d       moving     H    H    H    H    move finished
 clock-1d       moving     H    H    H    H    move finished
 clock-1d       enabling   H    H    H    H    enabling finished|enabled
