@@ -14,6 +14,8 @@ from armctl.hardware.bus.table import ControlTable
 from armctl.hardware.driver import ChannelSettings
 from armctl.robot import Robot
 
+_PAUSE_S = 0.005
+"""a silence after which a servo expects the beginning of a packet"""
 _ROOM_C, _WARM_S, _HEAT_C = 25.0, 400.0, 70.0
 """room; how long a servo takes to get warm [s]; how much warmer it gets at full load for good [°C]"""
 
@@ -233,6 +235,7 @@ class SimulatedBus:
         """the last instructions"""
         self._random = random.Random(seed)
         self._reader = PacketReader(form, status=False)
+        self._time = self._fed_at = 0.0
         plant.began.append(self._begin)
         for servo in self.servos:
             servo.power_up()
@@ -250,6 +253,9 @@ class SimulatedBus:
     def feed(self, data: bytes) -> bytes:
         """Take bytes from the host; what the servos answer, behind the echo of an adapter that echoes."""
         answer = bytearray(data if self.echo else b"")
+        if self._time - self._fed_at > _PAUSE_S:
+            self._reader.clear()
+        self._fed_at = self._time
         for packet in self._reader.feed(data):
             self.heard.append(packet)
             del self.heard[:-64]
@@ -259,6 +265,7 @@ class SimulatedBus:
 
     def advance(self, now: float) -> bytes:
         """Let time pass; servos say nothing unasked."""
+        self._time = now
         self.plant.advance(now)
         return b""
 

@@ -6,7 +6,7 @@ from armctl.hardware.bus.packets import BusPacket, PacketForm
 
 _BEFORE_LENGTH = 4
 """bytes up to the length: head, id, length"""
-_LONGEST = 255
+_HEAD_BYTE = 0xFF
 
 
 class FeetechForm(PacketForm):
@@ -30,7 +30,7 @@ class FeetechForm(PacketForm):
         """Of the packet that begins so; 0: it is none."""
         if len(begun) < _BEFORE_LENGTH:
             return None
-        if begun[2] == _LONGEST or begun[3] < 2:  # a head of three FF: the packet begins with the second
+        if _HEAD_BYTE in (begun[2], begun[3]) or begun[3] < 2:  # another head, behind what was cut off
             return 0
         return _BEFORE_LENGTH + begun[3]
 
