@@ -16,6 +16,8 @@ from armctl.robot import Robot
 
 _ROOM_C, _WARM_S, _HEAT_C = 25.0, 400.0, 70.0
 """room; how long a servo takes to get warm [s]; how much warmer it gets at full load for good [°C]"""
+_LATE_S = 0.1
+"""without time that long somebody else was late than the host"""
 
 
 @dataclass
@@ -134,6 +136,9 @@ class BusServo(ABC):
     def answers(self, instruction: int) -> bool:
         """Whether its status level lets it answer this."""
 
+    def overhear(self) -> None:  # noqa: B027
+        """Somebody was told something, whoever is meant."""
+
     @abstractmethod
     def other(self, packet: BusPacket) -> BusPacket | None:
         """An instruction that only this make has; None: no answer."""
@@ -231,6 +236,7 @@ class SimulatedBus:
         """shares of packets, either way, that noise takes, spoils, or doubles"""
         self.heard: list[BusPacket] = []
         """the last instructions"""
+        self._advanced_at = 0.0
         self._random = random.Random(seed)
         self._reader = PacketReader(form, status=False)
         plant.began.append(self._begin)
@@ -253,12 +259,20 @@ class SimulatedBus:
         for packet in self._reader.feed(data):
             self.heard.append(packet)
             del self.heard[:-64]
+            for servo in self.present:
+                servo.overhear()
             for _ in range(self._times()):
                 answer += self._answered(packet)
         return bytes(answer)
 
     def advance(self, now: float) -> bytes:
         """Let time pass; servos say nothing unasked."""
+        if (
+            now - self._advanced_at > _LATE_S
+        ):  # who carries the bytes was late, which is not the host's silence
+            for servo in self.servos:
+                servo.overhear()
+        self._advanced_at = now
         self.plant.advance(now)
         return b""
 
