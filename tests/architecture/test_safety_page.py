@@ -13,6 +13,7 @@ import pytest
 
 from armctl.hardware.board_type import BoardType
 from armctl.hardware.boards import board_type
+from armctl.hardware.dynamixel.make import WATCHDOG_MS
 from armctl.hardware.encoder import driver as encoder_driver
 from armctl.hardware.encoder import messages
 from armctl.hardware.encoder import simulated as encoder_simulated
@@ -85,6 +86,7 @@ NUMBERS = {
     "encoder brakes": encoder_driver.WATCHDOG_MS / 1000 - encoder_simulated._LONGEST_BRAKING_S,
     "watchdog": encoder_driver.WATCHDOG_MS / 1000,
     "hang": int(_HANG[1]) / 1000,
+    "bus watchdog": WATCHDOG_MS / 1000,
 }
 """what stands behind each number of the tables, in seconds, degrees, bytes or shares"""
 ROUNDED_UP = {"page silent"}

@@ -10,6 +10,7 @@ import numpy as np
 from armctl.errors import InputError
 from armctl.hardware.board_type import NEEDED, BoardType
 from armctl.hardware.driver import ChannelSettings
+from armctl.hardware.dynamixel.board import DynamixelBoard
 from armctl.hardware.encoder.board import EncoderBoard
 from armctl.hardware.feetech.board import FeetechBoard
 from armctl.hardware.firmata.board import FirmataBoard
@@ -24,6 +25,7 @@ SHIPPED: tuple[BoardType, ...] = (
     EncoderBoard(),
     FeetechBoard(),
     Pca9685Board(),
+    DynamixelBoard(),
 )
 """in the order in which they are asked who is there: a question of the second upsets the first,
 and a Maestro takes a ping on a servo bus for an order"""

@@ -149,6 +149,9 @@ class Abilities:
         """How strong motors may be, by channel: a share 0 ... 1 of their full torque."""
         raise StateError("this board cannot limit the torque of its motors")
 
+    def clear_faults(self) -> None:
+        """The user has read what went wrong: end what is latched of outputs that are off. Moves nothing."""
+
     def set_output(self, name: str, value: float) -> None:
         """Switch an output that moves no joint, as ``Readback.outputs`` names it: 0, 1, or a share."""
         raise StateError("this board has no outputs beside those of the joints")

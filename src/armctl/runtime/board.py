@@ -224,6 +224,10 @@ class Board:
         translated(f"switching the {self.power} off", self._driver.release)
         self.take_back()
 
+    def clear_faults(self) -> None:
+        """Let what went off by itself be enabled again; what is on stays on."""
+        translated("clearing faults", self._able.clear_faults)
+
     def release_joints(self, joints: BoolArray) -> None:
         """The same for these joints (n,) only: nothing is sent to them until they are taken back."""
         what = f"switching the {self.power} of joints off"

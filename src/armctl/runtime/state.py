@@ -333,6 +333,7 @@ class ArmState:
         if self.gate.q is None:
             if self.monitor.reading.powered is False:
                 self.board.release()  # a board that switched its motors off by itself waits for this
+            self.board.clear_faults()  # and one that switches each by itself for this
             self._enter(State.OFF, f"fault cleared ({who})")
         else:
             self._enter(State.HOLDING, f"fault cleared ({who}); the arm holds the last setpoint")

@@ -31,6 +31,8 @@ _ALL_OFF = (
 )
 _LOOK_AGAIN_S = 0.5
 """how often a servo that is gone is asked whether it is there again"""
+_RESTART_S = 2.0
+"""how long a servo may take to start anew"""
 _JUMP_STEPS = 60
 """by which a position may differ from the one before beyond what the speed explains"""
 _LONGEST_STEP_S = 0.05
@@ -50,6 +52,8 @@ class _Servo:
     """whether it has not answered for some time"""
     asked_at: float = 0.0
     """when it was looked for last, where it is gone"""
+    restarts_until: float = 0.0
+    """so long it may be gone because it was told to start anew"""
     doubted: int | None = None
     """a position that is too far from the one before to be believed without another"""
     on: bool = False
@@ -66,7 +70,7 @@ class _Servo:
     @property
     def takes_goals(self) -> bool:
         """Whether a goal would only move it: it would switch on one that is limp, or has started anew."""
-        return self.on and not self.went_off and not self.gone and self.missed < _DOUBTED
+        return self.on and not (self.went_off or self.seen.refuses or self.gone) and self.missed < _DOUBTED
 
 
 @dataclass
@@ -142,18 +146,18 @@ class BusDriver(Abilities):
         """Send goals [steps] in one packet. Servos that are limp are switched on first, base first."""
         line = self._opened
         goals = {servo: self._table.admit(servo, value) for servo, value in setpoints.items()}
-        limp = [servo for servo in goals if not self._servos[servo].on]
+        limp = [servo for servo in goals if not self._servos[servo].on or self._servos[servo].seen.refuses]
         switched: list[int] = []
-        try:
-            for servo in limp:
-                self._switch_on(line, self._servos[servo])
-                switched.append(servo)
-        except (EnableError, BoardTimeoutError) as error:
-            for one in switched:
-                self._off(line, self._servos[one])
-            refusal = error if isinstance(error, EnableError) else EnableError(error.reason)
-            refusal.channel = limp[len(switched)]
-            raise refusal from error
+        for servo in limp:
+            try:
+                if self._switch_on(line, self._servos[servo]):
+                    switched.append(servo)
+            except (EnableError, BoardTimeoutError) as error:
+                for one in switched:  # not those that held before: the arm would drop
+                    self._off(line, self._servos[one])
+                refusal = error if isinstance(error, EnableError) else EnableError(error.reason)
+                refusal.channel = servo
+                raise refusal from error
         for servo, goal in goals.items():
             self._servos[servo].wanted = goal
         self._send(line)
@@ -186,7 +190,7 @@ class BusDriver(Abilities):
             asked=count.asked,
             lost=count.lost,
             delay_s=count.slowest_s,
-            on={one.id: bool(one.seen.on) and not one.went_off for one in servos},
+            on={one.id: bool(one.seen.on) and not (one.went_off or one.seen.refuses) for one in servos},
         )
 
     def stop(self) -> None:
@@ -205,6 +209,10 @@ class BusDriver(Abilities):
     def release_channels(self, channels: Sequence[int]) -> None:
         """The same for these only."""
         self._release(channels)
+
+    def clear_faults(self) -> None:
+        """Servos that went off by themselves may be enabled again; those with latched errors start anew."""
+        self._release([one.id for one in self._servos.values() if one.went_off])
 
     def limit_torque(self, limits: Mapping[int, float]) -> None:
         """How strong servos may be: a share 0 ... 1 of their full torque."""
@@ -245,6 +253,7 @@ class BusDriver(Abilities):
             one = self._servos[servo]
             try:
                 one.settings = self._make.settings(line, servo)
+                self._take_rest(line, one)
             except BoardTimeoutError:
                 one.gone = True
                 continue
@@ -264,24 +273,31 @@ class BusDriver(Abilities):
 
     # Power.
 
-    def _switch_on(self, line: BusLine, one: _Servo) -> None:
+    def _switch_on(self, line: BusLine, one: _Servo) -> bool:
+        """Bring a servo under goals; whether its torque was off."""
         if one.gone or one.seen.position is None:
             raise EnableError(f"servo {one.id} does not answer; look at its plug and its power")
         if one.settings is None:
             one.settings = self._make.settings(line, one.id)
-        if one.seen.on and not one.went_off:
-            one.goal = take_over(self._make, line, one.id, one.settings, one.seen, one.torque)
-        else:
+        limp = one.went_off or not one.seen.on
+        if limp:
             one.goal = switch_on(self._make, line, one.id, one.settings, one.seen.position, one.torque)
+        else:
+            one.goal = take_over(self._make, line, one.id, one.settings, one.seen, one.torque)
         one.on, one.went_off = True, False
-        one.seen = Telemetry(on=True).after(one.seen)
+        one.seen = Telemetry(on=True, refuses=False).after(one.seen)
         one.wanted, one.sent_at = one.goal, self._now()
+        return limp
 
     def _off(self, line: BusLine, one: _Servo) -> bool:
         one.on = one.went_off = False
         one.goal = one.wanted = None
         one.seen = Telemetry(on=False).after(one.seen)
-        return self._make.off(line, one.id)
+        confirmed = self._make.off(line, one.id)
+        if confirmed and one.seen.latched and self._make.clear(line, one.id):
+            one.gone, one.asked_at = True, self._now()
+            one.restarts_until = one.asked_at + _RESTART_S
+        return confirmed
 
     def _release(self, servos: Sequence[int]) -> None:
         line = self._opened
@@ -378,8 +394,12 @@ class BusDriver(Abilities):
         if answer is not None:
             one.gone, one.seen, one.settings, one.doubted = False, Telemetry(), None, None
             self._take(one, self._make.understood(answer, block))
-            for more in self._make.in_turn:
-                self._take(one, self._make.understood(line.read(one.id, more.address, more.size), more))
+            self._take_rest(line, one)
+
+    def _take_rest(self, line: BusLine, one: _Servo) -> None:
+        """Read what is else read in turn."""
+        for block in self._make.in_turn:
+            self._take(one, self._make.understood(line.read(one.id, block.address, block.size), block))
 
     def _take(self, one: _Servo, seen: Telemetry) -> None:
         """Believe an answer, unless its position is too far from the one before; the next one decides."""
@@ -405,14 +425,15 @@ class BusDriver(Abilities):
         faults: dict[int, str] = {}
         warnings: dict[int, str] = {}
         for one, needs in zip(servos, self._table.settings, strict=True):
-            words = list(one.seen.faults or ())
-            own = one.settings
+            words, own = one.seen.wrong, one.settings
             if own is not None and (needs.minimum < own.lowest or needs.maximum > own.highest):
                 warnings[one.id] = (
                     f"servo {one.id}: the limits {own.lowest} … {own.highest} of its own EEPROM cut off a "
                     f"part of the {needs.minimum:g} … {needs.maximum:g} steps of the robot file"
                 )
-            if one.gone:
+            if one.gone and self._now() < one.restarts_until:
+                faults[one.id] = f"servo {one.id} starts anew, its fault was cleared; wait for a second"
+            elif one.gone:
                 faults[one.id] = f"servo {one.id} does not answer; look at its plug and its power"
             elif one.went_off:
                 why = "; ".join(words) or "it has started anew, or another program switched it off"

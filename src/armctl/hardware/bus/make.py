@@ -43,6 +43,15 @@ class Telemetry:
     """[A]"""
     faults: tuple[str, ...] | None = None
     """what is wrong, in words; empty: nothing is"""
+    latched: tuple[str, ...] | None = None
+    """what has gone wrong and lasts until ``ServoMake.clear``, in words"""
+    refuses: bool | None = None
+    """whether it holds by itself and takes no goals until it is taken over again"""
+
+    @property
+    def wrong(self) -> tuple[str, ...]:
+        """All that is wrong, in words."""
+        return (*(self.faults or ()), *(self.latched or ()))
 
     def after(self, before: Telemetry) -> Telemetry:
         """This, and what the one before tells besides."""
@@ -128,6 +137,10 @@ class ServoMake(ABC):
         if written is None or kept != data:
             raise BoardError(f"servo {servo} did not take {number} as its {name}")
 
+    def clear(self, line: BusLine, servo: int) -> bool:
+        """End what is latched of a limp servo; whether it starts anew for that, and is silent for a while."""
+        return False
+
     def position(self, line: BusLine, servo: int) -> int:
         """Where it stands now [steps], from two answers that agree; a late answer is taken for none."""
         register = self.table["present_position"]
@@ -179,13 +192,14 @@ def take_over(
     """Take over a servo whose torque is on already; the goal [steps] at which it holds now.
 
     It keeps the goal that it was found with, from which it may sag. Where it is weak and far from it, a
-    stronger motor would throw it there: it holds where it stands then. ``EnableError`` as in ``switch_on``.
+    stronger motor would throw it there: it holds where it stands then, and so does one that refuses goals.
+    ``EnableError`` as in ``switch_on``.
     """
     place = make.position(line, servo)
     _require_fit(make, servo, settings, place)
     goal = place if seen.goal is None else seen.goal
     weak = seen.torque_limit is not None and seen.torque_limit < torque
-    if weak and abs(goal - place) > make.still_steps:
+    if seen.refuses or (weak and abs(goal - place) > make.still_steps):
         goal = place
         make.on_at(line, servo, place)
     make.prepare(line, servo, torque)

@@ -140,7 +140,7 @@ class PacketReader:
             if place < 0:  # the last bytes may be the beginning of a head
                 keep = next(
                     n
-                    for n in range(len(form.head) - 1, -1, -1)
+                    for n in range(min(len(form.head) - 1, len(kept)), -1, -1)
                     if form.head.startswith(kept[len(kept) - n :])
                 )
                 self._drop(len(kept) - keep)

@@ -102,7 +102,7 @@ class BusSetup:
             seen.voltage,
             seen.temperature,
             seen.on,
-            seen.faults or (),
+            seen.wrong,
         )
 
     def change_id(self, baud: int, old: int, new: int) -> FoundServo:

@@ -18,6 +18,8 @@ _PAUSE_S = 0.005
 """a silence after which a servo expects the beginning of a packet"""
 _ROOM_C, _WARM_S, _HEAT_C = 25.0, 400.0, 70.0
 """room; how long a servo takes to get warm [s]; how much warmer it gets at full load for good [°C]"""
+_LATE_S = 0.1
+"""without time that long somebody else was late than the host"""
 
 
 @dataclass
@@ -135,6 +137,9 @@ class BusServo(ABC):
     @abstractmethod
     def answers(self, instruction: int) -> bool:
         """Whether its status level lets it answer this."""
+
+    def overhear(self) -> None:  # noqa: B027
+        """Somebody was told something, whoever is meant."""
 
     @abstractmethod
     def other(self, packet: BusPacket) -> BusPacket | None:
@@ -259,12 +264,17 @@ class SimulatedBus:
         for packet in self._reader.feed(data):
             self.heard.append(packet)
             del self.heard[:-64]
+            for servo in self.present:
+                servo.overhear()
             for _ in range(self._times()):
                 answer += self._answered(packet)
         return bytes(answer)
 
     def advance(self, now: float) -> bytes:
         """Let time pass; servos say nothing unasked."""
+        if now - self._time > _LATE_S:  # who carries the bytes was late, which is not the host's silence
+            for servo in self.servos:
+                servo.overhear()
         self._time = now
         self.plant.advance(now)
         return b""

@@ -12,8 +12,8 @@ from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, muted
 
 _HINT = (
-    "Joints that you tick go limp: <b>support the arm</b>, then lead them by hand. The page follows, and "
-    "<b>Record</b>, <b>Record pose</b> and the marks of a calibration take where they stand."
+    "Joints that you tick go limp. <b>Support the arm</b>, then lead them by hand: the page follows, and "
+    "<b>Record pose</b> and <b>Point</b> take where they stand."
 )
 _ABILITY = "release_channels"
 
@@ -32,7 +32,7 @@ class ByHand:
         joints = session.console.robot.joints
         self._folder = gui.add_folder("Lead by hand", expand_by_default=False)
         with self._folder:
-            LiveHtml(gui, muted(_HINT))
+            LiveHtml(gui, _HINT)
             self._ticks = {joint.name: gui.add_checkbox(joint.title, initial_value=False) for joint in joints}
             self._go_limp = gui.add_button("Let ticked joints go limp", color="gray")
             self._back = gui.add_button("Take them back as they stand", color="gray")
