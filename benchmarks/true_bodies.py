@@ -5,7 +5,8 @@ The folder holds, side by side, what the makers publish of their arms (``MAKERS`
 ``interbotix_xsarm_descriptions`` of Interbotix/interbotix_ros_manipulators; ``open_manipulator_description``
 of ROBOTIS-GIT/open_manipulator; ``kinova_description`` of Kinovarobotics/kinova-ros;
 ohlr/braccio_arduino_ros_rviz; ``PAROL6_URDF`` of PCrnjak/PAROL6-Desktop-robot-arm;
-``annin_ar4_description`` of ycheng517/ar4_ros_driver; ``koch`` of the package mani_skill. Nothing of them is kept here.
+``annin_ar4_description`` of ycheng517/ar4_ros_driver; ``koch`` of the package mani_skill.
+Nothing of them is kept here.
 
 Their visual meshes are placed in the links of the shipped arms: a maker's joint angle is a zero and a sense
 times ours, and the base is turned and shifted so that all axes agree as well as they can. The first table

@@ -317,6 +317,10 @@ def test_a_real_board_is_not_driven_for_an_arm_without_servos(tmp_path: Path) ->
     file.write_text(BENCH_URDF)
     with pytest.raises(PortError, match=r"/dev/ttyACM0 is not opened: the robot file of .* gives no servos"):
         armctl.Arm.open(file, port="/dev/ttyACM0")
+    with pytest.raises(
+        PortError, match="UR5 is simulated only: armctl does not speak to its controller; use"
+    ):
+        armctl.Arm.open("ur5", port="/dev/ttyACM0")
 
 
 # Motions that do not block.

@@ -139,10 +139,12 @@ def _listed_as(device: str, ports: Sequence[PortInfo]) -> BoardType | None:
 
 def only_simulated(robot: Robot) -> str | None:
     """Why no real board may drive an arm; None where one may."""
-    if robot.output_map is not None:
+    if robot.simulated_only is None:
         return None
+    if robot.no_board:
+        return f"{robot.title} is simulated only: {robot.no_board}; use the simulated board"
     return (
-        f"the robot file of {robot.title} gives no servos, so nobody knows which pulse means which angle; "
+        f"the robot file of {robot.title} gives no servos, so nobody knows which output means which angle; "
         "add a servo entry to each joint, or use the simulated board"
     )
 

@@ -1,4 +1,4 @@
-"""Shipped arms against what their makers publish, at random poses: the joints of a URDF file, or screw axes."""
+"""Shipped arms against what is published of them, at random poses: joints of a URDF file, or screw axes."""
 
 from __future__ import annotations
 
@@ -42,21 +42,23 @@ def turned(axis: tuple[float, ...], angle: float) -> FloatArray:
 
 def koch(q: FloatArray) -> FloatArray:
     """The tool in our base frame: x ahead, which is -y of the file, and below the pan axis."""
-    T = placed(np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]]), (-67.858, -0.5, 0))
+    pose = placed(np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]]), (-67.858, -0.5, 0))
     for (mm, quarters, axis), angle in zip(KOCH, q, strict=True):
-        T = T @ placed(Rotation.from_euler("xyz", 90 * np.array(quarters), degrees=True).as_matrix(), mm)
-        T = T @ turned(axis, angle)
-    return T @ placed(np.diag([1.0, -1, -1]), KOCH_TOOL_MM)  # the file's tool points backwards
+        pose = pose @ placed(
+            Rotation.from_euler("xyz", 90 * np.array(quarters), degrees=True).as_matrix(), mm
+        )
+        pose = pose @ turned(axis, angle)
+    return pose @ placed(np.diag([1.0, -1, -1]), KOCH_TOOL_MM)  # the file's tool points backwards
 
 
 def widowx(q: FloatArray) -> FloatArray:
     """The tool: each axis turns what lies behind it, about the point of it that is nearest to the base."""
-    T = np.eye(4)
+    pose = np.eye(4)
     for (axis, moment), angle in zip(SCREWS, q, strict=True):
         at = placed(np.eye(3), tuple(1000 * np.cross(axis, moment)))
-        T = T @ at @ turned(axis, angle) @ np.linalg.inv(at)
+        pose = pose @ at @ turned(axis, angle) @ np.linalg.inv(at)
     ahead = np.array([[0, 0, 1], [0, -1, 0], [1, 0, 0.0]])  # the source's tool points along x
-    return T @ placed(ahead, tuple(1000 * np.array(SCREWS_TOOL_M)))
+    return pose @ placed(ahead, tuple(1000 * np.array(SCREWS_TOOL_M)))
 
 
 def lekiwi(q: FloatArray) -> FloatArray:
@@ -67,7 +69,8 @@ def lekiwi(q: FloatArray) -> FloatArray:
 @pytest.mark.parametrize("name", ["koch", "widowx250s", "lekiwi"])
 def test_the_tool_is_where_the_maker_s_description_has_it(name: str) -> None:
     robot, maker = load_robot(name), {"koch": koch, "widowx250s": widowx, "lekiwi": lekiwi}[name]
-    for q in np.random.default_rng(52).uniform(*robot.limits.T, (200, robot.n)):
+    low, high = robot.limits.T
+    for q in np.random.default_rng(52).uniform(low, high, (200, robot.n)):
         T, told = robot.forward(q), maker(q)
         assert 1000 * T[:3, 3] == pytest.approx(1000 * told[:3, 3], abs=0.005)
         assert T[:3, :3] == pytest.approx(told[:3, :3], abs=1e-5)

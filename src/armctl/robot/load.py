@@ -21,7 +21,7 @@ from armctl.facts import Several, say
 from armctl.kinematics import Body, Chain, DHRow, GravityModel
 from armctl.kinematics.chain import TurnLimit
 from armctl.robot.board_entries import read_outputs
-from armctl.robot.body.arm_body import Capsule, capsule
+from armctl.robot.body.arm_body import BODY_GUESSED, Capsule, capsule
 from armctl.robot.file import (
     ROBOT_FILES,
     CapsuleEntry,
@@ -33,7 +33,7 @@ from armctl.robot.file import (
 from armctl.robot.look.pieces import MASSES_ASSUMED, masses
 from armctl.robot.look_sound import check_look
 from armctl.robot.parts import JERK_UP_S, Gripper, Joint, Look
-from armctl.robot.robot import BODY_GUESSED, Robot
+from armctl.robot.robot import Robot
 
 _SIDE_SUFFIX = ".armctl.toml"
 _URDF = re.compile(
@@ -84,6 +84,16 @@ def robot_title(name: str) -> str:
         return ROBOT_FILES.load(robot_path(name), lambda text: str(ROBOT_FILES.parse(text).record["title"]))
     except (RobotFileError, KeyError):  # choosing it says what is wrong with it
         return name
+
+
+def says_no_board(name: str) -> bool:
+    """Whether a robot file has ``no_board``, without working the rest out; False where it cannot be read."""
+    if is_urdf(name):
+        return False
+    try:
+        return ROBOT_FILES.load(robot_path(name), lambda text: "no_board" in ROBOT_FILES.parse(text).record)
+    except RobotFileError:
+        return False
 
 
 def is_urdf(name: str | Path) -> bool:
@@ -188,11 +198,14 @@ def robot_of(document: Document) -> Robot:
         _turn_limits(links, by_name),
     )
     kind, outputs, settings = board
+    if file.no_board and outputs is not None:
+        raise document.error("no_board: the joints have outputs; remove the one or the others", ("no_board",))
     robot = Robot(
         name=file.name,
         title=file.title,
         source=file.source,
         assumed=file.assumed,
+        no_board=file.no_board,
         criterion=file.criterion,
         joints=tuple(map(_joint, joints)),
         chain=chain,
