@@ -141,12 +141,8 @@ def only_simulated(robot: Robot) -> str | None:
     """Why no real board may drive an arm; None where one may."""
     if robot.simulated_only is None:
         return None
-    if robot.no_board:
-        return f"{robot.title} is simulated only: {robot.no_board}; use the simulated board"
-    return (
-        f"the robot file of {robot.title} gives no servos, so nobody knows which output means which angle; "
-        "add a servo entry to each joint, or use the simulated board"
-    )
+    mend = "" if robot.no_board else "add a servo entry to each joint, or "
+    return f"{robot.title} is simulated only: {robot.simulated_only}; {mend}use the simulated board"
 
 
 def _require_real(port: str, robot: Robot) -> None:

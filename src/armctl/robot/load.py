@@ -32,6 +32,7 @@ from armctl.robot.file import (
 )
 from armctl.robot.look.pieces import MASSES_ASSUMED, masses
 from armctl.robot.look_sound import check_look
+from armctl.robot.outputs import OutputMap
 from armctl.robot.parts import JERK_UP_S, Gripper, Joint, Look
 from armctl.robot.robot import Robot
 
@@ -186,8 +187,7 @@ def robot_of(document: Document) -> Robot:
     board: Any = None
     with errors:
         limits = [(joint.name, joint.limit_deg) for joint in joints]
-        has_gripper = file.gripper is not None and file.gripper is not REFUSED
-        board = read_outputs(document, limits, has_gripper=has_gripper)
+        board = _board(file, document, limits)
     errors.raise_all()
     links = [row for row in file.dh.rows if row.turning is not None]
     by_name = {joint.name: joint for joint in joints}
@@ -198,8 +198,6 @@ def robot_of(document: Document) -> Robot:
         _turn_limits(links, by_name),
     )
     kind, outputs, settings = board
-    if file.no_board and outputs is not None:
-        raise document.error("no_board: the joints have outputs; remove the one or the others", ("no_board",))
     robot = Robot(
         name=file.name,
         title=file.title,
@@ -235,6 +233,17 @@ def robot_of(document: Document) -> Robot:
         gravity = replace(robot.gravity, bodies=bodies)
         return replace(robot, gravity=gravity, assumed=(*robot.assumed, MASSES_ASSUMED))
     return robot
+
+
+def _board(
+    file: RobotFile, document: Document, limits: Sequence[tuple[str, tuple[float, float]]]
+) -> tuple[str, OutputMap | None, object]:
+    """Its kind, the outputs if there are any, and its settings."""
+    has_gripper = file.gripper is not None and file.gripper is not REFUSED
+    kind, outputs, settings = read_outputs(document, limits, has_gripper=has_gripper)
+    if outputs is not None and file.no_board and file.no_board is not REFUSED:
+        raise document.error("no_board: the joints have outputs; remove the one or the others", ("no_board",))
+    return kind, outputs, settings
 
 
 def _joints_by_rows(file: RobotFile, document: Document) -> list[JointEntry]:
