@@ -78,6 +78,14 @@ DESCRIPTIONS = {
         (-1, -1, 1, -1),
         (0, 90, -90, 0),
     ),
+    "koch": Description(
+        "yaw pitch1 pitch2 pitch3 effector_roll",
+        (-1, 1, -1, 1, -1),
+        (0, -90.069, 90.035, -0.034, -90),
+    ),
+    "widowx250s": Description(
+        "waist shoulder elbow forearm_roll wrist_angle wrist_rotate", (1,) * 6, (0,) * 6
+    ),
 }
 
 

@@ -5,7 +5,8 @@ The folder holds, side by side, what the makers publish of their arms (``MAKERS`
 ``interbotix_xsarm_descriptions`` of Interbotix/interbotix_ros_manipulators; ``open_manipulator_description``
 of ROBOTIS-GIT/open_manipulator; ``kinova_description`` of Kinovarobotics/kinova-ros;
 ohlr/braccio_arduino_ros_rviz; ``PAROL6_URDF`` of PCrnjak/PAROL6-Desktop-robot-arm;
-``annin_ar4_description`` of ycheng517/ar4_ros_driver. Nothing of them is kept here.
+``annin_ar4_description`` of ycheng517/ar4_ros_driver; ``koch`` of the package mani_skill.
+Nothing of them is kept here.
 
 Their visual meshes are placed in the links of the shipped arms: a maker's joint angle is a zero and a sense
 times ours, and the base is turned and shifted so that all axes agree as well as they can. The first table
@@ -146,6 +147,20 @@ MAKERS = {
         (1, 1, 1, 1, 1),
         (0, 0, 0, 0, 0),
         {"gripper": (-0.175, 1.745)},
+    ),
+    "koch": Maker(
+        "koch/follower_arm_v1.1.urdf",
+        ("joint_1", "joint_2", "joint_3", "joint_4", "joint_5"),
+        (1, 1, 1, 1, 1),
+        (0, 0, 0, 0, 0),
+        {"joint_6": (0, 1.6)},
+    ),
+    "widowx250s": Maker(
+        "interbotix_xsarm_descriptions/urdf/wx250s.urdf.xacro",
+        ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate"),
+        (1, 1, 1, 1, 1, 1),
+        (0, 0, 0, 0, 0, 0),
+        {"left_finger": (0.015, 0.037), "right_finger": (-0.015, -0.037)},
     ),
 }
 

@@ -315,8 +315,12 @@ def test_an_orientation_that_the_arm_cannot_take_is_refused_with_the_angle(arm: 
 def test_a_real_board_is_not_driven_for_an_arm_without_servos(tmp_path: Path) -> None:
     file = tmp_path / "bench.urdf"
     file.write_text(BENCH_URDF)
-    with pytest.raises(PortError, match=r"/dev/ttyACM0 is not opened: the robot file of .* gives no servos"):
+    with pytest.raises(PortError, match=r"/dev/ttyACM0 is not opened: .* its file gives no servos"):
         armctl.Arm.open(file, port="/dev/ttyACM0")
+    with pytest.raises(
+        PortError, match="UR5 is simulated only: armctl does not speak to its controller; use"
+    ):
+        armctl.Arm.open("ur5", port="/dev/ttyACM0")
 
 
 # Motions that do not block.

@@ -40,7 +40,7 @@ from armctl.protocol import (
     UpdateProgram,
 )
 from armctl.robot import CarriedPart, Robot, load_robot
-from armctl.robot.robot import BODY_GUESSED
+from armctl.robot.body.arm_body import BODY_GUESSED
 
 Orientation = Literal["kept"]
 """of the tool, where ``Arm.go`` is not told by its numbers: as it is"""

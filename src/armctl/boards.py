@@ -139,12 +139,10 @@ def _listed_as(device: str, ports: Sequence[PortInfo]) -> BoardType | None:
 
 def only_simulated(robot: Robot) -> str | None:
     """Why no real board may drive an arm; None where one may."""
-    if robot.output_map is not None:
+    if robot.simulated_only is None:
         return None
-    return (
-        f"the robot file of {robot.title} gives no servos, so nobody knows which pulse means which angle; "
-        "add a servo entry to each joint, or use the simulated board"
-    )
+    mend = "" if robot.no_board else "add a servo entry to each joint, or "
+    return f"{robot.title} is simulated only: {robot.simulated_only}; {mend}use the simulated board"
 
 
 def _require_real(port: str, robot: Robot) -> None:

@@ -247,10 +247,12 @@ def test_fk_outside_the_limits_is_computed_with_a_warning(capsys: pytest.Capture
 
 def test_robots_lists_what_is_shipped(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = call(capsys, "robots", "--json")
-    names = [record["name"] for record in json.loads(out)]
-    assert status == DONE and "uzuner" in names
+    records = {record["name"]: record for record in json.loads(out)}
+    assert status == DONE and records["uzuner"]["simulated_only"] is None
+    assert records["ur5"]["simulated_only"] == load_robot("ur5").no_board
     _, out, _ = call(capsys, "robots")
     assert "Wrist pitch" in out and "-102.80°" in out
+    assert "simulated only: armctl does not speak to its controller" in out
 
 
 def test_published_prints_every_figure(capsys: pytest.CaptureFixture[str]) -> None:

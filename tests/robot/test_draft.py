@@ -50,7 +50,7 @@ def test_a_shipped_file_can_be_made_anew(name: str) -> None:
         entered = entered.with_pose(pose, np.degrees(q))
     rest = {
         key: table.get(key)
-        for key in ("source", "assumed", "criterion", "board", "gripper", "bodies", "floor")
+        for key in ("source", "assumed", "no_board", "criterion", "board", "gripper", "bodies", "floor")
     }
     rest |= {key: table.get(key) for key in ("look", "payload_kg", "points", "capsules", "obstacles")}
     assert entered.changed(**rest).robot() == robot == whole.robot()

@@ -21,13 +21,13 @@ from armctl.cli.main import run
 from armctl.errors import RobotFileError
 from armctl.motion.clearance import sources
 from armctl.robot import Robot, load_robot, shipped_robots
+from armctl.robot.body.arm_body import BODY_GUESSED
 from armctl.robot.draft import BUILDS, Draft
 from armctl.robot.look.rows import MAKES, PAINTS, AnyRow, paint
 from armctl.robot.look.rows import written as as_written
 from armctl.robot.look_guess import SOURCE, nearest_paint
 from armctl.robot.look_sound import faults
 from armctl.robot.parts import Hand, Look
-from armctl.robot.robot import BODY_GUESSED
 
 NINE = ("ar4", "braccio", "mico", "open_manipulator_x", "parol6", "pincherx100", "so100", "so101", "ur5")
 POSES = 150

@@ -21,6 +21,8 @@ TOOL_MM = {
     "ar4": ([0, 0, 0, 0, 0, 0], [64.2 + 222.63 + 36.25, 0, 169.77 + 305]),
     "braccio": ([0, 0, 0, 0, 0], [0, 0, 71.5 + 125 + 125 + 192]),
     "eezybotarm_mk2": ([0, 90, 0], [147 + 87, 0, 92 + 135]),
+    "koch": ([0, 0, 0, 0, 0], [318.705, 1.67, 35.754]),
+    "lekiwi": ([0, 0, 0, 0, 0], [391.36 + 28.313, 0.04, 226.47 + 89.94]),
     "mearm": ([0, 90, 0], [80 + 68, 0, 60 + 80]),
     "open_manipulator_x": ([0, 0, 0, 0], [286, 0, 204.5]),
     "parol6": ([0, -90, 180, 0, 0, 180], [262.57, 0, 288.75]),
@@ -29,6 +31,7 @@ TOOL_MM = {
     "so101": ([0, 0, 0, 0, 0], [391.36, 0.04, 226.47]),
     "uarm": ([0, 90, 0, 0], [13.2 + 158.81 + 56.55, 0, 106.1 + 142.07 - 74.55]),
     "ur5": ([0, 0, 0, 0, 0, 0], [-817.25, -191.45, -5.491]),
+    "widowx250s": ([0, 0, 0, 0, 0, 0], [458.325, 0, 360.65]),
 }
 
 
@@ -39,7 +42,7 @@ def test_the_tool_is_where_the_source_puts_it(name: str) -> None:
     assert 1000 * robot.forward(np.radians(q))[:3, 3] == pytest.approx(point, abs=0.02)
     assert robot.source and any("home" in assumed for assumed in robot.assumed)
     if robot.output_map is None:
-        assert any(assumed.startswith("no board") for assumed in robot.assumed)
+        assert robot.no_board or any(assumed.startswith("no board") for assumed in robot.assumed)
 
 
 @pytest.mark.parametrize("name", OWNED)

@@ -17,7 +17,7 @@ import pytest
 from armctl import load_robot
 from armctl.documents import Document
 from armctl.errors import InputError, RobotFileError
-from armctl.robot import robots_folder
+from armctl.robot import robots_folder, says_no_board
 from armctl.robot.file import ROBOT_FILES
 from armctl.robot.load import robot_of
 
@@ -147,6 +147,17 @@ def test_an_arm_without_servos_or_gripper(tmp_path: Path) -> None:
     text = SHIPPED.split("[gripper]")[0] + "[poses]" + SHIPPED.split("[poses]")[1]
     robot = load_robot(written(tmp_path, re.sub(r"^servo = .*$", "", text, flags=re.M)))
     assert robot.output_map is None and robot.gripper is None
+    assert robot.simulated_only is not None and "gives no servos" in robot.simulated_only
+
+
+def test_why_no_board_drives_an_arm_is_said_only_where_none_does(tmp_path: Path) -> None:
+    assert load_robot("uzuner").simulated_only is None and not says_no_board("uzuner")
+    ur5 = load_robot("ur5")
+    assert ur5.simulated_only == ur5.no_board != "" and says_no_board("ur5")
+    path = written(tmp_path, changed('title = "Uzuner 5-DOF arm"', 'title = "U"\nno_board = "a reason"'))
+    assert says_no_board(str(path))
+    with pytest.raises(RobotFileError, match="no_board: the joints have outputs"):
+        load_robot(path)
 
 
 def test_a_file_from_an_editor_that_begins_with_a_mark(tmp_path: Path) -> None:
@@ -322,7 +333,7 @@ def test_axes_are_in_counts(tmp_path: Path) -> None:
         (
             'kind = "encoder"',
             'kind = "arduino"',
-            "must be one of 'encoder', 'firmata', 'maestro', not",
+            "must be one of 'encoder', .*'maestro'.*, not 'arduino'",
         ),
     ],
 )

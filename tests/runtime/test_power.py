@@ -219,6 +219,7 @@ def test_what_is_no_armctl_error_is_translated_with_its_cause(rig: Rig) -> None:
 def test_an_arm_without_a_servo_map_is_driven_on_a_simulated_board_only() -> None:
     rig = make_rig(robot=replace(ROBOT, output_map=None, gripper=None)).enable()
     assert rig.now.state is State.HOLDING
+    assert rig.now.board is not None and rig.now.board.title == "simulated board"  # of no kind
     rig.do(Disconnect())
     rig.driver.open = lambda: BoardIdentity("real board", "/dev/ttyACM0")  # type: ignore[method-assign]
     rig.refuses(Connect("/dev/ttyACM0"), r"uzuner has no servo map: .* only the simulated board")

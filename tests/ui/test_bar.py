@@ -44,6 +44,8 @@ def test_the_figures_are_those_of_the_arm_and_its_board_and_a_finer_servo_is_nea
     assert f"up to {1000 * rounding_off_m(robot, q):.2f} mm beside its target" in told
     abaas = load_robot("abaas")
     assert "(1 µs)" in rounding_note(abaas, abaas.pose("home"))
+    ur5 = load_robot("ur5")  # its simulated board stands for no real one
+    assert rounding_note(ur5, ur5.pose("home")) == ""
     scorbot = load_robot("scorbot")
     assert re.search(r"Encoder steps of .*\(1 count\)", rounding_note(scorbot, scorbot.pose("home")))
     robot, humanoid = load_robot("uzuner"), load_robot("humanoid")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -371,6 +372,7 @@ def test_robots_of_one_title_are_told_apart_by_their_files_and_these_by_their_fo
         "hobby (/home/ann/arm.urdf#w/link)": links[0].name,
         "hobby (/home/ben/arm.urdf#w/link)": links[1].name,
     }
+    assert list(labelled([RobotChoice("ur5", "UR5", simulated_only=True)])) == ["UR5 – simulated only"]
     other = RobotChoice("/home/ann/second.urdf", "hobby")
     assert list(labelled([links[0], other])) == ["hobby (arm.urdf)", "hobby (second.urdf)"]
 
@@ -380,6 +382,9 @@ def test_what_a_robot_file_says_is_shown_as_text() -> None:
     assert "4 joints and a gripper" in about(robot)
     assert "<img" not in about(robot)
     assert "<details" not in about(replace(robot, assumed=()))
+    assert "Simulated only" not in about(robot)
+    ur5 = load_robot("ur5")
+    assert re.search(rf"Simulated only.*: {ur5.no_board}\.", about(ur5))
     guessed = about(replace(robot, assumed=("limits of <b>Elbow</b>: -90 to 90°",)))
     assert "<li>limits of &lt;b&gt;Elbow&lt;/b&gt;: −90 to 90°</li>" in guessed
 

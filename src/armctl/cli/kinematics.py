@@ -55,6 +55,7 @@ def _print_robots(arms: Sequence[Robot], as_json: bool) -> None:
                 "joints": list(arm.joint_names),
                 "limits_deg": [rounded(row, 6) for row in arm.shown(arm.limits.T).T],
                 "assumed": list(arm.assumed),
+                "simulated_only": arm.simulated_only,
             }
             for arm in arms
         ])  # fmt: skip
@@ -62,6 +63,8 @@ def _print_robots(arms: Sequence[Robot], as_json: bool) -> None:
     width = 2 + max((len(arm.name) for arm in arms), default=0)
     for arm in arms:
         click.echo(f"{arm.name:<{width}}{arm.title}: {arm.n} joints; {arm.inverse_kinematics.family}")
+        if arm.simulated_only is not None:
+            click.echo(f"{'':<{width}}simulated only: {arm.simulated_only}")
         for joint, (low, high) in zip(arm.joints, arm.shown(arm.limits.T).T, strict=True):
             click.echo(f"{'':<{width}}{joint.title:<14}{low:9.2f}° … {high:.2f}°")
 

@@ -18,7 +18,7 @@ import click
 from platformdirs import user_data_path, user_state_path
 
 from armctl import log_files
-from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED
+from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED, only_simulated
 from armctl.calibration import CalibrationStore
 from armctl.cli.options import ROBOT, EndEvent, MeshProgress, end_event, has_display, park_option, port_option
 from armctl.cli.reference import commands
@@ -30,7 +30,15 @@ from armctl.hardware.ports import list_ports
 from armctl.process import start_arm
 from armctl.process.heavy_work import Progress, worked_out
 from armctl.protocol import ArmLink, Connect, Event, Origin, wall_time
-from armctl.robot import Robot, hidden_robots, load_robot, robot_title, shipped_robots, user_robots
+from armctl.robot import (
+    Robot,
+    hidden_robots,
+    load_robot,
+    robot_title,
+    says_no_board,
+    shipped_robots,
+    user_robots,
+)
 from armctl.system import is_private, open_private, private_folder
 from armctl.ui import (
     App,
@@ -123,7 +131,7 @@ def serve(
             raise
         finally:
             progress.end()
-    present = RobotChoice(robot, console.robot.title)
+    present = RobotChoice(robot, console.robot.title, bool(console.robot.no_board))
     switches.append(robots := RobotSwitch(console, present, _robot_choices(present), open_console))
     try:
         app = App(robots, server)
@@ -285,9 +293,10 @@ def _open_console(name: str, port: str, progress: Progress, *, asked: str, pin: 
 
 
 def _robot_choices(present: RobotChoice) -> list[RobotChoice]:
-    choices = [RobotChoice(name, robot_title(name)) for name in (*shipped_robots(), *user_robots())]
+    names = (*shipped_robots(), *user_robots())
+    choices = [RobotChoice(name, robot_title(name), says_no_board(name)) for name in names]
     for path in map(str, hidden_robots()):
-        choices.append(RobotChoice(path, f"{robot_title(path)} (your own file)"))
+        choices.append(RobotChoice(path, f"{robot_title(path)} (your own file)", says_no_board(path)))
     return choices if present in choices else [*choices, present]
 
 
@@ -303,13 +312,14 @@ def _connect(console: Console, port: str) -> str:
 
 
 def _port_choices(asked: str, robot: Robot) -> list[PortChoice]:
-    wanted = board_type(robot.board).plugged_in
-    choices = [PortChoice(SIMULATED, "Simulated board"), PortChoice(AUTOMATIC, f"First {wanted} found")]
+    """What may be chosen; boards that are there say why they cannot drive an arm that is simulated only."""
+    choices, only = [PortChoice(SIMULATED, "Simulated board")], only_simulated(robot)
+    if only is None:
+        choices.append(PortChoice(AUTOMATIC, f"First {board_type(robot.board).plugged_in} found"))
     for port in list_ports():
         label = f"{port.kind} on {port.device}"
-        choices.append(
-            PortChoice(port.device, label, port.why_not, port.serial_number, port.notes, listed=True)
-        )
+        why_not, notes = (port.why_not, port.notes) if only is None else (only, ())
+        choices.append(PortChoice(port.device, label, why_not, port.serial_number, notes, listed=True))
     if asked not in [choice.port for choice in choices]:
         choices.append(PortChoice(asked, asked))
     return choices

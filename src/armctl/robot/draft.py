@@ -312,7 +312,7 @@ class Draft:
         joints = [joint if one["name"] == name else one for one in self._joints]
         for key in [key for key, value in joint.items() if value is None]:
             del joint[key]
-        draft = self.changed(joints=joints)
+        draft = self.changed(joints=joints, **({"no_board": None} if board_tables(joint) else {}))
         was, now = (_nearest_to_zero(one.get("limit_deg")) for one in (before, joint))
         index = self.joints.index(name)
         for pose, q_deg in cast("Mapping[str, Sequence[float]]", self.table.get("poses", {})).items():

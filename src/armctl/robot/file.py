@@ -233,6 +233,8 @@ class RobotFile(Strict, frozen=True):
     """where the dimensions come from"""
     assumed: tuple[str, ...] = ()
     """what the source does not give"""
+    no_board: str = ""
+    """of an arm without outputs: in few words, why no board drives it"""
     payload_kg: NotNegative = 0.0
     """mass at the tool, for torques"""
     criterion: Criterion = "least-travel"

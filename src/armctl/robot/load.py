@@ -21,7 +21,7 @@ from armctl.facts import Several, say
 from armctl.kinematics import Body, Chain, DHRow, GravityModel
 from armctl.kinematics.chain import TurnLimit
 from armctl.robot.board_entries import read_outputs
-from armctl.robot.body.arm_body import Capsule, capsule
+from armctl.robot.body.arm_body import BODY_GUESSED, Capsule, capsule
 from armctl.robot.file import (
     ROBOT_FILES,
     CapsuleEntry,
@@ -32,8 +32,9 @@ from armctl.robot.file import (
 )
 from armctl.robot.look.pieces import MASSES_ASSUMED, masses
 from armctl.robot.look_sound import check_look
+from armctl.robot.outputs import OutputMap
 from armctl.robot.parts import JERK_UP_S, Gripper, Joint, Look
-from armctl.robot.robot import BODY_GUESSED, Robot
+from armctl.robot.robot import Robot
 
 _SIDE_SUFFIX = ".armctl.toml"
 _URDF = re.compile(
@@ -84,6 +85,16 @@ def robot_title(name: str) -> str:
         return ROBOT_FILES.load(robot_path(name), lambda text: str(ROBOT_FILES.parse(text).record["title"]))
     except (RobotFileError, KeyError):  # choosing it says what is wrong with it
         return name
+
+
+def says_no_board(name: str) -> bool:
+    """Whether a robot file has ``no_board``, without working the rest out; False where it cannot be read."""
+    if is_urdf(name):
+        return False
+    try:
+        return ROBOT_FILES.load(robot_path(name), lambda text: "no_board" in ROBOT_FILES.parse(text).record)
+    except RobotFileError:
+        return False
 
 
 def is_urdf(name: str | Path) -> bool:
@@ -176,8 +187,7 @@ def robot_of(document: Document) -> Robot:
     board: Any = None
     with errors:
         limits = [(joint.name, joint.limit_deg) for joint in joints]
-        has_gripper = file.gripper is not None and file.gripper is not REFUSED
-        board = read_outputs(document, limits, has_gripper=has_gripper)
+        board = _board(file, document, limits)
     errors.raise_all()
     links = [row for row in file.dh.rows if row.turning is not None]
     by_name = {joint.name: joint for joint in joints}
@@ -193,6 +203,7 @@ def robot_of(document: Document) -> Robot:
         title=file.title,
         source=file.source,
         assumed=file.assumed,
+        no_board=file.no_board,
         criterion=file.criterion,
         joints=tuple(map(_joint, joints)),
         chain=chain,
@@ -222,6 +233,17 @@ def robot_of(document: Document) -> Robot:
         gravity = replace(robot.gravity, bodies=bodies)
         return replace(robot, gravity=gravity, assumed=(*robot.assumed, MASSES_ASSUMED))
     return robot
+
+
+def _board(
+    file: RobotFile, document: Document, limits: Sequence[tuple[str, tuple[float, float]]]
+) -> tuple[str, OutputMap | None, object]:
+    """Its kind, the outputs if there are any, and its settings."""
+    has_gripper = file.gripper is not None and file.gripper is not REFUSED
+    kind, outputs, settings = read_outputs(document, limits, has_gripper=has_gripper)
+    if outputs is not None and file.no_board and file.no_board is not REFUSED:
+        raise document.error("no_board: the joints have outputs; remove the one or the others", ("no_board",))
+    return kind, outputs, settings
 
 
 def _joints_by_rows(file: RobotFile, document: Document) -> list[JointEntry]:

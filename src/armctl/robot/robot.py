@@ -30,7 +30,7 @@ from armctl.kinematics.frames import LinkFrames
 from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.target import seem_degrees
 from armctl.kinematics.velocity import NEAR, position_leaves_orientation
-from armctl.robot.body.arm_body import ANY_OPENING, ArmBody, Capsule, CarriedPart, Openings
+from armctl.robot.body.arm_body import ANY_OPENING, BODY_ASSUMED, ArmBody, Capsule, CarriedPart, Openings
 from armctl.robot.body.bodies import Bodies, Underside, body_of_shapes, kept_body_of_shapes, leave_room
 from armctl.robot.body.collision import CollisionModel
 from armctl.robot.look.pieces import Drawing, Piece
@@ -38,13 +38,7 @@ from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
 from armctl.robot.parts import Gripper, Joint, Look, Obstacle, Shape, beyond_limits, read_values, shown_values
 
 _PROBES = 64
-BODY_ASSUMED = "the body: convex hulls of the shapes that are drawn (armctl check says how closely)"
-"""a line of ``assumed`` that ``with_body`` has more to say about"""
-BODY_GUESSED = (
-    "the body: guessed from the lengths of the links, so what is called clear may touch. "
-    "Give the arm a look: 'armctl new NAME --from ROBOT --look' prints the guess to go on from"
-)
-"""what is said of an arm whose body is a guess (``Robot.body_is_guessed``)"""
+_NO_OUTPUTS = "its file gives no servos, so nobody knows which output means which angle"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,6 +72,8 @@ class Robot(ArrayRecord):
     """the kind of board that drives it"""
     board_settings: object = None
     """what else the robot file tells the board's driver; only the board reads it"""
+    no_board: str = ""
+    """in few words, why no board drives it, as its file says; it counts for an arm without outputs"""
     left_out: tuple[str, ...] = ()
     """joints of its file that move and are none of the arm's, by their names there"""
     named_links: tuple[tuple[str, str], ...] = ()
@@ -409,6 +405,11 @@ class Robot(ArrayRecord):
     def outputs(self) -> OutputMap:
         """Its output map; where its file gives none, one that only a simulated board may use."""
         return self.output_map or OutputMap.stand_in(self.limits, gripper=self.gripper is not None)
+
+    @property
+    def simulated_only(self) -> str | None:
+        """In few words, why only a simulated board may drive it; None: a real one may."""
+        return None if self.output_map is not None else self.no_board or _NO_OUTPUTS
 
     @property
     def first_pose(self) -> FloatArray:

@@ -95,7 +95,9 @@ class Board:
         try:
             identity = translated("opening the board", self._driver.open)
             self.identity = replace(identity, abilities=abilities_of(self._driver))
-            if robot.output_map is None and not self.identity.simulated:
+            if robot.simulated_only is not None and self.identity.simulated:
+                self.identity = replace(self.identity, kind="board")  # which one stands in is of no matter
+            elif robot.simulated_only is not None:
                 raise StateError(
                     f"{robot.name} has no servo map: which pulse is which angle is not known, so only the "
                     "simulated board may be driven (port sim); give each joint of the robot file a servo"

@@ -40,6 +40,8 @@ class RobotChoice:
     name: str
     """what opens it: a shipped robot's name, or the path of a robot file"""
     title: str
+    simulated_only: bool = False
+    """its file says that no board drives it"""
 
 
 @dataclass(frozen=True, slots=True)

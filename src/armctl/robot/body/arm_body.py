@@ -136,6 +136,13 @@ class SurfacePairs:
 Openings = tuple[float, float]
 """between which a gripper is, 0 (closed) to 1"""
 ANY_OPENING: Openings = (0.0, 1.0)
+BODY_ASSUMED = "the body: convex hulls of the shapes that are drawn (armctl check says how closely)"
+"""a line of ``assumed`` that ``with_body`` has more to say about"""
+BODY_GUESSED = (
+    "the body: guessed from the lengths of the links, so what is called clear may touch. "
+    "Give the arm a look: 'armctl new NAME --from ROBOT --look' prints the guess to go on from"
+)
+"""what is said of an arm whose body is a guess (``Robot.body_is_guessed``)"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

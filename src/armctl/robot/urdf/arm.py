@@ -20,9 +20,10 @@ from armctl.kinematics.angles import rest_angle
 from armctl.kinematics.families.offset_roll.roll_sweep import recognise_offset_roll
 from armctl.kinematics.families.yaw_pitch_roll.geometry import recognise
 from armctl.kinematics.frames import FixedFrame, frame_along
+from armctl.robot.body.arm_body import BODY_ASSUMED, BODY_GUESSED
 from armctl.robot.body.meshes import unreadable
 from armctl.robot.parts import JERK_UP_S, MOST_JOINTS, Joint, Shape
-from armctl.robot.robot import BODY_ASSUMED, BODY_GUESSED, Robot
+from armctl.robot.robot import Robot
 from armctl.robot.urdf.chain import (
     MOST_TOLD,
     ArmChain,

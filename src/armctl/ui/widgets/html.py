@@ -13,6 +13,7 @@ import viser
 from armctl.facts import Reason
 from armctl.facts.words import opening
 from armctl.motion.preflight import Finding, Unchecked
+from armctl.robot import Robot
 from armctl.ui.events import On
 
 _LINE_EM = 1.5
@@ -78,6 +79,12 @@ def refused(text: str) -> str:
 def warned(text: str) -> str:
     """What to know before a button is pressed."""
     return f"<b style='color:{WARNING}'>{escape(with_minus(text))}</b>"
+
+
+def simulated_only_html(robot: Robot) -> str:
+    """That only a simulated board may drive an arm, and why; empty where a real one may."""
+    why = robot.simulated_only
+    return "" if why is None else f"<div>{warned('Simulated only')}: {escape(why)}.</div>"
 
 
 def limited(text: str, lines: int, style: str = "") -> str:

@@ -33,12 +33,13 @@ from armctl.ui.widgets.html import (
     muted,
     refused,
     sentence,
+    simulated_only_html,
     strong,
     table,
     with_minus,
 )
 
-_NOTHING = "The robot file gives neither servos nor encoders: there is no output to calibrate."
+_NOTHING = "There is no output to calibrate."
 
 
 class CalibrationScreen:
@@ -48,12 +49,12 @@ class CalibrationScreen:
         self._session = session
         gui, desk = session.gui, session.console.shared(SharedCalibration)
         gap = "<div style='height:6px'></div>"
-        LiveHtml(gui, in_force_html(desk.in_force, desk.board) + gap)
         self._parts: list[CalibrationJoint | CalibrationGripper | CalibrationSave | CalibrationPoints] = []
         outputs = desk.work.robot.output_map
         if outputs is None:
-            LiveHtml(gui, muted(_NOTHING))
+            LiveHtml(gui, simulated_only_html(desk.work.robot) + muted(_NOTHING))
             return
+        LiveHtml(gui, in_force_html(desk.in_force, desk.board) + gap)
         tabs = gui.add_tab_group()
         for title, part in (
             ("Joints", CalibrationJoint),

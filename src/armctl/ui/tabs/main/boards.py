@@ -16,12 +16,20 @@ from armctl.facts import Need
 from armctl.facts.angles import DEGREE
 from armctl.protocol import MoveJoints, Snapshot
 from armctl.robot import Robot, robot_path, user_robots_folder
+from armctl.robot.body.arm_body import BODY_GUESSED
 from armctl.robot.draft import Draft
-from armctl.robot.robot import BODY_GUESSED
 from armctl.ui.console import PortChoice
 from armctl.ui.robot_switch import RobotChoice, not_replaceable
 from armctl.ui.session import Session
-from armctl.ui.widgets.html import LiveHtml, folded, muted, refused, sentence, warned
+from armctl.ui.widgets.html import (
+    LiveHtml,
+    folded,
+    muted,
+    refused,
+    sentence,
+    simulated_only_html,
+    warned,
+)
 
 
 class RobotChooser:
@@ -82,7 +90,8 @@ def labelled(choices: Sequence[RobotChoice]) -> dict[str, str]:
         short = _with_file(choice)
         return short if files[short] == 1 else f"{choice.title} ({choice.name})"
 
-    return {label(choice): choice.name for choice in choices}
+    ends = {choice.name: " – simulated only" if choice.simulated_only else "" for choice in choices}
+    return {label(choice) + ends[choice.name]: choice.name for choice in choices}
 
 
 def _with_file(choice: RobotChoice) -> str:
@@ -92,7 +101,9 @@ def _with_file(choice: RobotChoice) -> str:
 def about(robot: Robot) -> str:
     """Joints, gripper, source and what is assumed of a robot, as HTML."""
     joints = f"{robot.n} joints" + (" and a gripper" if robot.gripper is not None else "")
-    source = f"<b>{joints}</b><div style='opacity:.75'>{escape(robot.source)}</div>"
+    source = (
+        f"<b>{joints}</b>{simulated_only_html(robot)}<div style='opacity:.75'>{escape(robot.source)}</div>"
+    )
     guessed = warned(sentence(BODY_GUESSED)) if robot.body_is_guessed else ""
     assumed = [text for text in robot.assumed if text != BODY_GUESSED]
     return source + guessed + (folded("Assumed values (not in the source)", assumed) if assumed else "")

@@ -127,7 +127,12 @@ def rounding_off_m(robot: Robot, q: FloatArray) -> float:
 
 
 def rounding_note(robot: Robot, q: FloatArray) -> str:
-    """One line that says why a tool that was sent to 300 mm may show 299.9 mm; ``q`` (n,) [rad]."""
+    """One line that says why a tool that was sent to 300 mm may show 299.9 mm; ``q`` (n,) [rad].
+
+    Empty for an arm that no board drives: the steps of its simulated one mean nothing.
+    """
+    if robot.simulated_only is not None:
+        return ""
     board, steps = board_type(robot.board), robot.shown(joint_steps(robot))
     turning = steps[steps > 0]
     if not len(turning):
