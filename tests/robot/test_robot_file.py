@@ -333,7 +333,7 @@ def test_axes_are_in_counts(tmp_path: Path) -> None:
         (
             'kind = "encoder"',
             'kind = "arduino"',
-            "must be one of 'encoder', .*'maestro'.*, not 'arduino'",
+            "must be one of .*'encoder', .*'maestro'.*, not 'arduino'",
         ),
     ],
 )

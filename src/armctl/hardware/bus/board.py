@@ -17,8 +17,8 @@ from armctl.hardware.board_type import (
     SimulatorOption,
     SimulatorOptions,
 )
+from armctl.hardware.bus import SERVO_ENTRIES
 from armctl.hardware.driver import Driver
-from armctl.robot.board_entries import ServoEntries
 
 if TYPE_CHECKING:
     from armctl.hardware.bus.make import ServoMake
@@ -38,7 +38,7 @@ _MOST_ASKED = 32
 class BusBoard(BoardType):
     """A bus of servos behind a USB adapter; the make is what differs."""
 
-    entries = ServoEntries("steps", "steps", "range_steps", 0.0, 4095.0)
+    entries = SERVO_ENTRIES
     usb: ClassVar[Mapping[tuple[int, int | None], str]] = dict.fromkeys(_CHIPS, SERVO_BUS)
     likely = ((SERVO_BUS,), *ARDUINO_LIKELY[1:])
     shared = (SERVO_BUS, USB_SERIAL)

@@ -88,7 +88,8 @@ class PlantJoint:
             moved = self.speed + dt * torque / self.inertia
             brake = dt * self.friction / self.inertia
             self.speed = math.copysign(max(0.0, abs(moved) - brake), moved)
-            if motor * self.gravity >= 0.0 and self._lies_down(self.angle + dt * self.speed):
+            pushed_down = -math.copysign(motor, motor * self.gravity)
+            if pushed_down <= self.friction and self._lies_down(self.angle + dt * self.speed):
                 self.speed = 0.0
         angle = self.angle + dt * self.speed
         self.angle = min(self.high, max(self.low, angle))

@@ -22,6 +22,7 @@ from msgspec import inspect
 
 from armctl.facts import Reason
 from armctl.facts.words import KINDS as FACTS
+from armctl.hardware.bus import SERVO_ENTRIES
 from armctl.hardware.encoder.axes import EncoderBoardEntry, EncoderEntry, GripperEncoderEntry
 from armctl.hardware.pca9685 import Pca9685Options
 from armctl.program.base_steps import keys_of
@@ -35,7 +36,7 @@ from armctl.robot.urdf.side_file import SideFile
 
 UNITS = {
     "_mm": "mm", "_mm_s": "mm/s", "_deg": "°", "_deg_s": "°/s", "_deg_s2": "°/s²", "_deg_s3": "°/s³",
-    "_kg": "kg", "_nm": "N·m", "_s": "s", "seconds": "s", "_us": "µs", "us_per_deg": "µs/°", "percent": "%",
+    "_kg": "kg", "_nm": "N·m", "_s": "s", "seconds": "s", "_us": "µs", "us_per_deg": "µs/°", "steps_per_deg": "steps/°", "_steps": "steps", "percent": "%",
     "_percent_s": "%/s", "counts_per_deg": "counts/°", "_counts": "counts", "_counts_s": "counts/s",
 }  # fmt: skip
 """the unit that a key ends in"""
@@ -182,9 +183,12 @@ def _sections(tables: Iterable[tuple[str, type]]) -> str:
 def board_entries() -> str:
     """The tables that boards read."""
     servo, gripper = ServoEntries().models
+    bus_servo, bus_gripper = SERVO_ENTRIES.models
     tables = {
         "`servo` of a joint (Maestro, Firmata, PCA9685)": servo,
         "`servo` of the gripper (Maestro, Firmata, PCA9685)": gripper,
+        "`servo` of a joint (Feetech, Dynamixel: the channel is the servo's id)": bus_servo,
+        "`servo` of the gripper (Feetech, Dynamixel)": bus_gripper,
         "`encoder` of a joint (encoder board)": EncoderEntry,
         "`encoder` of the gripper (encoder board)": GripperEncoderEntry,
         "`[board]` of an encoder board, beside `kind`": EncoderBoardEntry,
