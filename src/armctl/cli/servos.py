@@ -154,6 +154,15 @@ def restore(asked: Asked, file: Path, write: bool) -> int:
         raise InputError(
             f"{file}: {asked.robot.title} has no motor {strangers[0]!r}; it has {', '.join(names)}"
         )
+    for name, one in kept.items():
+        if one.id != names[name]:
+            raise InputError(
+                f"{file}: {name} has the id {one.id}, in {asked.robot.title} it is {names[name]}"
+            )
+        if one.drive_mode:
+            raise InputError(
+                f"{file}: {name} has drive_mode 1; turn its direction round in the robot file (steps_per_deg)"
+            )
     count = 0
     with asked.setup() as setup:
         for name, one in kept.items():

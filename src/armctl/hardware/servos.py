@@ -18,10 +18,6 @@ class ServoSettings:
     highest: int
     offset: int = 0
     """homing offset [steps]"""
-    positions: bool = True
-    """whether it controls its position, as armctl needs it"""
-    answers_writes: bool = True
-    """whether it confirms what is written"""
     findings: tuple[str, ...] = ()
     """what is unusual, in words, each with what to do"""
     unfit: str | None = None

@@ -44,6 +44,9 @@ _INTERVAL_S = 0.3
 """from servo to servo: one at a time draws little current, and STOP can come between"""
 _HELD_UP_S = 5.0
 """so long all ticks may come too late for anything to be switched on"""
+_CONFIRM_READINGS = 5
+_GRIPPER_OUTSIDE = 0.1
+"""how far outside its ends a gripper may be measured when it is taken over, as a share of its way"""
 _CONFIRMED_S = 2.0
 """so long a board may take to confirm that a servo came on"""
 _UNKNOWN_OPENING = 0.5
@@ -77,23 +80,19 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         raise MotionRefusedError(Several((touch, ToDo("other pose"))))
     if wanted is not None and live.any() and (np.abs(start - goal) > _tolerance(board)).any():
         core.log.warn("enabled where the arm stands, not in the pose asked for: move there now")
-    opening = None if reading.opening is None else min(1.0, max(0.0, reading.opening))
     grips = board.map.gripper_channel is not None and core.robot.gripper is not None
+    if grips and reading.source is Source.MEASURED and reading.opening is None and reading.errors:
+        raise EnableError(f"{'; '.join(reading.errors)}; nothing was switched on")
+    opening = _opening_inside(core, reading)
     if live.all() and (opening is not None or not grips):
         _retake(core, board)
         core.adopt(start, opening, now)
         try:
-            board.write(start, opening if reading.gripper_on is False else None)
+            board.write(start, None if reading.gripper_on is None else opening)
         except EnableError:
             core.forget()
             raise
-        confirmed = core.monitor.read(board, now)
-        if confirmed is None or not confirmed.on.all() or confirmed.gripper_on is False:
-            core.forget()
-            raise EnableError(
-                f"the board has not confirmed that its {board.power} are on; see that it has power, and try "
-                "again"
-            )
+        _require_on(core, board, now)
         core.hold(f"enabled ({who}); {_how_it_began(core, live, reading.source)}")
         return True
     if grips and opening is None:
@@ -110,6 +109,32 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
     core.log.add(f"enable ({who}): {_how_it_began(core, live, reading.source)}")
     core.begin(Enabling(core, board, start, live, opening, now), who, now, order.ticket, order.motion)
     return False
+
+
+def _opening_inside(core: Core, reading: Reading) -> float | None:
+    """Where the gripper stands, 0 ... 1; refused where it is measured clearly outside: it would jump in."""
+    opening, gripper = reading.opening, core.robot.gripper
+    if opening is None or gripper is None:
+        return opening
+    if reading.source is Source.MEASURED and not -_GRIPPER_OUTSIDE <= opening <= 1 + _GRIPPER_OUTSIDE:
+        raise EnableError(
+            f"{gripper.title}: it stands at {100 * opening:.0f} %, outside its 0 ... 100 %: turn it by hand, "
+            "or set its two ends in the robot file"
+        )
+    return min(1.0, max(0.0, opening))
+
+
+def _require_on(core: Core, board: Board, now: float) -> None:
+    """See that the outputs came on; an answer may get lost."""
+    for _ in range(_CONFIRM_READINGS):
+        seen = core.monitor.read(board, now)
+        if seen is not None and seen.on.all() and seen.gripper_on is not False:
+            return
+    core.forget()
+    raise EnableError(
+        f"the board has not confirmed that its {board.power} are on, and some may be: keep clear, see that "
+        "it has power, press Release, and try again"
+    )
 
 
 def _retake(core: Core, board: Board) -> None:

@@ -12,6 +12,7 @@ from tests.hardware.bus_kit import BusBench, TimedLoop
 from armctl.errors import BoardError, BoardTimeoutError, InputError
 from armctl.hardware.bus.lerobot import changed, read_kept, write_kept
 from armctl.hardware.bus.setup import BusSetup, differences
+from armctl.hardware.faults import Fault
 from armctl.hardware.feetech.make import FEETECH
 from armctl.hardware.servos import Difference
 from armctl.robot import load_robot
@@ -172,6 +173,30 @@ def test_a_saved_calibration_is_lerobots_and_restores_what_was_changed(desk: Des
     desk.cut_power()
     again = desk.setup.look(BAUD, 5)
     assert again is not None and changed(read_kept(file)["wrist_roll"], again) == []
+
+
+def test_an_id_whose_confirmation_is_lost_is_told_as_it_is(desk: Desk):
+    desk.bus.servos[:] = desk.bus.servos[:1]
+    servo = desk.bus.servos[0]
+    written = servo.written
+
+    def lost(address: int, data: bytes) -> int:
+        if address == 5:
+            desk.bench.faulty.inject(Fault.DROP_REPLY, 1)
+        return written(address, data)
+
+    servo.written = lost  # type: ignore[method-assign]
+    assert desk.setup.change_id(BAUD, 1, 6).id == 6
+    assert servo.get("lock") == 1
+
+
+def test_an_id_that_was_not_taken_leaves_the_eeprom_locked(desk: Desk):
+    servo = desk.bus.servo(1)
+    written = servo.written
+    servo.written = lambda address, data: 0 if address == 5 else written(address, data)  # type: ignore[method-assign]
+    with pytest.raises(BoardError):
+        desk.setup.change_id(BAUD, 1, 9)
+    assert servo.get("lock") == 1 and servo.id == 1
 
 
 @pytest.mark.parametrize(

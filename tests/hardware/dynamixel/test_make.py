@@ -6,7 +6,7 @@ import pytest
 from tests.hardware.dynamixel.kit import Rig, memory, one_servo
 
 from armctl.errors import EnableError
-from armctl.hardware.bus.make import Block, switch_on, take_over
+from armctl.hardware.bus.make import Block, Limits, bring_on
 from armctl.hardware.dynamixel.make import (
     DYNAMIXEL,
     ENCODER,
@@ -23,7 +23,12 @@ from armctl.protocol import ManualClock
 
 def switched_on(rig: Rig, expected: float = 2048, torque: float = 1.0) -> int:
     settings = DYNAMIXEL.settings(rig.line, 1)
-    return switch_on(DYNAMIXEL, rig.line, 1, settings, expected, torque)
+    return bring_on(DYNAMIXEL, rig.line, 1, settings, expected, Limits(torque))[0]
+
+
+def taken_over(rig: Rig) -> tuple[int, bool]:
+    settings = DYNAMIXEL.settings(rig.line, 1)
+    return bring_on(DYNAMIXEL, rig.line, 1, settings, 2048, Limits())
 
 
 def test_it_holds_where_it_stands_with_its_watchdog_set(clock: ManualClock):
@@ -101,7 +106,7 @@ def test_an_error_that_comes_in_the_middle_ends_it_with_torque_off(clock: Manual
 
     rig.line.write = failing  # type: ignore[method-assign]
     with pytest.raises(EnableError, match="hardware error"):
-        switch_on(DYNAMIXEL, rig.line, 1, settings, 2048, 1.0)
+        bring_on(DYNAMIXEL, rig.line, 1, settings, 2048, Limits())
     assert rig.read("torque") == 0
 
 
@@ -132,8 +137,7 @@ def test_one_that_holds_is_taken_over_with_its_goal(clock: ManualClock):
     rig.write("goal_position", 2060)
     rig.write("torque", 1)
     rig.let(0.3)
-    seen = DYNAMIXEL.understood(rig.line.read(1, 98, 49), DYNAMIXEL.telemetry)
-    assert take_over(DYNAMIXEL, rig.line, 1, DYNAMIXEL.settings(rig.line, 1), seen, 1.0) == 2060
+    assert taken_over(rig) == (2060, False)
     assert rig.reads("torque", "bus_watchdog") == [1, WATCHDOG_MS // 20]
 
 
@@ -146,7 +150,7 @@ def test_one_that_its_watchdog_stopped_is_taken_over_where_it_stands(clock: Manu
     seen = DYNAMIXEL.understood(rig.line.read(1, 98, 49), DYNAMIXEL.telemetry)
     assert seen.refuses and seen.faults
     rig.servo().joint.blocked = False
-    assert take_over(DYNAMIXEL, rig.line, 1, DYNAMIXEL.settings(rig.line, 1), seen, 1.0) == 2048
+    assert taken_over(rig) == (2048, False)
     rig.let(0.3)
     assert rig.reads("torque", "goal_position", "present_position") == [1, 2048, 2048]
 

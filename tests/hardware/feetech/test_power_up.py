@@ -33,8 +33,8 @@ class PowerUp:
         for servo in bench.bus.servos:  # what an earlier program left
             servo.put("goal_position", int(rng.integers(0, 4096)))
             if rng.random() < 0.2:
-                servo.put("torque", 1)
                 servo.put("goal_position", servo.get("present_position"))
+                servo.written(40, b"\1")
             servo.put("torque_limit", int(rng.integers(0, 1001)))
             servo.put("acceleration", int(rng.integers(0, 255)))
             servo.put("goal_speed", int(rng.integers(0, 3000)))

@@ -71,7 +71,8 @@ class BusBoard(BoardType):
 
         timeout_s = _SIMULATED_TIMEOUT_S if connection.simulated else _TIMEOUT_S
         ids = [one.channel for one in setup.channels]
-        return BusDriver(connection, self.make(), ids, timeout_s, notes=self.notes)
+        gripper = None if setup.robot is None else setup.robot.outputs.gripper_channel
+        return BusDriver(connection, self.make(), ids, timeout_s, gripper, self.notes)
 
     def simulated(self, setup: Setup, options: SimulatorOptions) -> ByteModel:
         """A bus with an arm that fits the robot; its servos in the order of the joints."""
@@ -117,7 +118,7 @@ class BusBoard(BoardType):
         from armctl.hardware.bus.line import BusLine
 
         make = self.make()
-        bus = BusLine(line, make.form, now, _TIMEOUT_S)
+        bus = BusLine(line, make.form, now, _TIMEOUT_S, self.baud)
         bus.look_for_echo(1, make.table["model"].address)
         found: list[str] = []
         for servo in range(1, _MOST_ASKED):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, EnableError
 from armctl.hardware.bus import EEPROM_ADVICE, SCALE
+from armctl.hardware.bus.known import DOUBTED, KnownServo
 from armctl.hardware.bus.line import BusLine
-from armctl.hardware.bus.make import ServoMake, Telemetry, switch_on, take_over
+from armctl.hardware.bus.make import SAG_DEG, Limits, ServoMake, Telemetry, bring_on
 from armctl.hardware.bus.who import missing_words, named, nobody_words
 from armctl.hardware.driver import (
     Abilities,
@@ -18,17 +18,23 @@ from armctl.hardware.driver import (
     Readback,
     Source,
 )
-from armctl.hardware.servos import ServoSettings
 from armctl.hardware.transport import Connection
 
-_DOUBTED, _MISSED = 3, 5
-"""readings in a row without an answer after which a servo is sent no more goals, and counts as gone"""
+_MISSED = 5
+"""readings in a row without an answer after which a servo counts as gone"""
 _GONE_S, _GONE_SIMULATED_S = 0.25, 1.0
 """... and for so long: a servo that starts anew is silent for longer; a busy computer may be late"""
 _ALL_OFF = (
     "all servos have switched their torque off: their supply was interrupted, or another program did it; "
     "check the supply"
 )
+_OVERLOAD = (
+    "overload: it has given way and holds where it stands. Take away what is in its way or too heavy, then "
+    "clear the fault and enable"
+)
+_TOLD_S = 5.0
+_GRIPPER_TORQUE = 0.5
+_LIMIT_STEP = 0.002
 _LOOK_AGAIN_S = 0.5
 """how often a servo that is gone is asked whether it is there again"""
 _RESTART_S = 2.0
@@ -37,48 +43,6 @@ _JUMP_STEPS = 60
 """by which a position may differ from the one before beyond what the speed explains"""
 _LONGEST_STEP_S = 0.05
 """time that a step of a goal counts for at most: what was late is not made up for by a jump"""
-
-
-@dataclass
-class _Servo:
-    """What the driver knows of one servo."""
-
-    id: int
-    settings: ServoSettings | None = None
-    seen: Telemetry = field(default_factory=Telemetry)
-    seen_at: float = 0.0
-    missed: int = 0
-    gone: bool = False
-    """whether it has not answered for some time"""
-    asked_at: float = 0.0
-    """when it was looked for last, where it is gone"""
-    restarts_until: float = 0.0
-    """so long it may be gone because it was told to start anew"""
-    doubted: int | None = None
-    """a position that is too far from the one before to be believed without another"""
-    on: bool = False
-    """whether armctl has switched it on, or found it on"""
-    goal: int | None = None
-    """the last goal that was sent [steps]"""
-    wanted: int | None = None
-    """the goal that it is on its way to [steps]"""
-    sent_at: float = 0.0
-    torque: float = 1.0
-    went_off: bool = False
-    """whether its torque went off by itself"""
-
-    @property
-    def takes_goals(self) -> bool:
-        """Whether a goal would only move it: it would switch on one that is limp, or has started anew."""
-        return self.on and not (self.went_off or self.seen.refuses or self.gone) and self.missed < _DOUBTED
-
-
-@dataclass
-class BusOptions:
-    """What a robot file says of its bus."""
-
-    torque: Mapping[int, float] = field(default_factory=dict[int, float])
-    """limit of the torque by servo, a share 0 ... 1; others have all of it"""
 
 
 class BusDriver(Abilities):
@@ -96,16 +60,20 @@ class BusDriver(Abilities):
         make: ServoMake,
         servos: Sequence[int],
         timeout_s: float,
-        options: BusOptions | None = None,
+        gripper: int | None = None,
         notes: Sequence[str] = (),
     ) -> None:
-        """``servos``: the ids that the robot has, base first; ``timeout_s``: how long an answer may take."""
+        """``servos``: the ids that the robot has, base first; ``timeout_s``: how long an answer may take.
+
+        The servo ``gripper`` has half of its torque, and where something stops it, it holds that and goes on.
+        """
         self._connection, self._make, self._timeout_s = connection, make, timeout_s
+        self._sag = make.still_steps * SAG_DEG
         self._gone_s = _GONE_SIMULATED_S if connection.simulated else _GONE_S
-        self._options, self._notes = options or BusOptions(), tuple(notes)
+        self._gripper, self._notes = gripper, tuple(notes)
         self._line: BusLine | None = None
         self._ids = tuple(servos)
-        self._servos: dict[int, _Servo] = {}
+        self._servos: dict[int, KnownServo] = {}
         self._table = ChannelTable(SCALE)
         self._turn = 0
 
@@ -113,8 +81,9 @@ class BusDriver(Abilities):
         """Open the line, see which servos answer, and read what stands in their EEPROM."""
         self.close()
         transport, info = self._connection.open()
-        line = self._line = BusLine(transport, self._make.form, self._now, self._timeout_s)
-        self._servos = {one: _Servo(one, torque=self._options.torque.get(one, 1.0)) for one in self._ids}
+        baud = self._connection.baud
+        line = self._line = BusLine(transport, self._make.form, self._now, self._timeout_s, baud)
+        self._servos = {one: KnownServo(one, torque=self._most_torque(one)) for one in self._ids}
         try:
             earlier = self._look_round(line)
         except ArmctlError:
@@ -136,10 +105,10 @@ class BusDriver(Abilities):
         """
         table = ChannelTable(SCALE, channels, self._check)
         for one in self._servos.values():
-            if one.went_off:
-                one.on = one.went_off = False
+            if one.went_off or one.gave_way:
+                one.on = one.went_off = one.gave_way = False
         for one in channels:
-            self._servos.setdefault(one.channel, _Servo(one.channel, gone=True))
+            self._servos.setdefault(one.channel, KnownServo(one.channel, gone=True))
         self._table = table
 
     def write(self, setpoints: Mapping[int, float]) -> None:
@@ -147,11 +116,13 @@ class BusDriver(Abilities):
         line = self._opened
         goals = {servo: self._table.admit(servo, value) for servo, value in setpoints.items()}
         limp = [servo for servo in goals if not self._servos[servo].on or self._servos[servo].seen.refuses]
-        switched: list[int] = []
+        switched, found = list[int](), set[int]()
         for servo in limp:
             try:
                 if self._switch_on(line, self._servos[servo]):
                     switched.append(servo)
+                else:
+                    found.add(servo)
             except (EnableError, BoardTimeoutError) as error:
                 for one in switched:  # not those that held before: the arm would drop
                     self._off(line, self._servos[one])
@@ -159,7 +130,11 @@ class BusDriver(Abilities):
                 refusal.channel = servo
                 raise refusal from error
         for servo, goal in goals.items():
-            self._servos[servo].wanted = goal
+            one = self._servos[servo]
+            kept = servo in found and one.goal is not None and abs(goal - one.goal) <= self._sag
+            # One that was found holding goes on so, and sinks no further; one that is not heard catches up never.
+            if one.takes_goals and not (one.gave_way or kept):
+                one.wanted = goal
         self._send(line)
 
     def read(self) -> Readback:
@@ -190,7 +165,7 @@ class BusDriver(Abilities):
             asked=count.asked,
             lost=count.lost,
             delay_s=count.slowest_s,
-            on={one.id: bool(one.seen.on) and not (one.went_off or one.seen.refuses) for one in servos},
+            on={one.id: bool(one.seen.on) and not one.let_go for one in servos},
         )
 
     def stop(self) -> None:
@@ -217,11 +192,7 @@ class BusDriver(Abilities):
     def limit_torque(self, limits: Mapping[int, float]) -> None:
         """How strong servos may be: a share 0 ... 1 of their full torque."""
         line = self._opened
-        silent = [
-            servo
-            for servo, share in limits.items()
-            if self._note_torque(servo, share) and not self._make.limit_torque(line, servo, share)
-        ]
+        silent = [servo for servo, share in limits.items() if not self._limit(line, servo, share)]
         if silent:
             raise BoardTimeoutError(f"{line.name}: {named(silent)} did not confirm the torque limit")
 
@@ -273,24 +244,23 @@ class BusDriver(Abilities):
 
     # Power.
 
-    def _switch_on(self, line: BusLine, one: _Servo) -> bool:
+    def _switch_on(self, line: BusLine, one: KnownServo) -> bool:
         """Bring a servo under goals; whether its torque was off."""
         if one.gone or one.seen.position is None:
             raise EnableError(f"servo {one.id} does not answer; look at its plug and its power")
         if one.settings is None:
             one.settings = self._make.settings(line, one.id)
-        limp = one.went_off or not one.seen.on
-        if limp:
-            one.goal = switch_on(self._make, line, one.id, one.settings, one.seen.position, one.torque)
-        else:
-            one.goal = take_over(self._make, line, one.id, one.settings, one.seen, one.torque)
-        one.on, one.went_off = True, False
-        one.seen = Telemetry(on=True, refuses=False).after(one.seen)
+        speed = next((s.speed for s in self._table.settings if s.channel == one.id), None)
+        limits = Limits(one.torque, speed)
+        one.goal, limp = bring_on(self._make, line, one.id, one.settings, one.seen.position, limits)
+        one.on, one.went_off, one.gave_way = True, False, False
+        told = Telemetry(on=True, refuses=False, gave_way=False, torque_limit=one.torque)
+        one.seen = told.after(one.seen)
         one.wanted, one.sent_at = one.goal, self._now()
         return limp
 
-    def _off(self, line: BusLine, one: _Servo) -> bool:
-        one.on = one.went_off = False
+    def _off(self, line: BusLine, one: KnownServo) -> bool:
+        one.on = one.went_off = one.gave_way = False
         one.goal = one.wanted = None
         one.seen = Telemetry(on=False).after(one.seen)
         confirmed = self._make.off(line, one.id)
@@ -301,11 +271,17 @@ class BusDriver(Abilities):
 
     def _release(self, servos: Sequence[int]) -> None:
         line = self._opened
+        if not servos:
+            return
+        address, off = self._torque_off
+        line.tell(
+            self._make.form.sync_write(address, dict.fromkeys(servos, off))
+        )  # all at once, then one by one
         present = [one for servo in servos if not (one := self._servos[servo]).gone]
         absent = [one for servo in servos if (one := self._servos[servo]).gone]
         silent = [one.id for one in present if not self._off(line, one)]
         for one in absent:  # it may hear though it is not heard
-            one.on = one.went_off = False
+            one.on = one.went_off = one.gave_way = False
             one.goal = one.wanted = None
             line.tell(self._make.form.write(one.id, *self._torque_off))
         if silent:
@@ -318,11 +294,17 @@ class BusDriver(Abilities):
     def _torque_off(self) -> tuple[int, bytes]:
         return self._make.table["torque"].address, b"\0"
 
-    def _note_torque(self, servo: int, share: float) -> bool:
-        """Whether the servo can be told now; else the rite tells it."""
-        one = self._servos[servo]
-        one.torque = share * self._options.torque.get(servo, 1.0)
-        return not one.gone
+    def _most_torque(self, servo: int) -> float:
+        return _GRIPPER_TORQUE if servo == self._gripper else 1.0
+
+    def _limit(self, line: BusLine, servo: int, share: float) -> bool:
+        """Whether it confirms its new limit; one that is limp gets it when it is switched on."""
+        one, limit = self._servos[servo], share * self._most_torque(servo)
+        done = not one.on or one.gone or self._make.limit_torque(line, servo, limit)
+        if done:
+            one.torque = limit
+            one.seen = Telemetry(torque_limit=limit).after(one.seen)
+        return done
 
     # Goals.
 
@@ -330,6 +312,8 @@ class BusDriver(Abilities):
         """Send goals that differ from those that the servos have, no faster than the joints may move."""
         now = self._now()
         rows: dict[int, bytes] = {}
+        if any(one.on and not one.let_go and not one.takes_goals for one in self._servos.values()):
+            return  # one of them is not heard: the others wait, or the arm leaves its path
         for servo in self._table.channels:
             one = self._servos[servo]
             if not one.takes_goals or one.wanted is None or one.goal is None:
@@ -343,7 +327,7 @@ class BusDriver(Abilities):
         if rows:
             line.tell(self._make.form.sync_write(self._make.goal_address, rows))
 
-    def _toward(self, one: _Servo, goal: int, wanted: int, now: float) -> int:
+    def _toward(self, one: KnownServo, goal: int, wanted: int, now: float) -> int:
         """The next goal on the way to the one that is wanted, no faster than the joint may move."""
         speed = next((s.speed for s in self._table.settings if s.channel == one.id), None)
         if speed is None:
@@ -368,6 +352,8 @@ class BusDriver(Abilities):
                     self._take(one, make.understood(answers[one.id], make.telemetry))
                 else:
                     one.missed += 1
+                    if one.missed >= DOUBTED:
+                        one.wanted = one.goal  # what was not sent in its time is not made up for
             if not answers:
                 raise BoardTimeoutError(f"{line.name}: none of the servos answers")
             for one in present:
@@ -387,7 +373,7 @@ class BusDriver(Abilities):
                 self._look_again(line, one)
                 break  # one at a time: each costs the wait for an answer that may not come
 
-    def _look_again(self, line: BusLine, one: _Servo) -> None:
+    def _look_again(self, line: BusLine, one: KnownServo) -> None:
         block = self._make.telemetry
         request = self._make.form.read(one.id, block.address, block.size)
         answer = line.exchange(request, [one.id], block.size).get(one.id)
@@ -396,12 +382,12 @@ class BusDriver(Abilities):
             self._take(one, self._make.understood(answer, block))
             self._take_rest(line, one)
 
-    def _take_rest(self, line: BusLine, one: _Servo) -> None:
+    def _take_rest(self, line: BusLine, one: KnownServo) -> None:
         """Read what is else read in turn."""
         for block in self._make.in_turn:
             self._take(one, self._make.understood(line.read(one.id, block.address, block.size), block))
 
-    def _take(self, one: _Servo, seen: Telemetry) -> None:
+    def _take(self, one: KnownServo, seen: Telemetry) -> None:
         """Believe an answer, unless its position is too far from the one before; the next one decides."""
         now = self._now()
         before = one.seen.position
@@ -416,11 +402,22 @@ class BusDriver(Abilities):
         if seen.position is not None:
             one.missed, one.seen_at = 0, now
         one.seen = seen.after(one.seen)
-        if one.on and one.seen.on is False:
+        limit = one.seen.torque_limit
+        forgot = limit is not None and abs(limit - one.torque) > _LIMIT_STEP and self._make.keeps_limit
+        if one.on and not one.went_off and (one.seen.on is False or forgot):
             one.went_off = True
             one.goal = one.wanted = None
+            if one.seen.on and self._line is not None:  # it had started anew, and a goal switched it on
+                self._make.off(self._line, one.id)
+        if one.on and one.seen.gave_way and not one.let_go and one.seen.position is not None:
+            one.goal = one.wanted = one.seen.position  # which ends the overload, and no more pushes
+            if self._line is not None:
+                row = {one.id: self._make.goal_bytes(one.seen.position)}
+                self._line.tell(self._make.form.sync_write(self._make.goal_address, row))
+            one.sent_at = one.yielded_at = now
+            one.gave_way = one.id != self._gripper
 
-    def _faults(self, servos: Sequence[_Servo]) -> tuple[dict[int, str], dict[int, str]]:
+    def _faults(self, servos: Sequence[KnownServo]) -> tuple[dict[int, str], dict[int, str]]:
         """By servo, in words: what is wrong, and what is to be watched."""
         faults: dict[int, str] = {}
         warnings: dict[int, str] = {}
@@ -438,6 +435,10 @@ class BusDriver(Abilities):
             elif one.went_off:
                 why = "; ".join(words) or "it has started anew, or another program switched it off"
                 faults[one.id] = f"servo {one.id} has switched its torque off ({why})"
+            elif one.gave_way:
+                faults[one.id] = f"servo {one.id}: {_OVERLOAD}"
             elif words:
                 faults[one.id] = f"servo {one.id}: {'; '.join(words)}"
+            if one.id == self._gripper and self._now() - one.yielded_at < _TOLD_S:
+                warnings[one.id] = f"servo {one.id} was stopped by something and holds it where it is"
         return faults, warnings

@@ -13,7 +13,8 @@ from armctl.documents import write_atomically
 from armctl.errors import InputError
 from armctl.hardware.servos import FoundServo
 
-Step = Annotated[int, Meta(ge=-4095, le=4095)]
+Step = Annotated[int, Meta(ge=0, le=4095)]
+Offset = Annotated[int, Meta(ge=-2047, le=2047)]
 
 
 class KeptServo(msgspec.Struct, frozen=True, forbid_unknown_fields=False):
@@ -21,7 +22,7 @@ class KeptServo(msgspec.Struct, frozen=True, forbid_unknown_fields=False):
 
     id: Annotated[int, Meta(ge=0, le=252)]
     drive_mode: Annotated[int, Meta(ge=0, le=1)]
-    homing_offset: Step
+    homing_offset: Offset
     range_min: Step
     range_max: Step
 

@@ -12,8 +12,11 @@ from armctl.hardware.transport import Transport
 ATTEMPTS = 3
 """how often a question to one servo is put"""
 _CHUNK = 4096
+_BITS_OF_A_BYTE, _INTRODUCTION = 10, 4
 _PACKETS = 2
 _STEP_S = 0.002
+_NO_ECHO = 64
+"""bytes after which a line that goes on talking does not echo"""
 _ECHO_READ = 4
 """Bytes that are read to see whether the adapter echoes: a question for so many has another length than
 its answer, while an echoed ping, or an echoed question for two bytes, is the answer of a servo in trouble."""
@@ -43,9 +46,15 @@ class BusLine:
     """
 
     def __init__(
-        self, transport: Transport, form: PacketForm, now: Callable[[], float], timeout_s: float
+        self,
+        transport: Transport,
+        form: PacketForm,
+        now: Callable[[], float],
+        timeout_s: float,
+        baud: int = 1_000_000,
     ) -> None:
-        self.form, self.timeout_s = form, timeout_s
+        """``timeout_s``: how long an answer may take beside its bytes, which take theirs at ``baud``."""
+        self.form, self.timeout_s, self._byte_s = form, timeout_s, _BITS_OF_A_BYTE / baud
         self._transport, self._now = transport, now
         self._reader = PacketReader(form, status=True)
         self.echoes = False
@@ -89,6 +98,8 @@ class BusLine:
         echo = bytearray(request) if self.echoes else bytearray()
         answers: dict[int, BusPacket] = {}
         silent_s, limit_s = 0.0, self.timeout_s if timeout_s is None else timeout_s
+        answer_bytes = len(servos) * (self.form.shortest + (_INTRODUCTION if size is None else size))
+        limit_s += self._byte_s * (len(request) * (2 if self.echoes else 1) + answer_bytes)
         while servos[-1] not in answers:  # they answer in their order: who is before the last is lost then
             left = min(asked_at + limit_s - self._now(), limit_s - silent_s)
             if left <= 0.0:
@@ -99,6 +110,8 @@ class BusLine:
                 continue
             data += self._transport.read(_CHUNK, 0.0)
             for packet in self._reader.feed(_without_echo(data, echo)):
+                if self.echoes and self.form.instruction(packet) == request:  # an echo behind a late answer
+                    continue
                 if packet.id in servos and packet.id not in answers and size in (None, len(packet.data)):
                     answers[packet.id] = packet
         took = self._now() - asked_at
@@ -152,11 +165,12 @@ class BusLine:
         request = self.form.read(servo, address, _ECHO_READ)
         self._transport.write(request)
         came, silent_s = b"", 0.0
-        while silent_s < self.timeout_s and not came.startswith(request):
+        limit_s = self.timeout_s + self._byte_s * 2 * len(request)
+        while silent_s < limit_s and len(came) < _NO_ECHO and request not in came:
             data = self._transport.read(1, _STEP_S)
             silent_s += 0.0 if data else _STEP_S
             came += data and data + self._transport.read(_CHUNK, 0.0)
-        self.echoes = came.startswith(request)
+        self.echoes = request in came
         return bool(came)
 
 

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from armctl.errors import BoardError, EnableError
+from armctl.errors import BoardError, BoardTimeoutError, EnableError
 from armctl.hardware.bus.line import BusLine
 from armctl.hardware.bus.packets import BusPacket, PacketForm
 from armctl.hardware.bus.table import ControlTable
@@ -19,6 +19,16 @@ class Block:
 
     address: int
     size: int
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a servo may do, of its own accord, under torque."""
+
+    torque: float = 1.0
+    """a share 0 ... 1 of its full torque"""
+    speed: float | None = None
+    """[steps/s]; None: all that it can"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +55,8 @@ class Telemetry:
     """what is wrong, in words; empty: nothing is"""
     latched: tuple[str, ...] | None = None
     """what has gone wrong and lasts until ``ServoMake.clear``, in words"""
+    gave_way: bool | None = None
+    """whether it has given way to an overload, which its next goal ends"""
     refuses: bool | None = None
     """whether it holds by itself and takes no goals until it is taken over again"""
 
@@ -72,6 +84,8 @@ class ServoMake(ABC):
     """read from all servos at each reading"""
     in_turn: Sequence[Block] = ()
     """read from one servo at each reading, one after the other"""
+    keeps_limit = False
+    """whether a torque limit that is another one shows that a servo has started anew"""
     goal_address: int
     models: Mapping[int, str]
     """names of model numbers"""
@@ -94,8 +108,8 @@ class ServoMake(ABC):
         """A goal as it is written at ``goal_address``."""
 
     @abstractmethod
-    def prepare(self, line: BusLine, servo: int, torque: float) -> None:
-        """Set what must be right before torque: limits of speed and of torque (a share 0 ... 1), in RAM."""
+    def prepare(self, line: BusLine, servo: int, limits: Limits) -> None:
+        """Set what must be right before torque: its limits of speed and of torque, in RAM."""
 
     @abstractmethod
     def on_at(self, line: BusLine, servo: int, position: int) -> None:
@@ -130,11 +144,15 @@ class ServoMake(ABC):
                 f"the torque of servo {servo} is on: release the arm before its EEPROM is written"
             )
         self.unlock(line, servo)
-        written = line.write(servo, register.address, data)
-        after = servo if answers_as is None else answers_as
-        self.lock(line, after)
+        after = servo
+        try:
+            line.write(servo, register.address, data)  # what it answers may get lost: it is read back
+            if answers_as is not None and line.ping(answers_as) is not None:
+                after = answers_as
+        finally:
+            self.lock(line, after)
         kept = line.read(after, register.address, register.size, more=True).data
-        if written is None or kept != data:
+        if kept != data:
             raise BoardError(f"servo {servo} did not take {number} as its {name}")
 
     def clear(self, line: BusLine, servo: int) -> bool:
@@ -154,56 +172,84 @@ class ServoMake(ABC):
         raise EnableError(f"servo {servo}: its readings differ, it turns: let it stand and try again")
 
 
+SAG_DEG = 4.0
+"""how far a joint may hang from its goal under its load: control is proportional"""
 _AGREE_STEPS = 3
 """by which two readings of a servo may differ, one right after the other, though a hand turns it"""
 _AGREE_ATTEMPTS = 6
 
 
-def switch_on(
-    make: ServoMake, line: BusLine, servo: int, settings: ServoSettings, expected: float, torque: float
-) -> int:
-    """The torque-on rite of one servo; the goal [steps] at which it holds now.
+def bring_on(
+    make: ServoMake, line: BusLine, servo: int, settings: ServoSettings, expected: float, limits: Limits
+) -> tuple[int, bool]:
+    """Bring a servo under goals: the goal [steps] at which it holds now, and whether it was limp before.
 
-    ``expected`` [steps] is where the arm was said to stand. ``EnableError``: it has moved by more than a
-    degree since, it stands outside its own limits, it is not fit, or it did not confirm; its torque is off
-    then, as far as it answers.
+    ``expected`` [steps] is where it was looked at last. ``EnableError``: it has moved by more than a degree
+    since, it stands outside its own limits, it is not fit, or it did not confirm. One that was limp is limp
+    then again; where it does not confirm that, the error says so.
+    """
+    block = make.telemetry
+    seen = make.understood(line.read(servo, block.address, block.size), block)
+    for more in make.in_turn:
+        seen = make.understood(line.read(servo, more.address, more.size), more).after(seen)
+    try:
+        if seen.on:
+            return _take_over(make, line, servo, settings, seen, limits), False
+        return _switch_on(make, line, servo, settings, expected, limits), True
+    except (EnableError, BoardTimeoutError) as error:
+        if seen.on or make.off(line, servo):
+            raise
+        raise EnableError(
+            f"{error}. Servo {servo} did not confirm that its torque is off again: cut the power of the "
+            "servos before you reach in"
+        ) from error
+
+
+def _switch_on(
+    make: ServoMake, line: BusLine, servo: int, settings: ServoSettings, expected: float, limits: Limits
+) -> int:
+    """The torque-on rite; the goal [steps]."""
+    _require_still(make, line, servo, settings, expected)
+    make.prepare(line, servo, limits)
+    place = _require_still(make, line, servo, settings, expected)
+    make.on_at(line, servo, place)
+    return place
+
+
+def _take_over(
+    make: ServoMake, line: BusLine, servo: int, settings: ServoSettings, seen: Telemetry, limits: Limits
+) -> int:
+    """Take over one whose torque is on already; the goal [steps].
+
+    It keeps the goal that it was found with, from which it sags. Where it is farther from it than that, or
+    weak, it would be thrown there by its new limits: it holds where it stands then, and so does one that
+    refuses goals.
     """
     place = make.position(line, servo)
-    turned_deg = abs(place - expected) * 360 / make.steps_per_turn
+    _require_fit(make, servo, settings, place)
+    goal = place if seen.goal is None else seen.goal
+    weak = seen.torque_limit is not None and seen.torque_limit < limits.torque
+    room = make.still_steps * (1.0 if weak else SAG_DEG)
+    if seen.refuses or seen.gave_way or abs(goal - place) > room:
+        goal = place
+        make.on_at(line, servo, place)
+    make.prepare(line, servo, limits)
+    return goal
+
+
+def _require_still(
+    make: ServoMake, line: BusLine, servo: int, settings: ServoSettings, expected: float
+) -> int:
+    """Where it stands [steps]; refused where it has turned, or torque would throw it."""
+    place = make.position(line, servo)
     if abs(place - expected) > make.still_steps:
+        turned_deg = abs(place - expected) * 360 / make.steps_per_turn
         raise EnableError(
             f"servo {servo} has turned by {turned_deg:.1f}° since it was looked at; "
             "let the arm stand still, and enable again"
         )
     _require_fit(make, servo, settings, place)
-    make.prepare(line, servo, torque)
-    place = make.position(line, servo)
-    try:
-        make.on_at(line, servo, place)
-    except EnableError:
-        make.off(line, servo)
-        raise
     return place
-
-
-def take_over(
-    make: ServoMake, line: BusLine, servo: int, settings: ServoSettings, seen: Telemetry, torque: float
-) -> int:
-    """Take over a servo whose torque is on already; the goal [steps] at which it holds now.
-
-    It keeps the goal that it was found with, from which it may sag. Where it is weak and far from it, a
-    stronger motor would throw it there: it holds where it stands then, and so does one that refuses goals.
-    ``EnableError`` as in ``switch_on``.
-    """
-    place = make.position(line, servo)
-    _require_fit(make, servo, settings, place)
-    goal = place if seen.goal is None else seen.goal
-    weak = seen.torque_limit is not None and seen.torque_limit < torque
-    if seen.refuses or (weak and abs(goal - place) > make.still_steps):
-        goal = place
-        make.on_at(line, servo, place)
-    make.prepare(line, servo, torque)
-    return goal
 
 
 def _require_fit(make: ServoMake, servo: int, settings: ServoSettings, place: int) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from armctl.errors import BoardError, BoardTimeoutError, InputError, out_of_range
 from armctl.hardware.bus.line import BusLine
-from armctl.hardware.bus.make import ServoMake, switch_on
+from armctl.hardware.bus.make import Limits, ServoMake, bring_on
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.servos import Difference, FoundServo
 from armctl.hardware.transport import Transport
@@ -52,7 +52,7 @@ class BusSetup:
         """The open line at this rate."""
         if self._line is None or self._baud != baud:
             self.close()
-            self._line = BusLine(self._open_line(baud), self._make.form, self._now, self._timeout_s)
+            self._line = BusLine(self._open_line(baud), self._make.form, self._now, self._timeout_s, baud)
             self._baud = baud
             self._line.look_for_echo(1, self._make.table["model"].address)
         return self._line
@@ -139,7 +139,8 @@ class BusSetup:
             raise BoardTimeoutError(f"servo {servo} does not answer at {baud} baud")
         if found.on:
             raise BoardError(f"the torque of servo {servo} is on: it holds an arm. Release it first")
-        place = switch_on(make, line, servo, found.settings, found.position, _NUDGE_TORQUE)
+        limits = Limits(_NUDGE_TORQUE, make.steps_per_turn / 8)
+        place, _ = bring_on(make, line, servo, found.settings, found.position, limits)
         way = round(degrees * make.steps_per_turn / 360)
         if not found.settings.lowest <= place + way <= found.settings.highest:
             way = -way
@@ -148,7 +149,11 @@ class BusSetup:
                 line.tell(make.form.sync_write(make.goal_address, {servo: make.goal_bytes(goal)}))
                 self._wait(_NUDGE_STEP_S)
         finally:
-            make.off(line, servo)
+            off = make.off(line, servo)
+        if not off:
+            raise BoardTimeoutError(
+                f"servo {servo} did not confirm that its torque is off again; cut the power of the servos"
+            )
 
     def _wait(self, seconds: float) -> None:
         """Let time pass as an answer would."""
@@ -219,5 +224,8 @@ def _of_one(one: FoundServo, needs: ChannelSettings, baud: int) -> list[Differen
                 "widen them, or narrow the limits of the joint",
             )
         )
-    told += [Difference(one.id, f"servo {one.id}: {words}", "") for words in (*own.findings, *one.faults)]
+    offset = (f"its homing offset is {own.offset} steps",) if own.offset else ()
+    told += [
+        Difference(one.id, f"servo {one.id}: {words}", "") for words in (*own.findings, *offset, *one.faults)
+    ]
     return told

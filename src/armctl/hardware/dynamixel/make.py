@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 from armctl.errors import BoardTimeoutError, EnableError
 from armctl.hardware.bus.line import BusLine
-from armctl.hardware.bus.make import Block, ServoMake, Telemetry
+from armctl.hardware.bus.make import Block, Limits, ServoMake, Telemetry
 from armctl.hardware.bus.packets import BusPacket
 from armctl.hardware.bus.table import ControlTable, Register, Sign
 from armctl.hardware.dynamixel.packets import DynamixelForm
@@ -208,8 +208,6 @@ class DynamixelMake(ServoMake):
             lowest,
             highest,
             offset,
-            mode in (POSITION, CURRENT_BASED),
-            True,
             tuple(findings),
             _unfit(mode, drive, lowest, highest),
         )
@@ -218,7 +216,7 @@ class DynamixelMake(ServoMake):
         """A goal."""
         return self.table.encode("goal_position", steps)
 
-    def prepare(self, line: BusLine, servo: int, torque: float) -> None:
+    def prepare(self, line: BusLine, servo: int, limits: Limits) -> None:
         """No hardware error; no profile, which would lag behind; the torque limited; the watchdog set."""
         state = line.read(servo, _STATE.address, _STATE.size, more=True)
         errors = _in_words(self.table.decode("hardware_error_status", state.data, _STATE.address))
@@ -227,7 +225,7 @@ class DynamixelMake(ServoMake):
         self._write(line, servo, "profile_acceleration", 0)  # be they speeds or times: 0 is none
         self._write(line, servo, "profile_velocity", 0)
         self._write(line, servo, "bus_watchdog", 0)  # one that has tripped takes no limit either
-        self._write(line, servo, "goal_pwm", self._pwm(line, servo, torque))
+        self._write(line, servo, "goal_pwm", self._pwm(line, servo, limits.torque))
         self._write(line, servo, "bus_watchdog", _WATCHDOG)
 
     def on_at(self, line: BusLine, servo: int, position: int) -> None:

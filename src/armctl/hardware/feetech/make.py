@@ -6,11 +6,12 @@ Sources: Feetech's memory tables and protocol manual; the vendor's SDK. Where Le
 
 from __future__ import annotations
 
+from contextlib import suppress
 from types import MappingProxyType
 
 from armctl.errors import BoardError, BoardTimeoutError, EnableError
-from armctl.hardware.bus.line import BusLine
-from armctl.hardware.bus.make import Block, ServoMake, Telemetry
+from armctl.hardware.bus.line import ATTEMPTS, BusLine
+from armctl.hardware.bus.make import Block, Limits, ServoMake, Telemetry
 from armctl.hardware.bus.packets import BusPacket
 from armctl.hardware.bus.table import ControlTable, Register, Sign
 from armctl.hardware.feetech.packets import FeetechForm
@@ -74,6 +75,7 @@ STEPS_PER_TURN = 4096
 BAUDS = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)
 """by the number in the register ``baud``"""
 MODELS = MappingProxyType({777: "STS3215", 2825: "STS3250", 1545: "STS3032", 2057: "STS3020"})
+_MOST_SPEED = 32_767
 MULTI_TURN = 1 << 4
 """the bit of ``phase`` with which positions leave 0 … 4095"""
 VOLTAGE, SENSOR, HEAT, CURRENT, OVERLOAD = (1 << bit for bit in (0, 1, 2, 3, 5))
@@ -99,6 +101,7 @@ class FeetechMake(ServoMake):
     steps_per_turn = STEPS_PER_TURN
     bauds = BAUDS
     telemetry = Block(40, 31)
+    keeps_limit = True
     goal_address = 42
     models = MODELS
 
@@ -114,7 +117,8 @@ class FeetechMake(ServoMake):
             voltage=t.value("present_voltage", data, first),
             temperature=t.value("present_temperature", data, first),
             current=t.value("present_current", data, first),
-            faults=tuple(words for bit, words in ERRORS.items() if packet.code & bit),
+            gave_way=bool(packet.code & OVERLOAD),
+            faults=tuple(words for bit, words in ERRORS.items() if packet.code & bit & ~OVERLOAD),
         )
 
     def settings(self, line: BusLine, servo: int) -> ServoSettings:
@@ -133,21 +137,18 @@ class FeetechMake(ServoMake):
                 unfit = "it has no limits (registers 9 and 11 are 0)"
             else:
                 unfit = f"its limits are {lowest} … {highest} steps (registers 9 and 11): none is left"
-        if t.decode("status_level", data, _KEPT.address) == 0:
-            findings.append("it does not confirm what is written (register 8 is 0)")
+        if unfit is None and t.decode("status_level", data, _KEPT.address) == 0:
+            unfit = "it does not confirm what is written (register 8 is 0; 1 is right)"
         model = t.decode("model", data, _KEPT.address)
         if model not in self.models:
             findings.append(f"its model number {model} is not known; it is taken for an STS servo")
-        if (offset := t.decode("offset", data, _KEPT.address)) != 0:
-            findings.append(f"its homing offset is {offset} steps (register 31)")
+        offset = t.decode("offset", data, _KEPT.address)
         return ServoSettings(
             model,
             f"{data[0]}.{data[1]}",
             lowest,
             highest,
             offset,
-            mode == 0,
-            t.decode("status_level", data, _KEPT.address) != 0,
             tuple(findings),
             unfit,
         )
@@ -156,15 +157,16 @@ class FeetechMake(ServoMake):
         """A goal."""
         return self.table.encode("goal_position", steps)
 
-    def prepare(self, line: BusLine, servo: int, torque: float) -> None:
-        """Limits of its own in RAM: no ramp (it would lag behind the stream), and the torque.
+    def prepare(self, line: BusLine, servo: int, limits: Limits) -> None:
+        """No ramp, which would lag behind the stream of goals; speed and torque no more than they may be.
 
-        The speed is set last of all, with the goal: 0 is full speed, which is right for a stream of goals.
+        The speed is the last line of defence: whatever throws a servo, it goes no faster. 0 is full speed.
         """
+        speed = 0 if limits.speed is None else min(_MOST_SPEED, max(1, round(limits.speed)))
         self._write(line, servo, "acceleration", 0)
-        line_up = self.table.encode("goal_time", 0) + self.table.encode("goal_speed", 0)
-        self._confirmed(line, servo, line.write(servo, self.table["goal_time"].address, line_up))
-        self._write(line, servo, "torque_limit", round(1000 * torque))
+        self._write(line, servo, "goal_time", 0)
+        self._write(line, servo, "goal_speed", speed)
+        self._write(line, servo, "torque_limit", round(1000 * limits.torque))
 
     def on_at(self, line: BusLine, servo: int, position: int) -> None:
         """Goal, read back with the place, torque, read back.
@@ -188,8 +190,17 @@ class FeetechMake(ServoMake):
             raise EnableError(f"servo {servo}: {'; '.join(why)}")
 
     def off(self, line: BusLine, servo: int) -> bool:
-        """Torque off; the error byte of an answer says nothing against it."""
-        return line.write(servo, self.table["torque"].address, b"\0") is not None
+        """Torque off, and read back: answers carry no number, a late one may be to something else.
+
+        The error byte of an answer says nothing against it.
+        """
+        register = self.table["torque"]
+        for _ in range(ATTEMPTS):
+            line.write(servo, register.address, b"\0")
+            with suppress(BoardTimeoutError):
+                if line.read(servo, register.address, register.size, more=True).data == b"\0":
+                    return True
+        return False
 
     def limit_torque(self, line: BusLine, servo: int, share: float) -> bool:
         """A share of its full torque."""

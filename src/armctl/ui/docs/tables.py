@@ -36,7 +36,8 @@ from armctl.robot.urdf.side_file import SideFile
 
 UNITS = {
     "_mm": "mm", "_mm_s": "mm/s", "_deg": "°", "_deg_s": "°/s", "_deg_s2": "°/s²", "_deg_s3": "°/s³",
-    "_kg": "kg", "_nm": "N·m", "_s": "s", "seconds": "s", "_us": "µs", "us_per_deg": "µs/°", "steps_per_deg": "steps/°", "_steps": "steps", "percent": "%",
+    "_kg": "kg", "_nm": "N·m", "_s": "s", "seconds": "s", "_us": "µs", "us_per_deg": "µs/°",
+    "steps_per_deg": "steps/°", "_steps": "steps", "percent": "%",
     "_percent_s": "%/s", "counts_per_deg": "counts/°", "_counts": "counts", "_counts_s": "counts/s",
 }  # fmt: skip
 """the unit that a key ends in"""
