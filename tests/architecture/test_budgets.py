@@ -19,7 +19,7 @@ FOLDERS = {
     "calibration": (5, 1_310),
     "cli": (13, 2_800),
     "facts": (9, 2_210),
-    "hardware": (63, 13_500),
+    "hardware": (66, 13_500),
     "kinematics": (51, 12_720),
     "motion": (20, 5_770),
     "process": (14, 3_310),

@@ -132,7 +132,7 @@ class BusDriver(Abilities):
         for servo, goal in goals.items():
             one = self._servos[servo]
             kept = servo in found and one.goal is not None and abs(goal - one.goal) <= self._sag
-            # One that was found holding goes on so, and sinks no further; one that is not heard catches up never.
+            # One that was found holding goes on so, and sinks no further; one not heard never catches up.
             if one.takes_goals and not (one.gave_way or kept):
                 one.wanted = goal
         self._send(line)
