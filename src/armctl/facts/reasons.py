@@ -33,7 +33,7 @@ class Quantities:
     def __str__(self) -> str:
         """As people read them: ``load −12 %, 41 °C``."""
         told = (
-            form.format(scale * value).replace("-", "−")
+            form.format(scale * value).replace("-0 ", "0 ").replace("-", "−")
             for value, (scale, form) in zip((getattr(self, name) for name in NAMES), _FORMS, strict=True)
             if value is not None
         )
