@@ -84,7 +84,7 @@ def servos(context: click.Context, port: str, robot: str, all_rates: bool, as_js
     if context.invoked_subcommand is not None:
         return None
     with asked.setup() as setup:
-        found = setup.scan(None if all_rates else [asked.baud])
+        found = setup.scan(None if all_rates else [asked.baud], likely=asked.names)
     told = differences(found, channel_settings(asked.robot), asked.baud, asked.names)
     if as_json:
         print_json({"servos": [asdict(one) for one in found], "differences": [asdict(one) for one in told]})

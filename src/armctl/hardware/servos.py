@@ -62,10 +62,12 @@ class ServoSetup(Protocol):
         self,
         bauds: Sequence[int] | None = None,
         ids: Iterable[int] = ...,
+        likely: Iterable[int] = ...,
         progress: Callable[[float], None] = ...,
     ) -> list[FoundServo]:
         """All that answer, at any of ``bauds`` (None: all), by rate and id.
 
+        ``likely`` ids are asked with more patience.
         ``progress`` is called with the share of the work that is done, and may raise to end it.
         """
         ...

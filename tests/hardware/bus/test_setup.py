@@ -49,7 +49,7 @@ def desk() -> Iterator[Desk]:
 
 def test_a_scan_lists_who_answers_and_changes_nothing(desk: Desk):
     shares: list[float] = []
-    found = desk.setup.scan([BAUD], range(12), shares.append)
+    found = desk.setup.scan([BAUD], range(12), progress=shares.append)
     assert [(one.id, one.model, one.voltage, one.on) for one in found] == [
         (servo, "STS3215", 12.0, False) for servo in range(1, 7)
     ]
@@ -66,7 +66,7 @@ def test_a_scan_looks_at_each_rate_and_can_be_ended(desk: Desk):
         raise InputError("ended")
 
     with pytest.raises(InputError):
-        desk.setup.scan([BAUD], range(200), end)
+        desk.setup.scan([BAUD], range(200), progress=end)
 
 
 def test_a_new_servo_gets_its_id_which_outlives_a_power_cut(desk: Desk):

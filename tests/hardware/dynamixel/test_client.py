@@ -79,6 +79,7 @@ def test_sync_write_and_sync_read_of_three(client: Client):
         client.write(servo, TORQUE, 1)
         assert write.addParam(servo, list((2048 + 100 * servo).to_bytes(4, "little")))
     assert write.txPacket() == sdk.COMM_SUCCESS
+    client.read(1, POSITION)  # what was written has been heard by now
     client.let(1.0)
     read = sdk.GroupSyncRead(client.port, client.ask, POSITION, 4)
     assert all(read.addParam(servo) for servo in (1, 2, 3))

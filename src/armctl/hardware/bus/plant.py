@@ -67,6 +67,8 @@ class PlantJoint:
     """[rad/s] at which somebody's hand turns it, whatever its motor does; None: nobody does"""
     blocked: bool = False
     """whether something holds it where it is"""
+    motor: float = 0.0
+    """what its motors do now [N·m]"""
     drives: list[Drive] = field(default_factory=list[Drive])
 
     @property
@@ -81,7 +83,7 @@ class PlantJoint:
         elif self.hand is not None:
             self.speed = self.hand
         else:
-            motor = sum(drive.torque(self.angle, self.speed) for drive in self.drives)
+            motor = self.motor = sum(drive.torque(self.angle, self.speed) for drive in self.drives)
             torque = motor - self.gravity
             if self.speed == 0.0 and abs(torque) <= self.friction:
                 return
@@ -116,6 +118,7 @@ class ArmPlant:
         self._gravity = gravity
         self._now: float | None = None
         self._count = 0
+        self._still = False
         self.began: list[Callable[[float], None]] = []
         """called before each step with its length [s]: the electronics of the servos"""
 
@@ -124,6 +127,10 @@ class ArmPlant:
         if self._now is None:
             self._now = now
         self._now = max(self._now, now - _LONGEST_S)
+        if self._still and now > self._now and all(joint.hand is None for joint in self.joints):
+            for begin in self.began:  # nothing turns, and nobody drives: only heat goes
+                begin(now - self._now)
+            self._now = now
         while now - self._now >= STEP_S:
             self._now += STEP_S
             self._step()
@@ -134,8 +141,16 @@ class ArmPlant:
         self._count += 1
         for begin in self.began:
             begin(STEP_S)
+        before = [joint.angle for joint in self.joints]
         for joint in self.joints:
             joint.step(STEP_S)
+        self._still = before == [joint.angle for joint in self.joints] and not any(
+            joint.speed or joint.motor for joint in self.joints
+        )
+
+    def wake(self) -> None:
+        """Something may have changed: step by step from here on."""
+        self._still = False
 
     def weigh(self) -> None:
         """Work gravity out anew."""

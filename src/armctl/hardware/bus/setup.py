@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from armctl.errors import BoardError, BoardTimeoutError, InputError, out_of_range
-from armctl.hardware.bus.line import BusLine
+from armctl.hardware.bus.line import ATTEMPTS, BusLine
 from armctl.hardware.bus.make import Limits, ServoMake, bring_on
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.servos import Difference, FoundServo
@@ -61,19 +61,22 @@ class BusSetup:
         self,
         bauds: Sequence[int] | None = None,
         ids: Iterable[int] = IDS,
+        likely: Iterable[int] = (),
         progress: Callable[[float], None] = lambda _: None,
     ) -> list[FoundServo]:
         """All that answer, at any of ``bauds`` (None: all that the make knows), by rate and id.
 
+        ``likely`` ids are asked again and again; the others once, and not for long.
         ``progress`` is called with the share of the work that is done, and may raise to end it.
         """
-        rates, wanted = list(bauds or self._make.bauds), list(ids)
+        rates, wanted, sure = list(bauds or self._make.bauds), list(ids), set(likely)
         found: list[FoundServo] = []
         for i, baud in enumerate(rates):
             line = self.at(baud)
             for k, servo in enumerate(wanted):
                 progress((i + k / len(wanted)) / len(rates))
-                if line.ping(servo, attempts=1, timeout_s=self._ping_s) is None:
+                patience = (ATTEMPTS, None) if servo in sure else (1, self._ping_s)
+                if line.ping(servo, *patience) is None:
                     continue
                 if (one := self.look(baud, servo)) is not None:
                     found.append(one)

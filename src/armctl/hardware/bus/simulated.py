@@ -258,6 +258,7 @@ class SimulatedBus:
     def feed(self, data: bytes) -> bytes:
         """Take bytes from the host; what the servos answer, behind the echo of an adapter that echoes."""
         answer = bytearray(data if self.echo else b"")
+        self.plant.wake()
         if self._time - self._fed_at > _PAUSE_S:
             self._reader.clear()
         self._fed_at = self._time
