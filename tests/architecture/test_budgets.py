@@ -26,7 +26,7 @@ FOLDERS = {
     "program": (10, 2_550),
     "protocol": (5, 1_120),
     "robot": (40, 11_300),
-    "runtime": (22, 5_700),
+    "runtime": (22, 5_740),
     "ui": (86, 18_900),
 }
 """files and lines, at most"""
