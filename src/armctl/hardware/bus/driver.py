@@ -250,8 +250,7 @@ class BusDriver(Abilities):
             raise EnableError(f"servo {one.id} does not answer; look at its plug and its power")
         if one.settings is None:
             one.settings = self._make.settings(line, one.id)
-        speed = next((s.speed for s in self._table.settings if s.channel == one.id), None)
-        limits = Limits(one.torque, speed)
+        limits = Limits(one.torque, self._speed_of(one.id))
         one.goal, limp = bring_on(self._make, line, one.id, one.settings, one.seen.position, limits)
         one.on, one.went_off, one.gave_way = True, False, False
         told = Telemetry(on=True, refuses=False, gave_way=False, torque_limit=one.torque)
@@ -329,11 +328,15 @@ class BusDriver(Abilities):
 
     def _toward(self, one: KnownServo, goal: int, wanted: int, now: float) -> int:
         """The next goal on the way to the one that is wanted, no faster than the joint may move."""
-        speed = next((s.speed for s in self._table.settings if s.channel == one.id), None)
+        speed = self._speed_of(one.id)
         if speed is None:
             return wanted
         most = max(1, round(speed * min(_LONGEST_STEP_S, now - one.sent_at)))
         return goal + max(-most, min(most, wanted - goal))
+
+    def _speed_of(self, servo: int) -> float | None:
+        """How fast its joint may move [steps/s]."""
+        return next((one.speed for one in self._table.settings if one.channel == servo), None)
 
     # Readings.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from armctl.errors import BoardTimeoutError
 from armctl.hardware.bus.packets import BROADCAST, BusPacket, PacketForm, PacketReader
@@ -29,12 +29,8 @@ class LineCount:
     asked: int = 0
     """packets: a question and an answer are two, of which the loss of either loses the answer"""
     lost: int = 0
-    spoilt: int = 0
-    """packets that made no sense: noise, or two servos that speak at once"""
     slowest_s: float = 0.0
     """the longest that an answer took"""
-    silent: set[int] = field(default_factory=set[int])
-    """servos that did not answer although they were asked again and again"""
 
 
 class BusLine:
@@ -72,7 +68,6 @@ class BusLine:
 
     def take_count(self) -> LineCount:
         """What was counted since this was called last."""
-        self.count.spoilt, self._reader.spoilt = self._reader.spoilt, 0
         count, self.count = self.count, LineCount()
         return count
 
@@ -140,7 +135,6 @@ class BusLine:
             answer = self.exchange(self.form.read(servo, address, wanted), [servo], wanted).get(servo)
             if answer is not None:
                 return BusPacket(servo, answer.code, answer.data[:size])
-        self.count.silent.add(servo)
         raise BoardTimeoutError(f"servo {servo} does not answer")
 
     def read_all(self, servos: Sequence[int], address: int, size: int) -> dict[int, BusPacket]:
@@ -156,7 +150,6 @@ class BusLine:
         for _ in range(ATTEMPTS):
             if (answer := self.exchange(request, [servo], 0).get(servo)) is not None:
                 return answer
-        self.count.silent.add(servo)
         return None
 
     def look_for_echo(self, servo: int, address: int) -> bool:
