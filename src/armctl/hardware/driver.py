@@ -238,6 +238,12 @@ class ChannelTable:
         return min(last, max(first, round(value * scale.steps)))
 
 
+def numbered(noun: str, numbers: Sequence[int]) -> str:
+    """Channels, pins or servos as in a sentence: "pin 3", "pins 3, 4"."""
+    listed = ", ".join(map(str, numbers))
+    return f"{noun} {listed}" if len(numbers) == 1 else f"{noun}s {listed}"
+
+
 def translated(doing: str, action: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
     """What ``action`` gives; an exception that is not armctl's becomes a ``BoardError``, its cause kept.
 

@@ -194,7 +194,7 @@ def test_a_restart_is_told_and_nothing_is_written_after_it(session, board, clock
 def test_a_brown_out_whose_report_was_lost_is_found_by_the_pins_modes(session, board, faults, clock):
     pulses = {pin: len(board.pulses(pin)) for pin in ON}
     faults.brown_out(0.1)
-    with pytest.raises(BoardError, match=r"no longer drives pin 9, 22, and .* restarted .* connect again"):
+    with pytest.raises(BoardError, match=r"no longer drives pins 9, 22, and .* restarted .* connect again"):
         for step in range(50):
             try:
                 session.frame({9: 1500.0 + step, 22: 1600.0})
@@ -242,12 +242,12 @@ def test_configuring_finds_out_that_the_pins_are_off_or_the_board_silent(session
     faults.inject(Fault.DROP_REPLY, count=2)
     session.driver.configure(CHANNELS)
     faults.inject(Fault.DROP_REPLY, count=3)
-    with pytest.raises(BoardTimeoutError, match="of pin 9, 22 within 250 ms, though asked 3 times"):
+    with pytest.raises(BoardTimeoutError, match="of pins 9, 22 within 250 ms, though asked 3 times"):
         session.driver.configure(CHANNELS)
     faults.brown_out(0.0)
     clock.advance(0.001)
     board.advance(clock.now())  # the report is lost
-    with pytest.raises(BoardError, match="no longer drives pin 9, 22"):
+    with pytest.raises(BoardError, match="no longer drives pins 9, 22"):
         session.driver.configure(CHANNELS)
 
 
@@ -259,7 +259,7 @@ def test_a_swallowed_release_is_sent_again_and_one_that_is_not_confirmed_warns(s
     faults.inject(Fault.DROP_REPLY, count=50)
     with pytest.raises(
         BoardTimeoutError,
-        match=r"did not confirm that pins 9, 22 are off; the arm may still be held\. Cut the servos' supply",
+        match=r"did not confirm the release of pins 9, 22; the arm may still be held\. Cut the servos' supply",
     ):
         session.driver.release()
 

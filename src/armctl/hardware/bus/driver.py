@@ -9,7 +9,7 @@ from armctl.hardware.bus import EEPROM_ADVICE, SCALE
 from armctl.hardware.bus.known import DOUBTED, KnownServo
 from armctl.hardware.bus.line import BusLine
 from armctl.hardware.bus.make import SAG_DEG, Limits, ServoMake, Telemetry, bring_on
-from armctl.hardware.bus.who import missing_words, named, nobody_words
+from armctl.hardware.bus.who import missing_words, nobody_words
 from armctl.hardware.driver import (
     Abilities,
     BoardIdentity,
@@ -17,6 +17,7 @@ from armctl.hardware.driver import (
     ChannelTable,
     Readback,
     Source,
+    numbered,
 )
 from armctl.hardware.transport import Connection
 
@@ -194,7 +195,9 @@ class BusDriver(Abilities):
         line = self._opened
         silent = [servo for servo, share in limits.items() if not self._limit(line, servo, share)]
         if silent:
-            raise BoardTimeoutError(f"{line.name}: {named(silent)} did not confirm the torque limit")
+            raise BoardTimeoutError(
+                f"{line.name}: {numbered('servo', silent)} did not confirm the torque limit"
+            )
 
     def close(self) -> None:
         """Close the line; never raises. The servos go on holding."""
@@ -285,8 +288,8 @@ class BusDriver(Abilities):
             line.tell(self._make.form.write(one.id, *self._torque_off))
         if silent:
             raise BoardTimeoutError(
-                f"{line.name}: {named(silent)} did not confirm that the torque is off; cut the power of the "
-                "servos before you reach in"
+                f"{line.name}: {numbered('servo', silent)} did not confirm that the torque is off; cut the "
+                "power of the servos before you reach in"
             )
 
     @property

@@ -155,6 +155,13 @@ class ServoMake(ABC):
         if kept != data:
             raise BoardError(f"servo {servo} did not take {number} as its {name}")
 
+    def require_taken(self, servo: int, seen: Telemetry, position: int) -> None:
+        """``EnableError``: what it tells after its goal was set to where it stands is not that."""
+        if seen.goal != position or seen.position is None:
+            raise EnableError(f"servo {servo} did not take {position} steps as its goal, but {seen.goal}")
+        if abs(seen.position - position) > self.still_steps:
+            raise EnableError(f"servo {servo} turns while its torque is switched on; hold the arm still")
+
     def clear(self, line: BusLine, servo: int) -> bool:
         """End what is latched of a limp servo; whether it starts anew for that, and is silent for a while."""
         return False

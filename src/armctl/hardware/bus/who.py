@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from armctl.hardware.bus.line import BusLine
+from armctl.hardware.driver import numbered
 
 
 def missing_words(ids: Sequence[int], found: Sequence[int]) -> tuple[str, ...]:
@@ -12,7 +13,7 @@ def missing_words(ids: Sequence[int], found: Sequence[int]) -> tuple[str, ...]:
     missing = [servo for servo in ids if servo not in found]
     if not missing:
         return ()
-    words = f"{named(missing)} of {len(ids)} did not answer"
+    words = f"{numbered('servo', missing)} of {len(ids)} did not answer"
     if missing == list(ids[len(found) :]):
         return (f"{words}: whoever is behind a loose plug is silent; look at the one of servo {missing[0]}",)
     return (f"{words}: its plug, its id or its baud rate; `armctl servos` looks for it",)
@@ -31,12 +32,6 @@ def nobody_words(line: BusLine, ids: Sequence[int], *, came: bool) -> str:
             "or another kind of bus"
         )
     return (
-        f"{line.name}: no servo answers ({named(ids)} were asked). Are they powered (USB alone does not feed "
-        "them), is the first plug in, and is this the adapter's port?"
+        f"{line.name}: no servo answers ({numbered('servo', ids)} were asked). Are they powered (USB "
+        "alone does not feed them), is the first plug in, and is this the adapter's port?"
     )
-
-
-def named(servos: Sequence[int]) -> str:
-    """As in a sentence."""
-    numbers = ", ".join(map(str, servos))
-    return f"servo {numbers}" if len(servos) == 1 else f"servos {numbers}"

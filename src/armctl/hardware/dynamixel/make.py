@@ -235,12 +235,9 @@ class DynamixelMake(ServoMake):
         """
         self._write(line, servo, "bus_watchdog", 0)  # one that has tripped refuses goals
         self._write(line, servo, "goal_position", position)
-        answer = self._sound(servo, line.read(servo, *_now, more=True))
-        seen = self.understood(answer, self.telemetry)
-        if seen.goal != position or seen.position is None:
-            raise EnableError(f"servo {servo} did not take {position} steps as its goal, but {seen.goal}")
-        if abs(seen.position - position) > self.still_steps:
-            raise EnableError(f"servo {servo} turns while its torque is switched on; hold the arm still")
+        block = self.telemetry
+        answer = self._sound(servo, line.read(servo, block.address, block.size, more=True))
+        self.require_taken(servo, self.understood(answer, block), position)
         self._write(line, servo, "torque", 1)
         answer = self._sound(servo, line.read(servo, self.table["torque"].address, 1, more=True))
         if answer.data[0] != 1:
@@ -305,7 +302,6 @@ class DynamixelMake(ServoMake):
 
 
 _PROTECTIONS = MappingProxyType({HEAT: "heat", OVERLOAD: "overload"})
-_now = (DynamixelMake.telemetry.address, DynamixelMake.telemetry.size)
 
 
 def _in_words(errors: int) -> tuple[str, ...]:

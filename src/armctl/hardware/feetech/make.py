@@ -175,11 +175,9 @@ class FeetechMake(ServoMake):
         now, and the goal is the place that has just been read.
         """
         self._write(line, servo, "goal_position", position)
-        seen = self.understood(line.read(servo, *_now), Block(*_now))
-        if seen.goal != position or seen.position is None:
-            raise EnableError(f"servo {servo} did not take {position} steps as its goal, but {seen.goal}")
-        if abs(seen.position - position) > self.still_steps:
-            raise EnableError(f"servo {servo} turns while its torque is switched on; hold the arm still")
+        block = self.telemetry
+        seen = self.understood(line.read(servo, block.address, block.size), block)
+        self.require_taken(servo, seen, position)
         if not seen.on:
             self._write(line, servo, "torque", 1)
         answer = line.read(servo, self.table["torque"].address, 1, more=True)
@@ -226,5 +224,4 @@ class FeetechMake(ServoMake):
             raise BoardTimeoutError(f"servo {servo} does not confirm what it is told")
 
 
-_now = (FeetechMake.telemetry.address, FeetechMake.telemetry.size)
 FEETECH = FeetechMake()

@@ -16,7 +16,7 @@ from armctl.hardware.board_type import (
     round_trips,
     warning,
 )
-from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
+from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source, numbered
 from armctl.hardware.firmata import HOW_TO_LOAD, SCALE, codec, pin_table
 from armctl.hardware.firmata.codec import BoardText, FirmwareReport, Malformed, PinMode, PinState, Reply
 from armctl.hardware.firmata.line import FirmataLine
@@ -207,7 +207,7 @@ class FirmataDriver:
                 self._watch.released()
                 return
         raise BoardTimeoutError(
-            f"{line.name}: the board did not confirm that pins {_listed(still_on)} are off; the "
+            f"{line.name}: the board did not confirm the release of {numbered('pin', still_on)}; the "
             "arm may still be held. Cut the servos' supply before you reach in"
         )
 
@@ -255,15 +255,15 @@ class FirmataDriver:
                 self._malformed.append(reply)
         if never := self._watch.never_on:
             raise self._firmata.lose(
-                f"pin {_listed(never)} did not switch on in several attempts: bytes get lost on the line; "
-                "check the USB cable, then connect again"
+                f"{numbered('pin', never)} did not switch on in several attempts: bytes get lost on the "
+                "line; check the USB cable, then connect again"
             )
         if gone := self._watch.switched_off:
             raise self._firmata.lose(_switched_off(gone))
         if strayed := self._watch.strayed:
             raise self._firmata.lose(
-                f"pin {_listed(strayed)} was set by something else, more than once: another program writes "
-                "to this board; close it, then connect again"
+                f"{numbered('pin', strayed)} was set by something else, more than once: another program "
+                "writes to this board; close it, then connect again"
             )
 
     @property
@@ -279,7 +279,7 @@ class FirmataDriver:
 
     def _not_told(self, pins: Sequence[int]) -> BoardTimeoutError:
         what = (
-            f"{self._firmata.name}: the board did not tell the state of pin {_listed(pins)} within "
+            f"{self._firmata.name}: the board did not tell the state of {numbered('pin', pins)} within "
             f"{self._timeout_s * 1000:.0f} ms, though asked {_ASK_ATTEMPTS} times"
         )
         return BoardTimeoutError(Unanswered(what, _CABLE_AND_SUPPLY))
@@ -324,14 +324,10 @@ class FirmataDriver:
 
 def _switched_off(pins: Sequence[int]) -> str:
     return (
-        f"the board no longer drives pin {_listed(pins)}, and the arm may have dropped: either it restarted "
-        "(reset button, or its supply broke down) and its report was lost, or another program switched them "
-        "off; check the supply, then connect again"
+        f"the board no longer drives {numbered('pin', pins)}, and the arm may have dropped: either it "
+        "restarted (reset button, or its supply broke down) and its report was lost, or another program "
+        "switched them off; check the supply, then connect again"
     )
-
-
-def _listed(pins: Sequence[int]) -> str:
-    return ", ".join(map(str, pins))
 
 
 # The check-up of a board that answers.

@@ -18,7 +18,15 @@ from armctl.hardware.board_type import (
     round_trips,
     warning,
 )
-from armctl.hardware.driver import Abilities, BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
+from armctl.hardware.driver import (
+    Abilities,
+    BoardIdentity,
+    ChannelSettings,
+    ChannelTable,
+    Readback,
+    Source,
+    numbered,
+)
 from armctl.hardware.maestro import (
     FACTORY_MAXIMUM_US,
     FACTORY_MINIMUM_US,
@@ -370,22 +378,23 @@ def _channels(
     beyond = [channel for channel in wanted if channel >= count]
     findings: list[Finding] = []
     if beyond and model is not None:
-        seen = f"{_listed(beyond)}: a {model.label} has 0 … {count - 1}"
+        seen = f"{numbered('channel', beyond)}: a {model.label} has 0 … {count - 1}"
         findings.append(failed("channels", seen, "change the robot file, or use a larger Maestro"))
     elif beyond:
         findings.append(
             not_checked(
                 "channels",
-                f"{_listed(beyond)}: the model cannot be told from this port, and not every Maestro has them",
+                f"{numbered('channel', beyond)}: the model cannot be told from this port, and not "
+                "every Maestro has them",
                 "name the USB port itself, then the model is known",
             )
         )
     known = [channel for channel in wanted if channel < count]
     positions, errors = line.read(known)
     if errors:
-        findings.append(failed("channels", f"{_listed(known)}: {'; '.join(error_words(errors))}"))
+        findings.append(failed("channels", f"{numbered('channel', known)}: {'; '.join(error_words(errors))}"))
     elif not beyond:
-        findings.append(ok("channels", f"{_listed(known)}: the board has them"))
+        findings.append(ok("channels", f"{numbered('channel', known)}: the board has them"))
     on = [f"{channel} at {pulse:g} µs" for channel, pulse in positions.items() if pulse is not None]
     findings.append(ok("outputs", f"on: {', '.join(on)}" if on else "all pulses are off"))
     return findings
@@ -410,7 +419,3 @@ def _ranges(needs: ChannelsToCheck) -> Finding:
         "set Min and Max of these channels in the Maestro Control Center (Channel Settings), or the board "
         "cuts their targets off",
     )
-
-
-def _listed(channels: Sequence[int]) -> str:
-    return ("channel " if len(channels) == 1 else "channels ") + ", ".join(map(str, channels))

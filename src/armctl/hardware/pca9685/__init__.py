@@ -58,8 +58,3 @@ def channel_table(settings: Sequence[ChannelSettings], period_us: float) -> Chan
             )
 
     return ChannelTable(SCALE, settings, check)
-
-
-def listed(channels: Sequence[int]) -> str:
-    """Channels in words."""
-    return ("channel " if len(channels) == 1 else "channels ") + ", ".join(map(str, channels))

@@ -16,8 +16,8 @@ from armctl.hardware.board_type import (
     round_trips,
     warning,
 )
-from armctl.hardware.driver import ChannelSettings
-from armctl.hardware.pca9685 import Pca9685Options, channel_table, listed
+from armctl.hardware.driver import ChannelSettings, numbered
+from armctl.hardware.pca9685 import Pca9685Options, channel_table
 from armctl.hardware.pca9685.chip import (
     ArduinoLine,
     ChipLine,
@@ -134,7 +134,7 @@ def _channels(
         return [failed("channels", "; ".join(problems), "change the channels or ranges in the robot file")]
     channels = sorted(one.channel for one in needs.channels)
     findings = [
-        ok("channels", f"{listed(channels)}: the chip has them"),
+        ok("channels", f"{numbered('channel', channels)}: the chip has them"),
         ok("ranges", "the robot file's ranges can be sent"),
     ]
     # One by one: the chip may not count its registers up.
@@ -147,7 +147,7 @@ def _channels(
     }
     high = [channel for channel, registers in held.items() if is_high(registers)]
     if high and not mode & Mode1.SLEEP:
-        seen = f"{listed(high)} high all the time, which is no pulse for a servo"
+        seen = f"{numbered('channel', high)} high all the time, which is no pulse for a servo"
         findings.append(
             warning("outputs", seen, "another program did that; Release in armctl switches them off")
         )

@@ -5,8 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
-from armctl.hardware.driver import Abilities, BoardIdentity, ChannelSettings, ChannelTable, Readback, Source
-from armctl.hardware.pca9685 import CHANNELS, SCALE, STEPS, Pca9685Options, channel_table, listed
+from armctl.hardware.driver import (
+    Abilities,
+    BoardIdentity,
+    ChannelSettings,
+    ChannelTable,
+    Readback,
+    Source,
+    numbered,
+)
+from armctl.hardware.pca9685 import CHANNELS, SCALE, STEPS, Pca9685Options, channel_table
 from armctl.hardware.pca9685.chip import (
     WIRES,
     ArduinoLine,
@@ -216,8 +224,8 @@ class Pca9685Driver(Abilities):
             if not still_on:
                 return
         raise BoardTimeoutError(
-            f"{line.name}: the PCA9685 did not confirm that {listed(still_on)} are off; the arm may still be "
-            "held. Cut the servos' supply before you reach in"
+            f"{line.name}: the PCA9685 did not confirm the release of {numbered('channel', still_on)}; the "
+            "arm may still be held. Cut the servos' supply before you reach in"
         )
 
     def close(self) -> None:
