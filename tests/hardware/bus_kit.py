@@ -134,9 +134,9 @@ class Moments:
             before = servo.driven
             error = written(address, data)
             if servo.driven and not before:
-                self.jumps.append(
-                    (servo.id, abs(servo.get("goal_position") - servo.shaft + servo.get("offset")))
-                )
+                servo.measure()
+                away = servo.get("goal_position") - servo.get("present_position")
+                self.jumps.append((servo.id, float(abs(away))))
             return error
 
         servo.written = watched  # type: ignore[method-assign]
