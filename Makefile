@@ -97,15 +97,18 @@ $(BENCH)/.installed: pyproject.toml benchmarks/peers.txt | $(BIN)/python
 	       $(BENCH)/bin/python -m pip install --quiet "$$peer" || echo "$$peer does not install here" >&2; done
 	@touch $@
 
-# What the tests need and pip does not have: a browser (playwright's download is not needed), what its driver and
+# What the tests need and pip does not have: browsers (playwright's downloads are not needed), what its driver and
 # other wheels with node inside are linked with, and simavr with compilers for real firmware on a simulated CPU.
 BROWSER := chromium fonts-dejavu-core fonts-liberation libatomic1
+OTHERS := firefox-esr webkit2gtk-driver xvfb
 AVR := simavr libsimavr-dev libelf-dev gcc libc6-dev gcc-avr avr-libc arduino-core-avr pkg-config make
 .PHONY: packages
 packages:
 	@missing=; \
 	 command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null \
 	   || missing='$(BROWSER)'; \
+	 { command -v firefox-esr && command -v WebKitWebDriver && command -v Xvfb; } >/dev/null \
+	   || missing="$$missing $(OTHERS)"; \
 	 { command -v gcc && command -v avr-gcc && command -v pkg-config && pkg-config --cflags --libs simavr \
 	   && test -d /usr/share/arduino/hardware/arduino/avr; } >/dev/null 2>&1 || missing="$$missing $(AVR)"; \
 	 if [ -z "$$missing" ]; then :; \
