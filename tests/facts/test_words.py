@@ -49,6 +49,7 @@ from armctl.facts import (
     state_words,
     what,
 )
+from armctl.facts.quantities import LevelPassed
 from armctl.facts.targets import (
     AnyAngle,
     AtPoint,
@@ -198,6 +199,9 @@ SAMPLES += [
     NearestPoint((0.1, 0.2, 0.3), 0.01),
     NearestPoint((0.1, 0.2, 0.3), 1e-5, "any", (HeldAtLimit("Elbow", 1.5), HeldAtLimit("Base", 1.0))),
     PointReached(),
+    LevelPassed("Elbow", "servo 3", "load", 0.93, 0.8, 0.8),
+    LevelPassed("Elbow", "servo 3", "temperature", 62.0, 60.0, 70.0),
+    LevelPassed("Gripper", "servo 6", "voltage", 10.4, 10.8, 12.0),
 ]
 
 

@@ -107,6 +107,10 @@ class SpiedBus(Spied, Abilities):
         self._note("limit", limits)
         self._bus.limit_torque(limits)
 
+    def scale_torque(self, share: float) -> None:
+        self._note("scale", {0: share})
+        self._bus.scale_torque(share)
+
     @property
     def _bus(self) -> Abilities:
         assert isinstance(self._driver, Abilities)

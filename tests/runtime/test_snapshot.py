@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tests.runtime.kit import ROBOT, TEST, Rig, make_rig
 
-from armctl.facts import Need, State
+from armctl.facts import LevelPassed, Need, State
 from armctl.hardware import Source
 from armctl.program import GripperStep, Program, WaitStep
 from armctl.protocol import (
@@ -37,6 +37,7 @@ _BESIDE_STATE = {
     "program",
     "measured",
     "quantities",
+    "limits",
     "unreachable",
     "doing",
 }
@@ -48,6 +49,7 @@ CHANGES: dict[str, Any] = {
     "homing": (AxisHoming("axis 1", homed=True, running=False),),
     "warnings": ("the supply is low",), "events": (Event(0.0, "info", "new"),),
     "control": Control(locked=True), "progress": 0.5, "busy": True,
+    "levels": (LevelPassed("Elbow", "servo 3", "load", 0.9, 0.8, 0.8),),
     "inputs": {"door": 1.0}, "outputs": {"lamp": 1.0}, "limp": ("Elbow",),
     "last_pose": LastPose(ROBOT.pose("home"), None, 0.0, ""),
 }  # fmt: skip

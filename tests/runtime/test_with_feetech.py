@@ -12,7 +12,9 @@ from tests.runtime.kit import TEST
 from armctl.errors import EnableError, MotionRefusedError, StateError
 from armctl.facts import State
 from armctl.hardware import Source
+from armctl.hardware.feetech.make import OVERLOAD, FeetechMake
 from armctl.protocol import ClearFault, Connect, Enable, LimitTorque, MoveJoints, Release
+from armctl.runtime.releasing import LETTING_DOWN_S
 
 
 @pytest.fixture
@@ -152,3 +154,142 @@ def test_a_killed_host_leaves_the_arm_at_its_last_goal(holding: Bench):
     goals = [one.get("goal_position") for one in holding.board.servos]
     assert [one.shaft for one in holding.board.servos] == pytest.approx(goals, abs=70)
     assert all(one.driven for one in holding.board.servos)
+
+
+def shares(bench: Bench) -> list[float]:
+    """The shares of its torque that the arm had, one after the other."""
+    return [given[0] for _, what, given in bench.log if what == "scale"]
+
+
+def test_a_release_lets_the_arm_sink_within_a_second_then_its_torque_is_off_and_whole_again(holding: Bench):
+    holding.does(MoveJoints(holding.robot.pose("home")), State.HOLDING)
+    elbow, began = holding.board.plant.joints[2], holding.clock.now()
+    ticket = holding.controller.submit(Release(), TEST)
+    fastest = 0.0
+    while not ticket.finished.done():
+        assert any("support it" in one for one in holding.tick().warnings) or holding.now.state is State.OFF
+        fastest = max(fastest, abs(elbow.speed))
+    assert ticket.finished.exception(0) is None
+    assert holding.clock.now() - began == pytest.approx(LETTING_DOWN_S, abs=0.1)
+    assert (holding.now.state, holding.now.cause) == (State.OFF, f"released ({TEST.who})")
+    assert shares(holding) == sorted(shares(holding), reverse=True) and min(shares(holding)) < 0.1
+    assert not any(one.driven for one in holding.board.servos)
+    assert [one.get("torque_limit") for one in holding.board.servos] == [1000] * 5 + [500]
+    holding.does(Enable(), State.HOLDING)
+    assert [one.get("torque_limit") for one in holding.board.servos] == [1000] * 5 + [500]
+
+
+def test_a_second_release_is_off_at_once(holding: Bench):
+    first = holding.controller.submit(Release(), TEST)
+    holding.run(0.2)
+    assert all(one.driven for one in holding.board.servos)
+    holding.does(Release(), State.OFF, seconds=0.05)
+    assert first.finished.exception(0) is None
+    assert not any(one.driven for one in holding.board.servos)
+
+
+def test_stop_holds_an_arm_that_is_being_let_down_where_it_has_sunk_to_and_it_goes_on(holding: Bench):
+    holding.does(MoveJoints(holding.robot.pose("home")), State.HOLDING)
+    holding.run(1.0)
+    released = holding.controller.submit(Release(), TEST)
+    holding.run(0.9)
+    sunk = holding.now.q.copy()
+    assert np.abs(sunk - holding.now.q_command).max() > np.radians(3.0)
+    stopped = holding.controller.stop(TEST)
+    holding.tick()
+    assert all(one.driven for one in holding.board.servos)
+    holding.run(1.0)
+    assert stopped.finished.done() and holding.now.state is State.HOLDING
+    assert isinstance(released.finished.exception(0), StateError)
+    assert [one.get("torque_limit") for one in holding.board.servos] == [1000] * 5 + [500]
+    assert np.abs(holding.now.q - sunk).max() < np.radians(5.0)
+    holding.does(MoveJoints(holding.robot.pose("rest")), State.HOLDING)
+
+
+def test_where_a_servo_takes_no_limit_the_release_is_at_once(holding: Bench, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(FeetechMake, "limit_torque", lambda *_: False)
+    holding.does(Release(), State.OFF, seconds=0.3)
+    assert any("did not confirm the torque limit" in one.text for one in holding.now.events)
+    assert not any(one.driven for one in holding.board.servos)
+
+
+def test_what_moves_or_is_in_fault_is_released_at_once(holding: Bench):
+    holding.ask(MoveJoints(holding.robot.pose("home")))
+    holding.run(0.3)
+    holding.does(Release(), State.OFF, seconds=0.05)
+    assert not any(one.driven for one in holding.board.servos)
+    assert shares(holding) == []
+
+
+def test_a_release_ends_with_the_power_off_though_the_board_reports_something(holding: Bench):
+    holding.ask(Release())
+    holding.board.servo(3).sensor_fails = True
+    holding.run(LETTING_DOWN_S + 0.2)
+    assert holding.now.state is State.OFF
+    assert not any(one.driven for one in holding.board.servos)
+
+
+def test_an_arm_that_does_not_answer_while_it_is_let_down_is_switched_off_at_once(holding: Bench):
+    holding.ask(Release())
+    holding.run(0.2)
+    holding.board.spoilt = 1.0  # it hears what it is told
+    holding.run(0.4)
+    assert not any(one.driven for one in holding.board.servos)
+    assert holding.now.state is State.FAULT
+    assert "did not confirm that the torque is off; cut the power" in holding.now.cause
+
+
+def test_a_load_above_its_limit_for_a_second_is_told_with_servo_joint_value_and_what_to_do(holding: Bench):
+    assert holding.now.limits["Elbow flex"].load == pytest.approx(0.8)
+    holding.board.servo(3).put("overload_torque", 100)  # it goes on pushing; the limit was read before
+    holding.board.plant.joints[2].blocked = True
+    goal = holding.robot.pose("rest")
+    goal[2] -= np.radians(12.0)
+    holding.ask(MoveJoints(goal))
+    holding.run(0.9)
+    assert holding.now.levels == ()
+    holding.run(1.5)
+    (level,) = holding.now.levels
+    assert (level.part, level.output, level.quantity, level.level) == ("Elbow flex", "servo 3", "load", 0.8)
+    assert level.value > 0.8
+    (told,) = [one for one in holding.now.warnings if "servo 3: load" in one]
+    assert told.startswith("Elbow flex: servo 3: load ") and "its limit is 80 %; take load off" in told
+    assert [one.text for one in holding.now.events if one.text.startswith("Elbow flex: servo 3: load")]
+    holding.board.plant.joints[2].blocked = False
+    holding.run(8.0)
+    assert holding.now.levels == () and not [one for one in holding.now.warnings if "servo 3" in one]
+
+
+def test_heat_near_its_limit_and_a_low_supply_are_told_with_numbers(holding: Bench):
+    holding.board.servo(2).heat = 62.0
+    holding.board.supply.open_v = 10.5
+    holding.run(0.2)
+    found = {(one.part, one.quantity): one for one in holding.now.levels}
+    heat = found[("Shoulder lift", "temperature")]
+    assert (heat.value, heat.level, heat.reference) == (62.0, 60.0, 70.0)
+    low = found[("Gripper", "voltage")]
+    assert low.value == pytest.approx(10.5, abs=0.2) and low.reference == pytest.approx(12.0, abs=0.1)
+    told = "\n".join(holding.now.warnings)
+    assert "Shoulder lift: servo 2: 62 °C, it switches itself off at 70 °C; let the arm rest" in told
+    assert "Gripper: servo 6: supply 10." in told
+
+
+@pytest.mark.parametrize("what", ["heat", "voltage", "overload"])
+def test_a_fault_names_servo_joint_value_limit_and_the_way_on(holding: Bench, what: str):
+    servo = holding.board.servo(3)
+    if what == "heat":
+        servo.heat = 75.0
+    elif what == "voltage":
+        servo.put("least_voltage", 125)
+    else:
+        servo._latched = OVERLOAD  # pyright: ignore[reportPrivateUsage]
+        servo.errors = lambda: OVERLOAD  # type: ignore[method-assign]
+    holding.run(0.5)
+    told = "\n".join(holding.now.warnings) + holding.now.cause
+    assert "Elbow flex: servo 3" in told
+    words = {"heat": "let it cool down", "voltage": "its supply", "overload": "clear the fault and enable"}
+    assert words[what] in told
+    assert "measured: load" in told and "its limits: load 80 %, 70 °C" in told
+    if what == "heat":
+        assert "75 °C" in told
+    assert len([one for one in holding.now.events if words[what] in one.text]) <= 3

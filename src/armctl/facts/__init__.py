@@ -3,6 +3,7 @@
 The kinds of reasons why a target has no solution are in ``armctl.facts.targets``.
 """
 
+from armctl.facts.quantities import LevelPassed, Quantities, QuantityLimits, levels_passed
 from armctl.facts.reasons import (
     About,
     Advised,
@@ -23,7 +24,6 @@ from armctl.facts.reasons import (
     OtherRobot,
     Overload,
     PitchDecided,
-    Quantities,
     Rate,
     RateLimit,
     Reason,
@@ -54,6 +54,7 @@ __all__ = [
     "BranchEnds",
     "Found",
     "Freer",
+    "LevelPassed",
     "MotionEndsMoving",
     "Need",
     "NoSteps",
@@ -64,6 +65,7 @@ __all__ = [
     "Overload",
     "PitchDecided",
     "Quantities",
+    "QuantityLimits",
     "Rate",
     "RateLimit",
     "Reason",
@@ -82,6 +84,7 @@ __all__ = [
     "WrongUnit",
     "advice",
     "at",
+    "levels_passed",
     "say",
     "state_words",
     "what",

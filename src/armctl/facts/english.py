@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from armctl.facts.angles import in_degrees, to_degrees
+from armctl.facts.quantities import LOAD_S, LevelPassed
 from armctl.facts.reasons import (
     UNITS,
     AngleLimit,
@@ -216,6 +217,24 @@ def _pitch_decided(one: PitchDecided) -> str:
     )
 
 
+def _level(one: LevelPassed) -> str:
+    match one.quantity:
+        case "load":
+            load = f"load {100 * one.value:.0f} % for more than {LOAD_S:.0f} s"
+            return f"{one.output}: {load}, its limit is {100 * one.reference:.0f} %"
+        case "temperature":
+            return f"{one.output}: {one.value:.0f} °C, it switches itself off at {one.reference:.0f} °C"
+        case "voltage":
+            return f"{one.output}: supply {one.value:.1f} V, without load it is {one.reference:.1f} V"
+
+
+_LEVEL_ADVICE = {
+    "load": "take load off, or choose a pose that carries less, before it gives way",
+    "temperature": "let the arm rest where it hangs or lies, and take load off",
+    "voltage": "look at plugs and cables, and take a supply that gives more current",
+}
+
+
 def _not_now(one: NotNow) -> str:
     why = _state(one)
     return f"{one.asked} needs the arm {one.need.value}, it is {why}" if one.asked else f"the arm is {why}"
@@ -269,6 +288,7 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     PitchDecided: _pitch_decided,
     NotNow: _not_now,
     Unanswered: lambda one: f"{one.what}; check {one.check}",
+    LevelPassed: _level,
 }
 ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     AngleLimit: _keep_away,
@@ -284,4 +304,5 @@ ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     SingularStart: lambda _: "bend the arm first (turn a joint, or Main → Home where that pose is bent)",
     BranchEnds: _other_ways,
     BeyondReach: lambda one: f"move the {one.curve}" if one.why is None else "",
+    LevelPassed: lambda one: _LEVEL_ADVICE[one.quantity],
 }

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from armctl.facts.angles import in_degrees, to_degrees
+from armctl.facts.quantities import LOAD_S, LevelPassed
 from armctl.facts.reasons import (
     UNITS,
     AngleLimit,
@@ -261,6 +262,24 @@ def _state(one: NotNow) -> str:
     return f"{told}; {'duraklatılacak bir şey yok' if one.need is Need.PAUSE else 'kol zaten etkin'}"
 
 
+def _level(one: LevelPassed) -> str:
+    match one.quantity:
+        case "load":
+            value, limit = 100 * one.value, 100 * one.reference
+            return f"{one.output}: yük {LOAD_S:.0f} saniyeden uzun süredir %{value:.0f}, sınırı %{limit:.0f}"
+        case "temperature":
+            return f"{one.output}: {one.value:.0f} °C, {one.reference:.0f} °C olunca kendini kapatır"
+        case "voltage":
+            return f"{one.output}: besleme {one.value:.1f} V, yüksüzken {one.reference:.1f} V"
+
+
+_LEVEL_ADVICE = {
+    "load": "servo bırakmadan önce yükü azaltın ya da daha az yük taşıyan bir poz seçin",
+    "temperature": "kolu asılı durduğu ya da yattığı yerde dinlendirin, yükü azaltın",
+    "voltage": "fişlere ve kablolara bakın, daha çok akım veren bir kaynak kullanın",
+}
+
+
 WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     AngleLimit: _angle,
     StandsOutside: _stands,
@@ -289,6 +308,7 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     PitchDecided: _pitch_decided,
     NotNow: _not_now,
     Unanswered: lambda one: f"{one.what}; şunu denetleyin: {one.check}",
+    LevelPassed: _level,
 }
 ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     AngleLimit: _keep_away,
@@ -304,4 +324,5 @@ ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     SingularStart: lambda _: "önce kolu bükün (bir eklemi döndürün ya da o poz bükülüyse Main → Home)",
     BranchEnds: _other_ways,
     BeyondReach: lambda one: _move(one) if one.why is None else "",
+    LevelPassed: lambda one: _LEVEL_ADVICE[one.quantity],
 }

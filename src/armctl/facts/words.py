@@ -10,7 +10,7 @@ from enum import Enum
 from types import ModuleType
 from typing import Any, NamedTuple, cast
 
-from armctl.facts import english, english_targets, reasons, targets, turkish, turkish_targets
+from armctl.facts import english, english_targets, quantities, reasons, targets, turkish, turkish_targets
 from armctl.facts.reasons import (
     About,
     Advised,
@@ -163,7 +163,7 @@ def _kinds(*modules: ModuleType) -> dict[str, type[Reason]]:
     return {one.__name__: one for one in found if isinstance(one, type) and issubclass(one, Reason)}
 
 
-KINDS = _kinds(reasons, targets)
+KINDS = _kinds(reasons, quantities, targets)
 _ENUMS = {"need": Need, "state": State}
 
 

@@ -9,6 +9,7 @@ from enum import Enum
 from typing import ParamSpec, Protocol, TypeVar
 
 from armctl.errors import ArmctlError, BoardError, StateError, out_of_range
+from armctl.facts import QuantityLimits
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -81,6 +82,7 @@ class Readback:
     temperature: Mapping[int, float | None] | None = None  # [°C]
     voltage: Mapping[int, float | None] | None = None  # of the supply [V]
     current: Mapping[int, float | None] | None = None  # of its motor [A]
+    limits: Mapping[int, QuantityLimits] = field(default_factory=dict[int, QuantityLimits])  # of these four
     # Questions put to the board since the last reading, and those that got no answer and were asked again.
     asked: int = 1
     lost: int = 0
@@ -149,6 +151,13 @@ class Abilities:
         """How strong motors may be, by channel: a share 0 ... 1 of their full torque."""
         raise StateError("this board cannot limit the torque of its motors")
 
+    def scale_torque(self, share: float) -> None:
+        """Let all motors that are on have this share of their torque, 0 ... 1: on the way to a release.
+
+        Whatever switches one off, or on again, ends it.
+        """
+        raise StateError("this board cannot take the torque of its motors away by and by")
+
     def clear_faults(self) -> None:
         """The user has read what went wrong: end what is latched of outputs that are off. Moves nothing."""
 
@@ -159,7 +168,7 @@ class Abilities:
 
 def abilities_of(driver: object) -> tuple[str, ...]:
     """The methods of ``Abilities`` that a driver has."""
-    names = ("release_channels", "limit_torque", "set_output")
+    names = ("release_channels", "limit_torque", "scale_torque", "set_output")
     own = type(driver) if isinstance(driver, Abilities) else Abilities
     return tuple(name for name in names if getattr(own, name) is not getattr(Abilities, name))
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
+
+from armctl.facts import QuantityLimits
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +24,8 @@ class ServoSettings:
     """what is unusual, in words, each with what to do"""
     unfit: str | None = None
     """why no torque may be switched on, in words"""
+    limits: QuantityLimits = field(default_factory=QuantityLimits)
+    """what it protects itself from"""
 
 
 @dataclass(frozen=True, slots=True)

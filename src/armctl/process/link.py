@@ -154,7 +154,7 @@ class Link:
             self._snapshot, state=State.FAULT, cause=lost, unreachable=True, powered=powered,
             q=unknown, commanded=False, program=None,
             velocity_command=still, acceleration_command=still, homing=(), warnings=(),
-            measured={}, quantities={}, inputs={}, outputs={}, limp=(),
+            measured={}, quantities={}, levels=(), inputs={}, outputs={}, limp=(),
         )  # fmt: skip
 
     @property

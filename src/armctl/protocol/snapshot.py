@@ -10,7 +10,7 @@ from operator import attrgetter
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.facts import Need, NotNow, Quantities, State
+from armctl.facts import LevelPassed, Need, NotNow, Quantities, QuantityLimits, State
 from armctl.facts.angles import to_degrees
 from armctl.hardware import BoardIdentity, Source
 from armctl.kinematics.velocity import position_leaves_pitch
@@ -294,6 +294,10 @@ class Snapshot:
     """``quantities`` in words"""
     quantities: Mapping[str, Quantities] = field(default_factory=dict[str, Quantities])
     """by title of a joint: load, temperature, voltage and current, as far as the board measures them"""
+    limits: Mapping[str, QuantityLimits] = field(default_factory=dict[str, QuantityLimits])
+    """by title: what they may come to"""
+    levels: tuple[LevelPassed, ...] = ()
+    """which of them are warned of, with their worst values"""
     inputs: Mapping[str, float] = field(default_factory=dict[str, float])
     """what the board's other pins are at, by name: 0, 1, or a share"""
     outputs: Mapping[str, float] = field(default_factory=dict[str, float])
@@ -314,7 +318,7 @@ class Snapshot:
 
 _TOLD = attrgetter(
     "state", "cause", "commanded", "source", "powered", "gripper", "part_mm", "speed", "progress", "board",
-    "homing", "warnings", "control", "busy", "unreachable", "inputs", "outputs", "limp",
+    "homing", "warnings", "levels", "control", "busy", "unreachable", "inputs", "outputs", "limp",
 )  # fmt: skip
 _STILL_RAD = 1e-3
 """readings that differ by less are those of an arm that stands"""

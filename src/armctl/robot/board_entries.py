@@ -250,6 +250,12 @@ class ServoEntries:
     @cached_property
     def models(self) -> tuple[type[msgspec.Struct], type[msgspec.Struct]]:
         """Of a joint's table and of the gripper's."""
+        return self._models((), ())
+
+    def _models(
+        self, of_joint: Sequence[tuple[str, Any, Any]], of_gripper: Sequence[tuple[str, Any, Any]]
+    ) -> tuple[type[msgspec.Struct], type[msgspec.Struct]]:
+        """The same, with further keys: name, type and default."""
         allowed = Annotated[float, Meta(ge=self.lowest, le=self.highest)]
         joint = {
             f"zero_{self.key}": float,
@@ -262,8 +268,8 @@ class ServoEntries:
             every = [("channel", Channel), *fields.items(), *more]
             return msgspec.defstruct("ServoEntry", every, bases=(Strict,), frozen=True)
 
-        several = tuple[model(joint), ...]
-        return model(joint, ("also", several, ())), model(gripper)
+        several = tuple[model(joint, *of_joint), ...]
+        return model(joint, *of_joint, ("also", several, ())), model(gripper, *of_gripper)
 
     def _check_range(
         self, part: BoardPart, servo: dict[str, Any], limits: tuple[float, float], where: str

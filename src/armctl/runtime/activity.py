@@ -59,6 +59,8 @@ class Activity(ABC):
     pausable: bool = False
     gripping: bool = False
     """the gripper is not free meanwhile"""
+    releasing: bool = False
+    """it switches the outputs off: what the board reports meanwhile is no reason to end it"""
     led_by: ClassVar[tuple[type[Command], ...]] = ()
     """kinds of commands that it goes on by: ``lead`` takes them"""
     error: ArmctlError | None = None

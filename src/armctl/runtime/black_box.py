@@ -20,7 +20,7 @@ import numpy as np
 from armctl.documents import write_atomically
 from armctl.facts import State
 from armctl.facts.angles import in_degrees, to_degrees
-from armctl.facts.reasons import NAMES
+from armctl.facts.quantities import NAMES
 from armctl.kinematics import Target
 from armctl.program import Program
 from armctl.protocol import Event, Recording, Snapshot, wall_time

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, EnableError, StateError
-from armctl.facts import Quantities
+from armctl.facts import LevelPassed, Quantities, QuantityLimits, levels_passed
 from armctl.facts.angles import DEGREE
 from armctl.hardware import Abilities, Driver, HomingState, Readback, Source
 from armctl.hardware.boards import board_type, channel_settings
@@ -65,6 +65,10 @@ class Reading:
     """(n,) how far two motors of a joint are apart [rad]; 0 where it has one, or they are not known"""
     home_again: bool = False
     """``errors`` tell already to home the arm"""
+    limits: Mapping[str, QuantityLimits] = field(default_factory=dict[str, QuantityLimits])
+    """by title: what the quantities may come to"""
+    levels: tuple[LevelPassed, ...] = ()
+    """which of them are beyond what is warned of, at this moment"""
 
 
 class Board:
@@ -80,7 +84,7 @@ class Board:
         self._titles = dict(zip(self.map.channels, (joint.title for joint in robot.joints), strict=True))
         if self.map.gripper_channel is not None and robot.gripper is not None:
             self._titles[self.map.gripper_channel] = robot.gripper.title
-        noun = board_type(robot.board).scale.noun
+        noun = self._noun = board_type(robot.board).scale.noun
         for one in self.map.mirrors:
             self._titles[one.channel] = f"{robot.joints[one.joint].title} ({noun} {one.channel})"
         self._joint_titles = [joint.title for joint in robot.joints]
@@ -179,6 +183,13 @@ class Board:
             )
         gripper = self.map.gripper_channel
         gripper_on = None if back.on is None or gripper is None else back.on.get(gripper, False)
+        quantities = self._quantities(back)
+        levels = tuple(
+            level
+            for channel, limits in back.limits.items()
+            if (now := quantities.get(title := self.title(channel))) is not None
+            for level in levels_passed(title, f"{self._noun} {channel}", now, limits)
+        )
         return Reading(
             q,
             on,
@@ -187,7 +198,7 @@ class Board:
             errors,
             back.powered,
             back.homing,
-            self._quantities(back),
+            quantities,
             warnings,
             back.asked,
             back.lost,
@@ -199,6 +210,8 @@ class Board:
             gripper_on,
             apart,
             back.home_again,
+            {self.title(channel): limits for channel, limits in back.limits.items()},
+            levels,
         )
 
     def _quantities(self, back: Readback) -> dict[str, Quantities]:
@@ -244,6 +257,15 @@ class Board:
     def limp_titles(self) -> tuple[str, ...]:
         """Which joints are limp."""
         return tuple(self._joint_titles[i] for i in np.flatnonzero(self.limp).tolist())
+
+    @property
+    def lets_down(self) -> bool:
+        """Whether it can take the torque of its motors away by and by."""
+        return "scale_torque" in self.identity.abilities
+
+    def scale_torque(self, share: float) -> None:
+        """Let all motors that are on have this share 0 ... 1 of their torque, on the way to a release."""
+        translated("taking the torque away", self._able.scale_torque, share)
 
     def limit_torque(self, share: float, joints: BoolArray) -> None:
         """How strong the motors of joints (n,) may be, 0 ... 1."""

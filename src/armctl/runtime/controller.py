@@ -275,6 +275,8 @@ class Controller:
             last_pose=core.poses.last,
             measured={title: str(one) for title, one in reading.quantities.items()},
             quantities=reading.quantities,
+            limits=reading.limits,
+            levels=core.monitor.levels.passed,
             inputs=reading.inputs,
             outputs=reading.outputs,
             limp=core.limp,

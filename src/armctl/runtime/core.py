@@ -277,7 +277,8 @@ class Core(ArmState):
         if board is None or now < monitor.due_at:
             return
         reading = monitor.read(board, now)
-        if monitor.unreliable is not None and self.activity is not None and not self._stopping:
+        stoppable = self.activity is not None and not (self._stopping or self.activity.releasing)
+        if monitor.unreliable is not None and stoppable:
             self.stop(Origin("armctl", monitor.unreliable))
         if reading is None:
             return
@@ -287,7 +288,7 @@ class Core(ArmState):
             monitor.check_unasked(enabling=self.activity is not None)
             return
         self._dropped |= bool(monitor.take_dropped())
-        if reading.errors and self.activity is not None and not self._stopping:
+        if reading.errors and stoppable and not self._stopping:
             self.stop(Origin("armctl", f"{BOARD_REPORTS}{'; '.join(reading.errors)}"))
         standing = self.standing and self.gripper.goal is None
         grips = self.gate.opening is not None and board.map.gripper_channel is not None

@@ -31,6 +31,7 @@ from armctl.runtime.mover import PathMover
 from armctl.runtime.planner import checked_trajectory
 from armctl.runtime.power import enable, limit_torque, release, set_output
 from armctl.runtime.program_runner import ProgramRunner, begun_program
+from armctl.runtime.releasing import let_down
 
 _STOPPED_FOLLOWING = "the arm was stopped; switch the live target on again once it stands"
 FASTEST_TOOL_M_S, FASTEST_TURN_RAD_S = 0.5, math.pi
@@ -120,6 +121,8 @@ def _about_board(core: Core, order: Order, now: float) -> bool:
         case c.Connect(port):
             core.connect(order, port, now)
             return False
+        case c.Release(None):
+            return let_down(core, order.ticket, who, now)
         case c.Release(joints):
             release(core, who, joints)
         case c.LimitTorque(share, joints):

@@ -16,6 +16,7 @@ from armctl.hardware.boards import board_type
 from armctl.protocol.snapshot import BOARD_REPORTS
 from armctl.robot import Robot
 from armctl.runtime.board import Board, BoolArray, Reading
+from armctl.runtime.levels import Levels
 from armctl.runtime.notices import Notices
 
 _READ_FAILURES = 5
@@ -101,6 +102,8 @@ class Monitor:
         """how many questions the board leaves unanswered, where these are too many to move the arm"""
         self._rest: tuple[FloatArray, FloatArray, int] | None = None
         self._strayed = 0
+        self.levels = Levels(self._notices)
+        """loads, heat and voltages that are warned of"""
 
     def read(self, board: Board, now: float) -> Reading | None:
         """Read back; None where this once no answer came. ``BoardError``: none for a second, or gone."""
@@ -147,6 +150,7 @@ class Monitor:
         for error in reading.errors:
             words = f"{BOARD_REPORTS}{error}"
             self._notices.set(f"{_REPORTED}{error}", words, until=now + _ERROR_SHOWN_S)
+        self.levels.take(reading.levels, now)
         for warning in reading.warnings:
             self._notices.set(f"{_REPORTED}{warning}", warning, until=now + _ERROR_SHOWN_S)
         return reading

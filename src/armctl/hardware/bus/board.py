@@ -17,7 +17,7 @@ from armctl.hardware.board_type import (
     SimulatorOption,
     SimulatorOptions,
 )
-from armctl.hardware.bus import SERVO_ENTRIES
+from armctl.hardware.bus import SERVO_ENTRIES, BusSettings
 from armctl.hardware.driver import Driver
 
 if TYPE_CHECKING:
@@ -72,7 +72,12 @@ class BusBoard(BoardType):
         timeout_s = _SIMULATED_TIMEOUT_S if connection.simulated else _TIMEOUT_S
         ids = [one.channel for one in setup.channels]
         gripper = None if setup.robot is None else setup.robot.outputs.gripper_channel
-        return BusDriver(connection, self.make(), ids, timeout_s, gripper, self.notes)
+        settings = setup.settings if isinstance(setup.settings, BusSettings) else BusSettings()
+        return BusDriver(connection, self.make(), ids, timeout_s, settings, gripper, self.notes)
+
+    def settings_type(self) -> type[BusSettings]:
+        """How strong the servos may be, and their supply."""
+        return BusSettings
 
     def simulated(self, setup: Setup, options: SimulatorOptions) -> ByteModel:
         """A bus with an arm that fits the robot; its servos in the order of the joints."""

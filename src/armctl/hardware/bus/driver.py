@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, EnableError
-from armctl.hardware.bus import EEPROM_ADVICE, SCALE
+from armctl.hardware.bus import EEPROM_ADVICE, SCALE, BusSettings
 from armctl.hardware.bus.known import DOUBTED, KnownServo
 from armctl.hardware.bus.line import BusLine
 from armctl.hardware.bus.make import SAG_DEG, Limits, ServoMake, Telemetry, bring_on
@@ -29,12 +29,6 @@ _ALL_OFF = (
     "all servos have switched their torque off: their supply was interrupted, or another program did it; "
     "check the supply"
 )
-_OVERLOAD = (
-    "overload: it has given way and holds where it stands. Take away what is in its way or too heavy, then "
-    "clear the fault and enable"
-)
-_TOLD_S = 5.0
-_GRIPPER_TORQUE = 0.5
 _LIMIT_STEP = 0.002
 _LOOK_AGAIN_S = 0.5
 """how often a servo that is gone is asked whether it is there again"""
@@ -61,17 +55,19 @@ class BusDriver(Abilities):
         make: ServoMake,
         servos: Sequence[int],
         timeout_s: float,
+        settings: BusSettings,
         gripper: int | None = None,
         notes: Sequence[str] = (),
     ) -> None:
         """``servos``: the ids that the robot has, base first; ``timeout_s``: how long an answer may take.
 
-        The servo ``gripper`` has half of its torque, and where something stops it, it holds that and goes on.
+        Where something stops the servo ``gripper``, it holds that and goes on.
         """
         self._connection, self._make, self._timeout_s = connection, make, timeout_s
         self._sag = make.still_steps * SAG_DEG
         self._gone_s = _GONE_SIMULATED_S if connection.simulated else _GONE_S
         self._gripper, self._notes = gripper, tuple(notes)
+        self._torque, self._supply_v = settings.torque_of, settings.supply_v
         self._line: BusLine | None = None
         self._ids = tuple(servos)
         self._servos: dict[int, KnownServo] = {}
@@ -84,7 +80,9 @@ class BusDriver(Abilities):
         transport, info = self._connection.open()
         baud = self._connection.baud
         line = self._line = BusLine(transport, self._make.form, self._now, self._timeout_s, baud)
-        self._servos = {one: KnownServo(one, torque=self._most_torque(one)) for one in self._ids}
+        self._servos = {
+            one: KnownServo(one, torque=self._most_torque(one), supply_v=self._supply_v) for one in self._ids
+        }
         try:
             earlier = self._look_round(line)
         except ArmctlError:
@@ -147,8 +145,13 @@ class BusDriver(Abilities):
         self._send(line)  # before what takes milliseconds: what was lost, or is still on its way
         self._ask(line)
         count = line.take_count()
-        servos = [self._servos[one] for one in self._table.channels]
-        faults, warnings = self._faults(servos)
+        servos, now = [self._servos[one] for one in self._table.channels], self._now()
+        faults = {one.id: words for one in servos if (words := one.fault(now)) is not None}
+        warnings = {
+            one.id: words
+            for one, needs in zip(servos, self._table.settings, strict=True)
+            if (words := one.warning(needs, now, grips=one.id == self._gripper)) is not None
+        }
         errors: tuple[str, ...] = ()
         if len(servos) > 1 and all(one.went_off for one in servos):
             faults, errors = {}, (_ALL_OFF,)
@@ -163,6 +166,7 @@ class BusDriver(Abilities):
             temperature={one.id: one.seen.temperature for one in known},
             voltage={one.id: one.seen.voltage for one in known},
             current={one.id: one.seen.current for one in known},
+            limits={one.id: one.limits(grips=one.id == self._gripper) for one in servos},
             asked=count.asked,
             lost=count.lost,
             delay_s=count.slowest_s,
@@ -198,6 +202,21 @@ class BusDriver(Abilities):
             raise BoardTimeoutError(
                 f"{line.name}: {numbered('servo', silent)} did not confirm the torque limit"
             )
+
+    def scale_torque(self, share: float) -> None:
+        """All that are on have a share 0 ... 1 of the torque that each may have; see ``Abilities``."""
+        line = self._opened
+        silent: list[int] = []
+        for one in self._servos.values():
+            if not one.on or one.gone:
+                continue
+            limit = share * one.torque
+            if self._make.limit_torque(line, one.id, limit):
+                one.eased, one.seen = share, Telemetry(torque_limit=limit).after(one.seen)
+            else:
+                silent.append(one.id)
+        if silent:
+            raise BoardTimeoutError(f"{line.name}: {named(silent)} did not confirm the torque limit")
 
     def close(self) -> None:
         """Close the line; never raises. The servos go on holding."""
@@ -255,7 +274,7 @@ class BusDriver(Abilities):
             one.settings = self._make.settings(line, one.id)
         limits = Limits(one.torque, self._speed_of(one.id))
         one.goal, limp = bring_on(self._make, line, one.id, one.settings, one.seen.position, limits)
-        one.on, one.went_off, one.gave_way = True, False, False
+        one.on, one.went_off, one.gave_way, one.eased = True, False, False, 1.0
         told = Telemetry(on=True, refuses=False, gave_way=False, torque_limit=one.torque)
         one.seen = told.after(one.seen)
         one.wanted, one.sent_at = one.goal, self._now()
@@ -266,6 +285,9 @@ class BusDriver(Abilities):
         one.goal = one.wanted = None
         one.seen = Telemetry(on=False).after(one.seen)
         confirmed = self._make.off(line, one.id)
+        eased, one.eased = one.eased, 1.0
+        if confirmed and eased != 1.0:  # for other programs; what is switched on again gets it anew
+            self._make.limit_torque(line, one.id, one.torque)
         if confirmed and one.seen.latched and self._make.clear(line, one.id):
             one.gone, one.asked_at = True, self._now()
             one.restarts_until = one.asked_at + _RESTART_S
@@ -297,14 +319,14 @@ class BusDriver(Abilities):
         return self._make.table["torque"].address, b"\0"
 
     def _most_torque(self, servo: int) -> float:
-        return _GRIPPER_TORQUE if servo == self._gripper else 1.0
+        return self._torque.get(servo, 1.0)
 
     def _limit(self, line: BusLine, servo: int, share: float) -> bool:
         """Whether it confirms its new limit; one that is limp gets it when it is switched on."""
         one, limit = self._servos[servo], share * self._most_torque(servo)
         done = not one.on or one.gone or self._make.limit_torque(line, servo, limit)
         if done:
-            one.torque = limit
+            one.torque, one.eased = limit, 1.0
             one.seen = Telemetry(torque_limit=limit).after(one.seen)
         return done
 
@@ -409,7 +431,8 @@ class BusDriver(Abilities):
             one.missed, one.seen_at = 0, now
         one.seen = seen.after(one.seen)
         limit = one.seen.torque_limit
-        forgot = limit is not None and abs(limit - one.torque) > _LIMIT_STEP and self._make.keeps_limit
+        told = one.torque * one.eased
+        forgot = limit is not None and abs(limit - told) > _LIMIT_STEP and self._make.keeps_limit
         if one.on and not one.went_off and (one.seen.on is False or forgot):
             one.went_off = True
             one.goal = one.wanted = None
@@ -422,29 +445,6 @@ class BusDriver(Abilities):
                 self._line.tell(self._make.form.sync_write(self._make.goal_address, row))
             one.sent_at = one.yielded_at = now
             one.gave_way = one.id != self._gripper
-
-    def _faults(self, servos: Sequence[KnownServo]) -> tuple[dict[int, str], dict[int, str]]:
-        """By servo, in words: what is wrong, and what is to be watched."""
-        faults: dict[int, str] = {}
-        warnings: dict[int, str] = {}
-        for one, needs in zip(servos, self._table.settings, strict=True):
-            words, own = one.seen.wrong, one.settings
-            if own is not None and (needs.minimum < own.lowest or needs.maximum > own.highest):
-                warnings[one.id] = (
-                    f"servo {one.id}: the limits {own.lowest} … {own.highest} of its own EEPROM cut off a "
-                    f"part of the {needs.minimum:g} … {needs.maximum:g} steps of the robot file"
-                )
-            if one.gone and self._now() < one.restarts_until:
-                faults[one.id] = f"servo {one.id} starts anew, its fault was cleared; wait for a second"
-            elif one.gone:
-                faults[one.id] = f"servo {one.id} does not answer; look at its plug and its power"
-            elif one.went_off:
-                why = "; ".join(words) or "it has started anew, or another program switched it off"
-                faults[one.id] = f"servo {one.id} has switched its torque off ({why})"
-            elif one.gave_way:
-                faults[one.id] = f"servo {one.id}: {_OVERLOAD}"
-            elif words:
-                faults[one.id] = f"servo {one.id}: {'; '.join(words)}"
-            if one.id == self._gripper and self._now() - one.yielded_at < _TOLD_S:
-                warnings[one.id] = f"servo {one.id} was stopped by something and holds it where it is"
-        return faults, warnings
+        if self._supply_v is None and one.seen.voltage is not None:
+            one.supply_v = max(one.supply_v or 0.0, one.seen.voltage)
+        one.note(grips=one.id == self._gripper)

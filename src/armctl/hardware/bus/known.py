@@ -1,15 +1,22 @@
-"""What the driver of a bus knows of each servo."""
+"""What the driver of a bus knows of each servo, and what it says of one that is not as it should be."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+from armctl.facts import Quantities, QuantityLimits
 from armctl.hardware.bus.make import Telemetry
+from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.servos import ServoSettings
 
 DOUBTED = 3
 """readings in a row without an answer after which a servo is sent no more goals"""
+_OVERLOAD = (
+    "overload: it has given way and holds where it stands. Take away what is in its way or too heavy, then "
+    "clear the fault and enable"
+)
+_TOLD_S = 5.0
 
 
 @dataclass
@@ -37,12 +44,21 @@ class KnownServo:
     """the goal that it is on its way to [steps]"""
     sent_at: float = 0.0
     torque: float = 1.0
+    """how strong it may be, a share of its full torque"""
+    eased: float = 1.0
+    """the share of that which it has, on the way to a release"""
+    supply_v: float | None = None
+    """without load [V]: as the robot file says, or the highest that it has measured"""
     went_off: bool = False
     """whether its torque went off by itself"""
     gave_way: bool = False
     """whether it gave way to an overload, and holds where it stands now"""
     yielded_at: float = -math.inf
     """when a gripper did so last, which goes on"""
+    wrong: tuple[tuple[str, ...], bool, bool] = ((), False, False)
+    """what was wrong at the last answer: in words, gone off, given way"""
+    measured: str = ""
+    """what it measured when that began, and its limits, in words"""
 
     @property
     def let_go(self) -> bool:
@@ -53,3 +69,55 @@ class KnownServo:
     def takes_goals(self) -> bool:
         """Whether a goal would only move it: it would switch on one that is limp, or has started anew."""
         return self.on and not (self.went_off or self.seen.refuses or self.gone) and self.missed < DOUBTED
+
+    @property
+    def quantities(self) -> Quantities:
+        """What it measures besides its position."""
+        seen = self.seen
+        return Quantities(seen.load, seen.temperature, seen.voltage, seen.current)
+
+    def limits(self, *, grips: bool) -> QuantityLimits:
+        """What it may come to. Where it has less torque than at which it protects itself, that is the limit.
+
+        Not for one that ``grips``: it presses with all the torque that it may have, for as long as it holds.
+        """
+        own = QuantityLimits() if self.settings is None else self.settings.limits
+        load = own.load if grips else min(self.torque, 1.0 if own.load is None else own.load)
+        return replace(own, load=load, supply_v=self.supply_v)
+
+    def note(self, *, grips: bool) -> None:
+        """Note what it measures at the moment at which something becomes wrong."""
+        wrong = self.seen.wrong, self.went_off, self.gave_way
+        if wrong == self.wrong:
+            return
+        self.wrong = wrong
+        limits = self.limits(grips=grips)
+        most = Quantities(limits.load, limits.temperature_c, None, limits.current_a)
+        told = ", ".join(filter(None, (str(most), limits.voltage_v and f"at least {limits.voltage_v:.1f} V")))
+        self.measured = f" (measured: {self.quantities}" + (f"; its limits: {told})" if told else ")")
+
+    def fault(self, now: float) -> str | None:
+        """What is wrong with it, in words with numbers; None: nothing is."""
+        words = "; ".join(self.seen.wrong)
+        if self.gone and now < self.restarts_until:
+            return f"servo {self.id} starts anew, its fault was cleared; wait for a second"
+        if self.gone:
+            return f"servo {self.id} does not answer; look at its plug and its power"
+        if self.went_off:
+            why = words or "it has started anew, or another program switched it off"
+            return f"servo {self.id} has switched its torque off ({why}){self.measured}"
+        if self.gave_way:
+            return f"servo {self.id}: {_OVERLOAD}{self.measured}"
+        return f"servo {self.id}: {words}{self.measured}" if words else None
+
+    def warning(self, needs: ChannelSettings, now: float, *, grips: bool) -> str | None:
+        """What is to be watched, in words; None: nothing. ``needs``: what the robot needs of it [steps]."""
+        if grips and now - self.yielded_at < _TOLD_S:
+            return f"servo {self.id} was stopped by something and holds it where it is"
+        own = self.settings
+        if own is not None and (needs.minimum < own.lowest or needs.maximum > own.highest):
+            return (
+                f"servo {self.id}: the limits {own.lowest} … {own.highest} of its own EEPROM cut off a "
+                f"part of the {needs.minimum:g} … {needs.maximum:g} steps of the robot file"
+            )
+        return None

@@ -9,6 +9,7 @@ from __future__ import annotations
 from types import MappingProxyType
 
 from armctl.errors import BoardTimeoutError, EnableError
+from armctl.facts import QuantityLimits
 from armctl.hardware.bus.line import BusLine
 from armctl.hardware.bus.make import Block, Limits, ServoMake, Telemetry
 from armctl.hardware.bus.packets import BusPacket
@@ -210,6 +211,10 @@ class DynamixelMake(ServoMake):
             offset,
             tuple(findings),
             _unfit(mode, drive, lowest, highest),
+            QuantityLimits(
+                temperature_c=self.table.value("temperature_limit", data, 0) or None,  # 0: it has none
+                voltage_v=self.table.value("min_voltage_limit", data, 0) or None,
+            ),
         )
 
     def goal_bytes(self, steps: int) -> bytes:

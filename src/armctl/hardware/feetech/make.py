@@ -10,6 +10,7 @@ from contextlib import suppress
 from types import MappingProxyType
 
 from armctl.errors import BoardError, BoardTimeoutError, EnableError
+from armctl.facts import QuantityLimits
 from armctl.hardware.bus.line import ATTEMPTS, BusLine
 from armctl.hardware.bus.make import Block, Limits, ServoMake, Telemetry
 from armctl.hardware.bus.packets import BusPacket
@@ -151,6 +152,12 @@ class FeetechMake(ServoMake):
             offset,
             tuple(findings),
             unfit,
+            QuantityLimits(
+                load=t.decode("overload_torque", data, _KEPT.address) / 100 or None,  # 0: it has none
+                temperature_c=t.value("hottest", data, _KEPT.address) or None,
+                voltage_v=t.value("least_voltage", data, _KEPT.address) or None,
+                current_a=t.value("protection_current", data, _KEPT.address) or None,
+            ),
         )
 
     def goal_bytes(self, steps: int) -> bytes:

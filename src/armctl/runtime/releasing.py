@@ -1,0 +1,141 @@
+"""A release that lets the arm sink: the torque goes within a second, then the outputs are off."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armctl.errors import ArmctlError, StateError
+from armctl.facts import State
+from armctl.hardware import Source
+from armctl.protocol import Ticket
+from armctl.runtime.activity import Activity, Setpoint
+from armctl.runtime.board import Board
+from armctl.runtime.core import Core
+from armctl.runtime.power import LEAST_TORQUE, release, taken_over
+
+LETTING_DOWN_S = 1.0
+"""how long the torque takes to go"""
+_STEP_S = 0.04
+"""between two limits: each servo has to confirm its own"""
+_MOST_HALTS = 10
+"""ticks without a good answer after which it is switched off at once"""
+_BACK_S = 0.2
+"""how long goals may take to where the arm has sunk, before it gets its torque back"""
+
+
+def let_down(core: Core, ticket: Ticket, who: str, now: float) -> bool:
+    """Release all of an arm that holds, gently where its board can; whether that is over at once.
+
+    What moves, is in fault or lets itself down already is switched off at once.
+    """
+    running = core.activity
+    if isinstance(running, LettingDown):
+        running.finish()
+        return True
+    board = core.board
+    gently = core.state is State.HOLDING and running is None and core.leaving is None
+    if board is None or not board.lets_down or not gently or core.gate.q is None:
+        release(core, who)
+        return True
+    core.drop_motion(StateError(f"the arm was released ({who})"))
+    core.gripper.stop(StateError(f"the arm was released ({who})"))
+    core.log.warn(f"RELEASE ({who}): the torque goes within {LETTING_DOWN_S:.0f} s")
+    core.begin(LettingDown(core, board, ticket, who, now), who, now)
+    ticket.accept()
+    return False
+
+
+class LettingDown(Activity):
+    """Takes the torque away by and by, then switches off; STOP holds the arm where it has sunk to."""
+
+    label = "letting the arm down"
+    gripping = True  # its motor loses its torque, too
+    releasing = True
+
+    def __init__(self, core: Core, board: Board, ticket: Ticket, who: str, now: float) -> None:
+        """``ticket`` is answered once the outputs are off, or it was stopped."""
+        self._core, self._board, self._ticket, self._who = core, board, ticket, who
+        self._began = self._stepped_at = now
+        self._share = 1.0
+        self._halts = 0
+        self._stopped = False
+        self._held_at: float | None = None
+
+    @property
+    def standing(self) -> bool:
+        """It is over."""
+        return self.done
+
+    @property
+    def progress(self) -> float | None:
+        """How much of the torque is gone."""
+        return 1.0 - self._share
+
+    @property
+    def notice(self) -> str | None:
+        """What to do meanwhile."""
+        if self.done or self._stopped:
+            return None
+        return "the arm sinks: support it. Release again switches it off at once, STOP holds it"
+
+    def advance(self, now: float, dt: float) -> Setpoint | None:
+        """A little less torque, or the end of it."""
+        self._halts = 0
+        if self.done:
+            return None
+        if self._stopped:
+            self._hold(now)
+        elif now - self._began >= LETTING_DOWN_S:
+            self.finish()
+        elif now - self._stepped_at >= _STEP_S:
+            self._stepped_at = now
+            self._share = max(LEAST_TORQUE, 1.0 - (now - self._began) / LETTING_DOWN_S)
+            try:
+                self._board.scale_torque(self._share)
+            except ArmctlError as error:
+                self._core.log.warn(f"{error}; the {self._board.power} are switched off at once")
+                self.finish()
+        return None
+
+    def finish(self) -> None:
+        """Switch off now. ``BoardError``: it was not confirmed."""
+        if self.done:
+            return
+        self._done = True
+        try:
+            release(self._core, self._who)
+        except ArmctlError as error:
+            self._ticket.end(error)
+            raise
+        self._ticket.end()
+
+    def stop(self) -> None:
+        """Hold the arm where it is."""
+        if not self.done:
+            self._stopped = True
+            self._ticket.end(StateError("the release was interrupted; the arm is not released"))
+
+    def halt(self) -> None:
+        """The board does not answer for now; it is switched off where that lasts."""
+        self._halts += 1
+        if self._halts >= _MOST_HALTS and not self._stopped:
+            self.finish()
+
+    def _hold(self, now: float) -> None:
+        """Make the place where it has sunk to its setpoint, then give it its torque back."""
+        core, board = self._core, self._board
+        if self._held_at is None:
+            self._held_at = now
+            reading, q = core.monitor.reading, core.gate.q
+            if reading.source is Source.MEASURED and q is not None:
+                try:
+                    q = taken_over(core, board, np.where(np.isnan(reading.q) | board.limp, q, reading.q))
+                except ArmctlError as error:
+                    core.log.warn(f"{error}. It is held with {100 * self._share:.0f} % of its torque")
+                    self._done = True
+                    return
+                core.adopt(q, core.gate.opening, now)
+                board.write(q, None)
+        elif now - self._held_at >= _BACK_S:
+            board.scale_torque(1.0)
+            self._done = True
