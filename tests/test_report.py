@@ -85,6 +85,19 @@ def test_what_cannot_be_had_is_said(user: Path) -> None:
     assert "ticks.npy" not in found
 
 
+def test_replay_writes_every_tick_as_a_table(
+    user: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = faulty(user)
+    rig.controller.close()
+    (path,) = saved_recordings()
+    assert run(["replay", "--csv", str(tmp_path / "ticks.csv"), str(path)]) == DONE
+    head, *lines = (tmp_path / "ticks.csv").read_text().splitlines()
+    assert head.startswith("time_s,late_s,took_s,state,speed,gripper,step,setpoint ")
+    assert capsys.readouterr().out.strip() == f"{tmp_path / 'ticks.csv'}: {len(lines)} ticks"
+    assert run(["replay", "--csv", str(tmp_path / "no" / "ticks.csv"), str(path)]) == REFUSED
+
+
 def test_replay_tells_the_story(user: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rig = faulty(user)
     rig.controller.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 import os
@@ -36,6 +37,7 @@ from armctl.protocol import (
     read_recording,
     saved_recordings,
 )
+from armctl.protocol.recording import ticks_csv
 from armctl.runtime.black_box import save_recording
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
@@ -160,6 +162,21 @@ def test_what_a_board_measures_is_kept_as_numbers(rig: Rig) -> None:
     assert np.isnan(
         [last[f"temperature_c {shoulder}"], last[f"current_a {base}"], last[f"load {shoulder}"]]
     ).all()
+
+
+def test_what_a_gripper_measures_is_kept_too_and_all_of_it_becomes_a_table(rig: Rig) -> None:
+    assert ROBOT.gripper is not None and ROBOT.outputs.gripper_channel is not None
+    back = Readback({}, Source.MEASURED, temperature={ROBOT.outputs.gripper_channel: 44.0})
+    rig.driver.read = lambda: back  # type: ignore[method-assign]
+    rig.do(Connect("sim")).result(0)
+    rig.run(0.2)
+    recording = rig.controller.black_box()
+    assert recording.column("temperature_c gripper")[-1] == 44.0
+    head, *lines = csv.reader(io.StringIO(ticks_csv(recording)))
+    assert tuple(head) == recording.columns and len(lines) == len(recording.ticks)
+    told = dict(zip(head, lines[-1], strict=True))
+    assert float(told["time_s"]) == pytest.approx(recording.time_s[-1])
+    assert (told["temperature_c gripper"], told["load gripper"]) == ("44", "")
 
 
 def test_a_minute_and_no_more_however_long_it_runs(holding: Rig) -> None:

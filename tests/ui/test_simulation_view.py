@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from armctl.robot import load_robot
-from armctl.ui.tabs.simulation.screen import JointHistory, Trail, legend_html
+from armctl.ui.tabs.simulation.screen import Trail
 from armctl.ui.tabs.simulation.workspace import (
     CloudStore,
     cloud_html,
@@ -66,21 +66,6 @@ def test_the_cloud_is_computed_once_for_all_pages() -> None:
         return first is second and await store.get() is first
 
     assert asyncio.run(ask_twice())
-
-
-def test_the_graph_grows_to_twenty_seconds_and_then_scrolls() -> None:
-    history = JointHistory(2)
-    assert all(np.isfinite(part).all() for part in history.table())
-    for count, span, full in ((100, 9.9, False), (400, 20.0, True)):
-        for k in range(count):
-            history.add(100.0 + 0.1 * k, np.radians([1.0, 2.0]), np.array([np.nan, np.radians(2.5)]))
-        times, commanded, board = history.table()
-        assert (np.ptp(times), history.full) == (pytest.approx(span, abs=0.11), full)
-        assert times[-1] == pytest.approx(0.1 * (count - 1)) and len(times) == len(commanded)
-        assert (np.diff(times) > 0).all()
-    html = legend_html(ROBOT, range(ROBOT.n))
-    assert [html.count(joint.title) for joint in ROBOT.joints] == [1] * 5
-    assert (commanded[-1], board[-1]) == (pytest.approx([1.0, 2.0]), pytest.approx([1.0, 2.5]))
 
 
 @pytest.mark.parametrize(("name", "words"), [("abaas", "exact boundary"), ("humanoid", "Sampled")])

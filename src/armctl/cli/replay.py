@@ -13,9 +13,11 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.cli.options import ROBOT, end_event, has_display
+from armctl.documents import write_atomically
 from armctl.errors import InputError, RobotFileError
 from armctl.facts.angles import to_degrees
 from armctl.protocol import Recording, read_recording
+from armctl.protocol.recording import ticks_csv
 from armctl.robot import Robot, load_robot
 
 _LAST_TICKS = 12
@@ -26,15 +28,30 @@ _MOST_LATE_S = 0.005
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--text", is_flag=True, help="Print commands, log, warnings and the last ticks instead.")
+@click.option(
+    "--csv",
+    "table",
+    type=click.Path(path_type=Path),
+    help="Write every tick to this CSV file instead: setpoints and readings [rad], loads, heat, voltages.",
+)
 @click.option("--robot", type=ROBOT, help="The robot to draw (default: the one that FILE has or names).")
 @click.option("--http-port", type=click.IntRange(0, 65535), default=0, help="Of the page (default: any).")
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
-def replay(file: Path, text: bool, robot: str | None, http_port: int, no_browser: bool) -> None:
+def replay(
+    file: Path, text: bool, table: Path | None, robot: str | None, http_port: int, no_browser: bool
+) -> None:
     """Show what FILE holds, a saved black box or a report: the last minute of an arm. No arm is driven."""
     recording = read_recording(file)
+    if table is not None:
+        try:
+            write_atomically(table, ticks_csv(recording).encode())
+        except OSError as cause:
+            raise InputError(f"{table} cannot be written: {cause.strerror}") from cause
+        click.echo(f"{table}: {len(recording.ticks)} ticks")
     if text:
         for line in told(recording):
             click.echo(line)
+    if text or table is not None:
         return
     from armctl.ui.guard import guarded_server
     from armctl.ui.replay import ReplayApp

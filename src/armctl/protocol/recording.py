@@ -10,13 +10,15 @@ and ``columns``.
 ``ticks.npy``: float64, a row a tick, oldest first, with ``columns``: ``time_s``; ``late_s``, how much later
 than its period it came; ``took_s``; ``state``, an index into ``states``; ``speed`` override; ``gripper``
 0..1; ``step`` of the program that runs; ``setpoint NAME`` and ``readback NAME`` of each joint [rad]; then
-``load NAME`` (a share of the largest), ``temperature_c NAME``, ``voltage_v NAME``, ``current_a NAME``, where
-the board measures them. NaN: there is none, or it is not known.
+``load NAME`` (a share of the largest), ``temperature_c NAME``, ``voltage_v NAME``, ``current_a NAME`` of each
+joint, and of the gripper as ``gripper``, where the board measures them. NaN: there is none, or it is not
+known.
 """
 
 from __future__ import annotations
 
 import io
+import math
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -163,6 +165,15 @@ def members(recording: Recording) -> dict[str, bytes]:
     ticks = io.BytesIO()
     np.save(ticks, recording.ticks)
     return {_TEXT: msgspec.json.format(msgspec.json.encode(story), indent=1), _TICKS: ticks.getvalue()}
+
+
+def ticks_csv(recording: Recording) -> str:
+    """Every tick as a line, its columns as the module tells them; what is not known is left open."""
+    heads = [f'"{name}"' if "," in name else name for name in recording.columns]
+    rows = [
+        ",".join("" if math.isnan(one) else f"{one:.9g}" for one in row) for row in recording.ticks.tolist()
+    ]
+    return "\n".join([",".join(heads), *rows]) + "\n"
 
 
 def read_recording(path: Path) -> Recording:

@@ -61,11 +61,15 @@ class BlackBox:
     def __init__(self, robot: Robot, period_s: float, now: Callable[[], float], folder: Path | None) -> None:
         """Keep nothing yet; ``folder`` of saved ones, None: none is saved."""
         self._robot, self._period_s, self._now, self._folder = robot, period_s, now, folder
+        self._measured = {joint.name: joint.title for joint in robot.joints}
+        """titles by name of what may be measured besides its position"""
+        if robot.gripper is not None:
+            self._measured.setdefault("gripper", robot.gripper.title)
         self._columns = (
             *PLAIN,
             *(f"{SETPOINT}{name}" for name in robot.joint_names),
             *(f"{READBACK}{name}" for name in robot.joint_names),
-            *(f"{quantity} {name}" for quantity in NAMES for name in robot.joint_names),
+            *(f"{quantity} {name}" for quantity in NAMES for name in self._measured),
         )
         self._rows = np.full((math.ceil(_ROWS_A_PERIOD * LENGTH_S / period_s), len(self._columns)), np.nan)
         self._count = 0
@@ -124,9 +128,10 @@ class BlackBox:
             row[plain : plain + n] = snapshot.q_command if snapshot.commanded else np.nan
             row[plain + n : plain + 2 * n] = snapshot.q
             row[plain + 2 * n :] = np.nan
-            for j, joint in enumerate(self._robot.joints if snapshot.quantities else ()):
-                if (measured := snapshot.quantities.get(joint.title)) is not None:
-                    row[plain + 2 * n + j :: n] = [getattr(measured, name) for name in NAMES]
+            for j, title in enumerate(self._measured.values() if snapshot.quantities else ()):
+                if (measured := snapshot.quantities.get(title)) is not None:
+                    numbers = [getattr(measured, name) for name in NAMES]
+                    row[plain + 2 * n + j :: len(self._measured)] = numbers
             if before is None or snapshot.events is not before.events:
                 old = None if before is None or not before.events else before.events[-1]
                 self._lines += [

@@ -33,6 +33,9 @@ _RELEASE_SECONDS = _ASKED_S = 5.0
 _DOUBLE_CLICK_S = 0.6
 _SPEED_HINT = "Slows down everything that moves; the path stays the same."
 _RELEASE_NOTE = "THE ARM DROPS. Software only: it replaces no emergency stop."
+_SINKS_NOTE = "THE ARM SINKS, within a second: support it. Software only: it replaces no emergency stop."
+_SUPPORT = "Support the arm: it sinks within a second, then its motors are off."
+"""of a board that takes the torque away by and by"""
 _SLOWEST, _FASTEST = 5, 100
 LIGHT, DARK = "Light", "Dark"
 _BLUE = (24, 100, 171)
@@ -108,10 +111,10 @@ class ControlBar:
         asks = self._asks_release
         off = button(
             "release",
-            "DROPS! Click again" if asks else "Release",
+            ("SINKS! Click again" if _sinks(snapshot) else "DROPS! Click again") if asks else "Release",
             key="drop" if asks else "ask",
             why=session.why_not(None, snapshot) or _no_board(snapshot),
-            title=_RELEASE_NOTE,
+            title=_SINKS_NOTE if _sinks(snapshot) else _RELEASE_NOTE,
             kind="warn" if asks else "",
         )
         if fault:  # nothing can be paused then
@@ -158,6 +161,8 @@ class ControlBar:
     def _alerts(self, snapshot: Snapshot, cause: str) -> str:
         """What has to be known now, the gravest first."""
         lines = [f"<p class='bad'>⚠ {escape(with_minus(text))}</p>" for text in snapshot.more_warnings]
+        if self._asks_release and _sinks(snapshot):
+            lines.insert(0, f"<p class='bad'>⚠ {_SUPPORT}</p>")
         if snapshot.state is State.FAULT and cause:
             lines.insert(0, f"<p class='bad'>⚠ {escape(sentence(cause))}</p>")
         elif cause:  # where the bar has no room for it
@@ -262,6 +267,12 @@ class ControlBar:
             scene, robot = session.client.scene, session.console.robot
             self._darkened = [add_floor(scene, robot, dark=True), *repaint(scene, robot, ARM, "dark")]
         self.refresh(session.snapshot)
+
+
+def _sinks(snapshot: Snapshot) -> bool:
+    """Whether Release takes the torque away by and by: where the arm stands, and its board can."""
+    able = snapshot.board is not None and "scale_torque" in snapshot.board.abilities
+    return able and snapshot.state is State.HOLDING
 
 
 def _no_board(snapshot: Snapshot) -> str | None:

@@ -14,6 +14,7 @@ from armctl.ui.robot_switch import RobotSwitch
 from armctl.ui.scene.stage import look_at_arm
 from armctl.ui.session import Session
 from armctl.ui.tabs import PROGRAM, TABS, Screen
+from armctl.ui.telemetry import TelemetryTable
 from armctl.ui.timeline import Timeline
 
 _WIDE_PX, _USUAL_PX, _PHONE_PX = 1600, 1200, 576
@@ -89,6 +90,7 @@ class Page:
             with self._content(_FIRST):
                 self._always = ControlBar(self.session)
             self._tool, self._timeline = DraggedTool(self.session), Timeline(self.session)
+            self._telemetry = TelemetryTable(self.session)
 
     def _build_next(self) -> None:
         if self._unbuilt:
@@ -157,5 +159,6 @@ class Page:
             self._always.refresh(snapshot)
             self._tool.refresh(snapshot)
             self._timeline.refresh(snapshot)
+            self._telemetry.refresh(snapshot)
             for screen in self._screens:
                 screen.refresh(snapshot)

@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from html import escape
 from typing import Self
 
 import numpy as np
-import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.facts import State
-from armctl.facts.angles import to_degrees
 from armctl.kinematics import Target
-from armctl.motion.figure import color_of
 from armctl.protocol import FollowTarget, Snapshot
 from armctl.protocol.commands import FOLLOW_EXPIRY_S
-from armctl.robot import Robot
 from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.live_target import Follower
 from armctl.ui.console import Console, known
@@ -29,11 +25,11 @@ from armctl.ui.scene.arm_model import ArmFigure
 from armctl.ui.scene.ghost import BodyView, Lines, segments
 from armctl.ui.scene.stage import VIEWS, Marks
 from armctl.ui.session import Session
+from armctl.ui.tabs.simulation.joint_graph import JointGraph
 from armctl.ui.tabs.simulation.twin import FRAME_S, TwinControl, twin_figure
 from armctl.ui.tabs.simulation.workspace import WorkspaceView
-from armctl.ui.widgets.html import ERROR, WARNING, LiveHtml, muted
+from armctl.ui.widgets.html import ERROR, WARNING, LiveHtml
 from armctl.ui.widgets.number_field import DraggedPoint, EditWatch
-from armctl.ui.widgets.plots import LinePlot, Picture, PlotLine
 
 
 class SimulationScreen:
@@ -41,15 +37,13 @@ class SimulationScreen:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._titles = [joint.title for joint in session.console.robot.joints]
         gui = session.gui
         with gui.add_folder("Live target"):
             self._live = LiveTarget(session)
         with gui.add_folder("Twin"):
             self._twin = TwinControl(session)
         with gui.add_folder("Joint graph"):
-            self._joint = gui.add_dropdown("Show", (ALL, *self._titles), initial_value=ALL)
-            self._graph = JointGraph(gui, session.console.robot)
+            self._graph = JointGraph(session)
         with gui.add_folder("In the 3D view"):
             camera = gui.add_button_group("Camera", tuple(VIEWS))
             session.on(camera.on_click, lambda: session.look(camera.value))
@@ -65,14 +59,12 @@ class SimulationScreen:
             self._line = Lines(session.client.scene, "/trail", _TRAIL_COLOR, 2.5)
             self._workspace = WorkspaceView(session)
         session.on(clear.on_click, self._on_clear)
-        session.on(self._joint.on_update, self._on_joint)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw a snapshot."""
         self._live.refresh(snapshot)
         self._twin.refresh(snapshot)
-        standing = self._session.console.last_known.standing(snapshot)
-        self._graph.add(snapshot, standing, seen=self._session.sees("Simulation"))
+        self._graph.refresh(snapshot, seen=self._session.sees("Simulation"))
         self._line.set_visible(self._with_trail.value)
         if self._with_trail.value and self._drawn != self._trail.count:
             self._draw_trail()
@@ -85,10 +77,6 @@ class SimulationScreen:
         self._drawn = self._trail.count
         lines = segments(self._trail.since(self._cleared))
         self._line.show(lines[~np.isnan(lines).any(axis=(1, 2))])
-
-    def _on_joint(self) -> None:
-        chosen = self._joint.value
-        self._graph.choose([i for i, title in enumerate(self._titles) if chosen in (ALL, title)])
 
     def _on_clear(self) -> None:
         self._cleared = self._trail.count
@@ -139,99 +127,6 @@ class Trail:
         """Points (k, 3) [m] still kept, from the ``first``-th ever added on; NaN stands between two lines."""
         dropped = self.count - len(self._points)
         return np.array(list(self._points)[max(first - dropped, 0) :]).reshape(-1, 3)
-
-
-# Joint angles of the last seconds as a live graph.
-
-SPAN_S = 20.0
-_PERIOD_S = 0.2
-_STILL_DEG = 0.02
-ALL = "all joints"
-
-
-class JointHistory:
-    """Commanded and board angles of the last 20 s."""
-
-    def __init__(self, n: int) -> None:
-        self._rows: deque[tuple[float, FloatArray]] = deque()
-        self._first, self._n = 0.0, n
-
-    @property
-    def full(self) -> bool:
-        """Whether it reaches back over the whole span."""
-        return bool(self._rows) and self._rows[-1][0] - self._rows[0][0] > 0.98 * SPAN_S
-
-    def add(self, stamp: float, q_command: FloatArray, q: FloatArray) -> None:
-        """Add a newer state (n,) [rad]; the commanded angle stands for one the board does not know."""
-        if self._rows and stamp <= self._rows[-1][0]:
-            return
-        if not self._rows:
-            self._first = stamp
-        board = np.where(np.isnan(q), q_command, q)
-        self._rows.append((stamp, to_degrees(np.concatenate([q_command, board]))))
-        while stamp - self._rows[0][0] > SPAN_S:
-            self._rows.popleft()
-
-    def table(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Times since the first state (k,) [s], commanded (k, n) and board angles (k, n) [degrees]."""
-        rows = list(self._rows) or [(self._first, np.zeros(2 * self._n))]
-        angles = np.array([row for _, row in rows])
-        times = np.array([stamp for stamp, _ in rows]) - self._first
-        return times, angles[:, : self._n], angles[:, self._n :]
-
-
-class JointGraph:
-    """The graph on one page; nothing is sent while all that it shows stands still."""
-
-    def __init__(self, gui: viser.GuiApi, robot: Robot) -> None:
-        self._robot = robot
-        self._history = JointHistory(robot.n)
-        self._sent_at = -np.inf
-        self._legend = LiveHtml(gui)
-        self._plot = LinePlot(gui, y_label="angle °")
-        self.choose(range(robot.n))
-
-    def choose(self, joints: Sequence[int]) -> None:
-        """Show some joints, commanded and board."""
-        self._joints, self._still = joints, False
-        self._legend.show(legend_html(self._robot, joints))
-        self._plot.show(self._picture())
-
-    def add(self, snapshot: Snapshot, standing: FloatArray, *, seen: bool) -> None:
-        """Send the graph about five times a second while it is ``seen``.
-
-        ``standing`` (n,): where the arm was commanded to be, else last known [rad].
-        """
-        self._history.add(snapshot.stamp, standing, snapshot.q)
-        if not seen:
-            self._still = False
-            return
-        if snapshot.stamp - self._sent_at < _PERIOD_S:
-            return
-        picture = self._picture()
-        still = self._history.full and all(np.ptp(line.y) < _STILL_DEG for line in picture.lines)
-        if not (still and self._still):
-            self._sent_at, self._still = snapshot.stamp, still
-            self._plot.show(picture)
-
-    def _picture(self) -> Picture:
-        times, commanded, board = self._history.table()
-        lines = [
-            PlotLine(f"{self._robot.joints[i].title}{source}", angles[:, i].copy(), color_of(i), dash, width)
-            for angles, source, dash, width in ((commanded, "", None, 1.5), (board, " board", (3, 4), 2.5))
-            for i in self._joints
-        ]
-        return Picture("", "time s", times, tuple(lines))
-
-
-def legend_html(robot: Robot, shown: Sequence[int]) -> str:
-    """Each joint once, in its colour; and what solid and dotted lines are."""
-    names = " ".join(
-        "<span style='display:inline-block;margin-right:8px'>"
-        f"<span style='color:{color_of(i)}'>■</span> {escape(robot.joints[i].title)}</span>"
-        for i in shown
-    )
-    return f"<div>{names}</div>{muted('Solid: commanded. Dotted: as the board tells it.')}"
 
 
 # Live target: what is dragged in the 3D view is followed at once, by the twin or by the arm.
