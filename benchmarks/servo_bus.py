@@ -1,0 +1,109 @@
+"""Full telemetry of a servo bus: ``python -m benchmarks.servo_bus [ROBOT] [--rate HZ] [--seconds S]``.
+
+The arm moves between its poses on a simulated bus, which runs in a process of its own, as a real one costs
+the computer nothing. At each tick the arm process writes the goals that differ, and reads position, load,
+heat, voltage and, where they are told, currents of all servos. Told are its share of a processor, and how
+late its ticks come. Linux only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from armctl import load_robot
+from armctl.boards import board_name
+from armctl.errors import EnableError, StateError
+from armctl.process import start_arm
+from armctl.protocol import ArmLink, Command, Connect, Enable, MoveJoints, Recording
+
+_ATTEMPTS = 20
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.servo_bus", description=__doc__)
+    parser.add_argument("robot", nargs="?", default="so101")
+    parser.add_argument("--rate", type=float, default=100.0, help="ticks a second")
+    parser.add_argument("--seconds", type=float, default=20.0)
+    options = parser.parse_args()
+    kind = load_robot(options.robot).board
+    with tempfile.TemporaryDirectory() as folder:
+        line = Path(folder) / "bus"
+        command = [sys.executable, "-m", "armctl", "simulate", kind, "--robot", options.robot, "--link", line]
+        board = subprocess.Popen(command, stdout=subprocess.PIPE)
+        try:
+            if board.stdout is None or not board.stdout.readline():  # it is served from here on
+                return 1
+            told(options.robot, line, options.rate, options.seconds)
+        finally:
+            board.terminate()
+            board.wait()
+    return 0
+
+
+def told(name: str, line: Path, rate_hz: float, seconds: float) -> None:
+    """Move to and fro for so long, and print the figures."""
+    robot, before = load_robot(name), children()
+    link = start_arm(robot, board_name(str(line), robot), rate_hz, port=str(line))
+    try:
+        (process,) = children() - before
+        link.submit(Connect(str(line))).finished.result()
+        carry_out(link, Enable())
+        began, used, moves = time.monotonic(), processor_s(process), 0
+        while time.monotonic() - began < seconds:
+            pose = robot.pose("home" if moves % 2 == 0 else "rest")
+            carry_out(link, MoveJoints(pose, duration_s=2.0))
+            moves += 1
+        took = time.monotonic() - began
+        share = (processor_s(process) - used) / took
+        print(f"{robot.title}: {took:.1f} s at {rate_hz:g} Hz, {moves} moves")
+        print(lateness(link.black_box(), took))
+        print(f"the arm process took {100 * share:.1f} % of a processor")
+    finally:
+        link.close()
+
+
+def carry_out(link: ArmLink, command: Command) -> None:
+    """On a busy computer the board seems not to answer in time, or a motion ends: it is asked for again."""
+    for attempt in range(1, _ATTEMPTS + 1):
+        try:
+            link.submit(command).finished.result()
+            return
+        except (EnableError, StateError):
+            if attempt == _ATTEMPTS:
+                raise
+
+
+def lateness(recording: Recording, seconds: float) -> str:
+    """How many ticks there were in the last ``seconds``, and how late they came."""
+    lately = recording.time_s > recording.time_s[-1] - seconds
+    late_ms = 1000 * recording.column("late_s")[lately]
+    took_ms = 1000 * recording.column("took_s")[lately]
+    p50, p99 = np.percentile(late_ms, (50, 99))
+    return (
+        f"{lately.sum()} ticks, late by {p50:.2f} ms (median), {p99:.2f} (p99), {late_ms.max():.2f} (worst); "
+        f"a tick took {np.median(took_ms):.2f} ms (median), {np.percentile(took_ms, 99):.2f} (p99)"
+    )
+
+
+def children() -> set[int]:
+    """The processes that this one has started."""
+    tasks = Path(f"/proc/{os.getpid()}/task").glob("*/children")
+    return {int(number) for task in tasks for number in task.read_text().split()}
+
+
+def processor_s(process: int) -> float:
+    """How much time of a processor a process has taken so far [s]."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
