@@ -18,16 +18,16 @@ FOLDERS = {
     ".": (15, 3_120),
     "calibration": (5, 1_310),
     "cli": (13, 2_800),
-    "facts": (9, 2_210),
-    "hardware": (66, 13_500),
+    "facts": (10, 2_340),
+    "hardware": (66, 13_600),
     "kinematics": (51, 12_720),
     "motion": (20, 5_770),
     "process": (14, 3_310),
     "program": (10, 2_550),
-    "protocol": (5, 1_120),
+    "protocol": (5, 1_140),
     "robot": (40, 11_300),
-    "runtime": (22, 5_740),
-    "ui": (86, 18_900),
+    "runtime": (24, 5_950),
+    "ui": (88, 19_150),
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

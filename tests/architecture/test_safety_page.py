@@ -31,6 +31,7 @@ from armctl.runtime import (
     monitor,
     pin,
     power,
+    releasing,
     state,
 )
 from armctl.ui import app
@@ -75,6 +76,7 @@ NUMBERS = {
     "slow firmata": board_type("firmata").slowest_answer_s,
     "sure": monitor._SURE_READINGS,
     "servo interval": power._INTERVAL_S,
+    "letting down": releasing.LETTING_DOWN_S,
     "tolerance": math.degrees(power.ADOPT_TOLERANCE_RAD),
     "pin": pin.FIRST_WAIT_S,
     "pin at most": pin.LONGEST_WAIT_S,

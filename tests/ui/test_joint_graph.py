@@ -17,7 +17,7 @@ from armctl.robot import load_robot
 from armctl.ui.tabs.simulation.joint_graph import (
     LONGEST_S,
     JointHistory,
-    Rows,
+    JointRows,
     angle_picture,
     error_html,
     legend_html,
@@ -129,7 +129,7 @@ def test_it_says_what_is_missing(change: dict[str, object], words: str) -> None:
 
 
 def test_the_file_has_each_joint_that_is_drawn_commanded_and_measured_with_its_load() -> None:
-    rows: Rows = history(1.0).since(20.0)
+    rows: JointRows = history(1.0).since(20.0)
     head, *lines = csv.reader(io.StringIO(rows_csv(TITLES, rows, [PAN, LIFT])))
     assert head == [
         "time s", "Shoulder pan commanded °", "Shoulder pan board °", "Shoulder pan load %",

@@ -34,7 +34,7 @@ _SPAN_HINT = "How far back the graphs go; armctl keeps five minutes."
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rows:
+class JointRows:
     """What is known of a span of time, a row a moment."""
 
     time: FloatArray
@@ -46,7 +46,7 @@ class Rows:
     load: FloatArray
     """(k, n) [%]; NaN where it is not measured"""
 
-    def drawn(self) -> Rows:
+    def drawn(self) -> JointRows:
         """As many as a page can draw, and without NaN, for which uPlot finds no scale.
 
         The commanded angle stands for one that the board did not tell, no load for one that it did not.
@@ -54,7 +54,7 @@ class Rows:
         keep = thinned(len(self.time), _POINTS)
         commanded = np.nan_to_num(self.commanded[keep])
         board = np.where(np.isnan(self.board[keep]), commanded, self.board[keep])
-        return Rows(self.time[keep], commanded, board, np.nan_to_num(self.load[keep]))
+        return JointRows(self.time[keep], commanded, board, np.nan_to_num(self.load[keep]))
 
 
 class JointHistory:
@@ -90,13 +90,13 @@ class JointHistory:
         while stamp - self._rows[0][0] > LONGEST_S:
             self._rows.popleft()
 
-    def since(self, span: float) -> Rows:
+    def since(self, span: float) -> JointRows:
         """The last ``span`` seconds."""
         n, last = self._n, self._rows[-1][0] if self._rows else 0.0
         kept = [row for row in self._rows if last - row[0] <= span] or [(0.0, np.full(3 * n, np.nan))]
         values = np.array([row for _, row in kept])
         times = np.array([stamp for stamp, _ in kept]) - self._first
-        return Rows(times, values[:, :n], values[:, n : 2 * n], values[:, 2 * n :])
+        return JointRows(times, values[:, :n], values[:, n : 2 * n], values[:, 2 * n :])
 
 
 class JointGraph:
@@ -167,7 +167,7 @@ class JointGraph:
 # What is drawn and written.
 
 
-def angle_picture(robot: Robot, rows: Rows, joints: Sequence[int], source: Source) -> Picture:
+def angle_picture(robot: Robot, rows: JointRows, joints: Sequence[int], source: Source) -> Picture:
     """Commanded angles drawn through, those of the board dotted, where it tells any of its own."""
     kinds = [(rows.commanded, "commanded", None, 1.5)]
     if source is not Source.COMMANDED:
@@ -180,7 +180,9 @@ def angle_picture(robot: Robot, rows: Rows, joints: Sequence[int], source: Sourc
     return Picture("", "time s", rows.time, tuple(lines))
 
 
-def load_picture(robot: Robot, rows: Rows, joints: Sequence[int], limits: Sequence[float | None]) -> Picture:
+def load_picture(
+    robot: Robot, rows: JointRows, joints: Sequence[int], limits: Sequence[float | None]
+) -> Picture:
     """Loads [%]; of a joint by itself both limits, a share, dashed."""
     lines = [PlotLine(robot.joints[i].title, rows.load[:, i].copy(), color_of(i)) for i in joints]
     if len(joints) == 1 and (limit := limits[joints[0]]) is not None:
@@ -191,7 +193,7 @@ def load_picture(robot: Robot, rows: Rows, joints: Sequence[int], limits: Sequen
     return Picture("", "time s", rows.time, tuple(lines))
 
 
-def error_html(titles: Sequence[str], rows: Rows, joints: Sequence[int], source: Source) -> str:
+def error_html(titles: Sequence[str], rows: JointRows, joints: Sequence[int], source: Source) -> str:
     """The following error now, and its largest in that time; of several joints that of the worst."""
     away = rows.board[:, joints] - rows.commanded[:, joints]
     if source is not Source.MEASURED or np.isnan(away[-1]).all():
@@ -237,7 +239,7 @@ def missing_html(snapshot: Snapshot) -> str:
     return muted(told) if told else ""
 
 
-def rows_csv(titles: Sequence[str], rows: Rows, joints: Sequence[int]) -> str:
+def rows_csv(titles: Sequence[str], rows: JointRows, joints: Sequence[int]) -> str:
     """All moments of these joints: time, commanded and board's angles, and loads where any is measured."""
     kinds = [(rows.commanded, "commanded °"), (rows.board, "board °"), (rows.load, "load %")]
     columns = [rows.time, *(values[:, i] for i in joints for values, _ in kinds)]
