@@ -197,11 +197,9 @@ class BusDriver(Abilities):
     def limit_torque(self, limits: Mapping[int, float]) -> None:
         """How strong servos may be: a share 0 ... 1 of their full torque."""
         line = self._opened
-        silent = [servo for servo, share in limits.items() if not self._limit(line, servo, share)]
-        if silent:
-            raise BoardTimeoutError(
-                f"{line.name}: {numbered('servo', silent)} did not confirm the torque limit"
-            )
+        _require_limits(
+            line, [servo for servo, share in limits.items() if not self._limit(line, servo, share)]
+        )
 
     def scale_torque(self, share: float) -> None:
         """All that are on have a share 0 ... 1 of the torque that each may have; see ``Abilities``."""
@@ -215,8 +213,7 @@ class BusDriver(Abilities):
                 one.eased, one.seen = share, Telemetry(torque_limit=limit).after(one.seen)
             else:
                 silent.append(one.id)
-        if silent:
-            raise BoardTimeoutError(f"{line.name}: {named(silent)} did not confirm the torque limit")
+        _require_limits(line, silent)
 
     def close(self) -> None:
         """Close the line; never raises. The servos go on holding."""
@@ -448,3 +445,8 @@ class BusDriver(Abilities):
         if self._supply_v is None and one.seen.voltage is not None:
             one.supply_v = max(one.supply_v or 0.0, one.seen.voltage)
         one.note(grips=one.id == self._gripper)
+
+
+def _require_limits(line: BusLine, silent: Sequence[int]) -> None:
+    if silent:
+        raise BoardTimeoutError(f"{line.name}: {numbered('servo', silent)} did not confirm the torque limit")
