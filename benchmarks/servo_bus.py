@@ -24,7 +24,7 @@ from armctl.errors import EnableError, StateError
 from armctl.process import start_arm
 from armctl.protocol import ArmLink, Command, Connect, Enable, MoveJoints, Recording
 
-_ATTEMPTS = 20
+_PATIENCE_S, _AGAIN_S = 60.0, 0.3
 
 
 def main() -> int:
@@ -72,13 +72,15 @@ def told(name: str, line: Path, rate_hz: float, seconds: float) -> None:
 
 def carry_out(link: ArmLink, command: Command) -> None:
     """On a busy computer the board seems not to answer in time, or a motion ends: it is asked for again."""
-    for attempt in range(1, _ATTEMPTS + 1):
+    deadline = time.monotonic() + _PATIENCE_S
+    while True:
         try:
             link.submit(command).finished.result()
             return
         except (EnableError, StateError):
-            if attempt == _ATTEMPTS:
+            if time.monotonic() > deadline:
                 raise
+            time.sleep(_AGAIN_S)
 
 
 def lateness(recording: Recording, seconds: float) -> str:

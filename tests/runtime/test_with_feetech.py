@@ -213,6 +213,18 @@ def test_where_a_servo_takes_no_limit_the_release_is_at_once(holding: Bench, mon
     assert not any(one.driven for one in holding.board.servos)
 
 
+def test_an_arm_that_gets_its_torque_back_only_in_part_holds_and_is_told(
+    holding: Bench, monkeypatch: pytest.MonkeyPatch
+):
+    holding.ask(Release())
+    holding.run(0.3)
+    monkeypatch.setattr(FeetechMake, "limit_torque", lambda *_: False)
+    holding.controller.stop(TEST)
+    holding.run(0.5)
+    assert holding.now.state is State.HOLDING and all(one.driven for one in holding.board.servos)
+    assert any("some joints are weak. Release the arm" in one.text for one in holding.now.events)
+
+
 def test_what_moves_or_is_in_fault_is_released_at_once(holding: Bench):
     holding.ask(MoveJoints(holding.robot.pose("home")))
     holding.run(0.3)

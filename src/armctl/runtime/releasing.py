@@ -137,5 +137,8 @@ class LettingDown(Activity):
                 core.adopt(q, core.gate.opening, now)
                 board.write(q, None)
         elif now - self._held_at >= _BACK_S:
-            board.scale_torque(1.0)
             self._done = True
+            try:
+                board.scale_torque(1.0)
+            except ArmctlError as error:  # it holds all the same; the next Enable gives it all again
+                core.log.warn(f"{error}: some joints are weak. Release the arm, and enable it again")

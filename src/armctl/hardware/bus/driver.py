@@ -81,7 +81,8 @@ class BusDriver(Abilities):
         baud = self._connection.baud
         line = self._line = BusLine(transport, self._make.form, self._now, self._timeout_s, baud)
         self._servos = {
-            one: KnownServo(one, torque=self._most_torque(one), supply_v=self._supply_v) for one in self._ids
+            one: KnownServo(one, torque=self._torque.get(one, 1.0), supply_v=self._supply_v)
+            for one in self._ids
         }
         try:
             earlier = self._look_round(line)
@@ -315,12 +316,9 @@ class BusDriver(Abilities):
     def _torque_off(self) -> tuple[int, bytes]:
         return self._make.table["torque"].address, b"\0"
 
-    def _most_torque(self, servo: int) -> float:
-        return self._torque.get(servo, 1.0)
-
     def _limit(self, line: BusLine, servo: int, share: float) -> bool:
         """Whether it confirms its new limit; one that is limp gets it when it is switched on."""
-        one, limit = self._servos[servo], share * self._most_torque(servo)
+        one, limit = self._servos[servo], share * self._torque.get(servo, 1.0)
         done = not one.on or one.gone or self._make.limit_torque(line, servo, limit)
         if done:
             one.torque, one.eased = limit, 1.0
