@@ -92,8 +92,9 @@ class KnownServo:
             return
         self.wrong = wrong
         limits = self.limits(grips=grips)
-        most = Quantities(limits.load, limits.temperature_c, None, limits.current_a)
-        told = ", ".join(filter(None, (str(most), limits.voltage_v and f"at least {limits.voltage_v:.1f} V")))
+        told = str(Quantities(limits.load, limits.temperature_c, None, limits.current_a))
+        if limits.voltage_v is not None:
+            told += f"{', ' if told else ''}at least {limits.voltage_v:.1f} V"
         self.measured = f" (measured: {self.quantities}" + (f"; its limits: {told})" if told else ")")
 
     def fault(self, now: float) -> str | None:

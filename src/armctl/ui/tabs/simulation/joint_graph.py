@@ -169,6 +169,7 @@ class JointGraph:
 
 def angle_picture(robot: Robot, rows: JointRows, joints: Sequence[int], source: Source) -> Picture:
     """Commanded angles drawn through, those of the board dotted, where it tells any of its own."""
+    kinds: list[tuple[FloatArray, str, tuple[float, float] | None, float]]
     kinds = [(rows.commanded, "commanded", None, 1.5)]
     if source is not Source.COMMANDED:
         kinds.append((rows.board, source.value, (3.0, 4.0), 2.5))
