@@ -158,9 +158,7 @@ def test_release_says_when_the_chip_does_not_confirm_it(connect):
     session: Session = connect()
     session.settle({0: 1500.0})
     session.bus.works = False
-    with pytest.raises(
-        BoardTimeoutError, match=r"confirm the release of channels 0, 1, 2, 3.*Cut the"
-    ):
+    with pytest.raises(BoardTimeoutError, match=r"confirm the release of channels 0, 1, 2, 3.*Cut the"):
         session.driver.release()
 
 

@@ -72,7 +72,7 @@ class BusBoard(BoardType):
         timeout_s = _SIMULATED_TIMEOUT_S if connection.simulated else _TIMEOUT_S
         ids = [one.channel for one in setup.channels]
         gripper = None if setup.robot is None else setup.robot.outputs.gripper_channel
-        return BusDriver(connection, self.make(), ids, timeout_s, gripper, self.notes)
+        return BusDriver(connection, self.make(), ids, timeout_s, gripper, self.notes, setup.kept)
 
     def simulated(self, setup: Setup, options: SimulatorOptions) -> ByteModel:
         """A bus with an arm that fits the robot; its servos in the order of the joints."""

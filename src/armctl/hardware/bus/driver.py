@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, EnableError
-from armctl.hardware.bus import EEPROM_ADVICE, SCALE
+from armctl.hardware.board_type import nothing_kept
+from armctl.hardware.bus import SCALE
 from armctl.hardware.bus.known import DOUBTED, KnownServo
 from armctl.hardware.bus.line import BusLine
 from armctl.hardware.bus.make import SAG_DEG, Limits, ServoMake, Telemetry, bring_on
-from armctl.hardware.bus.who import missing_words, nobody_words
+from armctl.hardware.bus.who import missing_words, nobody_words, settings_words
 from armctl.hardware.driver import (
     Abilities,
     BoardIdentity,
@@ -19,6 +20,7 @@ from armctl.hardware.driver import (
     Source,
     numbered,
 )
+from armctl.hardware.servo_records import KeptSettings
 from armctl.hardware.transport import Connection
 
 _MISSED = 5
@@ -63,12 +65,14 @@ class BusDriver(Abilities):
         timeout_s: float,
         gripper: int | None = None,
         notes: Sequence[str] = (),
+        kept: Callable[[str | None], Mapping[int, KeptSettings]] = nothing_kept,
     ) -> None:
         """``servos``: the ids that the robot has, base first; ``timeout_s``: how long an answer may take.
 
         The servo ``gripper`` has half of its torque, and where something stops it, it holds that and goes on.
+        ``kept``: as in ``Setup``.
         """
-        self._connection, self._make, self._timeout_s = connection, make, timeout_s
+        self._connection, self._make, self._timeout_s, self._kept = connection, make, timeout_s, kept
         self._sag = make.still_steps * SAG_DEG
         self._gone_s = _GONE_SIMULATED_S if connection.simulated else _GONE_S
         self._gripper, self._notes = gripper, tuple(notes)
@@ -82,20 +86,21 @@ class BusDriver(Abilities):
         """Open the line, see which servos answer, and read what stands in their EEPROM."""
         self.close()
         transport, info = self._connection.open()
-        baud = self._connection.baud
+        baud, serial = self._connection.baud, info.serial_number if info else None
         line = self._line = BusLine(transport, self._make.form, self._now, self._timeout_s, baud)
         self._servos = {one: KnownServo(one, torque=self._most_torque(one)) for one in self._ids}
         try:
-            earlier = self._look_round(line)
+            simulated = self._connection.simulated  # such servos begin anew with each program
+            earlier = self._look_round(line, {} if simulated else self._kept(serial))
         except ArmctlError:
             self.close()
             raise
         return BoardIdentity(
             kind=self._make.title,
             port=line.name,
-            serial_number=info.serial_number if info else None,
-            simulated=self._connection.simulated,
-            notes=() if self._connection.simulated else self._notes,
+            serial_number=serial,
+            simulated=simulated,
+            notes=() if simulated else self._notes,
             earlier=earlier,
         )
 
@@ -214,7 +219,7 @@ class BusDriver(Abilities):
     def _now(self) -> float:
         return self._connection.now()
 
-    def _look_round(self, line: BusLine) -> tuple[str, ...]:
+    def _look_round(self, line: BusLine, kept: Mapping[int, KeptSettings]) -> tuple[str, ...]:
         """Who answers; in words, what is unusual."""
         ids = self._ids
         model = self._make.table["model"]
@@ -231,9 +236,7 @@ class BusDriver(Abilities):
             except BoardTimeoutError:
                 one.gone = True
                 continue
-            notes += [f"servo {servo}: {words}" for words in one.settings.findings]
-            if one.settings.unfit is not None:
-                notes.append(f"servo {servo}: {one.settings.unfit}; {EEPROM_ADVICE}")
+            notes += settings_words(servo, one.settings, kept.get(servo))
         for servo in set(ids) - set(found):
             self._servos[servo].gone = True
         return (*missing_words(ids, found), *notes)
