@@ -209,7 +209,7 @@ def _line(one: FoundServo, name: str) -> str:
     )
 
 
-def _record(one: Difference) -> dict[str, object]:
+def _record(one: Difference) -> Mapping[str, object]:
     """What differs, in words and as data."""
     mend = None if one.mend is None else asdict(one.mend)
     return fact_record(one.fact) | {"servo": one.servo, "what": one.what, "cure": one.cure, "mend": mend}
