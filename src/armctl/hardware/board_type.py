@@ -50,6 +50,10 @@ class ByteModel(Protocol):
         """Start anew, as after its reset button or a power cut."""
 
 
+Kept: TypeAlias = "Callable[[str | None], Mapping[int, KeptSettings]]"
+"""the settings of servos that were kept as right, by id, of the board with a serial number"""
+
+
 def nothing_kept(_serial_number: str | None) -> Mapping[int, KeptSettings]:
     """No settings were kept."""
     return {}
@@ -64,8 +68,7 @@ class Setup:
     """what ``BoardType.entries`` has read from the robot file besides the map of the outputs"""
     robot: Robot | None = None
     """for a simulated board that simulates the arm, too"""
-    kept: Callable[[str | None], Mapping[int, KeptSettings]] = nothing_kept
-    """the settings of servos that were kept as right, by id, of the board with a serial number"""
+    kept: Kept = nothing_kept
 
 
 @dataclass(frozen=True, slots=True)

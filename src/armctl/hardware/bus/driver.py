@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, EnableError
-from armctl.hardware.board_type import nothing_kept
+from armctl.hardware.board_type import Kept, nothing_kept
 from armctl.hardware.bus import SCALE
 from armctl.hardware.bus.known import DOUBTED, KnownServo
 from armctl.hardware.bus.line import BusLine
@@ -20,7 +20,6 @@ from armctl.hardware.driver import (
     Source,
     numbered,
 )
-from armctl.hardware.servo_records import KeptSettings
 from armctl.hardware.transport import Connection
 
 _MISSED = 5
@@ -65,11 +64,11 @@ class BusDriver(Abilities):
         timeout_s: float,
         gripper: int | None = None,
         notes: Sequence[str] = (),
-        kept: Callable[[str | None], Mapping[int, KeptSettings]] = nothing_kept,
+        kept: Kept = nothing_kept,
     ) -> None:
         """``servos``: the ids that the robot has, base first; ``timeout_s``: how long an answer may take.
 
-        The servo ``gripper`` has half of its torque, and where something stops it, it holds that and goes on.
+        ``gripper`` has half of its torque; where something stops it, it holds that and goes on.
         ``kept``: as in ``Setup``.
         """
         self._connection, self._make, self._timeout_s, self._kept = connection, make, timeout_s, kept
@@ -90,8 +89,7 @@ class BusDriver(Abilities):
         line = self._line = BusLine(transport, self._make.form, self._now, self._timeout_s, baud)
         self._servos = {one: KnownServo(one, torque=self._most_torque(one)) for one in self._ids}
         try:
-            simulated = self._connection.simulated  # such servos begin anew with each program
-            earlier = self._look_round(line, {} if simulated else self._kept(serial))
+            earlier = self._look_round(line, serial)
         except ArmctlError:
             self.close()
             raise
@@ -99,8 +97,8 @@ class BusDriver(Abilities):
             kind=self._make.title,
             port=line.name,
             serial_number=serial,
-            simulated=simulated,
-            notes=() if simulated else self._notes,
+            simulated=self._connection.simulated,
+            notes=() if self._connection.simulated else self._notes,
             earlier=earlier,
         )
 
@@ -219,9 +217,9 @@ class BusDriver(Abilities):
     def _now(self) -> float:
         return self._connection.now()
 
-    def _look_round(self, line: BusLine, kept: Mapping[int, KeptSettings]) -> tuple[str, ...]:
-        """Who answers; in words, what is unusual."""
-        ids = self._ids
+    def _look_round(self, line: BusLine, serial: str | None) -> tuple[str, ...]:
+        """Who answers; in words, what is unusual. Simulated servos begin anew: nothing was kept of them."""
+        ids, kept = self._ids, {} if self._connection.simulated else self._kept(serial)
         model = self._make.table["model"]
         came = any([line.look_for_echo(servo, model.address) for servo in ids[:1]])
         found = [servo for servo in ids if line.ping(servo) is not None]
