@@ -16,6 +16,7 @@ from armctl.hardware.board_type import (
     Setup,
     SimulatorOption,
     SimulatorOptions,
+    nothing_kept,
 )
 from armctl.hardware.bus import SERVO_ENTRIES
 from armctl.hardware.driver import Driver
@@ -72,7 +73,8 @@ class BusBoard(BoardType):
         timeout_s = _SIMULATED_TIMEOUT_S if connection.simulated else _TIMEOUT_S
         ids = [one.channel for one in setup.channels]
         gripper = None if setup.robot is None else setup.robot.outputs.gripper_channel
-        return BusDriver(connection, self.make(), ids, timeout_s, gripper, self.notes, setup.kept)
+        kept = nothing_kept if connection.simulated else setup.kept  # simulated servos begin anew each time
+        return BusDriver(connection, self.make(), ids, timeout_s, gripper, self.notes, kept)
 
     def simulated(self, setup: Setup, options: SimulatorOptions) -> ByteModel:
         """A bus with an arm that fits the robot; its servos in the order of the joints."""

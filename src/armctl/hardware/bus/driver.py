@@ -68,8 +68,7 @@ class BusDriver(Abilities):
     ) -> None:
         """``servos``: the ids that the robot has, base first; ``timeout_s``: how long an answer may take.
 
-        ``gripper`` has half of its torque; where something stops it, it holds that and goes on.
-        ``kept``: as in ``Setup``.
+        ``gripper`` has half of its torque; stopped by something it holds that and goes on. ``kept``: ``Setup``'s.
         """
         self._connection, self._make, self._timeout_s, self._kept = connection, make, timeout_s, kept
         self._sag = make.still_steps * SAG_DEG
@@ -218,8 +217,8 @@ class BusDriver(Abilities):
         return self._connection.now()
 
     def _look_round(self, line: BusLine, serial: str | None) -> tuple[str, ...]:
-        """Who answers; in words, what is unusual. Simulated servos begin anew: nothing was kept of them."""
-        ids, kept = self._ids, {} if self._connection.simulated else self._kept(serial)
+        """Who answers; in words, what is unusual."""
+        ids, kept = self._ids, self._kept(serial)
         model = self._make.table["model"]
         came = any([line.look_for_echo(servo, model.address) for servo in ids[:1]])
         found = [servo for servo in ids if line.ping(servo) is not None]
