@@ -68,7 +68,7 @@ class BusDriver(Abilities):
     ) -> None:
         """``servos``: the ids that the robot has, base first; ``timeout_s``: how long an answer may take.
 
-        ``gripper`` has half of its torque; stopped by something it holds that and goes on. ``kept``: ``Setup``'s.
+        ``gripper`` has half of its torque; what stops it, it holds, and goes on. ``kept``: as in ``Setup``.
         """
         self._connection, self._make, self._timeout_s, self._kept = connection, make, timeout_s, kept
         self._sag = make.still_steps * SAG_DEG
