@@ -308,7 +308,7 @@ def servos_html(shared: SharedServos, seen: Seen, why: str | None) -> str:
     )
     heads = "".join(f"<th style='{_CELL};text-align:left;font-weight:400'>{head}</th>" for head in _HEADS)
     table = (
-        f"<div style='overflow-x:auto;margin-top:6px'><table style='{_TABLE}'>"
+        f"<div style='overflow-x:auto;margin-top:6px'><table class=armctl-servos style='{_TABLE}'>"
         f"<tr style='opacity:.7'>{heads}</tr>{rows}</table></div>"
     )
     if not seen.found:
@@ -338,7 +338,11 @@ def _row(servo: int, title: str, one: FoundServo | None, why: str | None) -> str
         buttons += button(
             "servo-id", "Id …", key=str(servo), why=why, title="gives it another id", kind="chip"
         )
-    line = "".join(f"<td style='{_CELL}'>{cell}</td>" for cell in (*cells, state, buttons))
+    wraps = (k == 1 for k in range(len(_HEADS)))  # the name of the joint
+    line = "".join(
+        f"<td style='{_CELL}{';white-space:normal' * wrap}'>{cell}</td>"
+        for cell, wrap in zip((*cells, state, buttons), wraps, strict=True)
+    )
     return f"<tr style='border-top:1px solid rgba(128,128,128,.2)'>{line}</tr>"
 
 
