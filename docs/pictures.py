@@ -184,7 +184,9 @@ def so101_point(screen: Screen) -> None:
 def by_hand(screen: Screen) -> None:
     screen.open_tab("Manual", "Joints")
     screen.unfold("Lead by hand", "Let ticked joints go limp")
-    screen.press(screen.page.get_by_label("Shoulder pan", exact=True).and_(screen.page.get_by_role("checkbox")))
+    screen.press(
+        screen.page.get_by_label("Shoulder pan", exact=True).and_(screen.page.get_by_role("checkbox"))
+    )
     screen.pause()
     screen.click("Let ticked joints go limp")
     screen.wait_for_text(re.compile("Limp: Shoulder pan"))

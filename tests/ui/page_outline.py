@@ -18,7 +18,7 @@ _CAUSE = re.compile("<div class='state.*?</div>")
 
 
 def outlines(robot: str = "uzuner") -> dict[str, str]:
-    """A line a widget for each tab, and what is around them, as a page of an arm has them that was just built."""
+    """A line a widget for each tab, and what is around them, as a page of ``robot`` has them at first."""
     with (
         tempfile.TemporaryDirectory() as folder,
         served_arm(Path(folder), robot) as served,
