@@ -107,13 +107,14 @@ class Servos:
 
     def _where_html(self, snapshot: Snapshot) -> str:
         if snapshot.board is not None:
+            port = escape(snapshot.board.port)
             return sentence(
-                f"the arm is connected on {snapshot.board.port}, and only one program can use the bus: "
-                "disconnect it to look at the servos"
+                f"the arm is connected on {port}, and only one program can use the bus: disconnect it to "
+                "look at the servos"
             )
-        port = self._port()
-        simulated = muted(_SIMULATED) if port.port == SIMULATED else ""
-        return f"Port: <b>{escape(port.label)}</b>{muted(_ABOUT)}{simulated}"
+        chosen = self._port()
+        simulated = muted(_SIMULATED) if chosen.port == SIMULATED else ""
+        return f"Port: <b>{escape(chosen.label)}</b>{muted(_ABOUT)}{simulated}"
 
     def _named(self, servo: int) -> str:
         return f"{servo} · {self._shared.titles.get(servo, 'not of this arm')}"
@@ -160,8 +161,8 @@ class Servos:
 
     async def _on_keep(self) -> None:
         self._session.require_operator()
-        count = await self._shared.keep(self._seen_on())
-        self._session.notify("Servos", f"The settings of {count} servos are kept as right.")
+        found = await self._shared.look_at_all(self._seen_on(), right=True)
+        self._session.notify("Servos", f"The settings of {len(found)} servos are kept as right.")
 
     async def _on_nudge(self, key: str) -> None:
         self._session.require_operator()
@@ -230,8 +231,7 @@ class Servos:
 
     async def _on_save(self) -> None:
         self._session.require_operator()
-        found = await self._shared.look_at_all(self._chosen())
-        await self._shared.keep(self._chosen())
+        found = await self._shared.look_at_all(self._chosen(), right=True)
         self._session.download("calibration.json", encode_kept(found))
 
     async def _on_upload(self) -> None:

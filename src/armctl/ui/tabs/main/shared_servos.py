@@ -152,8 +152,8 @@ class SharedServos:
         """Turn one a little and back."""
         await self._job(port, "a nudge", lambda setup: setup.nudge(baud, servo))
 
-    async def look_at_all(self, port: str) -> dict[str, FoundServo]:
-        """All servos of the arm, by what LeRobot calls their motors, as they are now."""
+    async def look_at_all(self, port: str, *, right: bool = False) -> dict[str, FoundServo]:
+        """All servos of the arm, by what LeRobot calls their motors; ``right``: kept as right."""
 
         def look(setup: ServoSetup) -> dict[str, FoundServo]:
             return {
@@ -161,7 +161,7 @@ class SharedServos:
             }
 
         found = await self._job(port, "a look at the servos", look)
-        await self._take(port, list(found.values()), keep=False)
+        await self._take(port, list(found.values()), keep=right)
         return found
 
     async def restore(self, port: str, kept: Mapping[str, KeptServo]) -> int:
@@ -181,12 +181,6 @@ class SharedServos:
         count, found = await self._job(port, "the writing of the calibration", write)
         await self._take(port, found)
         return count
-
-    async def keep(self, port: str) -> int:
-        """From now on the settings of all servos are right as they are; of how many."""
-        found = await self.look_at_all(port)
-        await self._take(port, list(found.values()))
-        return len(found)
 
     async def _job(self, port: str, doing: str, work: Callable[[ServoSetup], T]) -> T:
         """Do something on the bus, on a thread, as the only one (``StateError``)."""
