@@ -162,8 +162,7 @@ def log(screen: Screen) -> None:
 
 def servos(screen: Screen) -> FloatRect:
     screen.open_tab("Main", "Servos")
-    if screen.button("Disconnect the arm").is_visible():
-        screen.click("Disconnect the arm")
+    screen.click("Disconnect the arm")
     screen.click("Look for the servos")
     screen.wait_for_text(re.compile("as the arm needs them"))
     screen.press(screen.page.get_by_role("button", name="Id …").last)
@@ -171,27 +170,6 @@ def servos(screen: Screen) -> FloatRect:
     screen.click("Write it")
     screen.wait_for_text(re.compile("Servo 9 is not one of this arm"))
     return box(screen.panel("Main"))
-
-
-def so101_point(screen: Screen) -> None:
-    screen.open_tab("Inverse")
-    screen.type_xyz("230", "60", "120")
-    screen.click("Go by least energy")
-    screen.wait_for_text("MOVING")
-    screen.wait_for_text("HOLDING")
-
-
-def by_hand(screen: Screen) -> None:
-    screen.open_tab("Manual", "Joints")
-    screen.unfold("Lead by hand", "Let ticked joints go limp")
-    screen.press(
-        screen.page.get_by_label("Shoulder pan", exact=True).and_(screen.page.get_by_role("checkbox"))
-    )
-    screen.pause()
-    screen.click("Let ticked joints go limp")
-    screen.wait_for_text(re.compile("Limp: Shoulder pan"))
-    screen.click("Record pose")
-    screen.button("Take them back as they stand").scroll_into_view_if_needed()
 
 
 PICTURES = {
@@ -208,8 +186,6 @@ PICTURES = {
     "simulation": Picture(("Simulation",), simulation),
     "workspace": Picture(("Simulation",), workspace),
     "calibration": Picture(("Calibration",), calibration),
-    "so101-point": Picture(("Inverse",), so101_point, robot=BUS_ARM, tabs_of=BUS_ARM),
-    "by-hand": Picture(("Manual",), by_hand, robot=BUS_ARM, tabs_of=BUS_ARM),
     "servos": Picture(("Main",), servos, enabled=False, robot=BUS_ARM, tabs_of=BUS_ARM),
 }
 FILM = "armctl"
@@ -373,7 +349,8 @@ def main() -> int:
     tabs = {robot: outlines(robot) for robot in ("uzuner", BUS_ARM)}
     with sync_playwright() as playwright:
         browser = launch(playwright)
-        for robot in ("uzuner", FEW_WAYS, BUS_ARM):
+        wanted = {PICTURES[name].robot for name in names if name in PICTURES}
+        for robot in wanted | ({FEW_WAYS} if FILM in names else set[str]()):
             with tempfile.TemporaryDirectory() as folder, serving(Path(folder), "--robot", robot) as url:
                 screen = Screens(browser)(width=WIDTH, height=HEIGHT)
                 for name, picture in PICTURES.items():
