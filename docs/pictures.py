@@ -36,6 +36,8 @@ FARTHER = 1500
 """how far the wheel is turned, until the whole workspace is seen"""
 COLORS = 256
 OUTLINE = "outline"
+BUS_ARM = "so101"
+"""an arm on a servo bus"""
 FEW_WAYS, POINT = "mico", ("350", "-100", "250")
 """an arm whose ways to a point [mm] are few, so that they can be told apart"""
 
@@ -49,6 +51,8 @@ class Picture:
     """None: the whole page"""
     enabled: bool = True
     robot: str = "uzuner"
+    tabs_of: str = "uzuner"
+    """the arm with which its outline is taken"""
 
     @property
     def shows(self) -> tuple[str, ...]:
@@ -156,6 +160,18 @@ def log(screen: Screen) -> None:
     screen.open_tab("Log")
 
 
+def servos(screen: Screen) -> FloatRect:
+    screen.open_tab("Main", "Servos")
+    screen.click("Disconnect the arm")
+    screen.click("Look for the servos")
+    screen.wait_for_text(re.compile("as the arm needs them"))
+    screen.press(screen.page.get_by_role("button", name="Id …").last)
+    screen.type_into("New id", "9")
+    screen.click("Write it")
+    screen.wait_for_text(re.compile("Servo 9 is not one of this arm"))
+    return box(screen.panel("Main"))
+
+
 PICTURES = {
     "main": Picture(("Main",), main_tab, enabled=False),
     "control": Picture((), control),
@@ -170,6 +186,7 @@ PICTURES = {
     "simulation": Picture(("Simulation",), simulation),
     "workspace": Picture(("Simulation",), workspace),
     "calibration": Picture(("Calibration",), calibration),
+    "servos": Picture(("Main",), servos, enabled=False, robot=BUS_ARM, tabs_of=BUS_ARM),
 }
 FILM = "armctl"
 FILM_TABS = ("Control", "Serial motion", "Inverse")
@@ -329,22 +346,23 @@ def main() -> int:
     )
     names = parser.parse_args().names or [*PICTURES, FILM]
     FOLDER.mkdir(exist_ok=True)
-    tabs = outlines()
+    tabs = {robot: outlines(robot) for robot in ("uzuner", BUS_ARM)}
     with sync_playwright() as playwright:
         browser = launch(playwright)
-        for robot in ("uzuner", FEW_WAYS):
+        wanted = {PICTURES[name].robot for name in names if name in PICTURES}
+        for robot in wanted | ({FEW_WAYS} if FILM in names else set[str]()):
             with tempfile.TemporaryDirectory() as folder, serving(Path(folder), "--robot", robot) as url:
                 screen = Screens(browser)(width=WIDTH, height=HEIGHT)
                 for name, picture in PICTURES.items():
                     if name in names and picture.robot == robot:
                         opened(screen, url, picture.enabled)
-                        save(screen, name, picture, outline_of(picture.shows, tabs))
+                        save(screen, name, picture, outline_of(picture.shows, tabs[picture.tabs_of]))
                         print(name, file=sys.stderr)
                 if FILM in names and robot == FEW_WAYS:
                     width, height = _FILM_SIZE
                     screen.page.set_viewport_size({"width": width, "height": height})
                     opened(screen, url, enabled=True)
-                    film(screen).save(FOLDER / f"{FILM}.webp", outline_of(FILM_TABS, tabs))
+                    film(screen).save(FOLDER / f"{FILM}.webp", outline_of(FILM_TABS, tabs["uzuner"]))
                     print(FILM, file=sys.stderr)
                 screen.page.context.close()
         browser.close()

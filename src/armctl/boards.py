@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import logging
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
 from armctl.calibration import CalibrationStore, calibrated
-from armctl.errors import OtherBoardError, PortError
+from armctl.errors import InputError, OtherBoardError, PortError
 from armctl.hardware import BoardType, ByteModel, Driver, Setup
 from armctl.hardware.boards import board_of_address, board_type, channel_settings, find_board_type
 from armctl.hardware.ports import boards_listed_as, find_board, list_ports
+from armctl.hardware.servo_records import KeptSettings, ServoRecords
+from armctl.hardware.servos import ServoSetup
 from armctl.hardware.simulation import TICK_S, BoardServer
-from armctl.hardware.transport import NO_SUCH_PORT, Connection, PortInfo, describe_port
+from armctl.hardware.transport import NO_SUCH_PORT, Connection, PortInfo, SerialTransport, describe_port
 from armctl.robot import Robot
 
+_LOGGER = logging.getLogger("armctl.boards")
 SIMULATED, AUTOMATIC = "sim", "auto"
 SIMULATED_SERIAL = "simulated"
 """what stands for the serial number of a simulated board"""
@@ -55,14 +59,40 @@ class Boards:
         """
         if port == SIMULATED:
             return self._driver(self.simulated().port, simulated=True)
+        return self._driver(self._device(port))
+
+    def servo_setup(self, port: str, served: str | None = None) -> ServoSetup:
+        """The servos on a port, named as for ``driver``, to be set up; nothing is opened yet.
+
+        ``served``: where the simulated board is served already, by another process. Errors as ``driver``, and
+        ``InputError``: the arm's board has no servos that could be set up.
+        """
+        simulated = port == SIMULATED
+        if simulated:
+            device = self.simulated().port if served is None else served
+        else:
+            device = self._device(port)
+        setup = _servo_setup(self._robot, device, self._now, simulated=simulated)
+        if setup is None:
+            board = board_type(self._robot.board)
+            raise InputError(
+                f"{self._robot.title} has a {board.title}: it has no servos that could be set up"
+            )
+        return setup
+
+    def _device(self, port: str) -> str:
+        """The device that a port's name means, checked as for ``driver``."""
         _require_real(port, self._robot)
         if port == AUTOMATIC:
-            return self._real(find_board(self._ports(), self._robot.board).device)
-        named, device = split_kind(port)
-        for board in (named, _listed_as(device, self._ports())):
-            if board is not None:
-                require_kind(self._robot, board, device)
-        return self._real(device)
+            device = find_board(self._ports(), self._robot.board).device
+        else:
+            named, device = split_kind(port)
+            for board in (named, _listed_as(device, self._ports())):
+                if board is not None:
+                    require_kind(self._robot, board, device)
+        if (why := self._held(device)) is not None:
+            raise PortError(f"{device}: {why}")
+        return device
 
     def simulated(self) -> BoardServer[ByteModel]:
         """The simulated board's server, started when it is first asked for."""
@@ -82,11 +112,6 @@ class Boards:
             server, self._simulated = self._simulated, None
         if server is not None:
             server.close()
-
-    def _real(self, device: str) -> Driver:
-        if (why := self._held(device)) is not None:
-            raise PortError(f"{device}: {why}")
-        return self._driver(device)
 
     def _driver(self, line: str, *, simulated: bool = False) -> Driver:
         board = board_type(self._robot.board)
@@ -110,7 +135,28 @@ class Boards:
 
 def setup_of(robot: Robot) -> Setup:
     """What a robot needs of its board."""
-    return Setup(channel_settings(robot), robot.board_settings, robot)
+    return Setup(channel_settings(robot), robot.board_settings, robot, partial(_kept_settings, robot.name))
+
+
+def _kept_settings(robot: str, serial_number: str | None) -> Mapping[int, KeptSettings]:
+    try:
+        return ServoRecords().load(robot, serial_number or UNNUMBERED)
+    except InputError as cause:
+        _LOGGER.warning("what was kept of the servos is not compared with them: %s", cause)
+        return {}
+
+
+def has_servos(robot: Robot) -> bool:
+    """Whether the arm's servos have settings that could be looked at and changed."""
+    return _servo_setup(robot, "", lambda: 0.0, simulated=True) is not None
+
+
+def _servo_setup(
+    robot: Robot, device: str, now: Callable[[], float], *, simulated: bool
+) -> ServoSetup | None:
+    return board_type(robot.board).servo_setup(
+        lambda baud: SerialTransport(device, baud=baud), now, simulated=simulated
+    )
 
 
 def split_kind(port: str) -> tuple[BoardType | None, str]:

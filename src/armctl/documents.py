@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import math
 import os
 import re
@@ -255,6 +256,16 @@ _SAVE_AGAIN = {
     errno.EROFS: "that disk may only be read: allow writing, then save again",
     **dict.fromkeys((errno.EACCES, errno.EPERM), "you may not write there: allow it, then save again"),
 }
+
+
+_UNSAFE = re.compile(r"[^A-Za-z0-9_-]+")
+_LONGEST_NAME = 40
+
+
+def safe_name(text: str) -> str:
+    """A file name for any text: readable where it can be, its own for each text on every file system."""
+    readable = _UNSAFE.sub("_", text)[:_LONGEST_NAME]
+    return f"{readable}-{hashlib.sha256(text.encode(errors='surrogatepass')).hexdigest()[:12]}"
 
 
 def not_written(path: Path, cause: OSError) -> str:

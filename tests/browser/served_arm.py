@@ -156,7 +156,7 @@ def served_arm(folder: Path, robot: str = "uzuner", pin: str = "") -> Iterator[S
         calibration = CalibrationInForce.of(load_robot(name), port, store)
         return console(Arm(TestHost(calibration.robot, pin=pin)), calibration)
 
-    choices = [RobotChoice(name, load_robot(name).title) for name in FIVE]
+    choices = [RobotChoice(name, load_robot(name).title) for name in {robot: None, **dict.fromkeys(FIVE)}]
     begun = CalibrationInForce.of(load_robot(robot), "sim", store)
     arm = Arm(TestHost(begun.robot, pin=pin))
     arm.link.submit(Connect("sim")).result(10)

@@ -3,11 +3,39 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from armctl.boards import setup_of
 from armctl.cli.main import DONE, REFUSED, run
+from armctl.hardware.boards import board_type
+from armctl.hardware.bus import board, setup
+from armctl.hardware.bus.simulated import SimulatedBus
+from armctl.hardware.simulation import BoardServer
+from armctl.protocol import MonotonicClock
+from armctl.robot import load_robot
+
+ROBOT = load_robot("so101")
+
+
+@pytest.fixture
+def bus() -> Iterator[BoardServer[SimulatedBus]]:
+    """A bus that other programs can get at, too."""
+    model = board_type("feetech").simulated(setup_of(ROBOT), {})
+    assert isinstance(model, SimulatedBus)
+    with BoardServer(model, MonotonicClock().now) as server:
+        yield server
+
+
+@pytest.fixture
+def port(bus: BoardServer[SimulatedBus], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "settings"))
+    monkeypatch.setattr(board, "_TIMEOUT_S", 0.15)  # a thread of this test serves it: it may be late
+    monkeypatch.setattr(setup, "_PING_S", 0.02)
+    return bus.port
+
 
 ON_SIM = ["servos", "--port", "sim", "--robot", "so101"]
 
@@ -68,6 +96,35 @@ def test_a_file_of_another_arm_writes_nothing(
     file.write_text(json.dumps(kept))
     assert run([*ON_SIM, "restore", str(file), "--write"]) == REFUSED
     assert words in capsys.readouterr().err
+
+
+def test_a_register_is_written_and_the_command_that_cures_is_named(
+    port: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    on_port = ["servos", "--port", port, "--robot", "so101"]
+    assert run([*on_port, "write", "5", "highest", "2500"]) == DONE
+    assert run(on_port) == REFUSED
+    assert "(write 5 highest 3901)" in capsys.readouterr().out
+    assert run([*on_port, "write", "5", "highest", "3901"]) == DONE
+    assert run([*on_port, "write", "5", "torque", "1"]) == REFUSED
+    assert run([*on_port, "id", "6", "9"]) == DONE
+    capsys.readouterr()
+    assert run([*on_port, "--json"]) == REFUSED
+    told = json.loads(capsys.readouterr().out)["differences"]
+    assert told[0]["fact"] == "ServoSilent" and told[0]["mend"]["new_id"] == 6
+
+
+def test_what_another_program_changes_after_a_save_is_named(
+    port: str, bus: BoardServer[SimulatedBus], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    on_port = ["servos", "--port", port, "--robot", "so101"]
+    assert run([*on_port, "save", str(tmp_path / "so101.json")]) == DONE
+    with bus.inspect() as model:
+        model.servo(3).put("offset", 40)
+    assert run(on_port) == REFUSED
+    assert "homing offset is 40, and was 0 when armctl kept it" in capsys.readouterr().out
+    assert run([*on_port, "write", "3", "offset", "0"]) == DONE
+    assert run(on_port) == DONE
 
 
 def test_a_board_whose_servos_have_no_settings_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

@@ -50,6 +50,16 @@ from armctl.facts import (
     what,
 )
 from armctl.facts.quantities import LevelPassed
+from armctl.facts.servos import (
+    ServoAtBaud,
+    ServoChanged,
+    ServoOffset,
+    ServoRange,
+    ServoSilent,
+    ServoStranger,
+    ServoTold,
+    ServoUnfit,
+)
 from armctl.facts.targets import (
     AnyAngle,
     AtPoint,
@@ -160,6 +170,18 @@ SAMPLES += [
     OneLine(("Joint 4", "Joint 6"), "sum"),
     MayBeHidden(),
     LostAtLimit("Elbow"),
+]
+SAMPLES += [
+    ServoSilent(3, "Elbow"),
+    ServoSilent(4, "Wrist", behind=3),
+    ServoSilent(3, "Elbow", stranger=9),
+    ServoStranger(9),
+    ServoAtBaud(3, 57_600, 1_000_000),
+    ServoUnfit(3, "it is in mode 1"),
+    ServoRange(3, 100, 2500, 946.0, 3150.0),
+    ServoOffset(3, -7),
+    ServoTold(3, "it is too hot"),
+    *(ServoChanged(3, register, 0, 7) for register in ("offset", "lowest", "highest", "mode")),
 ]
 SAMPLES += [Instead("wait"), Instead("go near"), Instead("go near", "elbow-up")]
 NEEDED = AngleNeeded("Elbow", (1.7, -1.8), -1.5, 1.5)

@@ -11,6 +11,7 @@ from tests.hardware.lines import LoopTransport
 
 from armctl.errors import ArmctlError, BoardTimeoutError
 from armctl.hardware import Readback, Setup
+from armctl.hardware.board_type import nothing_kept
 from armctl.hardware.boards import board_type, channel_settings
 from armctl.hardware.bus.driver import BusDriver
 from armctl.hardware.bus.plant import PlantJoint
@@ -50,7 +51,12 @@ class BusBench:
     ) -> None:
         self.robot = load_robot(robot) if isinstance(robot, str) else robot
         board = board_type(self.robot.board)
-        self.setup = Setup(channel_settings(self.robot), self.robot.board_settings, self.robot)
+        self.setup = Setup(
+            channel_settings(self.robot),
+            self.robot.board_settings,
+            self.robot,
+            timing.get("kept", nothing_kept),
+        )
         model = board.simulated(self.setup, options or {})
         assert isinstance(model, SimulatedBus)
         self.bus = model

@@ -1,16 +1,19 @@
-"""The last minute, asked for by clients of the arm process."""
+"""The last minute, and the simulated board, asked for by clients of the arm process."""
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 from tests.process.kit import ROBOT, SECRET, served
 
+from armctl.boards import Boards
 from armctl.errors import BoardError, InputError
 from armctl.process.lines import LocalLine
 from armctl.process.link import Link
-from armctl.protocol import Connect, Enable
+from armctl.protocol import Connect, Enable, MonotonicClock
+from armctl.robot import load_robot
 
 
 def test_a_client_gets_the_last_minute_and_a_closed_one_an_error(tmp_path: Path) -> None:
@@ -44,3 +47,22 @@ def test_a_minute_that_cannot_be_given_is_said_and_asked_for_again(
                 link.black_box()
         assert link.black_box().robot == "uzuner"
         link.close()
+
+
+def test_who_owns_the_arm_sets_servos_up_on_its_simulated_board_and_it_keeps_them(tmp_path: Path) -> None:
+    robot = load_robot("so101")
+    with served(tmp_path, robot) as address:
+        link = Link(LocalLine(address, SECRET), "console", robot)
+        port = link.simulated_port()
+        assert port == link.simulated_port()
+        with (
+            closing(Boards(robot, MonotonicClock().now)) as boards,
+            closing(boards.servo_setup("sim", served=port)) as setup,
+        ):
+            setup.change_id(1_000_000, 6, 9)
+        link.submit(Connect("sim")).result(20)
+        board = link.snapshot.board
+        assert board is not None and board.port == port and "servo 6 of 6 did not answer" in board.earlier[0]
+        link.close()
+        with pytest.raises(BoardError):
+            link.simulated_port()

@@ -17,11 +17,11 @@ from tests.ui.guard_kit import RawPage
 _CAUSE = re.compile("<div class='state.*?</div>")
 
 
-def outlines() -> dict[str, str]:
-    """A line a widget for each tab, and what is around them, as a page has them that was just built."""
+def outlines(robot: str = "uzuner") -> dict[str, str]:
+    """A line a widget for each tab, and what is around them, as a page of ``robot`` has them at first."""
     with (
         tempfile.TemporaryDirectory() as folder,
-        served_arm(Path(folder)) as served,
+        served_arm(Path(folder), robot) as served,
         RawPage(served.app.server.get_port()) as raw,
     ):
         raw.operate()

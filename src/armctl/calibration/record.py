@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 import math
 import os
@@ -23,7 +22,7 @@ from msgspec import Meta
 
 from armctl.arrays import FloatArray
 from armctl.calibration.fit import Mark
-from armctl.documents import Document, DocumentKind, claim, not_written, write_atomically
+from armctl.documents import Document, DocumentKind, claim, not_written, safe_name, write_atomically
 from armctl.errors import CalibrationError
 from armctl.robot import FLATTEST_PER_DEG, Robot
 
@@ -246,8 +245,6 @@ def _numbers(where: str, row: list[str], heads: list[str], delimiter: str) -> li
 
 VERSIONS_KEPT = 50
 _VERSION = re.compile(r"\d{6,}\.toml")
-_UNSAFE = re.compile(r"[^A-Za-z0-9_-]+")
-_LONGEST_NAME = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -361,7 +358,7 @@ class CalibrationStore:
         return tuple(sorted(found, key=lambda one: (one.robot, one.board)))
 
     def _place(self, robot: str, board: str) -> Path:
-        return self.folder / _safe_name(robot) / _safe_name(board)
+        return self.folder / safe_name(robot) / safe_name(board)
 
 
 def renamed(calibration: Calibration, board: str) -> Calibration:
@@ -417,9 +414,3 @@ def _write_next(place: Path, content: bytes) -> Path:
                 return path
         finally:
             claimed.unlink(missing_ok=True)
-
-
-def _safe_name(text: str) -> str:
-    """A file name for any text: readable where it can be, its own for each text on every file system."""
-    readable = _UNSAFE.sub("_", text)[:_LONGEST_NAME]
-    return f"{readable}-{hashlib.sha256(text.encode(errors='surrogatepass')).hexdigest()[:12]}"

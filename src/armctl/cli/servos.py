@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterable, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import click
 
-from armctl.boards import AUTOMATIC, SIMULATED, Boards, require_kind, split_kind
+from armctl.boards import SIMULATED, Boards, board_name
 from armctl.cli.main import DONE, REFUSED
 from armctl.cli.options import ROBOT, json_option, named_port_option, print_json
 from armctl.errors import InputError
+from armctl.facts.words import fact_record
 from armctl.hardware.boards import board_type, channel_settings
-from armctl.hardware.bus.lerobot import KeptServo, changed, read_kept, write_kept
-from armctl.hardware.bus.setup import differences
-from armctl.hardware.ports import find_board, list_ports
-from armctl.hardware.servos import FoundServo, ServoSetup
-from armctl.hardware.transport import SerialTransport
+from armctl.hardware.bus.differences import differences
+from armctl.hardware.bus.lerobot import changed, motor_names, read_kept, require_fits, write_kept
+from armctl.hardware.servo_records import KeptSettings, ServoRecords
+from armctl.hardware.servos import Difference, FoundServo, Mend, ServoSetup
+from armctl.process.registry import holder
 from armctl.protocol import MonotonicClock
 from armctl.robot import Robot, load_robot
 
@@ -37,35 +38,30 @@ class Asked:
 
     @property
     def names(self) -> dict[int, str]:
-        """Of the motors, as LeRobot calls them: joints by their names, and ``gripper``."""
-        outputs = self.robot.outputs
-        names = dict(zip(outputs.channels, self.robot.joint_names, strict=True))
-        names |= {
-            one.channel: f"{self.robot.joint_names[one.joint]}_{one.channel}" for one in outputs.mirrors
-        }
-        return names if outputs.gripper_channel is None else names | {outputs.gripper_channel: "gripper"}
+        """Of the motors, as LeRobot calls them."""
+        return motor_names(self.robot)
 
     @contextmanager
     def setup(self) -> Generator[ServoSetup]:
         """The bus, to be set up."""
-        now, board = MonotonicClock().now, board_type(self.robot.board)
-        with closing(Boards(self.robot, now)) as boards:
-            named, device = split_kind(self.port)
-            if self.port == SIMULATED:
-                device = boards.simulated().port
-            elif self.port == AUTOMATIC:
-                device = find_board(list_ports(), self.robot.board).device
-            elif named is not None:
-                require_kind(self.robot, named, device)
-            setup = board.servo_setup(
-                lambda baud: SerialTransport(device, baud=baud), now, simulated=self.port == SIMULATED
-            )
-            if setup is None:
-                raise InputError(
-                    f"{self.robot.title} has a {board.title}: it has no servos that could be set up"
-                )
-            with closing(setup):
-                yield setup
+        with (
+            closing(Boards(self.robot, MonotonicClock().now, held=holder)) as boards,
+            closing(boards.servo_setup(self.port)) as setup,
+        ):
+            yield setup
+
+    def kept(self) -> Mapping[int, KeptSettings]:
+        """What was kept as right of these servos; nothing of simulated ones, which begin anew each time."""
+        return {} if self.port == SIMULATED else ServoRecords().load(self.robot.name, self._board)
+
+    def keep(self, found: Iterable[FoundServo]) -> None:
+        """From now on these settings are right."""
+        if self.port != SIMULATED:
+            ServoRecords().keep(self.robot.name, self._board, found)
+
+    @property
+    def _board(self) -> str:
+        return board_name(self.port, self.robot)
 
 
 @click.group(invoke_without_command=True)
@@ -85,14 +81,14 @@ def servos(context: click.Context, port: str, robot: str, all_rates: bool, as_js
         return None
     with asked.setup() as setup:
         found = setup.scan(None if all_rates else [asked.baud], likely=asked.names)
-    told = differences(found, channel_settings(asked.robot), asked.baud, asked.names)
+    told = differences(found, channel_settings(asked.robot), asked.baud, asked.names, asked.kept())
     if as_json:
-        print_json({"servos": [asdict(one) for one in found], "differences": [asdict(one) for one in told]})
+        print_json({"servos": [asdict(one) for one in found], "differences": list(map(_record, told))})
     else:
         for one in found:
             click.echo(_line(one, asked.names.get(one.id, "not of this arm")))
         for one in told:
-            click.echo(f"{one.what}{f' -> {one.cure}' if one.cure else ''}")
+            click.echo(f"{one.what}{f' -> {one.cure}' if one.cure else ''}{_command(one.mend, asked.baud)}")
         click.echo(f"{len(found)} servos, {len(told)} differences from {asked.robot.title}")
     return REFUSED if told else DONE
 
@@ -109,7 +105,35 @@ def change_id(asked: Asked, old: int, new: int, baud: int | None) -> None:
     """
     with asked.setup() as setup:
         found = setup.change_id(asked.baud if baud is None else baud, old, new)
+    asked.keep([found])
     click.echo(f"servo {old} has the id {new} now: {_line(found, asked.names.get(new, 'not of this arm'))}")
+
+
+@servos.command("baud")
+@click.argument("servo", type=click.IntRange(0, 252))
+@click.argument("old", type=int)
+@click.pass_obj
+def change_baud(asked: Asked, servo: int, old: int) -> None:
+    """Have SERVO, which answers at the rate OLD, answer at the rate of the arm."""
+    with asked.setup() as setup:
+        found = setup.change_baud(old, servo, asked.baud)
+    click.echo(f"servo {servo} answers at {found.baud} baud now")
+
+
+@servos.command("write")
+@click.argument("servo", type=click.IntRange(0, 252))
+@click.argument("register")
+@click.argument("number", type=int)
+@click.pass_obj
+def write(asked: Asked, servo: int, register: str, number: int) -> None:
+    """Write NUMBER into REGISTER of SERVO, for good.
+
+    REGISTER is offset, lowest, highest, mode, or what the table of its make names.
+    """
+    with asked.setup() as setup:
+        found = Mend(servo, asked.baud, numbers=((register, number),)).carry_out(setup)
+    asked.keep([] if found is None else [found])
+    click.echo(f"servo {servo}: {register} is {number} now")
 
 
 @servos.command("nudge")
@@ -129,13 +153,15 @@ def nudge(asked: Asked, servo: int) -> None:
 @click.argument("file", type=click.Path(path_type=Path))
 @click.pass_obj
 def save(asked: Asked, file: Path) -> None:
-    """Write what stands in the servos to FILE, as LeRobot's calibration.
+    """Write what stands in the servos to FILE, as LeRobot's calibration, and keep it as right.
 
-    FILE can be read by LeRobot, and by `armctl servos restore`.
+    FILE can be read by LeRobot, and by `armctl servos restore`. What another program changes from now on is
+    named.
     """
     with asked.setup() as setup:
         found = {name: _present(setup, asked.baud, servo) for servo, name in asked.names.items()}
     write_kept(file, found)
+    asked.keep(found.values())
     click.echo(f"{file}: {len(found)} servos")
 
 
@@ -148,38 +174,22 @@ def restore(asked: Asked, file: Path, write: bool) -> int:
 
     An offset moves what a servo calls its position: look at the arm's zeros afterwards.
     """
-    kept, names = read_kept(file), {name: servo for servo, name in asked.names.items()}
-    strangers = [name for name in kept if name not in names]
-    if strangers:
-        raise InputError(
-            f"{file}: {asked.robot.title} has no motor {strangers[0]!r}; it has {', '.join(names)}"
-        )
-    for name, one in kept.items():
-        if one.id != names[name]:
-            raise InputError(
-                f"{file}: {name} has the id {one.id}, in {asked.robot.title} it is {names[name]}"
-            )
-        if one.drive_mode:
-            raise InputError(
-                f"{file}: {name} has drive_mode 1; turn its direction round in the robot file (steps_per_deg)"
-            )
-    count = 0
+    kept = read_kept(file)
+    require_fits(kept, asked.robot, str(file))
+    count, found = 0, list[FoundServo]()
     with asked.setup() as setup:
         for name, one in kept.items():
-            count += _restored(setup, asked.baud, name, one, write=write)
+            for register, wanted, has in (differ := changed(one, _present(setup, asked.baud, one.id))):
+                click.echo(f"servo {one.id} ({name}): {register} is {has}, the file has {wanted}")
+                if write:
+                    setup.write(asked.baud, one.id, register, wanted)
+            count += len(differ)
+            found.append(_present(setup, asked.baud, one.id))
+    if write or not count:
+        asked.keep(found)
     did = "written" if write else "differ; --write writes them"
     click.echo(f"{count} registers {did}" if count else "nothing differs")
     return DONE if write or not count else REFUSED
-
-
-def _restored(setup: ServoSetup, baud: int, name: str, kept: KeptServo, *, write: bool) -> int:
-    """List, or write, the registers of a servo that differ; how many do."""
-    differ = changed(kept, _present(setup, baud, kept.id))
-    for register, wanted, has in differ:
-        click.echo(f"servo {kept.id} ({name}): {register} is {has}, the file has {wanted}")
-        if write:
-            setup.write(baud, kept.id, register, wanted)
-    return len(differ)
 
 
 def _present(setup: ServoSetup, baud: int, servo: int) -> FoundServo:
@@ -197,3 +207,21 @@ def _line(one: FoundServo, name: str) -> str:
         f"{one.id:>3}  {name:<16} {one.model}, firmware {one.settings.firmware}, {one.baud} baud, "
         f"at {one.position} steps{volts}{heat}{torque}"
     )
+
+
+def _record(one: Difference) -> Mapping[str, object]:
+    """What differs, in words and as data."""
+    mend = None if one.mend is None else asdict(one.mend)
+    return fact_record(one.fact) | {"servo": one.servo, "what": one.what, "cure": one.cure, "mend": mend}
+
+
+def _command(mend: Mend | None, baud: int) -> str:
+    """What does it, behind ``armctl servos --port … --robot …``."""
+    if mend is None:
+        return ""
+    if mend.new_id is not None:
+        at = "" if mend.baud == baud else f" --baud {mend.baud}"
+        return f" (id {mend.servo} {mend.new_id}{at})"
+    if mend.new_baud is not None:
+        return f" (baud {mend.servo} {mend.baud})"
+    return f" ({', '.join(f'write {mend.servo} {name} {number}' for name, number in mend.numbers)})"

@@ -10,7 +10,18 @@ from enum import Enum
 from types import ModuleType
 from typing import Any, NamedTuple, cast
 
-from armctl.facts import english, english_targets, quantities, reasons, targets, turkish, turkish_targets
+from armctl.facts import (
+    english,
+    english_servos,
+    english_targets,
+    quantities,
+    reasons,
+    servos,
+    targets,
+    turkish,
+    turkish_servos,
+    turkish_targets,
+)
 from armctl.facts.reasons import (
     About,
     Advised,
@@ -43,13 +54,21 @@ class Language(NamedTuple):
     states: Mapping[State, str]
 
 
-def _language(words: Any, of_targets: Any) -> Language:
+def _language(words: Any, of_targets: Any, of_servos: Any) -> Language:
     return Language(
-        {**words.WHAT, **of_targets.WHAT}, words.ADVICE, words.AT, words.STEP, words.MORE, words.STATES
+        {**words.WHAT, **of_targets.WHAT, **of_servos.WHAT},
+        {**words.ADVICE, **of_servos.ADVICE},
+        words.AT,
+        words.STEP,
+        words.MORE,
+        words.STATES,
     )
 
 
-LANGUAGES = {"en": _language(english, english_targets), "tr": _language(turkish, turkish_targets)}
+LANGUAGES = {
+    "en": _language(english, english_targets, english_servos),
+    "tr": _language(turkish, turkish_targets, turkish_servos),
+}
 
 
 def preferred(environment: Mapping[str, str] = os.environ) -> str:
@@ -163,7 +182,7 @@ def _kinds(*modules: ModuleType) -> dict[str, type[Reason]]:
     return {one.__name__: one for one in found if isinstance(one, type) and issubclass(one, Reason)}
 
 
-KINDS = _kinds(reasons, quantities, targets)
+KINDS = _kinds(reasons, quantities, targets, servos)
 _ENUMS = {"need": Need, "state": State}
 
 

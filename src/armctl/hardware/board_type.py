@@ -22,6 +22,7 @@ from armctl.hardware.driver import ChannelScale, ChannelSettings, Driver, transl
 from armctl.robot.board_entries import BoardEntries
 
 if TYPE_CHECKING:
+    from armctl.hardware.servo_records import KeptSettings
     from armctl.hardware.servos import ServoSetup
     from armctl.hardware.transport import Connection, PortInfo, Transport
     from armctl.robot import Robot
@@ -49,6 +50,15 @@ class ByteModel(Protocol):
         """Start anew, as after its reset button or a power cut."""
 
 
+Kept: TypeAlias = "Callable[[str | None], Mapping[int, KeptSettings]]"
+"""the settings of servos that were kept as right, by id, of the board with a serial number"""
+
+
+def nothing_kept(_serial_number: str | None) -> Mapping[int, KeptSettings]:
+    """No settings were kept."""
+    return {}
+
+
 @dataclass(frozen=True, slots=True)
 class Setup:
     """What a robot needs of its board."""
@@ -58,6 +68,7 @@ class Setup:
     """what ``BoardType.entries`` has read from the robot file besides the map of the outputs"""
     robot: Robot | None = None
     """for a simulated board that simulates the arm, too"""
+    kept: Kept = nothing_kept
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +188,7 @@ class BoardType(ABC):
     def servo_setup(
         self, open_line: Callable[[int], Transport], now: Callable[[], float], *, simulated: bool = False
     ) -> ServoSetup | None:
-        """For ``armctl servos``: its servos, to be set up; ``open_line`` opens the port at a baud rate.
+        """Its servos, to be set up; ``open_line`` opens the port at a baud rate, which is not done yet.
 
         None: it has none that could be.
         """

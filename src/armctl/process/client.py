@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.process.connections import Broadcast, Outbox, RecordConnection, nobody, nothing_large
-from armctl.process.limits import MOST_CONTROL_A_SECOND, Meter
+from armctl.process.limits import MOST_CONTROL_A_SECOND, Meter, most_bytes
 from armctl.process.records import (
     CONTROL,
     MOST_ELSE,
@@ -21,12 +21,14 @@ from armctl.process.records import (
     Codec,
     End,
     Hello,
+    Locate,
+    Located,
     Recall,
+    Recalled,
     Refused,
     Stop,
     Trust,
     answer,
-    most_bytes,
 )
 from armctl.protocol import ArmLink, Arrive, Command, ControlCommand, Leave, MovingCommand, Origin, Ticket
 from armctl.protocol.snapshot import printable
@@ -226,6 +228,10 @@ class Client:
                 self._server.ended.set()
             case Recall(number):
                 self._recall(number)
+            case Locate(number):
+                if not self.owns:
+                    raise InputError("only who started the arm may use its simulated board")
+                self._begin(self._locate(number))
             case Beat():
                 pass
             case Trust() | Hello():
@@ -390,9 +396,17 @@ class Client:
             self.outbox.put(answer(number, cause))
         else:
             self._recalled_at = self._loop.time()
-            await self.outbox.recalled(number, content)
+            await self.outbox.reply(Recalled(number, content))
         finally:
             self._recalling = False
+
+    async def _locate(self, number: int) -> None:
+        try:
+            port = await asyncio.to_thread(self._server.arm.simulated_port)
+        except ArmctlError as cause:
+            self.outbox.put(answer(number, cause))
+        else:
+            await self.outbox.reply(Located(number, port))
 
     def _begin(self, work: Awaitable[None]) -> None:
         task = asyncio.ensure_future(work)

@@ -31,6 +31,7 @@ from armctl.process.records import (
     MOST_OF_PROGRAM,
     Answer,
     Codec,
+    Located,
     Logged,
     Recalled,
     Running,
@@ -412,10 +413,10 @@ class Outbox:
                 self._line.abort()
                 raise EOFError from None
 
-    async def recalled(self, number: int, content: bytes) -> None:
-        """Send the last minute."""
+    async def reply(self, record: Recalled | Located) -> None:
+        """Send what was asked for."""
         with suppress(EOFError, ConnectionError):
-            await self.send(self._codec.encode(Recalled(number, content)))
+            await self.send(self._codec.encode(record))
 
     async def feed(self, newest: Callable[[], Snapshot]) -> None:
         """Send what is new, for ever: the newest snapshot, and behind it the answers that belong to it."""

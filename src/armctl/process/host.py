@@ -71,6 +71,10 @@ class Host:
         """The last minute."""
         return self._controller.black_box()
 
+    def simulated_port(self) -> str:
+        """Where the simulated board is served."""
+        return self.boards.simulated().port
+
     def beat(self) -> None:
         """Nothing: who calls is part of the same process."""
 

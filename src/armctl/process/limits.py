@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar, cast
 
 from armctl.errors import InputError
+from armctl.process.records import BIG, CONTROL, MOST_ELSE, MOST_OF_PROGRAM
 
 MOST_BYTES_A_SECOND, MOST_BYTES_WATCHING = 8 * 1024 * 1024, 1024 * 1024
 """of the client that operates, of another one"""
@@ -23,7 +24,15 @@ _AT_ONCE, _REFILL_PER_S, _MOST_SOURCES = 120.0, 10.0, 1000
 """connections of one computer, at once and each second after that; computers that are remembered"""
 MOST_CONTROL_A_SECOND = 20
 """commands of one client about who operates"""
+_MOST_OF_CONTROL = 4 * 1024
 _NETWORK_BITS = 64
+
+
+def most_bytes(tag: str) -> int:
+    """How large a client's record may be that asks for a kind of command."""
+    if tag in CONTROL:
+        return _MOST_OF_CONTROL
+    return MOST_OF_PROGRAM if tag in BIG else MOST_ELSE
 
 
 def source_of(peer: object) -> str:
@@ -82,9 +91,9 @@ class Traffic:
         meter.size += size
         if meter.records > most:
             raise InputError(f"more than {most} records in a second; send less")
-        most_bytes = MOST_BYTES_A_SECOND if operates else MOST_BYTES_WATCHING
-        if meter.size > most_bytes:
-            raise InputError(f"more than {most_bytes >> 20} MiB in a second; send less")
+        largest = MOST_BYTES_A_SECOND if operates else MOST_BYTES_WATCHING
+        if meter.size > largest:
+            raise InputError(f"more than {largest >> 20} MiB in a second; send less")
         if operates:
             return
         self._all.records += records

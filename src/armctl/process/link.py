@@ -31,6 +31,8 @@ from armctl.process.records import (
     Codec,
     End,
     Hello,
+    Locate,
+    Located,
     Logged,
     Recall,
     Recalled,
@@ -99,6 +101,7 @@ class Link:
         """what waits to be sent, with the number of the motion that it asks for, or 0"""
         self._tickets: dict[int, tuple[Ticket, list[TicketAnswer]]] = {}
         self._recalls: dict[int, Future[bytes]] = {}
+        self._locating: dict[int, Future[str]] = {}
         self._answering = threading.RLock()
         """held while tickets are answered: the reader does, and whoever ends the link"""
         self._stops = 0
@@ -184,6 +187,20 @@ class Link:
             return unpacked(recalled.result(_RECALL_S))
         except TimeoutError:
             raise ArmProcessError(f"the arm process gives no black box within {_RECALL_S:g} s") from None
+
+    def simulated_port(self) -> str:
+        """Where its simulated board is served; ``BoardError``: it does not say."""
+        located: Future[str] = Future()
+        with self._lock:
+            if self._lost is not None or self._closing:
+                raise ArmProcessError(self._lost or "the arm is being closed")
+            number = next(self._numbers)
+            self._locating[number] = located
+            self._put(self._codec.encode(Locate(number)))
+        try:
+            return located.result(_RECALL_S)
+        except TimeoutError:
+            raise ArmProcessError(f"no simulated board is served within {_RECALL_S:g} s") from None
 
     def beat(self) -> None:
         """Give a sign of life; more often than ``SILENCE_S`` while the arm moves. One too many is no harm."""
@@ -335,6 +352,11 @@ class Link:
                     recalled = self._recalls.pop(number, None)
                 if recalled is not None:
                     recalled.set_result(content)
+            case Located(number, port):
+                with self._lock:
+                    located = self._locating.pop(number, None)
+                if located is not None:
+                    located.set_result(port)
             case Refused(error):
                 raise ArmProcessError(f"the arm process refused: {error}")
             case _:
@@ -344,11 +366,11 @@ class Link:
     def _answer(self, number: int, record: Answer) -> None:
         with self._lock:
             waiting = self._tickets.get(number)
-            recalled = self._recalls.pop(number, None)
+            asked = self._recalls.pop(number, None) or self._locating.pop(number, None)
             if record.finished:
                 self._tickets.pop(number, None)
-        if recalled is not None:
-            recalled.set_exception(ArmProcessError(record.error))
+        if asked is not None:
+            asked.set_exception(ArmProcessError(record.error))
         if waiting is None:
             return
         ticket, answers = waiting
@@ -366,11 +388,12 @@ class Link:
                 return
             self._lost = why
             waiting, self._tickets = list(self._tickets.values()), {}
-            recalls, self._recalls = list(self._recalls.values()), {}
+            asked = [*self._recalls.values(), *self._locating.values()]
+            self._recalls, self._locating = {}, {}
             self._out.clear()
             self._lock.notify_all()
-        for recalled in recalls:
-            recalled.set_exception(ArmProcessError(why))
+        for one in asked:
+            one.set_exception(ArmProcessError(why))
         with self._answering:
             for ticket, answers in waiting:
                 ticket.end(StateError(why))

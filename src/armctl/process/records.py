@@ -42,7 +42,6 @@ MOST_OF_PROGRAM = 4 * 1024 * 1024
 """bytes of a client's program, or trajectory: 20,000 steps are 2.4 MiB, 100 s of samples 3"""
 MOST_ELSE = 256 * 1024
 """bytes of a client's other records"""
-_MOST_OF_CONTROL = 4 * 1024
 _LONGEST_STEP = 16 * 1024
 """bytes of a step of a program"""
 BEAT_S = 0.1
@@ -132,7 +131,13 @@ class Recall(Request, frozen=True):
     id: Number
 
 
-FromClient = Trust | Hello | Ask | Stop | Beat | End | Recall
+class Locate(Request, frozen=True):
+    """Say where the simulated board is served; answered by ``Located``. For who owns the arm."""
+
+    id: Number
+
+
+FromClient = Trust | Hello | Ask | Stop | Beat | End | Recall | Locate
 
 
 # From the arm process.
@@ -190,13 +195,20 @@ class Recalled(Record, frozen=True):
     content: bytes
 
 
+class Located(Record, frozen=True):
+    """Where it is served."""
+
+    id: int
+    port: str
+
+
 class Refused(Record, frozen=True):
     """A record that is none; the connection is closed behind it."""
 
     error: str
 
 
-FromArm = Welcome | Seen | Logged | Running | Answer | Recalled | Refused
+FromArm = Welcome | Seen | Logged | Running | Answer | Recalled | Located | Refused
 
 
 # Encoding and decoding.
@@ -393,13 +405,6 @@ def _checked(command: Command) -> Command:
     return msgspec.structs.replace(command, **changes) if changes else command
 
 
-def most_bytes(tag: str) -> int:
-    """How large a client's record may be that asks for a kind of command."""
-    if tag in CONTROL:
-        return _MOST_OF_CONTROL
-    return MOST_OF_PROGRAM if tag in BIG else MOST_ELSE
-
-
 # Errors keep their class where a program may catch it.
 
 _ERRORS = {
@@ -441,7 +446,5 @@ def light(snapshot: Snapshot) -> Snapshot:
 
 def new_events(events: tuple[Event, ...], told: Event | None) -> tuple[Event, ...]:
     """Those behind the one that was told last."""
-    for k in range(len(events) - 1, -1, -1):
-        if events[k] is told:
-            return events[k + 1 :]
-    return events
+    start = next((k for k in range(len(events), 0, -1) if events[k - 1] is told), 0)
+    return events[start:]

@@ -371,6 +371,10 @@ class ArmLink(Protocol):
         """The last minute of it. May wait for it; ``BoardError``: it cannot be had."""
         ...
 
+    def simulated_port(self) -> str:
+        """Where its simulated board is served, begun where need be. May wait; ``BoardError``: nowhere."""
+        ...
+
     def close(self) -> None:
         """Bring the arm to rest, close the line, end. May be called more than once."""
         ...

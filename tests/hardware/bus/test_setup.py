@@ -10,11 +10,14 @@ import pytest
 from tests.hardware.bus_kit import BusBench, TimedLoop
 
 from armctl.errors import BoardError, BoardTimeoutError, InputError
+from armctl.facts.servos import ServoAtBaud, ServoChanged, ServoRange, ServoSilent, ServoStranger
+from armctl.hardware.bus.differences import differences
 from armctl.hardware.bus.lerobot import changed, read_kept, write_kept
-from armctl.hardware.bus.setup import BusSetup, differences
+from armctl.hardware.bus.setup import BusSetup
 from armctl.hardware.faults import Fault
 from armctl.hardware.feetech.make import FEETECH
-from armctl.hardware.servos import Difference
+from armctl.hardware.servo_records import KeptSettings, ServoRecords
+from armctl.hardware.servos import Difference, Mend
 from armctl.robot import load_robot
 
 ROBOT = load_robot("so101")
@@ -133,8 +136,9 @@ def test_a_loose_plug_is_told_by_the_first_servo_behind_it(desk: Desk):
 def test_a_servo_with_another_id_is_told_with_the_command_that_mends_it(desk: Desk):
     desk.bus.servo(3).put("id", 9)
     told = desk.told()
-    assert told[0].servo == 3 and "armctl servos id 9 3" in told[0].cure
-    assert told[-1] == Difference(9, told[-1].what, told[-1].cure)
+    assert told[0].fact == ServoSilent(3, "elbow_flex", stranger=9)
+    assert told[0].mend == Mend(9, BAUD, new_id=3)
+    assert told[-1] == Difference(9, ServoStranger(9))
 
 
 @pytest.mark.parametrize(
@@ -150,6 +154,104 @@ def test_what_another_tool_left_in_the_eeprom_is_named(desk: Desk, register: str
     desk.bus.servo(5).put(register, number)
     told = desk.told()
     assert [one.servo for one in told] == [5] and words in told[0].what
+
+
+@pytest.mark.parametrize(
+    ("register", "number"), [("mode", 1), ("phase", 28), ("highest", 2500), ("status_level", 0)]
+)
+def test_the_cure_of_a_register_is_written_locked_and_ends_the_difference(
+    desk: Desk, register: str, number: int
+):
+    servo = desk.bus.servo(5)
+    servo.put(register, number)
+    (told,) = desk.told()
+    assert told.mend is not None and told.mend.carry_out(desk.setup) is not None
+    assert desk.told() == [] and servo.get("lock") == 1
+    desk.cut_power()
+    assert desk.told() == []
+
+
+def test_limits_are_widened_only_as_far_as_the_joint_needs(desk: Desk):
+    desk.bus.servo(5).put("highest", 2500)
+    desk.bus.servo(5).put("lowest", 10)
+    (told,) = desk.told()
+    assert told.fact == ServoRange(5, 10, 2500, 259.0, 3901.0)
+    assert told.mend == Mend(5, BAUD, numbers=(("highest", 3901),))
+
+
+def test_a_register_that_is_not_kept_or_not_there_is_refused_by_name(desk: Desk):
+    for name in ("torque", "colour"):
+        with pytest.raises(InputError, match=f"keeps no '{name}'; it keeps .*offset"):
+            desk.setup.write(BAUD, 5, name, 1)
+
+
+# Baud rates.
+
+
+def test_a_servo_that_is_set_to_another_rate_is_looked_for_at_that(desk: Desk):
+    found = desk.setup.change_baud(57_600, 3, BAUD)
+    assert (found.baud, desk.bus.servo(3).get("baud"), desk.bus.servo(3).get("lock")) == (BAUD, 0, 1)
+    assert desk.opened == [57_600, BAUD]
+    with pytest.raises(InputError, match="9600 baud"):
+        desk.setup.change_baud(BAUD, 3, 9_600)
+    desk.bus.servo(3).written(40, b"\1")
+    with pytest.raises(BoardError, match="torque of servo 3 is on"):
+        desk.setup.change_baud(BAUD, 3, 57_600)
+
+
+def test_a_servo_at_another_rate_is_a_difference_with_its_cure(desk: Desk):
+    (one,) = desk.setup.scan([57_600], [3])
+    channels = [one for one in desk.bench.setup.channels if one.channel == 3]
+    (told,) = differences([one], channels, BAUD, NAMES)
+    assert told.fact == ServoAtBaud(3, 57_600, BAUD) and told.mend == Mend(3, 57_600, new_baud=BAUD)
+
+
+# What was kept as right.
+
+
+def test_what_another_program_changed_since_it_was_kept_is_named_with_what_it_was(desk: Desk, tmp_path: Path):
+    records, found = ServoRecords(tmp_path), desk.setup.scan([BAUD], range(12))
+    assert records.load("so101", "A1") == {}
+    records.keep("so101", "A1", found)
+    desk.bus.servo(4).put("offset", -120)
+    kept = records.load("so101", "A1")
+    told = differences(desk.setup.scan([BAUD], range(12)), desk.bench.setup.channels, BAUD, NAMES, kept)
+    assert [one.fact for one in told] == [ServoChanged(4, "offset", 0, -120)]
+    assert told[0].mend == Mend(4, BAUD, numbers=(("offset", 0),))
+    one = desk.setup.look(BAUD, 4)
+    assert one is not None
+    kept = records.keep("so101", "A1", [one])
+    assert kept[4].offset == -120 and kept[3].offset == 0 and len(kept) == 6
+    assert differences([*found[:3], one, *found[4:]], desk.bench.setup.channels, BAUD, NAMES, kept) == []
+    assert records.load("so101", "B2") == {}
+
+
+def test_a_record_that_cannot_be_read_is_refused_by_its_file(desk: Desk, tmp_path: Path):
+    records = ServoRecords(tmp_path)
+    records.keep("so101", "A1", desk.setup.scan([BAUD], [1]))
+    (file,) = tmp_path.glob("*/*.toml")
+    text = file.read_text()
+    for bad, words in (
+        (text.replace("mode", "mood"), "mood"),
+        (text.replace("servos.1", "servos.one"), "servos.one"),
+        (text.replace("A1", "B2"), "board B2"),
+    ):
+        file.write_text(bad)
+        with pytest.raises(InputError, match=words) as refused:
+            records.load("so101", "A1")
+        assert file.name in str(refused.value)
+
+
+@pytest.mark.parametrize("changed_since", [True, False])
+def test_a_change_by_another_program_is_named_at_connect_and_nothing_is_written(changed_since: bool):
+    kept = {servo: KeptSettings(0, 0, 4095, 0) for servo in range(1, 7)}
+    bench = BusBench(ROBOT, kept=lambda _: kept)
+    lowest = 300 if changed_since else 0
+    bench.bus.servo(2).put("lowest", lowest)
+    told = bench.open().identity.earlier
+    assert len(told) == changed_since
+    assert all("servo 2: its lowest position is 300, and was 0" in one for one in told)
+    assert bench.bus.servo(2).get("lowest") == lowest
 
 
 # LeRobot's files.

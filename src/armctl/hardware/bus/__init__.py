@@ -75,4 +75,4 @@ class BusEntries(ServoEntries):
 
 SERVO_ENTRIES = BusEntries("steps", "steps", "range_steps", 0.0, 4095.0)
 """what a robot file says of a servo; its channel is its id"""
-EEPROM_ADVICE = "armctl writes nothing into a servo's EEPROM unasked: see `armctl servos`"
+EEPROM_ADVICE = "armctl writes nothing into a servo's EEPROM unasked: see Main → Servos, or `armctl servos`"

@@ -16,6 +16,7 @@ from armctl.hardware.board_type import (
     Setup,
     SimulatorOption,
     SimulatorOptions,
+    nothing_kept,
 )
 from armctl.hardware.bus import SERVO_ENTRIES, BusSettings
 from armctl.hardware.driver import Driver
@@ -73,7 +74,8 @@ class BusBoard(BoardType):
         ids = [one.channel for one in setup.channels]
         gripper = None if setup.robot is None else setup.robot.outputs.gripper_channel
         settings = setup.settings if isinstance(setup.settings, BusSettings) else BusSettings()
-        return BusDriver(connection, self.make(), ids, timeout_s, settings, gripper, self.notes)
+        kept = nothing_kept if connection.simulated else setup.kept  # simulated servos begin anew each time
+        return BusDriver(connection, self.make(), ids, timeout_s, settings, gripper, self.notes, kept)
 
     def settings_type(self) -> type[BusSettings]:
         """How strong the servos may be, and their supply."""

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, EnableError
-from armctl.hardware.bus import EEPROM_ADVICE, SCALE, BusSettings
+from armctl.hardware.board_type import Kept, nothing_kept
+from armctl.hardware.bus import SCALE, BusSettings
 from armctl.hardware.bus.known import DOUBTED, KnownServo
 from armctl.hardware.bus.line import BusLine
 from armctl.hardware.bus.make import SAG_DEG, Limits, ServoMake, Telemetry, bring_on
-from armctl.hardware.bus.who import missing_words, nobody_words
+from armctl.hardware.bus.who import missing_words, nobody_words, settings_words
 from armctl.hardware.driver import (
     Abilities,
     BoardIdentity,
@@ -58,12 +59,13 @@ class BusDriver(Abilities):
         settings: BusSettings,
         gripper: int | None = None,
         notes: Sequence[str] = (),
+        kept: Kept = nothing_kept,
     ) -> None:
         """``servos``: the ids that the robot has, base first; ``timeout_s``: how long an answer may take.
 
-        Where something stops the servo ``gripper``, it holds that and goes on.
+        What stops the servo ``gripper``, it holds, and goes on. ``kept``: as in ``Setup``.
         """
-        self._connection, self._make, self._timeout_s = connection, make, timeout_s
+        self._connection, self._make, self._timeout_s, self._kept = connection, make, timeout_s, kept
         self._sag = make.still_steps * SAG_DEG
         self._gone_s = _GONE_SIMULATED_S if connection.simulated else _GONE_S
         self._gripper, self._notes = gripper, tuple(notes)
@@ -78,21 +80,21 @@ class BusDriver(Abilities):
         """Open the line, see which servos answer, and read what stands in their EEPROM."""
         self.close()
         transport, info = self._connection.open()
-        baud = self._connection.baud
+        baud, serial = self._connection.baud, info.serial_number if info else None
         line = self._line = BusLine(transport, self._make.form, self._now, self._timeout_s, baud)
         self._servos = {
             one: KnownServo(one, torque=self._torque.get(one, 1.0), supply_v=self._supply_v)
             for one in self._ids
         }
         try:
-            earlier = self._look_round(line)
+            earlier = self._look_round(line, serial)
         except ArmctlError:
             self.close()
             raise
         return BoardIdentity(
             kind=self._make.title,
             port=line.name,
-            serial_number=info.serial_number if info else None,
+            serial_number=serial,
             simulated=self._connection.simulated,
             notes=() if self._connection.simulated else self._notes,
             earlier=earlier,
@@ -231,9 +233,9 @@ class BusDriver(Abilities):
     def _now(self) -> float:
         return self._connection.now()
 
-    def _look_round(self, line: BusLine) -> tuple[str, ...]:
+    def _look_round(self, line: BusLine, serial: str | None) -> tuple[str, ...]:
         """Who answers; in words, what is unusual."""
-        ids = self._ids
+        ids, kept = self._ids, self._kept(serial)
         model = self._make.table["model"]
         came = any([line.look_for_echo(servo, model.address) for servo in ids[:1]])
         found = [servo for servo in ids if line.ping(servo) is not None]
@@ -248,9 +250,7 @@ class BusDriver(Abilities):
             except BoardTimeoutError:
                 one.gone = True
                 continue
-            notes += [f"servo {servo}: {words}" for words in one.settings.findings]
-            if one.settings.unfit is not None:
-                notes.append(f"servo {servo}: {one.settings.unfit}; {EEPROM_ADVICE}")
+            notes += settings_words(servo, one.settings, kept.get(servo))
         for servo in set(ids) - set(found):
             self._servos[servo].gone = True
         return (*missing_words(ids, found), *notes)

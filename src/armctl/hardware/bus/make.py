@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from armctl.errors import BoardError, BoardTimeoutError, EnableError
+from armctl.errors import BoardError, BoardTimeoutError, EnableError, InputError
 from armctl.hardware.bus.line import BusLine
 from armctl.hardware.bus.packets import BusPacket, PacketForm
 from armctl.hardware.bus.table import ControlTable
@@ -80,6 +80,11 @@ class ServoMake(ABC):
     steps_per_turn: int
     bauds: Sequence[int]
     """all that its servos may be set to, the likeliest first"""
+    baud_register: str
+    baud_numbers: Mapping[int, int]
+    """by rate, what stands for it in that register"""
+    registers: Mapping[str, str]
+    """what its table calls ``offset``, ``lowest``, ``highest`` and ``mode``, where it calls them otherwise"""
     telemetry: Block
     """read from all servos at each reading"""
     in_turn: Sequence[Block] = ()
@@ -129,6 +134,14 @@ class ServoMake(ABC):
     def lock(self, line: BusLine, servo: int) -> None:  # noqa: B027
         """Protect its EEPROM again."""
 
+    def require_limp(self, line: BusLine, servo: int) -> None:
+        """Refuse (``BoardError``) to write the EEPROM of a servo whose torque is on."""
+        torque = self.table["torque"]
+        if any(line.read(servo, torque.address, torque.size).data):
+            raise BoardError(
+                f"the torque of servo {servo} is on: release the arm before its EEPROM is written"
+            )
+
     def write_kept(
         self, line: BusLine, servo: int, name: str, number: int, answers_as: int | None = None
     ) -> None:
@@ -136,13 +149,12 @@ class ServoMake(ABC):
 
         ``BoardError``: its torque is on, or it did not take the number.
         """
+        if name not in self.table or not self.table[name].kept:
+            kept = ", ".join(one.name for one in self.table.registers if one.kept and one.writable)
+            raise InputError(f"servo {servo} keeps no {name!r}; it keeps {kept}")
         register = self.table[name]
         data = self.table.encode(name, number)
-        torque = self.table["torque"]
-        if any(line.read(servo, torque.address, torque.size).data):
-            raise BoardError(
-                f"the torque of servo {servo} is on: release the arm before its EEPROM is written"
-            )
+        self.require_limp(line, servo)
         self.unlock(line, servo)
         after = servo
         try:

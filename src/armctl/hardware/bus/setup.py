@@ -1,17 +1,16 @@
-"""Setting servos up: who is on a bus, what differs from what an arm needs, and one change at a time.
+"""Setting servos up: who is on a bus, and one change at a time.
 
 Nothing here runs while an arm is connected: whoever sets servos up has the line for himself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from armctl.errors import BoardError, BoardTimeoutError, InputError, out_of_range
 from armctl.hardware.bus.line import ATTEMPTS, BusLine
 from armctl.hardware.bus.make import Limits, ServoMake, bring_on
-from armctl.hardware.driver import ChannelSettings
-from armctl.hardware.servos import Difference, FoundServo
+from armctl.hardware.servos import FoundServo
 from armctl.hardware.transport import Transport
 
 IDS = range(253)
@@ -38,7 +37,7 @@ class BusSetup:
         """``timeout_s``: how long an answer of a servo that is there may take."""
         self._timeout_s = timeout_s
         self._make, self._open_line, self._now = make, open_line, now
-        self._ping_s = _SIMULATED_PING_S if simulated else _PING_S
+        self._simulated, self._ping_s = simulated, _SIMULATED_PING_S if simulated else _PING_S
         self._line: BusLine | None = None
         self._baud = 0
 
@@ -70,6 +69,8 @@ class BusSetup:
         ``progress`` is called with the share of the work that is done, and may raise to end it.
         """
         rates, wanted, sure = list(bauds or self._make.bauds), list(ids), set(likely)
+        if self._simulated:  # its servos answer at whatever rate they are asked
+            rates = rates[:1]
         found: list[FoundServo] = []
         for i, baud in enumerate(rates):
             line = self.at(baud)
@@ -128,9 +129,29 @@ class BusSetup:
             raise BoardError(f"servo {old} did not take the id {new}; look again with `armctl servos`")
         return found
 
+    def change_baud(self, baud: int, servo: int, new: int) -> FoundServo:
+        """Have a servo answer at the rate ``new``, by its EEPROM, and see that it does.
+
+        ``InputError``: its make has no such rate; ``BoardError``: its torque is on, or it did not take it.
+        """
+        make = self._make
+        if new not in make.baud_numbers:
+            rates = ", ".join(map(str, make.bauds))
+            raise InputError(f"a rate of {new} baud; the servos of a {make.title} have {rates}")
+        line, (name, number) = self.at(baud), (make.baud_register, make.baud_numbers[new])
+        make.require_limp(line, servo)
+        make.unlock(line, servo)
+        line.write(servo, make.table[name].address, make.table.encode(name, number))
+        at = new if self.at(new).ping(servo) is not None else baud
+        make.lock(self.at(at), servo)
+        found = self.look(at, servo)
+        if found is None or at != new:
+            raise BoardError(f"servo {servo} did not take {new} baud; look for it at every rate")
+        return found
+
     def write(self, baud: int, servo: int, name: str, number: int) -> None:
         """Write a register of its EEPROM, lock it, and see that it is there."""
-        self._make.write_kept(self.at(baud), servo, name, number)
+        self._make.write_kept(self.at(baud), servo, self._make.registers.get(name, name), number)
 
     def nudge(self, baud: int, servo: int, degrees: float = NUDGE_DEG) -> None:
         """Turn it a little and back, weakly, to show which one it is; limp afterwards if it was before."""
@@ -171,64 +192,3 @@ _NUDGE_STEPS = 15
 
 def _ramp(start: int, end: int) -> list[int]:
     return [round(start + (end - start) * k / _NUDGE_STEPS) for k in range(1, _NUDGE_STEPS + 1)]
-
-
-def differences(
-    found: Sequence[FoundServo],
-    channels: Sequence[ChannelSettings],
-    baud: int,
-    names: Mapping[int, str],
-) -> list[Difference]:
-    """What is not as an arm needs it, in the order of its chain; ``names`` of its joints by servo."""
-    by_id: dict[int, list[FoundServo]] = {}
-    for one in found:
-        by_id.setdefault(one.id, []).append(one)
-    told: list[Difference] = []
-    wanted = [one.channel for one in channels]
-    missing = [servo for servo in wanted if servo not in by_id]
-    strangers = [servo for servo in by_id if servo not in wanted]
-    behind = missing and missing == wanted[wanted.index(missing[0]) :]
-    for servo in missing:
-        what = f"servo {servo} ({names.get(servo, 'joint')}) does not answer"
-        if behind and len(missing) > 1:
-            cure = f"look at the plug before servo {missing[0]}: all behind it are silent"
-        elif strangers:
-            cure = f"if it is the one that answers as {strangers[0]}: armctl servos id {strangers[0]} {servo}"
-        else:
-            cure = "look at its plug; a new servo has the id 1: plug it in alone and give it its id"
-        told.append(Difference(servo, what, cure))
-    for settings in channels:
-        for one in by_id.get(settings.channel, ()):
-            told += _of_one(one, settings, baud)
-    told += [
-        Difference(
-            servo, f"servo {servo} is not one of this arm", "unplug it, or give it the id that is missing"
-        )
-        for servo in strangers
-    ]
-    return told
-
-
-def _of_one(one: FoundServo, needs: ChannelSettings, baud: int) -> list[Difference]:
-    told: list[Difference] = []
-    own = one.settings
-    if one.baud != baud:
-        told.append(
-            Difference(one.id, f"servo {one.id} answers at {one.baud} baud", f"armctl speaks {baud}: set it")
-        )
-    if own.unfit is not None:
-        told.append(Difference(one.id, f"servo {one.id}: {own.unfit}", "write the register that is named"))
-    elif needs.minimum < own.lowest or needs.maximum > own.highest:
-        told.append(
-            Difference(
-                one.id,
-                f"servo {one.id}: its own limits {own.lowest} … {own.highest} cut off a part of the "
-                f"{needs.minimum:g} … {needs.maximum:g} steps of the robot file",
-                "widen them, or narrow the limits of the joint",
-            )
-        )
-    offset = (f"its homing offset is {own.offset} steps",) if own.offset else ()
-    told += [
-        Difference(one.id, f"servo {one.id}: {words}", "") for words in (*own.findings, *offset, *one.faults)
-    ]
-    return told

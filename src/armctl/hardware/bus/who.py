@@ -1,11 +1,15 @@
-"""In words, who of a chain of servos does not answer, and where to look."""
+"""In words, who of a chain does not answer, and where to look; what is unusual of who does."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+from armctl.facts import say
+from armctl.hardware.bus import EEPROM_ADVICE
 from armctl.hardware.bus.line import BusLine
 from armctl.hardware.driver import numbered
+from armctl.hardware.servo_records import KeptSettings, changes
+from armctl.hardware.servos import ServoSettings
 
 
 def missing_words(ids: Sequence[int], found: Sequence[int]) -> tuple[str, ...]:
@@ -35,3 +39,11 @@ def nobody_words(line: BusLine, ids: Sequence[int], *, came: bool) -> str:
         f"{line.name}: no servo answers ({numbered('servo', ids)} were asked). Are they powered (USB "
         "alone does not feed them), is the first plug in, and is this the adapter's port?"
     )
+
+
+def settings_words(servo: int, settings: ServoSettings, kept: KeptSettings | None) -> list[str]:
+    """What is unusual of the settings of a servo, and what has changed since they were kept."""
+    told = [f"servo {servo}: {words}" for words in settings.findings]
+    if settings.unfit is not None:
+        told.append(f"servo {servo}: {settings.unfit}; {EEPROM_ADVICE}")
+    return [*told, *(f"{say(change)}; {EEPROM_ADVICE}" for change in changes(servo, settings, kept))]

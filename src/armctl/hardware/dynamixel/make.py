@@ -151,6 +151,18 @@ class DynamixelMake(ServoMake):
     table = TABLE
     steps_per_turn = STEPS_PER_TURN
     bauds = BAUDS
+    baud_register = "baud_rate"
+    baud_numbers = MappingProxyType(
+        {9_600: 0, 57_600: 1, 115_200: 2, 1_000_000: 3, 2_000_000: 4, 3_000_000: 5, 4_000_000: 6}
+    )
+    registers = MappingProxyType(
+        {
+            "offset": "homing_offset",
+            "lowest": "min_position_limit",
+            "highest": "max_position_limit",
+            "mode": "operating_mode",
+        }
+    )
     telemetry = Block(98, 49)
     in_turn = (_STATE,)
     goal_address = 116
@@ -209,8 +221,9 @@ class DynamixelMake(ServoMake):
             lowest,
             highest,
             offset,
+            mode,
             tuple(findings),
-            _unfit(mode, drive, lowest, highest),
+            *_unfit(mode, drive, lowest, highest),
             QuantityLimits(
                 temperature_c=self.table.value("temperature_limit", data, 0) or None,  # 0: it has none
                 voltage_v=self.table.value("min_voltage_limit", data, 0) or None,
@@ -313,15 +326,20 @@ def _in_words(errors: int) -> tuple[str, ...]:
     return tuple(words for bit, words in ERRORS.items() if errors & bit)
 
 
-def _unfit(mode: int, drive: int, lowest: int, highest: int) -> str | None:
-    """Why no torque may be switched on."""
+def _unfit(
+    mode: int, drive: int, lowest: int, highest: int
+) -> tuple[str | None, tuple[tuple[str, int], ...]]:
+    """Why no torque may be switched on, and what to write so that it may."""
     if mode not in (POSITION, CURRENT_BASED):
-        return f"it is in mode {mode} (register 11); mode 3 controls its position within one turn"
+        why = f"it is in mode {mode} (register 11); mode 3 controls its position within one turn"
+        return why, (("mode", POSITION),)
     if drive & GOAL_IS_TORQUE_ON:
-        return "a goal switches its torque on by itself (bit 3 of register 10): after a restart it would jump"
+        why = "a goal switches its torque on by itself (bit 3 of register 10): after a restart it would jump"
+        return why, (("drive_mode", drive & ~GOAL_IS_TORQUE_ON),)
     if lowest >= highest:
-        return f"its limits are {lowest} … {highest} steps (registers 52 and 48): none is left"
-    return None
+        why = f"its limits are {lowest} … {highest} steps (registers 52 and 48): none is left"
+        return why, (("lowest", 0), ("highest", STEPS_PER_TURN - 1))
+    return None, ()
 
 
 DYNAMIXEL = DynamixelMake()

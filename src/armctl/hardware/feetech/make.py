@@ -101,6 +101,9 @@ class FeetechMake(ServoMake):
     table = TABLE
     steps_per_turn = STEPS_PER_TURN
     bauds = BAUDS
+    baud_register = "baud"
+    baud_numbers = MappingProxyType({baud: number for number, baud in enumerate(BAUDS)})
+    registers = MappingProxyType[str, str]({})
     telemetry = Block(40, 31)
     keeps_limit = True
     goal_address = 42
@@ -127,19 +130,23 @@ class FeetechMake(ServoMake):
         data, t = line.read(servo, _KEPT.address, _KEPT.size).data, self.table
         mode, phase = t.decode("mode", data, _KEPT.address), t.decode("phase", data, _KEPT.address)
         lowest, highest = t.decode("lowest", data, _KEPT.address), t.decode("highest", data, _KEPT.address)
-        unfit = None
+        unfit, cure = None, tuple[tuple[str, int], ...]()
         findings: list[str] = []
         if mode != 0:
+            cure = (("mode", 0),)
             unfit = f"it is in mode {mode} (register 33), which does not control its position; mode 0 does"
         elif phase & MULTI_TURN:
+            cure = (("phase", phase & ~MULTI_TURN),)
             unfit = "it counts over several turns (bit 4 of register 18), so its positions leave 0 … 4095"
         elif lowest >= highest:
+            cure = (("lowest", 0), ("highest", STEPS_PER_TURN - 1))
             if lowest == highest == 0:  # no limits: it turns without end
                 unfit = "it has no limits (registers 9 and 11 are 0)"
             else:
                 unfit = f"its limits are {lowest} … {highest} steps (registers 9 and 11): none is left"
         if unfit is None and t.decode("status_level", data, _KEPT.address) == 0:
             unfit = "it does not confirm what is written (register 8 is 0; 1 is right)"
+            cure = (("status_level", 1),)
         model = t.decode("model", data, _KEPT.address)
         if model not in self.models:
             findings.append(f"its model number {model} is not known; it is taken for an STS servo")
@@ -150,8 +157,10 @@ class FeetechMake(ServoMake):
             lowest,
             highest,
             offset,
+            mode,
             tuple(findings),
             unfit,
+            cure,
             QuantityLimits(
                 load=t.decode("overload_torque", data, _KEPT.address) / 100 or None,  # 0: it has none
                 temperature_c=t.value("hottest", data, _KEPT.address) or None,
@@ -214,13 +223,19 @@ class FeetechMake(ServoMake):
 
     def unlock(self, line: BusLine, servo: int) -> None:
         """Without it the servo takes what is written, and forgets it at the next power cut."""
-        self._write(line, servo, "lock", 0)
+        self._set_lock(line, servo, 0)
 
     def lock(self, line: BusLine, servo: int) -> None:
-        """And see that it is locked: an open EEPROM is what makes servos seem dead later."""
-        self._write(line, servo, "lock", 1)
-        if line.read(servo, self.table["lock"].address, 1, more=True).data[0] != 1:
-            raise BoardError(f"servo {servo} did not lock its EEPROM again; try once more")
+        """An open EEPROM is what makes servos seem dead later."""
+        self._set_lock(line, servo, 1)
+
+    def _set_lock(self, line: BusLine, servo: int, lock: int) -> None:
+        """It is read back: a servo of status level 0 confirms nothing that it is told."""
+        address = self.table["lock"].address
+        line.write(servo, address, bytes((lock,)))
+        if line.read(servo, address, 1, more=True).data[0] != lock:
+            did = "lock" if lock else "open"
+            raise BoardError(f"servo {servo} did not {did} its EEPROM; try once more")
 
     def _write(self, line: BusLine, servo: int, name: str, number: int) -> None:
         data = self.table.encode(name, number)

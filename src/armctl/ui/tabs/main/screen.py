@@ -11,6 +11,7 @@ import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
+from armctl.boards import has_servos
 from armctl.errors import InputError
 from armctl.facts import Need, State
 from armctl.hardware.boards import board_type
@@ -34,6 +35,7 @@ from armctl.ui.offers import Disableable
 from armctl.ui.session import Session
 from armctl.ui.tabs.main.boards import RobotChooser, board_html, homing_html, of_own_arm, ports_html
 from armctl.ui.tabs.main.own_arm import OwnArm
+from armctl.ui.tabs.main.servos import Servos
 from armctl.ui.tabs.main.urdf_arm import UrdfArm
 from armctl.ui.widgets.html import GOOD, LiveHtml, muted, numbers
 
@@ -168,6 +170,15 @@ class MainScreen:
                 goals.append(points)
                 session.on(points.on_click, lambda: self._go_to_point(points.value))
             session.needs(Need.HOLDING, *goals)
+        self._servos: Servos | None = None
+        if has_servos(console.robot):
+            with tabs.add_tab("Servos"):
+                self._servos = Servos(
+                    session,
+                    lambda: self._choices[self._port.value],
+                    lambda: self._connect(self._choices[self._port.value]),
+                    self._disconnect,
+                )
         with tabs.add_tab("Your own arm"):
             OwnArm(session)
             self._which_joint = of_own_arm(session)
@@ -188,6 +199,8 @@ class MainScreen:
         self._robot.refresh(snapshot)
         self._people.refresh(snapshot)
         self._urdf.refresh(snapshot)
+        if self._servos is not None:
+            self._servos.refresh(snapshot)
         self._line.options = tuple(one for one in _LINES if snapshot.state in _LINES[one])
         self._homing.visible = bool(snapshot.homing)
         self._offer_board_again()
@@ -240,6 +253,8 @@ class MainScreen:
         if choice.why_not is not None:
             raise InputError(f"{choice.label} cannot be used: {choice.why_not}")
         session.require_operator()
+        if self._servos is not None:
+            self._servos.require_free()
         if await session.robots.needs_reopening(choice.port):
             await session.reopen_arm(choice.port)
         else:

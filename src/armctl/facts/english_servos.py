@@ -1,0 +1,59 @@
+"""What is said of servos that are not as an arm needs them, in English."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from armctl.facts import servos
+from armctl.facts.reasons import Reason
+
+_REGISTERS = {
+    "offset": "homing offset",
+    "lowest": "lowest position",
+    "highest": "highest position",
+    "mode": "operating mode",
+}
+
+
+def _plug(one: servos.ServoSilent) -> str:
+    if one.behind is not None:
+        return f"look at the plug before servo {one.behind}: all behind it are silent"
+    if one.stranger is not None:
+        return f"if it is the one that answers as {one.stranger}: give that one the id {one.servo}"
+    return "look at its plug; a new servo has the id 1: plug it in alone and give it its id"
+
+
+def _range(one: servos.ServoRange) -> str:
+    return (
+        f"servo {one.servo}: its own limits {one.lowest} … {one.highest} cut off a part of the "
+        f"{one.minimum:g} … {one.maximum:g} steps of the robot file"
+    )
+
+
+def _changed(one: servos.ServoChanged) -> str:
+    return (
+        f"servo {one.servo}: its {_REGISTERS[one.register]} is {one.now}, and was {one.kept} when armctl "
+        "kept it: another program has changed it since"
+    )
+
+
+WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
+    servos.ServoSilent: lambda one: f"servo {one.servo} ({one.joint}) does not answer",
+    servos.ServoStranger: lambda one: f"servo {one.servo} is not one of this arm",
+    servos.ServoAtBaud: lambda one: f"servo {one.servo} answers at {one.baud} baud",
+    servos.ServoUnfit: lambda one: f"servo {one.servo}: {one.why}",
+    servos.ServoRange: _range,
+    servos.ServoOffset: lambda one: f"servo {one.servo}: its homing offset is {one.offset} steps",
+    servos.ServoTold: lambda one: f"servo {one.servo}: {one.words}",
+    servos.ServoChanged: _changed,
+}
+ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
+    servos.ServoSilent: _plug,
+    servos.ServoStranger: lambda _: "unplug it, or give it the id that is missing",
+    servos.ServoAtBaud: lambda one: f"armctl speaks {one.wanted}: set it",
+    servos.ServoUnfit: lambda _: "write the register that is named",
+    servos.ServoRange: lambda _: "widen them, or narrow the limits of the joint",
+    servos.ServoOffset: lambda _: "keep it where the arm was calibrated with it",
+    servos.ServoChanged: lambda one: f"write {one.kept} again, or keep it as it is now",
+}

@@ -1,0 +1,83 @@
+"""What is not as an arm needs it of the servos on a bus. Positions and ranges are in steps of the servo."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from armctl.facts.reasons import Reason
+
+
+@dataclass(frozen=True, slots=True)
+class ServoSilent(Reason):
+    """A servo of the arm that does not answer."""
+
+    servo: int
+    joint: str
+    behind: int | None = None
+    """the first of several that are silent up to the end of the chain"""
+    stranger: int | None = None
+    """who answers and is none of this arm's: it may be this one"""
+
+
+@dataclass(frozen=True, slots=True)
+class ServoStranger(Reason):
+    """A servo that answers and is none of this arm's."""
+
+    servo: int
+
+
+@dataclass(frozen=True, slots=True)
+class ServoAtBaud(Reason):
+    """A servo that answers at another baud rate than the arm's."""
+
+    servo: int
+    baud: int
+    wanted: int
+
+
+@dataclass(frozen=True, slots=True)
+class ServoUnfit(Reason):
+    """A servo that is set up so that no torque may be switched on."""
+
+    servo: int
+    why: str
+    """in the words of its make"""
+
+
+@dataclass(frozen=True, slots=True)
+class ServoRange(Reason):
+    """Limits in a servo's own EEPROM that cut off a part of its joint's range."""
+
+    servo: int
+    lowest: int
+    highest: int
+    minimum: float
+    maximum: float
+
+
+@dataclass(frozen=True, slots=True)
+class ServoOffset(Reason):
+    """A homing offset that is not 0, and that nobody has kept as right."""
+
+    servo: int
+    offset: int
+
+
+@dataclass(frozen=True, slots=True)
+class ServoTold(Reason):
+    """What else is unusual of a servo, or wrong with it."""
+
+    servo: int
+    words: str
+    """of its make"""
+
+
+@dataclass(frozen=True, slots=True)
+class ServoChanged(Reason):
+    """A setting in a servo's EEPROM that another program has changed since armctl kept it as right."""
+
+    servo: int
+    register: str
+    """``offset``, ``lowest``, ``highest`` or ``mode``"""
+    kept: int
+    now: int

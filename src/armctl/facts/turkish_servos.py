@@ -1,0 +1,59 @@
+"""What is said of servos that are not as an arm needs them, in Turkish."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from armctl.facts import servos
+from armctl.facts.reasons import Reason
+
+_REGISTERS = {
+    "offset": "sıfır kayması",
+    "lowest": "en küçük konumu",
+    "highest": "en büyük konumu",
+    "mode": "çalışma kipi",
+}
+
+
+def _plug(one: servos.ServoSilent) -> str:
+    if one.behind is not None:
+        return f"{one.behind} numaralı servonun önündeki fişe bakın: arkasındakilerin hepsi susuyor"
+    if one.stranger is not None:
+        return f"{one.stranger} olarak yanıt veren oysa, ona {one.servo} numarasını verin"
+    return "fişine bakın; yeni bir servonun numarası 1'dir: tek başına takın ve numarasını verin"
+
+
+def _range(one: servos.ServoRange) -> str:
+    return (
+        f"servo {one.servo}: kendi sınırları {one.lowest} … {one.highest}, robot dosyasındaki "
+        f"{one.minimum:g} … {one.maximum:g} adımın bir bölümünü kesiyor"
+    )
+
+
+def _changed(one: servos.ServoChanged) -> str:
+    return (
+        f"servo {one.servo}: {_REGISTERS[one.register]} {one.now}; armctl sakladığında {one.kept} idi: o "
+        "zamandan beri başka bir program değiştirdi"
+    )
+
+
+WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
+    servos.ServoSilent: lambda one: f"servo {one.servo} ({one.joint}) yanıt vermiyor",
+    servos.ServoStranger: lambda one: f"servo {one.servo} bu kolun değil",
+    servos.ServoAtBaud: lambda one: f"servo {one.servo} {one.baud} baud hızında yanıt veriyor",
+    servos.ServoUnfit: lambda one: f"servo {one.servo}: {one.why}",
+    servos.ServoRange: _range,
+    servos.ServoOffset: lambda one: f"servo {one.servo}: sıfır kayması {one.offset} adım",
+    servos.ServoTold: lambda one: f"servo {one.servo}: {one.words}",
+    servos.ServoChanged: _changed,
+}
+ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
+    servos.ServoSilent: _plug,
+    servos.ServoStranger: lambda _: "çıkarın, ya da eksik olan numarayı verin",
+    servos.ServoAtBaud: lambda one: f"armctl {one.wanted} ile konuşur: ayarlayın",
+    servos.ServoUnfit: lambda _: "adı geçen yazmacı yazın",
+    servos.ServoRange: lambda _: "onları genişletin, ya da eklemin sınırlarını daraltın",
+    servos.ServoOffset: lambda _: "kol bununla kalibre edildiyse saklayın",
+    servos.ServoChanged: lambda one: f"yine {one.kept} yazın, ya da şimdiki gibi saklayın",
+}
