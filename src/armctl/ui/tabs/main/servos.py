@@ -16,7 +16,7 @@ from armctl.protocol import Snapshot
 from armctl.ui.console import PortChoice
 from armctl.ui.events import Action
 from armctl.ui.session import Session
-from armctl.ui.tabs.main.shared_servos import Seen, SharedServos
+from armctl.ui.tabs.main.shared_servos import ScannedBus, SharedServos
 from armctl.ui.widgets.html import ERROR, GOOD, WARNING, LiveHtml, button, heading, muted, sentence
 
 _PART = "servos"
@@ -295,7 +295,7 @@ def _look_html(shared: SharedServos, busy: str | None) -> str:
     return f"<div>{escape(sentence(shared.doing)[:-1])} … {cancel}<div style='{_TROUGH}'>{done}</div></div>"
 
 
-def servos_html(shared: SharedServos, seen: Seen, why: str | None) -> str:
+def servos_html(shared: SharedServos, seen: ScannedBus, why: str | None) -> str:
     """A table in the order of the chain, and what differs; ``why``: why nothing can be changed now."""
     by_id: dict[int, list[FoundServo]] = {}
     for one in seen.found:

@@ -26,7 +26,7 @@ _NEW_IDS = range(32)
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class ScannedBus:
     """What was seen on a port, as it is now."""
 
     port: str
@@ -54,7 +54,7 @@ class SharedServos:
             titles[outputs.gripper_channel] = robot.gripper.title
         self.titles = titles
         """of joints and gripper, by servo"""
-        self.seen: Seen | None = None
+        self.seen: ScannedBus | None = None
         """None: nobody has looked yet"""
         self.doing = ""
         """the job that is under way; empty: none is"""
@@ -219,7 +219,7 @@ class SharedServos:
 
     def _see(self, port: str, found: Sequence[FoundServo], kept: Mapping[int, KeptSettings] | None) -> None:
         differ = differences(found, self.channels, self.baud, self.titles, kept)
-        self.seen = Seen(port, tuple(found), kept, tuple(differ))
+        self.seen = ScannedBus(port, tuple(found), kept, tuple(differ))
 
     def _keep(self, port: str, right: Sequence[FoundServo] = ()) -> Mapping[int, KeptSettings] | None:
         """These are right as they are; what was kept of all servos on that port."""
