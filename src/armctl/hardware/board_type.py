@@ -20,6 +20,7 @@ import numpy as np
 from armctl.errors import BoardError, PortError
 from armctl.hardware.driver import ChannelScale, ChannelSettings, Driver, translated
 from armctl.robot.board_entries import BoardEntries
+from armctl.robot.signals import InputKind, OutputKind, Signals
 
 if TYPE_CHECKING:
     from armctl.hardware.servo_records import KeptSettings
@@ -29,6 +30,14 @@ if TYPE_CHECKING:
 
 ANY_PRODUCT = None
 """stands for every product number of a USB vendor"""
+
+
+class SimulatedPins:
+    """Of a simulated board: what is connected to its inputs."""
+
+    def __init__(self) -> None:
+        self.levels: dict[int, float] = {}
+        """by channel, 0 ... 1 of the board's supply; what is not in it is not connected"""
 
 
 class ByteModel(Protocol):
@@ -69,6 +78,11 @@ class Setup:
     robot: Robot | None = None
     """for a simulated board that simulates the arm, too"""
     kept: Kept = nothing_kept
+
+    @property
+    def signals(self) -> Signals:
+        """The robot's inputs and outputs beside its channels."""
+        return Signals() if self.robot is None else self.robot.signals
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +128,10 @@ class BoardType(ABC):
     plugged_in: ClassVar[str]  # what a user looks for on the desk: "Maestro", "Arduino"
     scale: ClassVar[ChannelScale]  # noun, unit and steps of its channels
     entries: ClassVar[BoardEntries]  # reads its part of a robot file
+    inputs: ClassVar[tuple[InputKind, ...]] = ()
+    """the kinds of inputs that it has beside its channels"""
+    outputs: ClassVar[tuple[OutputKind, ...]] = ()
+    """the kinds of outputs likewise"""
     usb: ClassVar[Mapping[tuple[int, int | None], str]] = {}
     """how a port is listed, by USB vendor and product (``ANY_PRODUCT``)"""
     likely: ClassVar[tuple[tuple[str, ...], ...]] = ()

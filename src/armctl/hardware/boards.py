@@ -17,7 +17,7 @@ from armctl.hardware.firmata.board import FirmataBoard
 from armctl.hardware.maestro.board import MaestroBoard
 from armctl.hardware.pca9685.board import Pca9685Board
 from armctl.robot import Robot
-from armctl.robot.board_entries import BoardEntries
+from armctl.robot.board_entries import BoardEntries, SignalKinds
 
 SHIPPED: tuple[BoardType, ...] = (
     MaestroBoard(),
@@ -87,6 +87,12 @@ def find_entries(kind: str) -> BoardEntries | tuple[str, ...]:
     """What reads the robot-file entries of a kind of board; where there is none, the kinds that there are."""
     found = find_board_type(kind)
     return kinds() if found is None else found.entries
+
+
+def signal_kinds(kind: str) -> SignalKinds:
+    """The kinds of inputs and outputs that a kind of board has beside those of joints."""
+    found = find_board_type(kind)
+    return ((), ()) if found is None else (found.inputs, found.outputs)
 
 
 # What the channels of a robot's board may do.

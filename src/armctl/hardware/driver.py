@@ -10,6 +10,7 @@ from typing import ParamSpec, Protocol, TypeVar
 
 from armctl.errors import ArmctlError, BoardError, StateError, out_of_range
 from armctl.facts import QuantityLimits
+from armctl.robot.signals import Signals
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -94,7 +95,8 @@ class Readback:
     sent: bool = True  # nothing that was written still waits for the line
     # By channel, whether it is on, of a board that switches each by itself; else ``powered`` says it.
     on: Mapping[int, bool] | None = None
-    # What its other pins are at, by the names that people call them: 0 or 1, or a share 0 ... 1.
+    # What its other pins are at, by the names that people call them: 0 or 1, or a share 0 ... 1. Of
+    # ``Signals`` these are the levels of the pins: the runtime knows which are active low.
     inputs: Mapping[str, float] = field(default_factory=dict[str, float])
     outputs: Mapping[str, float] = field(default_factory=dict[str, float])
     home_again: bool = False  # ``errors`` or ``faults`` tell already to home the arm
@@ -161,14 +163,24 @@ class Abilities:
     def clear_faults(self) -> None:
         """The user has read what went wrong: end what is latched of outputs that are off. Moves nothing."""
 
+    def use_signals(self, signals: Signals) -> None:
+        """Set inputs and outputs up, as ``configure`` does channels; their levels are in each ``Readback``.
+
+        An output stays as it is where the board can tell that it is one.
+        """
+        raise StateError("this board has no inputs or outputs beside those of the joints")
+
     def set_output(self, name: str, value: float) -> None:
-        """Switch an output that moves no joint, as ``Readback.outputs`` names it: 0, 1, or a share."""
+        """Switch an output that moves no joint, as ``Readback.outputs`` names it: 0, 1, or a share.
+
+        Of ``Signals`` that is the level of its pin.
+        """
         raise StateError("this board has no outputs beside those of the joints")
 
 
 def abilities_of(driver: object) -> tuple[str, ...]:
     """The methods of ``Abilities`` that a driver has."""
-    names = ("release_channels", "limit_torque", "scale_torque", "set_output")
+    names = ("release_channels", "limit_torque", "scale_torque", "use_signals", "set_output")
     own = type(driver) if isinstance(driver, Abilities) else Abilities
     return tuple(name for name in names if getattr(own, name) is not getattr(Abilities, name))
 

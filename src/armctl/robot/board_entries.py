@@ -19,8 +19,9 @@ from msgspec import Meta
 from armctl.decoding import Place, did_you_mean, must_be
 from armctl.documents import Document
 from armctl.errors import ArmctlError, Errors, RefusedBeforeError
-from armctl.robot.file import Channel, Strict, Table, board_tables
+from armctl.robot.file import Channel, GripperEntry, Strict, Table, board_tables
 from armctl.robot.outputs import DEFAULT_BOARD, FLATTEST_PER_DEG, Mirror, OutputMap
+from armctl.robot.signals import InputKind, OutputKind, Signals
 
 Entry = TypeVar("Entry", bound=msgspec.Struct)
 _ROUNDING = 0.125
@@ -44,6 +45,17 @@ find_entries: Callable[[str], BoardEntries | tuple[str, ...]] = _no_boards
 
 Boards are known in a layer above this one: ``armctl/__init__.py`` sets it.
 """
+
+
+SignalKinds = tuple[Sequence[InputKind], Sequence[OutputKind]]
+
+
+def _no_signals(kind: str) -> SignalKinds:
+    return (), ()
+
+
+find_signal_kinds: Callable[[str], SignalKinds] = _no_signals
+"""The kinds of inputs and of outputs that a kind of board has beside those of joints; set likewise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,11 +306,15 @@ def _with_places(servo: dict[str, Any], where: str) -> Iterator[tuple[dict[str, 
 
 
 def read_outputs(
-    document: Document, joints: Sequence[tuple[str, tuple[float, float]]], *, has_gripper: bool
+    document: Document,
+    joints: Sequence[tuple[str, tuple[float, float]]],
+    gripper: GripperEntry | None,
+    signals: Signals,
 ) -> tuple[str, OutputMap | None, object]:
     """The kind of the board, the map of the joints in their order, and what else the board needs.
 
     An arm whose file gives no outputs has the default board, whichever it names.
+    Refuses ``signals`` that the board has not, or that are in the way of a joint.
     """
     board = document.record.get("board", {})
     if not isinstance(board, dict):
@@ -310,7 +326,54 @@ def read_outputs(
     if isinstance(found, tuple):
         what = f"key board.kind: {must_be(found)}, not {kind!r}{did_you_mean(kind, found)}"
         raise document.error(what, ("board", "kind"))
-    outputs, settings = found.read(BoardPart(kind, document, joints, has_gripper))
+    moved = gripper is not None and gripper.output is None
+    outputs, settings = found.read(BoardPart(kind, document, joints, moved))
+    _check_signals(document, kind, outputs, gripper, signals)
     if outputs is None:  # no board but a simulated one may drive the arm: the plain one
         return DEFAULT_BOARD, None, None
     return kind, outputs, settings
+
+
+def _check_signals(
+    document: Document, kind: str, outputs: OutputMap | None, gripper: GripperEntry | None, signals: Signals
+) -> None:
+    """Refuse inputs and outputs that clash with each other or with a joint, or that the board has not."""
+    errors, names = Errors(), set[str]()
+    taken = {} if outputs is None else {one: "a joint" for one in outputs.channels}
+    for one in () if outputs is None else outputs.mirrors:
+        taken[one.channel] = "a joint"
+    if outputs is not None and outputs.gripper_channel is not None:
+        taken[outputs.gripper_channel] = "the gripper"
+    offered = dict(zip(("inputs", "outputs"), find_signal_kinds(kind), strict=True))
+    for table, every in (("inputs", signals.inputs), ("outputs", signals.outputs)):
+        for one in every:
+            with errors:
+                what = ""
+                if outputs is None:
+                    what = ": only an arm whose joints have outputs on a board can have it; give each joint one"
+                elif not offered[table]:
+                    what = f": a board of the kind {kind} has no {table} beside those of the joints"
+                elif one.kind not in offered[table]:
+                    what = f".kind: on a board of the kind {kind} it {must_be(offered[table])}, not {one.kind!r}"
+                elif one.channel in taken:
+                    what = f".channel = {one.channel}: {taken[one.channel]} has it already; choose another one"
+                elif one.name in names:
+                    what = ": two inputs or outputs have this name; each needs its own"
+                if what:
+                    raise document.error(f"{table}.{one.name}{what}", (table,))
+            taken.setdefault(one.channel, f"{table}.{one.name}")
+            names.add(one.name)
+    for key, name, known in (
+        ("output", None if gripper is None else gripper.output, signals.outputs),
+        ("part_input", None if gripper is None else gripper.part_input, signals.inputs),
+    ):
+        with errors:
+            if name is not None and name not in (every := [one.name for one in known]):
+                what = f"gripper.{key}: {must_be(every) if every else 'the file has none'}, not {name!r}"
+                raise document.error(what, ("gripper", key))
+    with errors:
+        own = board_tables(document.record.get("gripper"))
+        if gripper is not None and gripper.output is not None and own:
+            what = f"gripper: it has an output and a {next(iter(own))}; remove one of them"
+            raise document.error(what, ("gripper", "output"))
+    errors.raise_all()

@@ -5,18 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Container
 from dataclasses import replace
-from typing import Annotated, Literal, TypeVar, cast
+from typing import Annotated, Literal, Protocol, TypeVar, cast
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
+from armctl.decoding import REFUSED, known
 from armctl.documents import Document, DocumentKind
 from armctl.errors import Errors, RobotFileError
 from armctl.kinematics import Criterion
 from armctl.robot.look.rows import SOLIDS, AnyRow, MakeName, Material
-from armctl.robot.parts import MOST_JOINTS, Hand, Look, Obstacle
+from armctl.robot.parts import MOST_JOINTS, Gripper, Hand, Look, Obstacle
 from armctl.robot.parts import Color as Rgb
+from armctl.robot.signals import MOST_SIGNALS, Input, InputKind, Output, OutputKind, Signals, Then
 
 T = TypeVar("T")
 
@@ -108,6 +110,82 @@ class GripperEntry(Strict, frozen=True):
     speed_percent_s: Positive
     """largest speed; 100 opens it in a second"""
     stall_torque_nm: Positive | None = None
+    output: Name | None = None
+    """the output that closes it, of a vacuum or magnet gripper: on is closed; instead of a servo"""
+    part_input: Name | None = None
+    """the input that is on while it holds a part"""
+
+    def gripper(self) -> Gripper:
+        """What it says."""
+        return Gripper(self.title, self.speed_percent_s / 100, self.output or "", self.part_input or "")
+
+
+class InputEntry(Strict, frozen=True):
+    """A pin of the board that is read: a button, a sensor."""
+
+    name: Name
+    """in programs and commands"""
+    channel: Channel
+    """the Maestro's channel, the Arduino's pin"""
+    kind: InputKind = "digital"
+    """pull-up: digital, and the board pulls it high; analog: a share of the board's supply"""
+    title: str = ""
+    """as it is shown; left out: its name"""
+    active_low: bool = False
+    """it is on where its pin is low, as a button to ground is"""
+    debounce_ms: Annotated[float, Meta(ge=0, le=1000)] = 0.0
+    """a change counts once it has lasted so long"""
+
+    def input(self) -> Input:
+        """What it says."""
+        title, debounce_s = self.title or spoken(self.name), self.debounce_ms / 1000
+        return Input(self.name, title, self.channel, self.kind, self.active_low, debounce_s)
+
+
+class OutputEntry(Strict, frozen=True):
+    """A pin of the board that is switched: a lamp, a valve, a pump."""
+
+    name: Name
+    """in programs and commands"""
+    channel: Channel
+    """the Maestro's channel, the Arduino's pin"""
+    kind: OutputKind = "digital"
+    title: str = ""
+    """as it is shown; left out: its name"""
+    active_low: bool = False
+    """it is on where its pin is low"""
+    at_stop: Then = "keep"
+    """at STOP"""
+    at_release: Then = "keep"
+    """at Release"""
+    at_fault: Then = "keep"
+    """where a fault begins, if the board can still be reached"""
+    at_end: Then = "keep"
+    """where a program ends by itself, finished or not"""
+
+    def output(self) -> Output:
+        """What it says."""
+        then = (self.at_stop, self.at_release, self.at_fault, self.at_end)
+        title = self.title or spoken(self.name)
+        return Output(self.name, title, self.channel, self.kind, self.active_low, *then)
+
+
+class _WithSignals(Protocol):
+    @property
+    def inputs(self) -> tuple[InputEntry, ...]: ...
+    @property
+    def outputs(self) -> tuple[OutputEntry, ...]: ...
+
+
+def signals_of(file: _WithSignals) -> Signals:
+    """The inputs and outputs of a file; those that were refused are left out."""
+    inputs = tuple(one.input() for one in known(file.inputs) if one is not REFUSED)
+    return Signals(inputs, tuple(one.output() for one in known(file.outputs) if one is not REFUSED))
+
+
+def spoken(name: str) -> str:
+    """A name as people write it: ``wrist_roll`` is "Wrist roll"."""
+    return name.replace("_", " ").capitalize()
 
 
 class BodyEntry(Strict, frozen=True):
@@ -240,6 +318,10 @@ class RobotFile(Strict, frozen=True):
     criterion: Criterion = "least-travel"
     """by which the page chooses among solutions at first: that of the paper the arm is from"""
     gripper: GripperEntry | None = None
+    inputs: Annotated[tuple[InputEntry, ...], Meta(max_length=MOST_SIGNALS)] = ()
+    """pins of the board that are read"""
+    outputs: Annotated[tuple[OutputEntry, ...], Meta(max_length=MOST_SIGNALS)] = ()
+    """pins of the board that are switched, beside the joints"""
     bodies: tuple[BodyEntry, ...] = ()
     """masses, for torques"""
     floor: FloorEntry = FloorEntry()

@@ -28,12 +28,14 @@ from armctl.robot.file import (
     DHRowEntry,
     JointEntry,
     RobotFile,
+    signals_of,
+    spoken,
     without_board,
 )
 from armctl.robot.look.pieces import MASSES_ASSUMED, masses
 from armctl.robot.look_sound import check_look
 from armctl.robot.outputs import OutputMap
-from armctl.robot.parts import JERK_UP_S, Gripper, Joint, Look
+from armctl.robot.parts import JERK_UP_S, Joint, Look
 from armctl.robot.robot import Robot
 
 _SIDE_SUFFIX = ".armctl.toml"
@@ -211,7 +213,8 @@ def robot_of(document: Document) -> Robot:
         output_map=outputs,
         board=kind,
         board_settings=settings,
-        gripper=None if (hand := file.gripper) is None else Gripper(hand.title, hand.speed_percent_s / 100),
+        gripper=None if file.gripper is None else file.gripper.gripper(),
+        signals=signals_of(file),
         gravity=_gravity(file, [str(row.turning) for row in links], chain),
         floor_z=file.floor.z_mm / 1000,
         points={name: np.array(point_mm) / 1000 for name, point_mm in file.points.items()},
@@ -239,8 +242,8 @@ def _board(
     file: RobotFile, document: Document, limits: Sequence[tuple[str, tuple[float, float]]]
 ) -> tuple[str, OutputMap | None, object]:
     """Its kind, the outputs if there are any, and its settings."""
-    has_gripper = file.gripper is not None and file.gripper is not REFUSED
-    kind, outputs, settings = read_outputs(document, limits, has_gripper=has_gripper)
+    gripper = None if file.gripper is REFUSED else file.gripper
+    kind, outputs, settings = read_outputs(document, limits, gripper, signals_of(file))
     if outputs is not None and file.no_board and file.no_board is not REFUSED:
         raise document.error("no_board: the joints have outputs; remove the one or the others", ("no_board",))
     return kind, outputs, settings
@@ -356,7 +359,7 @@ def _named_link(row: DHRowEntry, joints: Mapping[str, JointEntry]) -> tuple[str,
     if row.joint is not None:
         return row.joint, joints[row.joint].title
     name = row.link or ""
-    return name, name.replace("_", " ").capitalize()
+    return name, spoken(name)
 
 
 def _joint(entry: JointEntry) -> Joint:

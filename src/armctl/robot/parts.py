@@ -87,6 +87,10 @@ class Gripper:
     title: str
     speed: float
     """largest speed [opening/s]"""
+    output: str = ""
+    """name of the output that closes it while it is on; empty: the board moves it like a joint"""
+    part_input: str = ""
+    """name of the input that is on while it holds a part; empty: nothing tells"""
 
 
 # How an arm is drawn, and what is kept apart.

@@ -36,6 +36,7 @@ from armctl.robot.body.collision import CollisionModel
 from armctl.robot.look.pieces import Drawing, Piece
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
 from armctl.robot.parts import Gripper, Joint, Look, Obstacle, Shape, beyond_limits, read_values, shown_values
+from armctl.robot.signals import Signals
 
 _PROBES = 64
 _NO_OUTPUTS = "its file gives no servos, so nobody knows which output means which angle"
@@ -82,6 +83,8 @@ class Robot(ArrayRecord):
     """between which its gripper is while it moves: the jaws of its look count where they are then"""
     criterion: Criterion = "least-travel"
     """by which the page chooses among solutions at first"""
+    signals: Signals = Signals()
+    """inputs and outputs of its board beside the joints"""
     part: CarriedPart | None = None
     """what its gripper carries while it moves, kept apart like a piece of the last link; None: nothing"""
     limits: FloatArray = field(init=False)
@@ -404,7 +407,8 @@ class Robot(ArrayRecord):
     @property
     def outputs(self) -> OutputMap:
         """Its output map; where its file gives none, one that only a simulated board may use."""
-        return self.output_map or OutputMap.stand_in(self.limits, gripper=self.gripper is not None)
+        own = self.gripper is not None and not self.gripper.output
+        return self.output_map or OutputMap.stand_in(self.limits, gripper=own)
 
     @property
     def simulated_only(self) -> str | None:

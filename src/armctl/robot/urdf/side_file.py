@@ -28,20 +28,24 @@ from armctl.robot.file import (
     ROBOT_FILES,
     FloorEntry,
     GripperEntry,
+    InputEntry,
     Limit,
     LookEntry,
     Name,
     NotNegative,
     ObstacleEntry,
+    OutputEntry,
     PointName,
     Positive,
     Strict,
     Table,
+    signals_of,
     without_board,
 )
 from armctl.robot.look_sound import check_look
-from armctl.robot.parts import MOST_JOINTS, Gripper, Joint
+from armctl.robot.parts import MOST_JOINTS, Joint
 from armctl.robot.robot import Robot
+from armctl.robot.signals import MOST_SIGNALS
 
 SIDE_SUFFIX = ".armctl.toml"
 """Beside ``arm.urdf`` stands ``arm.armctl.toml``."""
@@ -104,6 +108,8 @@ class SideFile(Strict, frozen=True):
     """named tool points [mm]"""
     payload_kg: NotNegative = 0.0
     gripper: GripperEntry | None = None
+    inputs: Annotated[tuple[InputEntry, ...], Meta(max_length=MOST_SIGNALS)] = ()
+    outputs: Annotated[tuple[OutputEntry, ...], Meta(max_length=MOST_SIGNALS)] = ()
     floor: FloorEntry | None = None
     obstacles: Annotated[tuple[ObstacleEntry, ...], Meta(max_length=4 * MOST_JOINTS)] = ()
     look: LookEntry | None = None
@@ -185,11 +191,10 @@ def applied(robot: Robot, side: SideFile, document: Document, endless: Sequence[
     board: Any = None
     with errors:
         limits = [(one.name, (math.degrees(one.lower), math.degrees(one.upper))) for one in joints]
-        board = read_outputs(document, limits, has_gripper=side.gripper is not None)
+        board = read_outputs(document, limits, side.gripper, signals_of(side))
     errors.raise_all()
     kind, outputs, settings = board
     home = np.array([rest_angle(joint.lower, joint.upper) for joint in joints])
-    gripper = side.gripper
     applied = replace(
         robot,
         name=side.name or robot.name,
@@ -200,7 +205,8 @@ def applied(robot: Robot, side: SideFile, document: Document, endless: Sequence[
         output_map=outputs,
         board=kind,
         board_settings=settings,
-        gripper=None if gripper is None else Gripper(gripper.title, gripper.speed_percent_s / 100),
+        gripper=None if side.gripper is None else side.gripper.gripper(),
+        signals=signals_of(side),
         gravity=replace(robot.gravity, payload_kg=side.payload_kg),
         floor_z=robot.floor_z if side.floor is None else side.floor.z_mm / 1000,
         points={name: np.array(point_mm) / 1000 for name, point_mm in side.points.items()},
