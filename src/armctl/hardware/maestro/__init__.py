@@ -11,6 +11,12 @@ DEFAULT_DEVICE_NUMBER = 12
 """of the Pololu form of commands"""
 SCALE = ChannelScale("channel", "µs", QUARTERS_PER_US)
 FACTORY_MINIMUM_US, FACTORY_MAXIMUM_US = 992.0, 2000.0
+HIGH_FROM = 6000
+"""an output is high from this target on [quarter µs], a servo's middle (guide, section 5.e)"""
+FULL_SCALE = 1023
+"""what an input at the board's 5 V reads; those from channel 12 on read this or 0"""
+FIRST_DIGITAL_CHANNEL = 12
+"""inputs from here on tell no more than low and high"""
 SILENT_ADVICE = (
     'set the serial mode to "USB Dual Port" in the Maestro Control Center (Serial Settings): in the '
     'factory\'s "UART, detect baud rate" the board silently ignores commands over USB. Check also that this '

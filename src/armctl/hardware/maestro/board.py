@@ -40,6 +40,8 @@ class MaestroBoard(BoardType):
     plugged_in = "Maestro"
     scale = SCALE
     entries = ServoEntries()
+    inputs = ("digital", "analog")
+    outputs = ("digital",)
     usb = MappingProxyType({(_USB_VENDOR, one.usb_product): one.label for one in MaestroModel})
     likely = (tuple(model.label for model in MaestroModel),)
     advice = SILENT_ADVICE
@@ -80,13 +82,15 @@ class MaestroBoard(BoardType):
             timeout_units=0 if timeout_s is None else round(100 * float(timeout_s)),
         )
         model = None if size is None else MaestroModel.with_channels(int(size))
-        return simulated_maestro(() if options.get("factory") else setup.channels, model, settings)
+        channels = () if options.get("factory") else setup.channels
+        return simulated_maestro(channels, model, settings, setup.signals)
 
     def check(self, setup: Setup) -> None:
         """Refuse what the largest Maestro would refuse."""
-        from armctl.hardware.maestro.driver import channel_table
+        from armctl.hardware.maestro.driver import channel_table, check_signals
 
         channel_table(setup.channels, None)
+        check_signals(setup.signals, None)
 
     def listed_by_name(self, stable_name: str) -> str | None:
         """Udev's name of a Maestro tells its size."""
@@ -124,4 +128,5 @@ class MaestroBoard(BoardType):
 
 def _smallest(setup: Setup) -> MaestroModel:
     """The smallest Maestro with enough channels."""
-    return MaestroModel.with_channels(max((one.channel for one in setup.channels), default=0) + 1)
+    every = (*setup.channels, *setup.signals.inputs, *setup.signals.outputs)
+    return MaestroModel.with_channels(max((one.channel for one in every), default=0) + 1)

@@ -30,6 +30,9 @@ from armctl.hardware.driver import (
 from armctl.hardware.maestro import (
     FACTORY_MAXIMUM_US,
     FACTORY_MINIMUM_US,
+    FIRST_DIGITAL_CHANNEL,
+    FULL_SCALE,
+    HIGH_FROM,
     QUARTERS_PER_US,
     SCALE,
     SILENT_ADVICE,
@@ -38,6 +41,7 @@ from armctl.hardware.maestro import (
 )
 from armctl.hardware.maestro.codec import MAX_CHANNEL, MAX_TARGET, REPLY_LENGTH, MaestroErrors, error_words
 from armctl.hardware.transport import Connection, Transport
+from armctl.robot.signals import ON, Signals
 
 _MISUNDERSTOOD = MaestroErrors.SERIAL_PROTOCOL | MaestroErrors.SERIAL_CRC
 WATCHDOG_NOTE = (
@@ -70,6 +74,7 @@ class MaestroDriver(Abilities):
         self._transport: Transport | None = None
         self._opened: MaestroLine | None = None
         self._table, self._unreported = ChannelTable(SCALE), MaestroErrors(0)
+        self._signals = Signals()
 
     def open(self) -> BoardIdentity:
         """Open the line and make sure that a Maestro answers; every output stays as it is."""
@@ -126,18 +131,49 @@ class MaestroDriver(Abilities):
         """
         line, now = self._maestro, self._connection.now
         asked_before, asked_at = line.asked, now()
+        every = (*self._signals.inputs, *self._signals.outputs)
+        channels = (*self._table.channels, *(one.channel for one in every))
         try:
-            positions, errors = line.read(self._table.channels, _FIRST_TRY * self._timeout_s)
+            told, errors = line.read(channels, _FIRST_TRY * self._timeout_s)
         except (BoardTimeoutError, BoardProtocolError):
-            positions, errors = line.read(self._table.channels)
+            told, errors = line.read(channels)
             line.settled = False
+        # Get Position of an input tells its voltage, of an output what it was set to.
+        quarters = {one.name: codec.us_to_quarters(us) if (us := told[one.channel]) else 0 for one in every}
         errors |= self._unreported
         self._unreported = MaestroErrors(0)
         asked = line.asked - asked_before
         words = error_words(errors) if errors else ()
         return Readback(
-            positions, Source.TRANSMITTED, words, asked=asked, lost=asked - 1, delay_s=now() - asked_at
+            {channel: told[channel] for channel in self._table.channels},
+            Source.TRANSMITTED,
+            words,
+            warnings={
+                one.channel: f"it reads {quarters[one.name]}, and an input {FULL_SCALE} at most: {_SET_MODE}"
+                for one in self._signals.inputs
+                if quarters[one.name] > FULL_SCALE
+            },
+            asked=asked,
+            lost=asked - 1,
+            delay_s=now() - asked_at,
+            inputs={
+                one.name: _level(quarters[one.name], analog=one.kind == "analog")
+                for one in self._signals.inputs
+            },
+            outputs={one.name: float(quarters[one.name] >= HIGH_FROM) for one in self._signals.outputs},
         )
+
+    def use_signals(self, signals: Signals) -> None:
+        """Remember them: what a channel is, only the Maestro Control Center sets. An output stays as it is."""
+        check_signals(signals, self._model)
+        self._signals = signals
+
+    def set_output(self, name: str, value: float) -> None:
+        """High: a target of 1500 µs, which a channel that is set for a servo stands in the middle at."""
+        output = self._signals.output(name)
+        if output is None:
+            raise BoardError(f"the Maestro was told of no output {name!r}")
+        self._send_targets({output.channel: HIGH_FROM if value > ON else 0})
 
     def stop(self) -> None:
         """Hold every channel that is on at the pulse width that the board transmits now."""
@@ -197,6 +233,33 @@ def channel_table(settings: Sequence[ChannelSettings], model: MaestroModel | Non
             )
 
     return ChannelTable(SCALE, settings, check)
+
+
+_SET_MODE = (
+    'set the mode of this channel to "Input" in the Maestro Control Center (Channel Settings), and press Apply'
+)
+
+
+def check_signals(signals: Signals, model: MaestroModel | None) -> None:
+    """Refuse channels that ``model`` (None: unknown) has not, or that cannot measure a voltage."""
+    last = MAX_CHANNEL if model is None else model.channels - 1
+    for one in (*signals.inputs, *signals.outputs):
+        if one.channel > last:
+            raise BoardError(
+                f"{one.title} is on channel {one.channel}: the board has channels 0 … {last}; change the "
+                "robot file, or use a larger Maestro"
+            )
+        if one.kind == "analog" and one.channel >= FIRST_DIGITAL_CHANNEL:
+            raise BoardError(
+                f"{one.title} is on channel {one.channel}: a Maestro measures voltages on channels 0 … "
+                f"{FIRST_DIGITAL_CHANNEL - 1} only; the others are digital"
+            )
+
+
+def _level(reading: int, *, analog: bool) -> float:
+    """What an input reads, 0 ... 1."""
+    share = min(1.0, reading / FULL_SCALE)
+    return share if analog else float(share > ON)
 
 
 # Requests to a Maestro and its answers, kept in step.

@@ -6,15 +6,18 @@ import bisect
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 from armctl.errors import InputError
+from armctl.hardware.board_type import SimulatedPins
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.maestro import (
     DEFAULT_DEVICE_NUMBER,
     FACTORY_MAXIMUM_US,
     FACTORY_MINIMUM_US,
+    FIRST_DIGITAL_CHANNEL,
+    FULL_SCALE,
     QUARTERS_PER_US,
     MaestroModel,
 )
@@ -27,6 +30,7 @@ from armctl.hardware.maestro.codec import (
     PacketParser,
     us_to_quarters,
 )
+from armctl.robot.signals import ON, Signals
 
 # One servo channel of a simulated Maestro: where its pulse width stands and how it moves.
 
@@ -44,10 +48,19 @@ class HomeMode(Enum):
     GO_TO = "go to"
 
 
+class ChannelMode(Enum):
+    """What a channel is set to (guide, section 4.b)."""
+
+    SERVO = "servo"
+    INPUT = "input"
+    OUTPUT = "output"
+
+
 @dataclass(frozen=True, slots=True)
 class ChannelConfig:
     """A channel's settings in the board's own memory. Targets are clamped to its range."""
 
+    mode: ChannelMode = field(default=ChannelMode.SERVO, kw_only=True)
     minimum_us: float = FACTORY_MINIMUM_US
     maximum_us: float = FACTORY_MAXIMUM_US
     home: HomeMode = HomeMode.OFF
@@ -99,8 +112,15 @@ class SimulatedChannel:
         """Whether a limit still keeps it from standing at its target."""
         return self._velocity != 0 or self._position != self.target * _EIGHTHS_PER_QUARTER
 
+    @property
+    def mode(self) -> ChannelMode:
+        """What it is set to."""
+        return self._config.mode
+
     def set_target(self, quarters: int) -> None:
-        """Take a new target [quarter µs]; 0 stops the pulses at once."""
+        """Take a new target [quarter µs]; 0 stops the pulses at once. An output is high from 6000 on."""
+        if self.mode is ChannelMode.INPUT:
+            return
         if quarters == 0:
             self.target = self._position = self._velocity = 0
             return
@@ -173,8 +193,8 @@ class MaestroSettings:
     channels: Mapping[int, ChannelConfig] | None = None  # the factory's for all others
 
 
-class SimulatedMaestro:
-    """A Maestro of any size, its channels all servos at the factory's 20 ms period.
+class SimulatedMaestro(SimulatedPins):
+    """A Maestro of any size, its channels servos at the factory's 20 ms period, inputs or outputs.
 
     It has no user script: one that is started runs, does nothing, and runs until it is stopped. The Mini's
     PWM output is a number.
@@ -187,6 +207,7 @@ class SimulatedMaestro:
         settings: MaestroSettings | None = None,
         log_length: int = 10_000,
     ) -> None:
+        super().__init__()
         self.model = model
         self.settings = settings or MaestroSettings()
         for channel in self.settings.channels or {}:
@@ -327,7 +348,7 @@ class SimulatedMaestro:
             return None
         channel = self._channels[data[0]]
         if opcode is Opcode.GET_POSITION:
-            return channel.position.to_bytes(2, "little")
+            return self._reading(data[0]).to_bytes(2, "little")
         value = _value(data[1:])
         if opcode is Opcode.SET_TARGET:
             channel.set_target(value)
@@ -338,6 +359,13 @@ class SimulatedMaestro:
         else:
             channel.acceleration = value
         return b""
+
+    def _reading(self, number: int) -> int:
+        """What Get Position answers: of an input its voltage."""
+        if self._channels[number].mode is not ChannelMode.INPUT:
+            return self._channels[number].position
+        level = self.levels.get(number, 0.0)
+        return round(FULL_SCALE * (level if number < FIRST_DIGITAL_CHANNEL else float(level > ON)))
 
     def _check_channel(self, channel: int) -> None:
         if not 0 <= channel < self.model.channels:
@@ -355,10 +383,13 @@ def simulated_maestro(
     channels: Sequence[ChannelSettings] = (),
     model: MaestroModel | None = None,
     settings: MaestroSettings | None = None,
+    signals: Signals | None = None,
 ) -> SimulatedMaestro:
     """A Maestro (None: the smallest that fits) with the ranges of ``channels``; ``settings`` win."""
-    settings = settings or MaestroSettings()
+    settings, signals = settings or MaestroSettings(), signals or Signals()
     configs = {one.channel: ChannelConfig(one.minimum, one.maximum) for one in channels}
+    configs |= {one.channel: ChannelConfig(mode=ChannelMode.INPUT) for one in signals.inputs}
+    configs |= {one.channel: ChannelConfig(mode=ChannelMode.OUTPUT) for one in signals.outputs}
     configs |= dict(settings.channels or {})
     if model is None:
         model = MaestroModel.with_channels(max(configs, default=0) + 1)
