@@ -350,13 +350,19 @@ def _check_signals(
             with errors:
                 what = ""
                 if outputs is None:
-                    what = ": only an arm whose joints have outputs on a board can have it; give each joint one"
+                    what = (
+                        ": only an arm whose joints have outputs on a board can have it; give each joint one"
+                    )
                 elif not offered[table]:
                     what = f": a board of the kind {kind} has no {table} beside those of the joints"
                 elif one.kind not in offered[table]:
-                    what = f".kind: on a board of the kind {kind} it {must_be(offered[table])}, not {one.kind!r}"
+                    what = (
+                        f".kind: on a board of the kind {kind} it {must_be(offered[table])}, not {one.kind!r}"
+                    )
                 elif one.channel in taken:
-                    what = f".channel = {one.channel}: {taken[one.channel]} has it already; choose another one"
+                    what = (
+                        f".channel = {one.channel}: {taken[one.channel]} has it already; choose another one"
+                    )
                 elif one.name in names:
                     what = ": two inputs or outputs have this name; each needs its own"
                 if what:

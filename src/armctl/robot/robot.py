@@ -36,7 +36,7 @@ from armctl.robot.body.collision import CollisionModel
 from armctl.robot.look.pieces import Drawing, Piece
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
 from armctl.robot.parts import Gripper, Joint, Look, Obstacle, Shape, beyond_limits, read_values, shown_values
-from armctl.robot.signals import Signals
+from armctl.robot.signals import NO_SIGNALS, Signals
 
 _PROBES = 64
 _NO_OUTPUTS = "its file gives no servos, so nobody knows which output means which angle"
@@ -83,7 +83,7 @@ class Robot(ArrayRecord):
     """between which its gripper is while it moves: the jaws of its look count where they are then"""
     criterion: Criterion = "least-travel"
     """by which the page chooses among solutions at first"""
-    signals: Signals = Signals()
+    signals: Signals = NO_SIGNALS
     """inputs and outputs of its board beside the joints"""
     part: CarriedPart | None = None
     """what its gripper carries while it moves, kept apart like a piece of the last link; None: nothing"""

@@ -82,3 +82,6 @@ class Signals:
     def output(self, name: str) -> Output | None:
         """The output of a name; None: there is none."""
         return next((one for one in self.outputs if one.name == name), None)
+
+
+NO_SIGNALS = Signals()

@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 from armctl.errors import InputError
 from armctl.hardware.firmata import codec
 from armctl.hardware.firmata.codec import (
+    AnalogReport,
     BoardText,
     CapabilityReport,
+    DigitalReport,
     FirmwareReport,
     I2cReply,
     Malformed,
@@ -112,14 +114,28 @@ def test_golden_messages(raw: str, expected):
 @pytest.mark.parametrize(
     "raw",
     [
-        "e3 12 01",  # an analog pin
-        "91 55 01",  # a digital port
         "f0 7a 01 f7",  # a sysex that is of no use here
         b"hello\xf7\xff".hex(),  # stray bytes
     ],
 )
 def test_what_is_of_no_use_is_left_out(raw: str):
     assert ReplyParser().feed(bytes.fromhex(f"{raw} {STATE}")) == [PinState(22, 4, 1500)]
+
+
+def test_reports_of_pins_are_read() -> None:
+    said = bytes.fromhex("E3 12 01 91 55 01 EF 7F 07")
+    assert ReplyParser().feed(said) == [AnalogReport(3, 146), DigitalReport(1, 0xD5), AnalogReport(15, 1023)]
+
+
+def test_pins_are_set_and_reported_with_the_bytes_of_the_protocol() -> None:
+    assert codec.digital_write(2, 0b1000_0001).hex(" ") == "92 01 01"
+    assert codec.report_digital(2).hex(" ") == "d2 01"
+    assert codec.report_analog(15).hex(" ") == "cf 01"
+    assert codec.sampling_interval(10).hex(" ") == "f0 7a 0a 00 f7"
+    assert codec.pwm_write(44, 200).hex(" ") == "f0 6f 2c 48 01 f7"
+    assert codec.pin_mode(22, PinMode.INPUT_PULLUP).hex(" ") == "f4 16 0b"
+    with pytest.raises(InputError, match="port or channel 16 is outside 0 … 15"):
+        codec.report_digital(16)
 
 
 def test_a_message_broken_off_by_another_costs_only_itself():

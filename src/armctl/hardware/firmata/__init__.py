@@ -34,7 +34,7 @@ def pin_table(settings: Sequence[ChannelSettings], servo_pins: Sequence[int]) ->
         if one.channel not in servo_pins:
             raise BoardError(
                 f"pin {one.channel} cannot drive a servo on this board; the pins that can: "
-                f"{_ranges(servo_pins)}; change the robot's servo map"
+                f"{pin_ranges(servo_pins)}; change the robot's servo map"
             )
         if not SCALE.holds_range(one, SMALLEST_PULSE_US, LARGEST_PULSE_US):
             raise BoardError(
@@ -46,7 +46,7 @@ def pin_table(settings: Sequence[ChannelSettings], servo_pins: Sequence[int]) ->
     return ChannelTable(SCALE, settings, check)
 
 
-def _ranges(pins: Sequence[int]) -> str:
+def pin_ranges(pins: Sequence[int]) -> str:
     """Numbers in words: ``2 … 13, 22``."""
     parts: list[list[int]] = []
     for pin in sorted(pins):

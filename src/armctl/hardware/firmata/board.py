@@ -38,6 +38,8 @@ class FirmataBoard(BoardType):
     plugged_in = "Arduino"
     scale = SCALE
     entries = ServoEntries()
+    inputs = ("digital", "pull-up", "analog")
+    outputs = ("digital", "pwm")
     usb = ARDUINO_USB
     likely = ARDUINO_LIKELY
     shared = (ARDUINO_MEGA, USB_SERIAL)
@@ -67,9 +69,11 @@ class FirmataBoard(BoardType):
 
     def check(self, setup: Setup) -> None:
         """Refuse what a Mega would refuse."""
-        from armctl.hardware.firmata.simulated import SERVO_PINS
+        from armctl.hardware.firmata.signals import FirmataSignals
+        from armctl.hardware.firmata.simulated import CAPABILITIES, SERVO_PINS
 
         pin_table(setup.channels, SERVO_PINS)
+        FirmataSignals(setup.signals, CAPABILITIES)
 
     def listener(self) -> Listener:
         """Recognises the sketch by the name that it tells when it starts."""
@@ -85,6 +89,6 @@ class FirmataBoard(BoardType):
 
     def examine(self, check_up: CheckUp) -> list[Finding]:
         """Sketch, pins, what is on, and round trips."""
-        from armctl.hardware.firmata.driver import examine_firmata
+        from armctl.hardware.firmata.check_up import examine_firmata
 
         return examine_firmata(check_up)

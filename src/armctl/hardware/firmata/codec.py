@@ -61,6 +61,7 @@ class PinMode(IntEnum):
     PWM = 3
     SERVO = 4
     I2C = 6
+    INPUT_PULLUP = 11
 
 
 END_OF_PIN = 0x7F
@@ -116,6 +117,43 @@ def servo_write(pin: int, pulse_us: int) -> bytes:
     _check("pin", pin, 0, _MAX_PIN)
     _check("pulse width", pulse_us, SMALLEST_PULSE_US, LARGEST_PULSE_US)
     return sysex(Sysex.EXTENDED_ANALOG, pin, *split_14_bits(pulse_us))
+
+
+PORT, PWM_FULL, ANALOG_FULL = 8, 255, 1023
+"""pins that are written and reported together; the largest value of a PWM pin, and of an analog one"""
+
+
+def digital_write(port: int, bits: int) -> bytes:
+    """Set the pins of a port that are outputs; one that is an input is pulled up where its bit is set."""
+    return _of_port(MessageStart.DIGITAL_MESSAGE, port, *split_14_bits(bits))
+
+
+def report_digital(port: int) -> bytes:
+    """Have every change of a port's inputs reported."""
+    return _of_port(MessageStart.REPORT_DIGITAL, port, 1)
+
+
+def report_analog(channel: int) -> bytes:
+    """Have an analog channel reported in each round of sampling."""
+    return _of_port(MessageStart.REPORT_ANALOG, channel, 1)
+
+
+def sampling_interval(milliseconds: int) -> bytes:
+    """How often analog channels are reported [ms]."""
+    return sysex(Sysex.SAMPLING_INTERVAL, *split_14_bits(milliseconds))
+
+
+def pwm_write(pin: int, value: int) -> bytes:
+    """Set the share of a PWM pin, 0 ... 255."""
+    _check("pin", pin, 0, _MAX_PIN)
+    _check("PWM value", value, 0, PWM_FULL)
+    return sysex(Sysex.EXTENDED_ANALOG, pin, *split_14_bits(value))
+
+
+def _of_port(start: MessageStart, number: int, *data: int) -> bytes:
+    """A message whose first byte has a number 0 ... 15 in it."""
+    _check("port or channel", number, 0, 15)
+    return bytes((start | number, *data))
 
 
 _DEFAULT_MINIMUM_US, _DEFAULT_MAXIMUM_US = 544, 2400
@@ -224,6 +262,22 @@ class I2cReply:
 
 
 @dataclass(frozen=True, slots=True)
+class DigitalReport:
+    """The inputs of a port: bit 0 is its lowest pin."""
+
+    port: int
+    bits: int
+
+
+@dataclass(frozen=True, slots=True)
+class AnalogReport:
+    """What an analog channel reads, 0 ... 1023."""
+
+    channel: int
+    value: int
+
+
+@dataclass(frozen=True, slots=True)
 class Malformed:
     """A message that breaks off or makes no sense."""
 
@@ -231,7 +285,15 @@ class Malformed:
 
 
 Reply: TypeAlias = (
-    VersionReport | FirmwareReport | CapabilityReport | PinState | BoardText | I2cReply | Malformed
+    VersionReport
+    | FirmwareReport
+    | CapabilityReport
+    | PinState
+    | BoardText
+    | I2cReply
+    | DigitalReport
+    | AnalogReport
+    | Malformed
 )
 
 _LONGEST_SYSEX = 8192
@@ -250,8 +312,8 @@ _DECODED = (
 class ReplyParser:
     """Takes bytes as they come, in any pieces, and returns the messages that they complete.
 
-    Reports of analog and digital pins, sysexes of other sketches and stray data bytes are left out. A
-    message that is broken off by another one is ``Malformed``; the other one counts.
+    Sysexes of other sketches and stray data bytes are left out. A message that is broken off by another one
+    is ``Malformed``; the other one counts.
     """
 
     def __init__(self) -> None:
@@ -275,11 +337,22 @@ class ReplyParser:
                 raw.append(byte)
                 if len(raw) == _length(raw[0]):
                     self._raw = bytearray()
-                    if raw[0] == MessageStart.REPORT_VERSION:
-                        replies.append(VersionReport(raw[1], raw[2]))
-                    elif raw[0] == MessageStart.START_SYSEX:
-                        replies.append(Malformed(bytes(raw)))
+                    replies.append(_short(raw))
         return replies
+
+
+def _short(raw: bytearray) -> Reply:
+    """A whole message that is no sysex, or a sysex without an end."""
+    number, value = raw[0] & 0x0F, raw[1] | raw[2] << 7
+    match raw[0] & 0xF0:
+        case MessageStart.DIGITAL_MESSAGE:
+            return DigitalReport(number, value)
+        case MessageStart.ANALOG_MESSAGE:
+            return AnalogReport(number, value)
+        case _ if raw[0] == MessageStart.REPORT_VERSION:
+            return VersionReport(raw[1], raw[2])
+        case _:
+            return Malformed(bytes(raw))
 
 
 def _length(command: int) -> int:

@@ -1,4 +1,4 @@
-"""The driver for hobby servos on an Arduino with StandardFirmata, and the check-up of one."""
+"""The driver for hobby servos on an Arduino with StandardFirmata."""
 
 from __future__ import annotations
 
@@ -6,23 +6,33 @@ from collections.abc import Mapping, Sequence
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.facts import Unanswered
-from armctl.hardware.board_type import (
-    ChannelsToCheck,
-    CheckUp,
-    Finding,
-    failed,
-    not_checked,
-    ok,
-    round_trips,
-    warning,
+from armctl.hardware.driver import (
+    Abilities,
+    BoardIdentity,
+    ChannelSettings,
+    ChannelTable,
+    Readback,
+    Source,
+    numbered,
 )
-from armctl.hardware.driver import BoardIdentity, ChannelSettings, ChannelTable, Readback, Source, numbered
 from armctl.hardware.firmata import HOW_TO_LOAD, SCALE, codec, pin_table
-from armctl.hardware.firmata.codec import BoardText, FirmwareReport, Malformed, PinMode, PinState, Reply
+from armctl.hardware.firmata.codec import (
+    AnalogReport,
+    BoardText,
+    CapabilityReport,
+    DigitalReport,
+    FirmwareReport,
+    Malformed,
+    PinMode,
+    PinState,
+    Reply,
+)
 from armctl.hardware.firmata.line import FirmataLine
 from armctl.hardware.firmata.pin_watch import PinWatch
+from armctl.hardware.firmata.signals import FirmataSignals
 from armctl.hardware.firmata.stream import Attacher, SetpointStream, spare_pin
 from armctl.hardware.transport import Connection, Transport
+from armctl.robot.signals import Signals
 
 WATCHDOG_NOTE = (
     "StandardFirmata has no watchdog: if this computer or the cable fails, the servos keep their last "
@@ -39,7 +49,7 @@ _SILENT_PART = 0.5
 """of the time that an answer may take: so long without any, and no setpoint is sent"""
 
 
-class FirmataDriver:
+class FirmataDriver(Abilities):
     """An Arduino with StandardFirmata behind the ``Driver`` protocol. Channels are pins, units µs.
 
     Setpoints are streamed: what has changed goes out at once when the line is idle, else the newest as
@@ -81,6 +91,7 @@ class FirmataDriver:
             self.close()
             raise
         firmware, capabilities = board.firmware, board.capabilities
+        self._capabilities = capabilities
         self._servo_pins = servo_pins = capabilities.pins_with(PinMode.SERVO)
         self._markers = tuple(pin for pin in range(len(capabilities.pins)) if pin not in servo_pins)
         if not self._markers:
@@ -113,8 +124,8 @@ class FirmataDriver:
             raise line.lose(_switched_off(gone))
         self._words += words
         self._stream.drop(watch, all_of_it=True)
-        spare = spare_pin(self._servo_pins, table.channels)
-        self._stream.attacher = Attacher(*self._sketch, spare)
+        self._stream.attacher = self._attacher(table)
+        self._signals.doubt()
         self._stream.first = {
             one.channel: table.admit(one.channel, one.first)
             for one in table.settings
@@ -147,6 +158,7 @@ class FirmataDriver:
         watch = self._watch
         if not self._unsure:
             self._stream.flush(self._table, watch)
+            self._send_signals()
         self._stream.ask_next(watch, self._next_marker)
         if self._malformed:
             raw = self._malformed[0].raw
@@ -171,7 +183,35 @@ class FirmataDriver:
             delay_s=max(delays, default=None),
             expired=self._stream.take_expired(),
             sent=not waiting,
+            inputs=self._signals.inputs,
+            outputs=self._signals.outputs,
         )
+
+    def use_signals(self, signals: Signals) -> None:
+        """Set the pins up, and see that the sketch has their modes; outputs keep the level that they have."""
+        self._signals = found = FirmataSignals(signals, self._capabilities)
+        self._markers = tuple(pin for pin in self._markers if pin not in found.modes)
+        self._stream.attacher = self._attacher(self._table)
+        pins = tuple(found.modes)
+        states = self._sure_states(pins)
+        for _ in range(_ASK_ATTEMPTS):
+            if request := found.set_up(states):
+                self._stream.send(request)
+            states = self._sure_states(pins)
+            if found.is_set_up(states):
+                return
+        raise self._not_told(
+            [pin for pin, mode in found.modes.items() if pin not in states or states[pin].mode != mode]
+        )
+
+    def set_output(self, name: str, value: float) -> None:
+        """Drive a pin at a level; it is told again until the sketch says that it has it."""
+        output = self._signals.signals.output(name)
+        if output is None:
+            raise BoardError(f"the Arduino was told of no output {name!r}")
+        self._pin_writes += self._signals.put(output, value)
+        self._take(self._firmata.receive())
+        self._send_signals()
 
     def stop(self) -> None:
         """Hold: the board goes on with what it was sent last, so all there is to do is to send no more.
@@ -234,8 +274,25 @@ class FirmataDriver:
         self._delay_s: float | None = None
         """the longest that an answer to ``_ask_states`` took since the last reading"""
         self._stream = SetpointStream(self._send, self._now, Attacher(*self._sketch, None))
+        self._capabilities = CapabilityReport(())
+        self._signals = FirmataSignals(Signals(), self._capabilities)
+        self._pin_writes = b""
+        """to outputs, which wait until the sketch is not held"""
         self._words: list[str] = []
         self._malformed: list[Malformed] = []
+
+    def _attacher(self, table: ChannelTable) -> Attacher:
+        """What switches servos on; the pin that it may pulse is none of the arm's."""
+        return Attacher(*self._sketch, spare_pin(self._servo_pins, (*table.channels, *self._signals.modes)))
+
+    def _send_signals(self) -> None:
+        """Send what is due to inputs and outputs, unless the sketch is held: its buffer would overflow."""
+        now = self._now()
+        if self._stream.attacher.holding(now):
+            return
+        data, self._pin_writes = self._pin_writes + self._signals.due(now), b""
+        if data:
+            self._stream.send(data)
 
     def _send(self, data: bytes) -> None:
         self._firmata.send(data)
@@ -243,6 +300,8 @@ class FirmataDriver:
     def _take(self, replies: Sequence[Reply]) -> None:
         """Take note of what the board sent; ``read`` tells of it."""
         for reply in replies:
+            if isinstance(reply, PinState | DigitalReport | AnalogReport):
+                self._signals.take(reply)
             if isinstance(reply, PinState):
                 words = self._watch.answered(reply, self._now())
                 if words is not None:
@@ -328,67 +387,3 @@ def _switched_off(pins: Sequence[int]) -> str:
         "restarted (reset button, or its supply broke down) and its report was lost, or another program "
         "switched them off; check the supply, then connect again"
     )
-
-
-# The check-up of a board that answers.
-
-_SKETCH = "StandardFirmata"
-_ANSWER_S = 0.25
-_PIN = 2
-"""the first pin that is not part of the serial port"""
-
-
-def examine_firmata(check_up: CheckUp) -> list[Finding]:
-    """The findings of ``BoardType.examine``."""
-    needs = check_up.needs
-    line = FirmataLine(check_up.line, check_up.now)
-    identity = line.identify(0.0)
-    name = identity.firmware.name
-    version = f"{identity.firmware.major}.{identity.firmware.minor}"
-    channels = _pins(needs, identity.capabilities.pins_with(PinMode.SERVO))
-    pins = sorted(one.channel for one in needs.channels)
-    states = [line.pin_state(pin, _ANSWER_S) for pin in pins]
-    on = ", ".join(f"{state.pin} at {state.value}" for state in states if state.mode == PinMode.SERVO)
-    asked = pins[0] if pins else _PIN
-    return [
-        ok("firmware", f"{name} {version}")
-        if name.startswith(_SKETCH)
-        else warning(
-            "firmware",
-            f"{name or 'a sketch without a name'} {version} speaks Firmata",
-            f"armctl is tried with {_SKETCH}; load that one if anything is odd",
-        ),
-        *channels,
-        ok("outputs", f"servo pulses on pin {on}" if on else "all pulses are off"),
-        warning(
-            "watchdog",
-            "StandardFirmata has none: if this computer or the cable fails, the servos keep their position",
-            "have a switch for the servos' supply within reach",
-        ),
-        round_trips(lambda: line.pin_state(asked, _ANSWER_S), check_up.now),
-        not_checked(
-            "supply",
-            "an Arduino does not tell its servos' voltage",
-            "feed the servos from a supply of their own, never from the Arduino's 5 V pin, and join the "
-            "grounds; when the board restarts as the arm moves, that supply is the first suspect",
-        ),
-    ]
-
-
-def _pins(needs: ChannelsToCheck, servo_pins: Sequence[int]) -> list[Finding]:
-    """Whether the board can drive a servo on each pin, in the range that the robot file wants."""
-    problems: list[str] = []
-    for one in needs.channels:
-        try:
-            pin_table([one], servo_pins)
-        except BoardError as error:
-            problems.append(str(error))
-    if problems:
-        return [failed("channels", "; ".join(problems), "change the pins or ranges in the robot file")]
-    pins = ", ".join(str(one.channel) for one in needs.channels)
-    if not pins:
-        return [needs.not_known("channels")]
-    return [
-        ok("channels", f"the board can drive servos on pins {pins}"),
-        ok("ranges", "the robot file's ranges can be sent"),
-    ]

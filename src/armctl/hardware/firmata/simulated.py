@@ -9,15 +9,20 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from armctl.errors import InputError
+from armctl.hardware.board_type import SimulatedPins
 from armctl.hardware.firmata.codec import (
+    ANALOG_FULL,
     END_OF_PIN,
     I2C_READ,
+    PORT,
+    CapabilityReport,
     MessageStart,
     PinMode,
     Sysex,
     split_14_bits,
     sysex,
 )
+from armctl.hardware.firmata.sketch_parser import SYSEX_BUFFER, SYSEX_OBEYED, SketchMessage, SketchParser
 
 # One servo of a simulated sketch: what the Arduino Servo library does with what it is given.
 
@@ -97,12 +102,17 @@ def _capabilities(pin: int) -> dict[int, int]:
     return {mode: bits for mode, bits, known in modes if known}
 
 
+_MODES = tuple(mode for mode in PinMode if mode is not PinMode.INPUT_PULLUP)
+"""of this version: an input is pulled up by writing to it"""
+
+
 def _analog_channel(pin: int) -> int:
     """The number of an analog pin among its kind; 127 for the others."""
     return pin - _FIRST_ANALOG_PIN if pin >= _FIRST_ANALOG_PIN else _NO_CHANNEL
 
 
 SERVO_PINS = tuple(pin for pin in range(PINS) if PinMode.SERVO in _capabilities(pin))
+CAPABILITIES = CapabilityReport(tuple(map(_capabilities, range(PINS))))
 
 
 # The sketch, and what it sends.
@@ -134,11 +144,11 @@ def _no_chips(address: int, data: bytes, count: int) -> bytes | None:
     return None
 
 
-class SimulatedFirmata:
-    """StandardFirmata on a Mega, with servos, analog reports and I²C (``i2c``: what is on its bus).
+class SimulatedFirmata(SimulatedPins):
+    """StandardFirmata on a Mega, with servos, reports of its pins and I²C (``i2c``: what is on its bus).
 
-    Nothing is connected to its inputs: the digital ones are low, and an analog channel reads what ``analog``
-    says, 0 … 1023.
+    An input that nothing is connected to is low, or high where it is pulled up; an analog channel reads then
+    what ``analog`` says, 0 … 1023.
 
     Bytes are taken as soon as they are fed: the line's own speed is not modelled. All servos share
     one frame of 20 ms. A sysex that is longer than the sketch's buffer crashes it, as it does in old
@@ -147,6 +157,7 @@ class SimulatedFirmata:
     """
 
     def __init__(self, boot_s: float = 0.0, log_length: int = 10_000, i2c: I2cTransfer = _no_chips) -> None:
+        super().__init__()
         self._boot_s = boot_s
         self._i2c = i2c
         self._log_length = log_length
@@ -169,6 +180,9 @@ class SimulatedFirmata:
         self._frames = 0
         self._channels: set[int] = set()
         """the analog channels that are reported"""
+        self._ports: set[int] = set()
+        """the ports whose inputs are reported"""
+        self._told_bits: dict[int, int] = {}
         self._sampling_ms, self._sampled_ms = _SAMPLING_MS, 0
         self._i2c_enabled = False
         self._i2c_read = _NOTHING_READ
@@ -182,7 +196,7 @@ class SimulatedFirmata:
         if now < self._runs_at:
             return b""
         self._run_frames(now, self._runs_at)
-        reports = self._analog_reports(now - self._runs_at)
+        reports = self._analog_reports(now - self._runs_at) + self._digital_reports()
         if self._reported:
             return reports
         self._reported = True
@@ -199,6 +213,10 @@ class SimulatedFirmata:
     def mode(self, pin: int) -> int:
         """What a pin is set to."""
         return self._modes[_checked(pin)]
+
+    def value(self, pin: int) -> int:
+        """What was last written to a pin."""
+        return self._values[_checked(pin)]
 
     def pulses(self, pin: int) -> tuple[Pulse, ...]:
         """Every pulse that a pin has sent, oldest first."""
@@ -219,7 +237,7 @@ class SimulatedFirmata:
         self._sampled_ms += rounds * self._sampling_ms
         if self._crashed:
             return b""
-        values = [(channel, self.analog[channel]) for channel in sorted(self._channels)]
+        values = [(channel, self._analog_value(channel)) for channel in sorted(self._channels)]
         one = b"".join(
             bytes((MessageStart.ANALOG_MESSAGE | channel, *split_14_bits(value)))
             for channel, value in values
@@ -227,12 +245,31 @@ class SimulatedFirmata:
         )
         return one * min(rounds, _MOST_MISSED)
 
+    def _analog_value(self, channel: int) -> int:
+        level = self.levels.get(_FIRST_ANALOG_PIN + channel)
+        return self.analog[channel] if level is None else round(ANALOG_FULL * level)
+
+    def _digital_reports(self) -> bytes:
+        """The ports whose inputs have changed; the sketch takes all for low when it starts."""
+        reports = b""
+        for port in () if self._crashed else sorted(self._ports):
+            pins = [pin for pin in range(PORT * port, min(PINS, PORT * port + PORT)) if self._is_high(pin)]
+            bits = sum(1 << pin % PORT for pin in pins)
+            if bits != self._told_bits.get(port, 0):
+                self._told_bits[port] = bits
+                reports += bytes((MessageStart.DIGITAL_MESSAGE | port, *split_14_bits(bits)))
+        return reports
+
+    def _is_high(self, pin: int) -> bool:
+        """Whether an input is; what was written to it pulls it up."""
+        return self._modes[pin] == PinMode.INPUT and self.levels.get(pin, float(self._values[pin])) > 0.5
+
     def _obey(self, message: SketchMessage) -> bytes:
         data = message.data
         match message.command:
             case MessageStart.START_SYSEX if len(data) > SYSEX_BUFFER:
                 self._crashed = True
-            case MessageStart.START_SYSEX if len(data) > _SYSEX_OBEYED:
+            case MessageStart.START_SYSEX if len(data) > SYSEX_OBEYED:
                 pass
             case MessageStart.START_SYSEX if data:
                 return self._obey_sysex(data[0], data[1:])
@@ -242,14 +279,21 @@ class SimulatedFirmata:
                 for pin in range(PINS):
                     self._set_mode(pin, _mode_after_reset(pin))
                 self._channels.clear()
+                self._ports.clear()
             case MessageStart.REPORT_ANALOG:
                 self._report_analog(message.channel, data[0] != 0)
             case MessageStart.SET_PIN_MODE:
                 return self._set_mode(data[0], data[1])
             case MessageStart.ANALOG_MESSAGE:
                 self._analog_write(message.channel, data[0] | data[1] << 7)
+            case MessageStart.REPORT_DIGITAL:
+                (self._ports.add if data[0] else self._ports.discard)(message.channel)
+            case MessageStart.DIGITAL_MESSAGE:
+                for pin in range(PORT * message.channel, min(PINS, PORT * message.channel + PORT)):
+                    if _capabilities(pin) and self._modes[pin] in (PinMode.INPUT, PinMode.OUTPUT):
+                        self._values[pin] = (data[0] | data[1] << 7) >> pin % PORT & 1
             case _:
-                pass  # digital pins and their reports: no input ever changes
+                pass  # single digital pins: of later versions
         return b""
 
     def _obey_sysex(self, kind: int, data: bytes) -> bytes:
@@ -309,7 +353,7 @@ class SimulatedFirmata:
         if pin >= _FIRST_ANALOG_PIN:
             self._report_analog(pin - _FIRST_ANALOG_PIN, mode == PinMode.ANALOG)
         self._values[pin] = 0
-        if mode not in tuple(PinMode):
+        if mode not in _MODES:
             return _with_text(Sysex.STRING_DATA, "Unknown pin mode")
         if mode in _capabilities(pin):
             self._modes[pin] = mode
@@ -344,84 +388,3 @@ def _checked(pin: int) -> int:
     if not 0 <= pin < PINS:
         raise InputError(f"pin {pin}: a Mega has pins 0 … {PINS - 1}")
     return pin
-
-
-# The receiving side of the sketch: single bytes to commands (FirmataParser.cpp).
-
-_SYSEX_OBEYED = 32
-"""data bytes of the longest sysex that is carried out; a longer one is dropped without a word"""
-SYSEX_BUFFER = 64
-"""data bytes that the sketch can keep; more of them crash old builds for the Mega"""
-
-_COMMAND_BIT = 0x80
-_DATA_BYTES: dict[int, int] = {
-    MessageStart.ANALOG_MESSAGE: 2,
-    MessageStart.DIGITAL_MESSAGE: 2,
-    MessageStart.SET_PIN_MODE: 2,
-    MessageStart.SET_DIGITAL_PIN: 2,
-    MessageStart.REPORT_ANALOG: 1,
-    MessageStart.REPORT_DIGITAL: 1,
-    MessageStart.REPORT_VERSION: 0,
-    MessageStart.SYSTEM_RESET: 0,
-}
-
-
-@dataclass(frozen=True, slots=True)
-class SketchMessage:
-    """A command and its data: of a sysex any bytes at all, for the sketch does not look at them."""
-
-    command: MessageStart
-    data: bytes = b""
-    channel: int = 0  # of commands below F0
-
-
-class SketchParser:
-    """Takes bytes one at a time, with the sketch's own weaknesses.
-
-    Inside a sysex every byte but F7 is data, the beginning of the next message too: a sysex that has
-    lost its end swallows whatever follows, up to the next F7, and is then executed.
-    """
-
-    def __init__(self) -> None:
-        self._sysex: bytearray | None = None
-        self._command: MessageStart | None = None
-        self._channel = 0
-        self._data = bytearray()
-
-    def push(self, byte: int) -> SketchMessage | None:
-        """What this byte completes; a sysex too long comes with more data than the buffer holds."""
-        if self._sysex is not None:
-            return self._push_sysex(self._sysex, byte)
-        if byte & _COMMAND_BIT:
-            return self._begin(byte)
-        # A command that comes in between does not end the wait for data: the sketch counts on.
-        if self._command is None:
-            return None
-        self._data.append(byte)
-        if len(self._data) < _DATA_BYTES[self._command]:
-            return None
-        message = SketchMessage(self._command, bytes(self._data), self._channel)
-        self._command = None
-        return message
-
-    def _push_sysex(self, body: bytearray, byte: int) -> SketchMessage | None:
-        if byte == MessageStart.END_SYSEX:
-            self._sysex = None
-        else:
-            body.append(byte)
-            if len(body) <= SYSEX_BUFFER:
-                return None
-        return SketchMessage(MessageStart.START_SYSEX, bytes(body))
-
-    def _begin(self, byte: int) -> SketchMessage | None:
-        channel = byte & 0x0F if byte < MessageStart.START_SYSEX else 0
-        if byte == MessageStart.START_SYSEX:
-            self._sysex = bytearray()
-        length = _DATA_BYTES.get(byte - channel)
-        if length is None:  # a sysex, or a command that the sketch does not know
-            return None
-        command = MessageStart(byte - channel)
-        if length == 0:
-            return SketchMessage(command)
-        self._command, self._channel, self._data = command, channel, bytearray()
-        return None

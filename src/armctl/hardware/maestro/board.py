@@ -118,7 +118,7 @@ class MaestroBoard(BoardType):
 
     def examine(self, check_up: CheckUp) -> list[Finding]:
         """Serial mode, CRC, error register, channels, ranges and round trips."""
-        from armctl.hardware.maestro.driver import examine_maestro
+        from armctl.hardware.maestro.check_up import examine_maestro
 
         model = None if check_up.listing is None else MaestroModel.from_label(check_up.listing)
         if check_up.simulated:

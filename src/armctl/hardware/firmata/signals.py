@@ -1,0 +1,172 @@
+"""Pins of a Firmata board that are inputs or outputs beside its servos."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from armctl.errors import BoardError
+from armctl.hardware.firmata import codec, pin_ranges
+from armctl.hardware.firmata.codec import (
+    AnalogReport,
+    CapabilityReport,
+    DigitalReport,
+    PinMode,
+    PinState,
+    Reply,
+)
+from armctl.robot.signals import ON, Input, Output, Signals
+
+_SAMPLING_MS = 10
+"""from one report of the analog pins to the next: the shortest that sketches know"""
+_REMIND_S = 1.0
+"""Reports are asked for again and again: sketches from 2.5 on answer at once, which makes good a lost one."""
+_ASK_S = 0.02
+_ATTEMPTS = 25
+"""so often an output may be written until the sketch says that it has the value"""
+_MODES = {"digital": PinMode.INPUT, "pull-up": PinMode.INPUT, "analog": PinMode.ANALOG, "pwm": PinMode.PWM}
+
+
+class FirmataSignals:
+    """What was last told of the pins of ``signals``, and what is still to be sent to them.
+
+    A digital pin is written with all eight of its port. The sketch leaves pins of other modes alone.
+    """
+
+    def __init__(self, signals: Signals, capabilities: CapabilityReport) -> None:
+        """``BoardError``: a pin that cannot do what it is to do."""
+        self.signals = signals
+        self._pulled_up = [one for one in signals.inputs if one.kind == "pull-up"]
+        modes = {one.channel: _MODES[one.kind] for one in signals.inputs}
+        modes |= {one.channel: _output_mode(one) for one in signals.outputs}
+        if PinMode.INPUT_PULLUP in {mode for pin in capabilities.pins for mode in pin}:
+            modes |= {one.channel: PinMode.INPUT_PULLUP for one in self._pulled_up}
+        self.modes: Mapping[int, PinMode] = modes
+        """by pin, what it is set to"""
+        for one in (*signals.inputs, *signals.outputs):
+            able = capabilities.pins_with(modes[one.channel])
+            if one.channel not in able:
+                raise BoardError(
+                    f"{one.title}: pin {one.channel} of this board cannot be {one.kind}; the pins that can: "
+                    f"{pin_ranges(able)}; change the robot file"
+                )
+        # The sketch numbers its analog channels in the order of their pins (Boards.h).
+        self._analog = {pin: number for number, pin in enumerate(capabilities.pins_with(PinMode.ANALOG))}
+        self._bits: dict[int, int] = {}
+        """by port, what was reported of its digital inputs"""
+        self._shares: dict[int, float] = {}
+        """by analog channel"""
+        self._outputs = {one.channel: 0.0 for one in signals.outputs}
+        """by pin, the level that it is to have"""
+        self._unsure: dict[int, int] = {}
+        """outputs that the sketch has not confirmed, and how often they were written"""
+        self._reminded_at = self._asked_at = -math.inf
+
+    def set_up(self, states: Mapping[int, PinState]) -> bytes:
+        """What sets the pins up that are not yet; an output that is one keeps its level."""
+        request = b""
+        for pin, mode in self.modes.items():
+            state = states.get(pin)
+            if state is None or state.mode != mode:
+                request += codec.pin_mode(pin, mode)
+            elif pin in self._outputs:
+                full = codec.PWM_FULL if mode is PinMode.PWM else 1
+                self._outputs[pin] = min(1.0, state.value / full)
+        for port in sorted({one.channel // codec.PORT for one in self._pulled_up}):
+            request += self._port(port)
+        if any(one.kind == "analog" for one in self.signals.inputs):
+            request += codec.sampling_interval(_SAMPLING_MS)
+        return request
+
+    def is_set_up(self, states: Mapping[int, PinState]) -> bool:
+        """Whether every pin has its mode."""
+        return all(pin in states and states[pin].mode == mode for pin, mode in self.modes.items())
+
+    def take(self, reply: Reply) -> None:
+        """Take note of a report, or of the state of an output."""
+        match reply:
+            case DigitalReport(port, bits):
+                self._bits[port] = bits
+            case AnalogReport(channel, value):
+                self._shares[channel] = min(1.0, value / codec.ANALOG_FULL)
+            case PinState(pin, mode, value) if pin in self._unsure:
+                if mode == self.modes[pin] and value == self._written(pin):
+                    del self._unsure[pin]
+            case _:
+                pass
+
+    def put(self, output: Output, level: float) -> bytes:
+        """What drives an output at a level 0 ... 1."""
+        pin = output.channel
+        self._outputs[pin] = level
+        self._unsure[pin] = 1
+        return self._write(pin)
+
+    def due(self, now: float) -> bytes:
+        """What is to be sent now: an output that is not confirmed again, with a question, and reminders."""
+        request = b""
+        if self._unsure and now - self._asked_at >= _ASK_S:
+            self._asked_at = now
+            pin, times = next(iter(self._unsure.items()))
+            if times >= _ATTEMPTS:
+                title = next(one.title for one in self.signals.outputs if one.channel == pin)
+                raise BoardError(
+                    f"{title}: the board did not switch pin {pin} though told {times} times; check the USB "
+                    "cable, then connect again"
+                )
+            del self._unsure[pin]
+            self._unsure[pin] = times + 1  # behind the others
+            again = self._write(pin) if times > 1 else b""
+            request += again + codec.pin_state_query(pin)
+        if now - self._reminded_at >= _REMIND_S and self.signals.inputs:
+            self._reminded_at = now
+            digital = [one for one in self.signals.inputs if one.kind != "analog"]
+            for port in sorted({one.channel // codec.PORT for one in digital}):
+                request += codec.report_digital(port)
+            for one in self.signals.inputs:
+                if one.kind == "analog":
+                    request += codec.report_analog(self._analog[one.channel])
+        return request
+
+    def doubt(self) -> None:
+        """The board was silent: what it got of the last writes is not known."""
+        self._unsure = dict.fromkeys(self._outputs, 1)
+        self._reminded_at = -math.inf
+
+    @property
+    def inputs(self) -> dict[str, float]:
+        """Levels by name."""
+        return {one.name: self._level(one) for one in self.signals.inputs}
+
+    @property
+    def outputs(self) -> dict[str, float]:
+        """Levels by name, as last sent or found."""
+        return {one.name: self._outputs[one.channel] for one in self.signals.outputs}
+
+    def _level(self, one: Input) -> float:
+        if one.kind == "analog":
+            return self._shares.get(self._analog[one.channel], 0.0)
+        port, bit = divmod(one.channel, codec.PORT)
+        return float(self._bits.get(port, 0) >> bit & 1)
+
+    def _written(self, pin: int) -> int:
+        """The value that the sketch keeps for an output."""
+        level = self._outputs[pin]
+        return round(codec.PWM_FULL * level) if self.modes[pin] is PinMode.PWM else int(level > ON)
+
+    def _write(self, pin: int) -> bytes:
+        if self.modes[pin] is PinMode.PWM:
+            return codec.pwm_write(pin, self._written(pin))
+        return self._port(pin // codec.PORT)
+
+    def _port(self, port: int) -> bytes:
+        """All pins of a port: outputs, and inputs that an old sketch pulls up where they are written high."""
+        high = [one.channel for one in self._pulled_up]
+        high += [pin for pin, level in self._outputs.items() if level > ON]
+        return codec.digital_write(
+            port, sum(1 << pin % codec.PORT for pin in high if pin // codec.PORT == port)
+        )
+
+
+def _output_mode(output: Output) -> PinMode:
+    return PinMode.PWM if output.kind == "pwm" else PinMode.OUTPUT
