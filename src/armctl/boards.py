@@ -9,8 +9,9 @@ from functools import partial
 from pathlib import Path
 
 from armctl.calibration import CalibrationStore, calibrated
-from armctl.errors import InputError, OtherBoardError, PortError
+from armctl.errors import InputError, OtherBoardError, PortError, StateError
 from armctl.hardware import BoardType, ByteModel, Driver, Setup
+from armctl.hardware.board_type import SimulatedPins
 from armctl.hardware.boards import board_of_address, board_type, channel_settings, find_board_type
 from armctl.hardware.ports import boards_listed_as, find_board, list_ports
 from armctl.hardware.servo_records import KeptSettings, ServoRecords
@@ -105,6 +106,13 @@ class Boards:
                 server.__enter__()
                 self._simulated = server
             return self._simulated
+
+    def simulate(self, channel: int, level: float) -> None:
+        """Put a pin of the simulated board at a level 0 ... 1; ``StateError``: it has no pins."""
+        with self.simulated().inspect() as model:
+            if not isinstance(model, SimulatedPins):
+                raise StateError("this simulated board has no inputs")
+            model.levels[channel] = level
 
     def close(self) -> None:
         """Take the simulated board off its line. May be called more than once."""

@@ -50,7 +50,7 @@ CHANGES: dict[str, Any] = {
     "warnings": ("the supply is low",), "events": (Event(0.0, "info", "new"),),
     "control": Control(locked=True), "progress": 0.5, "busy": True,
     "levels": (LevelPassed("Elbow", "servo 3", "load", 0.9, 0.8, 0.8),),
-    "inputs": {"door": 1.0}, "outputs": {"lamp": 1.0}, "limp": ("Elbow",),
+    "inputs": {"door": 1.0}, "outputs": {"lamp": 1.0}, "edges": {"door": 1}, "limp": ("Elbow",),
     "last_pose": LastPose(ROBOT.pose("home"), None, 0.0, ""),
 }  # fmt: skip
 

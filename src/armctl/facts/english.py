@@ -61,7 +61,7 @@ _UNMATCHED = {
     "end": "'end' without a 'repeat' before it; delete it, or add the 'repeat'",
     "repeat": "this 'repeat' has no 'end'; add one behind the last step to repeat",
 }
-_ALLOWS_OFF = (Need.OFF, Need.OFF_OR_HOLDING)
+_ALLOWS_OFF = (Need.OFF, Need.OFF_OR_HOLDING, Need.CONNECTED)
 
 
 def _angle(one: AngleLimit) -> str:

@@ -38,6 +38,7 @@ class Need(Enum):
     OFF = "off"
     OFF_OR_HOLDING = "off or holding"
     HOLDING_SOME = "holding, some joints at least"
+    CONNECTED = "connected and without a fault"
 
 
 # Numbers as texts that tell them apart.

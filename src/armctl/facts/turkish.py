@@ -59,6 +59,7 @@ _NEEDS = {
     Need.OFF: "kapalı olmalı",
     Need.OFF_OR_HOLDING: "kapalı olmalı ya da konumunu korumalı",
     Need.HOLDING_SOME: "en az birkaç eklemiyle konumunu korumalı",
+    Need.CONNECTED: "bağlı ve arızasız olmalı",
 }
 _HOME_FIRST = "Homing düğmesine basın (her eksen sıfırına gider)"
 _TO_DO = {
@@ -245,7 +246,7 @@ def _state(one: NotNow) -> str:
     if one.limp:
         return f"duruyor, ama {', '.join(one.limp)} serbest; önce etkinleştirin"
     if one.state is State.DISCONNECTED:
-        off = one.need in (Need.OFF, Need.OFF_OR_HOLDING)
+        off = one.need in (Need.OFF, Need.OFF_OR_HOLDING, Need.CONNECTED)
         return f"{now}; önce bağlanın" if off else f"{now}; bağlanın ve etkinleştirin"
     if one.state is State.OFF:
         return f"{now}; {'önce etkinleştirin' if one.homed else _HOME_FIRST}"

@@ -41,6 +41,7 @@ class Host:
         self._controller = Controller(
             robot, self.boards.driver, clock, rate_hz,
             published=published, pin=pin, black_boxes=black_boxes(), poses=PoseFolder.of_user(robot),
+            simulate=self.boards.simulate,
         )  # fmt: skip
         self._controller.start()
 

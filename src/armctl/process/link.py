@@ -157,7 +157,7 @@ class Link:
             self._snapshot, state=State.FAULT, cause=lost, unreachable=True, powered=powered,
             q=unknown, commanded=False, program=None,
             velocity_command=still, acceleration_command=still, homing=(), warnings=(),
-            measured={}, quantities={}, levels=(), inputs={}, outputs={}, limp=(),
+            measured={}, quantities={}, levels=(), inputs={}, outputs={}, edges={}, limp=(),
         )  # fmt: skip
 
     @property

@@ -2,6 +2,7 @@
 
 from armctl.program.base_steps import Effect, Senses, Until
 from armctl.program.check import check_program
+from armctl.program.conditions import Condition
 from armctl.program.csv import read_csv, write_csv
 from armctl.program.files import (
     PROGRAM_SUFFIXES,
@@ -26,8 +27,10 @@ from armctl.program.steps import (
     MoveStep,
     PointStep,
     RepeatStep,
+    SetStep,
     SpeedStep,
     Step,
+    WaitForStep,
     WaitStep,
 )
 
@@ -36,6 +39,7 @@ __all__ = [
     "ArcStep",
     "Blocks",
     "CommentStep",
+    "Condition",
     "Cursor",
     "Effect",
     "EndStep",
@@ -47,9 +51,11 @@ __all__ = [
     "Program",
     "RepeatStep",
     "Senses",
+    "SetStep",
     "SpeedStep",
     "Step",
     "Until",
+    "WaitForStep",
     "WaitStep",
     "check_program",
     "checked_program",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Annotated, ClassVar, Literal, cast, get_args, get_type_hints
 
@@ -111,9 +111,26 @@ class Senses:
     """What the board measures and sees at one moment."""
 
     quantities: Mapping[str, Quantities]
-    """by title of a joint"""
+    """by title of a joint, and by its name; the gripper's name is ``gripper``"""
     inputs: Mapping[str, float]
     """by name: 0, 1, or a share"""
+    edges: Mapping[str, int] = field(default_factory=dict[str, int])
+    """by name of a digital input, how often it has changed since the program began, or was waited for"""
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        quantities: Mapping[str, Quantities],
+        inputs: Mapping[str, float],
+        edges: Mapping[str, int] | None = None,
+    ) -> Senses:
+        """What a board says of an arm; ``quantities`` by title, as it tells them."""
+        names = {joint.title: joint.name for joint in robot.joints}
+        if robot.gripper is not None:
+            names[robot.gripper.title] = "gripper"
+        named = {names[title]: one for title, one in quantities.items() if title in names}
+        return cls({**named, **quantities}, inputs, edges or {})
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +143,10 @@ class Until:
     """whether it has come; asked once a tick, so it must be quick"""
     longest_s: float
     """the program ends with an error where it has not come by then"""
+    goes_on: bool = False
+    """… or goes on, and the log says so"""
+    uses: str = ""
+    """name of an input whose edges count as seen when this is over"""
 
     def __post_init__(self) -> None:
         if not self.longest_s > 0.0:
@@ -146,6 +167,8 @@ class Effect:
     """what is between its jaws from then on; None: nothing"""
     until: Until | None = None
     """the joints stand until this holds"""
+    output: tuple[str, float] | None = None
+    """the output that is switched, and to what; the joints stand while that is done"""
     percent: float | None = None
     """speed of the steps after it, on top of the operator's override"""
     says: str = ""
@@ -154,7 +177,7 @@ class Effect:
     @property
     def stands(self) -> bool:
         """The joints stand while it lasts."""
-        return self.wait_s is not None or self.opening is not None or self.until is not None
+        return any(one is not None for one in (self.wait_s, self.opening, self.until, self.output))
 
 
 class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", kw_only=True):

@@ -102,6 +102,15 @@ class SetOutput(Command, frozen=True):
     """0, 1, or a share"""
 
 
+class SimulateInput(Command, frozen=True):
+    """Put an input of the simulated board at a value, as if somebody pressed it."""
+
+    name: str
+    """as ``Snapshot.inputs`` has it"""
+    value: float
+    """0, 1, or a share"""
+
+
 class Pause(Command, frozen=True):
     """Slow down along the path and stand."""
 

@@ -29,6 +29,7 @@ _MET_IN = {
     Need.OFF: (State.OFF,),
     Need.OFF_OR_HOLDING: (State.OFF, State.HOLDING),
     Need.HOLDING_SOME: (State.HOLDING,),
+    Need.CONNECTED: (State.OFF, *POWERED),
 }
 
 
@@ -55,6 +56,8 @@ class Doing:
                 return not self.gripping
             case Need.PAUSE:
                 return self.pausable and not self.stopping
+            case Need.CONNECTED:
+                return True
             case _:
                 return need is Need.JOG and self.jogged and not self.stopping
 
@@ -302,6 +305,8 @@ class Snapshot:
     """what the board's other pins are at, by name: 0, 1, or a share"""
     outputs: Mapping[str, float] = field(default_factory=dict[str, float])
     """what it drives beside the joints, likewise"""
+    edges: Mapping[str, int] = field(default_factory=dict[str, int])
+    """how often each digital input has changed since the board was connected"""
     limp: tuple[str, ...] = ()
     """titles of joints that were released by themselves, while the others hold"""
 
@@ -318,7 +323,8 @@ class Snapshot:
 
 _TOLD = attrgetter(
     "state", "cause", "commanded", "source", "powered", "gripper", "part_mm", "speed", "progress", "board",
-    "homing", "warnings", "levels", "control", "busy", "unreachable", "inputs", "outputs", "limp",
+    "homing", "warnings", "levels", "control", "busy", "unreachable", "inputs", "outputs", "edges",
+    "limp",
 )  # fmt: skip
 _STILL_RAD = 1e-3
 """readings that differ by less are those of an arm that stands"""

@@ -20,6 +20,7 @@ from armctl.hardware import Abilities, Driver, HomingState, Readback, Source
 from armctl.hardware.boards import board_type, channel_settings
 from armctl.hardware.driver import abilities_of, translated
 from armctl.robot import Robot
+from armctl.robot.signals import ON, Input, Output
 
 BoolArray = NDArray[np.bool_]
 MOTORS_APART_RAD = 2.0 * DEGREE
@@ -88,6 +89,20 @@ class Board:
         for one in self.map.mirrors:
             self._titles[one.channel] = f"{robot.joints[one.joint].title} ({noun} {one.channel})"
         self._joint_titles = [joint.title for joint in robot.joints]
+        self._signals = robot.signals
+        for one in robot.signals.inputs + robot.signals.outputs:
+            self._titles[one.channel] = one.title
+        self._gripper_output = "" if robot.gripper is None else robot.gripper.output
+        self.grips = robot.gripper is not None and (
+            self.map.gripper_channel is not None or bool(self._gripper_output)
+        )
+        """whether it moves a gripper"""
+        self.switches_gripper = bool(self._gripper_output)
+        """whether that is an output: closed while it is on"""
+        self._opening: float | None = None
+        """where that one was told to go last"""
+        self._closed: bool | None = None
+        """whether its output is on"""
         self._settings = channel_settings(robot)
         self._ranges = list(zip(self.map.low.tolist(), self.map.high.tolist(), strict=True))
         self.limp = np.zeros(robot.n, dtype=np.bool_)
@@ -116,6 +131,8 @@ class Board:
         translated("setting the channels", self._driver.configure, self._settings)
         if self._torque:
             translated("limiting the torque", self._able.limit_torque, self._torque)
+        if self._signals:
+            translated("setting inputs and outputs up", self._able.use_signals, self._signals)
 
     def prepare(self, q: FloatArray, opening: float | None) -> None:
         """Tell the board with which angles (n,) [rad] and opening 0..1 it will be enabled. Moves nothing."""
@@ -129,6 +146,8 @@ class Board:
         ``joints``: (n,) which of the angles are sent; None: all. Never those of limp joints.
         """
         sent = ~self.limp if joints is None else joints & ~self.limp
+        if opening is not None and self._gripper_output:
+            self._grip(opening)
         try:
             translated("writing setpoints", self._driver.write, self._values(q, opening, sent))
         except EnableError as refusal:
@@ -145,9 +164,17 @@ class Board:
                 if wanted:
                     values[channel] = min(max(value, low), high)
             values |= self.map.mirrored(values)
-        if opening is not None:
+        if opening is not None and not self._gripper_output:
             values |= self.map.gripper_output(opening)
         return values
+
+    def _grip(self, opening: float) -> None:
+        """Switch a gripper that is an output as soon as it is to close or open: 0 is on."""
+        before, self._opening = self._opening, opening
+        closes = opening < ON if before is None or opening == before else opening < before
+        if closes != self._closed:
+            self.set_output(self._gripper_output, float(closes))
+            self._closed = closes
 
     def read(self) -> Reading:
         """Read back."""
@@ -168,7 +195,12 @@ class Board:
         else:
             on = ~np.isnan(q) if back.powered is None else np.full(q.shape, back.powered)
         errors = tuple(f"{self.title(channel)}: {fault}" for channel, fault in (back.faults or {}).items())
+        levels = back.outputs.items()
+        outputs = {name: self._value(self._signals.output(name), level) for name, level in levels}
         opening = self.map.opening(back.positions)
+        if self._gripper_output in outputs:
+            self._closed = outputs[self._gripper_output] > ON
+            opening = float(not self._closed)
         errors += back.errors
         warned = (back.warnings or {}).items()
         warnings = tuple(f"{self.title(channel)}: {words}" for channel, words in warned)
@@ -205,8 +237,8 @@ class Board:
             back.delay_s,
             tuple(map(self.title, back.expired)),
             back.sent,
-            back.inputs,
-            back.outputs,
+            {name: self._value(self._signals.input(name), level) for name, level in back.inputs.items()},
+            outputs,
             gripper_on,
             apart,
             back.home_again,
@@ -275,7 +307,13 @@ class Board:
 
     def set_output(self, name: str, value: float) -> None:
         """Switch an output that moves no joint."""
-        translated(f"switching {name}", self._able.set_output, name, value)
+        level = self._value(self._signals.output(name), value)
+        translated(f"switching {name}", self._able.set_output, name, level)
+
+    @staticmethod
+    def _value(signal: Input | Output | None, level: float) -> float:
+        """The value of a pin's level, and the reverse: another package's board knows its own."""
+        return level if signal is None else signal.value(level)
 
     def _channels(self, joints: BoolArray) -> list[int]:
         return [one for i in np.flatnonzero(joints).tolist() for one in self._channels_of[i]]

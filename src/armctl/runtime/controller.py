@@ -59,6 +59,7 @@ class Controller:
         pin: str = "",
         black_boxes: Path | None = None,
         poses: PoseFolder | None = None,
+        simulate: Callable[[int, float], None] | None = None,
     ) -> None:
         """Wire it up; it runs once it is started.
 
@@ -68,6 +69,7 @@ class Controller:
         ``pin``: the teacher's, see ``ControlDesk``.
         ``black_boxes``: the folder where the last minute is saved at every fault; None: it is not.
         ``poses`` keeps where the arm was seen last; None: nothing is kept.
+        ``simulate`` puts an input of the simulated board at a level, by channel; None: there is no such one.
         """
         low, high = _RATES_HZ
         if not low <= rate_hz <= high:
@@ -82,6 +84,7 @@ class Controller:
         plan = planner(self._executor, self._wake.set)
         open_line = planner(executor or Openers(), self._wake.set)
         self._core = Core(robot, open_driver, plan, self._period, pin, poses, open_line)
+        self._core.simulator = simulate
         self._black_box = BlackBox(robot, self._period, clock.now, black_boxes)
         self._recording = True
         self._lock = threading.Lock()
@@ -277,8 +280,9 @@ class Controller:
             quantities=reading.quantities,
             limits=reading.limits,
             levels=core.monitor.levels.passed,
-            inputs=reading.inputs,
-            outputs=reading.outputs,
+            inputs=core.signals.inputs,
+            edges=core.signals.edges,
+            outputs=core.signals.outputs,
             limp=core.limp,
             control=core.desk.control,
         )

@@ -11,13 +11,15 @@ from typing import Any
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError, BoardError, MotionRefusedError, StateError
+from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError, out_of_range
 from armctl.facts import Need, State
+from armctl.kinematics.target import checked_number
 from armctl.motion.preflight import require_gaps
 from armctl.protocol import Origin, Ticket
 from armctl.protocol.clock import AFTER_GAP_S
 from armctl.protocol.snapshot import BOARD_REPORTS, POWERED
 from armctl.robot import CarriedPart
+from armctl.robot.signals import ON
 from armctl.runtime.activity import Activity, Order
 from armctl.runtime.board import Board
 from armctl.runtime.monitor import LATE_SHOWN_S
@@ -31,6 +33,9 @@ _UNSENT_S = 1.0
 
 class Core(ArmState):
     """The arm as the controller runs it. Only one thread at a time may use it; nothing else writes to it."""
+
+    simulator: Callable[[int, float], None] | None = None
+    """puts an input of the simulated board at a level, by channel; None: there is no such board"""
 
     # Connecting.
 
@@ -69,7 +74,10 @@ class Core(ArmState):
             opening.order.ticket.end()
 
     def _connected(self, board: Board, who: str, now: float) -> None:
-        answered = self.monitor.read(board, now) is not None
+        reading = self.monitor.read(board, now)
+        answered = reading is not None
+        if reading is not None:
+            self.signals.take(reading, now)
         identity, power = board.identity, board.power
         for note in identity.notes:
             self.log.add(note)
@@ -89,6 +97,19 @@ class Core(ArmState):
         elif self.state is not State.DISCONNECTED or self._opening is not None:
             self.disconnect(f"disconnected ({who})")
         return self.leaving is None
+
+    def simulate(self, name: str, value: float, who: str) -> None:
+        """Put an input of the simulated board at a value, as if somebody pressed it."""
+        signal = self.robot.signals.input(name)
+        if self.simulator is None or self.board is None or not self.board.identity.simulated:
+            raise StateError(f"input {name}: only those of a connected simulated board are set by hand")
+        if signal is None:
+            every = ", ".join(one.name for one in self.robot.signals.inputs) or "none"
+            raise InputError(f"there is no input {name!r}; the robot file has {every}")
+        if not 0 <= checked_number(value, f"input {name}") <= 1:
+            raise InputError(f"input {name}: {out_of_range(value, 0, 1)}")
+        self.simulator(signal.channel, signal.value(value))
+        self.log.add(f"simulated input {name}: {value:g} ({who})")
 
     # What is done on other threads.
 
@@ -282,6 +303,9 @@ class Core(ArmState):
             self.stop(Origin("armctl", monitor.unreliable))
         if reading is None:
             return
+        self.signals.take(reading, now)
+        if board.switches_gripper and self.gripper.goal is None and self.gate.opening != reading.opening:
+            self._adopt_switched(reading.opening, now)
         q = self.gate.q
         if q is None:
             monitor.check_released()
@@ -291,7 +315,7 @@ class Core(ArmState):
         if reading.errors and stoppable and not self._stopping:
             self.stop(Origin("armctl", f"{BOARD_REPORTS}{'; '.join(reading.errors)}"))
         standing = self.standing and self.gripper.goal is None
-        grips = self.gate.opening is not None and board.map.gripper_channel is not None
+        grips = self.gate.opening is not None and board.grips
         lost = monitor.went_by_itself(board, q, standing, now, grips=grips)
         if lost is not None:
             self.forget()
@@ -299,6 +323,14 @@ class Core(ArmState):
                 self.fault(MotionRefusedError(lost))
             return
         monitor.compare(board, q, standing, now)
+
+    def _adopt_switched(self, opening: float | None, now: float) -> None:
+        """A gripper that is an output is as that is: STOP may have opened it, and what it held is gone."""
+        if opening is None or self.gate.opening is None:
+            return
+        self.gate.adopt_opening(opening, now)
+        if opening > ON:
+            self.gripper.forget()
 
     def _on_the_wire(self, now: float) -> bool:
         """Whether the last setpoint has gone out; a fault where the line does not take it for a second."""

@@ -80,7 +80,7 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         raise MotionRefusedError(Several((touch, ToDo("other pose"))))
     if wanted is not None and live.any() and (np.abs(start - goal) > _tolerance(board)).any():
         core.log.warn("enabled where the arm stands, not in the pose asked for: move there now")
-    grips = board.map.gripper_channel is not None and core.robot.gripper is not None
+    grips = board.grips
     if grips and reading.source is Source.MEASURED and reading.opening is None and reading.errors:
         raise EnableError(f"{'; '.join(reading.errors)}; nothing was switched on")
     opening = _opening_inside(core, reading)
@@ -161,6 +161,7 @@ def release(core: Core, who: str, names: Sequence[str] | None = None) -> None:
     core.board.release()
     core.log.warn(f"RELEASE ({who}): {core.board.power} off")
     core.power_off(f"released ({who})")
+    core.signals.switch(core.board, "release")
 
 
 def limit_torque(core: Core, share: float, names: Sequence[str], who: str) -> None:
@@ -184,17 +185,15 @@ def limit_torque(core: Core, share: float, names: Sequence[str], who: str) -> No
 
 
 def set_output(core: Core, name: str, value: float, who: str) -> None:
-    """Switch an output of the board that moves no joint."""
-    known = core.monitor.reading.outputs
-    if core.board is None:
-        raise StateError("there is no board; connect first")
-    if not known:
-        raise StateError("this board has no outputs beside those of the joints")
-    if name not in known:
-        raise InputError(f"there is no output {name!r}; there are {', '.join(known)}")
-    if not 0 <= checked_number(value, f"output {name}") <= 1:
-        raise InputError(f"output {name}: {out_of_range(value, 0, 1)}")
-    core.board.set_output(name, value)
+    """Switch an output of the board that moves no joint; that of the gripper only where the arm is off."""
+    core.require(Need.CONNECTED, f"output {name}")
+    gripper = core.robot.gripper
+    if gripper is not None and gripper.output == name and core.state in POWERED:
+        raise StateError(
+            f"output {name} is the gripper's, and what it holds counts in all that moves: use the gripper "
+            "(on the page, in a program, with arm.gripper)"
+        )
+    core.signals.set(core.board, name, value)
     core.log.add(f"output {name}: {value:g} ({who})")
 
 

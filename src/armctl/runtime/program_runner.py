@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections import deque
 from concurrent.futures import Future
 from dataclasses import replace
+from functools import partial
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, ProgramError
 from armctl.program import Program
-from armctl.program.base_steps import Senses, Until
+from armctl.program.base_steps import Effect, Senses, Until
+from armctl.program.conditions import Condition
 from armctl.program.feed import PlannedStep, PlanState, ProgramSource, begin_program, plan_next
 from armctl.protocol import Command, ProgramProgress, UpdateProgram
 from armctl.robot import Robot
@@ -20,6 +22,8 @@ from armctl.runtime.planner import Submit, result_of
 
 _EARLIER_S = 0.6
 """What is begun without a stop is taken this long before the arm would slow down for want of it."""
+_HELD_S = 2.0
+"""so long after it has closed a gripper may take to hold a part, as a vacuum does"""
 _MOTIONS_AHEAD = 2
 _STEPS_AHEAD = 512
 
@@ -53,7 +57,10 @@ class ProgramRunner(Activity):
         self.label = f"program {self._program.name!r}"
         self._loops = loops
         self._speed, self._percent = core.speed, 100.0
-        self._gripper, self._monitor = core.gripper, core.monitor
+        self._gripper, self._monitor, self._signals = core.gripper, core.monitor, core.signals
+        self._edges = dict(core.signals.edges)
+        """of each input, when the program began or waited for it last"""
+        self._set_output = partial(core.signals.set, core.board)
         self._log = core.log
         self._early_s = starving_s(robot) + _EARLIER_S
         self._feed = ProgramFeed(robot, begun, core.submit, self._early_s)
@@ -160,12 +167,18 @@ class ProgramRunner(Activity):
         return setpoint
 
     def _look(self, until: Until) -> None:
-        reading, why = self._monitor.reading, ""
+        reading, watch, why = self._monitor.reading, self._signals, ""
+        edges = {name: count - self._edges.get(name, 0) for name, count in watch.edges.items()}
         try:
-            if until.holds(Senses(reading.quantities, reading.inputs)):
-                self._wait_left, self._until = 0.0, None
-            elif self._wait_left <= 0:
+            holds = until.holds(Senses.of(self._robot, reading.quantities, watch.inputs, edges))
+            if not holds and self._wait_left <= 0:
                 why = f"waited {until.longest_s:g} s for {until.what}, which did not come"
+            if holds or (why and until.goes_on):
+                if why:
+                    self._log.warn(f"{self._program.name}: {why}; it goes on")
+                if until.uses:
+                    self._edges[until.uses] = watch.edges.get(until.uses, 0)
+                self._wait_left, self._until, why = 0.0, None, ""
         except Exception as defect:  # of a step of somebody's own
             why = f"cannot look for {until.what}: {type(defect).__name__}: {defect}"
         if why:
@@ -231,6 +244,8 @@ class ProgramRunner(Activity):
         else:
             self._say(step)
         effect = step.step.effect
+        if effect.output is not None:
+            self._set_output(*effect.output)
         if effect.wait_s is not None:
             self._wait_left = effect.wait_s
         self._until = effect.until
@@ -239,7 +254,17 @@ class ProgramRunner(Activity):
         if effect.opening is not None:
             self._gripper.move_to(effect.opening, effect.part)
             self._gripping = True
+            self._await_part(effect)
         return False
+
+    def _await_part(self, effect: Effect) -> None:
+        """A gripper that closes round a part, and has an input for that: see that it holds it."""
+        gripper = self._robot.gripper
+        if effect.part is None or gripper is None or not gripper.part_input:
+            return
+        held = Condition(watch=gripper.part_input)
+        self._until = Until(f"the gripper to hold a part ({held})", held.holds, 1 / gripper.speed + _HELD_S)
+        self._wait_left = self._until.longest_s
 
     def _show(self, step: PlannedStep) -> None:
         self._running = step

@@ -29,6 +29,7 @@ from armctl.runtime.monitor import LONGEST_TICKS, Monitor, TickTime
 from armctl.runtime.mover import GripperMover
 from armctl.runtime.notices import EventLog, Notices
 from armctl.runtime.planner import Grip, Pending, Submit
+from armctl.runtime.signals import SignalWatch
 
 SLOWEST = 0.05
 """the smallest speed override"""
@@ -64,6 +65,7 @@ class ArmState:
         self.gate = Gate(robot, LONGEST_TICKS * period)
         self.gripper = GripperMover(robot.gripper)
         self.monitor = Monitor(robot, self.notices, max(period, _READ_INTERVAL_S))
+        self.signals = SignalWatch(robot, self.log)
         self.poses = PoseWatch(poses)
         self.board: Board | None = None
         self.state = State.DISCONNECTED
@@ -126,6 +128,8 @@ class ArmState:
     def resting(self) -> bool:
         """Nothing is powered, moves, or is about to: the board is only looked at."""
         if self.state not in (State.OFF, State.DISCONNECTED) or self.powered or self.busy:
+            return False
+        if self.board is not None and self.robot.signals.inputs:  # whoever waits for one has it at once
             return False
         waits = self._opening is not None or self._edit is not None or self.leaving is not None
         return not (waits or self._stopping or self.monitor.doubts or self.monitor.homes)
@@ -276,13 +280,14 @@ class ArmState:
         self._drop_grip(StateError(f"stopped by {origin}"))
         self.gripper.stop(StateError(f"stopped by {origin}"))
         try:
-            if self.activity is not None:
-                self.stopped_by = str(origin)
-                self._pausing = False
-                self.activity.stop()
-                return
-            if self.board is not None and self.monitor.homes:
+            if (activity := self.activity) is not None:
+                self.stopped_by, self._pausing = str(origin), False
+                activity.stop()
+            elif self.board is not None and self.monitor.homes:
                 self.board.hold()
+            self.signals.switch(self.board, "stop")
+            if activity is not None:
+                return
         except ArmctlError as error:
             self.fault(error)
             return
@@ -317,6 +322,7 @@ class ArmState:
         """Something broke: send nothing more, and say why."""
         cause = str(error)
         goes_on = self._drop_all(error)
+        self.signals.switch_if_possible(self.board, "fault")
         if goes_on is not None and str(goes_on) != cause:
             cause = f"{cause}; and {goes_on}"
         if isinstance(error, BoardError) or goes_on is not None:
@@ -390,6 +396,8 @@ class ArmState:
             self.log.add(cause, "error")
         else:
             cause = f"{activity.label} finished"
+        if activity.program is not None and not stopped:
+            self.signals.switch_if_possible(self.board, "end")
         if ticket is not None:
             ticket.end(error)
         # Homing that was stopped or failed leaves an arm whose position is unknown.
@@ -435,4 +443,5 @@ class ArmState:
         self._dropped = False
         self.forget()
         self.monitor.reset()
+        self.signals.reset()
         self.notices.clear_all()

@@ -163,6 +163,7 @@ Point = tuple[float, float, float]
 _END, _VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
 _RPY = ("rx_deg", "ry_deg", "rz_deg")
 _DIGITS = 3
+_SIGNAL_KEYS, _TIMEOUT_S = ("output", "watch", "timeout_s"), 10.0
 _NOT_KNOWN = {
     "open_percent": "the gripper has not been told to move yet; press 'Set gripper' first",
     _VIA[0]: f"an arc needs a point on its way: bring the tool there and press {SET_VIA!r}, "
@@ -173,8 +174,10 @@ _NOT_KNOWN = {
 def recorded_kinds(robot: Robot) -> dict[str, dict[str, type[Step]]]:
     """Rows of buttons: the label of each, and the kind of step that it records of an arm."""
     rows: dict[str, dict[str, type[Step]]] = {}
+    there = {"open_percent"} if robot.gripper is not None else set[str]()
+    there |= _signals_here(robot).keys()
     for kind in registry.KINDS:
-        if kind.button and (robot.gripper is not None or "open_percent" not in kind.button):
+        if kind.button and not {"open_percent", *_SIGNAL_KEYS}.intersection(kind.button) - there:
             row, label, *_ = kind.button
             rows.setdefault(row, {})[label] = kind
     return rows
@@ -184,9 +187,10 @@ def step_here(kind: type[Step], robot: Robot, snapshot: Snapshot, via_mm: Point 
     """A step made where the arm is; ``via_mm``: on an arc. ``StateError``: something is not known."""
     keys = kind.button[2:]
     here: dict[str, Any] = dict(zip(EDGES, snapshot.part_mm or (None, None, None), strict=True))
+    here |= _signals_here(robot)
     if snapshot.gripper is not None:
         here["open_percent"] = round(100 * snapshot.gripper, 1)
-    if set(keys) - {"open_percent", *EDGES}:
+    if set(keys) - {"open_percent", *EDGES, *_SIGNAL_KEYS}:
         here |= _tool_here(robot, present_pose_deg(robot, snapshot))
     if via_mm is not None:
         here |= zip(_VIA, via_mm, strict=True)
@@ -194,6 +198,17 @@ def step_here(kind: type[Step], robot: Robot, snapshot: Snapshot, via_mm: Point 
         if key not in here:
             raise StateError(_NOT_KNOWN[key])
     return kind(**{key: here[key] for key in keys})
+
+
+def _signals_here(robot: Robot) -> dict[str, Any]:
+    """Keys of steps about inputs and outputs: the first of each, to be edited in the row."""
+    own = "" if robot.gripper is None else robot.gripper.output
+    here: dict[str, Any] = {"timeout_s": _TIMEOUT_S}
+    if outputs := [one.name for one in robot.signals.outputs if one.name != own]:
+        here["output"] = outputs[0]
+    if robot.signals.inputs:
+        here["watch"] = robot.signals.inputs[0].name
+    return here
 
 
 def _tool_here(robot: Robot, pose_deg: tuple[float, ...]) -> Mapping[str, Any]:

@@ -1,0 +1,92 @@
+"""What steps wait for or ask: an input of the board, or what it measures of a joint."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import msgspec
+
+from armctl.decoding import must_be
+from armctl.errors import ProgramError
+from armctl.program.base_steps import Senses
+from armctl.robot import Robot
+
+Comparison = Literal["equals", "above", "below"]
+Trigger = Literal["level", "edge"]
+"""level: as it is now; edge: that it has become so since the program began, or since the last wait for it"""
+Measured = Literal["load", "temperature", "voltage", "current"]
+_SIGNS = {"equals": "=", "above": ">", "below": "<"}
+_UNITS: dict[Measured, str] = {"load": "%", "temperature": "°C", "voltage": "V", "current": "A"}
+MEASURED: tuple[Measured, ...] = get_args(Measured)
+GRIPPER = "gripper"
+"""names the gripper where a joint is named"""
+
+
+class Condition(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """An input that has a value, or a quantity of a joint above or below one."""
+
+    watch: str
+    """name of an input, or ``load`` [%], ``temperature`` [°C], ``voltage`` [V], ``current`` [A] of a joint"""
+    joint: str = ""
+    """name of the joint, or ``gripper``; of a quantity only"""
+    compare: Comparison = "equals"
+    value: float = 1.0
+    """of an input 0 or 1, of an analog one a share 0 ... 1"""
+    trigger: Trigger = "level"
+
+    def __str__(self) -> str:
+        """``button = 1``, ``load of elbow > 40 %``."""
+        if self.watch not in MEASURED:
+            edge = "edge to " if self.trigger == "edge" else ""
+            return f"{self.watch} {_SIGNS[self.compare]} {edge}{self.value:g}"
+        return f"{self.watch} of {self.joint} {_SIGNS[self.compare]} {self.value:g} {_UNITS[self.watch]}"
+
+    def holds(self, senses: Senses) -> bool:
+        """Whether it holds now; what is not known does not."""
+        seen = self._seen(senses)
+        if seen is None:
+            return False
+        if self.trigger == "edge":
+            return senses.edges.get(self.watch, 0) >= (1 if seen == self.value else 2)
+        if self.compare == "equals":
+            return seen == self.value
+        return seen > self.value if self.compare == "above" else seen < self.value
+
+    def check(self, robot: Robot) -> None:
+        """Refuse what the arm has not, and what can never hold."""
+        signal = robot.signals.input(self.watch)
+        if self.watch in MEASURED:
+            self._check_quantity(robot)
+            return
+        if signal is None:
+            inputs = [one.name for one in robot.signals.inputs]
+            raise ProgramError(
+                f"{robot.name} has no input {self.watch!r}: watch {must_be((*inputs, *MEASURED))}"
+                + ("" if inputs else "; inputs are told in the robot file ([[inputs]])")
+            )
+        if self.joint:
+            raise ProgramError(f"input {self.watch} belongs to no joint: leave joint out")
+        if not 0 <= self.value <= 1:
+            raise ProgramError(f"input {self.watch} is 0 ... 1, never {self.value:g}")
+        if signal.kind == "analog":
+            if self.compare == "equals" or self.trigger == "edge":
+                raise ProgramError(f"input {self.watch} is analog: compare it above or below a share 0 ... 1")
+        elif self.compare != "equals" or self.value not in (0, 1):
+            raise ProgramError(f"input {self.watch} is digital: it equals 0 or 1")
+
+    def _check_quantity(self, robot: Robot) -> None:
+        names = [*robot.joint_names, *([GRIPPER] if robot.gripper is not None else [])]
+        if self.joint not in names:
+            raise ProgramError(f"{self.watch} of which joint? joint {must_be(names)}, not {self.joint!r}")
+        if self.compare == "equals" or self.trigger == "edge":
+            raise ProgramError(f"{self.watch} wavers: compare it above or below a value")
+
+    def _seen(self, senses: Senses) -> float | None:
+        if self.watch not in MEASURED:
+            return senses.inputs.get(self.watch)
+        found = senses.quantities.get(self.joint)
+        if found is None:
+            return None
+        load = None if found.load is None else 100 * abs(found.load)
+        told = (load, found.temperature_c, found.voltage_v, found.current_a)
+        return dict(zip(MEASURED, told, strict=True))[self.watch]

@@ -1,0 +1,99 @@
+"""Steps about inputs and outputs of the board, and about what it measures."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from msgspec import Meta
+
+from armctl.errors import ProgramError
+from armctl.program.base_steps import LONGEST_WAIT_S, Effect, Field, Step, Until, literal
+from armctl.program.conditions import MEASURED, Comparison, Condition, Trigger
+from armctl.robot import Robot
+
+_VALUE = Field("Value", "Of an input or output: 0 or 1, or a share.", 62)
+
+
+class SetStep(Step, frozen=True, kw_only=True, tag="set"):
+    """Switch an output of the board: a lamp, a valve, a pump. The arm stands meanwhile."""
+
+    title: ClassVar = "set"
+    words: ClassVar = "{0.output} = {0.value:g}"
+    button: ClassVar = ("In and out", "Set output", "output")
+
+    output: Annotated[str, Field("Output", "Its name in the robot file.", 60)]
+    value: Annotated[float, Meta(ge=0, le=1), _VALUE] = 1.0
+    """1 is on, 0 off; of a PWM output a share"""
+
+    @property
+    def effect(self) -> Effect:
+        """The output, and its value."""
+        return Effect(output=(self.output, self.value))
+
+    def check(self, robot: Robot) -> None:
+        """Refuse an output that the arm has not, the gripper's own, and a share of a digital one."""
+        found = robot.signals.output(self.output)
+        if found is None:
+            known = ", ".join(one.name for one in robot.signals.outputs) or "none; the robot file tells them"
+            raise ProgramError(f"{robot.name} has no output {self.output!r}; it has {known}")
+        if robot.gripper is not None and robot.gripper.output == self.output:
+            raise ProgramError(f"output {self.output} is the gripper's: use a gripper step")
+        if found.kind == "digital" and self.value not in (0, 1):
+            raise ProgramError(f"output {self.output} is digital: 0 or 1, not {self.value:g}")
+
+    def script(self) -> str:
+        """``set_output``, whose arguments have no names."""
+        return f"set_output({literal(self.output)}, {literal(self.value)})"
+
+
+class ConditionStep(Step, frozen=True, kw_only=True):
+    """What steps with a condition share: its keys."""
+
+    watch: Annotated[
+        str,
+        Field("Watch", "Name of an input, or load, temperature, voltage or current of a joint.", 60),
+    ]
+    """name of an input, or ``load`` [%], ``temperature`` [°C], ``voltage`` [V], ``current`` [A] of a joint"""
+    joint: Annotated[str, Field("Joint", "Whose load, temperature …; empty for an input.", 61)] = ""
+    """name of the joint, or ``gripper``; of a quantity only"""
+    compare: Annotated[Comparison, Field("Compare", "Above or below: of numbers.", 61)] = "equals"
+    value: Annotated[float, _VALUE] = 1.0
+    """of an input 0 or 1, of an analog one a share 0 ... 1"""
+    trigger: Annotated[
+        Trigger,
+        Field("Trigger", "level: as it is; edge: that it becomes so, also while the arm moves.", 63),
+    ] = "level"
+    """edge: it must have become so since the program began, or since the last wait for this input"""
+
+    @property
+    def condition(self) -> Condition:
+        """What it says."""
+        return Condition(**{key: getattr(self, key) for key in Condition.__struct_fields__})
+
+    def check(self, robot: Robot) -> None:
+        """Refuse a condition that the arm cannot look at."""
+        self.condition.check(robot)
+
+
+class WaitForStep(ConditionStep, frozen=True, kw_only=True, tag="wait-for"):
+    """Stand until an input has a value, or a quantity of a joint is above or below one."""
+
+    call: ClassVar = ("wait_for", "watch", "value", "timeout_s", "joint", "compare", "trigger", "otherwise")
+    button: ClassVar = ("In and out", "Wait for input", "watch", "timeout_s")
+
+    timeout_s: Annotated[float, Meta(gt=0, le=LONGEST_WAIT_S), Field("Time-out s", "At most so long.", 64)]
+    otherwise: Annotated[
+        Literal["stop", "go on"], Field("At time-out", "What the program does then.", 65)
+    ] = "stop"
+    """what the program does where it has not come by then"""
+
+    @property
+    def effect(self) -> Effect:
+        """What is waited for."""
+        it = self.condition
+        uses = "" if it.watch in MEASURED else it.watch
+        return Effect(until=Until(str(it), it.holds, self.timeout_s, self.otherwise == "go on", uses))
+
+    def describe(self) -> str:
+        """The condition, and the time."""
+        return f"{self.condition}, at most {self.timeout_s:g} s, then {self.otherwise}"

@@ -1,0 +1,90 @@
+"""Inputs, debounced, with their edges counted; and outputs: who switches them, and what they do at STOP."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from armctl.errors import ArmctlError, InputError, StateError, out_of_range
+from armctl.kinematics.target import checked_number
+from armctl.robot import Robot
+from armctl.robot.signals import ON, Input, Moment
+from armctl.runtime.board import Board, Reading
+from armctl.runtime.notices import EventLog
+
+_ROUNDING_S = 1e-6
+
+
+class SignalWatch:
+    """What the inputs of a board are at, and what its outputs do when something ends."""
+
+    def __init__(self, robot: Robot, log: EventLog) -> None:
+        self._robot, self._log = robot, log
+        self.reset()
+
+    def reset(self) -> None:
+        """Another board, or none: nothing is known."""
+        self.inputs: Mapping[str, float] = {}
+        """by name, debounced"""
+        self.outputs: Mapping[str, float] = {}
+        """by name, as at the last reading"""
+        self.edges: Mapping[str, int] = {}
+        """by name of a digital input, how often it has changed since the board was connected"""
+        self._changing: dict[str, tuple[float, float]] = {}
+        """inputs that read something new: what, and since when"""
+
+    def take(self, reading: Reading, now: float) -> None:
+        """Take a reading in: a change counts once it has lasted for the input's debounce time."""
+        inputs, edges = dict(self.inputs), dict(self.edges)
+        for name, value in reading.inputs.items():
+            known = self._robot.signals.input(name) or Input(name, name, -1)
+            if known.kind == "analog":
+                inputs[name] = value
+                continue
+            edges.setdefault(name, 0)
+            if inputs.setdefault(name, value) == value:
+                self._changing.pop(name, None)
+                continue
+            candidate, since = self._changing.setdefault(name, (value, now))
+            if candidate != value:
+                self._changing[name], since = (value, now), now
+            if now - since >= known.debounce_s - _ROUNDING_S:
+                del self._changing[name]
+                inputs[name] = value
+                edges[name] += 1
+        self.inputs, self.edges, self.outputs = inputs, edges, reading.outputs
+
+    def set(self, board: Board | None, name: str, value: float) -> None:
+        """Switch an output; ``InputError``: there is none of that name, or it has no such value."""
+        if board is None:
+            raise StateError("there is no board; connect first")
+        known = self.outputs
+        if not known:
+            raise StateError("this board has no outputs beside those of the joints")
+        if name not in known:
+            raise InputError(f"there is no output {name!r}; there are {', '.join(known)}")
+        if not 0 <= checked_number(value, f"output {name}") <= 1:
+            raise InputError(f"output {name}: {out_of_range(value, 0, 1)}")
+        own = self._robot.signals.output(name)
+        if own is not None and own.kind == "digital" and value not in (0, 1):
+            raise InputError(f"output {name} is digital: 0 or 1, not {value:g}")
+        board.set_output(name, value)
+
+    def switch(self, board: Board | None, moment: Moment) -> None:
+        """Let the outputs do what the robot file says for a moment. Raises ``BoardError``."""
+        for one in self._robot.signals.outputs if board is not None else ():
+            value = one.goes(moment)
+            if value is not None and board is not None:
+                board.set_output(one.name, value)
+                self._log.add(f"output {one.title} {'on' if value > ON else 'off'} at {_MOMENTS[moment]}")
+
+    def switch_if_possible(self, board: Board | None, moment: Moment) -> None:
+        """The same on a board that may be gone; a failure is told in the log."""
+        try:
+            self.switch(board, moment)
+        except ArmctlError as failure:
+            self._log.warn(f"outputs could not be switched at {_MOMENTS[moment]}: {failure}")
+
+
+_MOMENTS: Mapping[Moment, str] = {
+    "stop": "STOP", "release": "Release", "fault": "the fault", "end": "the end of the program",
+}  # fmt: skip
