@@ -11,6 +11,8 @@ from armctl.program.base_steps import LONGEST_WAIT_S, Effect, Field, Step, Until
 from armctl.program.conditions import MEASURED, Comparison, Condition, Trigger
 from armctl.robot import Robot
 
+_Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
+_NameOrNone = Annotated[str, Meta(pattern=r"^([a-z][a-z0-9_]*)?$")]
 _VALUE = Field("Value", "Of an input or output: 0 or 1, or a share.", 62)
 
 
@@ -21,7 +23,7 @@ class SetStep(Step, frozen=True, kw_only=True, tag="set"):
     words: ClassVar = "{0.output} = {0.value:g}"
     button: ClassVar = ("In and out", "Set output", "output")
 
-    output: Annotated[str, Field("Output", "Its name in the robot file.", 60)]
+    output: Annotated[_Name, Field("Output", "Its name in the robot file.", 60)]
     value: Annotated[float, Meta(ge=0, le=1), _VALUE] = 1.0
     """1 is on, 0 off; of a PWM output a share"""
 
@@ -50,11 +52,11 @@ class ConditionStep(Step, frozen=True, kw_only=True):
     """What steps with a condition share: its keys."""
 
     watch: Annotated[
-        str,
+        _Name,
         Field("Watch", "Name of an input, or load, temperature, voltage or current of a joint.", 60),
     ]
     """name of an input, or ``load`` [%], ``temperature`` [°C], ``voltage`` [V], ``current`` [A] of a joint"""
-    joint: Annotated[str, Field("Joint", "Whose load, temperature …; empty for an input.", 61)] = ""
+    joint: Annotated[_NameOrNone, Field("Joint", "Whose load, temperature …; empty for an input.", 61)] = ""
     """name of the joint, or ``gripper``; of a quantity only"""
     compare: Annotated[Comparison, Field("Compare", "Above or below: of numbers.", 61)] = "equals"
     value: Annotated[float, _VALUE] = 1.0

@@ -11,7 +11,8 @@ and ``columns``.
 than its period it came; ``took_s``; ``state``, an index into ``states``; ``speed`` override; ``gripper``
 0..1; ``step`` of the program that runs; ``setpoint NAME`` and ``readback NAME`` of each joint [rad]; then
 ``load NAME`` (a share of the largest), ``temperature_c NAME``, ``voltage_v NAME``, ``current_a NAME`` of each
-joint, and of the gripper as ``gripper``, where the board measures them. NaN: there is none, or it is not
+joint, and of the gripper as ``gripper``, where the board measures them; ``input NAME`` and ``output NAME`` of
+the robot file. NaN: there is none, or it is not
 known.
 """
 
@@ -36,6 +37,7 @@ from armctl.errors import InputError
 
 PLAIN = ("time_s", "late_s", "took_s", "state", "speed", "gripper", "step")
 SETPOINT, READBACK = "setpoint ", "readback "
+INPUT, OUTPUT = "input ", "output "
 _FOLDER = "black_box"
 _TEXT, _TICKS = "black_box.json", "ticks.npy"
 _FILES = DocumentKind(InputError, most_bytes=16 << 20)

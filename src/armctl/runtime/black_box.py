@@ -25,6 +25,8 @@ from armctl.kinematics import Target
 from armctl.program import Program
 from armctl.protocol import Event, Recording, Snapshot, wall_time
 from armctl.protocol.recording import (
+    INPUT,
+    OUTPUT,
     PLAIN,
     READBACK,
     SETPOINT,
@@ -70,6 +72,8 @@ class BlackBox:
             *(f"{SETPOINT}{name}" for name in robot.joint_names),
             *(f"{READBACK}{name}" for name in robot.joint_names),
             *(f"{quantity} {name}" for quantity in NAMES for name in self._measured),
+            *(f"{INPUT}{one.name}" for one in robot.signals.inputs),
+            *(f"{OUTPUT}{one.name}" for one in robot.signals.outputs),
         )
         self._rows = np.full((math.ceil(_ROWS_A_PERIOD * LENGTH_S / period_s), len(self._columns)), np.nan)
         self._count = 0
@@ -115,6 +119,7 @@ class BlackBox:
             if same:
                 late, took = max(late, float(row[1])), max(took, float(row[2]))
             n, plain = self._robot.n, len(PLAIN)
+            quantities = plain + 2 * n + len(NAMES) * len(self._measured)  # up to here
             program = snapshot.program
             row[:plain] = (
                 self._began_s,
@@ -131,7 +136,12 @@ class BlackBox:
             for j, title in enumerate(self._measured.values() if snapshot.quantities else ()):
                 if (measured := snapshot.quantities.get(title)) is not None:
                     numbers = [getattr(measured, name) for name in NAMES]
-                    row[plain + 2 * n + j :: len(self._measured)] = numbers
+                    row[plain + 2 * n + j : quantities : len(self._measured)] = numbers
+            signals = self._robot.signals
+            row[quantities:] = [
+                *(snapshot.inputs.get(one.name, np.nan) for one in signals.inputs),
+                *(snapshot.outputs.get(one.name, np.nan) for one in signals.outputs),
+            ]
             if before is None or snapshot.events is not before.events:
                 old = None if before is None or not before.events else before.events[-1]
                 self._lines += [

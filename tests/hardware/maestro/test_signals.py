@@ -72,7 +72,7 @@ def test_channels_that_the_board_has_not_are_refused(connect) -> None:
     with pytest.raises(BoardError, match="Lamp is on channel 7: the board has channels 0 … 5"):
         driver.use_signals(Signals((), (LAMP,)))
     driver = connect(SimulatedMaestro(MaestroModel.MINI_24), model=MaestroModel.MINI_24)
-    with pytest.raises(BoardError, match="Tank is on channel 12: .* voltages on channels 0 … 11 only"):
+    with pytest.raises(BoardError, match=r"Tank is on channel 12: .* voltages on channels 0 … 11 only"):
         driver.use_signals(Signals((Input("tank", "Tank", 12, "analog"),)))
     with pytest.raises(BoardError, match="told of no output 'siren'"):
         driver.set_output("siren", 1.0)
