@@ -614,6 +614,7 @@ CALLS: dict[type[Command], Callable[[armctl.Arm], object]] = {
     commands.SetSpeed: lambda arm: arm.set_speed(50),
     commands.LimitTorque: lambda arm: arm.limit_torque(0.5),
     commands.SetOutput: lambda arm: arm.set_output("lamp", 1.0),
+    commands.SimulateInput: lambda arm: arm.simulate_input("door", 1.0),
     commands.LendControl: lambda arm: arm.lend_control("pad"),
     commands.RunProgram: lambda arm: arm.wait(0.1),
     commands.UpdateProgram: lambda arm: arm.update_program(Program(robot="uzuner")),

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import threading
 import uuid
 from collections import deque
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self
@@ -16,10 +17,12 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.boards import ANY_BOARD
-from armctl.errors import ArmctlError, StateError
+from armctl.errors import ArmctlError, BoardError, StateError
 from armctl.facts import State
 from armctl.hardware import Source
 from armctl.kinematics.target import checked_number
+from armctl.program import Condition, Senses
+from armctl.program.conditions import Comparison, Otherwise, Trigger
 from armctl.protocol import (
     ArmLink,
     Cancel,
@@ -30,6 +33,7 @@ from armctl.protocol import (
     LendControl,
     LimitTorque,
     LockControl,
+    MonotonicClock,
     MoveGripper,
     MoveJoints,
     MovingCommand,
@@ -39,6 +43,7 @@ from armctl.protocol import (
     Resume,
     SetOutput,
     SetSpeed,
+    SimulateInput,
     Snapshot,
     StreamJoints,
     TakeControl,
@@ -49,6 +54,8 @@ ORIGIN = Origin("library")
 _UNANSWERED = 5
 """so many setpoints of a stream may be on their way to the arm"""
 _ANSWER_S = 1.0
+_LOOK_S = 0.01
+"""so often a wait looks at the newest snapshot"""
 STOP_S = 5.0
 """so long an interrupt waits for the arm to stand [s]"""
 _TO_DO = {
@@ -194,6 +201,56 @@ class ArmControls:
     def source(self) -> Source:
         """What ``measured_deg`` is: measured by encoders, or only what the board sends, or was told."""
         return self.snapshot.source
+
+    @property
+    def inputs(self) -> Mapping[str, float]:
+        """What the board's inputs are at, by name: 0, 1, or a share 0 … 1."""
+        return self.snapshot.inputs
+
+    @property
+    def outputs(self) -> Mapping[str, float]:
+        """What its outputs beside the joints are at, likewise."""
+        return self.snapshot.outputs
+
+    def wait_for(
+        self,
+        watch: str,
+        value: float = 1.0,
+        timeout_s: float = 60.0,
+        *,
+        joint: str = "",
+        compare: Comparison = "equals",
+        trigger: Trigger = "level",
+        otherwise: Otherwise = "stop",
+    ) -> bool:
+        """Wait until an input has a value, in whatever state the arm is; whether it has come.
+
+        ``watch`` may also be the ``load`` [%], ``temperature`` [°C], ``voltage`` [V] or ``current`` [A] of a
+        ``joint``, which is to be compared (``compare``) "above" or "below" a value; so is an analog input.
+        ``trigger``: "edge" means that the input must become so from now on. ``otherwise``: after
+        ``timeout_s`` it raises StateError; with "go on" it returns False.
+        """
+        condition = Condition(watch=watch, joint=joint, compare=compare, value=value, trigger=trigger)
+        condition.check(self.robot)
+        clock, begun = MonotonicClock(), self.snapshot.edges
+        until = clock.now() + checked_number(timeout_s, "timeout_s")
+        while True:
+            now = self.snapshot
+            edges = {name: count - begun.get(name, 0) for name, count in now.edges.items()}
+            if condition.holds(Senses.of(self.robot, now.quantities, now.inputs, edges)):
+                return True
+            if self.link.ended or now.unreachable:
+                raise BoardError(f"waiting for {condition}: {now.cause}")
+            if clock.now() >= until:
+                break
+            clock.wait_until(clock.now() + _LOOK_S, threading.Event())
+        if otherwise == "go on":
+            return False
+        raise StateError(f"waited {timeout_s:g} s for {condition}, which did not come")
+
+    def simulate_input(self, name: str, value: float) -> None:
+        """Put an input of the simulated board at a value, as if somebody pressed it."""
+        self._do(SimulateInput(name, value))
 
     def reconnect(self, port: str | None = None) -> None:
         """Open the line to the board, after ``disconnect`` or a fault; None: the same port as before."""

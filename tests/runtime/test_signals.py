@@ -1,4 +1,4 @@
-"""Inputs and outputs of a board: seen within a tick, debounced, counted; switched, and left as they are to be."""
+"""Inputs and outputs of a board: seen within a tick, debounced, counted; switched, and left as is said."""
 
 from __future__ import annotations
 

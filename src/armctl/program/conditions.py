@@ -15,6 +15,8 @@ Comparison = Literal["equals", "above", "below"]
 Trigger = Literal["level", "edge"]
 """level: as it is now; edge: that it has become so since the program began, or since the last wait for it"""
 Measured = Literal["load", "temperature", "voltage", "current"]
+Otherwise = Literal["stop", "go on"]
+"""what becomes of a program where it has not come in time"""
 _SIGNS = {"equals": "=", "above": ">", "below": "<"}
 _UNITS: dict[Measured, str] = {"load": "%", "temperature": "°C", "voltage": "V", "current": "A"}
 MEASURED: tuple[Measured, ...] = get_args(Measured)

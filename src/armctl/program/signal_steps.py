@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
 from armctl.errors import ProgramError
 from armctl.program.base_steps import LONGEST_WAIT_S, Effect, Field, Step, Until, literal
-from armctl.program.conditions import MEASURED, Comparison, Condition, Trigger
+from armctl.program.conditions import MEASURED, Comparison, Condition, Otherwise, Trigger
 from armctl.robot import Robot
 
 _Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
@@ -84,9 +84,7 @@ class WaitForStep(ConditionStep, frozen=True, kw_only=True, tag="wait-for"):
     button: ClassVar = ("In and out", "Wait for input", "watch", "timeout_s")
 
     timeout_s: Annotated[float, Meta(gt=0, le=LONGEST_WAIT_S), Field("Time-out s", "At most so long.", 64)]
-    otherwise: Annotated[
-        Literal["stop", "go on"], Field("At time-out", "What the program does then.", 65)
-    ] = "stop"
+    otherwise: Annotated[Otherwise, Field("At time-out", "What the program does then.", 65)] = "stop"
     """what the program does where it has not come by then"""
 
     @property

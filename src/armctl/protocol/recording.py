@@ -12,8 +12,7 @@ than its period it came; ``took_s``; ``state``, an index into ``states``; ``spee
 0..1; ``step`` of the program that runs; ``setpoint NAME`` and ``readback NAME`` of each joint [rad]; then
 ``load NAME`` (a share of the largest), ``temperature_c NAME``, ``voltage_v NAME``, ``current_a NAME`` of each
 joint, and of the gripper as ``gripper``, where the board measures them; ``input NAME`` and ``output NAME`` of
-the robot file. NaN: there is none, or it is not
-known.
+the robot file. NaN: there is none, or it is not known.
 """
 
 from __future__ import annotations

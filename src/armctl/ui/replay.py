@@ -12,6 +12,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.protocol import Recording
+from armctl.protocol.recording import INPUT, OUTPUT
 from armctl.robot import Robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.scene.arm_model import ARM, ArmFigure
@@ -169,6 +170,7 @@ class ReplayPage:
             self._state.show(
                 f"<b style='font-size:1.15em'>{escape(state.upper())}</b> at {when} ({fixed(self._now, 2)} s)"
                 + table(("Joint", "Setpoint °", "Reading °", "Off °"), rows)
+                + _signals(recording, k)
                 + muted(f"this tick came {fixed(late, 1)} ms late and took {fixed(took, 1)} ms")
                 + warnings
             )
@@ -205,6 +207,16 @@ def _head(recording: Recording) -> str:
         f"up to {wall}</div>"
         + muted("A recording: no arm is driven. The arm: as the board told. Orange: the setpoint.")
     )
+
+
+def _signals(recording: Recording, k: int) -> str:
+    """What inputs and outputs were at tick ``k``; empty where there are none."""
+    rows = [
+        [name, f"{recording.ticks[k, i]:g}"]
+        for i, name in enumerate(recording.columns)
+        if name.startswith((INPUT, OUTPUT)) and np.isfinite(recording.ticks[k, i])
+    ]
+    return table(("", "was"), rows) if rows else ""
 
 
 def _story(recording: Recording, now: float) -> str:

@@ -1,4 +1,4 @@
-"""Manual: each joint alone, jog, gripper; and beside the scene, on every tab: serial motion."""
+"""Manual: joints, jog, gripper, inputs and outputs; and beside the scene, on every tab: serial motion."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from armctl.ui.tabs.manual.program_pins import ProgramPins
 from armctl.ui.tabs.manual.program_run import ProgramFiles, ProgramRun
 from armctl.ui.tabs.manual.scene_menu import SceneMenu
 from armctl.ui.tabs.manual.shared_program import SharedProgram
+from armctl.ui.tabs.manual.signals import SignalPanel
 from armctl.ui.widgets.html import LiveHtml, muted, strong
 
 # Serial motion: a list of recorded steps, edited and run once, several times or for ever.
@@ -81,7 +82,7 @@ class SerialMotion:
 
 
 class ManualScreen:
-    """Two inner tabs, so that each fits a laptop's screen."""
+    """Inner tabs, so that each fits a laptop's screen."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -94,6 +95,10 @@ class ManualScreen:
         with tabs.add_tab("Jog" if session.console.robot.gripper is None else "Jog & gripper"):
             self._readout.add_to(session.gui)
             self._jog = JogControl(session)
+        self._signals: SignalPanel | None = None
+        if session.console.robot.signals:
+            with tabs.add_tab("In & out"):
+                self._signals = SignalPanel(session)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw a snapshot."""
@@ -102,3 +107,5 @@ class ManualScreen:
         self._joints.refresh(snapshot)
         self._by_hand.refresh(snapshot)
         self._jog.refresh(snapshot)
+        if self._signals is not None:
+            self._signals.refresh(snapshot)
