@@ -101,6 +101,8 @@ class Boards:
             if self._simulated is None:
                 board = board_type(self._robot.board)
                 model = board.simulated(setup_of(self._robot), {})
+                if isinstance(model, SimulatedPins):  # at first nobody presses anything
+                    model.levels |= {one.channel: one.value(0.0) for one in self._robot.signals.inputs}
                 tick_s = TICK_S if board.listener() is not None else _SILENT_TICK_S
                 server = BoardServer(model, self._now, tick_s=tick_s)
                 server.__enter__()

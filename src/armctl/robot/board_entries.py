@@ -19,6 +19,7 @@ from msgspec import Meta
 from armctl.decoding import Place, did_you_mean, must_be
 from armctl.documents import Document
 from armctl.errors import ArmctlError, Errors, RefusedBeforeError
+from armctl.facts.reasons import NAMES
 from armctl.robot.file import Channel, GripperEntry, Strict, Table, board_tables
 from armctl.robot.outputs import DEFAULT_BOARD, FLATTEST_PER_DEG, Mirror, OutputMap
 from armctl.robot.signals import InputKind, OutputKind, Signals
@@ -363,6 +364,8 @@ def _check_signals(
                     what = (
                         f".channel = {one.channel}: {taken[one.channel]} has it already; choose another one"
                     )
+                elif one.name in NAMES:
+                    what = f": {one.name} is something that boards measure of joints; choose another name"
                 elif one.name in names:
                     what = ": two inputs or outputs have this name; each needs its own"
                 if what:
