@@ -28,6 +28,7 @@ PRINTS = {
     "11_own_criterion.py": r"spare_the_wrist: wrist joint \d+ mm high",
     "12_own_board.py": r"board: Toy board\nmeasured \[°\]: 30\.0 45\.0",
     "13_measured_against_commanded.py": r"the positions are measured\nWaist +largest error \d\.\d\d°",
+    "14_button_and_lamp.py": r"^pressed\nlamp 1\nlet go: lamp 0$",
 }
 
 

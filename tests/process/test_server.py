@@ -23,6 +23,7 @@ from tests.process.kit import (
     served,
     websocket,
 )
+from tests.runtime.signal_kit import robot_with
 from websockets.exceptions import ConnectionClosed
 
 from armctl.errors import InputError, StateError
@@ -59,7 +60,9 @@ from armctl.protocol import (
     Origin,
     RememberWrongPins,
     RunProgram,
+    SetOutput,
     SetSpeed,
+    SimulateInput,
     TakeControl,
     UpdateProgram,
     WrongPins,
@@ -310,6 +313,23 @@ def test_what_a_client_moves_stops_with_its_connection(operator: Client) -> None
             assert watcher.snapshot.state is State.HOLDING
         assert any("its connection is gone" in one.text for one in logged(watcher))
         operator.does(TakeControl())
+
+
+def test_a_client_that_is_killed_leaves_outputs_as_stop_does(tmp_path: Path) -> None:
+    with (
+        served(tmp_path, robot_with(tmp_path)) as address,
+        Client.remote(address, "watcher", watch=True) as watcher,
+    ):
+        with Client.remote(address, "leaver") as leaver:
+            leaver.enables()
+            leaver.does(SetOutput("bell", 1.0))
+            leaver.ask(SLOWLY)
+            watcher.until(lambda now: now.state is State.MOVING and now.outputs["bell"] == 1.0)
+        now = watcher.until(lambda now: now.state is State.HOLDING)
+        assert now.outputs == {"lamp": 1.0, "pump": 1.0, "bell": 1.0}  # at_stop of the lamp is on
+        watcher.does(TakeControl())
+        watcher.does(SimulateInput("button", 1.0))
+        watcher.until(lambda now: now.inputs["button"] == 1.0 and now.edges["button"] == 1)
 
 
 def logged(client: Client) -> list[Any]:

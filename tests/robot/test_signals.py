@@ -49,7 +49,11 @@ def test_they_cross_to_the_arm_process(tmp_path: Path) -> None:
             'kind = "pull-up"',
             "inputs.knob.kind: on a board of the kind maestro it must be one",
         ),
-        ('kind = "analog"', 'kind = "digit"', "kind: must be one of 'analog', 'digital', 'pull-up', not 'digit'"),
+        (
+            'kind = "analog"',
+            'kind = "digit"',
+            "kind: must be one of 'analog', 'digital', 'pull-up'",
+        ),
         ('at_end = "off"', 'at_end = "of"', "at_end: must be one of 'keep', 'off', 'on', not 'of'"),
         ("debounce_ms = 40", "debounce_ms = -1", "debounce_ms: must be 0 … 1000, not -1"),
         ("debounce_ms = 40", "debounce_s = 1", "unknown key 'debounce_s'"),

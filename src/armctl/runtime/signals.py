@@ -68,6 +68,7 @@ class SignalWatch:
         if own is not None and own.kind == "digital" and value not in (0, 1):
             raise InputError(f"output {name} is digital: 0 or 1, not {value:g}")
         board.set_output(name, value)
+        self.outputs = {**self.outputs, name: value}  # what the next reading should say, too
 
     def switch(self, board: Board | None, moment: Moment) -> None:
         """Let the outputs do what the robot file says for a moment. Raises ``BoardError``."""

@@ -76,3 +76,14 @@ def test_channels_that_the_board_has_not_are_refused(connect) -> None:
         driver.use_signals(Signals((Input("tank", "Tank", 12, "analog"),)))
     with pytest.raises(BoardError, match="told of no output 'siren'"):
         driver.set_output("siren", 1.0)
+
+
+def test_outputs_outlive_the_host_unless_the_board_has_a_timeout() -> None:
+    for timeout_units, position in ((0, 6000), (50, 0)):  # 0.5 s, and "On startup or error" is Off
+        channels = {7: ChannelConfig(mode=ChannelMode.OUTPUT)}
+        settings = MaestroSettings(timeout_units=timeout_units, channels=channels)
+        board = SimulatedMaestro(MaestroModel.MINI_18, settings)
+        board.advance(0.0)
+        board.feed(bytes.fromhex("84 07 70 2e"))
+        board.advance(60.0)
+        assert board.channel(7).position == position
