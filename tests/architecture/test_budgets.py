@@ -15,19 +15,19 @@ import armctl
 SOURCES = Path(armctl.__file__).parent
 MOST_LINES, MOST_OF_A_FUNCTION = 450, 60
 FOLDERS = {
-    ".": (15, 3_180),
+    ".": (15, 3_260),
     "calibration": (5, 1_310),
     "cli": (13, 2_900),
     "facts": (13, 2_600),
-    "hardware": (67, 13_850),
+    "hardware": (69, 14_270),
     "kinematics": (51, 12_720),
     "motion": (20, 5_770),
-    "process": (14, 3_370),
-    "program": (10, 2_550),
-    "protocol": (5, 1_140),
-    "robot": (40, 11_300),
-    "runtime": (24, 5_960),
-    "ui": (88, 19_680),
+    "process": (14, 3_375),
+    "program": (12, 2_780),
+    "protocol": (5, 1_160),
+    "robot": (41, 11_570),
+    "runtime": (25, 6_190),
+    "ui": (89, 19_790),
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

@@ -188,8 +188,7 @@ def robot_of(document: Document) -> Robot:
     _check_entries(file, document, errors)
     board: Any = None
     with errors:
-        limits = [(joint.name, joint.limit_deg) for joint in joints]
-        board = _board(file, document, limits)
+        board = _board(file, document, [(joint.name, joint.limit_deg) for joint in joints])
     errors.raise_all()
     links = [row for row in file.dh.rows if row.turning is not None]
     by_name = {joint.name: joint for joint in joints}

@@ -231,10 +231,7 @@ class Robot(ArrayRecord):
         return replace(self, capsules=body.capsules, assumed=(*assumed, *body.notes), shapes=shapes)
 
     def gripping(self, *openings: float | None) -> Robot:
-        """The same arm while its gripper is at an opening 0..1, or between some; None: at any.
-
-        It shares all that was worked out. Openings are rounded to 0.01.
-        """
+        """The same arm while its gripper is at an opening 0..1 (to 0.01), or between some; None: at any."""
         key = ANY_OPENING
         if None not in openings and openings:
             rounded = [round(min(max(one or 0.0, 0.0), 1.0), 2) for one in openings]
@@ -407,8 +404,7 @@ class Robot(ArrayRecord):
     @property
     def outputs(self) -> OutputMap:
         """Its output map; where its file gives none, one that only a simulated board may use."""
-        own = self.gripper is not None and not self.gripper.output
-        return self.output_map or OutputMap.stand_in(self.limits, gripper=own)
+        return self.output_map or OutputMap.stand_in(self.limits, gripper=self.gripper is not None)
 
     @property
     def simulated_only(self) -> str | None:
