@@ -13,7 +13,7 @@ from armctl.robot.signals import Input, Output, Signals
 
 BUTTON, DOOR = Input("button", "Button", 23, "pull-up"), Input("door", "Door", 24)
 KNOB = Input("knob", "Knob", 55, "analog")
-LAMP, FAN = Output("lamp", "Lamp", 25), Output("fan", "Fan", 44, "pwm")
+LAMP, FAN = Output("lamp", "Lamp", 25), Output("fan", "Fan", 10, "pwm")
 SIGNALS = Signals((BUTTON, DOOR, KNOB), (LAMP, FAN))
 
 
@@ -28,13 +28,13 @@ def test_pins_are_set_up_with_the_bytes_of_the_protocol(connect) -> None:
     before = len(session.line.bursts)
     session.driver.use_signals(SIGNALS)
     sent = " ".join(session.line.bursts[before:])
-    for wanted in ("f4 17 00", "f4 18 00", "f4 2c 03", "92 00 01", "f0 7a 0a 00 f7"):
+    for wanted in ("f4 17 00", "f4 18 00", "f4 0a 03", "92 00 01", "f0 7a 0a 00 f7"):
         assert wanted in sent
     assert "f4 19" not in sent  # pin 25 is an output already
     session.frame()
     assert session.line.bursts[-2] == "d2 01 d3 01 c1 01"  # ahead of the questions for the servos
     board = session.board
-    assert [board.mode(pin) for pin in (23, 24, 25, 44, 55)] == [
+    assert [board.mode(pin) for pin in (23, 24, 25, 10, 55)] == [
         PinMode.INPUT, PinMode.INPUT, PinMode.OUTPUT, PinMode.PWM, PinMode.ANALOG,
     ]  # fmt: skip
 
@@ -58,10 +58,10 @@ def test_outputs_are_switched_and_driven(connect) -> None:
     session.frame()
     session.frame()
     assert session.frame().outputs == {"lamp": 1.0, "fan": 0.5}
-    assert (session.board.value(25), session.board.value(44)) == (1, 128)
+    assert (session.board.value(25), session.board.value(10)) == (1, 128)
     session.driver.set_output("lamp", 0.0)
     session.frame()
-    assert session.board.value(25) == 0 and session.board.value(44) == 128
+    assert session.board.value(25) == 0 and session.board.value(10) == 128
 
 
 def test_a_pull_up_survives_an_output_of_its_port(connect) -> None:
@@ -110,13 +110,14 @@ def test_the_pin_that_is_pulsed_on_purpose_is_none_of_the_arms(connect) -> None:
     session = connect(SimulatedFirmata(), [])
     session.driver.use_signals(Signals((), (Output("lamp", "Lamp", 13),)))
     assert session.board.pulses(13) == ()
-    assert not {25, 44} & set(session.driver._markers)
+    assert not {25, 10} & set(session.driver._markers)
 
 
 @pytest.mark.parametrize(
     ("signals", "said"),
     [
-        (Signals((), (Output("fan", "Fan", 22, "pwm"),)), "Fan: pin 22 .* cannot be pwm; .* 2 … 13, 44 … 46"),
+        (Signals((), (Output("fan", "Fan", 22, "pwm"),)), "Fan: pin 22 .* cannot be pwm; .*: 2 … 10, 13;"),
+        (Signals((), (Output("fan", "Fan", 44, "pwm"),)), "Fan: pin 44 has no PWM while servos are on"),
         (Signals((Input("knob", "Knob", 22, "analog"),)), "Knob: pin 22 .* cannot be analog; .* 54 … 69"),
         (Signals((Input("door", "Door", 1),)), "Door: pin 1 of this board cannot be digital"),
     ],

@@ -73,7 +73,7 @@ class FirmataBoard(BoardType):
         from armctl.hardware.firmata.simulated import CAPABILITIES, SERVO_PINS
 
         pin_table(setup.channels, SERVO_PINS)
-        FirmataSignals(setup.signals, CAPABILITIES)
+        FirmataSignals(setup.signals, CAPABILITIES, [one.channel for one in setup.channels])
 
     def listener(self) -> Listener:
         """Recognises the sketch by the name that it tells when it starts."""

@@ -189,7 +189,7 @@ class FirmataDriver(Abilities):
 
     def use_signals(self, signals: Signals) -> None:
         """Set the pins up, and see that the sketch has their modes; outputs keep the level that they have."""
-        self._signals = found = FirmataSignals(signals, self._capabilities)
+        self._signals = found = FirmataSignals(signals, self._capabilities, self._table.channels)
         self._markers = tuple(pin for pin in self._markers if pin not in found.modes)
         self._stream.attacher = self._attacher(self._table)
         pins = tuple(found.modes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from armctl.errors import BoardError
 from armctl.hardware.firmata import codec, pin_ranges
@@ -33,9 +33,10 @@ class FirmataSignals:
     A digital pin is written with all eight of its port. The sketch leaves pins of other modes alone.
     """
 
-    def __init__(self, signals: Signals, capabilities: CapabilityReport) -> None:
-        """``BoardError``: a pin that cannot do what it is to do."""
+    def __init__(self, signals: Signals, capabilities: CapabilityReport, servos: Sequence[int] = ()) -> None:
+        """``servos``: pins that drive servos. ``BoardError``: a pin that cannot do what it is to do."""
         self.signals = signals
+        stopped = _pwm_without_timer(len(capabilities.pins), servos)
         self._pulled_up = [one for one in signals.inputs if one.kind == "pull-up"]
         modes = {one.channel: _MODES[one.kind] for one in signals.inputs}
         modes |= {one.channel: _output_mode(one) for one in signals.outputs}
@@ -45,6 +46,13 @@ class FirmataSignals:
         """by pin, what it is set to"""
         for one in (*signals.inputs, *signals.outputs):
             able = capabilities.pins_with(modes[one.channel])
+            if one.kind == "pwm":
+                able = tuple(pin for pin in able if pin not in stopped)
+            if one.channel in stopped and one.kind == "pwm":
+                raise BoardError(
+                    f"{one.title}: pin {one.channel} has no PWM while servos are on: they take its timer; "
+                    f"the pins that have: {pin_ranges(able)}; change the robot file"
+                )
             if one.channel not in able:
                 raise BoardError(
                     f"{one.title}: pin {one.channel} of this board cannot be {one.kind}; the pins that can: "
@@ -166,6 +174,23 @@ class FirmataSignals:
         return codec.digital_write(
             port, sum(1 << pin % codec.PORT for pin in high if pin // codec.PORT == port)
         )
+
+
+_DOZEN, _FIRST_SERVO_PIN = 12, 2
+_TIMERS = {70: ((44, 45, 46), (11, 12), (2, 3, 5), (6, 7, 8)), 20: ((9, 10),), 22: ((9, 10),)}
+"""By how many pins a board has (Mega; Uno, Nano): the PWM pins that lose their timer to each dozen of servos,
+in the order in which the Servo library takes the timers (ServoTimers.h)."""
+
+
+def _pwm_without_timer(pins: int, servos: Sequence[int]) -> set[int]:
+    """PWM pins that stand still while servos are on.
+
+    Old sketches have a servo for each pin, later ones give servos out in the order in which they come.
+    """
+    dozens = {(pin - _FIRST_SERVO_PIN) // _DOZEN for pin in servos}
+    dozens |= set(range(-(-(len(servos) + 1) // _DOZEN))) if servos else set()
+    timers = _TIMERS.get(pins, ())
+    return {pin for dozen in dozens if 0 <= dozen < len(timers) for pin in timers[dozen]}
 
 
 def _output_mode(output: Output) -> PinMode:
