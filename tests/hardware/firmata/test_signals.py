@@ -132,6 +132,6 @@ def test_pins_that_the_board_does_not_set_are_told(connect, clock) -> None:
     board = SimulatedFirmata()
     session = connect(FaultyModel(board, 0, [trouble("drop-command@30")]))
     clock.advance(30.0)
-    with pytest.raises(BoardTimeoutError, match="did not tell the state of pin 23"):
+    with pytest.raises(BoardTimeoutError, match="did not tell the state of pins 23, 24"):
         session.driver.use_signals(SIGNALS)
     assert FRAME_S == 0.02
