@@ -21,6 +21,7 @@ class SetStep(Step, frozen=True, kw_only=True, tag="set"):
 
     title: ClassVar = "set"
     words: ClassVar = "{0.output} = {0.value:g}"
+    call: ClassVar = ("set_output", "output", "value")
     button: ClassVar = ("In and out", "Set output", "output")
 
     output: Annotated[_Name, Field("Output", "Its name in the robot file.", 60)]
@@ -44,7 +45,7 @@ class SetStep(Step, frozen=True, kw_only=True, tag="set"):
             raise ProgramError(f"output {self.output} is digital: 0 or 1, not {self.value:g}")
 
     def script(self) -> str:
-        """``set_output``, whose arguments have no names."""
+        """``set_output``, which calls its first argument otherwise."""
         return f"set_output({literal(self.output)}, {literal(self.value)})"
 
 
