@@ -345,21 +345,20 @@ def _check_signals(
         taken[one.channel] = "a joint"
     if outputs is not None and outputs.gripper_channel is not None:
         taken[outputs.gripper_channel] = "the gripper"
-    offered = dict(zip(("inputs", "outputs"), find_signal_kinds(kind), strict=True))
-    for table, every in (("inputs", signals.inputs), ("outputs", signals.outputs)):
-        for one in every:
+    read, switched = find_signal_kinds(kind)
+    tables = (("inputs", signals.inputs, read), ("outputs", signals.outputs, switched))
+    for table, every, offered in tables:
+        for i, one in enumerate(every):
             with errors:
                 what = ""
                 if outputs is None:
                     what = (
                         ": only an arm whose joints have outputs on a board can have it; give each joint one"
                     )
-                elif not offered[table]:
+                elif not offered:
                     what = f": a board of the kind {kind} has no {table} beside those of the joints"
-                elif one.kind not in offered[table]:
-                    what = (
-                        f".kind: on a board of the kind {kind} it {must_be(offered[table])}, not {one.kind!r}"
-                    )
+                elif one.kind not in offered:
+                    what = f".kind: on a board of the kind {kind} it {must_be(offered)}, not {one.kind!r}"
                 elif one.channel in taken:
                     what = (
                         f".channel = {one.channel}: {taken[one.channel]} has it already; choose another one"
@@ -369,7 +368,7 @@ def _check_signals(
                 elif one.name in names:
                     what = ": two inputs or outputs have this name; each needs its own"
                 if what:
-                    raise document.error(f"{table}.{one.name}{what}", (table,))
+                    raise document.error(f"{table}.{one.name}{what}", (table, i))
             taken.setdefault(one.channel, f"{table}.{one.name}")
             names.add(one.name)
     for key, name, known in (
