@@ -19,7 +19,7 @@ from msgspec import Meta
 from armctl.decoding import Place, did_you_mean, must_be
 from armctl.documents import Document
 from armctl.errors import ArmctlError, Errors, RefusedBeforeError
-from armctl.facts.reasons import NAMES
+from armctl.facts.quantities import NAMES
 from armctl.robot.file import Channel, GripperEntry, Strict, Table, board_tables
 from armctl.robot.outputs import DEFAULT_BOARD, FLATTEST_PER_DEG, Mirror, OutputMap
 from armctl.robot.signals import InputKind, OutputKind, Signals
@@ -48,6 +48,8 @@ Boards are known in a layer above this one: ``armctl/__init__.py`` sets it.
 """
 
 
+_MEASURED = tuple(name.partition("_")[0] for name in NAMES)
+"""what programs watch of joints, so no name of an input"""
 SignalKinds = tuple[Sequence[InputKind], Sequence[OutputKind]]
 
 
@@ -363,7 +365,7 @@ def _check_signals(
                     what = (
                         f".channel = {one.channel}: {taken[one.channel]} has it already; choose another one"
                     )
-                elif one.name in NAMES:
+                elif one.name in _MEASURED:
                     what = f": {one.name} is something that boards measure of joints; choose another name"
                 elif one.name in names:
                     what = ": two inputs or outputs have this name; each needs its own"
