@@ -195,12 +195,7 @@ class Board:
         else:
             on = ~np.isnan(q) if back.powered is None else np.full(q.shape, back.powered)
         errors = tuple(f"{self.title(channel)}: {fault}" for channel, fault in (back.faults or {}).items())
-        levels = back.outputs.items()
-        outputs = {name: self._value(self._signals.output(name), level) for name, level in levels}
-        opening = self.map.opening(back.positions)
-        if self._gripper_output in outputs:
-            self._closed = outputs[self._gripper_output] > ON
-            opening = float(not self._closed)
+        outputs, opening = self._outputs_of(back)
         errors += back.errors
         warned = (back.warnings or {}).items()
         warnings = tuple(f"{self.title(channel)}: {words}" for channel, words in warned)
@@ -245,6 +240,15 @@ class Board:
             {self.title(channel): limits for channel, limits in back.limits.items()},
             levels,
         )
+
+    def _outputs_of(self, back: Readback) -> tuple[dict[str, float], float | None]:
+        """Values of the outputs, and the opening of the gripper, which may be one of them."""
+        levels = back.outputs.items()
+        outputs = {name: self._value(self._signals.output(name), level) for name, level in levels}
+        if self._gripper_output not in outputs:
+            return outputs, self.map.opening(back.positions)
+        self._closed = outputs[self._gripper_output] > ON
+        return outputs, float(not self._closed)
 
     def _quantities(self, back: Readback) -> dict[str, Quantities]:
         by_channel = [values or {} for values in (back.load, back.temperature, back.voltage, back.current)]
