@@ -67,16 +67,19 @@ class SignalWatch:
         own = self._robot.signals.output(name)
         if own is not None and own.kind == "digital" and value not in (0, 1):
             raise InputError(f"output {name} is digital: 0 or 1, not {value:g}")
-        board.set_output(name, value)
-        self.outputs = {**self.outputs, name: value}  # what the next reading should say, too
+        self._put(board, name, value)
 
     def switch(self, board: Board | None, moment: Moment) -> None:
         """Let the outputs do what the robot file says for a moment. Raises ``BoardError``."""
         for one in self._robot.signals.outputs if board is not None else ():
             value = one.goes(moment)
             if value is not None and board is not None:
-                board.set_output(one.name, value)
+                self._put(board, one.name, value)
                 self._log.add(f"output {one.title} {'on' if value > ON else 'off'} at {_MOMENTS[moment]}")
+
+    def _put(self, board: Board, name: str, value: float) -> None:
+        board.set_output(name, value)
+        self.outputs = {**self.outputs, name: value}  # what the next reading should say, too
 
     def switch_if_possible(self, board: Board | None, moment: Moment) -> None:
         """The same on a board that may be gone; a failure is told in the log."""
