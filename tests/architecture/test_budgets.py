@@ -19,7 +19,7 @@ FOLDERS = {
     "calibration": (5, 1_310),
     "cli": (13, 2_900),
     "facts": (13, 2_600),
-    "hardware": (69, 14_270),
+    "hardware": (70, 14_360),
     "kinematics": (51, 12_720),
     "motion": (20, 5_770),
     "process": (14, 3_375),
