@@ -89,7 +89,7 @@ def solve(
         scale = (np.sqrt(weights) / noise)[:, None]
         blocks = model.slopes(values, touches, parameters, links) * sd * scale[:, :, None]
         A = blocks.reshape(3 * k, -1)
-        covariance = np.linalg.inv(A.T @ A + np.eye(len(sd)))
+        covariance = np.asarray(np.linalg.inv(A.T @ A + np.eye(len(sd))), dtype=np.float64)
         step = _bounded_step(A, (scale * errors).ravel(), u, expected, bounded)
         u = u + step
         values = model.with_values(parameters, u * sd)
@@ -104,7 +104,8 @@ def solve(
         if np.abs(step).max(initial=0.0) < _STILL:
             break
     hat = np.einsum("kip,pq,kjq->kij", blocks, covariance, blocks)
-    left_out: FloatArray = np.linalg.solve(np.eye(3) - hat, errors[:, :, None])[:, :, 0]
+    apart = np.linalg.solve(np.eye(3) - hat, errors[:, :, None])
+    left_out = np.asarray(apart[:, :, 0], dtype=np.float64)
     own = np.array([one.kind not in OF_SHEET for one in parameters], dtype=np.bool_)
     away = float(np.sum((u - expected)[own] ** 2))
     return Solved(
