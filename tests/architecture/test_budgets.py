@@ -16,18 +16,18 @@ SOURCES = Path(armctl.__file__).parent
 MOST_LINES, MOST_OF_A_FUNCTION = 450, 60
 FOLDERS = {
     ".": (15, 3_260),
-    "calibration": (5, 1_310),
-    "cli": (13, 2_900),
-    "facts": (13, 2_600),
+    "calibration": (10, 2_270),
+    "cli": (13, 2_980),
+    "facts": (16, 2_960),
     "hardware": (70, 14_360),
-    "kinematics": (51, 12_720),
+    "kinematics": (51, 12_750),
     "motion": (20, 5_770),
     "process": (14, 3_375),
     "program": (12, 2_780),
     "protocol": (5, 1_160),
-    "robot": (41, 11_570),
+    "robot": (42, 11_720),
     "runtime": (25, 6_190),
-    "ui": (89, 19_790),
+    "ui": (89, 19_850),
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

@@ -11,7 +11,7 @@ from playwright.sync_api import expect
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import ServedArm
 
-from armctl.calibration import ToolError
+from armctl.calibration import TouchFit
 from armctl.facts import State
 from armctl.protocol import MoveJoints
 from armctl.robot import OutputMap, load_robot
@@ -165,9 +165,9 @@ def test_marks_are_not_changed_by_a_page_that_watches_and_touched_points_name_th
         page.type_xyz(*(f"{1000 * value:.2f}" for value in served.robot.forward(really)[:3, 3]))
         page.click("Add point")
     page.wait_for_text("Suggested values")
-    page.wait_for_text(re.compile(r"[Mm]ost likely cause: .*Elbow.*"))
+    page.wait_for_text(re.compile(r"Elbow: zero off by .*"))
     page.screenshot("calibration_points")
     told = served.console.shared(SharedCalibration).points.result
-    assert isinstance(told, ToolError)
-    assert told.rms_after_m < 0.0002 < told.rms_m
+    assert isinstance(told, TouchFit)
+    assert told.after.rms < 0.0005 < told.before.rms
     assert "joints.elbow.servo" in page.download("Download the suggestion").read_text()

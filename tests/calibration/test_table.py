@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armctl.calibration import Mark, read_marks, read_points
+from armctl.calibration import Mark, read_marks, read_touches
 from armctl.errors import CalibrationError
 from armctl.robot import load_robot
 
@@ -37,10 +37,16 @@ def test_marks_are_read_as_spreadsheets_write_them(tmp_path: Path, text: str) ->
 
 def test_points_are_read_in_any_order_of_columns(tmp_path: Path) -> None:
     robot = load_robot("mico")
-    path = written(tmp_path, "x_mm,y_mm,z_mm,tool_deg,elbow_deg,shoulder_deg,base_deg\n1,2,3,4,5,6,7\n")
-    q, points = read_points(path, robot)
-    np.testing.assert_allclose(np.degrees(q), [[7, 6, 5, 4]])
-    np.testing.assert_allclose(points, [[0.001, 0.002, 0.003]])
+    names = ("tool", "elbow", "shoulder", "base")
+    head = ",".join(
+        ["x_mm,y_mm,z_mm", *(f"{name}_deg" for name in names), *(f"{name}_sense" for name in names)]
+    )
+    rows = "".join(f"{10 * i},2,3,4,5,6,7,1,0,-1,1\n" for i in range(6))
+    touches = read_touches(written(tmp_path, f"{head}\n{rows}"), robot, "sheet")
+    np.testing.assert_allclose(np.degrees(touches.q[0]), [7, 6, 5, 4])
+    np.testing.assert_allclose(touches.points_m[1], [0.01, 0.002, 0.003])
+    assert touches.senses[0].tolist() == [1, -1, 0, 1]
+    assert touches.commanded is None and touches.frame == "sheet"
 
 
 @pytest.mark.parametrize(

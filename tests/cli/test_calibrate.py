@@ -197,17 +197,23 @@ def test_points_blame_the_parameter_that_is_wrong(
     status, out, _ = call(capsys, "points", "uzuner", str(tmp_path / "points.csv"), "--json")
     record = json.loads(out)
     assert status == DONE
-    assert record["blamed"][0]["title"] == "zero of Elbow" and record["blamed"][0]["unit"] == "°"
-    assert record["blamed"][0]["amount"] == pytest.approx(3.0, abs=0.3)
+    assert record["better"] and [one["fact"] for one in record["blamed"]] == ["ZeroOff"]
+    assert record["blamed"][0]["part"] == "Elbow"
+    assert math.degrees(record["blamed"][0]["off"]) == pytest.approx(3.0, abs=0.3)
     assert record["rms_after_mm"] < 0.6 < record["rms_mm"] < record["largest_mm"]
     assert record["changes"][0]["key"] == "zero_us"
     out = call(capsys, "points", "uzuner", str(tmp_path / "points.csv"))[1]
-    assert "most likely cause: zero of Elbow: +" in out and "zero_us = " in out and "# was 1446.45" in out
+    assert "Elbow: zero off by +" in out and "zero_us = " in out and "# was 1446.45" in out
     asked = ("points", "uzuner", str(tmp_path / "points.csv"), "--board")
     assert call(capsys, *asked, "77")[0] == REFUSED, "a board that nobody knows"
     store.save(elbow(1446.45))
     out = call(capsys, *asked, "77")[1]
     assert "# [calibration: joints.elbow]" in out and "zero = " in out and "zero_us" not in out
+    assert call(capsys, *asked, "77", "--save")[0] == DONE
+    kept = store.load("uzuner", "77")
+    assert kept is not None and kept.joints["elbow"].zero == pytest.approx(1446.45 - 30.0, abs=3.0)
+    refused, _, err = call(capsys, *asked, "77", "--save")
+    assert refused == DONE or "nothing to correct" in err
 
 
 def answer(monkeypatch: pytest.MonkeyPatch, *lines: str) -> None:

@@ -49,6 +49,19 @@ from armctl.facts import (
     state_words,
     what,
 )
+from armctl.facts.causes import (
+    FitFigures,
+    GoodAlready,
+    HasPlay,
+    LengthOff,
+    MistakenPoint,
+    NotBetter,
+    NotTold,
+    PlaceOff,
+    Sags,
+    ScaleOff,
+    ZeroOff,
+)
 from armctl.facts.quantities import LevelPassed
 from armctl.facts.servos import (
     ServoAtBaud,
@@ -105,6 +118,22 @@ from armctl.facts.words import KINDS, LANGUAGES, fact_of, fact_record, opening, 
 ELBOW = AngleLimit("Elbow", math.radians(190.004), -math.pi, math.radians(190))
 NEEDS = AngleNeeded("Elbow", (1.2,), -1.0, 1.0, 66.7)
 SAMPLES: list[Reason] = [
+    FitFigures(10, 0.025, 0.04, 0.002, 0.003, 0.0015, corrected=True),
+    FitFigures(10, 0.025, 0.04, 0.025, 0.04, 0.02, corrected=False),
+    ZeroOff("Elbow", 0.05, 0.005),
+    ZeroOff("Elbow", -0.3, 0.005),
+    Sags("Shoulder", 0.04, 0.005),
+    HasPlay("Elbow", 0.02, 0.005),
+    ScaleOff("Elbow", -0.02, 0.004),
+    LengthOff("Elbow", 3, "a", 0.116, 0.001, 0.0002),
+    PlaceOff("x", 0.005, 0.0003),
+    MistakenPoint(4, 0.012),
+    *(
+        NotTold("Elbow", one)
+        for one in ("zero", "sag", "play", "scale", "a", "d", "place", "tilt", "heading")
+    ),
+    GoodAlready(0.0007),
+    NotBetter(0.004, 0.005),
     Said("no", "mend it"),
     About("step 3", ELBOW),
     Advised(ELBOW, "choose another pose"),

@@ -18,13 +18,14 @@ from armctl.calibration import (
     Calibration,
     CalibrationStore,
     JointCalibration,
-    ToolError,
+    TouchFit,
     calibrated,
     check_pose,
     own_calibration,
 )
 from armctl.errors import CalibrationError, InputError, PortError, StateError
 from armctl.facts import State
+from armctl.facts.causes import ZeroOff
 from armctl.hardware import Source
 from armctl.protocol import Snapshot
 from armctl.robot import OutputMap, load_robot
@@ -371,11 +372,11 @@ def test_five_points_tell_nothing_and_six_name_the_joint() -> None:
     touch(points)
     before = points.version
     asyncio.run(points.compute())
-    assert isinstance(points.result, ToolError)
+    assert isinstance(points.result, TouchFit)
     assert points.version > before
-    assert points.result.blame is not None and "Elbow" in points.result.blame.title
-    assert points.result.largest_m == pytest.approx(points.distances_m.max())
-    assert "zero_us" in points.result.toml()
+    assert isinstance(cause := points.result.causes[0], ZeroOff) and cause.part == "Elbow"
+    assert points.result.before.largest == pytest.approx(points.distances_m.max())
+    assert "zero_us" in points.suggestion
     points, q = TouchedPoints(ROBOT), ROBOT.pose("home")
     for _ in range(6):
         points.add(the_map().outputs(q), ROBOT.forward(q)[:3, 3])

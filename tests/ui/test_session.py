@@ -19,7 +19,7 @@ from tests.ui.page_kit import snapshot_of
 from viser import GuiEvent
 
 from armctl.apart import is_given_up
-from armctl.calibration import LEAST_POINTS, ToolError, own_map
+from armctl.calibration import LEAST_POINTS, TouchFit, own_map
 from armctl.errors import InputError
 from armctl.facts import Need, State
 from armctl.hardware import BoardIdentity
@@ -330,15 +330,15 @@ def test_a_point_whose_comparison_is_cancelled_is_not_added(
     for x in range(LEAST_POINTS):
         points.add(outputs, np.array([0.1 * x, 0.0, 0.0]))
     before, begun = points.touches, threading.Event()
-    compare = shared_calibration.tool_error
+    compare = shared_calibration.fit_touches
 
-    def slowly(*given: Any) -> ToolError:
-        if len(given[2]) == LEAST_POINTS + 1:
+    def slowly(*given: Any) -> TouchFit:
+        if len(given[1]) == LEAST_POINTS + 1:
             begun.set()
             wait_until_given_up()
         return compare(*given)
 
-    monkeypatch.setattr(shared_calibration, "tool_error", slowly)
+    monkeypatch.setattr(shared_calibration, "fit_touches", slowly)
     page: Any = SimpleNamespace(_session=session, _points=points)
 
     async def cancel() -> None:
@@ -352,7 +352,7 @@ def test_a_point_whose_comparison_is_cancelled_is_not_added(
     add = partial(points.add, outputs, np.array([0.0, 0.0, 0.5]))
     session.on(button.on_click, lambda: CalibrationPoints._change(page, add))
     asyncio.run(cancel())
-    assert isinstance(points.result, ToolError)  # of those that are left
+    assert isinstance(points.result, TouchFit)  # of those that are left
     if changed_since:
         assert len(points.touches) == LEAST_POINTS and points.touches != before
         assert bench.told[-1][1] == "Cancelled: the points stay: others have changed since."

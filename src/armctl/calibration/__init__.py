@@ -10,47 +10,61 @@ from armctl.calibration.apply import (
     own_map,
     safe_outputs,
 )
+from armctl.calibration.correction import Change, changes, corrected, suggestion
 from armctl.calibration.fit import LEAST_MARKS, JointFit, Mark, fit_joint
+from armctl.calibration.next_touch import next_touch, reachable
 from armctl.calibration.record import (
     Calibration,
     CalibrationStore,
     JointCalibration,
+    JointDeflection,
+    LengthChange,
     Version,
     decode_calibration,
     encode_calibration,
     iso_time,
     read_calibration,
-    read_marks,
-    read_points,
     renamed,
 )
-from armctl.calibration.tool_error import LEAST_POINTS, ToolError, tool_error
+from armctl.calibration.tables import read_marks, read_touches
+from armctl.calibration.touch_model import LEAST_POINTS, Frame, Touches
+from armctl.calibration.touch_report import TouchFit, fit_touches
 
 __all__ = [
     "LEAST_MARKS",
     "LEAST_POINTS",
     "Calibration",
     "CalibrationStore",
+    "Change",
     "CheckPose",
+    "Frame",
     "JointCalibration",
+    "JointDeflection",
     "JointFit",
+    "LengthChange",
     "Mark",
-    "ToolError",
+    "TouchFit",
+    "Touches",
     "Version",
     "calibrated",
+    "changes",
     "check_pose",
+    "corrected",
     "decode_calibration",
     "differences",
     "encode_calibration",
     "fit_joint",
+    "fit_touches",
     "iso_time",
     "narrowed",
+    "next_touch",
     "own_calibration",
     "own_map",
+    "reachable",
     "read_calibration",
     "read_marks",
-    "read_points",
+    "read_touches",
     "renamed",
     "safe_outputs",
-    "tool_error",
+    "suggestion",
 ]

@@ -12,12 +12,15 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.calibration.fit import JointFit
-from armctl.calibration.record import Calibration, JointCalibration, checked_record
+from armctl.calibration.record import Calibration, JointCalibration, JointDeflection, checked_record
 from armctl.errors import CalibrationError
-from armctl.robot import Joint, OutputMap, Robot
+from armctl.kinematics import Chain, GravityModel
+from armctl.robot import Deflection, Joint, OutputMap, Robot
 
 _ROUNDING = 1e-9
 """limits that differ by less are the same [rad]"""
+_MOST_SAG = math.radians(10.0)
+"""a joint that would sag by more is not corrected"""
 _FILE_ROUNDING = 0.125
 """robot files may round the safe outputs inwards by this"""
 
@@ -108,7 +111,54 @@ def _applied(robot: Robot, calibration: Calibration) -> tuple[Robot, tuple[str, 
         ]
         if moved:
             words.append(f"pose {name} moves in: {', '.join(moved)}")
-    return replace(robot, joints=tuple(joints), output_map=outputs, poses=poses), tuple(words)
+    chain = _with_lengths(robot, calibration)
+    gravity = replace(robot.gravity, chain=chain)
+    outputs = replace(outputs, deflection=_deflection(robot, gravity, calibration))
+    arm = replace(robot, joints=tuple(joints), output_map=outputs, poses=poses, chain=chain, gravity=gravity)
+    return arm, tuple(words)
+
+
+def _with_lengths(robot: Robot, calibration: Calibration) -> Chain:
+    """The robot's chain with the lengths that were measured."""
+    chain = robot.chain
+    if not calibration.lengths:
+        return chain
+    rows = list(chain.rows)
+    for one in calibration.lengths:
+        if one.row >= len(rows):
+            raise CalibrationError(
+                f"lengths: it corrects DH row {one.row + 1}, and the robot file has {len(rows)} rows"
+            )
+        key = f"{one.key}_m"
+        rows[one.row] = replace(rows[one.row], **{key: getattr(rows[one.row], key) + one.off_m})
+    return Chain.from_dh(
+        rows, "modified" if chain.convention == "modified" else "standard", chain.coupling, chain.turn_limits
+    )
+
+
+def _deflection(robot: Robot, gravity: GravityModel, calibration: Calibration) -> Deflection | None:
+    """How the arm gives way, as it was measured; None: it is taken as rigid."""
+    if not calibration.deflection:
+        return None
+    for name in calibration.deflection:
+        _parts(robot, name)
+    ways = [calibration.deflection.get(name, JointDeflection()) for name in robot.joint_names]
+    gravity = replace(gravity, payload_kg=calibration.load_kg)
+    heaviest = gravity.heaviest(robot.limits)
+    for joint, one, torque in zip(robot.joints, ways, heaviest.tolist(), strict=True):
+        if (one.compliance + one.drive) * torque > _MOST_SAG:
+            raise CalibrationError(
+                f"deflection.{joint.name}: by it {joint.title} sags by "
+                f"{math.degrees((one.compliance + one.drive) * torque):.1f}°; more than "
+                f"{math.degrees(_MOST_SAG):.0f}° is broken, not soft: look what is loose"
+            )
+    rigid = Deflection.of(gravity, heaviest)
+    return replace(
+        rigid,
+        link=np.array([one.compliance for one in ways]),
+        drive=np.array([one.drive for one in ways]),
+        play=np.array([one.play for one in ways]),
+    )
 
 
 def _parts(robot: Robot, name: str) -> tuple[OutputMap, Joint, JointCalibration]:

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import os
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
-import numpy as np
 import platformdirs
 import tomli_w
 from msgspec import Meta
 
-from armctl.arrays import FloatArray
-from armctl.calibration.fit import Mark
 from armctl.documents import Document, DocumentKind, claim, not_written, safe_name, write_atomically
 from armctl.errors import CalibrationError
-from armctl.robot import FLATTEST_PER_DEG, Robot
+from armctl.robot import FLATTEST_PER_DEG
 
 _CALIBRATIONS = DocumentKind(CalibrationError, most_bytes=256 * 1024, largest=1e9)
 
@@ -47,6 +42,27 @@ class JointCalibration(msgspec.Struct, frozen=True):
         return first, last
 
 
+class JointDeflection(msgspec.Struct, frozen=True):
+    """How a joint gives way; see ``armctl.robot.Deflection``."""
+
+    compliance: float = 0.0
+    """between what is read and the link [rad/(N·m)]"""
+    drive: float = 0.0
+    """between the setpoint and what is read [rad/(N·m)]"""
+    play: float = 0.0
+    """from one side to the other [rad]"""
+
+
+class LengthChange(msgspec.Struct, frozen=True):
+    """A length of a DH row that is not as in the robot file."""
+
+    row: int
+    """from 0"""
+    key: Literal["a", "d"]
+    off_m: float
+    """how much longer it is [m]"""
+
+
 class Calibration(msgspec.Struct, frozen=True):
     """What was measured of one robot on one board. What it does not name is as in the robot file."""
 
@@ -62,11 +78,16 @@ class Calibration(msgspec.Struct, frozen=True):
     made: str = ""
     """when it was measured (ISO 8601)"""
     note: str = ""
+    deflection: Mapping[str, JointDeflection] = {}
+    """by name, of the joints that give way"""
+    load_kg: float = 0.0
+    """held at the tool point when that was measured"""
+    lengths: tuple[LengthChange, ...] = ()
 
     @property
     def empty(self) -> bool:
         """It changes nothing: the robot file holds as it is."""
-        return not self.joints and self.gripper is None
+        return not (self.joints or self.deflection or self.lengths) and self.gripper is None
 
 
 def iso_time(stamp: float) -> str:
@@ -91,6 +112,18 @@ class _GripperEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     open: float
 
 
+class _DeflectionEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    compliance_deg_per_nm: Annotated[float, Meta(ge=0, le=90)] = 0.0
+    drive_deg_per_nm: Annotated[float, Meta(ge=0, le=90)] = 0.0
+    play_deg: Annotated[float, Meta(ge=0, le=10)] = 0.0
+
+
+class _LengthEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    row: Annotated[int, Meta(ge=1)]
+    key: Literal["a", "d"]
+    longer_mm: Annotated[float, Meta(ge=-100, le=100)]
+
+
 class _CalibrationFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     format: Literal[1]
     robot: Annotated[str, Meta(min_length=1)]
@@ -102,6 +135,9 @@ class _CalibrationFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """the earlier version that this one brought back"""
     gripper: _GripperEntry | None = None
     joints: dict[str, _JointEntry] = {}
+    load_kg: Annotated[float, Meta(ge=0, le=100)] | None = None
+    deflection: dict[str, _DeflectionEntry] | None = None
+    lengths: list[_LengthEntry] | None = None
 
     def require_sense(self) -> None:
         """Refuse numbers that contradict each other."""
@@ -135,6 +171,14 @@ def checked_record(calibration: Calibration, again: int | None = None) -> dict[s
             name: _JointEntry(float(one.zero), float(one.per_rad) / _PER_RAD, float(one.low), float(one.high))
             for name, one in calibration.joints.items()
         },
+        load_kg=float(calibration.load_kg) or None,
+        deflection={
+            name: _DeflectionEntry(*(float(way) * _PER_RAD for way in (one.compliance, one.drive, one.play)))
+            for name, one in calibration.deflection.items()
+        }
+        or None,
+        lengths=[_LengthEntry(one.row + 1, one.key, 1000 * float(one.off_m)) for one in calibration.lengths]
+        or None,
     )
     record = {key: value for key, value in msgspec.to_builtins(file).items() if value is not None}
     Document(_CALIBRATIONS, record).convert(_CalibrationFile)
@@ -166,6 +210,14 @@ def _decode_version(text: str | bytes) -> tuple[Calibration, int | None]:
         gripper=file.gripper and (file.gripper.closed, file.gripper.open),
         made=file.made,
         note=file.note,
+        deflection={
+            name: JointDeflection(
+                one.compliance_deg_per_nm / _PER_RAD, one.drive_deg_per_nm / _PER_RAD, one.play_deg / _PER_RAD
+            )
+            for name, one in (file.deflection or {}).items()
+        },
+        load_kg=file.load_kg or 0.0,
+        lengths=tuple(LengthChange(one.row - 1, one.key, one.longer_mm / 1000) for one in file.lengths or ()),
     )
     return calibration, file.again
 
@@ -178,67 +230,6 @@ def read_calibration(path: Path) -> Calibration:
 def read_version(path: Path) -> tuple[Calibration, int | None]:
     """As ``read_calibration``, with the version that it brought back, if it did."""
     return _CALIBRATIONS.load(path, _decode_version)
-
-
-# Numbers from a spreadsheet: marks of a joint, and touched points.
-
-_TABLES = DocumentKind(CalibrationError, most_bytes=256 * 1024)
-_DELIMITERS = (";", "\t", ",")
-_MARK_COLUMNS = ("output", "angle_deg")
-_POINT_COLUMNS = ("x_mm", "y_mm", "z_mm")
-
-
-def read_marks(path: Path) -> tuple[Mark, ...]:
-    """Marks from a CSV file with the columns ``output`` (board's unit) and ``angle_deg``."""
-    return tuple(Mark(output, math.radians(angle)) for output, angle in _read(path, _MARK_COLUMNS).tolist())
-
-
-def read_points(path: Path, robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """Joint angles (k, n) [rad] and the points (k, 3) [m] that the tool touched at them, from a CSV file.
-
-    Its columns are ``NAME_deg`` for each joint, and ``x_mm``, ``y_mm``, ``z_mm``.
-    """
-    table = _read(path, [*(f"{name}_deg" for name in robot.joint_names), *_POINT_COLUMNS])
-    return np.radians(table[:, : robot.n]), table[:, robot.n :] / 1000
-
-
-def _read(path: Path, columns: Sequence[str]) -> FloatArray:
-    """(rows, columns) the numbers of a file, its columns in any order."""
-    text = _TABLES.load(path, _TABLES.text)
-    head = next((line for line in text.splitlines() if line.strip()), "")
-    delimiter = next((one for one in _DELIMITERS if one in head), ",")
-    reader = csv.reader(io.StringIO(text), delimiter=delimiter)
-    try:
-        rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
-    except csv.Error as cause:
-        raise CalibrationError(f"{path}: line {reader.line_num}: {cause}") from cause
-    heads = [] if not rows else [cell.strip().casefold() for cell in rows[0][1]]
-    if sorted(heads) != sorted(columns):
-        raise CalibrationError(
-            f"{path}: its first line must name the columns {', '.join(columns)}; it names "
-            f"{', '.join(heads) or 'nothing'}"
-        )
-    places = [heads.index(column) for column in columns]
-    table = [_numbers(f"{path}: line {line}", row, heads, delimiter) for line, row in rows[1:]]
-    return np.array(table, dtype=np.float64).reshape(-1, len(columns))[:, places]
-
-
-def _numbers(where: str, row: list[str], heads: list[str], delimiter: str) -> list[float]:
-    if len(row) != len(heads):
-        raise CalibrationError(f"{where}: has {len(row)} cells, the first line {len(heads)}")
-    numbers: list[float] = []
-    for head, cell in zip(heads, row, strict=True):
-        plain = cell.strip().replace("−", "-")
-        if delimiter != ",":
-            plain = plain.replace(",", ".")
-        try:
-            numbers.append(float(plain))
-        except ValueError as cause:
-            what = f"{cell.strip()[:40]!r} is not a number"
-            raise CalibrationError(f"{where}, column {head}: {what}") from cause
-        if not math.isfinite(numbers[-1]):
-            raise CalibrationError(f"{where}, column {head}: {plain} is not a finite number")
-    return numbers
 
 
 # The calibrations of this computer: a folder a robot and board, a file a version, none ever rewritten.

@@ -13,22 +13,28 @@ from armctl.boards import board_name
 from armctl.calibration import (
     Calibration,
     CalibrationStore,
+    Change,
+    Frame,
     JointCalibration,
     JointFit,
+    TouchFit,
     calibrated,
+    changes,
+    corrected,
     differences,
     encode_calibration,
     fit_joint,
+    fit_touches,
     iso_time,
     narrowed,
     own_calibration,
     own_map,
     read_calibration,
     read_marks,
-    read_points,
+    read_touches,
     renamed,
     safe_outputs,
-    tool_error,
+    suggestion,
 )
 from armctl.cli.calibrate_joint import measure_joint, show_check_pose, show_fit, show_narrowed
 from armctl.cli.options import (
@@ -45,6 +51,7 @@ from armctl.cli.options import (
 from armctl.documents import not_written
 from armctl.errors import CalibrationError
 from armctl.facts.angles import DEGREE, to_degrees
+from armctl.facts.words import fact_record
 from armctl.protocol import wall_time
 from armctl.robot import Robot, is_urdf, load_robot
 
@@ -244,33 +251,70 @@ def forget(robot: str, board: str | None) -> None:
 @click.argument("robot", type=ROBOT)
 @click.argument("points", type=click.Path(path_type=Path))
 @click.option("--board", help="Serial number of the board whose calibration the angles were read with.")
+@click.option(
+    "--frame",
+    type=click.Choice(["base", "sheet"]),
+    default="base",
+    show_default=True,
+    help="Of the points: the base frame, or that of a sheet that lies flat, nobody knows where.",
+)
+@click.option("--lengths", is_flag=True, help="All lengths of the links may be off, too.")
+@click.option("--load-kg", type=NUMBER, default=0.0, show_default=True, help="What the tool carried.")
+@click.option("--save", is_flag=True, help="Bring the correction in force for --board, where it is better.")
 @json_option
-def points(robot: str, points: Path, board: str | None, as_json: bool) -> None:
+def points(
+    robot: str,
+    points: Path,
+    board: str | None,
+    frame: Frame,
+    lengths: bool,
+    load_kg: float,
+    save: bool,
+    as_json: bool,
+) -> None:
     """Compare where the tool of ROBOT went with the POINTS that it touched, and say what is to blame.
 
     POINTS is a CSV file: a column NAME_deg for each joint, and x_mm, y_mm, z_mm. About ten points, in
-    poses as different as can be.
-    """
+    poses as different as can be. Columns NAME_sense say in which sense each joint turned last (1, -1), and
+    NAME_commanded_deg what was commanded where NAME_deg is measured.
+    """  # fmt: skip
     arm, store = load_robot(robot), CalibrationStore()
-    calibration = None if board is None else store.load(arm.name, _chosen_board(store, arm.name, board))
-    q, touched = read_points(points, arm)
-    corrected = () if calibration is None else calibration.joints
-    error = tool_error(arm if calibration is None else calibrated(arm, calibration), q, touched, corrected)
+    now = None if board is None or save else store.load(arm.name, _chosen_board(store, arm.name, board))
+    if save:
+        now = _in_force(arm, board, None)
+    in_force = arm if now is None else calibrated(arm, now)
+    fit = fit_touches(in_force, read_touches(points, arm, frame), load_kg=load_kg, lengths=lengths)
+    found = changes(fit, () if now is None else now.joints)
     if as_json:
-        print_json({
-            "rms_mm": 1000 * error.rms_m,
-            "largest_mm": 1000 * error.largest_m,
-            "rms_after_mm": 1000 * error.rms_after_m,
-            "largest_after_mm": 1000 * error.largest_after_m,
-            "blamed": [] if error.blame is None else [asdict(error.blame)],
-            "changes": [asdict(change) for change in error.changes],
-        })  # fmt: skip
-        return
-    for line in error.words:
-        click.echo(line)
-    if error.changes:
-        click.echo(f"to write into the robot file of {arm.name}, or into its calibration (export, import):")
-        click.echo(error.toml(), nl=False)
+        print_json(_touch_record(fit, found))
+    else:
+        for line in fit.words():
+            click.echo(line)
+        if found:
+            click.echo(f"to write into the robot file of {arm.name}, or into its calibration (--save):")
+            click.echo(suggestion(found), nl=False)
+    if save and now is not None:
+        _save(arm, corrected(fit, now))
+        if not as_json:
+            click.echo(f"kept for board {now.board}")
+
+
+def _touch_record(fit: TouchFit, found: tuple[Change, ...]) -> dict[str, object]:
+    """A fit for programs; lengths in mm, facts in SI units."""
+    return {
+        "points": fit.count,
+        "rms_mm": 1000 * fit.before.rms,
+        "largest_mm": 1000 * fit.before.largest,
+        "rms_after_mm": 1000 * fit.after.rms,
+        "largest_after_mm": 1000 * fit.after.largest,
+        "expected_mm": 1000 * fit.expected.rms,
+        "better": fit.correct,
+        "blamed": [fact_record(one) for one in fit.causes],
+        "or_else": [fact_record(one) for one in fit.or_else],
+        "mistaken": [fact_record(one) for one in fit.mistaken],
+        "not_told": [fact_record(one) for one in fit.held],
+        "changes": [asdict(change) for change in found],
+    }
 
 
 @calibrate.command("export")
@@ -360,6 +404,11 @@ def _lines(arm: Robot, calibration: Calibration) -> Iterator[str]:
         line = f"{joint.zero:.2f} {calibration.unit} at 0°, {joint.per_rad * DEGREE:+.4f} a degree"
         yield f"{name}: {line}, safe {joint.low:.1f} … {joint.high:.1f}"
     yield from (f"{name}: as in the robot file" for name in arm.joint_names if name not in calibration.joints)
+    for name, one in calibration.deflection.items():
+        soft = f"bends by {(one.compliance + one.drive) / DEGREE:.2f}°/(N·m)"
+        yield f"{name}: {soft}, {to_degrees(one.play):.2f}° play"
+    for one in calibration.lengths:
+        yield f"{one.key}_mm of DH row {one.row + 1}: {1000 * one.off_m:+.2f} mm"
     if calibration.gripper is not None:
         closed, opened = calibration.gripper
         yield f"gripper: closed at {closed:.1f}, open at {opened:.1f} {calibration.unit}"
@@ -379,4 +428,15 @@ def _record(calibration: Calibration | None) -> dict[str, object] | None:
         "note": calibration.note,
         "joints": joints,
         "gripper": None if gripper is None else {"closed": gripper[0], "open": gripper[1]},
+        "deflection": {
+            name: {
+                "compliance_deg_per_nm": one.compliance / DEGREE,
+                "drive_deg_per_nm": one.drive / DEGREE,
+                "play_deg": one.play / DEGREE,
+            }
+            for name, one in calibration.deflection.items()
+        },
+        "lengths": [
+            {"row": one.row + 1, "key": one.key, "longer_mm": 1000 * one.off_m} for one in calibration.lengths
+        ],
     }

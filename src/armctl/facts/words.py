@@ -11,7 +11,9 @@ from types import ModuleType
 from typing import Any, NamedTuple, cast
 
 from armctl.facts import (
+    causes,
     english,
+    english_causes,
     english_servos,
     english_targets,
     quantities,
@@ -19,6 +21,7 @@ from armctl.facts import (
     servos,
     targets,
     turkish,
+    turkish_causes,
     turkish_servos,
     turkish_targets,
 )
@@ -54,20 +57,18 @@ class Language(NamedTuple):
     states: Mapping[State, str]
 
 
-def _language(words: Any, of_targets: Any, of_servos: Any) -> Language:
-    return Language(
-        {**words.WHAT, **of_targets.WHAT, **of_servos.WHAT},
-        {**words.ADVICE, **of_servos.ADVICE},
-        words.AT,
-        words.STEP,
-        words.MORE,
-        words.STATES,
-    )
+def _language(words: Any, *others: Any) -> Language:
+    """Of the words of reasons, and those of other kinds of facts."""
+    told, advised = dict(words.WHAT), dict(words.ADVICE)
+    for one in others:
+        told |= one.WHAT
+        advised |= getattr(one, "ADVICE", {})
+    return Language(told, advised, words.AT, words.STEP, words.MORE, words.STATES)
 
 
 LANGUAGES = {
-    "en": _language(english, english_targets, english_servos),
-    "tr": _language(turkish, turkish_targets, turkish_servos),
+    "en": _language(english, english_targets, english_servos, english_causes),
+    "tr": _language(turkish, turkish_targets, turkish_servos, turkish_causes),
 }
 
 
@@ -182,7 +183,7 @@ def _kinds(*modules: ModuleType) -> dict[str, type[Reason]]:
     return {one.__name__: one for one in found if isinstance(one, type) and issubclass(one, Reason)}
 
 
-KINDS = _kinds(reasons, quantities, targets, servos)
+KINDS = _kinds(reasons, quantities, targets, servos, causes)
 _ENUMS = {"need": Need, "state": State}
 
 

@@ -297,10 +297,17 @@ class Chain(ByContent):
 
     def axes(self, q: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
         """Links' axes at ``q`` (default: all zero): points (m, 3) [m], unit directions (m, 3), base frame."""
-        links: list[tuple[float, ...]] = []
-        self._walk(self._link_turns([0.0] * self.n if q is None else self.checked_one(q).tolist()), links)
-        stacked = np.array(links)
+        stacked = np.array(self.link_frames(np.zeros(self.n) if q is None else self.checked_one(q)))
         return stacked[:, 9:].copy(), stacked[:, 6:9].copy()
+
+    def link_frames(self, q: FloatArray) -> list[tuple[float, ...]]:
+        """Each link at ``q`` (n,) [rad] in plain floats: x, y, z axis and origin [m], base frame, 3 each.
+
+        Raises ``InputError``: ``q`` has the wrong shape or is not finite.
+        """
+        links: list[tuple[float, ...]] = []
+        self._walk(self._link_turns(self._one(q) or self.checked_one(q).tolist()), links)
+        return links
 
     def _one(self, q: ArrayLike) -> list[float] | None:
         """``q`` as the angles of one configuration; None where it holds many."""

@@ -19,10 +19,12 @@ from armctl.kinematics.angles import skew_part
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.frames import LinkFrames
 from armctl.kinematics.newton import Rows, newton, target_rows
+from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.target import Target
 
 STANDARD_GRAVITY = 9.80665
 """m/s² (CGPM 1901)"""
+_PROBES = 500
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,10 @@ class GravityModel:
     """held at the tool point"""
     _carried: tuple[tuple[tuple[float, FloatArray], ...], ...] = field(init=False, repr=False, compare=False)
     """for each joint: mass and point (3,) in the link's frame of what it carries until the next joint"""
+    _points: tuple[tuple[tuple[float, tuple[float, ...]], ...], ...] = field(
+        init=False, repr=False, compare=False
+    )
+    """the same in plain numbers"""
 
     def __post_init__(self) -> None:
         places, n = self.chain.places, len(self.chain.segments)
@@ -55,6 +61,8 @@ class GravityModel:
             carried[body.joint].append((body.mass_kg, T[:3, :3] @ np.array(body.com_m) + T[:3, 3]))
         carried[n - 1].append((self.payload_kg, places[-1].T_link_frame[:3, 3]))
         object.__setattr__(self, "_carried", tuple(map(tuple, carried)))
+        plain = [tuple((mass, tuple(point.tolist())) for mass, point in one) for one in carried]
+        object.__setattr__(self, "_points", tuple(plain))
 
     @property
     def weighs(self) -> bool:
@@ -74,9 +82,30 @@ class GravityModel:
         The sum over all masses beyond the joint of ``m g (z_axis x lever)_z``, the gradient of the
         potential energy: positive where gravity would turn the joint to smaller angles.
         """
+        if q.ndim == 1:
+            return self._torque_of_one(q)
         q = self.chain.checked(q)
         flat = q.reshape(-1, self.chain.n)
         return self.torque_of(LinkFrames.at(self.chain, flat)).T.reshape(q.shape)
+
+    def heaviest(self, limits: FloatArray) -> FloatArray:
+        """(n,) the largest torque of each joint inside its limits (n, 2) [N·m], by some hundred poses."""
+        return np.abs(self.torque(joint_samples(limits, _PROBES))).max(axis=0)
+
+    def _torque_of_one(self, q: FloatArray) -> FloatArray:
+        """As ``torque``, of one configuration: a twentieth of the time, as setpoints need it every tick."""
+        links = self.chain.link_frames(q)
+        torque = [0.0] * len(links)
+        mass, moment_x, moment_y = 0.0, 0.0, 0.0
+        for j in reversed(range(len(links))):
+            xx, xy, _, yx, yy, _, zx, zy, _, px, py, _ = links[j]
+            for weight, (x, y, z) in self._points[j]:
+                mass += weight
+                moment_x += weight * (px + x * xx + y * yx + z * zx)
+                moment_y += weight * (py + x * xy + y * yy + z * zy)
+            torque[j] = STANDARD_GRAVITY * (zx * (moment_y - mass * py) - zy * (moment_x - mass * px))
+        out = np.array(torque)
+        return out if self.chain.coupling is None else self.chain.coupling.T @ out
 
     def torque_of(self, links: LinkFrames) -> FloatArray:
         """As ``torque``, for links that are placed already: (n, m) [N·m], a column a configuration."""

@@ -1,6 +1,7 @@
 """What an arm is, and the robot files that say so."""
 
 from armctl.robot.body.arm_body import CarriedPart
+from armctl.robot.deflection import Deflection
 from armctl.robot.load import (
     hidden_robots,
     is_urdf,
@@ -22,6 +23,7 @@ from armctl.robot.robot import Robot
 __all__ = [
     "FLATTEST_PER_DEG",
     "CarriedPart",
+    "Deflection",
     "Gripper",
     "Joint",
     "OutputMap",

@@ -10,6 +10,7 @@ import numpy as np
 
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.errors import InputError
+from armctl.robot.deflection import Deflection
 
 DEFAULT_BOARD = "maestro"
 """the kind of board of an arm whose file names none"""
@@ -44,7 +45,9 @@ class Mirror:
 class OutputMap(ArrayRecord):
     """One affine map a joint, and one for the gripper: output = zero + per_rad · angle.
 
-    An output is a pulse width [µs] on a servo board, and a position [encoder counts] on an encoder board.
+    The angle is the one to be set so that the arm, which gives way (``deflection``), comes to stand where it
+    is wanted. An output is a pulse width [µs] on a servo board, and a position [encoder counts] on an encoder
+    board.
     """
 
     unit: str
@@ -76,6 +79,8 @@ class OutputMap(ArrayRecord):
     """the key of the safe outputs in that table"""
     mirrors: tuple[Mirror, ...] = ()
     """further outputs of joints; ``channels`` has the first one of each joint"""
+    deflection: Deflection | None = None
+    """how the arm gives way, as it was calibrated; None: not known, it is taken as rigid"""
 
     @classmethod
     def stand_in(cls, limits: FloatArray, *, gripper: bool) -> OutputMap:
@@ -101,7 +106,9 @@ class OutputMap(ArrayRecord):
         )
 
     def outputs(self, q: FloatArray) -> dict[int, float]:
-        """The first output of each joint by channel for joint angles ``q`` (n,) [rad]."""
+        """The first output of each joint by channel that brings the links to ``q`` (n,) [rad]."""
+        if self.deflection is not None:
+            q = self.deflection.setpoint(q)
         return dict(zip(self.channels, (self.zero + self.per_rad * q).tolist(), strict=True))
 
     def mirrored(self, first: Mapping[int, float]) -> dict[int, float]:
@@ -116,10 +123,14 @@ class OutputMap(ArrayRecord):
         way = self.gripper_open - self.gripper_closed
         return {self.gripper_channel: self.gripper_closed + way * opening}
 
-    def angles(self, outputs: Mapping[int, float | None]) -> FloatArray:
-        """Joint angles (n,) [rad] of outputs by channel; NaN where one is off or not reported."""
+    def angles(self, outputs: Mapping[int, float | None], *, measured: bool = False) -> FloatArray:
+        """Joint angles (n,) [rad] of outputs by channel; NaN where one is off or not reported.
+
+        ``measured``: the outputs are what encoders read, not what was sent.
+        """
         known = np.array([outputs.get(channel) for channel in self.channels], dtype=np.float64)  # None: NaN
-        return (known - self.zero) / self.per_rad
+        told = (known - self.zero) / self.per_rad
+        return told if self.deflection is None else self.deflection.angles(told, measured=measured)
 
     def disagreement(self, mirror: Mirror, outputs: Mapping[int, float | None]) -> float:
         """How far a further output of a joint is from where the first one says it is [rad]; 0: not known."""

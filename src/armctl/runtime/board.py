@@ -182,7 +182,7 @@ class Board:
 
     def _read(self) -> Reading:
         back = self._driver.read()
-        q = self.map.angles(back.positions)
+        q = self.map.angles(back.positions, measured=back.source is Source.MEASURED)
         apart = np.zeros(len(q))
         for one in self.map.mirrors:
             if back.positions.get(one.channel) is None:

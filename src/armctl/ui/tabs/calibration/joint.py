@@ -15,7 +15,6 @@ from armctl.calibration import (
     LEAST_POINTS,
     JointFit,
     Mark,
-    ToolError,
     differences,
     own_calibration,
     own_map,
@@ -358,7 +357,7 @@ class CalibrationPoints:
         self._result.show(result_html(points))
         show_numbers(self._which, len(points.touches))
         self._delete.visible = bool(points.touches)
-        self._download.visible = isinstance(points.result, ToolError) and bool(points.result.changes)
+        self._download.visible = bool(points.suggestion)
 
     async def _on_known(self) -> None:
         if self._known.value != _TYPED:
@@ -395,10 +394,9 @@ class CalibrationPoints:
             raise GivenUpError(kept) from given_up
 
     async def _on_download(self) -> None:
-        result = self._points.result
-        if not isinstance(result, ToolError):
+        if not (text := self._points.suggestion):
             raise InputError("there is no suggestion yet: touch more points")
-        self._session.download("suggestion.toml", result.toml())
+        self._session.download("suggestion.toml", text)
 
 
 def numbered(count: int) -> tuple[str, ...]:
@@ -437,9 +435,9 @@ def result_html(points: TouchedPoints) -> str:
         return muted("Comparing …")
     if isinstance(result, str):
         return refused(sentence(result))
-    first, *rest = result.words
+    first, *rest = result.words()
     text = strong(sentence(first)) + "".join(f"<div>{escape(sentence(words))}</div>" for words in rest)
-    if result.changes:
+    if suggested := points.suggestion:
         text += heading("Suggested values")
-        text += f"<pre style='margin:0;font-size:11.5px;user-select:text'>{escape(result.toml())}</pre>"
+        text += f"<pre style='margin:0;font-size:11.5px;user-select:text'>{escape(suggested)}</pre>"
     return text

@@ -8,6 +8,7 @@ from collections.abc import Awaitable, Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Self
 
+import msgspec
 import numpy as np
 
 from armctl.arrays import FloatArray
@@ -18,15 +19,18 @@ from armctl.calibration import (
     JointCalibration,
     JointFit,
     Mark,
-    ToolError,
+    Touches,
+    TouchFit,
     Version,
+    changes,
     fit_joint,
+    fit_touches,
     iso_time,
     narrowed,
     own_calibration,
     own_map,
     safe_outputs,
-    tool_error,
+    suggestion,
 )
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.facts import State
@@ -226,7 +230,7 @@ class TouchedPoints:
         self._robot, self._calibrated = robot, calibrated
         self.touches: tuple[TouchedPoint, ...] = ()
         """in the order in which they were made"""
-        self.result: ToolError | str | None = None
+        self.result: TouchFit | str | None = None
         """the tool error, or why there is none, in words; None: too few points, or not known yet"""
         self.version = 0
         """rises with every change, so that a page knows when to draw anew"""
@@ -263,6 +267,12 @@ class TouchedPoints:
         self._set(touches)
         return True
 
+    @property
+    def suggestion(self) -> str:
+        """What to write where by the result; empty where there is none."""
+        result = self.result
+        return suggestion(changes(result, self._calibrated)) if isinstance(result, TouchFit) else ""
+
     async def compute(self, work_out: WorkOut = asyncio.to_thread) -> None:
         """Compute the tool error off the event loop, unless it is known or there are too few points.
 
@@ -273,13 +283,14 @@ class TouchedPoints:
             return
         q, points = self._angles(), np.array([touch.point_m for touch in touches])
         try:
-            result: ToolError | str = await work_out(tool_error, self._robot, q, points, self._calibrated)
+            given = Touches.checked(self._robot, q, points)
+            result: TouchFit | str = await work_out(fit_touches, self._robot, given)
         except ArmctlError as error:
             result = str(error)
         if self.touches is touches:  # else they have changed meanwhile, and are computed anew
             self._set(touches, result)
 
-    def _set(self, touches: tuple[TouchedPoint, ...], result: ToolError | str | None = None) -> None:
+    def _set(self, touches: tuple[TouchedPoint, ...], result: TouchFit | str | None = None) -> None:
         self.touches, self.result = touches, result
         self.version += 1
 
@@ -327,7 +338,8 @@ class SharedCalibration:
         if before is not None and (joints, gripper) == (before.joints, before.gripper):
             raise StateError("everything is saved: nothing differs from the calibration in force")
         made = iso_time(self._now())
-        drawn = Calibration(work.robot.name, board, work.map.unit, joints, gripper, made, note)
+        drawn = before or Calibration(work.robot.name, board, work.map.unit, {})
+        drawn = msgspec.structs.replace(drawn, joints=joints, gripper=gripper, made=made, note=note)
         narrowed(work.robot, drawn)
         return drawn
 

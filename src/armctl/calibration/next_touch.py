@@ -1,0 +1,68 @@
+"""Which touch tells most about what is still uncertain."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armctl.arrays import FloatArray
+from armctl.calibration.touch_fit import solve
+from armctl.calibration.touch_model import Touches, TouchModel
+from armctl.errors import CalibrationError
+from armctl.facts.angles import DEGREE
+from armctl.robot import Robot
+
+_LEAST = 3
+"""touches by which it is known where a sheet lies"""
+_NOISE_M = 0.0007
+"""standard deviation of a coordinate of a touch, with what no number of the arm explains [m]"""
+_PITCHES = tuple(DEGREE * pitch for pitch in (-90.0, -70.0, -50.0, -30.0, -10.0))
+_PITCHED = 3
+"""so many parallel pitch joints leave the pitch free"""
+_STEP = 5.0 * DEGREE
+_SENSES = (1.0, -1.0)
+
+
+def next_touch(robot: Robot, touches: Touches, candidates: Touches, *, load_kg: float = 0.0) -> int:
+    """Index of the candidate after which the tool's error over all candidates is least (A-optimal).
+
+    Both are of one ``frame``. ``CalibrationError``: fewer than three touches, or no candidates.
+    """
+    if len(touches) < _LEAST or not len(candidates):
+        raise CalibrationError(
+            f"{len(touches)} touches and {len(candidates)} points that can be reached: touch {_LEAST} points "
+            "by hand first, then armctl says which one tells most"
+        )
+    model = TouchModel(robot, load_kg).placed(touches)
+    now = solve(model, touches, model.parameters(candidates))
+    # by the design alone: three or four touches say next to nothing of their own noise
+    done = model.slopes(now.values, touches, now.parameters).reshape(3 * len(touches), -1) / _NOISE_M
+    covariance = np.linalg.inv(done.T @ done + np.diag(now.sd**-2))
+    A = model.slopes(now.values, candidates, now.parameters)
+    weights = np.einsum("kip,kiq->pq", A, A)
+    CA = np.einsum("pq,kiq->kpi", covariance, A)
+    S = np.einsum("kip,kpj->kij", A, CA) + _NOISE_M**2 * np.eye(3)
+    won = np.einsum("kpi,kiq,pq->k", CA, np.linalg.solve(S, CA.swapaxes(1, 2)), weights)
+    return int(np.argmax(won))
+
+
+def reachable(robot: Robot, touches: Touches, points_m: FloatArray, *, load_kg: float = 0.0) -> Touches:
+    """Poses in which the tool can touch points (m, 3) of the touches' frame, from either side.
+
+    By what the touches so far say of where a sheet lies; empty where no point can be reached.
+    """
+    model = TouchModel(robot, load_kg).placed(touches)
+    values = solve(model, touches, model.of_sheet()).values
+    pitches: list[float | None] = [None]
+    if len(robot.inverse_kinematics.pitch_joints) == _PITCHED:
+        pitches = list(_PITCHES)
+    rotation = robot.forward(robot.pose("home"))[:3, :3] if robot.orients_tool else None
+    rows = [
+        (pose, point)
+        for point, target in zip(points_m, model.in_base(values, points_m), strict=True)
+        for pitch in pitches
+        for pose in robot.inverse(target, pitch, rotation=rotation, step=_STEP).q[:1]
+    ]
+    q = np.reshape([pose for pose, _ in rows for _ in _SENSES], (-1, robot.n))
+    points = np.reshape([point for _, point in rows for _ in _SENSES], (-1, 3))
+    senses = np.tile(np.array(_SENSES)[:, None], (len(rows), robot.n))
+    return Touches(q, points, touches.frame, senses)

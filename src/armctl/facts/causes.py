@@ -1,0 +1,117 @@
+"""What is to blame for a tool that is not where it should be: a frozen record each, in SI units and radians.
+
+``part`` is the title of a joint; ``sd`` the standard deviation of the number ahead of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from armctl.facts.reasons import Reason
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroOff(Reason):
+    """A joint stands further by an angle than its output says."""
+
+    part: str
+    off: float
+    sd: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sags(Reason):
+    """What bends at a joint under the arm's own weight, where that pulls most."""
+
+    part: str
+    angle: float
+    sd: float
+
+
+@dataclass(frozen=True, slots=True)
+class HasPlay(Reason):
+    """A joint is loose, from one side to the other."""
+
+    part: str
+    angle: float
+    sd: float
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleOff(Reason):
+    """A joint turns further than its output says, by a share."""
+
+    part: str
+    share: float
+    sd: float
+
+
+@dataclass(frozen=True, slots=True)
+class LengthOff(Reason):
+    """A length of a DH row is longer than the robot file says [m]."""
+
+    part: str
+    row: int
+    """from 1"""
+    key: Literal["a", "d"]
+    old: float
+    off: float
+    sd: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceOff(Reason):
+    """All points lie further along an axis of the base frame than they were noted [m]."""
+
+    part: str
+    """x, y or z"""
+    off: float
+    sd: float
+
+
+@dataclass(frozen=True, slots=True)
+class MistakenPoint(Reason):
+    """A touched point that fits to none of the others."""
+
+    number: int
+    """from 1"""
+    away: float
+    """from where the others put it [m]"""
+
+
+@dataclass(frozen=True, slots=True)
+class NotTold(Reason):
+    """A number of a joint or a link that touched points cannot tell."""
+
+    part: str
+    what: Literal["zero", "sag", "play", "scale", "a", "d", "place", "tilt", "heading"]
+
+
+@dataclass(frozen=True, slots=True)
+class FitFigures(Reason):
+    """How far the tool is off, at points that were not used for it [m]."""
+
+    count: int
+    before: float
+    before_largest: float
+    after: float
+    after_largest: float
+    expected: float
+    """near the points, with the correction"""
+    corrected: bool
+
+
+@dataclass(frozen=True, slots=True)
+class GoodAlready(Reason):
+    """The tool is as near to the points as they can be measured [m]."""
+
+    rms: float
+
+
+@dataclass(frozen=True, slots=True)
+class NotBetter(Reason):
+    """No correction is better at points that were left out than the numbers as they are [m]."""
+
+    before: float
+    after: float

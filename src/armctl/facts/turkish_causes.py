@@ -1,0 +1,76 @@
+"""What is said of each cause of a tool that is off, in Turkish."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from armctl.facts import causes
+from armctl.facts.angles import in_degrees, to_degrees
+from armctl.facts.reasons import Reason, in_millimetres
+
+_NUMBERS = {
+    "zero": "sıfırını", "sag": "sarkmasını", "play": "boşluğunu", "scale": "ölçeğini", "a": "a_mm uzunluğunu",
+    "d": "d_mm uzunluğunu", "place": "noktaların yerini", "tilt": "noktaların eğimini",
+    "heading": "noktaların yönünü",
+}  # fmt: skip
+
+
+def _give(sd: float) -> str:
+    return f"± {in_degrees(sd, '.1f')}"
+
+
+def _figures(one: causes.FitFigures) -> str:
+    def size(rms: float, largest: float) -> str:
+        return f"RMS {1000 * rms:.2f} mm, en çok {1000 * largest:.2f} mm"
+
+    text = f"{one.count} noktada, her biri sırayla dışarıda bırakılınca takım hatası: "
+    text += size(one.before, one.before_largest)
+    if not one.corrected:
+        return text
+    after = f"düzeltmeyle {size(one.after, one.after_largest)}"
+    return f"{text}; {after}; yakında beklenen: {1000 * one.expected:.1f} mm"
+
+
+def _length(one: causes.LengthOff) -> str:
+    old, new = 1000 * one.old, 1000 * (one.old + one.off)
+    sure = f"{1000 * one.off:+.1f} mm ± {1000 * one.sd:.1f}"
+    return f"DH satırı {one.row}: {one.key}_mm {old:.1f} değil, {new:.1f} mm ({sure})"
+
+
+WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
+    causes.ZeroOff: lambda one: f"sıfırı {to_degrees(one.off):+.1f}° kaymış ({_give(one.sd)})",
+    causes.Sags: lambda one: f"uzanınca {in_degrees(one.angle, '.1f')} sarkıyor ({_give(one.sd)})",
+    causes.HasPlay: lambda one: f"{in_degrees(one.angle, '.1f')} boşluk var ({_give(one.sd)})",
+    causes.ScaleOff: lambda one: f"%{100 * one.share:+.1f} fazla dönüyor (± %{100 * one.sd:.1f})",
+    causes.LengthOff: _length,
+    causes.PlaceOff: lambda one: f"bütün noktalar bu eksende {in_millimetres(one.off)} mm ileride",
+    causes.MistakenPoint: lambda one: (
+        f"{one.number}. nokta, ötekilerin gösterdiği yerden {in_millimetres(one.away)} mm uzakta; "
+        "hesaba katılmadı"
+    ),
+    causes.NotTold: lambda one: f"bu noktalar {_NUMBERS[one.what]} göstermiyor; olduğu gibi kalıyor",
+    causes.FitFigures: _figures,
+    causes.GoodAlready: lambda one: (
+        f"hatayı rastlantıdan iyi açıklayan bir sayı yok: {in_millimetres(one.rms)} mm, noktalara dokunarak "
+        "ölçülebilecek kadardır"
+    ),
+    causes.NotBetter: lambda one: (
+        f"hiçbir düzeltme dışarıda bırakılan noktalarda daha iyi değil: düzeltmesiz "
+        f"{in_millimetres(one.before)} mm, en iyisiyle {in_millimetres(one.after)} mm"
+    ),
+}
+ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
+    causes.ZeroOff: lambda one: (
+        "düzeltmeyi kaydedin ya da servo kolunu yeniden takın"
+        if abs(one.off) < 0.17
+        else "servo kolunu yeniden takın"
+    ),
+    causes.Sags: lambda _: "düzeltmeyi kaydedin; daha az yük taşıyın ya da bağlantıyı güçlendirin",
+    causes.HasPlay: lambda _: "bu eklemin servo kolunu ve vidalarını sıkın",
+    causes.ScaleOff: lambda _: "bu eklemi iletkiyle ölçün (Calibration → Joints)",
+    causes.LengthOff: lambda _: "ölçün ve robot dosyasına yazın",
+    causes.PlaceOff: lambda _: "noktaların yerini yeniden ölçün",
+    causes.MistakenPoint: lambda _: "bu noktaya yeniden dokunun",
+    causes.NotBetter: lambda _: "birbirinden daha farklı duruşlarda, iki yandan, daha çok noktaya dokunun",
+}
