@@ -41,7 +41,8 @@ def next_touch(robot: Robot, touches: Touches, candidates: Touches, *, load_kg: 
     weights = np.einsum("kip,kiq->pq", A, A)
     CA = np.einsum("pq,kiq->kpi", covariance, A)
     S = np.einsum("kip,kpj->kij", A, CA) + _NOISE_M**2 * np.eye(3)
-    won = np.einsum("kpi,kiq,pq->k", CA, np.linalg.solve(S, CA.swapaxes(1, 2)), weights)
+    seen = np.asarray(np.linalg.solve(S, CA.swapaxes(1, 2)), dtype=np.float64)
+    won = np.einsum("kpi,kiq,pq->k", CA, seen, weights)
     return int(np.argmax(won))
 
 

@@ -104,8 +104,7 @@ def solve(
         if np.abs(step).max(initial=0.0) < _STILL:
             break
     hat = np.einsum("kip,pq,kjq->kij", blocks, covariance, blocks)
-    apart = np.linalg.solve(np.eye(3) - hat, errors[:, :, None])
-    left_out = np.asarray(apart[:, :, 0], dtype=np.float64)
+    left_out = np.asarray(np.linalg.solve(np.eye(3) - hat, errors[:, :, None]), dtype=np.float64)[:, :, 0]
     own = np.array([one.kind not in OF_SHEET for one in parameters], dtype=np.bool_)
     away = float(np.sum((u - expected)[own] ** 2))
     return Solved(

@@ -183,7 +183,7 @@ class TouchModel:
         found = [Parameter("zero", i) for i in turning]
         found += [Parameter("sag", i) for i in turning if self.carries[i] and self.robot.gravity.weighs]
         sense = touches.senses
-        both = (sense > 0).any(axis=0) & (sense < 0).any(axis=0)
+        both = np.logical_and((sense > 0).any(axis=0), (sense < 0).any(axis=0)).tolist()
         found += [Parameter("play", i) for i in turning if both[i]]
         if lengths:
             found += self.lengths()

@@ -82,7 +82,7 @@ class Deflection(ArrayRecord):
         q, off = told, self._ahead(told, compliance) - told
         for _ in range(_MOST_STEPS):
             step = -off
-            if max(map(abs, off.tolist())) < _STILL:
+            if np.abs(off).max() < _STILL:
                 break
             q = q + step
             left = self._ahead(q, compliance) - told
