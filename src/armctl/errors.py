@@ -137,6 +137,12 @@ class ProgramError(ArmctlError):
     section = "the-program-cannot-be-read"
 
 
+class DrawingError(ArmctlError):
+    """A drawing that cannot be read or laid out; names the file, and the line or the element."""
+
+    section = "the-drawing-cannot-be-read"
+
+
 class UnreachableError(ArmctlError):
     """A target without a solution. The message says why and names the nearest reachable point."""
 

@@ -41,6 +41,7 @@ from armctl.facts.reasons import (
     UnmatchedBlock,
     WrongUnit,
 )
+from armctl.facts.targets import OtherConfiguration, StrokeLeftOut
 from armctl.facts.words import advice, at, say, state_words, what
 
 __all__ = [
@@ -61,6 +62,7 @@ __all__ = [
     "NotHomed",
     "NotNow",
     "OnCurve",
+    "OtherConfiguration",
     "OtherRobot",
     "Overload",
     "PitchDecided",
@@ -77,6 +79,7 @@ __all__ = [
     "SpeedJump",
     "StandsOutside",
     "State",
+    "StrokeLeftOut",
     "ToDo",
     "TooFewJoints",
     "Unanswered",

@@ -184,6 +184,16 @@ def _unmet(one: targets.PoseUnmet) -> str:
     return f"the pose fields and the joint angles are not the same pose: {why}"
 
 
+def _left_out(one: targets.StrokeLeftOut) -> str:
+    begin, end, length = (f"{1000 * value:.1f}" for value in (one.begin, one.end, one.length))
+    part = (begin, end) != ("0.0", length)
+    said = "stroke {n} (line {l} of the file) is left out"
+    if part:
+        said = "stroke {n} (line {l} of the file) is left out from {a} to {b} of {c} mm"
+    filled = said.format(n=one.stroke, l=one.line, a=begin, b=end, c=length)
+    return filled if one.why is None else f"{filled}: "
+
+
 WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.JointsNeeded: _joints,
     targets.LimitsForbid: _forbid,
@@ -225,6 +235,8 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     ),
     targets.Instead: _instead,
     targets.PoseUnmet: _unmet,
+    targets.StrokeLeftOut: _left_out,
+    targets.OtherConfiguration: lambda _: "the arm would have to change its configuration there",
     targets.Besides: lambda _: "besides, ",
     targets.AtRoll: lambda one: f"with {one.joint} at {in_degrees(one.roll)}, where it comes nearest: ",
     targets.AtPoint: lambda one: f"point {one.number} of {one.count}: ",
@@ -232,4 +244,4 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.NearestPoint: _nearest,
     targets.PointReached: lambda _: "the point itself can be reached",
 }
-"""Of ``PoseUnmet``, ``Besides``, ``AtRoll`` and ``AtPoint`` what is said ahead of the reason inside."""
+"""Of ``PoseUnmet``, ``StrokeLeftOut``, ``Besides``, ``AtRoll`` and ``AtPoint`` what is said ahead of the reason inside."""

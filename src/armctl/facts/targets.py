@@ -355,3 +355,24 @@ class NearestPoint(Reason):
 @dataclass(frozen=True, slots=True)
 class PointReached(Reason):
     """The point itself can be reached."""
+
+
+@dataclass(frozen=True, slots=True)
+class OtherConfiguration(Reason):
+    """A place that the arm reaches, but not from where it comes without changing its configuration."""
+
+
+@dataclass(frozen=True, slots=True)
+class StrokeLeftOut(Reason):
+    """A stroke of a drawing, or a piece of one, that the arm cannot draw."""
+
+    stroke: int
+    """in the order of the file, from 1"""
+    line: int
+    """of the file"""
+    begin: float
+    end: float
+    """from where to where, on its way as it is drawn [m]"""
+    length: float
+    """of the whole stroke [m]"""
+    why: Reason | None = None

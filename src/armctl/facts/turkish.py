@@ -81,8 +81,8 @@ _FREER = {
     "pitch free": "takım eğimi serbest bırakılırsa",
     "orientation free": "takım yönelimi serbest bırakılırsa",
 }
-_CURVES = {"line": "doğrunun", "arc": "yayın"}
-_FOLLOWED = {"line": "doğruyu", "arc": "yayı"}
+_CURVES = {"line": "doğrunun", "arc": "yayın", "stroke": "çizginin"}
+_FOLLOWED = {"line": "doğruyu", "arc": "yayı", "stroke": "çizgiyi"}
 _HELD = {"": "", "pitch": "o takım eğimiyle ", "rotation": "o takım yönelimiyle "}
 
 

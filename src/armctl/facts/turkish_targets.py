@@ -187,6 +187,16 @@ def _unmet(one: targets.PoseUnmet) -> str:
     return f"poz alanları ile eklem açıları aynı poz değil: {why}"
 
 
+def _left_out(one: targets.StrokeLeftOut) -> str:
+    begin, end, length = (f"{1000 * value:.1f}" for value in (one.begin, one.end, one.length))
+    part = (begin, end) != ("0.0", length)
+    said = "{n}. çizgi (dosyanın {l}. satırı) çizilmeyecek"
+    if part:
+        said = "{n}. çizgi (dosyanın {l}. satırı) {c} mm içinde {a} ile {b} arasında çizilmeyecek"
+    filled = said.format(n=one.stroke, l=one.line, a=begin, b=end, c=length)
+    return filled if one.why is None else f"{filled}: "
+
+
 WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.JointsNeeded: _joints,
     targets.LimitsForbid: _forbid,
@@ -230,6 +240,8 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     ),
     targets.Instead: _instead,
     targets.PoseUnmet: _unmet,
+    targets.StrokeLeftOut: _left_out,
+    targets.OtherConfiguration: lambda _: "kol orada başka bir çözüme geçmek zorunda kalır",
     targets.Besides: lambda _: "ayrıca ",
     targets.AtRoll: lambda one: f"{one.joint} en çok yaklaştığı {in_degrees(one.roll)} açısındayken: ",
     targets.AtPoint: lambda one: f"{one.count} noktadan {one.number}. nokta: ",
@@ -237,4 +249,4 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.NearestPoint: _nearest,
     targets.PointReached: lambda _: "noktanın kendisine erişilebilir",
 }
-"""Of ``PoseUnmet``, ``Besides``, ``AtRoll`` and ``AtPoint`` what is said ahead of the reason inside."""
+"""Of ``PoseUnmet``, ``StrokeLeftOut``, ``Besides``, ``AtRoll`` and ``AtPoint`` what is said ahead of the reason inside."""

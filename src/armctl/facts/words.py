@@ -38,7 +38,7 @@ from armctl.facts.reasons import (
     Several,
     State,
 )
-from armctl.facts.targets import AtPoint, AtRoll, Besides, PoseUnmet
+from armctl.facts.targets import AtPoint, AtRoll, Besides, PoseUnmet, StrokeLeftOut
 
 
 class Language(NamedTuple):
@@ -102,6 +102,7 @@ def what(reason: Reason, language: str | None = None) -> str:
             BeyondReach(why=Reason() as inner)
             | BranchEnds(at_end=Reason() as inner)
             | PoseUnmet(reason=Reason() as inner)
+            | StrokeLeftOut(why=Reason() as inner)
         ):
             return f"{_table(language).what[type(reason)](reason)}{say(inner, language)}"
         case OnCurve():

@@ -1,4 +1,4 @@
-"""The tool's way as geometry alone: a line or a circular arc in the base frame, over the metres gone."""
+"""The tool's way as geometry alone: a line, a circular arc or a spline in the base frame, over the metres gone."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.kinematics.target import Target
+from armctl.motion.polynomial import PiecewisePolynomial
 
 NO_WAY_M = 1e-7
 """points nearer to each other than this count as one: a thousandth of what any of these arms can do [m]"""
@@ -101,7 +102,27 @@ class ToolArc:
         return np.stack([self.positions(s), direction, curvature])
 
 
-ToolCurve = ToolLine | ToolArc
+class ToolSpline:
+    """A smooth curve in space, polynomials in pieces over about the metres gone. Immutable."""
+
+    kind = "stroke"
+
+    def __init__(self, curve: PiecewisePolynomial) -> None:
+        """``curve``: three coordinates [m] over 0 … its length [m], smooth to the second derivative."""
+        self.curve = curve
+        self.length = curve.high
+        """[m]"""
+
+    def positions(self, s: float | FloatArray) -> FloatArray:
+        """As ``ToolLine.positions``."""
+        return self.curve(s)
+
+    def derivatives(self, s: float | FloatArray) -> FloatArray:
+        """As ``ToolLine.derivatives``; the direction is shorter than 1 where a corner is rounded."""
+        return self.curve.derivatives(s, 2)
+
+
+ToolCurve = ToolLine | ToolArc | ToolSpline
 
 
 def _mm(point: FloatArray) -> str:

@@ -145,6 +145,32 @@ def led_at_once(
     return None
 
 
+def led_far(
+    robot: Robot,
+    q: FloatArray,
+    curve: ToolCurve,
+    pitch: PitchMode | None = None,
+    orientation: TurnMode | None = None,
+) -> tuple[PiecewisePolynomial | None, float]:
+    """As ``follow``, as far as that leads inside the limits: q(s) up to there, and how far that is [m].
+
+    It does not say why it ends there, which takes longer than to follow. None where it leads nowhere, or not
+    with what is asked of the tool. ``InputError`` as ``follow``.
+    """
+    if curve.length == 0.0:
+        return None, 0.0
+    task, pitch_asked = _task(robot, q, robot.forward(q), curve, _checked_turn(robot, pitch, None, orientation, None))
+    walked = _best_walk(robot, task, q) if task.redundant else walk(task, q, only_inside=True)
+    path, reach = walked.path, walked.reach
+    if path is None or (pitch_asked is not None and pitch_refusal(robot, pitch_asked, curve, path) is not None):
+        return None, 0.0
+    if walked.complete and walked.crossing is None:
+        return path, curve.length
+    if reach <= _AT_ONCE * curve.length:
+        return None, 0.0
+    return path.cut(np.append(path.breaks[path.breaks < reach], reach)), reach
+
+
 def _whole(
     robot: Robot, walked: Walk, pitch_asked: PitchRows | None, curve: ToolCurve
 ) -> PiecewisePolynomial | None:

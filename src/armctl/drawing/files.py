@@ -1,0 +1,52 @@
+"""Drawing files: which kinds there are, and how they are read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path, PurePath
+
+from armctl.documents import DocumentKind
+from armctl.drawing.gcode import read_gcode
+from armctl.drawing.strokes import Drawing
+from armctl.drawing.svg import read_svg
+from armctl.errors import DrawingError
+
+DRAWING_FILES = DocumentKind(DrawingError, most_bytes=4 * 1024 * 1024)
+_READERS: dict[str, Callable[[str], Drawing]] = {
+    ".svg": read_svg,
+    **dict.fromkeys((".gcode", ".nc", ".ngc", ".tap", ".gc"), read_gcode),
+}
+DRAWING_SUFFIXES = tuple(_READERS)
+
+
+def require_drawing_name(name: str) -> None:
+    """DrawingError: no file of this name is read as a drawing."""
+    if PurePath(name).suffix.lower() not in _READERS:
+        raise DrawingError(f"{name}: a drawing is a file {', '.join(DRAWING_SUFFIXES)}")
+
+
+def parse_drawing(name: str, content: bytes) -> Drawing:
+    """The drawing of a file's content. DrawingError: says the file, and the line or the element."""
+    require_drawing_name(name)
+    try:
+        return _READERS[PurePath(name).suffix.lower()](DRAWING_FILES.text(content))
+    except DrawingError as cause:
+        raise cause.about(name) from cause
+
+
+def read_drawing(path: str | Path) -> Drawing:
+    """The drawing of a regular file of bounded size. DrawingError: as ``parse_drawing``."""
+    path = Path(path)
+    require_drawing_name(path.name)
+    try:
+        content = DRAWING_FILES.read(path)
+    except DrawingError as cause:
+        raise cause.about(str(path)) from cause
+    return _known(path.name, content)
+
+
+@lru_cache(maxsize=8)
+def _known(name: str, content: bytes) -> Drawing:
+    """What a program draws is asked for again and again: by the list, the check and the arm."""
+    return parse_drawing(name, content)

@@ -1,0 +1,122 @@
+"""The plane that is drawn on: touched at three points, and at further ones where it is not flat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armctl.arrays import FloatArray
+from armctl.errors import DrawingError
+from armctl.kinematics.target import as_numbers
+
+NEAREST_MM = 5.0
+"""touched points that are nearer to each other tell no plane"""
+_LEAST_SINE = 0.1
+"""of the angle between the two directions"""
+_FROM_BELOW = 0.2
+"""how much the normal of a plane may point down"""
+HIGHEST_MM = 30.0
+"""how far a further point may lie off the plane of the first three"""
+MOST_TOUCHED = 60
+
+
+@dataclass(frozen=True, eq=False)
+class DrawingPlane:
+    """A plane in the base frame, x to the right and y up on it, with a smooth surface over it.
+
+    The surface goes through every touched point and bends as little as it can (a thin plate spline).
+    """
+
+    origin: FloatArray
+    """(3,) base frame [m]"""
+    axes: FloatArray
+    """(3, 3) columns x, y and the normal, out of the plane towards the lifted pen"""
+    knots: FloatArray
+    """(m, 2) where the surface was touched, on the plane [m]; none: it is flat"""
+    weights: FloatArray
+    """(m + 3,) of the knots, then constant and slopes"""
+
+    @classmethod
+    def touched(cls, points_mm: ArrayLike) -> DrawingPlane:
+        """From points (k, 3) or (3 k,) in the base frame [mm]: the origin, one along x, one towards y, others.
+
+        DrawingError: fewer than three, too many, points too near to each other or in one line, or one that
+        lies far off the plane of the first three.
+        """
+        flat = as_numbers(points_mm, "the points of a plane").ravel()
+        count = len(flat) // 3
+        if len(flat) % 3 or not 3 <= count <= MOST_TOUCHED or not np.isfinite(flat).all():
+            raise DrawingError(
+                f"a plane has three touched points, X, Y, Z each, and at most {MOST_TOUCHED - 3} more; there "
+                f"are {len(flat)} numbers"
+            )
+        points = flat.reshape(-1, 3) / 1000
+        for k in range(count):
+            for j in range(k):
+                if (near := 1000 * float(np.linalg.norm(points[k] - points[j]))) < NEAREST_MM:
+                    raise DrawingError(
+                        f"touched points {j + 1} and {k + 1} are {near:.1f} mm apart; at least {NEAREST_MM:g}"
+                    )
+        x, towards = points[1] - points[0], points[2] - points[0]
+        x = x / np.linalg.norm(x)
+        normal = np.cross(x, towards)
+        size = float(np.linalg.norm(normal))
+        if size < _LEAST_SINE * float(np.linalg.norm(towards)):
+            raise DrawingError("the three touched points stand nearly in one line; touch the third aside of it")
+        normal = normal / size
+        if normal[2] < -_FROM_BELOW:
+            raise DrawingError(
+                "seen from above the third point lies to the right of the way from the first to the second, "
+                "so the pen would come from below; touch it on the other side"
+            )
+        axes = np.stack([x, np.cross(normal, x), normal], axis=1)
+        local = (points - points[0]) @ axes
+        off = np.abs(local[:, 2])
+        if 1000 * off.max() > HIGHEST_MM:
+            raise DrawingError(
+                f"touched point {int(off.argmax()) + 1} lies {1000 * off.max():.1f} mm off the plane of the "
+                f"first three; at most {HIGHEST_MM:g}"
+            )
+        if count == 3:
+            return cls(points[0], axes, np.zeros((0, 2)), np.zeros(3))
+        return cls(points[0], axes, local[:, :2], _plate(local[:, :2], local[:, 2]))
+
+    @property
+    def flat(self) -> bool:
+        """Whether it is a plane."""
+        return len(self.knots) == 0
+
+    def heights(self, places: FloatArray) -> FloatArray:
+        """(k,) of the surface over the plane at places (k, 2) on it [m]."""
+        if self.flat:
+            return np.zeros(len(places))
+        rows = np.concatenate([_kernel(places, self.knots), _slopes(places)], axis=1)
+        return rows @ self.weights
+
+    def points(self, places: FloatArray, lift: float = 0.0) -> FloatArray:
+        """(k, 3) in the base frame [m], ``lift`` above the surface, of places (k, 2) on the plane [m]."""
+        return self.origin + places @ self.axes[:, :2].T + np.outer(self.heights(places) + lift, self.normal)
+
+    @property
+    def normal(self) -> FloatArray:
+        """(3,) out of the plane."""
+        return self.axes[:, 2]
+
+
+def _slopes(places: FloatArray) -> FloatArray:
+    return np.concatenate([np.ones((len(places), 1)), places], axis=1)
+
+
+def _kernel(places: FloatArray, knots: FloatArray) -> FloatArray:
+    """(k, m) r² log r."""
+    squares = ((places[:, None] - knots) ** 2).sum(axis=2)
+    return 0.5 * squares * np.log(np.maximum(squares, 1e-30))
+
+
+def _plate(knots: FloatArray, heights: FloatArray) -> FloatArray:
+    """Weights of the surface through all knots (Duchon 1977)."""
+    slopes = _slopes(knots)
+    rows = np.block([[_kernel(knots, knots), slopes], [slopes.T, np.zeros((3, 3))]])
+    return np.linalg.solve(rows, np.append(heights, np.zeros(3)))
