@@ -23,6 +23,7 @@ COMMANDS = {
     "fk": "armctl.cli.kinematics:fk",
     "ik": "armctl.cli.kinematics:ik",
     "run": "armctl.cli.programs:run",
+    "draw": "armctl.cli.draw:draw",
     "new": "armctl.cli.new:new",
     "check": "armctl.cli.programs:check",
     "twin": "armctl.cli.programs:twin",

@@ -36,8 +36,8 @@ _LOOK_M = 2e-3
 """how far apart places are where a stroke may be begun again [m]"""
 _MOST_LOOKED_AT = 50
 """of such places in a smooth piece of a stroke"""
-_MOST_PIECES = 8
-"""of one stroke, the pen lifted between them"""
+_MOST_TRIES = 12
+"""to put the pen down on one stroke"""
 _NEAR_SPEED = 0.05
 _SAMPLE_M = 0.25e-3
 _AT_ONCE = 256
@@ -259,16 +259,18 @@ class _Planner:
         for curve in pen_paths(stroke.points, self._plane):
             pieces.append(_Piece(curve, begin))
             begin += curve.high
-        whole, lifts, ended = begin, 0, None
+        whole, ended, skip, left = begin, None, _LOOK_M, _MOST_TRIES
         while pieces:
-            done = self._best(pieces) if lifts < _MOST_PIECES else _Try()
+            left -= 1
+            done = self._best(pieces)
             if done.q is not None:
                 self.parts += done.parts
                 self._q, self._lifted = done.q, True
-                pieces, ended, lifts = list(done.rest), done.why, lifts + 1
+                pieces, ended, skip = list(done.rest), done.why, _LOOK_M
             else:
                 why = ended or done.why  # where a piece has ended is why the next cannot begin there
-                pieces, ended = self._pass_over(stroke, pieces, whole, why, last=lifts >= _MOST_PIECES), None
+                pieces = self._pass_over(stroke, pieces, whole, why, skip if left > 0 else np.inf)
+                ended, skip = None, 2.0 * skip  # what looked as if it could be drawn, and could not, goes on
 
     def _best(self, pieces: Sequence[_Piece]) -> _Try:
         """As far as any configuration leads."""
@@ -328,28 +330,31 @@ class _Planner:
         return why if why is not None and not found else OtherConfiguration()
 
     def _pass_over(
-        self, stroke: Stroke, pieces: list[_Piece], whole: float, why: Reason | None, *, last: bool
+        self, stroke: Stroke, pieces: Sequence[_Piece], whole: float, why: Reason | None, skip: float
     ) -> list[_Piece]:
-        """Leave out what cannot be drawn, up to the next place where the pen could be put down again."""
-        begin, line = pieces[0].begin, list[FloatArray]()
-        while pieces:
-            piece = pieces.pop(0)
+        """Leave out what cannot be drawn: at least ``skip`` [m], to where the pen could be put down again."""
+        begin, line, rest = pieces[0].begin, list[FloatArray](), list(pieces)
+        while rest:
+            piece = rest.pop(0)
             step = max(_LOOK_M, piece.length / _MOST_LOOKED_AT)
             s = np.append(np.arange(0.0, piece.length, step), piece.length)
             places = piece.curve(s)
-            again = None
-            if not last:
-                ahead = s[(s >= step) & (s <= piece.length - _SHORTEST_M)]
-                again = next((at for at in ahead.tolist() if self._can_begin(piece.curve(at))), None)
+            ahead = s[(piece.begin + s >= begin + skip) & (s >= step) & (s <= piece.length - _SHORTEST_M)]
+            again = next((at for at in ahead.tolist() if self._can_begin(piece.curve(at))), None)
             if again is not None:
                 line.append(places[s <= again])
-                pieces.insert(0, piece.cut(again, piece.length))
+                rest.insert(0, piece.cut(again, piece.length))
                 break
             line.append(places)
-        end = pieces[0].begin if pieces else whole
+        points = np.concatenate(line)
+        last = self.left_out[-1] if self.left_out else None
+        if last is not None and last.fact.stroke == stroke.number and last.fact.end == begin:
+            self.left_out.pop()
+            begin, why, points = last.fact.begin, last.fact.why, np.concatenate([last.line, points])
+        end = rest[0].begin if rest else whole
         fact = StrokeLeftOut(stroke.number, stroke.line, begin, end, whole, why)
-        self.left_out.append(LeftOut(fact, np.concatenate(line)))
-        return pieces
+        self.left_out.append(LeftOut(fact, points))
+        return rest
 
     def _can_begin(self, point: FloatArray) -> bool:
         return bool(self._hold.solve(point, self._q)[0] and self._hold.solve(self._above(point), self._q)[0])

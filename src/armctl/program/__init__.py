@@ -4,6 +4,7 @@ from armctl.program.base_steps import Effect, Senses, Until
 from armctl.program.check import check_program
 from armctl.program.conditions import Condition
 from armctl.program.csv import read_csv, write_csv
+from armctl.program.draw_step import DrawStep
 from armctl.program.files import (
     PROGRAM_SUFFIXES,
     checked_program,
@@ -41,6 +42,7 @@ __all__ = [
     "CommentStep",
     "Condition",
     "Cursor",
+    "DrawStep",
     "Effect",
     "EndStep",
     "GripperStep",

@@ -6,7 +6,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Annotated, ClassVar, Literal, cast, get_args, get_type_hints
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal, Self, cast, get_args, get_type_hints
 
 import msgspec
 import numpy as np
@@ -14,7 +15,7 @@ from msgspec import Meta, inspect
 
 from armctl.arrays import FloatArray
 from armctl.errors import ProgramError
-from armctl.facts import Quantities
+from armctl.facts import Quantities, Reason
 from armctl.motion.blend import Leg
 from armctl.motion.plan import plan_joints, plan_path
 from armctl.motion.polynomial import PiecewisePolynomial
@@ -210,6 +211,14 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
         """Its values in words, for the list."""
         return self.words.format(self)
 
+    def found_from(self, folder: Path) -> Self:
+        """The same where the files that it names are looked for in a folder: that of its program."""
+        return self
+
+    def seen_from(self, folder: Path) -> Self:
+        """The same as a program in a folder names its files."""
+        return self
+
     def check(self, robot: Robot) -> None:
         """Raise what can be refused without planning; the ranges of its values are checked already."""
 
@@ -269,6 +278,10 @@ class MotionStep(Step, frozen=True, kw_only=True):
     def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray | None:
         """Where it ends, (n,) [rad], as far as that is known without ``path``; raises as that."""
         return None
+
+    def left_out(self, robot: Robot, start: FloatArray) -> Sequence[Reason]:
+        """What its motion from ``start`` (n,) [rad] leaves out of what it asks for; raises as ``path``."""
+        return ()
 
     def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
         """The joints' path q(s) from ``start`` (n,) [rad], straight to the end; None where it goes nowhere.

@@ -209,6 +209,8 @@ class _Walk:
                     trajectory = step.plan(self.robot, q, checked=False)
                     self._known[key] = trajectory.end
                     self._add(index, step, trajectory)
+                    for reason in step.left_out(self.robot, q):
+                        self.found.append(Finding(reason, severity="warning", step=index))
             except ArmctlError as cause:
                 refusal = Finding(cause.reason, step=index)
                 if refusal not in self.found:

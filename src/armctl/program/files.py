@@ -43,7 +43,7 @@ _WRITABLE = (int, float, str, list, tuple, np.generic, np.ndarray)
 def open_program(path: str | Path, robot: Robot | None = None) -> Program:
     """Read a program file of any form; only a CSV, which names none, needs the robot that it is for."""
     file = as_path(path, "a program is a Program or the path of its file")
-    return PROGRAM_FILES.load(file, lambda content: _read(file, content, robot))
+    return _found_from(file.parent, PROGRAM_FILES.load(file, lambda content: _read(file, content, robot)))
 
 
 def read_program(filename: str, content: bytes, robot: Robot | None) -> Program:
@@ -80,7 +80,14 @@ def _read(name: PurePath, content: bytes, robot: Robot | None) -> Program:
 
 def load_program(path: str | Path) -> Program:
     """Read a program file (TOML); a ProgramError names the file, the line, the step and the key."""
-    return PROGRAM_FILES.load(as_path(path, "a program file is given by its path"), decode_program)
+    file = as_path(path, "a program file is given by its path")
+    return _found_from(file.parent, PROGRAM_FILES.load(file, decode_program))
+
+
+def _found_from(folder: Path, program: Program) -> Program:
+    """The files that its steps name are looked for in a folder."""
+    folder = folder.absolute()
+    return msgspec.structs.replace(program, steps=tuple(step.found_from(folder) for step in program.steps))
 
 
 def decode_program(text: bytes | str) -> Program:
@@ -91,9 +98,10 @@ def decode_program(text: bytes | str) -> Program:
 def checked_program(program: Program) -> Program:
     """A program built in Python as it would be read from its file; numpy's numbers become plain ones."""
     try:
-        return _decoded(Document(PROGRAM_FILES, _record(program)))
+        plain = _decoded(Document(PROGRAM_FILES, _record(program)))
     except ProgramError as cause:
         raise ProgramError(f"{program.name}: {cause}") from cause
+    return _found_from(Path(), plain)
 
 
 def encode_program(program: Program) -> str:
@@ -112,8 +120,9 @@ def save_program(program: Program, path: str | Path) -> None:
     """Write a program file, or what its link leads to; the version before is kept as ``NAME.toml~``."""
     path = Path(path)
     try:
-        _decoded(Document(PROGRAM_FILES, _record(program)))
-        content = encode_program(program).encode()
+        steps = _decoded(Document(PROGRAM_FILES, _record(program))).steps
+        steps = tuple(step.seen_from(path.absolute().parent) for step in steps)
+        content = encode_program(msgspec.structs.replace(program, steps=steps)).encode()
         PROGRAM_FILES.text(content)
     except (ProgramError, UnicodeError) as cause:
         raise ProgramError(f"{path}: not saved, it could not be read again: {cause}") from cause

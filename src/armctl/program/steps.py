@@ -18,6 +18,7 @@ from armctl.motion.plan import follow_tool
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import ProfileName
 from armctl.program.base_steps import FASTEST, Effect, Field, Key, MotionStep, Seconds, Step, keys_of, literal
+from armctl.program.draw_step import DrawStep
 from armctl.program.signal_steps import SetStep, WaitForStep
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.body.arm_body import LARGEST_PART_MM, THINNEST_PART_MM, edge_words
@@ -375,6 +376,7 @@ KINDS: tuple[type[Step], ...] = (
     PointStep,
     LineStep,
     ArcStep,
+    DrawStep,
     WaitStep,
     GripperStep,
     SetStep,
