@@ -12,7 +12,15 @@ import numpy as np
 from armctl import log_files
 from armctl.arm import Arm
 from armctl.cli.main import DONE
-from armctl.cli.options import ROBOT, ends_like_ctrl_c, json_option, load_whole, port_option, pose_option, print_json
+from armctl.cli.options import (
+    ROBOT,
+    ends_like_ctrl_c,
+    json_option,
+    load_whole,
+    port_option,
+    pose_option,
+    print_json,
+)
 from armctl.documents import DocumentKind
 from armctl.drawing import read_drawing
 from armctl.drawing.plan import DrawingPlan
@@ -35,16 +43,18 @@ class _PlaneFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--robot", type=ROBOT, required=True, help="The robot that draws.")
-@click.option("--plane", help="Three touched points 'x,y,z x,y,z x,y,z' [mm] (origin, to the right, upwards), then "
-              "further ones; or a TOML file with points_mm.  [default: 30 mm high in front of the arm]")  # fmt: skip
+@click.option("--plane", help="Touched points 'x,y,z x,y,z x,y,z' [mm]: origin, to the right, upwards, then "
+              "further ones; or a TOML file with points_mm.  [default: 30 mm high before the arm]")  # fmt: skip
 @click.option("--size-mm", type=click.FloatRange(min=0, min_open=True), help="Width of the drawing.")
 @click.option("--speed-mm-s", type=click.FloatRange(min=0, min_open=True), default=30, show_default=True,
               help="Speed of the pen.")  # fmt: skip
 @click.option("--lift-mm", type=click.FloatRange(min=0, min_open=True), default=10, show_default=True,
               help="How high the pen is between strokes.")  # fmt: skip
-@click.option("--pitch", type=click.FloatRange(-90, 90), help="Pitch of the pen in degrees.  [default: straight onto "
-              "the plane where the arm can]")  # fmt: skip
-@click.option("--fit", is_flag=True, help="Make the drawing smaller, and shift it, until all of it is in reach.")
+@click.option("--pitch", type=click.FloatRange(-90, 90), help="Pitch of the pen in degrees.  [default: straight "
+              "onto the plane where the arm can]")  # fmt: skip
+@click.option(
+    "--fit", is_flag=True, help="Make the drawing smaller, and shift it, until all of it is in reach."
+)
 @click.option("--check", is_flag=True, help="Only say what would be drawn and how long it takes.")
 @port_option
 @pose_option
@@ -70,8 +80,8 @@ def draw(
     """
     arm_robot = load_whole(robot)
     points = _plane_in_front(arm_robot) if plane is None else _plane(plane)
-    step = DrawStep(file=str(file.absolute()), plane_mm=tuple(points), width_mm=size_mm, pen_speed_mm_s=speed_mm_s,
-                    lift_mm=lift_mm, pen_pitch_deg=pitch)  # fmt: skip
+    step = DrawStep(file=str(file.absolute()), plane_mm=tuple(points), width_mm=size_mm,
+                    pen_speed_mm_s=speed_mm_s, lift_mm=lift_mm, pen_pitch_deg=pitch)  # fmt: skip
     step.check(arm_robot)
     start = arm_robot.first_pose
     if fit:
@@ -118,8 +128,9 @@ def _tell(file: Path, record: dict[str, object], plan: DrawingPlan) -> None:
         click.echo(f"armctl: warning: {file}: {say(one.fact)}", err=True)
     tilt = "" if not record["tilt_deg"] else f", the pen tilted by {abs(plan.hold.tilt) * 180 / np.pi:.0f}°"
     click.echo(
-        f"{file}: {record['strokes']} strokes, {1000 * plan.drawn_m:.0f} mm in {plan.trajectory.duration:.1f} s{tilt}; "
-        f"the planned line is within {1000 * plan.line_error_m:.2f} mm, {100 * plan.at_speed:.0f} % of it at speed"
+        f"{file}: {record['strokes']} strokes, {1000 * plan.drawn_m:.0f} mm in "
+        f"{plan.trajectory.duration:.1f} s{tilt}; the planned line is within "
+        f"{1000 * plan.line_error_m:.2f} mm, {100 * plan.at_speed:.0f} % of it at speed"
     )
 
 

@@ -74,7 +74,9 @@ def fit_drawing(
         tried += 1
         if tried == _TRIES:
             break
-    raise DrawingError("no size of it is wholly in reach on this plane; touch the plane nearer to the arm's middle")
+    raise DrawingError(
+        "no size of it is wholly in reach on this plane; touch the plane nearer to the arm's middle"
+    )
 
 
 def _nearest_shift(reached: FloatArray, ticks: FloatArray, points: FloatArray) -> FloatArray | None:

@@ -43,7 +43,7 @@ class PenHold:
     """how far the pitch is from straight onto the plane [rad]"""
 
     def solve(self, point: FloatArray, near: FloatArray) -> tuple[list[FloatArray], Reason | None]:
-        """Configurations (n,) that put the pen on a point (3,) [m], the nearest to ``near`` first; or why none."""
+        """Configurations (n,) that put the pen on a point (3,) [m], the nearest first; or why none do."""
         solutions = self.robot.inverse(point, self.pitch, self._roll, self.rotation, _STEP)
         if not solutions.success:
             return [], solutions.refusal
@@ -70,7 +70,7 @@ class PenHold:
         return np.array([bool(self.solve(point, middle)[0]) for point in points])
 
     def keeps(self, point: FloatArray, plane: DrawingPlane) -> bool:
-        """Whether the arm can lead the pen so at all, tried on short ways from a point (3,) that it reaches."""
+        """Whether the arm can lead the pen so at all: short ways are tried from a point (3,) in reach."""
         for q in self.solve(point, self.robot.limits.mean(axis=1))[0]:
             for way in (*plane.axes.T[:2], *-plane.axes.T[:2]):
                 if self.lead(q, ToolLine(point, point + _SHORT_M * way))[1] >= _SHORT_M - NO_WAY_M:

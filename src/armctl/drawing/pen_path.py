@@ -1,7 +1,7 @@
 """A stroke as the pen's way in space: smooth, with corners rounded by less than can be seen.
 
-Between corners a cubic spline goes through the points. A corner is a quintic from one spline to the next, so that
-the pen slows down there only as much as the joints need. Where the line turns back on itself the pen stops.
+Between corners a cubic spline goes through the points. A corner is a quintic from one spline to the next, so
+that the pen slows down there only as much as the joints need. Where the line turns back on itself the pen stops.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def pen_paths(points_mm: FloatArray, plane: DrawingPlane) -> list[PiecewisePolyn
     """
     points = points_mm / 1000
     if not plane.flat:
-        points = _subdivided(points, np.full(len(points) - 1, _SURFACE_M))
+        points = _subdivided(points, _SURFACE_M)
     steps = np.diff(points, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     cross = steps[:-1, 0] * steps[1:, 1] - steps[:-1, 1] * steps[1:, 0]
@@ -55,6 +55,14 @@ def pen_paths(points_mm: FloatArray, plane: DrawingPlane) -> list[PiecewisePolyn
         runs = [_run(points[a : b + 1], plane) for a, b in pairwise([first, *inner, last])]
         paths.append(_rounded(runs, turns[[k - 1 for k in inner]].tolist()))
     return paths
+
+
+def stroke_line(points_mm: FloatArray, plane: DrawingPlane) -> FloatArray:
+    """(m, 3) the stroke itself on the surface, in the base frame [m]: what the pen is to meet."""
+    points = points_mm / 1000
+    if not plane.flat:
+        points = _subdivided(points, _SURFACE_M)
+    return plane.points(points)
 
 
 def _run(points: FloatArray, plane: DrawingPlane) -> PiecewisePolynomial:
@@ -98,10 +106,10 @@ def _shares(length: float, before: float, after: float) -> FloatArray:
     return np.array([*cuts[0], *(length - at for at in reversed(cuts[1])), length]) / length
 
 
-def _subdivided(points: FloatArray, most: FloatArray) -> FloatArray:
-    """Points (k, 2) with further ones between, so that a piece is no longer than ``most`` (k - 1,)."""
+def _subdivided(points: FloatArray, longest: float) -> FloatArray:
+    """Points (k, 2) with further ones between, so that no piece is longer."""
     found = [points[:1]]
-    for begin, end, longest in zip(points[:-1], points[1:], most.tolist(), strict=True):
+    for begin, end in pairwise(points):
         count = max(math.ceil(float(np.linalg.norm(end - begin)) / longest), 1)
         found.append(begin + (np.arange(1, count + 1) / count)[:, None] * (end - begin))
     return np.concatenate(found)

@@ -11,7 +11,7 @@ import numpy as np
 from armctl.apart import require_wanted
 from armctl.arrays import FloatArray
 from armctl.drawing.pen import Part, PenHold, pen_holds
-from armctl.drawing.pen_path import pen_paths
+from armctl.drawing.pen_path import pen_paths, stroke_line
 from armctl.drawing.plane import DrawingPlane
 from armctl.drawing.strokes import Drawing, Stroke, ordered
 from armctl.errors import ArmctlError, InputError, MotionRefusedError
@@ -31,7 +31,7 @@ _MOST_HOLDS = 3
 _SHORTEST_M = 2e-3
 """a piece of a stroke that is shorter is not worth to lift the pen for [m]"""
 _GAP_M = 0.02e-3
-"""so far before and behind the place where the arm has to change over a piece is cut: less than a pen's width"""
+"""so far before and behind a place where the arm changes over a stroke is cut: less than a pen is wide [m]"""
 _LOOK_M = 2e-3
 """how far apart places are where a stroke may be begun again [m]"""
 _MOST_LOOKED_AT = 50
@@ -53,6 +53,8 @@ class DrawnPart:
     """q(s) of the joints over the metres of the tool"""
     line: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     """(k, 3) what is drawn in it, base frame [m]"""
+    stroke: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    """(m, 3) the whole stroke of which that is a piece, as its file has it, base frame [m]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +108,7 @@ class DrawingPlan:
             times = np.linspace(0.0, part.trajectory.duration, count + 1)
             points = robot.forward(part.trajectory.sample(times).q)[:, :3, 3]
             steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-            worst = max(worst, float(distances(points, part.line).max()))
+            worst = max(worst, float(distances(points, part.stroke).max()))
             fast = np.abs(steps / np.diff(times) / self.speed - 1.0) <= _NEAR_SPEED
             near, way = near + float(steps[fast].sum()), way + float(steps.sum())
         return worst, near / way if way else 0.0
@@ -146,8 +148,8 @@ def plan_drawing(
 ) -> DrawingPlan:
     """Plan a placed drawing from ``start`` (n,) [rad], strokes in the order that spares the lifted pen ways.
 
-    ``speed`` of the pen [m/s], ``lift`` above the highest place of the drawing [m], ``pitch`` of the pen [rad]
-    (None: straight onto the plane where the arm can, else tilted as little as serves). Every part has passed
+    ``speed`` of the pen [m/s], ``lift`` above the highest place of the drawing [m], ``pitch`` of the pen
+    [rad] (None: straight onto the plane where the arm can, else tilted as little as serves). Every part has passed
     the pre-flight. What cannot be drawn is left out; MotionRefusedError: that is all of it.
     """
     strokes = ordered(drawing.strokes)
@@ -241,7 +243,9 @@ class _RefusedError(ArmctlError):
 class _Planner:
     """Draws stroke after stroke, from where the one before has ended."""
 
-    def __init__(self, hold: PenHold, plane: DrawingPlane, speed: float, height: float, start: FloatArray) -> None:
+    def __init__(
+        self, hold: PenHold, plane: DrawingPlane, speed: float, height: float, start: FloatArray
+    ) -> None:
         self._hold, self._robot, self._plane = hold, hold.robot, plane
         self._speed, self._height = speed, height
         self._q, self._lifted = start, False
@@ -255,7 +259,7 @@ class _Planner:
 
     def draw(self, stroke: Stroke) -> None:
         """Draw as much of a stroke as can be, and keep what is left out."""
-        pieces, begin = list[_Piece](), 0.0
+        pieces, begin, line = list[_Piece](), 0.0, stroke_line(stroke.points, self._plane)
         for curve in pen_paths(stroke.points, self._plane):
             pieces.append(_Piece(curve, begin))
             begin += curve.high
@@ -264,7 +268,9 @@ class _Planner:
             left -= 1
             done = self._best(pieces)
             if done.q is not None:
-                self.parts += done.parts
+                self.parts += [
+                    replace(part, stroke=line) if part.kind == "draw" else part for part in done.parts
+                ]
                 self._q, self._lifted = done.q, True
                 pieces, ended, skip = list(done.rest), done.why, _LOOK_M
             else:

@@ -40,7 +40,7 @@ class DrawingPlane:
 
     @classmethod
     def touched(cls, points_mm: ArrayLike) -> DrawingPlane:
-        """From points (k, 3) or (3 k,) in the base frame [mm]: the origin, one along x, one towards y, others.
+        """From points (k, 3) or (3 k,) in the base frame [mm]: origin, along x, towards y, and others.
 
         DrawingError: fewer than three, too many, points too near to each other or in one line, or one that
         lies far off the plane of the first three.
@@ -64,7 +64,9 @@ class DrawingPlane:
         normal = np.cross(x, towards)
         size = float(np.linalg.norm(normal))
         if size < _LEAST_SINE * float(np.linalg.norm(towards)):
-            raise DrawingError("the three touched points stand nearly in one line; touch the third aside of it")
+            raise DrawingError(
+                "the three touched points stand nearly in one line; touch the third aside of it"
+            )
         normal = normal / size
         if normal[2] < -_FROM_BELOW:
             raise DrawingError(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -56,7 +57,7 @@ class Drawing:
 
     @classmethod
     def of(cls, lines: Sequence[tuple[FloatArray, int]], left_out: Sequence[str] = ()) -> Drawing:
-        """From points (k, 2) [mm] and where each line is written. DrawingError: nothing to draw, or too much."""
+        """From points (k, 2) [mm] and the line of each in the file. DrawingError: nothing, or too much."""
         strokes: list[Stroke] = []
         for points, line in lines:
             apart = points_apart(points)
@@ -81,7 +82,7 @@ class Drawing:
         return sum(stroke.length for stroke in self.strokes)
 
     def placed(self, width: float | None, corner: tuple[float, float] = (0.0, 0.0)) -> Drawing:
-        """The same drawing ``width`` wide [mm] (None: as large as the file says), its lower left at ``corner``.
+        """The same ``width`` wide [mm] (None: as large as the file says), its lower left at ``corner``.
 
         DrawingError: a drawing that has no width cannot be made one as wide.
         """
@@ -143,7 +144,7 @@ def ordered(strokes: Sequence[Stroke]) -> tuple[Stroke, ...]:
 
 def pen_up_mm(strokes: Sequence[Stroke]) -> float:
     """The way of the lifted pen from stroke to stroke [mm]."""
-    jumps = [after.points[0] - before.points[-1] for before, after in zip(strokes, strokes[1:], strict=False)]
+    jumps = [after.points[0] - before.points[-1] for before, after in pairwise(strokes)]
     return float(np.linalg.norm(jumps, axis=1).sum()) if jumps else 0.0
 
 

@@ -1,7 +1,7 @@
 """SVG files read to strokes: shapes and paths, groups, transforms, units, ``viewBox`` and ``use``.
 
-Text, pictures and what is hidden are not drawn; what is left out is named. Time and memory are bounded: by the
-size of the file, the number of elements, how often ``use`` draws them again, and the number of points.
+Text, pictures and what is hidden are not drawn; what is left out is named. Time and memory are bounded: by
+the size of the file, the number of elements, how often ``use`` draws them again, and the number of points.
 """
 
 from __future__ import annotations
@@ -180,7 +180,9 @@ class _Walk:
         """An element and what is in it; a DrawingError says which one."""
         self._drawn += 1
         if self._drawn > _MOST_DRAWN:
-            raise DrawingError(f"{node.title}: more than {_MOST_DRAWN} elements to draw; simplify the drawing")
+            raise DrawingError(
+                f"{node.title}: more than {_MOST_DRAWN} elements to draw; simplify the drawing"
+            )
         if not node.tag or node.tag in _NOT_SEEN or node.get("display") == "none":
             return
         if node.tag in _NO_LINES:

@@ -244,4 +244,4 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.NearestPoint: _nearest,
     targets.PointReached: lambda _: "the point itself can be reached",
 }
-"""Of ``PoseUnmet``, ``StrokeLeftOut``, ``Besides``, ``AtRoll`` and ``AtPoint`` what is said ahead of the reason inside."""
+"""Of reasons with a reason inside (``PoseUnmet``, ``StrokeLeftOut``, …) what is said ahead of that."""

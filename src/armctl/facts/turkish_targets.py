@@ -249,4 +249,4 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.NearestPoint: _nearest,
     targets.PointReached: lambda _: "noktanın kendisine erişilebilir",
 }
-"""Of ``PoseUnmet``, ``StrokeLeftOut``, ``Besides``, ``AtRoll`` and ``AtPoint`` what is said ahead of the reason inside."""
+"""Of reasons with a reason inside (``PoseUnmet``, ``StrokeLeftOut``, …) what is said ahead of that."""

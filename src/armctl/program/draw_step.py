@@ -31,11 +31,13 @@ from armctl.robot import Robot
 WIDEST_MM, FASTEST_MM_S, HIGHEST_LIFT_MM = 5000.0, 500.0, 200.0
 _FILE_HINT = "An SVG or G-code file, as seen from the folder of the program."
 _PLANE_HINT = (
-    "X, Y, Z of three touched points: the origin, one to the right of it, one above it on the drawing; then of "
-    "further ones where the surface is not flat."
+    "X, Y, Z of three touched points: the origin, one to the right of it, one above it on the drawing; then "
+    "of further ones where the surface is not flat."
 )
 _WIDTH_HINT = "How wide the drawing is. Empty: as wide as its file says."
-_SHIFT_HINT = "Where the lower left corner of the drawing is on the plane: to the right of the origin, and up."
+_SHIFT_HINT = (
+    "Where the lower left corner of the drawing is on the plane: to the right of the origin, and up."
+)
 _PITCH_HINT = "Of the pen. Empty: straight onto the plane where the arm can, else tilted as little as serves."
 _Shift = Annotated[Annotated[float, Meta(ge=-WIDEST_MM, le=WIDEST_MM)], Field("Shift mm", _SHIFT_HINT, 43)]
 
@@ -48,7 +50,7 @@ class _PlannedLeg(Leg):
 
 
 class DrawStep(MotionStep, frozen=True, kw_only=True, tag="draw"):
-    """Draw an SVG or G-code file with a pen on a plane; what is out of reach is left out, and named before."""
+    """Draw an SVG or G-code file on a plane; what is out of reach is named before, and left out."""
 
     leads_tool: ClassVar[bool] = True
 
@@ -118,7 +120,7 @@ class DrawStep(MotionStep, frozen=True, kw_only=True, tag="draw"):
         return super().plan_leg(robot, leg, checked=checked)
 
     def fitted(self, robot: Robot, start: FloatArray) -> Self:
-        """Smaller and shifted, until all of it is in reach from ``start`` (n,) [rad]; DrawingError: no size is."""
+        """Smaller and shifted, until all is in reach from ``start`` (n,) [rad]; DrawingError: no size is."""
 
         def sized(fit: Fit) -> Self:
             return msgspec.structs.replace(

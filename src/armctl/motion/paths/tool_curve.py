@@ -1,4 +1,4 @@
-"""The tool's way as geometry alone: a line, a circular arc or a spline in the base frame, over the metres gone."""
+"""The tool's way as geometry alone: a line, an arc or a spline in the base frame, over the metres gone."""
 
 from __future__ import annotations
 

@@ -159,10 +159,13 @@ def led_far(
     """
     if curve.length == 0.0:
         return None, 0.0
-    task, pitch_asked = _task(robot, q, robot.forward(q), curve, _checked_turn(robot, pitch, None, orientation, None))
+    turn = _checked_turn(robot, pitch, None, orientation, None)
+    task, pitch_asked = _task(robot, q, robot.forward(q), curve, turn)
     walked = _best_walk(robot, task, q) if task.redundant else walk(task, q, only_inside=True)
     path, reach = walked.path, walked.reach
-    if path is None or (pitch_asked is not None and pitch_refusal(robot, pitch_asked, curve, path) is not None):
+    if path is None:
+        return None, 0.0
+    if pitch_asked is not None and pitch_refusal(robot, pitch_asked, curve, path) is not None:
         return None, 0.0
     if walked.complete and walked.crossing is None:
         return path, curve.length

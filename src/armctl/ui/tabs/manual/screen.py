@@ -5,6 +5,7 @@ from __future__ import annotations
 from armctl.protocol import Snapshot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.by_hand import ByHand
+from armctl.ui.tabs.manual.drawing import DrawingForm
 from armctl.ui.tabs.manual.jog import JogControl
 from armctl.ui.tabs.manual.joints import JointControl, LiveReadout
 from armctl.ui.tabs.manual.link_ring import LinkRing
@@ -99,6 +100,8 @@ class ManualScreen:
         if session.console.robot.signals:
             with tabs.add_tab("In & out"):
                 self._signals = SignalPanel(session)
+        with tabs.add_tab("Drawing"):
+            DrawingForm(session)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw a snapshot."""
