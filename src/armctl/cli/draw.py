@@ -43,15 +43,15 @@ class _PlaneFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--robot", type=ROBOT, required=True, help="The robot that draws.")
-@click.option("--plane", help="Touched points 'x,y,z x,y,z x,y,z' [mm]: origin, to the right, upwards, then "
-              "further ones; or a TOML file with points_mm.  [default: 30 mm high before the arm]")  # fmt: skip
+@click.option("--plane", help="Touched points 'x,y,z x,y,z x,y,z' [mm]: origin, to the right, upwards, "
+              "then further ones; or a TOML file with points_mm.  [default: 30 mm high before the arm]")  # fmt: skip
 @click.option("--size-mm", type=click.FloatRange(min=0, min_open=True), help="Width of the drawing.")
 @click.option("--speed-mm-s", type=click.FloatRange(min=0, min_open=True), default=30, show_default=True,
               help="Speed of the pen.")  # fmt: skip
 @click.option("--lift-mm", type=click.FloatRange(min=0, min_open=True), default=10, show_default=True,
               help="How high the pen is between strokes.")  # fmt: skip
-@click.option("--pitch", type=click.FloatRange(-90, 90), help="Pitch of the pen in degrees.  [default: straight "
-              "onto the plane where the arm can]")  # fmt: skip
+@click.option("--pitch", type=click.FloatRange(-90, 90), help="Pitch of the pen in degrees.  [default: "
+              "straight onto the plane where the arm can]")  # fmt: skip
 @click.option(
     "--fit", is_flag=True, help="Make the drawing smaller, and shift it, until all of it is in reach."
 )

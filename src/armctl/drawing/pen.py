@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.drawing.plane import DrawingPlane
@@ -57,7 +58,7 @@ class PenHold:
                     break
         return found, None if found else solutions.refusal
 
-    def reaches(self, points: FloatArray) -> FloatArray:
+    def reaches(self, points: FloatArray) -> NDArray[np.bool_]:
         """(k,) whether the pen can be put on points (k, 3) [m]."""
         if self.rotation is None and self.pitch is not None:
             try:
@@ -65,9 +66,9 @@ class PenHold:
             except InputError:  # not every family has such an answer
                 pass
             else:
-                return np.isfinite(batch.q).all(axis=-1).any(axis=-1)
+                return np.asarray(np.isfinite(batch.q).all(axis=-1).any(axis=-1))
         middle = self.robot.limits.mean(axis=1)
-        return np.array([bool(self.solve(point, middle)[0]) for point in points])
+        return np.array([bool(self.solve(point, middle)[0]) for point in points], dtype=np.bool_)
 
     def keeps(self, point: FloatArray, plane: DrawingPlane) -> bool:
         """Whether the arm can lead the pen so at all: short ways are tried from a point (3,) in reach."""
@@ -119,9 +120,10 @@ def pen_holds(robot: Robot, plane: DrawingPlane, pitch: float | None = None) -> 
 
 def _onto(plane: DrawingPlane, roll: float) -> FloatArray:
     """(3, 3) the tool's z axis straight into the plane, its x axis turned from that of the plane."""
-    x, y, normal = plane.axes.T
-    across = math.cos(roll) * x + math.sin(roll) * y
-    return np.stack([across, np.cross(-normal, across), -normal], axis=1)
+    normal = plane.normal
+    across = plane.axes[:, :2] @ np.array([math.cos(roll), math.sin(roll)])
+    side: FloatArray = np.cross(-normal, across)
+    return np.stack([across, side, -normal], axis=1)
 
 
 Part = Literal["go", "down", "draw", "up"]

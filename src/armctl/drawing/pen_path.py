@@ -1,7 +1,8 @@
 """A stroke as the pen's way in space: smooth, with corners rounded by less than can be seen.
 
 Between corners a cubic spline goes through the points. A corner is a quintic from one spline to the next, so
-that the pen slows down there only as much as the joints need. Where the line turns back on itself the pen stops.
+that the pen slows down there only as much as the joints need. Where the line turns back on itself the pen
+stops.
 """
 
 from __future__ import annotations

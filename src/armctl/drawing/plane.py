@@ -60,8 +60,8 @@ class DrawingPlane:
                         f"touched points {j + 1} and {k + 1} are {near:.1f} mm apart; at least {NEAREST_MM:g}"
                     )
         x, towards = points[1] - points[0], points[2] - points[0]
-        x = x / np.linalg.norm(x)
-        normal = np.cross(x, towards)
+        x = x / float(np.linalg.norm(x))
+        normal: FloatArray = np.cross(x, towards)
         size = float(np.linalg.norm(normal))
         if size < _LEAST_SINE * float(np.linalg.norm(towards)):
             raise DrawingError(
@@ -73,7 +73,7 @@ class DrawingPlane:
                 "seen from above the third point lies to the right of the way from the first to the second, "
                 "so the pen would come from below; touch it on the other side"
             )
-        axes = np.stack([x, np.cross(normal, x), normal], axis=1)
+        axes: FloatArray = np.stack([x, np.cross(normal, x), normal], axis=1)
         local = (points - points[0]) @ axes
         off = np.abs(local[:, 2])
         if 1000 * off.max() > HIGHEST_MM:
@@ -121,4 +121,4 @@ def _plate(knots: FloatArray, heights: FloatArray) -> FloatArray:
     """Weights of the surface through all knots (Duchon 1977)."""
     slopes = _slopes(knots)
     rows = np.block([[_kernel(knots, knots), slopes], [slopes.T, np.zeros((3, 3))]])
-    return np.linalg.solve(rows, np.append(heights, np.zeros(3)))
+    return np.asarray(np.linalg.solve(rows, np.append(heights, np.zeros(3))), dtype=np.float64)

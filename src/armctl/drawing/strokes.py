@@ -8,6 +8,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import DrawingError
@@ -131,8 +132,9 @@ def ordered(strokes: Sequence[Stroke]) -> tuple[Stroke, ...]:
         stroke, end = divmod(int(far.argmin()), 2)
         order[at], turned[at], left[stroke] = stroke, end == 1, False
         here = ends[stroke, 1 - end]
-    begins = np.where(turned[:, None], ends[order, 1], ends[order, 0])
-    finishes = np.where(turned[:, None], ends[order, 0], ends[order, 1])
+    rank = np.arange(count)
+    begins: FloatArray = ends[order][rank, turned.astype(np.intp)]
+    finishes: FloatArray = ends[order][rank, 1 - turned.astype(np.intp)]
     for _ in range(_MOST_ROUNDS):
         if not _improved(order, turned, begins, finishes):
             break
@@ -148,7 +150,9 @@ def pen_up_mm(strokes: Sequence[Stroke]) -> float:
     return float(np.linalg.norm(jumps, axis=1).sum()) if jumps else 0.0
 
 
-def _improved(order: FloatArray, turned: FloatArray, begins: FloatArray, finishes: FloatArray) -> bool:
+def _improved(
+    order: NDArray[np.intp], turned: NDArray[np.bool_], begins: FloatArray, finishes: FloatArray
+) -> bool:
     """One round of 2-opt in place: a run of strokes drawn backwards, wherever that makes the way shorter."""
     count, better = len(order), False
     for first in range(count):

@@ -25,8 +25,10 @@ _REST = re.compile(r"[\s,]*")
 _TRANSFORM = re.compile(r"[\s,]*(matrix|translate|scale|rotate|skewX|skewY)\s*\(([^()]*)\)")
 _LENGTH = re.compile(rf"\s*({_NUMBER})\s*(px|pt|pc|mm|cm|in|q|Q|%)?\s*")
 MM_PER_PX = 25.4 / 96
-UNITS_PX = {"px": 1.0, "pt": 4 / 3, "pc": 16.0, "mm": 96 / 25.4, "cm": 960 / 25.4, "in": 96.0}
-UNITS_PX |= {"q": 24 / 25.4, "Q": 24 / 25.4}
+UNITS_PX = {
+    **{"px": 1.0, "pt": 4 / 3, "pc": 16.0, "in": 96.0},
+    **{"mm": 96 / 25.4, "cm": 960 / 25.4, "q": 24 / 25.4, "Q": 24 / 25.4},
+}
 _COUNTS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
 _FIRST_CUTS, _MOST_CUTS = 8, 4096
 MOST_SEGMENTS = 50_000

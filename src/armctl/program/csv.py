@@ -78,7 +78,10 @@ def _cells(step: Step) -> dict[Cell | None, object]:
         if key.name == JOINTS:
             cells |= {(JOINTS, i): angle for i, angle in enumerate(value)}
         elif value is not None and value != key.default:
-            cells[key.name, None] = guarded(value) if isinstance(value, str) else value
+            several = key.form == "numbers"
+            cells[key.name, None] = " ".join(map(repr, value)) if several else value
+            if isinstance(value, str):
+                cells[key.name, None] = guarded(value)
     return cells
 
 
@@ -223,10 +226,10 @@ class _Table:
         some = points[:: len(points) // _LOOKED_AT + 1] / 1000
         return any(robot.inverse(point).success for point in some)
 
-    def rows(self, errors: Errors) -> Iterator[tuple[int, dict[Cell, float | int | str]]]:
+    def rows(self, errors: Errors) -> Iterator[tuple[int, dict[Cell, float | int | str | list[float]]]]:
         """(line, what its cells hold) of each row that is not empty; ``errors`` takes what is wrong."""
         for line, cells in self._records:
-            values: dict[Cell, float | int | str] = {}
+            values: dict[Cell, float | int | str | list[float]] = {}
             before = len(errors.found)
             sign = next((sign for sign in _COMMENTS if cells and cells[0].lstrip().startswith(sign)), None)
             if sign is not None and not (self._columns[0] and self._columns[0].place == ("note", None)):
@@ -239,7 +242,7 @@ class _Table:
             if values and len(errors.found) == before:
                 yield line, values
 
-    def _cell(self, line: int, column: Column | None, text: str) -> dict[Cell, float | int | str]:
+    def _cell(self, line: int, column: Column | None, text: str) -> dict[Cell, float | int | str | list[float]]:
         if column is None:
             if text.strip():
                 what = f"{text.strip()[:40]!r} stands in a column without a head"
@@ -253,7 +256,7 @@ class _Table:
         except ProgramError as refusal:
             raise ProgramError(f"line {line}, column {column.head}: {refusal}") from refusal
 
-    def steps(self, line: int, cells: dict[Cell, float | int | str]) -> Iterator[Step]:
+    def steps(self, line: int, cells: dict[Cell, float | int | str | list[float]]) -> Iterator[Step]:
         """The steps that a row asks for."""
         record: dict[str, object] = {key: value for (key, joint), value in cells.items() if joint is None}
         has_angles = any(place in cells for place in self._joints)

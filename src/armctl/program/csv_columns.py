@@ -45,10 +45,15 @@ class Column:
     factor: float | None = None
     """to the step's unit; None: not a number with a unit"""
     integer: bool = False
+    numbers: bool = False
+    """several in one cell, with blanks between"""
 
-    def value(self, text: str, *, comma: bool) -> float | int | str:
+    def value(self, text: str, *, comma: bool) -> float | int | str | list[float]:
         """The value of a cell that is not empty; with ``comma``, a number may have a decimal comma."""
         plain = text.strip()
+        if self.numbers:
+            one = Column(self.head, self.place, 1.0)
+            return [float(one.value(part, comma=comma)) for part in plain.split()]  # pyright: ignore[reportArgumentType]
         if self.factor is None and not self.integer:
             return text if self.place == ("note", None) else plain
         plain = plain.replace("−", "-")
@@ -81,7 +86,8 @@ class Columns:
             if key.form == "number":
                 self._add_number(key.head, (key.name, None))
             else:
-                self._known[key.head] = Column(key.head, (key.name, None), integer=key.form == "integer")
+                kind = {"integer": key.form == "integer", "numbers": key.form == "numbers"}
+                self._known[key.head] = Column(key.head, (key.name, None), **kind)
         taken = {*self._units, *self._known}
         self._joints = [f"joint_{name}_deg" if name in taken else f"{name}_deg" for name in joint_names]
         for joint, head in enumerate(self._joints):

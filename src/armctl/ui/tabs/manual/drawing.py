@@ -22,12 +22,14 @@ from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_editor import Point, ProgramEditor, present_pose_deg, tool_point_mm
 from armctl.ui.tabs.manual.shared_program import SharedProgram
-from armctl.ui.widgets.html import LiveHtml, escape, folded, muted, numbers
+from armctl.ui.widgets.html import LiveHtml, escape, fixed, folded, muted, numbers
 from armctl.ui.widgets.number_field import NumberField
 
 _DRAWN, _LEFT_OUT, _PLANE = (25, 25, 112), (150, 150, 150), (46, 139, 87)
 _TOUCHES = ("Origin", "Right", "Up", "More")
-_TOUCH_HINT = "Bring the pen's tip onto the surface, then press. Right and Up: as the drawing lies. More: where it bends."
+_TOUCH_HINT = (
+    "Bring the pen's tip onto the surface, then press. Right and Up: as the drawing lies. More: where it bends."
+)
 _FIT, _ADD, _DRAW, _SHOW = "Fit", "Add as step", "Draw", "Show"
 _MOST_MORE = 20
 
@@ -78,10 +80,11 @@ class DrawingForm:
         self._file = await asyncio.to_thread(_kept, self._shared.folder, name, content)
         low, high = drawing.box
         self._shift = (0.0, 0.0)
-        self._width.fill(round(float((high - low)[0]), 1))
+        width, height = (high - low).tolist()
+        self._width.fill(round(width, 1))
         count = len(drawing.strokes)
         said = (
-            f"<b>{escape(name)}</b>: {count} stroke{'' if count == 1 else 's'}, {numbers(high - low, 1)} mm"
+            f"<b>{escape(name)}</b>: {count} stroke{'' if count == 1 else 's'}, {fixed(width, 1)} × {fixed(height, 1)} mm"
         )
         self._said.show(said + folded("Not drawn", drawing.left_out) if drawing.left_out else said)
         if len(self._touched) == len(_TOUCHES) - 1:
