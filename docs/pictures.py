@@ -59,6 +59,9 @@ class Picture:
         return ("Control", "Serial motion", *self.tabs)
 
 
+_TOUCHED = {"Origin": ("190", "30", "30"), "Right": ("190", "-70", "30"), "Up": ("260", "30", "30")}
+"""where the pen touches the plane of a drawing [mm]"""
+
 # How each screen is brought to what it should show.
 
 
@@ -97,6 +100,19 @@ def program(screen: Screen) -> None:
     screen.press(screen.page.get_by_role("row", name="above the part").first)
     screen.wait_for_text(re.compile("step 2 ·"))
     screen.tab("Serial motion").scroll_into_view_if_needed()
+
+
+def drawing(screen: Screen) -> None:
+    for label, place in _TOUCHED.items():
+        screen.open_tab("Inverse")
+        screen.type_xyz(*place)
+        screen.click("Solve")
+        screen.click("Go by least energy")
+        screen.wait_for_text(re.compile("HOLDING"))
+        screen.open_tab("Manual", "Drawing")
+        screen.click(label)
+    screen.upload("Choose a drawing (SVG, G-code)", ROOT / "examples" / "name.svg")
+    screen.wait_for_text(re.compile(r"\d+ mm in \d+ s"))
 
 
 def trajectory(screen: Screen, to: str = "home") -> None:
@@ -178,6 +194,7 @@ PICTURES = {
     "log": Picture(("Log",), log),
     "manual": Picture(("Manual",), manual),
     "program": Picture((), program),
+    "drawing": Picture(("Manual",), drawing),
     "trajectory": Picture(("Trajectory",), trajectory),
     "graphs": Picture(("Trajectory",), graphs),
     "forward": Picture(("Forward",), forward),

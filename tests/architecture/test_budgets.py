@@ -17,17 +17,18 @@ MOST_LINES, MOST_OF_A_FUNCTION = 450, 60
 FOLDERS = {
     ".": (15, 3_260),
     "calibration": (10, 2_270),
-    "cli": (13, 2_980),
-    "facts": (16, 2_960),
+    "cli": (14, 3_130),
+    "drawing": (11, 2_120),
+    "facts": (16, 3_020),
     "hardware": (70, 14_360),
     "kinematics": (51, 12_750),
-    "motion": (20, 5_770),
+    "motion": (20, 5_830),
     "process": (14, 3_375),
-    "program": (12, 2_780),
+    "program": (13, 3_010),
     "protocol": (5, 1_160),
     "robot": (42, 11_720),
     "runtime": (25, 6_190),
-    "ui": (89, 19_850),
+    "ui": (90, 20_070),
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

@@ -79,7 +79,26 @@ def test_what_is_wrong_is_said_with_its_line(text: str, says: str) -> None:
 
 
 WORDS = st.sampled_from(
-    ["G0", "G1", "G2", "G3", "G20", "G91", "X3", "Y-2.5", "Z1", "Z-1", "I2", "J1", "R4", "M3", "M5", "S0", "\n", "("]
+    [
+        "G0",
+        "G1",
+        "G2",
+        "G3",
+        "G20",
+        "G91",
+        "X3",
+        "Y-2.5",
+        "Z1",
+        "Z-1",
+        "I2",
+        "J1",
+        "R4",
+        "M3",
+        "M5",
+        "S0",
+        "\n",
+        "(",
+    ]
 )
 
 

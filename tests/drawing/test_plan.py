@@ -91,7 +91,9 @@ def test_arms_of_other_families_draw_it_too(robot: str) -> None:
 
 def test_what_is_out_of_reach_is_named_with_its_place_and_why() -> None:
     plane = DrawingPlane.touched(PLANE)
-    far = Drawing.of([(np.array([[0.0, -10.0], [0.0, -10.0]]), 3), (np.array([[10.0, 20.0], [600.0, 20.0]]), 7)])
+    far = Drawing.of(
+        [(np.array([[0.0, -10.0], [0.0, -10.0]]), 3), (np.array([[10.0, 20.0], [600.0, 20.0]]), 7)]
+    )
     plan = plan_drawing(UZUNER, UZUNER.first_pose, far, plane, speed=SPEED, lift=0.01)
     assert {one.fact.stroke for one in plan.left_out} == {1} and plan.drawn_m > 0.01
     fact = plan.left_out[0].fact
@@ -120,7 +122,9 @@ def test_an_order_keeps_all_strokes_and_spares_ways(ends: list[tuple[float, floa
     for stroke in found:
         before = drawing.strokes[stroke.number - 1].points
         assert stroke.points.tolist() in (before.tolist(), before[::-1].tolist())
-    assert pen_up_mm(found) <= pen_up_mm(drawing.strokes) + np.linalg.norm(drawing.strokes[0].points[0]) + 1e-6
+    assert (
+        pen_up_mm(found) <= pen_up_mm(drawing.strokes) + np.linalg.norm(drawing.strokes[0].points[0]) + 1e-6
+    )
 
 
 @given(st.lists(st.tuples(st.floats(-40, 40), st.floats(-40, 40)), min_size=2, max_size=12))

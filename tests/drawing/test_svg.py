@@ -61,7 +61,9 @@ def dense(text: str) -> list[FloatArray]:
                 (point.x, point.y)
                 for piece in svgelements.Path(part)
                 if not isinstance(piece, svgelements.Move)
-                for point in (matrix.point_in_matrix_space(piece.point(t)) for t in np.linspace(0.0, 1.0, 200).tolist())
+                for point in (
+                    matrix.point_in_matrix_space(piece.point(t)) for t in np.linspace(0.0, 1.0, 200).tolist()
+                )
                 if piece.start is not None
             ]
             if points and np.ptp(np.array(points), axis=0).max() > 1e-6:
@@ -128,7 +130,8 @@ def test_what_is_wrong_is_said_with_its_place(body: str, says: str) -> None:
 
 def test_use_of_use_does_not_take_for_ever() -> None:
     layers = "".join(
-        f'<g id="l{k}">{f"<use href=%sl{k - 1}%s/>" % (chr(34) + "#", chr(34)) * 10}</g>' for k in range(1, 12)
+        f'<g id="l{k}">{f"<use href=%sl{k - 1}%s/>" % (chr(34) + "#", chr(34)) * 10}</g>'
+        for k in range(1, 12)
     )
     with pytest.raises(DrawingError, match="more than"):
         read_svg(svg("", f'<g id="l0"><path d="M0 0L1 1"/></g>{layers}'))
@@ -146,7 +149,20 @@ def test_entities_and_other_files_are_refused() -> None:
 
 
 PIECES = st.sampled_from(
-    [*"MmLlHhVvCcSsQqTtAaZz", "0", "1", "-3.5", "1e3", "1e999", ".", ",", "NaN", "0 0", "5 5 0 1 0 9 9", "\x01"]
+    [
+        *"MmLlHhVvCcSsQqTtAaZz",
+        "0",
+        "1",
+        "-3.5",
+        "1e3",
+        "1e999",
+        ".",
+        ",",
+        "NaN",
+        "0 0",
+        "5 5 0 1 0 9 9",
+        "\x01",
+    ]
 )
 
 

@@ -74,7 +74,9 @@ def fit_drawing(
                 break
         if reached.any():  # a finer look, round the middle of what is in reach
             middle = grid[reached].mean(axis=0)
-    raise DrawingError("no size of it is wholly in reach on this plane; touch the plane where the arm reaches well")
+    raise DrawingError(
+        "no size of it is wholly in reach on this plane; touch the plane where the arm reaches well"
+    )
 
 
 def _reached(
@@ -91,9 +93,7 @@ def _reached(
     return best
 
 
-def _nearest_shift(
-    reached: NDArray[np.bool_], ticks: FloatArray, points: FloatArray
-) -> FloatArray | None:
+def _nearest_shift(reached: NDArray[np.bool_], ticks: FloatArray, points: FloatArray) -> FloatArray | None:
     """(2,) by which points (k, 2) are to be shifted so that all are in reach; None: by nothing."""
     step = float(ticks[1] - ticks[0])
     best, least = None, np.inf

@@ -242,7 +242,9 @@ class _Table:
             if values and len(errors.found) == before:
                 yield line, values
 
-    def _cell(self, line: int, column: Column | None, text: str) -> dict[Cell, float | int | str | list[float]]:
+    def _cell(
+        self, line: int, column: Column | None, text: str
+    ) -> dict[Cell, float | int | str | list[float]]:
         if column is None:
             if text.strip():
                 what = f"{text.strip()[:40]!r} stands in a column without a head"
