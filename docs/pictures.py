@@ -59,7 +59,11 @@ class Picture:
         return ("Control", "Serial motion", *self.tabs)
 
 
-_TOUCHED = {"Origin": ("190", "30", "30"), "Right": ("190", "-70", "30"), "Up": ("260", "30", "30")}
+_TOUCHED = {
+    "Origin": ("190", "30", "30"),
+    "To the right": ("190", "-70", "30"),
+    "Upwards": ("260", "30", "30"),
+}
 """where the pen touches the plane of a drawing [mm]"""
 
 # How each screen is brought to what it should show.

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.runtime.kit import make_rig
 
 from armctl.arrays import FloatArray
-from armctl.drawing import Drawing, DrawingPlane
+from armctl.drawing import DrawingPlane, PenDrawing
 from armctl.drawing.pen_path import pen_paths, stroke_line
 from armctl.drawing.plan import DrawingPlan, distances, plan_drawing
 from armctl.drawing.strokes import ordered, pen_up_mm
@@ -21,6 +21,7 @@ from armctl.errors import DrawingError, MotionRefusedError, ProgramError
 from armctl.facts import State, StrokeLeftOut
 from armctl.facts.words import fact_of, fact_record, say
 from armctl.motion.preflight import preflight
+from armctl.motion.trajectory import Trajectory
 from armctl.program import DrawStep, Program, check_program, load_program, read_csv, save_program, write_csv
 from armctl.program.files import write_script
 from armctl.protocol import RunProgram
@@ -35,7 +36,7 @@ NAME = """<svg xmlns="http://www.w3.org/2000/svg" width="40mm" height="20mm" vie
 </svg>"""
 
 
-def name(width: float = 40.0) -> Drawing:
+def name(width: float = 40.0) -> PenDrawing:
     return read_svg(NAME).placed(width)
 
 
@@ -56,8 +57,8 @@ def test_the_pen_keeps_to_the_strokes(plan: DrawingPlan) -> None:
     assert 1000 * plan.drawn_m == pytest.approx(sum(stroke.length for stroke in name().strokes), rel=1e-3)
 
 
-def tool_points(plan: DrawingPlan, duration: float, trajectory: object) -> FloatArray:
-    sampled = trajectory.sample(np.linspace(0.0, duration, 2001))  # type: ignore[attr-defined]
+def tool_points(plan: DrawingPlan, duration: float, trajectory: Trajectory) -> FloatArray:
+    sampled = trajectory.sample(np.linspace(0.0, duration, 2001))
     return plan.hold.robot.forward(sampled.q)[:, :3, 3]
 
 
@@ -84,14 +85,14 @@ def test_arms_of_other_families_draw_it_too(robot: str) -> None:
     arm = load_robot(robot)
     x, z = {"so101": (200, 30), "mearm": (150, 100), "ur5": (400, 100)}[robot]
     plane = DrawingPlane.touched([x, 15, z, x, -85, z, x + 100, 15, z])
-    drawing = Drawing.of([(np.array([[0.0, 0.0], [20.0, 0.0], [20.0, 20.0]]), 1)])
+    drawing = PenDrawing.of([(np.array([[0.0, 0.0], [20.0, 0.0], [20.0, 20.0]]), 1)])
     plan = plan_drawing(arm, arm.first_pose, drawing, plane, speed=0.02, lift=0.005)
     assert not plan.left_out and plan.line_error_m < LINE_ERROR_M
 
 
 def test_what_is_out_of_reach_is_named_with_its_place_and_why() -> None:
     plane = DrawingPlane.touched(PLANE)
-    far = Drawing.of(
+    far = PenDrawing.of(
         [(np.array([[0.0, -10.0], [0.0, -10.0]]), 3), (np.array([[10.0, 20.0], [600.0, 20.0]]), 7)]
     )
     plan = plan_drawing(UZUNER, UZUNER.first_pose, far, plane, speed=SPEED, lift=0.01)
@@ -102,7 +103,7 @@ def test_what_is_out_of_reach_is_named_with_its_place_and_why() -> None:
     assert say(fact, "en").startswith("stroke 1 (line 7 of the file) is left out from ")
     assert say(fact, "tr").startswith("1. çizgi (dosyanın 7. satırı) ")
     with pytest.raises(MotionRefusedError, match="none of 1 strokes can be drawn: stroke 1"):
-        away = Drawing.of([(np.array([[900.0, 0.0], [950.0, 0.0]]), 1)])
+        away = PenDrawing.of([(np.array([[900.0, 0.0], [950.0, 0.0]]), 1)])
         plan_drawing(UZUNER, UZUNER.first_pose, away, plane, speed=SPEED, lift=0.01)
 
 
@@ -116,7 +117,7 @@ def test_a_whole_stroke_left_out_says_no_places() -> None:
 @given(st.lists(st.tuples(*[st.floats(-50, 50)] * 4), min_size=1, max_size=12))
 def test_an_order_keeps_all_strokes_and_spares_ways(ends: list[tuple[float, float, float, float]]) -> None:
     lines = [(np.array([[a, b], [c, d + 100.0]]), k) for k, (a, b, c, d) in enumerate(ends, 1)]
-    drawing = Drawing.of(lines)
+    drawing = PenDrawing.of(lines)
     found = ordered(drawing.strokes)
     assert sorted(stroke.number for stroke in found) == [stroke.number for stroke in drawing.strokes]
     for stroke in found:
@@ -133,7 +134,7 @@ def test_a_pen_path_is_smooth_and_near_its_points(corners: list[tuple[float, flo
     keep = np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 0.5)
     if np.count_nonzero(keep) < 2:
         return
-    drawing = Drawing.of([(points[keep], 1)])
+    drawing = PenDrawing.of([(points[keep], 1)])
     plane = DrawingPlane.touched(PLANE)
     paths = pen_paths(drawing.strokes[0].points, plane)
     line = stroke_line(drawing.strokes[0].points, plane)

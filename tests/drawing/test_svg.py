@@ -1,5 +1,8 @@
 """SVG files read to strokes, against svgelements: another reader, whose curves are sampled densely."""
 
+# pyright: reportUnknownVariableType=false, reportUnknownMemberType=false, reportUnknownArgumentType=false
+# svgelements has no types
+
 from __future__ import annotations
 
 import io
@@ -31,7 +34,8 @@ BODIES = (
     '<path d="M5,30c5-20 15,20 25-5S45,40 60 10 70 30 80 20"/>',
     '<path d="M5 5Q20 40 35 5T65 5 t20 10"/>',
     '<path d="M10 20 A15 8 30 1 0 40 25 a10 10 0 01 12-3 A 3 3 0 0 1 80 30 a5 9 0 1150-12"/>',
-    '<rect x="5" y="6" width="30" height="20" rx="4"/><rect x="45" y="6" width="20" height="9" rx="3" ry="20"/>',
+    '<rect x="5" y="6" width="30" height="20" rx="4"/>'
+    '<rect x="45" y="6" width="20" height="9" rx="3" ry="20"/>',
     '<circle cx="30" cy="25" r="18"/><ellipse cx="60" cy="25" rx="15" ry="6" transform="rotate(30 60 25)"/>',
     '<line x1="2" y1="3" x2="40" y2="33" stroke="red"/><polyline points="1,1 5,9,9 2 30 30"/>'
     '<polygon points="50,10 70,10 60,28"/>',

@@ -102,6 +102,7 @@ from armctl.facts.targets import (
     OneLine,
     OrientationImpossible,
     OrientationNeeds,
+    OtherConfiguration,
     OutOfBound,
     OutOfReach,
     PitchByPosition,
@@ -111,6 +112,7 @@ from armctl.facts.targets import (
     PointReached,
     PoseUnmet,
     Searched,
+    StrokeLeftOut,
     TurnTogether,
 )
 from armctl.facts.words import KINDS, LANGUAGES, fact_of, fact_record, opening, preferred
@@ -181,6 +183,11 @@ SAMPLES: list[Reason] = [
     *(NotNow("a motion", need, state) for need in Need for state in State),
     NotNow("", Need.PAUSE, State.MOVING, "a line", "a line", stopping=True),
     NotNow("", Need.PAUSE, State.MOVING, "a line", "a line"),
+]
+SAMPLES += [
+    OtherConfiguration(),
+    StrokeLeftOut(1, 2, 0.0, 0.03, 0.03),
+    StrokeLeftOut(3, 9, 0.01, 0.02, 0.1, ELBOW),
 ]
 SAMPLES += [ToDo("mend pose"), PoseUnmet(None), PoseUnmet(ELBOW)]
 SAMPLES += [

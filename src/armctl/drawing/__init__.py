@@ -2,6 +2,6 @@
 
 from armctl.drawing.files import DRAWING_SUFFIXES, read_drawing
 from armctl.drawing.plane import DrawingPlane
-from armctl.drawing.strokes import Drawing, Stroke
+from armctl.drawing.strokes import PenDrawing, Stroke
 
-__all__ = ["DRAWING_SUFFIXES", "Drawing", "DrawingPlane", "Stroke", "read_drawing"]
+__all__ = ["DRAWING_SUFFIXES", "DrawingPlane", "PenDrawing", "Stroke", "read_drawing"]

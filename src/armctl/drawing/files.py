@@ -1,4 +1,4 @@
-"""Drawing files: which kinds there are, and how they are read."""
+"""PenDrawing files: which kinds there are, and how they are read."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pathlib import Path, PurePath
 
 from armctl.documents import DocumentKind
 from armctl.drawing.gcode import read_gcode
-from armctl.drawing.strokes import Drawing
+from armctl.drawing.strokes import PenDrawing
 from armctl.drawing.svg import read_svg
 from armctl.errors import DrawingError
 
 DRAWING_FILES = DocumentKind(DrawingError, most_bytes=4 * 1024 * 1024)
-_READERS: dict[str, Callable[[str], Drawing]] = {
+_READERS: dict[str, Callable[[str], PenDrawing]] = {
     ".svg": read_svg,
     **dict.fromkeys((".gcode", ".nc", ".ngc", ".tap", ".gc"), read_gcode),
 }
@@ -26,7 +26,7 @@ def require_drawing_name(name: str) -> None:
         raise DrawingError(f"{name}: a drawing is a file {', '.join(DRAWING_SUFFIXES)}")
 
 
-def parse_drawing(name: str, content: bytes) -> Drawing:
+def parse_drawing(name: str, content: bytes) -> PenDrawing:
     """The drawing of a file's content. DrawingError: says the file, and the line or the element."""
     require_drawing_name(name)
     try:
@@ -35,7 +35,7 @@ def parse_drawing(name: str, content: bytes) -> Drawing:
         raise cause.about(name) from cause
 
 
-def read_drawing(path: str | Path) -> Drawing:
+def read_drawing(path: str | Path) -> PenDrawing:
     """The drawing of a regular file of bounded size. DrawingError: as ``parse_drawing``."""
     path = Path(path)
     require_drawing_name(path.name)
@@ -47,6 +47,6 @@ def read_drawing(path: str | Path) -> Drawing:
 
 
 @lru_cache(maxsize=8)
-def _known(name: str, content: bytes) -> Drawing:
+def _known(name: str, content: bytes) -> PenDrawing:
     """What a program draws is asked for again and again: by the list, the check and the arm."""
     return parse_drawing(name, content)

@@ -12,7 +12,7 @@ from armctl.apart import require_wanted
 from armctl.arrays import FloatArray
 from armctl.drawing.pen import pen_holds
 from armctl.drawing.plane import DrawingPlane
-from armctl.drawing.strokes import Drawing
+from armctl.drawing.strokes import PenDrawing
 from armctl.errors import DrawingError
 from armctl.robot import Robot
 
@@ -41,7 +41,7 @@ class Fit:
 
 def fit_drawing(
     robot: Robot,
-    drawing: Drawing,
+    drawing: PenDrawing,
     plane: DrawingPlane,
     lift: float,
     pitch: float | None,

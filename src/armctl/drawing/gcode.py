@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.drawing.strokes import LARGEST_MM, MOST_POINTS, Drawing
+from armctl.drawing.strokes import LARGEST_MM, MOST_POINTS, PenDrawing
 from armctl.drawing.svg_path import arc, flattened
 from armctl.errors import DrawingError
 
@@ -79,7 +79,7 @@ class _Machine:
         self.place = points[-1]
 
 
-def read_gcode(text: str) -> Drawing:
+def read_gcode(text: str) -> PenDrawing:
     """The strokes of a G-code file [mm]. DrawingError: says the line and the word."""
     lines = text.splitlines()
     if len(lines) > _MOST_LINES:
@@ -95,7 +95,7 @@ def read_gcode(text: str) -> Drawing:
         except DrawingError as cause:
             raise cause.about(f"line {number}") from cause
     machine.lift()
-    return Drawing.of(machine.lines)
+    return PenDrawing.of(machine.lines)
 
 
 def _words(line: str) -> list[tuple[str, float]]:

@@ -13,7 +13,7 @@ from armctl.arrays import FloatArray
 from armctl.drawing.pen import Part, PenHold, pen_holds
 from armctl.drawing.pen_path import pen_paths, stroke_line
 from armctl.drawing.plane import DrawingPlane
-from armctl.drawing.strokes import Drawing, Stroke, ordered
+from armctl.drawing.strokes import PenDrawing, Stroke, ordered
 from armctl.errors import ArmctlError, InputError, MotionRefusedError
 from armctl.facts import OtherConfiguration, Reason, StrokeLeftOut
 from armctl.motion.paths.tool_curve import ToolLine, ToolSpline
@@ -139,7 +139,7 @@ def distances(points: FloatArray, line: FloatArray) -> FloatArray:
 def plan_drawing(
     robot: Robot,
     start: FloatArray,
-    drawing: Drawing,
+    drawing: PenDrawing,
     plane: DrawingPlane,
     *,
     speed: float,

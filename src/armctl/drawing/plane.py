@@ -45,7 +45,7 @@ class DrawingPlane:
         DrawingError: fewer than three, too many, points too near to each other or in one line, or one that
         lies far off the plane of the first three.
         """
-        flat = as_numbers(points_mm, "the points of a plane").ravel()
+        flat: FloatArray = as_numbers(points_mm, "the points of a plane").ravel()
         count = len(flat) // 3
         if len(flat) % 3 or not 3 <= count <= MOST_TOUCHED or not np.isfinite(flat).all():
             raise DrawingError(
@@ -59,21 +59,22 @@ class DrawingPlane:
                     raise DrawingError(
                         f"touched points {j + 1} and {k + 1} are {near:.1f} mm apart; at least {NEAREST_MM:g}"
                     )
-        x, towards = points[1] - points[0], points[2] - points[0]
-        x = x / float(np.linalg.norm(x))
-        normal: FloatArray = np.cross(x, towards)
-        size = float(np.linalg.norm(normal))
+        towards = points[2] - points[0]
+        x: FloatArray = (points[1] - points[0]) / float(np.linalg.norm(points[1] - points[0]))
+        over: FloatArray = np.cross(x, towards)
+        size = float(np.linalg.norm(over))
         if size < _LEAST_SINE * float(np.linalg.norm(towards)):
             raise DrawingError(
                 "the three touched points stand nearly in one line; touch the third aside of it"
             )
-        normal = normal / size
+        normal: FloatArray = over / size
         if normal[2] < -_FROM_BELOW:
             raise DrawingError(
                 "seen from above the third point lies to the right of the way from the first to the second, "
                 "so the pen would come from below; touch it on the other side"
             )
-        axes: FloatArray = np.stack([x, np.cross(normal, x), normal], axis=1)
+        y: FloatArray = np.cross(normal, x)
+        axes = np.stack([x, y, normal], axis=1)
         local = (points - points[0]) @ axes
         off = np.abs(local[:, 2])
         if 1000 * off.max() > HIGHEST_MM:

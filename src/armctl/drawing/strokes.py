@@ -48,7 +48,7 @@ class Stroke:
 
 
 @dataclass(frozen=True, eq=False)
-class Drawing:
+class PenDrawing:
     """What a file draws."""
 
     strokes: tuple[Stroke, ...]
@@ -57,7 +57,7 @@ class Drawing:
     """what the file has and a pen does not draw, in words"""
 
     @classmethod
-    def of(cls, lines: Sequence[tuple[FloatArray, int]], left_out: Sequence[str] = ()) -> Drawing:
+    def of(cls, lines: Sequence[tuple[FloatArray, int]], left_out: Sequence[str] = ()) -> PenDrawing:
         """From points (k, 2) [mm] and the line of each in the file. DrawingError: nothing, or too much."""
         strokes: list[Stroke] = []
         for points, line in lines:
@@ -82,7 +82,7 @@ class Drawing:
         """Of all strokes [mm]."""
         return sum(stroke.length for stroke in self.strokes)
 
-    def placed(self, width: float | None, corner: tuple[float, float] = (0.0, 0.0)) -> Drawing:
+    def placed(self, width: float | None, corner: tuple[float, float] = (0.0, 0.0)) -> PenDrawing:
         """The same ``width`` wide [mm] (None: as large as the file says), its lower left at ``corner``.
 
         DrawingError: a drawing that has no width cannot be made one as wide.
@@ -97,7 +97,7 @@ class Drawing:
             replace(stroke, points=(stroke.points - low) * scale + np.array(corner))
             for stroke in self.strokes
         )
-        return Drawing(tuple(strokes), self.left_out)
+        return PenDrawing(tuple(strokes), self.left_out)
 
 
 def points_apart(points: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from xml.parsers import expat
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.drawing.strokes import LARGEST_MM, MOST_POINTS, Drawing
+from armctl.drawing.strokes import LARGEST_MM, MOST_POINTS, PenDrawing
 from armctl.drawing.svg_path import (
     MM_PER_PX,
     Outline,
@@ -41,11 +41,11 @@ _LONGEST_TEXT = 24
 
 
 @dataclass(eq=False)
-class _Node:
+class _SvgElement:
     tag: str
     attributes: dict[str, str]
     line: int
-    children: list[_Node] = field(default_factory=list["_Node"])
+    children: list[_SvgElement] = field(default_factory=list["_SvgElement"])
     text: str = ""
 
     def get(self, name: str) -> str | None:
@@ -63,20 +63,20 @@ class _Node:
         return f"line {self.line}, <{self.tag}{f' id={name!r}' if name else ''}>"
 
 
-def read_svg(text: str) -> Drawing:
+def read_svg(text: str) -> PenDrawing:
     """The strokes of an SVG file, y upwards [mm]. DrawingError: says the line and the element."""
     root = _parsed(text)
     if root.tag != "svg":
         raise DrawingError(f"line {root.line}: the root element is <{root.tag}>, not <svg>")
-    walk = _Walk(root)
+    walk = _SvgWalk(root)
     walk.run()
-    return Drawing.of(walk.lines, walk.left_out)
+    return PenDrawing.of(walk.lines, walk.left_out)
 
 
-def _parsed(text: str) -> _Node:
+def _parsed(text: str) -> _SvgElement:
     """The elements of the file in each other; only names of SVG count, those of editors are passed over."""
     parser = expat.ParserCreate("utf-8", _BETWEEN)
-    top = _Node("", {}, 0)
+    top = _SvgElement("", {}, 0)
     open_nodes, count = [top], 0
 
     def start(name: str, attributes: dict[str, str]) -> None:
@@ -89,7 +89,7 @@ def _parsed(text: str) -> _Node:
             raise DrawingError(f"line {line}: more than {_DEEPEST} elements in each other")
         space, _, tag = name.rpartition(_BETWEEN)
         plain = {_attribute(key): value for key, value in attributes.items()}
-        node = _Node(tag if space in ("", _SVG) else "", plain, line)
+        node = _SvgElement(tag if space in ("", _SVG) else "", plain, line)
         open_nodes[-1].children.append(node)
         open_nodes.append(node)
 
@@ -136,12 +136,12 @@ class _Place:
         return replace(self, matrix=self.matrix @ matrix)
 
 
-class _Walk:
+class _SvgWalk:
     """From element to element, in the order in which they are drawn."""
 
-    def __init__(self, root: _Node) -> None:
+    def __init__(self, root: _SvgElement) -> None:
         self._root = root
-        self._named: dict[str, _Node] = {}
+        self._named: dict[str, _SvgElement] = {}
         self._drawn = self._points = 0
         self._styled = False
         """a style sheet may paint what its attributes do not"""
@@ -176,7 +176,7 @@ class _Walk:
         upwards[1, 2] = height * MM_PER_PX
         return _viewport(self._root, _Place(upwards, *whole), 0.0, 0.0, width, height)
 
-    def _draw(self, node: _Node, place: _Place) -> None:
+    def _draw(self, node: _SvgElement, place: _Place) -> None:
         """An element and what is in it; a DrawingError says which one."""
         self._drawn += 1
         if self._drawn > _MOST_DRAWN:
@@ -197,7 +197,7 @@ class _Walk:
         for child, inner in found:
             self._draw(child, inner)
 
-    def _inside(self, node: _Node, place: _Place) -> _Place:
+    def _inside(self, node: _SvgElement, place: _Place) -> _Place:
         """What an element changes for itself and what is in it."""
         if transform := node.get("transform"):
             place = place.moved(_square(transform_of(transform)))
@@ -213,7 +213,7 @@ class _Walk:
                 self.left_out.append(f"the {name} of <{node.tag}> (line {node.line})")
         return replace(place, painted=painted)
 
-    def _children(self, node: _Node, place: _Place) -> Sequence[tuple[_Node, _Place]]:
+    def _children(self, node: _SvgElement, place: _Place) -> Sequence[tuple[_SvgElement, _Place]]:
         """Draw an element's own lines; what else is to be drawn for it."""
         if node.tag == "use":
             return self._used(node, place)
@@ -238,7 +238,7 @@ class _Walk:
             raise DrawingError(f"more than {MOST_POINTS} points up to here; simplify the drawing")
         self.lines.append((points, line))
 
-    def _used(self, node: _Node, place: _Place) -> Sequence[tuple[_Node, _Place]]:
+    def _used(self, node: _SvgElement, place: _Place) -> Sequence[tuple[_SvgElement, _Place]]:
         """What a ``use`` element draws once more."""
         link = node.attributes.get("href", "")
         if not link.startswith("#"):
@@ -264,7 +264,7 @@ class _Walk:
 class _Sizes:
     """The lengths of an element, of which those in percent are of its viewport."""
 
-    node: _Node
+    node: _SvgElement
     width: float
     height: float
 
@@ -307,7 +307,7 @@ def _radii(sizes: _Sizes) -> tuple[float, float]:
         rx, axis = ry, 1
     else:
         axis = 0
-    x = 0.0 if rx == "auto" else replace(sizes, node=_Node("", {"rx": rx}, 0)).size("rx", axis)
+    x = 0.0 if rx == "auto" else replace(sizes, node=_SvgElement("", {"rx": rx}, 0)).size("rx", axis)
     return x, x if ry == "auto" else sizes.size("ry", 1)
 
 
@@ -327,14 +327,14 @@ _SHAPES: dict[str, Callable[[_Sizes], list[Outline]]] = {
 }
 
 
-def _nested(node: _Node, place: _Place) -> _Place:
+def _nested(node: _SvgElement, place: _Place) -> _Place:
     sizes = _Sizes(node, place.width, place.height)
     x, y = sizes.of("x", 0), sizes.of("y", 1)
     width, height = sizes.size("width", 0, "100%"), sizes.size("height", 1, "100%")
     return _viewport(node, place, x, y, width, height)
 
 
-def _viewport(node: _Node, place: _Place, x: float, y: float, width: float, height: float) -> _Place:
+def _viewport(node: _SvgElement, place: _Place, x: float, y: float, width: float, height: float) -> _Place:
     """Inside an element with a viewport of its own: its ``viewBox`` fitted into a rectangle [user units]."""
     box, inner = _view_box(node), np.eye(3)
     inner[:2, 2] = x, y
@@ -354,7 +354,7 @@ def _viewport(node: _Node, place: _Place, x: float, y: float, width: float, heig
     return replace(place.moved(inner), width=float(box[2]), height=float(box[3]))
 
 
-def _view_box(node: _Node) -> FloatArray | None:
+def _view_box(node: _SvgElement) -> FloatArray | None:
     text = node.attributes.get("viewBox")
     if text is None:
         return None
@@ -368,7 +368,7 @@ def _square(matrix: FloatArray) -> FloatArray:
     return np.vstack([matrix, [0.0, 0.0, 1.0]])
 
 
-def _quoted(node: _Node) -> str:
+def _quoted(node: _SvgElement) -> str:
     """The text of an element, as far as it is short."""
     said = " ".join("".join([node.text, *(child.text for child in node.children)]).split())
     return f" {said[:_LONGEST_TEXT]!r}" if said else ""

@@ -39,7 +39,7 @@ Segment = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class OutlinePiece:
     """One piece of a line: straight, or the image of 0 … 1."""
 
     end: FloatArray
@@ -54,7 +54,7 @@ class Outline:
 
     start: FloatArray
     """(2,)"""
-    curves: list[Curve]
+    curves: list[OutlinePiece]
 
     def points(self, matrix: FloatArray) -> FloatArray:
         """(k, 2) of the line as the affine map ``matrix`` (2, 3) places it [mm]."""
@@ -112,12 +112,12 @@ def bezier(*controls: FloatArray) -> Segment:
     return at
 
 
-def _elliptic(start: FloatArray, numbers: list[float], end: FloatArray) -> Curve:
+def _elliptic(start: FloatArray, numbers: list[float], end: FloatArray) -> OutlinePiece:
     """The arc of a path: from its ends to its middle, as the specification has it (SVG 1.1, F.6)."""
     rx, ry, turned, large, sweeps = numbers[:5]
     rx, ry = abs(rx), abs(ry)
     if rx == 0.0 or ry == 0.0 or bool((start == end).all()):
-        return Curve(end)
+        return OutlinePiece(end)
     cos, sin = math.cos(math.radians(turned)), math.sin(math.radians(turned))
     to_axes = np.array([[cos, sin], [-sin, cos]])
     x, y = (to_axes @ (start - end) / 2.0).tolist()
@@ -134,7 +134,7 @@ def _elliptic(start: FloatArray, numbers: list[float], end: FloatArray) -> Curve
     elif not sweeps and sweep > 0.0:
         sweep -= 2.0 * math.pi
     center = to_axes.T @ middle + (start + end) / 2.0
-    return Curve(end, arc(center, rx * to_axes[0], ry * to_axes[1], begin, sweep))
+    return OutlinePiece(end, arc(center, rx * to_axes[0], ry * to_axes[1], begin, sweep))
 
 
 class _Reader:
@@ -200,7 +200,7 @@ def path_outlines(text: str) -> list[Outline]:
             here = begun = origin + numbers
             outlines.append(Outline(here, []))
         elif kind == "Z":
-            outlines[-1].curves.append(Curve(begun))
+            outlines[-1].curves.append(OutlinePiece(begun))
             here = begun
         else:
             if before == "Z":  # what follows begins where the closed one began
@@ -214,23 +214,23 @@ def path_outlines(text: str) -> list[Outline]:
 
 def _piece(
     kind: str, numbers: list[float], origin: FloatArray, here: FloatArray, control: FloatArray, before: str
-) -> tuple[Curve, FloatArray]:
+) -> tuple[OutlinePiece, FloatArray]:
     """One piece of a path, and its last control point, of which a smooth one after it makes its first."""
     if kind in "HV":
         end = here.copy()
         end["HV".index(kind)] = origin["HV".index(kind)] + numbers[0]
-        return Curve(end), end
+        return OutlinePiece(end), end
     if kind == "A":
         end = origin + numbers[5:]
         return _elliptic(here, numbers, end), end
     points = [origin + numbers[k : k + 2] for k in range(0, len(numbers), 2)]
     end = points[-1]
     if kind == "L":
-        return Curve(end), end
+        return OutlinePiece(end), end
     if kind in "ST":
         same = before in ("CS" if kind == "S" else "QT")
         points = [2.0 * here - control if same else here, *points]
-    return Curve(end, bezier(here, *points)), points[-2]
+    return OutlinePiece(end, bezier(here, *points)), points[-2]
 
 
 # Basic shapes, as the outlines that SVG says they have.
@@ -246,7 +246,7 @@ def polygon(text: str, *, closed: bool) -> list[Outline]:
         raise DrawingError(f"points: {len(points)}; a drawing has {MOST_POINTS} at most")
     if len(points) < 2:
         return []
-    return [Outline(points[0], [Curve(point) for point in (*points[1:], *points[: 1 * closed])])]
+    return [Outline(points[0], [OutlinePiece(point) for point in (*points[1:], *points[: 1 * closed])])]
 
 
 def ellipse(cx: float, cy: float, rx: float, ry: float) -> list[Outline]:
@@ -254,7 +254,7 @@ def ellipse(cx: float, cy: float, rx: float, ry: float) -> list[Outline]:
     if rx == 0.0 or ry == 0.0:
         return []
     middle, x, y = np.array([cx, cy]), np.array([rx, 0.0]), np.array([0.0, ry])
-    return [Outline(middle + x, [Curve(middle + x, arc(middle, x, y, 0.0, 2.0 * math.pi))])]
+    return [Outline(middle + x, [OutlinePiece(middle + x, arc(middle, x, y, 0.0, 2.0 * math.pi))])]
 
 
 def rectangle(x: float, y: float, width: float, height: float, rx: float, ry: float) -> list[Outline]:
@@ -264,17 +264,17 @@ def rectangle(x: float, y: float, width: float, height: float, rx: float, ry: fl
     rx, ry = min(rx, width / 2), min(ry, height / 2)
     if rx == 0.0 or ry == 0.0:
         corners = np.array([[x, y], [x + width, y], [x + width, y + height], [x, y + height]])
-        return [Outline(corners[0], [Curve(corner) for corner in (*corners[1:], corners[0])])]
+        return [Outline(corners[0], [OutlinePiece(corner) for corner in (*corners[1:], corners[0])])]
     across, down = np.array([rx, 0.0]), np.array([0.0, ry])
-    curves: list[Curve] = []
+    curves: list[OutlinePiece] = []
     for k, (dx, dy) in enumerate(((1, 0), (1, 1), (0, 1), (0, 0))):
         inset = np.array([rx if dx == 0 else width - rx, ry if dy == 0 else height - ry])
         middle, begin = np.array([x, y]) + inset, math.pi * (k - 1) / 2
         corner = arc(middle, across, down, begin, math.pi / 2)
         first, last = corner(np.array([0.0, 1.0]))
-        curves += [Curve(first), Curve(last, corner)]
+        curves += [OutlinePiece(first), OutlinePiece(last, corner)]
     start = np.array([x + rx, y])
-    return [Outline(start, [*curves, Curve(start)])]
+    return [Outline(start, [*curves, OutlinePiece(start)])]
 
 
 # Numbers, lengths and transforms.

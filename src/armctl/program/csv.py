@@ -207,7 +207,9 @@ class _Table:
         for k, column in columns.items():
             if k < len(cells) and cells[k].strip() and column.place is not None:
                 with suppress(ProgramError):
-                    found[column.place] = float(column.value(cells[k], comma=self._delimiter != ","))
+                    value = column.value(cells[k], comma=self._delimiter != ",")
+                    if not isinstance(value, list):
+                        found[column.place] = float(value)
         return found
 
     def _is_possible(self, rows: Sequence[Mapping[Cell, float]], robot: Robot, size: float) -> bool:

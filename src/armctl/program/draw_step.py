@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Meta
 
 from armctl.arrays import FloatArray
-from armctl.drawing import Drawing, DrawingPlane, read_drawing
+from armctl.drawing import DrawingPlane, PenDrawing, read_drawing
 from armctl.drawing.files import require_drawing_name
 from armctl.drawing.fit import Fit, fit_drawing
 from armctl.drawing.plan import DrawingPlan, plan_drawing
@@ -144,7 +144,7 @@ class DrawStep(MotionStep, frozen=True, kw_only=True, tag="draw"):
         step = f"armctl.program.DrawStep({', '.join(named)})"
         return f"run(armctl.program.Program(robot=arm.robot.name, steps=({step},)))"
 
-    def _placed(self) -> Drawing:
+    def _placed(self) -> PenDrawing:
         return read_drawing(self.file).placed(self.width_mm, (self.right_mm, self.up_mm))
 
     def _lasting(self, trajectory: Trajectory) -> Trajectory:
@@ -162,7 +162,7 @@ class DrawStep(MotionStep, frozen=True, kw_only=True, tag="draw"):
 
 
 @lru_cache(maxsize=8)
-def _planned(robot: Robot, step: DrawStep, drawing: Drawing, start: bytes) -> DrawingPlan:
+def _planned(robot: Robot, step: DrawStep, drawing: PenDrawing, start: bytes) -> DrawingPlan:
     """What the list, the check and the arm ask for in turn is planned once."""
     return plan_drawing(
         robot,

@@ -26,8 +26,8 @@ from armctl.ui.widgets.html import LiveHtml, escape, fixed, folded, muted, numbe
 from armctl.ui.widgets.number_field import NumberField
 
 _DRAWN, _LEFT_OUT, _PLANE = (25, 25, 112), (150, 150, 150), (46, 139, 87)
-_TOUCHES = ("Origin", "Right", "Up", "More")
-_TOUCH_HINT = "Bring the pen's tip onto the surface, then press. Right and Up: as the drawing lies. More: where it bends."
+_TOUCHES = ("Origin", "To the right", "Upwards", "More")
+_TOUCH_HINT = "Bring the pen's tip onto the surface, then press. Right and upwards: as the drawing lies. More: where it bends."
 _FIT, _ADD, _DRAW, _SHOW = "Fit", "Add as step", "Draw", "Show"
 _MOST_MORE = 20
 
@@ -81,7 +81,8 @@ class DrawingForm:
         width, height = (high - low).tolist()
         self._width.fill(round(width, 1))
         count = len(drawing.strokes)
-        said = f"<b>{escape(name)}</b>: {count} stroke{'' if count == 1 else 's'}, {fixed(width, 1)} × {fixed(height, 1)} mm"
+        size = f"{fixed(width, 1)} × {fixed(height, 1)} mm"
+        said = f"<b>{escape(name)}</b>: {count} stroke{'' if count == 1 else 's'}, {size}"
         self._said.show(said + folded("Not drawn", drawing.left_out) if drawing.left_out else said)
         if len(self._touched) == len(_TOUCHES) - 1:
             await self._show()
