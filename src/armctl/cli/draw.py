@@ -44,7 +44,7 @@ class _PlaneFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--robot", type=ROBOT, required=True, help="The robot that draws.")
 @click.option("--plane", help="Touched points 'x,y,z x,y,z x,y,z' [mm]: origin, to the right, upwards, "
-              "then others; or a TOML file with points_mm.  [default: 30 mm high before the arm]")  # fmt: skip
+              "then others; or a TOML file with points_mm.  [default: 30 mm high, in front]")  # fmt: skip
 @click.option("--size-mm", type=click.FloatRange(min=0, min_open=True), help="Width of the drawing.")
 @click.option("--speed-mm-s", type=click.FloatRange(min=0, min_open=True), default=30, show_default=True,
               help="Speed of the pen.")  # fmt: skip

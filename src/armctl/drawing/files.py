@@ -1,4 +1,4 @@
-"""PenDrawing files: which kinds there are, and how they are read."""
+"""Drawing files: which kinds there are, and how they are read."""
 
 from __future__ import annotations
 

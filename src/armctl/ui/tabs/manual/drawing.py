@@ -27,7 +27,7 @@ from armctl.ui.widgets.number_field import NumberField
 
 _DRAWN, _LEFT_OUT, _PLANE = (25, 25, 112), (150, 150, 150), (46, 139, 87)
 _TOUCHES = ("Origin", "To the right", "Upwards", "More")
-_TOUCH_HINT = "Bring the pen's tip onto the surface, then press. Right and upwards: as the drawing lies. More: where it bends."
+_TOUCH_HINT = "Bring the pen's tip onto the surface, then press. More: further points, where it bends."
 _FIT, _ADD, _DRAW, _SHOW = "Fit", "Add as step", "Draw", "Show"
 _MOST_MORE = 20
 
