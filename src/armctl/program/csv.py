@@ -78,10 +78,8 @@ def _cells(step: Step) -> dict[Cell | None, object]:
         if key.name == JOINTS:
             cells |= {(JOINTS, i): angle for i, angle in enumerate(value)}
         elif value is not None and value != key.default:
-            several = key.form == "numbers"
-            cells[key.name, None] = " ".join(map(repr, value)) if several else value
-            if isinstance(value, str):
-                cells[key.name, None] = guarded(value)
+            text = " ".join(map(repr, value)) if key.form == "numbers" else value
+            cells[key.name, None] = guarded(text) if isinstance(text, str) else text
     return cells
 
 

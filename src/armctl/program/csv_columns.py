@@ -53,7 +53,7 @@ class Column:
         plain = text.strip()
         if self.numbers:
             one = Column(self.head, self.place, 1.0)
-            return [float(one.value(part, comma=comma)) for part in plain.split()]  # pyright: ignore[reportArgumentType]
+            return [float(one.value(part, comma=comma)) for part in unguarded(plain).split()]  # pyright: ignore[reportArgumentType]
         if self.factor is None and not self.integer:
             return text if self.place == ("note", None) else plain
         plain = plain.replace("−", "-")
