@@ -112,7 +112,7 @@ def drawing(screen: Screen) -> None:
         screen.type_xyz(*place)
         screen.click("Solve")
         screen.click("Go by least energy")
-        screen.wait_for_text("move finished")
+        screen.wait_for_text("No next pose")
         screen.open_tab("Manual", "Drawing")
         screen.click(label)
     screen.upload("Choose a drawing (SVG, G-code)", ROOT / "examples" / "name.svg")

@@ -60,20 +60,21 @@ class DrawingPlane:
                         f"touched points {j + 1} and {k + 1} are {near:.1f} mm apart; at least {NEAREST_MM:g}"
                     )
         towards = points[2] - points[0]
-        x: FloatArray = (points[1] - points[0]) / float(np.linalg.norm(points[1] - points[0]))
-        over: FloatArray = np.cross(x, towards)
+        along: FloatArray = points[1] - points[0]
+        x = along / float(np.linalg.norm(along))
+        over = np.asarray(np.cross(x, towards), dtype=np.float64)
         size = float(np.linalg.norm(over))
         if size < _LEAST_SINE * float(np.linalg.norm(towards)):
             raise DrawingError(
                 "the three touched points stand nearly in one line; touch the third aside of it"
             )
-        normal: FloatArray = over / size
+        normal = over / size
         if normal[2] < -_FROM_BELOW:
             raise DrawingError(
                 "seen from above the third point lies to the right of the way from the first to the second, "
                 "so the pen would come from below; touch it on the other side"
             )
-        y: FloatArray = np.cross(normal, x)
+        y = np.asarray(np.cross(normal, x), dtype=np.float64)
         axes = np.stack([x, y, normal], axis=1)
         local = (points - points[0]) @ axes
         off = np.abs(local[:, 2])

@@ -12,8 +12,8 @@ from armctl.documents import not_written, write_atomically
 from armctl.drawing import DRAWING_SUFFIXES, DrawingPlane
 from armctl.drawing.files import parse_drawing
 from armctl.drawing.plan import DrawingPlan
-from armctl.errors import DrawingError, InputError
-from armctl.facts import Need, say
+from armctl.errors import DrawingError, InputError, StateError
+from armctl.facts import Need, State, say
 from armctl.program import DrawStep, Program
 from armctl.program.draw_step import FASTEST_MM_S, HIGHEST_LIFT_MM, WIDEST_MM
 from armctl.program.program import PLACES, add
@@ -89,6 +89,8 @@ class DrawingForm:
 
     async def _on_touch(self, which: str) -> None:
         self._session.require_operator()
+        if self._session.snapshot.state is State.MOVING:
+            raise StateError("the arm is moving; touch when it stands")
         point = tool_point_mm(self._robot, present_pose_deg(self._robot, self._session.snapshot))
         if which == "More":
             if len(self._more) == _MOST_MORE:
