@@ -20,6 +20,8 @@ UNITS: tuple[dict[str, float], ...] = (
     {"percent": 1.0},
 )
 """units of one measure, the one of the steps first, and their factors to it"""
+_AS_WRITTEN = (("note", None), ("file", None))
+"""whose blanks at the ends count"""
 NUMBER, DO, JOINTS, POINT = "step", "do", "joints_deg", ("x_mm", "y_mm", "z_mm")
 """the running number, which is for people, is not read"""
 _POINTS_PLACE = 2
@@ -55,7 +57,7 @@ class Column:
             one = Column(self.head, self.place, 1.0)
             return [float(one.value(part, comma=comma)) for part in unguarded(plain).split()]  # pyright: ignore[reportArgumentType]
         if self.factor is None and not self.integer:
-            return text if self.place == ("note", None) else plain
+            return text if self.place in _AS_WRITTEN else plain
         plain = plain.replace("−", "-")
         if self.integer:
             if _WHOLE_TEXT.fullmatch(plain) is None:
