@@ -27,7 +27,7 @@ PRINTS = {
     "10_own_robot.py": r"complete list of solutions: yes\n(?s:.*)joints at the cup",
     "11_own_criterion.py": r"spare_the_wrist: wrist joint \d+ mm high",
     "12_own_board.py": r"board: Toy board\nmeasured \[°\]: 30\.0 45\.0",
-    "14_draw_a_name.py": r"^0 strokes are left out;(?s:.*)within 0\.0\d mm (?s:.*) lifted at z = 40",
+    "15_draw_a_name.py": r"^0 strokes are left out;(?s:.*)within 0\.0\d mm (?s:.*) lifted at z = 40",
     "13_measured_against_commanded.py": r"the positions are measured\nWaist +largest error \d\.\d\d°",
     "14_button_and_lamp.py": r"^pressed\nlamp 1\nlet go: lamp 0$",
 }
