@@ -35,6 +35,8 @@ def _values(node: inspect.Type, joints: st.SearchStrategy[int]) -> st.SearchStra
             return joints.flatmap(lambda n: st.lists(FLOATS, min_size=n, max_size=n).map(tuple))
         case inspect.NoneType():
             return st.none()
+        case inspect.StrType(min_length=least) if least:
+            return NOTES.filter(lambda text: bool(text.strip()))
         case inspect.StrType(pattern=str(pattern)):
             return st.sampled_from([name for name in ("", "lamp", "door_2", "x") if re.search(pattern, name)])
         case _:
