@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
-from armctl.motion.paths.tool_curve import ToolCurve, ToolLine
+from armctl.motion.paths.tool_curve import ToolArc, ToolLine
 from armctl.motion.paths.tool_orientation import elevations
 from armctl.motion.trajectory import Sample, Trajectory
 from armctl.robot import Robot
@@ -389,7 +389,7 @@ class PathError:
         return math.sqrt(float((self.distance**2).mean()))
 
 
-def path_error(robot: Robot, trajectory: Trajectory, ideal: ToolCurve) -> PathError:
+def path_error(robot: Robot, trajectory: Trajectory, ideal: ToolLine | ToolArc) -> PathError:
     """The planned tool path against the ideal one, at every tick (100,000 at most) and at the end."""
     ticks = min(math.ceil(trajectory.duration / TICK_S - 1e-9), _MOST_TICKS)
     time = np.minimum(
@@ -399,7 +399,7 @@ def path_error(robot: Robot, trajectory: Trajectory, ideal: ToolCurve) -> PathEr
     return PathError(time, distances(ideal, points))
 
 
-def distances(ideal: ToolCurve, points: FloatArray) -> FloatArray:
+def distances(ideal: ToolLine | ToolArc, points: FloatArray) -> FloatArray:
     """How far points (k, 3) [m] lie from a line or an arc, ends included: (k,) [m]."""
     away = points - ideal.start
     if isinstance(ideal, ToolLine):

@@ -33,7 +33,7 @@ from armctl.motion import (
 )
 from armctl.motion.analysis import MotionAnalysis, analyse
 from armctl.motion.choices import solve_points
-from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
+from armctl.motion.paths.tool_curve import ToolArc, ToolLine
 from armctl.motion.plan import Passing, follow_tool, plan_blended, plan_path, plan_through
 from armctl.motion.profiles import PointToPoint
 from armctl.motion.timing import PathTrajectory
@@ -118,7 +118,7 @@ class PlannedMotion:
     title: str
     trajectory: Trajectory
     findings: tuple[Finding, ...] = ()
-    ideal: ToolCurve | None = None
+    ideal: ToolLine | ToolArc | None = None
     """the line or arc of the tool; None: nothing is prescribed between its ends"""
     points: FloatArray | None = None
     """(k, 3) points that it goes through [m]; None: none are prescribed"""
@@ -243,7 +243,7 @@ def _test_path(robot: Robot, asked: MotionRequest, start: FloatArray) -> Planned
     return PlannedMotion(robot, asked.title, trajectory, findings, ideal, points, solved, note=note)
 
 
-def _curve(start: FloatArray, via: FloatArray | None, end: FloatArray) -> ToolCurve:
+def _curve(start: FloatArray, via: FloatArray | None, end: FloatArray) -> ToolLine | ToolArc:
     return ToolLine(start, end) if via is None else ToolArc(start, via, end)
 
 
