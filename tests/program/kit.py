@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from msgspec import inspect
 
 from armctl.program import EndStep, Program, RepeatStep, Step
-from armctl.program.base_steps import keys_of
+from armctl.program.base_steps import BlockStep, keys_of
 from armctl.program.steps import KINDS
 
 FLOATS = st.floats(-1e6, 1e6)
@@ -66,7 +66,8 @@ def programs(
     """Programs whose blocks match; moves have as many angles as ``joints`` says."""
     joints = st.integers(0, 6) if joints is None else joints
     times = st.integers(1, 1_000_000) if times is None else times
-    kinds = [kind for kind in KINDS if kind not in (RepeatStep, EndStep)]
+    markers = [kind for kind in KINDS if issubclass(kind, BlockStep) or kind.closes or kind.divides]
+    kinds = [kind for kind in KINDS if kind not in markers]
     single = st.one_of(*(_steps(kind, joints) for kind in kinds)).map(lambda step: (step,))
     part = st.recursive(
         single,

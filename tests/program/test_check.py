@@ -109,7 +109,7 @@ def test_a_good_program() -> None:
             "step 2: give either a rotation, or pitch and roll, not both",
         ),
         (RepeatStep(times=2), "step 2: this 'repeat' has no 'end'"),
-        (EndStep(), "step 2: 'end' without a 'repeat'"),
+        (EndStep(), "step 2: 'end' without a 'repeat', 'if' or 'while'"),
     ],
 )
 def test_what_is_wrong_with_a_step(step: Step, message: str) -> None:

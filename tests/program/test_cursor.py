@@ -124,7 +124,7 @@ def test_deep_nesting_is_no_recursion() -> None:
 
 
 def test_markers_that_do_not_match_are_named() -> None:
-    with pytest.raises(ProgramError, match=r"^step 2: 'end' without a 'repeat' before it"):
+    with pytest.raises(ProgramError, match=r"^step 2: 'end' without a 'repeat', 'if' or 'while'"):
         Cursor(program(A, END, B))
     with pytest.raises(ProgramError, match=r"^step 1: this 'repeat' has no 'end'"):
         Cursor(program(times(2), times(2), A, END))

@@ -481,5 +481,5 @@ def test_steps_in_words() -> None:
     assert words(arc) == ("arc", "(1, 2, 3) mm via (4, 5, 6) mm, blend 1 mm")
     assert words(SpeedStep(percent=50)) == ("speed", "50 % from here on")
     assert words(RepeatStep(times=3)) == ("repeat", "3 times")
-    assert words(EndStep()) == ("end", "of the repeat")
+    assert words(EndStep()) == ("end", "of the block")
     assert words(CommentStep(note="x")) == ("#", "")

@@ -18,12 +18,17 @@ from armctl.facts.reasons import (
     BranchEnds,
     MotionEndsMoving,
     Need,
+    NeverComes,
+    NeverEnds,
     NoSteps,
     NotHomed,
     NotNow,
     OnCurve,
+    OnPath,
     OtherRobot,
     Overload,
+    PathsLeftOut,
+    PathTurn,
     PitchDecided,
     RateLimit,
     Reason,
@@ -36,6 +41,7 @@ from armctl.facts.reasons import (
     ToDo,
     TooFewJoints,
     Unanswered,
+    Unbounded,
     UnmatchedBlock,
     WrongUnit,
     decimals_apart,
@@ -57,11 +63,16 @@ _TO_DO = {
     "turn back": "release it and turn it back by hand, or press Homing",
     "mend pose": "mend the pose, take the nearest, or type a joint angle",
 }
+_WAYS = {"then": "step {0}: yes", "else": "step {0}: no", "pass": "step {0}: pass {1}"}
 _UNMATCHED = {
-    "end": "'end' without a 'repeat' before it; delete it, or add the 'repeat'",
-    "repeat": "this 'repeat' has no 'end'; add one behind the last step to repeat",
+    "end": "'end' without a 'repeat', 'if' or 'while' before it; delete it, or add what it ends",
+    "else": "'else' without an 'if' of its own before it; delete it, or add the 'if'",
 }
 _ALLOWS_OFF = (Need.OFF, Need.OFF_OR_HOLDING, Need.CONNECTED)
+
+
+def _path(turns: tuple[PathTurn, ...]) -> str:
+    return "; ".join(_WAYS[turn.way].format(turn.step + 1, turn.number) for turn in turns)
 
 
 def _angle(one: AngleLimit) -> str:
@@ -270,7 +281,19 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     NotHomed: lambda _: f"the arm does not know where it is yet; {_HOME_FIRST}",
     OtherRobot: lambda one: f"it is for the robot {one.made_for!r}, this one is {one.this!r}",
     NoSteps: lambda _: "it has no steps",
-    UnmatchedBlock: lambda one: _UNMATCHED[one.marker],
+    UnmatchedBlock: lambda one: _UNMATCHED.get(
+        one.marker, f"this '{one.marker}' has no 'end'; add one behind the last step of its block"
+    ),
+    PathTurn: lambda one: _path((one,)),
+    OnPath: lambda one: f" (path: {_path(one.turns)})",
+    NeverComes: lambda one: f"{one.what} can never come: nothing counts while the program waits",
+    NeverEnds: lambda _: "this loop never ends: no pass changes what it asks",
+    Unbounded: lambda _: (
+        "how often this loop runs cannot be checked, it may be for ever; bound it with 'most'"
+    ),
+    PathsLeftOut: lambda one: (
+        f"the program has too many paths: after {one.most} steps the check ended here; the rest is unchecked"
+    ),
     ShownSoFar: lambda _: "the motion shown ends there",
     RateLimit: _rate,
     SpeedJump: _jump,

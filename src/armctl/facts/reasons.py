@@ -167,7 +167,52 @@ class NoSteps(Reason):
 class UnmatchedBlock(Reason):
     """A marker of a block whose other marker is missing."""
 
-    marker: Literal["repeat", "end"]
+    marker: str
+    """what it says in the file"""
+
+
+@dataclass(frozen=True, slots=True)
+class PathTurn(Reason):
+    """Which way a program goes at a step."""
+
+    step: int
+    """index"""
+    way: Literal["then", "else", "pass"]
+    number: int = 0
+    """of the pass, from 1"""
+
+
+@dataclass(frozen=True, slots=True)
+class OnPath(Reason):
+    """What is wrong on one path of a program."""
+
+    turns: tuple[PathTurn, ...]
+    reason: Reason
+
+
+@dataclass(frozen=True, slots=True)
+class NeverComes(Reason):
+    """Nothing can bring about what a step waits for: only a later step could."""
+
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
+class NeverEnds(Reason):
+    """A loop that no pass can end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unbounded(Reason):
+    """A loop that nothing in the program bounds."""
+
+
+@dataclass(frozen=True, slots=True)
+class PathsLeftOut(Reason):
+    """A program with more paths than a check walks."""
+
+    most: int
+    """steps that were walked"""
 
 
 @dataclass(frozen=True, slots=True)

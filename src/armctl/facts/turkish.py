@@ -18,12 +18,17 @@ from armctl.facts.reasons import (
     BranchEnds,
     MotionEndsMoving,
     Need,
+    NeverComes,
+    NeverEnds,
     NoSteps,
     NotHomed,
     NotNow,
     OnCurve,
+    OnPath,
     OtherRobot,
     Overload,
+    PathsLeftOut,
+    PathTurn,
     PitchDecided,
     RateLimit,
     Reason,
@@ -36,6 +41,7 @@ from armctl.facts.reasons import (
     ToDo,
     TooFewJoints,
     Unanswered,
+    Unbounded,
     UnmatchedBlock,
     WrongUnit,
     decimals_apart,
@@ -68,9 +74,10 @@ _TO_DO = {
     "turn back": "serbest bırakıp elle geri çevirin ya da Homing düğmesine basın",
     "mend pose": "pozu düzeltin, en yakınını alın ya da bir eklem açısı yazın",
 }
+_WAYS = {"then": "adım {0}: evet", "else": "adım {0}: hayır", "pass": "adım {0}: geçiş {1}"}
 _UNMATCHED = {
-    "end": "bu 'end' öncesinde 'repeat' yok; silin ya da 'repeat' ekleyin",
-    "repeat": "bu 'repeat' için 'end' yok; yinelenecek son adımın arkasına bir tane ekleyin",
+    "end": "bu 'end' öncesinde 'repeat', 'if' ya da 'while' yok; silin ya da bitirdiğini ekleyin",
+    "else": "bu 'else' öncesinde kendi 'if' adımı yok; silin ya da 'if' ekleyin",
 }
 _WRONG_UNIT = (
     "birim yanlış mı? Robot ve armctl.motion metre ve radyan ile; Arm, programlar, sayfalar ve komut "
@@ -84,6 +91,10 @@ _FREER = {
 _CURVES = {"line": "doğrunun", "arc": "yayın", "stroke": "çizginin"}
 _FOLLOWED = {"line": "doğruyu", "arc": "yayı", "stroke": "çizgiyi"}
 _HELD = {"": "", "pitch": "o takım eğimiyle ", "rotation": "o takım yönelimiyle "}
+
+
+def _path(turns: tuple[PathTurn, ...]) -> str:
+    return "; ".join(_WAYS[turn.way].format(turn.step + 1, turn.number) for turn in turns)
 
 
 def _angle(one: AngleLimit) -> str:
@@ -289,7 +300,17 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     NotHomed: lambda _: f"kol nerede olduğunu henüz bilmiyor; {_HOME_FIRST}",
     OtherRobot: lambda one: f"{one.made_for!r} robotu için yazılmış, bu ise {one.this!r}",
     NoSteps: lambda _: "hiç adımı yok",
-    UnmatchedBlock: lambda one: _UNMATCHED[one.marker],
+    UnmatchedBlock: lambda one: _UNMATCHED.get(
+        one.marker, f"bu '{one.marker}' için 'end' yok; bloğun son adımının arkasına bir tane ekleyin"
+    ),
+    PathTurn: lambda one: _path((one,)),
+    OnPath: lambda one: f" (yol: {_path(one.turns)})",
+    NeverComes: lambda one: f"{one.what} hiç gelemez: program beklerken hiçbir şey saymaz",
+    NeverEnds: lambda _: "bu döngü hiç bitmez: hiçbir geçiş sorduğunu değiştirmez",
+    Unbounded: lambda _: "bu döngünün kaç kez döneceği denetlenemez, sonsuz olabilir; 'most' ile sınırlayın",
+    PathsLeftOut: lambda one: (
+        f"programın yolu çok fazla: denetim {one.most} adımdan sonra burada bitti; ötekiler denetlenmedi"
+    ),
     ShownSoFar: lambda _: "gösterilen hareket orada bitiyor",
     RateLimit: _rate,
     SpeedJump: lambda one: f"hareketin iki parçası arasında hızı {to_degrees(one.jump):.2f} °/s sıçrıyor",

@@ -33,6 +33,7 @@ from armctl.facts.reasons import (
     Found,
     Need,
     OnCurve,
+    OnPath,
     Reason,
     Said,
     Several,
@@ -96,6 +97,8 @@ def what(reason: Reason, language: str | None = None) -> str:
             return "; ".join(say(one, language) for one in reason.reasons)
         case Found():
             return _found(reason, language)
+        case OnPath():
+            return f"{what(reason.reason, language)}{_table(language).what[OnPath](reason)}"
         case Besides() | AtRoll() | AtPoint():
             return f"{_table(language).what[type(reason)](reason)}{say(reason.reason, language)}"
         case (
@@ -128,6 +131,8 @@ def advice(reason: Reason, language: str | None = None) -> str:
     match reason:
         case Said() | Advised():
             return reason.mend
+        case OnPath():
+            return advice(reason.reason, language)
         case OnCurve() if not reason.freer:
             return advice(reason.reason, language)
         case _:

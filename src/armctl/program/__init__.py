@@ -17,6 +17,7 @@ from armctl.program.files import (
     save_program,
     write_script,
 )
+from armctl.program.logic_steps import CountStep, ElseStep, IfStep, WhileStep
 from armctl.program.program import Blocks, Cursor, Program
 from armctl.program.steps import (
     ArcStep,
@@ -41,11 +42,14 @@ __all__ = [
     "Blocks",
     "CommentStep",
     "Condition",
+    "CountStep",
     "Cursor",
     "DrawStep",
     "Effect",
+    "ElseStep",
     "EndStep",
     "GripperStep",
+    "IfStep",
     "LineStep",
     "MotionStep",
     "MoveStep",
@@ -59,6 +63,7 @@ __all__ = [
     "Until",
     "WaitForStep",
     "WaitStep",
+    "WhileStep",
     "check_program",
     "checked_program",
     "decode_program",

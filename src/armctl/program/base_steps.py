@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, Self, cast, get_args, get_type_hints
+from typing import Annotated, ClassVar, Literal, Protocol, Self, cast, get_args, get_type_hints
 
 import msgspec
 import numpy as np
@@ -117,6 +117,8 @@ class Senses:
     """by name: 0, 1, or a share"""
     edges: Mapping[str, int] = field(default_factory=dict[str, int])
     """by name of a digital input, how often it has changed since the program began, or was waited for"""
+    counters: Mapping[str, int] = field(default_factory=dict[str, int])
+    """by name, what the program has counted in this pass; 0 where it has not"""
 
     @classmethod
     def of(
@@ -125,13 +127,14 @@ class Senses:
         quantities: Mapping[str, Quantities],
         inputs: Mapping[str, float],
         edges: Mapping[str, int] | None = None,
+        counters: Mapping[str, int] | None = None,
     ) -> Senses:
         """What a board says of an arm; ``quantities`` by title, as it tells them."""
         names = {joint.title: joint.name for joint in robot.joints}
         if robot.gripper is not None:
             names[robot.gripper.title] = "gripper"
         named = {names[title]: one for title, one in quantities.items() if title in names}
-        return cls({**named, **quantities}, inputs, edges or {})
+        return cls({**named, **quantities}, inputs, edges or {}, counters or {})
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,6 +159,37 @@ class Until:
             )
 
 
+class Question(Protocol):
+    """What a step asks at the moment it runs: it decides which step comes next."""
+
+    @property
+    def uses(self) -> str:
+        """Name of an input whose edges count as seen where it holds; empty: none."""
+        ...
+
+    def holds(self, senses: Senses) -> bool:
+        """The answer."""
+        ...
+
+
+class Counting(Protocol):
+    """What becomes of a counter."""
+
+    @property
+    def adds(self) -> bool:
+        """It adds; else it sets."""
+        ...
+
+    @property
+    def counter(self) -> str:
+        """Its name."""
+        ...
+
+    def after(self, value: int) -> int:
+        """What it is after ``value``."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Effect:
     """What a step does; of one that moves joints only ``says`` counts."""
@@ -172,13 +206,18 @@ class Effect:
     """the output that is switched, and to what; the joints stand while that is done"""
     percent: float | None = None
     """speed of the steps after it, on top of the operator's override"""
+    asks: Question | None = None
+    """which step comes next is decided when this one runs; the joints stand until then"""
+    counts: Counting | None = None
+    """the counter that changes"""
     says: str = ""
     """what the log says when it begins; empty: nothing"""
 
     @property
     def stands(self) -> bool:
         """The joints stand while it lasts."""
-        return any(one is not None for one in (self.wait_s, self.opening, self.until, self.output))
+        holding = (self.wait_s, self.opening, self.until, self.output, self.asks)
+        return any(one is not None for one in holding)
 
 
 class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", kw_only=True):
@@ -187,7 +226,11 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
     title: ClassVar[str] = ""
     """of its kind, in the list; empty: the kind's name"""
     acts: ClassVar[bool] = True
-    """it is executed; comments and the markers of blocks are not"""
+    """it is executed; comments and most markers of blocks are not"""
+    divides: ClassVar[bool] = False
+    """it divides a block: what is behind it runs if what is ahead of it does not"""
+    closes: ClassVar[bool] = False
+    """it ends a block"""
     words: ClassVar[str] = ""
     """its values for the list, as a format of the step ``{0}``"""
     call: ClassVar[tuple[str, ...]] = ()
@@ -241,6 +284,21 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
             elif value != defaults.get(name):
                 parts.append(f"{name}={literal(value)}")
         return ", ".join(parts)
+
+
+class BlockStep(Step, frozen=True, kw_only=True):
+    """What begins a block, which an ``end`` ends. One that asks does so ahead of each pass.
+
+    Its ``script`` is what is ahead of the block.
+    """
+
+    again: ClassVar[bool] = True
+    """it is a loop; else it runs once or not at all"""
+
+    @property
+    def passes(self) -> int | None:
+        """How often the block runs, or with a question at most; None: no bound."""
+        raise NotImplementedError
 
 
 class MotionStep(Step, frozen=True, kw_only=True):

@@ -67,6 +67,11 @@ class PlanState:
     """steps beyond that have their legs already, because a blended motion had to look at them"""
 
     @property
+    def asks(self) -> bool:
+        """Which step comes next is decided when the last one runs (``decided``); no more is planned."""
+        return self.cursor is not None and self.cursor.asked is not None
+
+    @property
     def ended(self) -> bool:
         """Nothing is left."""
         over = self.steps_left == 0 or (self.program is None and self.loops_left == 0)
@@ -146,9 +151,9 @@ def require_runnable(robot: Robot, program: Program) -> None:
 def plan_next(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[list[PlannedStep], PlanState]:
     """Plan the next steps: one, or as many as one blended motion needs to look ahead.
 
-    Gives the steps and the state after them; no steps: the program has ended. What cannot be blended (a
-    corner through the floor, the step after it refused) stops at its point. A step that cannot be run comes
-    last, with its error.
+    Gives the steps and the state after them; no steps: the program has ended, or its last step
+    asks. What cannot be blended (a corner through the floor, the step after it refused) stops at its point. A
+    step that cannot be run comes last, with its error.
     """
     steps, closed = _draw(robot, source, state)
     moving = [k for k, step in enumerate(steps) if step.leg is not None]
@@ -213,7 +218,7 @@ def _draw(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[list[P
 
 def _next_step(source: ProgramSource, before: PlanState) -> PlannedStep | None:
     """The next step, its motion aside; None at the end."""
-    if before.ended:
+    if before.ended or before.asks:
         return None
     state = before
     if state.program is None or state.cursor is None:
@@ -229,9 +234,25 @@ def _next_step(source: ProgramSource, before: PlanState) -> PlannedStep | None:
         # A program with nothing to do, or a pass that began behind all that there is to do.
         return None if before.first == 0 else _next_step(source, next_pass)
     left = None if state.steps_left is None else state.steps_left - 1
-    over = cursor.copy().next() is None
-    after = replace(next_pass, steps_left=left) if over else replace(state, steps_left=left, cursor=cursor)
-    return PlannedStep(*found, program, state.passes, state.percent, before, after)
+    return PlannedStep(
+        *found, program, state.passes, state.percent, before, _at(replace(state, steps_left=left), cursor)
+    )
+
+
+def _at(state: PlanState, cursor: Cursor) -> PlanState:
+    """The state in a pass where its cursor stands; that before the next pass where nothing is left of it."""
+    if cursor.asked is None and cursor.copy().next() is None:
+        return replace(state, program=None, cursor=None, passes=state.passes + 1)
+    return replace(state, cursor=cursor)
+
+
+def decided(state: PlanState, holds: bool) -> PlanState:
+    """The state in which the question that planning waits for is answered."""
+    if state.cursor is None or not state.asks:
+        raise ProgramError("no step asks anything")
+    cursor = state.cursor.copy()
+    cursor.decide(holds)
+    return _at(state, cursor)
 
 
 def _motions(

@@ -16,18 +16,16 @@ from armctl.arrays import FloatArray
 from armctl.documents import Document, as_path, not_written, write_atomically
 from armctl.errors import ArmctlError, Errors, ProgramError
 from armctl.facts import say
-from armctl.program.base_steps import literal
+from armctl.program.base_steps import BlockStep, literal
 from armctl.program.check import check_program
 from armctl.program.csv import read_csv
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
 from armctl.program.steps import (
     CommentStep,
-    EndStep,
     GripperStep,
     LineStep,
     MoveStep,
     PointStep,
-    RepeatStep,
     Step,
     WaitStep,
     any_step,
@@ -197,27 +195,33 @@ def write_script(program: Program) -> str:
     blocks = Blocks.matched(program.steps)
     lines = [literal(program.name), "", _HEAD, "", "import armctl", ""]
     lines += [f"with armctl.Arm.open({literal(program.robot)}) as arm:", f"{_INDENT}arm.enable()"]
+    counters = {counts.counter for step in program.steps if (counts := step.effect.counts) is not None}
+    lines += [f"{_INDENT}{name}_count = 0" for name in sorted(counters)]
     for index, step in enumerate(program.steps):
         depth, note = blocks.depths[index], _remark(step.note)
         indent = _INDENT * (1 + depth)
         if isinstance(step, CommentStep):
             lines.append(f"{indent}{note.strip() or '#'}")
-        elif isinstance(step, RepeatStep):
-            if depth >= _DEEPEST:
-                raise ProgramError(
-                    f"step {index + 1}: a Python script takes at most {_DEEPEST} repeats inside each other"
-                )
-            lines.append(f"{indent}for _ in range({step.times}):{note}")
-        elif isinstance(step, EndStep):
-            inside = program.steps[blocks.partners[index] + 1 : index]
-            # A loop needs a statement, and its end's note one to stand behind.
-            if step.note or all(isinstance(other, CommentStep) for other in inside):
-                lines.append(f"{_INDENT}{indent}pass{note}")
+        elif isinstance(step, BlockStep) and depth >= _DEEPEST:
+            raise ProgramError(
+                f"step {index + 1}: a Python script takes at most {_DEEPEST} blocks inside each other"
+            )
+        elif step.closes or step.divides:
+            begin = blocks.whole(index)[0]
+            after = blocks.elses.get(begin, begin) if step.closes else begin
+            inside = program.steps[after + 1 : index]
+            # A block needs a statement, and its end's note one to stand behind.
+            if all(isinstance(other, CommentStep) for other in inside) or (step.closes and step.note):
+                lines.append(f"{_INDENT}{indent}pass{note if step.closes else ''}")
+            if step.divides:
+                lines.append(f"{indent}else:{note}")
         else:
+            of_arm = "" if isinstance(step, BlockStep) or step.effect.counts is not None else "arm."
             try:
-                lines.append(f"{indent}arm.{step.script()}{note}")
+                first, *others = step.script().split("\n")
             except ProgramError as cause:
                 raise ProgramError(f"step {index + 1}: {cause}") from cause
+            lines += [f"{indent}{of_arm}{first}{note}", *(indent + line for line in others)]
     return "\n".join([*lines, ""])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
@@ -13,8 +14,9 @@ import msgspec
 from armctl.documents import DocumentKind
 from armctl.errors import InputError, ProgramError
 from armctl.facts import UnmatchedBlock
-from armctl.program.base_steps import Step
-from armctl.program.steps import MOST_REPEATS, AnyStep, EndStep, RepeatStep
+from armctl.program.base_steps import BlockStep, Step
+from armctl.program.logic_steps import MOST_REPEATS, EndStep, IfStep, RepeatStep
+from armctl.program.steps import AnyStep
 
 PROGRAM_FILES = DocumentKind(ProgramError, most_bytes=1024 * 1024, entries={"steps": "step"})
 MOST_STEPS = 20_000
@@ -30,15 +32,17 @@ class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     steps: tuple[AnyStep, ...] = ()
 
 
-# Which ``repeat`` belongs to which ``end``.
+# Which markers belong to each other.
 
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """The repeat blocks of some steps, whether their markers match or not."""
+    """The blocks of some steps, whether their markers match or not."""
 
     partners: Mapping[int, int]
-    """index of a marker to that of the one it belongs to, both ways"""
+    """index of the begin of a block to that of its end, both ways"""
+    elses: Mapping[int, int]
+    """index of an ``if`` to that of its ``else``, both ways"""
     depths: Sequence[int]
     """for each step how many blocks are around it; a block's markers are as deep as what is around it"""
     findings: Sequence[tuple[int, UnmatchedBlock]]
@@ -48,32 +52,40 @@ class Blocks:
     def of(cls, steps: Sequence[Step]) -> Self:
         """Match the markers of some steps."""
         partners: dict[int, int] = {}
+        elses: dict[int, int] = {}
         depths: list[int] = []
         findings: list[tuple[int, UnmatchedBlock]] = []
         begun: list[int] = []
         for index, step in enumerate(steps):
-            if isinstance(step, EndStep):
+            if step.divides:
+                if begun and isinstance(steps[begun[-1]], IfStep) and begun[-1] not in elses:
+                    elses[begun[-1]], elses[index] = index, begun[-1]
+                else:
+                    findings.append((index, UnmatchedBlock(step.kind)))
+            if step.closes:
                 if begun:
                     begin = begun.pop()
                     partners[begin], partners[index] = index, begin
                 else:
-                    findings.append((index, UnmatchedBlock("end")))
-            depths.append(len(begun))
-            if isinstance(step, RepeatStep):
+                    findings.append((index, UnmatchedBlock(step.kind)))
+            depths.append(len(begun) - (index in elses))
+            if isinstance(step, BlockStep):
                 begun.append(index)
-        findings += [(index, UnmatchedBlock("repeat")) for index in begun]
-        return cls(partners, depths, sorted(findings, key=lambda finding: finding[0]))
+        findings += [(index, UnmatchedBlock(steps[index].kind)) for index in begun]
+        return cls(partners, elses, depths, sorted(findings, key=lambda finding: finding[0]))
 
     @classmethod
     def matched(cls, steps: Sequence[Step]) -> Self:
-        """The same; a ProgramError names the first ``repeat`` without an ``end``, or the reverse."""
+        """The same; a ProgramError names the first marker without its other one."""
         found = cls.of(steps)
         for index, why in found.findings:
             raise ProgramError(why).about(f"step {index + 1}")
         return found
 
     def whole(self, index: int) -> tuple[int, int]:
-        """First and last step of the block that a marker begins or ends; of another step, the step itself."""
+        """First and last step of the block that a marker is of; of another step, the step itself."""
+        if index not in self.partners:
+            index = self.elses.get(index, index)
         first, last = sorted((index, self.partners.get(index, index)))
         return first, last
 
@@ -105,10 +117,17 @@ def replace(program: Program, row: int, step: Step) -> Change:
 
 
 def delete(program: Program, row: int) -> Change:
-    """Without a row; a marker of a block takes its partner with it. The next row is selected, or the last."""
+    """Without a row; a marker of a block takes the others with it, but ``else`` goes alone.
+
+    The next row is selected, or the last.
+    """
     _require_row(program, row)
-    first, last = Blocks.of(program.steps).whole(row)
-    steps = tuple(step for i, step in enumerate(program.steps) if i not in (first, last))
+    blocks = Blocks.of(program.steps)
+    first, last = blocks.whole(row)
+    gone = (first, last, blocks.elses.get(first, first))
+    if program.steps[row].divides:
+        first, gone = row, (row,)
+    steps = tuple(step for i, step in enumerate(program.steps) if i not in gone)
     selected = row - 1 if first < row else row
     return _with(program, steps), max(min(selected, len(steps) - 1), 0)
 
@@ -179,72 +198,93 @@ def _with(program: Program, steps: tuple[Step, ...]) -> Program:
 
 
 class Cursor:
-    """Where one pass of a program is; repeats are counted, blocks that do nothing are passed over whole."""
+    """Where one pass of a program is; passes of blocks are counted, blocks that do nothing are passed over.
+
+    Behind a step that asks (``Effect.asks``) the answer is needed: ``decide``.
+    """
 
     def __init__(self, program: Program, first: int = 0) -> None:
-        """Stand before the step ``first``: in a block in its first pass, which its ``end`` ends at once."""
+        """Stand before the step ``first``: in a block in its first pass, which its ``end`` ends at once.
+
+        An ``if`` around it counts as answered.
+        """
         steps = program.steps
         if not 0 <= first < max(len(steps), 1):
             raise InputError(f"{program.name} has no step {first + 1}; it has {len(steps)}")
         self._steps = steps
-        self._partners = Blocks.matched(steps).partners
-        self._goals = _goals(steps, self._partners)
+        self._blocks = Blocks.matched(steps)
+        self._goals = _goals(steps, self._blocks)
         self._next = self._goals[first]
-        self._left: list[int] = []
-        """passes still to be begun or under way, for each open block, the outermost first"""
+        self._open: list[tuple[int, int]] = []
+        """open blocks, the outermost first: where each begins, and its passes to be begun or under way"""
+        self.asked: int | None = None
+        """the step that asks and has no answer yet"""
         for index in range(first):
             step = steps[index]
             if self._goals[index] == index:
-                if isinstance(step, RepeatStep):
-                    self._left.append(step.times)
-                elif isinstance(step, EndStep):
-                    self._left.pop()
+                if isinstance(step, BlockStep):
+                    self._enter(index, step)
+                elif step.closes:
+                    self._open.pop()
 
     def copy(self) -> Self:
         """Another cursor at the same place."""
         twin = object.__new__(type(self))
         twin.__dict__.update(self.__dict__)
-        twin._left = self._left.copy()
+        twin._open = self._open.copy()
         return twin
 
     def next(self) -> tuple[int, Step] | None:
         """Index and step of what is executed next; None at the end of the pass, and from then on."""
-        while (index := self.advance()) is not None:
+        while self._next < len(self._steps):
+            if self.asked is not None:
+                raise ProgramError("which step comes next is not decided").about(f"step {self.asked + 1}")
+            index = self._next
             step = self._steps[index]
+            self._pass(index, step)
             if step.acts:
                 return index, step
         return None
 
-    def advance(self) -> int | None:
-        """Index of the next step or marker of a block, which is passed; None at the end of the pass."""
-        index = self._next
-        if index >= len(self._steps):
-            return None
-        step, following = self._steps[index], index + 1
-        if isinstance(step, RepeatStep):
-            self._left.append(step.times)
-        elif isinstance(step, EndStep):
-            self._left[-1] -= 1
-            if self._left[-1] > 0:
-                following = self._partners[index] + 1
-            else:
-                self._left.pop()
+    def decide(self, holds: bool) -> None:
+        """Go on behind the step that was passed last and asks."""
+        begin, self.asked = self.asked, None
+        if begin is None:
+            raise ProgramError("no step asks anything")
+        if holds:
+            self._next = self._goals[begin + 1]
+            return
+        otherwise = self._blocks.elses.get(begin)
+        if otherwise is None:
+            self._open.pop()
+            otherwise = self._blocks.partners[begin]
+        self._next = self._goals[otherwise + 1]
+
+    def _pass(self, index: int, step: Step) -> None:
+        following = index + 1
+        if isinstance(step, BlockStep):
+            if not self._open or self._open[-1][0] != index:
+                self._enter(index, step)
+            if step.effect.asks is not None:
+                self.asked, following = index, index
+        elif step.divides and self._open:
+            following = self._blocks.partners[self._open.pop()[0]] + 1
+        elif step.closes:
+            begin, left = self._open.pop()
+            if left > 1:
+                self._open.append((begin, left - 1))
+                following = begin if self._steps[begin].effect.asks is not None else begin + 1
         self._next = self._goals[following]
-        return index
 
-    def leave(self, begin: int) -> None:
-        """Go on behind a block whose ``repeat`` or ``end`` was passed last; no pass of it follows."""
-        end = self._partners[begin]
-        if begin < self._next <= end:
-            self._left.pop()
-            self._next = self._goals[end + 1]
+    def _enter(self, index: int, step: BlockStep) -> None:
+        self._open.append((index, sys.maxsize if step.passes is None else step.passes))
 
 
-def _goals(steps: Sequence[Step], partners: Mapping[int, int]) -> list[int]:
+def _goals(steps: Sequence[Step], blocks: Blocks) -> list[int]:
     """(steps + 1) From each place, the next step that does something or belongs to a block that does."""
     acting = [0, *accumulate(step.acts for step in steps)]
     goals = [len(steps)] * (len(steps) + 1)
     for index in range(len(steps) - 1, -1, -1):
-        first, last = sorted((index, partners.get(index, index)))
+        first, last = blocks.whole(index)
         goals[index] = index if acting[last + 1] > acting[first] else goals[index + 1]
     return goals

@@ -14,8 +14,8 @@ from armctl.errors import ProgramError
 from armctl.motion.plan import plan_joints
 from armctl.motion.profiles import PointToPoint
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
-from armctl.program.base_steps import MotionStep
-from armctl.program.feed import PlannedStep, ProgramSource, begin_program, plan_next
+from armctl.program.base_steps import MotionStep, Question, Senses
+from armctl.program.feed import PlannedStep, ProgramSource, begin_program, decided, plan_next
 from armctl.program.program import Program
 from armctl.robot import CarriedPart, Robot
 
@@ -124,15 +124,19 @@ def rehearse(
     most_steps: int = 100_000,
     as_far: bool = False,
     go_on: Callable[[], bool] = lambda: True,
+    answer: Callable[[Question, Senses], bool] = lambda question, senses: question.holds(senses),
 ) -> Rehearsal:
     """One pass of a program from ``start`` (n,) [rad] at an ``opening`` 0..1, cut at ``longest_s`` [s].
 
     A step that cannot be run is a ProgramError; with ``as_far`` it ends the rehearsal, but for the first.
     ``go_on`` is asked before each step after the first: where it says no, the rehearsal is cut there.
+    ``answer``: what steps that ask are told; as it is, counters are counted, and no input is known, so that
+    nothing that is asked of one holds.
     """
     source, at = ProgramSource(program), 0.0
     state = begin_program(robot, program, start, opening=opening)
     steps: list[RehearsedStep] = []
+    counters: dict[str, int] = {}
     while at < longest_s and len(steps) < most_steps and (not steps or go_on()):
         planned, state = plan_next(robot, source, state)
         if not planned:
@@ -148,6 +152,11 @@ def rehearse(
             done = _rehearsed(robot, step, start, opening, at)
             steps.append(done)
             start, opening, at = done.trajectory.end, done.opening[1], at + done.duration
+            effect = step.step.effect
+            if effect.counts is not None:
+                counters[effect.counts.counter] = effect.counts.after(counters.get(effect.counts.counter, 0))
+            if effect.asks is not None:
+                state = decided(state, answer(effect.asks, Senses({}, {}, counters=counters)))
     return Rehearsal(tuple(steps), cut=True)
 
 

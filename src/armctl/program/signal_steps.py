@@ -8,7 +8,7 @@ from msgspec import Meta
 
 from armctl.errors import ProgramError
 from armctl.program.base_steps import LONGEST_WAIT_S, Effect, Field, Step, Until, literal
-from armctl.program.conditions import MEASURED, Comparison, Condition, Otherwise, Trigger
+from armctl.program.conditions import Comparison, Condition, Otherwise, Trigger
 from armctl.robot import Robot
 
 _Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
@@ -54,11 +54,13 @@ class ConditionStep(Step, frozen=True, kw_only=True):
 
     watch: Annotated[
         _Name,
-        Field("Watch", "Name of an input, or load, temperature, voltage or current of a joint.", 60),
+        Field("Watch", "An input, load, temperature, voltage or current of a joint, or counter.", 60),
     ]
-    """name of an input, or ``load`` [%], ``temperature`` [°C], ``voltage`` [V], ``current`` [A] of a joint"""
+    """name of an input; ``load`` [%], ``temperature`` [°C], ``voltage`` [V], ``current`` [A]; ``counter``"""
     joint: Annotated[_NameOrNone, Field("Joint", "Whose load, temperature …; empty for an input.", 61)] = ""
     """name of the joint, or ``gripper``; of a quantity only"""
+    counter: Annotated[_NameOrNone, Field("Counter", "Its name; empty for an input.", 60)] = ""
+    """name of the counter that a ``count`` step changes; with watch = "counter" only"""
     compare: Annotated[Comparison, Field("Compare", "Above or below: of numbers.", 61)] = "equals"
     value: Annotated[float, _VALUE] = 1.0
     """of an input 0 or 1, of an analog one a share 0 ... 1"""
@@ -92,8 +94,7 @@ class WaitForStep(ConditionStep, frozen=True, kw_only=True, tag="wait-for"):
     def effect(self) -> Effect:
         """What is waited for."""
         it = self.condition
-        uses = "" if it.watch in MEASURED else it.watch
-        return Effect(until=Until(str(it), it.holds, self.timeout_s, self.otherwise == "go on", uses))
+        return Effect(until=Until(str(it), it.holds, self.timeout_s, self.otherwise == "go on", it.uses))
 
     def describe(self) -> str:
         """The condition, and the time."""

@@ -19,11 +19,11 @@ from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import ProfileName
 from armctl.program.base_steps import FASTEST, Effect, Field, Key, MotionStep, Seconds, Step, keys_of, literal
 from armctl.program.draw_step import DrawStep
+from armctl.program.logic_steps import CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
 from armctl.program.signal_steps import SetStep, WaitForStep
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.body.arm_body import LARGEST_PART_MM, THINNEST_PART_MM, edge_words
 
-MOST_REPEATS = 1_000_000
 SLOWEST_PERCENT = 5
 
 
@@ -348,22 +348,6 @@ class SpeedStep(Step, frozen=True, kw_only=True, tag="speed"):
         return Effect(percent=self.percent)
 
 
-class RepeatStep(Step, frozen=True, kw_only=True, tag="repeat"):
-    """Run the steps as far as the matching ``end`` several times."""
-
-    acts: ClassVar[bool] = False
-    words: ClassVar = "{0.times} times"
-
-    times: Annotated[int, Meta(ge=1, le=MOST_REPEATS), Field("Times")]
-
-
-class EndStep(Step, frozen=True, kw_only=True, tag="end"):
-    """End of the block that the last open ``repeat`` began."""
-
-    acts: ClassVar[bool] = False
-    words: ClassVar = "of the repeat"
-
-
 class CommentStep(Step, frozen=True, kw_only=True, tag="comment"):
     """Nothing: its note is for people."""
 
@@ -383,7 +367,11 @@ KINDS: tuple[type[Step], ...] = (
     WaitForStep,
     SpeedStep,
     RepeatStep,
+    IfStep,
+    ElseStep,
+    WhileStep,
     EndStep,
+    CountStep,
     CommentStep,
 )
 """the registry: every kind of step that a program may hold"""

@@ -48,8 +48,8 @@ Boards are known in a layer above this one: ``armctl/__init__.py`` sets it.
 """
 
 
-_MEASURED = tuple(name.partition("_")[0] for name in NAMES)
-"""what programs watch of joints, so no name of an input"""
+_MEASURED = (*(name.partition("_")[0] for name in NAMES), "counter")
+"""what programs watch of joints or count, so no name of an input"""
 SignalKinds = tuple[Sequence[InputKind], Sequence[OutputKind]]
 
 
@@ -366,7 +366,7 @@ def _check_signals(
                         f".channel = {one.channel}: {taken[one.channel]} has it already; choose another one"
                     )
                 elif one.name in _MEASURED:
-                    what = f": {one.name} is something that boards measure of joints; choose another name"
+                    what = f": programs use the name {one.name} for something else; choose another one"
                 elif one.name in names:
                     what = ": two inputs or outputs have this name; each needs its own"
                 if what:

@@ -12,7 +12,7 @@ from armctl.errors import ArmctlError, ProgramError
 from armctl.program import Program
 from armctl.program.base_steps import Effect, Senses, Until
 from armctl.program.conditions import Condition
-from armctl.program.feed import PlannedStep, PlanState, ProgramSource, begin_program, plan_next
+from armctl.program.feed import PlannedStep, PlanState, ProgramSource, begin_program, decided, plan_next
 from armctl.protocol import Command, ProgramProgress, UpdateProgram
 from armctl.robot import Robot
 from armctl.runtime.activity import Activity, Setpoint
@@ -60,6 +60,8 @@ class ProgramRunner(Activity):
         self._gripper, self._monitor, self._signals = core.gripper, core.monitor, core.signals
         self._edges = dict(core.signals.edges)
         """of each input, when the program began or waited for it last"""
+        self._counters: dict[str, int] = {}
+        """of the pass that runs"""
         self._set_output = partial(core.signals.set, core.board)
         self._log = core.log
         self._early_s = starving_s(robot) + _EARLIER_S
@@ -167,17 +169,15 @@ class ProgramRunner(Activity):
         return setpoint
 
     def _look(self, until: Until) -> None:
-        reading, watch, why = self._monitor.reading, self._signals, ""
-        edges = {name: count - self._edges.get(name, 0) for name, count in watch.edges.items()}
+        why = ""
         try:
-            holds = until.holds(Senses.of(self._robot, reading.quantities, watch.inputs, edges))
+            holds = until.holds(self._senses())
             if not holds and self._wait_left <= 0:
                 why = f"waited {until.longest_s:g} s for {until.what}, which did not come"
             if holds or (why and until.goes_on):
                 if why:
                     self._log.warn(f"{self._program.name}: {why}; it goes on")
-                if until.uses:
-                    self._edges[until.uses] = watch.edges.get(until.uses, 0)
+                self._use(until.uses)
                 self._wait_left, self._until, why = 0.0, None, ""
         except Exception as defect:  # of a step of somebody's own
             why = f"cannot look for {until.what}: {type(defect).__name__}: {defect}"
@@ -186,6 +186,16 @@ class ProgramRunner(Activity):
             where = "" if self._running is None else f": step {self._running.index + 1}"
             self._wait_left, self._until = 0.0, None
             self.error = ProgramError(f"{self._program.name}{where}: {why}")
+
+    def _senses(self) -> Senses:
+        watch = self._signals
+        edges = {name: count - self._edges.get(name, 0) for name, count in watch.edges.items()}
+        return Senses.of(self._robot, self._monitor.reading.quantities, watch.inputs, edges, self._counters)
+
+    def _use(self, name: str) -> None:
+        """The edges of an input so far count as seen; no name: of none."""
+        if name:
+            self._edges[name] = self._signals.edges.get(name, 0)
 
     @property
     def program(self) -> ProgramProgress:
@@ -230,6 +240,8 @@ class ProgramRunner(Activity):
         if step.error is not None:
             raise ProgramError(f"step {step.index + 1}: {step.error}") from step.error
         self.begun = True
+        if step.before.program is None:  # the first of its pass
+            self._counters.clear()
         if step.trajectory is not None and step.moves:
             if self._mover is not None:
                 self._mover.append(step.trajectory, step, goes_on=step.goes_on)
@@ -244,6 +256,13 @@ class ProgramRunner(Activity):
         else:
             self._say(step)
         effect = step.step.effect
+        if effect.counts is not None:
+            name = effect.counts.counter
+            self._counters[name] = effect.counts.after(self._counters.get(name, 0))
+        if effect.asks is not None:
+            holds = effect.asks.holds(self._senses())
+            self._use(effect.asks.uses if holds else "")
+            self._feed.decide(holds)
         if effect.output is not None:
             self._set_output(*effect.output)
         if effect.wait_s is not None:
@@ -328,6 +347,11 @@ class ProgramFeed:
             self._goes_on = step.goes_on
         self._fill()
 
+    def decide(self, holds: bool) -> None:
+        """Go on behind the step that was taken last, which asks."""
+        self._plan_from(decided(self._state, holds))
+        self._fill()
+
     def begun(self, step: PlannedStep) -> None:
         """A step that was taken runs now."""
         if step.passes != self._running_pass:
@@ -366,7 +390,7 @@ class ProgramFeed:
         while not self._over:
             if self._future is None:
                 self._over = self._state.ended
-                if self._over or self._enough():
+                if self._over or self._state.asks or self._enough():
                     return
                 try:
                     self._future = self._submit(plan_next, self._robot, self._source, self._state)

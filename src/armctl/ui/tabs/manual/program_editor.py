@@ -16,9 +16,10 @@ from armctl.process.heavy_work import check_program_apart
 from armctl.program import CommentStep, MoveStep, Program, SpeedStep, Step, WaitStep
 from armctl.program import steps as registry
 from armctl.program.base_steps import LONGEST_WAIT_S
+from armctl.program.logic_steps import MOST_REPEATS
 from armctl.program.program import PLACES, Change, add, delete, duplicate, move, repeat
 from armctl.program.rehearsal import pose_after
-from armctl.program.steps import EDGES, MOST_REPEATS, SLOWEST_PERCENT, tool_turn
+from armctl.program.steps import EDGES, SLOWEST_PERCENT, tool_turn
 from armctl.protocol import Party, Snapshot, UpdateProgram
 from armctl.robot import Robot
 from armctl.ui.events import OneAtATime

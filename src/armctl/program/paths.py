@@ -1,0 +1,339 @@
+"""Every path of a program, walked before it runs: all branches, passes and places, each motion once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Container, Generator, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from armctl.arrays import FloatArray
+from armctl.errors import ArmctlError
+from armctl.facts import NeverComes, NeverEnds, OnPath, PathsLeftOut, PathTurn, Reason, Unbounded
+from armctl.kinematics.velocity import NEAR
+from armctl.motion.clearance import sources
+from armctl.motion.preflight import Finding, Severity, isotropy_of, passes, preflight
+from armctl.motion.trajectory import JoinedTrajectory, Trajectory
+from armctl.program.base_steps import BlockStep, MotionStep, Step
+from armctl.program.conditions import COUNTER
+from armctl.program.program import Blocks, Program
+from armctl.program.signal_steps import ConditionStep
+from armctl.robot import CarriedPart, Robot
+from armctl.robot.body.arm_body import Openings
+
+_TOGETHER, _ALONE = 32, 2
+"""So many motions are checked at once, and so few one by one: 10,000 steps take a quarter of the time."""
+MOST_VISITS = 200_000
+"""steps that are walked, each pass and each branch anew; then the rest is left out, and that is said"""
+
+Key = tuple[bytes, Openings, CarriedPart | None, tuple[tuple[str, int], ...]]
+Path = tuple[PathTurn, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Place:
+    """Where the arm may be ahead of a step."""
+
+    q: FloatArray | None
+    """(n,) [rad]; None: not known"""
+    robot: Robot
+    """with its gripper as it is there"""
+    counters: Mapping[str, int]
+    path: Path = ()
+    """one of the ways there"""
+    key: Key = field(init=False)
+    """what makes it another place than others; rounding makes none"""
+
+    def __post_init__(self) -> None:
+        place = b"" if self.q is None else (np.round(self.q, 7) + 0.0).tobytes()
+        counters = tuple(sorted(self.counters.items()))
+        object.__setattr__(self, "key", (place, self.robot.openings, self.robot.part, counters))
+
+
+_Places = dict[Key, _Place]
+_Walking = Generator["_Walking", _Places, _Places]
+"""a walk that asks for the walk of a block in it: blocks may be nested deeper than Python's calls"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Planned:
+    index: int
+    step: MotionStep
+    trajectory: Trajectory
+    robot: Robot
+    path: Path
+
+
+class _SpentError(Exception):
+    """There is more than can be walked."""
+
+
+class Walk:
+    """Plans from step to step, on every path; what was walked from the same place, once."""
+
+    def __init__(
+        self, program: Program, robot: Robot, skipped: Container[int], payload_kg: float | None
+    ) -> None:
+        """``skipped``: indices of the steps that are wrong in themselves."""
+        self.found: list[Finding] = []
+        """motions that cannot be planned, what the pre-flight found in the others, waits that cannot end"""
+        self._steps, self._robot, self._skipped, self._payload_kg = program.steps, robot, skipped, payload_kg
+        self._blocks = Blocks.matched(program.steps)
+        self._ranges = _counter_ranges([step for k, step in enumerate(program.steps) if k not in skipped])
+        self._planned: list[_Planned] = []
+        """motions that the pre-flight has not seen yet, each from where the one before ends"""
+        self._ends: dict[tuple[int, Key], FloatArray | None] = {}
+        """where a step ends that began somewhere"""
+        self._left: dict[tuple[int, frozenset[Key]], _Places] = {}
+        """where a block ends that was entered at some places"""
+        self._robots: dict[tuple[float, CarriedPart | None], Robot] = {}
+        self._reported: set[tuple[int, str, str]] = set()
+        self._visits = 0
+        self._at = 0
+        """the step that is walked now"""
+
+    def run(self, q: FloatArray | None, progress: Callable[[int, int], None] | None) -> None:
+        """Walk through the program from ``q`` (n,) [rad]; None: not known."""
+        self._progress, self._done = progress, 0
+        begin = _Place(q, self._robot, {})
+        open_: list[_Walking] = [self._through(0, len(self._steps), {begin.key: begin})]
+        result: _Places | None = None
+        try:
+            while open_:
+                try:
+                    inner = next(open_[-1]) if result is None else open_[-1].send(result)
+                    open_.append(inner)
+                    result = None
+                except StopIteration as over:
+                    result = over.value
+                    open_.pop()
+        except _SpentError:
+            self._report(self._at, PathsLeftOut(MOST_VISITS), (), "warning")
+        self._look_at(self._planned)
+
+    def _through(self, first: int, last: int, places: _Places) -> _Walking:
+        index = first
+        while index < last:
+            step, self._at = self._steps[index], index
+            self._visits += len(places)
+            if self._visits > MOST_VISITS:
+                raise _SpentError
+            if isinstance(step, BlockStep) and index not in self._skipped:
+                key = (index, frozenset(places))
+                if key not in self._left:
+                    self._left[key] = yield (
+                        self._alternatives(index, places)
+                        if not step.again
+                        else self._loop(index, step, places)
+                    )
+                # As it was walked: of how it came there only the way to the block is new.
+                places = self._left[key]
+                index = self._blocks.partners[index]
+            elif isinstance(step, BlockStep):
+                index = self._blocks.partners[index]
+            elif step.acts:
+                places = _merged(self._after(index, step, place) for place in places.values())
+                if self._progress is not None and isinstance(step, MotionStep):
+                    self._done = max(self._done, index + 1)
+                    self._progress(self._done, len(self._steps))
+            index += 1
+        return places
+
+    def _alternatives(self, begin: int, places: _Places) -> _Walking:
+        end = self._blocks.partners[begin]
+        otherwise = self._blocks.elses.get(begin, end)
+        yes, no = self._split(begin, places)
+        yes = _merged(_turned(place, PathTurn(begin, "then")) for place in yes.values())
+        no = _merged(_turned(place, PathTurn(begin, "else")) for place in no.values())
+        if yes:
+            yes = yield self._through(begin + 1, otherwise, yes)
+        if no and otherwise < end:
+            no = yield self._through(otherwise + 1, end, no)
+        return _merged([*yes.values(), *no.values()])
+
+    def _loop(self, begin: int, step: BlockStep, places: _Places) -> _Walking:
+        """All passes; where a pass begins as an earlier one did, those that follow are known."""
+        end, most, asks = self._blocks.partners[begin], step.passes, step.effect.asks is not None
+        base, left, seen, done, endless = _common(places.values()), {}, {}, 0, asks and step.passes is None
+        while places and (most is None or done < most):
+            signature = frozenset(places)
+            if signature in seen:
+                if most is None:
+                    break
+                period = done - seen[signature]
+                done += (most - done) // period * period
+                seen.clear()
+                continue
+            seen[signature] = done
+            if done > 0:
+                path = (*base, PathTurn(begin, "pass", done + 1))
+                places = {key: replace(place, path=path) for key, place in places.items()}
+            if asks:
+                places, leaving = self._split(begin, places)
+                left = _merged([*left.values(), *leaving.values()])
+            if not places:
+                break
+            places = yield self._through(begin + 1, end, places)
+            done += 1
+        if most is None and places and not left:
+            self._report(begin, NeverEnds(), _common(places.values()), "error")
+        elif endless and self._foreseen(begin, next(iter(left.values()), None)) is None and places:
+            self._report(begin, Unbounded(), (), "warning")
+        return _merged([*left.values(), *(places.values() if most is not None else ())])
+
+    def _split(self, index: int, places: _Places) -> tuple[_Places, _Places]:
+        """The places where a condition may hold, and those where it may not."""
+        answers = {key: self._foreseen(index, place) for key, place in places.items()}
+        return (
+            {key: place for key, place in places.items() if answers[key] is not False},
+            {key: place for key, place in places.items() if answers[key] is not True},
+        )
+
+    def _foreseen(self, index: int, place: _Place | None) -> bool | None:
+        """Whether the condition of a step holds; None: only the board knows."""
+        step = self._steps[index]
+        if place is None or not isinstance(step, ConditionStep):
+            return None
+        return step.condition.foreseen(place.counters)
+
+    def _after(self, index: int, step: Step, place: _Place) -> _Place | None:
+        """Where the arm is after a step; None: it does not come there."""
+        if isinstance(step, MotionStep):
+            return replace(place, q=self._end(index, step, place))
+        if index in self._skipped:
+            return place
+        effect = step.effect
+        if effect.until is not None and self._foreseen(index, place) is False:
+            goes_on = effect.until.goes_on
+            self._report(index, NeverComes(effect.until.what), place.path, "warning" if goes_on else "error")
+            return place if goes_on else None
+        if effect.counts is not None and effect.counts.counter in self._ranges:
+            name = effect.counts.counter
+            low, high = self._ranges[name]
+            count = effect.counts.after(place.counters.get(name, 0))
+            return replace(place, counters={**place.counters, name: int(min(max(count, low), high))})
+        if effect.opening is not None:
+            kept = (effect.opening, effect.part)
+            if kept not in self._robots:
+                self._robots[kept] = self._robot.gripping(effect.opening).carrying(effect.part)
+            return replace(place, robot=self._robots[kept])
+        return place
+
+    def _end(self, index: int, step: MotionStep, place: _Place) -> FloatArray | None:
+        """Where a moving step ends; None where that is not known."""
+        if index in self._skipped:
+            return None
+        key = (index, (*place.key[:3], ()))
+        if key not in self._ends:
+            self._ends[key] = None
+            try:
+                if place.q is None:
+                    self._ends[key] = step.end(place.robot)
+                else:
+                    trajectory = step.plan(place.robot, place.q, checked=False)
+                    self._ends[key] = trajectory.end
+                    self._add(_Planned(index, step, trajectory, place.robot, place.path))
+                    for reason in step.left_out(place.robot, place.q):
+                        self._report(index, reason, place.path, "warning")
+            except ArmctlError as cause:
+                self._report(index, cause.reason, place.path, "error")
+        return self._ends[key]
+
+    def _report(self, index: int, why: Reason, path: Path, severity: Severity) -> None:
+        refusal = Finding(_on(path, why), step=index, severity=severity)
+        fact = (index, str(why), "")
+        if fact not in self._reported:
+            self._reported.add(fact)
+            self.found.append(refusal)
+
+    def _add(self, planned: _Planned) -> None:
+        if self._planned:
+            last = self._planned[-1]
+            follows = (
+                last.robot is planned.robot
+                and last.step.leads_tool == planned.step.leads_tool
+                and np.array_equal(last.trajectory.end, planned.trajectory.start)
+            )
+            if len(self._planned) == _TOGETHER or not follows:
+                self._look_at(self._planned)
+                self._planned = []
+        self._planned.append(planned)
+
+    def _look_at(self, planned: list[_Planned]) -> None:
+        """Run the pre-flight: over all at once, and where that finds something, over ever fewer."""
+        if len(planned) > _ALONE:
+            if not self._clear_together(planned):
+                half = len(planned) // 2
+                self._look_at(planned[:half])
+                self._look_at(planned[half:])
+            return
+        for it in planned:
+            for one in preflight(it.robot, it.trajectory, self._payload_kg, tool_path=it.step.leads_tool):
+                fact = (it.index, one.kind, one.part)
+                if fact not in self._reported:  # the same from another place
+                    self._reported.add(fact)
+                    self.found.append(replace(one, step=it.index, reason=_on(it.path, one.reason)))
+
+    def _clear_together(self, planned: Sequence[_Planned]) -> bool:
+        """Whether nothing is found in motions that follow each other, nor touched at their start."""
+        robot, trajectories = planned[0].robot, [it.trajectory for it in planned]
+        motion = JoinedTrajectory(trajectories)
+        start = robot.body_frames(motion.start[None])
+        if any((source.gaps(start) < source.closed[:, None]).any() for source in sources(robot)):
+            return False
+        ends = np.array([trajectory.end for trajectory in trajectories])
+        if isotropy_of(robot, robot.jacobian(ends))[0].min() < NEAR:
+            return False
+        return passes(robot, motion, self._payload_kg, tool_path=planned[0].step.leads_tool, warned=False)
+
+
+def _merged(places: Iterable[_Place | None]) -> _Places:
+    """Places, each once; the path of one that several lead to is what they share."""
+    found: _Places = {}
+    for place in places:
+        if place is None:
+            continue
+        other = found.get(place.key)
+        found[place.key] = place if other is None else replace(other, path=_common((other, place)))
+    return found
+
+
+def _turned(place: _Place, turn: PathTurn) -> _Place:
+    return replace(place, path=(*place.path, turn))
+
+
+def _common(places: Iterable[_Place]) -> Path:
+    first, *others = [place.path for place in places]
+    count = len(first)
+    for path in others:
+        count = min(count, len(path))
+        while path[:count] != first[:count]:
+            count -= 1
+    return first[:count]
+
+
+def _on(path: Path, why: Reason) -> Reason:
+    return OnPath(path, why) if path else why
+
+
+def _counter_ranges(steps: Sequence[Step]) -> dict[str, tuple[float, float]]:
+    """The counters that conditions ask for, each with the range out of which all values are alike.
+
+    One that only grows is as good as one above all that it is compared with; so a loop that counts ends.
+    """
+    compared: dict[str, list[float]] = {}
+    for step in steps:
+        if isinstance(step, ConditionStep) and step.condition.watch == COUNTER:
+            compared.setdefault(step.condition.counter, []).append(step.condition.value)
+    counts = [step.effect.counts for step in steps]
+    ranges: dict[str, tuple[float, float]] = {}
+    for name, values in compared.items():
+        added = [one.after(0) for one in counts if one is not None and one.counter == name and one.adds]
+        low, high = -math.inf, math.inf
+        if all(add >= 0 for add in added):
+            high = math.floor(max(values)) + 1
+        if all(add <= 0 for add in added):
+            low = math.ceil(min(values)) - 1
+        ranges[name] = low, high
+    return ranges
