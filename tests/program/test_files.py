@@ -429,7 +429,7 @@ def test_as_deep_as_python_goes_and_no_deeper() -> None:
     text = write_script(nested(19))
     compile(text, "script", "exec")
     with pytest.raises(
-        ProgramError, match="step 20: a Python script takes at most 19 repeats inside each other"
+        ProgramError, match="step 20: a Python script takes at most 19 blocks inside each other"
     ):
         write_script(nested(20))
     with pytest.raises(SyntaxError):
