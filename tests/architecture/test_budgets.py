@@ -24,7 +24,7 @@ FOLDERS = {
     "kinematics": (51, 12_750),
     "motion": (20, 5_830),
     "process": (14, 3_375),
-    "program": (13, 3_010),
+    "program": (16, 3_850),  # branches, loops, counters, grids, and a check of every path
     "protocol": (5, 1_160),
     "robot": (42, 11_720),
     "runtime": (25, 6_190),

@@ -45,7 +45,8 @@ ONE_MORE = CountStep(counter="parts", add=1)
 
 def order(steps: Sequence[Step], *answers: bool, first: int = 0) -> list[int]:
     """The steps as they run; the answers in the order in which they are asked."""
-    cursor, left, found = Cursor(program(*steps), first), list(answers), []
+    cursor, left = Cursor(program(*steps), first), list(answers)
+    found: list[int] = []
     while (following := cursor.next()) is not None:
         found.append(following[0])
         if cursor.asked is not None:

@@ -47,7 +47,7 @@ def generated(rng: Random, depth: int = 0) -> list[Step]:
         inside = generated(rng, depth + 1) if what >= 4 else []
         blend = rng.choice((0, 30))
         counter = f"k{depth}_{rng.randrange(10**6)}"
-        below = dict(watch="counter", counter=counter, compare="below", value=rng.randint(1, 3))
+        few = WhileStep(watch="counter", counter=counter, compare="below", value=rng.randint(1, 3))
         steps += {
             0: [MoveStep(joints_deg=(rng.randint(-30, 30), 90, -80, -40, 0), blend_mm=blend)],
             1: [WaitStep(seconds=rng.choice((0.1, 0.4)))],
@@ -55,7 +55,7 @@ def generated(rng: Random, depth: int = 0) -> list[Step]:
             3: [PointStep(x_mm=200, y_mm=rng.randint(-40, 40), z_mm=110, choose="published")],
             4: [IfStep(watch="button", value=rng.randint(0, 1)), *inside, ElseStep(), HOME, END],
             5: [RepeatStep(times=rng.randint(1, 2)), *inside, END],
-            6: [WhileStep(**below), *inside, CountStep(counter=counter, add=1), END],
+            6: [few, *inside, CountStep(counter=counter, add=1), END],
             7: [
                 CountStep(counter=counter, to=1),
                 WaitForStep(watch="counter", counter=counter, timeout_s=1),

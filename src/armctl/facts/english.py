@@ -16,6 +16,7 @@ from armctl.facts.reasons import (
     BeyondReach,
     Blocked,
     BranchEnds,
+    CellOutsideGrid,
     MotionEndsMoving,
     Need,
     NeverComes,
@@ -63,7 +64,12 @@ _TO_DO = {
     "turn back": "release it and turn it back by hand, or press Homing",
     "mend pose": "mend the pose, take the nearest, or type a joint angle",
 }
-_WAYS = {"then": "step {0}: yes", "else": "step {0}: no", "pass": "step {0}: pass {1}"}
+_WAYS = {
+    "then": "step {0}: yes",
+    "else": "step {0}: no",
+    "pass": "step {0}: pass {1}",
+    "cell": "step {0}: cell {1}",
+}
 _UNMATCHED = {
     "end": "'end' without a 'repeat', 'if' or 'while' before it; delete it, or add what it ends",
     "else": "'else' without an 'if' of its own before it; delete it, or add the 'if'",
@@ -286,6 +292,7 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     ),
     PathTurn: lambda one: _path((one,)),
     OnPath: lambda one: f" (path: {_path(one.turns)})",
+    CellOutsideGrid: lambda _: "frame = 'cell' needs a 'grid' around it; add one, or leave frame out",
     NeverComes: lambda one: f"{one.what} can never come: nothing counts while the program waits",
     NeverEnds: lambda _: "this loop never ends: no pass changes what it asks",
     Unbounded: lambda _: (

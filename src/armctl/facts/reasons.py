@@ -177,9 +177,9 @@ class PathTurn(Reason):
 
     step: int
     """index"""
-    way: Literal["then", "else", "pass"]
+    way: Literal["then", "else", "pass", "cell"]
     number: int = 0
-    """of the pass, from 1"""
+    """of the pass or cell, from 1"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,6 +188,11 @@ class OnPath(Reason):
 
     turns: tuple[PathTurn, ...]
     reason: Reason
+
+
+@dataclass(frozen=True, slots=True)
+class CellOutsideGrid(Reason):
+    """A point in the frame of a cell, where there is none."""
 
 
 @dataclass(frozen=True, slots=True)

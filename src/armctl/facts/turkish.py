@@ -16,6 +16,7 @@ from armctl.facts.reasons import (
     BeyondReach,
     Blocked,
     BranchEnds,
+    CellOutsideGrid,
     MotionEndsMoving,
     Need,
     NeverComes,
@@ -74,7 +75,12 @@ _TO_DO = {
     "turn back": "serbest bırakıp elle geri çevirin ya da Homing düğmesine basın",
     "mend pose": "pozu düzeltin, en yakınını alın ya da bir eklem açısı yazın",
 }
-_WAYS = {"then": "adım {0}: evet", "else": "adım {0}: hayır", "pass": "adım {0}: geçiş {1}"}
+_WAYS = {
+    "then": "adım {0}: evet",
+    "else": "adım {0}: hayır",
+    "pass": "adım {0}: geçiş {1}",
+    "cell": "adım {0}: göz {1}",
+}
 _UNMATCHED = {
     "end": "bu 'end' öncesinde 'repeat', 'if' ya da 'while' yok; silin ya da bitirdiğini ekleyin",
     "else": "bu 'else' öncesinde kendi 'if' adımı yok; silin ya da 'if' ekleyin",
@@ -305,6 +311,7 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     ),
     PathTurn: lambda one: _path((one,)),
     OnPath: lambda one: f" (yol: {_path(one.turns)})",
+    CellOutsideGrid: lambda _: "frame = 'cell' için çevresinde 'grid' olmalı; ekleyin ya da frame'i silin",
     NeverComes: lambda one: f"{one.what} hiç gelemez: program beklerken hiçbir şey saymaz",
     NeverEnds: lambda _: "bu döngü hiç bitmez: hiçbir geçiş sorduğunu değiştirmez",
     Unbounded: lambda _: "bu döngünün kaç kez döneceği denetlenemez, sonsuz olabilir; 'most' ile sınırlayın",

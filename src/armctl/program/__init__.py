@@ -17,6 +17,7 @@ from armctl.program.files import (
     save_program,
     write_script,
 )
+from armctl.program.grid_step import GridStep
 from armctl.program.logic_steps import CountStep, ElseStep, IfStep, WhileStep
 from armctl.program.program import Blocks, Cursor, Program
 from armctl.program.steps import (
@@ -48,6 +49,7 @@ __all__ = [
     "Effect",
     "ElseStep",
     "EndStep",
+    "GridStep",
     "GripperStep",
     "IfStep",
     "LineStep",

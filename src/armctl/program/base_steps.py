@@ -250,6 +250,15 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
         """What it does besides moving joints."""
         return Effect()
 
+    @property
+    def in_cell(self) -> bool:
+        """Its points are given in the frame of a cell of a grid (``moved``)."""
+        return False
+
+    def moved(self, cell: Sequence[float]) -> Step:
+        """The same in the base frame, of one that is given in the frame of a cell at X, Y, Z [mm]."""
+        return self
+
     def describe(self) -> str:
         """Its values in words, for the list."""
         return self.words.format(self)
@@ -294,6 +303,10 @@ class BlockStep(Step, frozen=True, kw_only=True):
 
     again: ClassVar[bool] = True
     """it is a loop; else it runs once or not at all"""
+
+    def cell(self, number: int) -> tuple[float, float, float] | None:
+        """Where a pass has its frame, X, Y, Z [mm]; ``number`` from 0. None: it has none."""
+        return None
 
     @property
     def passes(self) -> int | None:

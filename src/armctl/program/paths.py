@@ -27,7 +27,8 @@ _TOGETHER, _ALONE = 32, 2
 MOST_VISITS = 200_000
 """steps that are walked, each pass and each branch anew; then the rest is left out, and that is said"""
 
-Key = tuple[bytes, Openings, CarriedPart | None, tuple[tuple[str, int], ...]]
+Cell = tuple[float, float, float] | None
+Key = tuple[bytes, Openings, CarriedPart | None, Cell, tuple[tuple[str, int], ...]]
 Path = tuple[PathTurn, ...]
 
 
@@ -40,6 +41,8 @@ class _Place:
     robot: Robot
     """with its gripper as it is there"""
     counters: Mapping[str, int]
+    cell: Cell = None
+    """of the grid around it"""
     path: Path = ()
     """one of the ways there"""
     key: Key = field(init=False)
@@ -48,7 +51,7 @@ class _Place:
     def __post_init__(self) -> None:
         place = b"" if self.q is None else (np.round(self.q, 7) + 0.0).tobytes()
         counters = tuple(sorted(self.counters.items()))
-        object.__setattr__(self, "key", (place, self.robot.openings, self.robot.part, counters))
+        object.__setattr__(self, "key", (place, self.robot.openings, self.robot.part, self.cell, counters))
 
 
 _Places = dict[Key, _Place]
@@ -155,6 +158,7 @@ class Walk:
     def _loop(self, begin: int, step: BlockStep, places: _Places) -> _Walking:
         """All passes; where a pass begins as an earlier one did, those that follow are known."""
         end, most, asks = self._blocks.partners[begin], step.passes, step.effect.asks is not None
+        around = next(iter(places.values())).cell if places else None
         base, left, seen, done, endless = _common(places.values()), {}, {}, 0, asks and step.passes is None
         while places and (most is None or done < most):
             signature = frozenset(places)
@@ -166,7 +170,11 @@ class Walk:
                 seen.clear()
                 continue
             seen[signature] = done
-            if done > 0:
+            cell = step.cell(done)
+            if cell is not None:
+                turn = PathTurn(begin, "cell", done + 1)
+                places = _merged(replace(it, path=(*base, turn), cell=cell) for it in places.values())
+            elif done > 0:
                 path = (*base, PathTurn(begin, "pass", done + 1))
                 places = {key: replace(place, path=path) for key, place in places.items()}
             if asks:
@@ -176,6 +184,8 @@ class Walk:
                 break
             places = yield self._through(begin + 1, end, places)
             done += 1
+        if step.cell(0) is not None:
+            places = _merged(replace(it, cell=around) for it in places.values())
         if most is None and places and not left:
             self._report(begin, NeverEnds(), _common(places.values()), "error")
         elif endless and self._foreseen(begin, next(iter(left.values()), None)) is None and places:
@@ -224,9 +234,11 @@ class Walk:
         """Where a moving step ends; None where that is not known."""
         if index in self._skipped:
             return None
-        key = (index, (*place.key[:3], ()))
+        key = (index, (*place.key[:3], place.cell if step.in_cell else None, ()))
         if key not in self._ends:
             self._ends[key] = None
+            if place.cell is not None:
+                step = step.moved(place.cell) if step.in_cell else step
             try:
                 if place.q is None:
                     self._ends[key] = step.end(place.robot)

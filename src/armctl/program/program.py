@@ -243,7 +243,7 @@ class Cursor:
             step = self._steps[index]
             self._pass(index, step)
             if step.acts:
-                return index, step
+                return index, self._placed(step)
         return None
 
     def decide(self, holds: bool) -> None:
@@ -259,6 +259,15 @@ class Cursor:
             self._open.pop()
             otherwise = self._blocks.partners[begin]
         self._next = self._goals[otherwise + 1]
+
+    def _placed(self, step: Step) -> Step:
+        """A step with its points in the base frame."""
+        for begin, left in reversed(self._open) if step.in_cell else ():
+            block = self._steps[begin]
+            cell = block.cell((block.passes or left) - left) if isinstance(block, BlockStep) else None
+            if cell is not None:
+                return step.moved(cell)
+        return step
 
     def _pass(self, index: int, step: Step) -> None:
         following = index + 1

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Union
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeVar, Union, cast
 
+import msgspec
 import numpy as np
 from msgspec import Meta
 
@@ -19,6 +20,7 @@ from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import ProfileName
 from armctl.program.base_steps import FASTEST, Effect, Field, Key, MotionStep, Seconds, Step, keys_of, literal
 from armctl.program.draw_step import DrawStep
+from armctl.program.grid_step import GridStep
 from armctl.program.logic_steps import CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
 from armctl.program.signal_steps import SetStep, WaitForStep
 from armctl.robot import CarriedPart, Robot
@@ -59,6 +61,10 @@ _Edge = Annotated[
     Annotated[float, Meta(ge=THINNEST_PART_MM, le=LARGEST_PART_MM)] | None, Field("Part mm", _PART_HINT, 51)
 ]
 _ToolSpeed = Annotated[Annotated[float, Meta(gt=0)] | None, Field("Tool speed mm/s", FASTEST, 8)]
+_Frame = Annotated[
+    Literal["cell"] | None,
+    Field("Frame", "cell: points begin at the cell of the grid around it.", 11, "frame", ("cell",), "base"),
+]
 _END, _VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
 _RPY = ("rx_deg", "ry_deg", "rz_deg")
 EDGES = ("part_x_mm", "part_y_mm", "part_z_mm")
@@ -141,6 +147,17 @@ class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
     rz_deg: _Angle = None
     choose: _Criterion = "least-rotation"
     profile: _Profile = "cubic"
+    frame: _Frame = None
+    """None: the base"""
+
+    @property
+    def in_cell(self) -> bool:
+        """Its frame says so."""
+        return self.frame == "cell"
+
+    def moved(self, cell: Sequence[float]) -> PointStep:
+        """The same with its point in the base frame, where it is given in that of a cell [mm]."""
+        return _moved(self, (_END,), cell)
 
     @property
     def _law(self) -> ProfileName:
@@ -150,7 +167,7 @@ class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
         pitch = "" if self.pitch_deg is None else f", pitch {_short(self.pitch_deg)}°"
         roll = "" if self.roll_deg is None else f", roll {_short(self.roll_deg)}°"
         turned = "" if self.rpy_deg is None else f", {self._rpy_words}"
-        return f"{_place(self, _END)}{pitch}{roll}{turned}"
+        return f"{_place(self, _END)}{_of_cell(self.frame)}{pitch}{roll}{turned}"
 
     def check(self, robot: Robot) -> None:
         """Refuse an orientation that is not whole, or one beside a pitch or roll."""
@@ -186,6 +203,7 @@ class _LeadsTool(_Oriented):
     pitch_deg: float | None
     orientation: TurnMode | None
     speed_mm_s: float | None
+    frame: Literal["cell"] | None
 
     @property
     def _tool_speed(self) -> float | None:
@@ -197,7 +215,8 @@ class _LeadsTool(_Oriented):
         end = "" if self.rpy_deg is None else f" to {self._rpy_words}"
         pitch += "" if self.orientation is None else f", orientation {self.orientation}{end}"
         speed = "" if self.speed_mm_s is None else f", {_short(self.speed_mm_s)} mm/s"
-        return f"{' via '.join(_place(self, keys) for keys in reversed(self.points))}{pitch}{speed}"
+        points = " via ".join(_place(self, keys) for keys in reversed(self.points))
+        return f"{points}{_of_cell(self.frame)}{pitch}{speed}"
 
     def check(self, robot: Robot) -> None:
         """Refuse a pitch or an orientation at the end that does not go with the mode, and both at once."""
@@ -216,6 +235,15 @@ class _LeadsTool(_Oriented):
                     f'{name} = "{mode or "kept"}" and {keys} = {end} do not go together: "interpolated" '
                     f"needs the {name} at the end, the others take none"
                 )
+
+    @property
+    def in_cell(self) -> bool:
+        """Its frame says so."""
+        return self.frame == "cell"
+
+    def moved(self, cell: Sequence[float]) -> Self:
+        """The same with its points in the base frame, where they are given in that of a cell [mm]."""
+        return _moved(self, self.points, cell)
 
     def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
         """Along the tool's way [m]."""
@@ -244,6 +272,8 @@ class LineStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="line"):
     """tool orientation at the end; only with orientation = "interpolated", and needed there"""
     speed_mm_s: _ToolSpeed = None
     """largest speed of the tool; None: as fast as the limits allow"""
+    frame: _Frame = None
+    """None: the base"""
 
 
 class ArcStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="arc"):
@@ -265,6 +295,7 @@ class ArcStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="arc"):
     ry_deg: _Angle = None
     rz_deg: _Angle = None
     speed_mm_s: _ToolSpeed = None
+    frame: _Frame = None
 
     def script(self) -> str:
         """``arc``; its points are tuples there."""
@@ -370,6 +401,7 @@ KINDS: tuple[type[Step], ...] = (
     IfStep,
     ElseStep,
     WhileStep,
+    GridStep,
     EndStep,
     CountStep,
     CommentStep,
@@ -409,6 +441,16 @@ def tool_turn(robot: Robot, q: FloatArray, digits: int = 6) -> dict[str, float |
 # Points and numbers of several kinds.
 
 
+_MovedStep = TypeVar("_MovedStep")
+
+
+def _moved(step: _MovedStep, points: Sequence[Sequence[str]], cell: Sequence[float]) -> _MovedStep:
+    moved = {
+        key: getattr(step, key) + offset for keys in points for key, offset in zip(keys, cell, strict=True)
+    }
+    return cast("_MovedStep", msgspec.structs.replace(cast("Any", step), frame=None, **moved))
+
+
 def _values(step: object, keys: Sequence[str]) -> tuple[float, ...]:
     return tuple(getattr(step, key) for key in keys)
 
@@ -427,3 +469,7 @@ def _listed(values: Sequence[float]) -> str:
 
 def _place(step: object, keys: Sequence[str]) -> str:
     return f"({_listed(_values(step, keys))}) mm"
+
+
+def _of_cell(frame: str | None) -> str:
+    return "" if frame is None else f" from the {frame}"

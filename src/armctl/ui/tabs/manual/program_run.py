@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
+import msgspec
 import viser
 
 from armctl.arrays import FloatArray
@@ -20,6 +21,8 @@ from armctl.program import (
     PROGRAM_SUFFIXES,
     Cursor,
     Program,
+    Senses,
+    Step,
     encode_program,
     write_csv,
     write_script,
@@ -312,6 +315,14 @@ class ProgramRun:
             self._verdict.visible = False
         return findings
 
+    def _answer(self, step: Step) -> bool:
+        """What a step that asks is told now; ``StateError`` where single steps do not know it."""
+        question, snapshot = step.effect.asks, self._session.snapshot
+        if question is None or not question.uses:
+            raise StateError("single steps can ask for inputs only; run the program from this row instead")
+        robot = self._session.console.robot
+        return question.holds(Senses.of(robot, snapshot.quantities, snapshot.inputs))
+
     async def _step(self) -> None:
         """Run one step; going on from there, repeats are counted as in a whole run."""
         program, row = self._program(), self._editor.selected
@@ -321,7 +332,14 @@ class ProgramRun:
         present = cursor.next()
         if present is None:
             raise StateError(f"behind row {row + 1} there is no step to run")
-        await self._session.submit(RunProgram(program, 1, present[0], 1))
+        index, step = present
+        here = program
+        if step is not program.steps[index]:  # the cell is that of the pass that the stepping is in
+            placed = (*program.steps[:index], step, *program.steps[index + 1 :])
+            here = msgspec.structs.replace(program, steps=placed)
+        await self._session.submit(RunProgram(here, 1, index, 1))
+        if cursor.asked is not None:
+            cursor.decide(self._answer(step))
         following = cursor.copy().next()
         self._stepping = None if following is None else (program, cursor, following[0])
         self._editor.select(0 if following is None else following[0])
