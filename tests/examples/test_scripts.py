@@ -29,6 +29,10 @@ PRINTS = {
     "12_own_board.py": r"board: Toy board\nmeasured \[°\]: 30\.0 45\.0",
     "15_draw_a_name.py": r"^0 strokes are left out;(?s:.*)within 0\.0\d mm (?s:.*) lifted at z = 40",
     "13_measured_against_commanded.py": r"the positions are measured\nWaist +largest error \d\.\d\d°",
+    "16_palletise.py": (
+        r"^checked: 0 errors, 24 parts in \d+ s\nstep \d: .*\(path: step 1: cell \d+\)\n"
+        r"two placed; tool at x 180, y 70, z 120 mm$"
+    ),
     "14_button_and_lamp.py": r"^pressed\nlamp 1\nlet go: lamp 0$",
 }
 

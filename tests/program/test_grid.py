@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ from armctl.program import (
     write_csv,
     write_script,
 )
-from armctl.program.rehearsal import rehearse
+from armctl.program.rehearsal import pose_after, rehearse
 from armctl.robot import load_robot
 
 ROBOT = load_robot("uzuner")
@@ -39,7 +40,9 @@ ABOVE, AT = PointStep(x_mm=0, y_mm=0, z_mm=30, frame="cell"), LineStep(x_mm=0, y
 
 
 def grid(rows: int = 2, columns: int = 3, layers: int = 1, **more: object) -> GridStep:
-    return GridStep(**{**CORNERS, **dict(rows=rows, columns=columns, layers=layers, layer_mm=10), **more})
+    size = {"rows": rows, "columns": columns, "layers": layers, "layer_mm": 10}
+    keys: dict[str, Any] = {**CORNERS, **size, **more}
+    return GridStep(**keys)
 
 
 def test_cells_come_in_their_order() -> None:
@@ -124,3 +127,9 @@ def test_a_cell_needs_its_grid() -> None:
     what = program(HOME, grid(1, 1), ABOVE, END, RepeatStep(times=2), ABOVE, END)
     (finding,) = check_program(what, ROBOT)
     assert (finding.step, finding.reason) == (5, CellOutsideGrid())
+
+
+def test_the_pose_of_a_row_is_that_in_the_first_cell() -> None:
+    found = pose_after(ROBOT, program(HOME, grid(), ABOVE, AT, END), 3, ROBOT.pose("home"))
+    assert found is not None
+    np.testing.assert_allclose(1000 * ROBOT.forward(found)[:3, 3], (180, -30, 80), atol=1e-6)

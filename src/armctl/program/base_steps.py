@@ -325,6 +325,10 @@ class MotionStep(Step, frozen=True, kw_only=True):
     blend_mm: Annotated[float, Meta(ge=0, le=WIDEST_BLEND_MM), Field("Blend mm", _BLEND_HINT, 10)] = 0.0
     """how far from its end the tool may begin to turn off towards the next step; 0: it stops there"""
 
+    def moved(self, cell: Sequence[float]) -> MotionStep:
+        """As of any step."""
+        return self
+
     @property
     def _law(self) -> ProfileName:
         """Of a motion that leads each joint to its goal, over time."""

@@ -12,10 +12,9 @@ from armctl.documents import Document
 from armctl.errors import ArmctlError
 from armctl.facts import CellOutsideGrid, NoSteps, OtherRobot, Reason
 from armctl.motion.preflight import Finding
-from armctl.program.base_steps import BlockStep, Step
-from armctl.program.grid_step import GridStep
+from armctl.program.base_steps import Step
 from armctl.program.paths import Walk
-from armctl.program.program import PROGRAM_FILES, Blocks, Program
+from armctl.program.program import PROGRAM_FILES, Blocks, Program, in_first_cells
 from armctl.program.steps import AnyStep, MoveStep
 from armctl.robot import Robot
 
@@ -45,9 +44,11 @@ def check_program(
         findings.append(Finding(OtherRobot(program.robot, robot.name)))
     if not program.steps:
         findings.append(Finding(NoSteps()))
-    wrong = dict(_value_findings(program, robot))
+    wrong: dict[int, Reason] = dict(_value_findings(program, robot))
     broken = Blocks.of(program.steps).findings
-    wrong |= {index: CellOutsideGrid() for index in _outside_grids(program.steps)}
+    if not wrong:
+        placed = enumerate(in_first_cells(program.steps))
+        wrong = {index: CellOutsideGrid() for index, step in placed if step.in_cell}
     in_steps = [Finding(why, step=index) for index, why in wrong.items()]
     in_steps += [Finding(why, step=index) for index, why in broken]
     if motions and not broken:
@@ -56,18 +57,6 @@ def check_program(
         walk.run(begin, progress)
         in_steps += walk.found
     return findings + sorted(in_steps, key=lambda finding: -1 if finding.step is None else finding.step)
-
-
-def _outside_grids(steps: Sequence[Step]) -> Iterator[int]:
-    """Steps whose points are given in a cell, and which no grid is around."""
-    open_: list[bool] = []
-    for index, step in enumerate(steps):
-        if isinstance(step, BlockStep):
-            open_.append(isinstance(step, GridStep))
-        elif step.closes and open_:
-            open_.pop()
-        elif step.in_cell and not any(open_):
-            yield index
 
 
 _STEPS: msgspec.json.Decoder[tuple[Step, ...]] = msgspec.json.Decoder(tuple[AnyStep, ...])

@@ -51,7 +51,11 @@ class IfStep(_AskingStep, frozen=True, kw_only=True, tag="if"):
     """Run the steps as far as ``else`` or ``end`` if something holds; those behind ``else`` if not."""
 
     again: ClassVar[bool] = False
-    passes: ClassVar = 1
+
+    @property
+    def passes(self) -> int:
+        """Once, if at all."""
+        return 1
 
     def script(self) -> str:
         """An ``if``."""

@@ -159,7 +159,9 @@ class Walk:
         """All passes; where a pass begins as an earlier one did, those that follow are known."""
         end, most, asks = self._blocks.partners[begin], step.passes, step.effect.asks is not None
         around = next(iter(places.values())).cell if places else None
-        base, left, seen, done, endless = _common(places.values()), {}, {}, 0, asks and step.passes is None
+        base, done, endless = _common(places.values()), 0, asks and step.passes is None
+        left: _Places = {}
+        seen: dict[frozenset[Key], int] = {}
         while places and (most is None or done < most):
             signature = frozenset(places)
             if signature in seen:

@@ -194,6 +194,20 @@ def _with(program: Program, steps: tuple[Step, ...]) -> Program:
     return msgspec.structs.replace(program, steps=steps)
 
 
+def in_first_cells(steps: Sequence[Step]) -> list[Step]:
+    """The steps, those in a grid as its first pass runs them."""
+    cells: list[tuple[float, float, float] | None] = [None]
+    placed: list[Step] = []
+    for step in steps:
+        if isinstance(step, BlockStep):
+            cells.append(step.cell(0) or cells[-1])
+        elif step.closes and len(cells) > 1:
+            cells.pop()
+        cell = cells[-1]
+        placed.append(step.moved(cell) if step.in_cell and cell is not None else step)
+    return placed
+
+
 # The steps of a program in the order in which they are executed.
 
 

@@ -16,7 +16,7 @@ from armctl.motion.profiles import PointToPoint
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
 from armctl.program.base_steps import MotionStep, Question, Senses
 from armctl.program.feed import PlannedStep, ProgramSource, begin_program, decided, plan_next
-from armctl.program.program import Program
+from armctl.program.program import Program, in_first_cells
 from armctl.robot import CarriedPart, Robot
 
 
@@ -91,12 +91,13 @@ def pose_after(robot: Robot, program: Program, row: int, start: FloatArray) -> F
     """Where the step at ``row`` leads (n,) [rad], after those ahead of it; None: it moves no joint.
 
     The nearest step ahead whose end is known by itself comes first; where there is none, the arm begins at
-    ``start``. Raises as ``MotionStep.path``.
+    ``start``. Of a grid it is the first cell. Raises as ``MotionStep.path``.
     """
     if not isinstance(program.steps[row], MotionStep):
         return None
-    led = [program.steps[row]]
-    for step in reversed(program.steps[:row]):
+    steps = in_first_cells(program.steps[: row + 1])
+    led = [steps[row]]
+    for step in reversed(steps[:row]):
         if isinstance(step, MotionStep):
             if (end := step.end(robot)) is not None:
                 start = end

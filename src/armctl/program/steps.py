@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeVar, Union, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, Union, cast
 
 import msgspec
 import numpy as np
@@ -241,9 +241,9 @@ class _LeadsTool(_Oriented):
         """Its frame says so."""
         return self.frame == "cell"
 
-    def moved(self, cell: Sequence[float]) -> Self:
+    def moved(self, cell: Sequence[float]) -> MotionStep:
         """The same with its points in the base frame, where they are given in that of a cell [mm]."""
-        return _moved(self, self.points, cell)
+        return _moved(cast("MotionStep", self), self.points, cell)
 
     def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
         """Along the tool's way [m]."""
