@@ -19,12 +19,12 @@ FOLDERS = {
     "calibration": (10, 2_270),
     "cli": (14, 3_130),
     "drawing": (11, 2_120),
-    "facts": (16, 3_020),
+    "facts": (17, 3_060),
     "hardware": (70, 14_360),
     "kinematics": (51, 12_750),
     "motion": (20, 5_830),
     "process": (14, 3_375),
-    "program": (16, 3_850),  # branches, loops, counters, grids, and a check of every path
+    "program": (17, 3_850),  # branches, loops, counters, grids, and a check of every path
     "protocol": (5, 1_160),
     "robot": (42, 11_720),
     "runtime": (25, 6_190),

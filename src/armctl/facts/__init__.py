@@ -3,6 +3,15 @@
 The kinds of reasons why a target has no solution are in ``armctl.facts.targets``.
 """
 
+from armctl.facts.program_paths import (
+    CellOutsideGrid,
+    NeverComes,
+    NeverEnds,
+    OnPath,
+    PathsLeftOut,
+    PathTurn,
+    Unbounded,
+)
 from armctl.facts.quantities import LevelPassed, Quantities, QuantityLimits, levels_passed
 from armctl.facts.reasons import (
     About,
@@ -13,22 +22,16 @@ from armctl.facts.reasons import (
     BeyondReach,
     Blocked,
     BranchEnds,
-    CellOutsideGrid,
     Found,
     Freer,
     MotionEndsMoving,
     Need,
-    NeverComes,
-    NeverEnds,
     NoSteps,
     NotHomed,
     NotNow,
     OnCurve,
-    OnPath,
     OtherRobot,
     Overload,
-    PathsLeftOut,
-    PathTurn,
     PitchDecided,
     Rate,
     RateLimit,
@@ -44,7 +47,6 @@ from armctl.facts.reasons import (
     ToDo,
     TooFewJoints,
     Unanswered,
-    Unbounded,
     UnmatchedBlock,
     WrongUnit,
 )

@@ -7,6 +7,15 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from armctl.facts.angles import in_degrees, to_degrees
+from armctl.facts.program_paths import (
+    CellOutsideGrid,
+    NeverComes,
+    NeverEnds,
+    OnPath,
+    PathsLeftOut,
+    PathTurn,
+    Unbounded,
+)
 from armctl.facts.quantities import LOAD_S, LevelPassed
 from armctl.facts.reasons import (
     UNITS,
@@ -16,20 +25,14 @@ from armctl.facts.reasons import (
     BeyondReach,
     Blocked,
     BranchEnds,
-    CellOutsideGrid,
     MotionEndsMoving,
     Need,
-    NeverComes,
-    NeverEnds,
     NoSteps,
     NotHomed,
     NotNow,
     OnCurve,
-    OnPath,
     OtherRobot,
     Overload,
-    PathsLeftOut,
-    PathTurn,
     PitchDecided,
     RateLimit,
     Reason,
@@ -42,7 +45,6 @@ from armctl.facts.reasons import (
     ToDo,
     TooFewJoints,
     Unanswered,
-    Unbounded,
     UnmatchedBlock,
     WrongUnit,
     decimals_apart,

@@ -16,6 +16,7 @@ from armctl.facts import (
     english_causes,
     english_servos,
     english_targets,
+    program_paths,
     quantities,
     reasons,
     servos,
@@ -25,6 +26,7 @@ from armctl.facts import (
     turkish_servos,
     turkish_targets,
 )
+from armctl.facts.program_paths import OnPath
 from armctl.facts.reasons import (
     About,
     Advised,
@@ -33,7 +35,6 @@ from armctl.facts.reasons import (
     Found,
     Need,
     OnCurve,
-    OnPath,
     Reason,
     Said,
     Several,
@@ -189,7 +190,7 @@ def _kinds(*modules: ModuleType) -> dict[str, type[Reason]]:
     return {one.__name__: one for one in found if isinstance(one, type) and issubclass(one, Reason)}
 
 
-KINDS = _kinds(reasons, quantities, targets, servos, causes)
+KINDS = _kinds(reasons, quantities, targets, servos, causes, program_paths)
 _ENUMS = {"need": Need, "state": State}
 
 

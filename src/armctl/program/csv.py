@@ -29,7 +29,8 @@ from armctl.program.csv_columns import (
     unguarded,
 )
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
-from armctl.program.steps import EDGES, CommentStep, MoveStep, PointStep, Step, any_step, tool_turn
+from armctl.program.standing_steps import EDGES
+from armctl.program.steps import CommentStep, MoveStep, PointStep, Step, any_step, tool_turn
 from armctl.robot import Robot
 
 CsvForm = Literal["angles", "points"]

@@ -18,16 +18,13 @@ from armctl.motion.paths.tool_path import TURN_MODES, PitchMode, TurnMode
 from armctl.motion.plan import follow_tool
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import ProfileName
-from armctl.program.base_steps import FASTEST, Effect, Field, Key, MotionStep, Seconds, Step, keys_of, literal
+from armctl.program.base_steps import FASTEST, Field, Key, MotionStep, Step, keys_of, literal
 from armctl.program.draw_step import DrawStep
 from armctl.program.grid_step import GridStep
 from armctl.program.logic_steps import CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
 from armctl.program.signal_steps import SetStep, WaitForStep
-from armctl.robot import CarriedPart, Robot
-from armctl.robot.body.arm_body import LARGEST_PART_MM, THINNEST_PART_MM, edge_words
-
-SLOWEST_PERCENT = 5
-
+from armctl.program.standing_steps import GripperStep, SpeedStep, WaitStep
+from armctl.robot import Robot
 
 _POINT_HINT, _VIA_HINT = "X, Y, Z of the tool at the end.", "X, Y, Z of a point on the arc."
 _PITCH_HINT = "Tool pitch at the end; of a line or an arc with 'interpolated' only."
@@ -35,10 +32,6 @@ _TURN_HINT = "The tool's whole orientation on the way; instead of its pitch."
 _RPY_HINT = (
     "The tool's orientation at the end, Rz(yaw)·Ry(pitch)·Rx(roll); "
     "of a line or an arc with 'interpolated' only."
-)
-_PART_HINT = (
-    "How large the part between the jaws is from then on, along X, Y, Z of the tool; its middle is at the "
-    "tool point. Empty: there is none."
 )
 _Point = Annotated[float, Field("Point mm", _POINT_HINT, 1)]
 _ViaPoint = Annotated[float, Field("Via mm", _VIA_HINT, 2)]
@@ -57,9 +50,6 @@ _Criterion = Annotated[
     str, Field("Choose by", "Which of the solutions is taken.", 6, choices=tuple(CRITERIA))
 ]
 _Profile = Annotated[ProfileName, Field("Profile", "Law of the motion over time.", 7)]
-_Edge = Annotated[
-    Annotated[float, Meta(ge=THINNEST_PART_MM, le=LARGEST_PART_MM)] | None, Field("Part mm", _PART_HINT, 51)
-]
 _ToolSpeed = Annotated[Annotated[float, Meta(gt=0)] | None, Field("Tool speed mm/s", FASTEST, 8)]
 _Frame = Annotated[
     Literal["cell"] | None,
@@ -67,8 +57,6 @@ _Frame = Annotated[
 ]
 _END, _VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
 _RPY = ("rx_deg", "ry_deg", "rz_deg")
-EDGES = ("part_x_mm", "part_y_mm", "part_z_mm")
-"""keys of what is between the jaws"""
 _LED = ("pitch", "pitch_deg", "orientation", "rpy_deg", "speed_mm_s", "duration_s", "blend_mm")
 """arguments of ``Arm.line`` and ``Arm.arc`` beside the points"""
 
@@ -302,81 +290,6 @@ class ArcStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="arc"):
         numbers = map(literal, _values(self, (*_VIA, *_END)))
         points = "via_mm=({}, {}, {}), to_mm=({}, {}, {})".format(*numbers)
         return f"arc({', '.join(filter(None, (points, self._arguments(_LED))))})"
-
-
-class WaitStep(Step, frozen=True, kw_only=True, tag="wait"):
-    """Stand still."""
-
-    words: ClassVar = "{0.seconds:g} s"
-    call: ClassVar = ("wait", "seconds")
-
-    seconds: Annotated[Seconds, Field("Wait time s", head="wait_s")]
-
-    @property
-    def effect(self) -> Effect:
-        """The time."""
-        return Effect(wait_s=self.seconds)
-
-
-class GripperStep(Step, frozen=True, kw_only=True, tag="gripper"):
-    """Open the gripper to a percentage: 0 closed, 100 open.
-
-    The steps after it are checked with the part that is between the jaws then.
-    """
-
-    call: ClassVar = ("gripper", "open_percent", "part_mm")
-    button: ClassVar = ("Add step", "Record gripper", "open_percent", *EDGES)
-
-    open_percent: Annotated[
-        float, Meta(ge=0, le=100), Field("Open %", "0 closed, 100 open.", head="gripper_percent")
-    ]
-
-    part_x_mm: _Edge = None
-    part_y_mm: _Edge = None
-    part_z_mm: _Edge = None
-
-    @property
-    def part_mm(self) -> tuple[float | None, ...] | None:
-        """Edges of what is between the jaws after it, as far as given (``CarriedPart``); None: nothing."""
-        edges = (self.part_x_mm, self.part_y_mm, self.part_z_mm)
-        return None if edges == (None, None, None) else edges
-
-    @property
-    def effect(self) -> Effect:
-        """The opening, and the part."""
-        x, y, z = self.part_x_mm, self.part_y_mm, self.part_z_mm
-        part = None if x is None or y is None or z is None else CarriedPart((x, y, z))
-        return Effect(opening=self.open_percent / 100, part=part)
-
-    def describe(self) -> str:
-        """The opening, and the size of the part."""
-        part = "" if self.part_mm is None else f", round a part of {edge_words(self.part_mm)}"
-        return f"{self.open_percent:g} % open{part}"
-
-    def check(self, robot: Robot) -> None:
-        """Refuse an arm without a gripper, and a part of which not all edges are given."""
-        if robot.gripper is None:
-            raise ProgramError(f"{robot.name} has no gripper; delete the step")
-        if self.part_mm is not None and None in self.part_mm:
-            raise ProgramError(f"the size of a part needs all of {', '.join(EDGES)}")
-
-
-class SpeedStep(Step, frozen=True, kw_only=True, tag="speed"):
-    """Run the steps after it at a percentage of their speed, on top of the operator's override."""
-
-    words: ClassVar = "{0.percent:g} % from here on"
-    call: ClassVar = ("set_speed", "percent")
-
-    percent: Annotated[
-        float,
-        Meta(ge=SLOWEST_PERCENT, le=100),
-        Field("Percent", "Speed of the steps after this one.", head="speed_percent"),
-    ]
-
-    @property
-    def effect(self) -> Effect:
-        """The percentage."""
-        return Effect(percent=self.percent)
 
 
 class CommentStep(Step, frozen=True, kw_only=True, tag="comment"):

@@ -1,0 +1,98 @@
+"""Steps that move no joint: a wait, the gripper, the speed of what follows."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+from msgspec import Meta
+
+from armctl.errors import ProgramError
+from armctl.program.base_steps import Effect, Field, Seconds, Step
+from armctl.robot import CarriedPart, Robot
+from armctl.robot.body.arm_body import LARGEST_PART_MM, THINNEST_PART_MM, edge_words
+
+SLOWEST_PERCENT = 5
+_PART_HINT = (
+    "How large the part between the jaws is from then on, along X, Y, Z of the tool; its middle is at the "
+    "tool point. Empty: there is none."
+)
+_Edge = Annotated[
+    Annotated[float, Meta(ge=THINNEST_PART_MM, le=LARGEST_PART_MM)] | None, Field("Part mm", _PART_HINT, 51)
+]
+EDGES = ("part_x_mm", "part_y_mm", "part_z_mm")
+"""keys of what is between the jaws"""
+
+
+class WaitStep(Step, frozen=True, kw_only=True, tag="wait"):
+    """Stand still."""
+
+    words: ClassVar = "{0.seconds:g} s"
+    call: ClassVar = ("wait", "seconds")
+
+    seconds: Annotated[Seconds, Field("Wait time s", head="wait_s")]
+
+    @property
+    def effect(self) -> Effect:
+        """The time."""
+        return Effect(wait_s=self.seconds)
+
+
+class GripperStep(Step, frozen=True, kw_only=True, tag="gripper"):
+    """Open the gripper to a percentage: 0 closed, 100 open.
+
+    The steps after it are checked with the part that is between the jaws then.
+    """
+
+    call: ClassVar = ("gripper", "open_percent", "part_mm")
+    button: ClassVar = ("Add step", "Record gripper", "open_percent", *EDGES)
+
+    open_percent: Annotated[
+        float, Meta(ge=0, le=100), Field("Open %", "0 closed, 100 open.", head="gripper_percent")
+    ]
+
+    part_x_mm: _Edge = None
+    part_y_mm: _Edge = None
+    part_z_mm: _Edge = None
+
+    @property
+    def part_mm(self) -> tuple[float | None, ...] | None:
+        """Edges of what is between the jaws after it, as far as given (``CarriedPart``); None: nothing."""
+        edges = (self.part_x_mm, self.part_y_mm, self.part_z_mm)
+        return None if edges == (None, None, None) else edges
+
+    @property
+    def effect(self) -> Effect:
+        """The opening, and the part."""
+        x, y, z = self.part_x_mm, self.part_y_mm, self.part_z_mm
+        part = None if x is None or y is None or z is None else CarriedPart((x, y, z))
+        return Effect(opening=self.open_percent / 100, part=part)
+
+    def describe(self) -> str:
+        """The opening, and the size of the part."""
+        part = "" if self.part_mm is None else f", round a part of {edge_words(self.part_mm)}"
+        return f"{self.open_percent:g} % open{part}"
+
+    def check(self, robot: Robot) -> None:
+        """Refuse an arm without a gripper, and a part of which not all edges are given."""
+        if robot.gripper is None:
+            raise ProgramError(f"{robot.name} has no gripper; delete the step")
+        if self.part_mm is not None and None in self.part_mm:
+            raise ProgramError(f"the size of a part needs all of {', '.join(EDGES)}")
+
+
+class SpeedStep(Step, frozen=True, kw_only=True, tag="speed"):
+    """Run the steps after it at a percentage of their speed, on top of the operator's override."""
+
+    words: ClassVar = "{0.percent:g} % from here on"
+    call: ClassVar = ("set_speed", "percent")
+
+    percent: Annotated[
+        float,
+        Meta(ge=SLOWEST_PERCENT, le=100),
+        Field("Percent", "Speed of the steps after this one.", head="speed_percent"),
+    ]
+
+    @property
+    def effect(self) -> Effect:
+        """The percentage."""
+        return Effect(percent=self.percent)
