@@ -13,7 +13,7 @@ from armctl.errors import ArmctlError
 from armctl.facts import CellOutsideGrid, NoSteps, OtherRobot, Reason
 from armctl.motion.preflight import Finding
 from armctl.program.base_steps import Step
-from armctl.program.paths import Walk
+from armctl.program.paths import PathWalk
 from armctl.program.program import PROGRAM_FILES, Blocks, Program, in_first_cells
 from armctl.program.steps import AnyStep, MoveStep
 from armctl.robot import Robot
@@ -53,7 +53,7 @@ def check_program(
     in_steps += [Finding(why, step=index) for index, why in broken]
     if motions and not broken:
         begin = None if start is None else robot.chain.checked(start)
-        walk = Walk(program, robot, wrong, payload_kg)
+        walk = PathWalk(program, robot, wrong, payload_kg)
         walk.run(begin, progress)
         in_steps += walk.found
     return findings + sorted(in_steps, key=lambda finding: -1 if finding.step is None else finding.step)

@@ -33,7 +33,7 @@ Path = tuple[PathTurn, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Place:
+class _PathPlace:
     """Where the arm may be ahead of a step."""
 
     q: FloatArray | None
@@ -54,13 +54,13 @@ class _Place:
         object.__setattr__(self, "key", (place, self.robot.openings, self.robot.part, self.cell, counters))
 
 
-_Places = dict[Key, _Place]
+_Places = dict[Key, _PathPlace]
 _Walking = Generator["_Walking", _Places, _Places]
 """a walk that asks for the walk of a block in it: blocks may be nested deeper than Python's calls"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Planned:
+class _PlannedMotion:
     index: int
     step: MotionStep
     trajectory: Trajectory
@@ -72,7 +72,7 @@ class _SpentError(Exception):
     """There is more than can be walked."""
 
 
-class Walk:
+class PathWalk:
     """Plans from step to step, on every path; what was walked from the same place, once."""
 
     def __init__(
@@ -84,7 +84,7 @@ class Walk:
         self._steps, self._robot, self._skipped, self._payload_kg = program.steps, robot, skipped, payload_kg
         self._blocks = Blocks.matched(program.steps)
         self._ranges = _counter_ranges([step for k, step in enumerate(program.steps) if k not in skipped])
-        self._planned: list[_Planned] = []
+        self._planned: list[_PlannedMotion] = []
         """motions that the pre-flight has not seen yet, each from where the one before ends"""
         self._ends: dict[tuple[int, Key], FloatArray | None] = {}
         """where a step ends that began somewhere"""
@@ -97,9 +97,9 @@ class Walk:
         """the step that is walked now"""
 
     def run(self, q: FloatArray | None, progress: Callable[[int, int], None] | None) -> None:
-        """Walk through the program from ``q`` (n,) [rad]; None: not known."""
+        """PathWalk through the program from ``q`` (n,) [rad]; None: not known."""
         self._progress, self._done = progress, 0
-        begin = _Place(q, self._robot, {})
+        begin = _PathPlace(q, self._robot, {})
         open_: list[_Walking] = [self._through(0, len(self._steps), {begin.key: begin})]
         result: _Places | None = None
         try:
@@ -202,14 +202,14 @@ class Walk:
             {key: place for key, place in places.items() if answers[key] is not True},
         )
 
-    def _foreseen(self, index: int, place: _Place | None) -> bool | None:
+    def _foreseen(self, index: int, place: _PathPlace | None) -> bool | None:
         """Whether the condition of a step holds; None: only the board knows."""
         step = self._steps[index]
         if place is None or not isinstance(step, ConditionStep):
             return None
         return step.condition.foreseen(place.counters)
 
-    def _after(self, index: int, step: Step, place: _Place) -> _Place | None:
+    def _after(self, index: int, step: Step, place: _PathPlace) -> _PathPlace | None:
         """Where the arm is after a step; None: it does not come there."""
         if isinstance(step, MotionStep):
             return replace(place, q=self._end(index, step, place))
@@ -232,7 +232,7 @@ class Walk:
             return replace(place, robot=self._robots[kept])
         return place
 
-    def _end(self, index: int, step: MotionStep, place: _Place) -> FloatArray | None:
+    def _end(self, index: int, step: MotionStep, place: _PathPlace) -> FloatArray | None:
         """Where a moving step ends; None where that is not known."""
         if index in self._skipped:
             return None
@@ -247,7 +247,7 @@ class Walk:
                 else:
                     trajectory = step.plan(place.robot, place.q, checked=False)
                     self._ends[key] = trajectory.end
-                    self._add(_Planned(index, step, trajectory, place.robot, place.path))
+                    self._add(_PlannedMotion(index, step, trajectory, place.robot, place.path))
                     for reason in step.left_out(place.robot, place.q):
                         self._report(index, reason, place.path, "warning")
             except ArmctlError as cause:
@@ -261,7 +261,7 @@ class Walk:
             self._reported.add(fact)
             self.found.append(refusal)
 
-    def _add(self, planned: _Planned) -> None:
+    def _add(self, planned: _PlannedMotion) -> None:
         if self._planned:
             last = self._planned[-1]
             follows = (
@@ -274,7 +274,7 @@ class Walk:
                 self._planned = []
         self._planned.append(planned)
 
-    def _look_at(self, planned: list[_Planned]) -> None:
+    def _look_at(self, planned: list[_PlannedMotion]) -> None:
         """Run the pre-flight: over all at once, and where that finds something, over ever fewer."""
         if len(planned) > _ALONE:
             if not self._clear_together(planned):
@@ -289,7 +289,7 @@ class Walk:
                     self._reported.add(fact)
                     self.found.append(replace(one, step=it.index, reason=_on(it.path, one.reason)))
 
-    def _clear_together(self, planned: Sequence[_Planned]) -> bool:
+    def _clear_together(self, planned: Sequence[_PlannedMotion]) -> bool:
         """Whether nothing is found in motions that follow each other, nor touched at their start."""
         robot, trajectories = planned[0].robot, [it.trajectory for it in planned]
         motion = JoinedTrajectory(trajectories)
@@ -302,7 +302,7 @@ class Walk:
         return passes(robot, motion, self._payload_kg, tool_path=planned[0].step.leads_tool, warned=False)
 
 
-def _merged(places: Iterable[_Place | None]) -> _Places:
+def _merged(places: Iterable[_PathPlace | None]) -> _Places:
     """Places, each once; the path of one that several lead to is what they share."""
     found: _Places = {}
     for place in places:
@@ -313,11 +313,11 @@ def _merged(places: Iterable[_Place | None]) -> _Places:
     return found
 
 
-def _turned(place: _Place, turn: PathTurn) -> _Place:
+def _turned(place: _PathPlace, turn: PathTurn) -> _PathPlace:
     return replace(place, path=(*place.path, turn))
 
 
-def _common(places: Iterable[_Place]) -> Path:
+def _common(places: Iterable[_PathPlace]) -> Path:
     first, *others = [place.path for place in places]
     count = len(first)
     for path in others:
