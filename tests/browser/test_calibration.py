@@ -163,7 +163,7 @@ def test_marks_are_not_changed_by_a_page_that_watches_and_touched_points_name_th
         served.go_deg(page, joints)
         really = np.radians(np.add(joints, (0, 0, OFF_DEG, 0, 0)))
         page.type_xyz(*(f"{1000 * value:.2f}" for value in served.robot.forward(really)[:3, 3]))
-        page.click("Add point")
+        page.click("Here")
     page.wait_for_text("Suggested values")
     page.wait_for_text(re.compile(r"Elbow: zero off by .*"))
     page.screenshot("calibration_points")
