@@ -24,8 +24,10 @@ from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration, sta
 from armctl.ui.tabs.calibration.touched_points import TouchedPoint, TouchedPoints
 
 ROBOT = load_robot("uzuner")
-OFF = np.radians([0.0, 1.5, 4.0, -2.0, 0.0])
+OFF = np.radians([0.0, 0.0, 4.0, -2.0, 0.0])
 """how far the joints truly are from what the arm believes"""
+NOISE_M = 0.0003
+"""how well a person sees where the tip is"""
 PLACE, HEADING = np.array([0.17, 0.02, 0.004]), np.radians(25.0)
 """where the sheet truly lies"""
 
@@ -47,8 +49,9 @@ def in_base(point: FloatArray) -> FloatArray:
 def touch(points: TouchedPoints, number: int, wrong_m: float = 0.0) -> None:
     """Touch a crosshair, as somebody does who looks at the true tip."""
     point = points.crosshair(number)
-    found = ROBOT.inverse(in_base(point) + np.array((wrong_m, 0.0, 0.0))).q
-    truly = found[len(points.touches) * 7919 % len(found)]  # in ever another pose
+    at, count = in_base(point) + np.array((wrong_m, 0.0, 0.0)), len(points.touches)
+    found = ROBOT.inverse(at + np.random.default_rng(count).normal(0.0, NOISE_M, 3)).q
+    truly = found[count * 7919 % len(found)]  # in ever another pose
     assert ROBOT.output_map is not None
     x, y, z = point.tolist()
     points.add(TouchedPoint(ROBOT.output_map.outputs(truly - OFF), (x, y, z), number))
@@ -83,7 +86,7 @@ def test_touches_of_a_sheet_that_lies_anywhere_are_corrected_applied_and_checked
     assert len(set(numbers[:3])) == 3
     fit = points.result
     assert isinstance(fit, TouchFit) and fit.correct
-    assert fit.after.rms < 0.0003 < 0.002 < fit.before.rms
+    assert fit.after.rms < 0.001 < 0.002 < fit.before.rms
     told = plain(result_html(points))
     assert "Tool error" in told and "with the correction" in told and "zero off by" in told
 
@@ -94,14 +97,16 @@ def test_touches_of_a_sheet_that_lies_anywhere_are_corrected_applied_and_checked
     again.adopt(desk)
     asyncio.run(again.points.compute())
     assert "Touch 3 more points to check it" in plain(result_html(again.points))
-    assert again.points.errors_m is not None and again.points.errors_m.max() < 0.0005
+    assert again.points.errors_m is not None and again.points.errors_m.max() < 0.0015
     with pytest.raises(StateError, match="no number explains the error better than chance"):
         again.correction()
     touched(again.points, 3)
     checked = plain(result_html(again.points))
     assert re.search(r"Checked by points touched since \(3\):\s+0\.\d\d mm RMS", checked)
-    tip = calibrated(ROBOT, kept).forward(ROBOT.pose("home"))[:3, 3]
-    assert np.linalg.norm(tip - ROBOT.forward(ROBOT.pose("home"))[:3, 3]) > 0.002
+    before, now, home = ROBOT.output_map, calibrated(ROBOT, kept).output_map, ROBOT.pose("home")
+    assert before is not None and now is not None
+    ahead = before.angles(now.outputs(home)) - home  # of what is sent
+    assert np.degrees(ahead[1:4]) == pytest.approx(-np.degrees(OFF[1:4]), abs=0.6)
 
 
 def test_what_was_touched_wrongly_is_marked_and_what_is_skipped_is_not_proposed(

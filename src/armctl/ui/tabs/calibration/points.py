@@ -49,12 +49,12 @@ _ON: Final[dict[str, Paper | None]] = {
     "a printed sheet, Letter": "letter",
 }
 _HOW = (
-    "Bring the tip to a point and press Here: six points at least, ten are better, in poses that differ much. "
+    "Bring the tip to a point and press Here: six points at least, ten are better, in poses that differ. "
     "armctl then tells how far the tool is off, what is to blame, and corrects it."
 )
 _HOW_SHEET = (
     "Print the sheet at 100 %, check its scale bar, and tape it down about where it says. Touch some "
-    "crosshairs again coming from the other side: that tells the play."
+    "crosshairs again coming from the other side, as that tells play, and some on a block of known height."
 )
 _ON_HINT = "Known places in the base frame, or crosshairs of a sheet that lies anywhere."
 _HEIGHT_HINT = "0 on the paper; else the height of a block that stands on the crosshair."
