@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from tests.browser.served_arm import ServedArm
 
 from armctl.calibration import TouchFit
 from armctl.facts import State
+from armctl.motion.choices import first_possible, may_go_to
 from armctl.protocol import MoveJoints
 from armctl.robot import OutputMap, load_robot
 from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration
@@ -171,3 +173,41 @@ def test_marks_are_not_changed_by_a_page_that_watches_and_touched_points_name_th
     assert isinstance(told, TouchFit)
     assert told.after.rms < 0.0005 < told.before.rms
     assert "joints.elbow.servo" in page.download("Download the suggestion").read_text()
+
+
+def test_a_sheet_is_touched_the_arm_corrected_and_its_figure_told(page: Screen, served: ServedArm) -> None:
+    page.open_tab("Known points")
+    page.choose("Points", "a printed sheet, A4")
+    page.wait_for_text(re.compile(r"Touch crosshair \d+ next"))
+    assert page.download("Download the sheet").read_bytes().startswith(b"%PDF")
+    shared = served.console.shared(SharedCalibration)
+    sheet, first = shared.points.sheet, shared.points.next
+    assert sheet is not None and first is not None
+    page.wait_for_text("Known points · ")
+    page.click("Go")
+    above = 1000 * sheet.laid_m[first.number - 1]
+    page.wait_until(lambda: bool(np.abs(served.tool_mm - above)[:2].max() < 0.5), "it is above the crosshair")
+    assert 29 < served.tool_mm[2] < 101
+
+    page.type_into("Height mm", "60")
+    points, off = shared.points, np.radians([0.0, 0.0, 4.0, -2.0, 0.0])
+    laid = sheet.place_m + np.array((0.0, 0.01, 0.064))  # elsewhere than it is drawn, and on a block
+    for count in range(7):
+        page.wait_until(lambda: points.next is not None, "the next one is proposed")
+        found = served.robot.inverse(points.crosshair(int(page.value("Crosshair"))) + laid).q - off
+        found, begin = np.roll(found, count * 97, axis=0), served.now.q_command
+        free = first_possible(served.robot, begin, found, partial(may_go_to, served.robot, begin))
+        assert free is not None
+        served.go_deg(page, np.degrees(found[free]).tolist())
+        page.click("Here")
+        page.wait_until(lambda n=count: len(points.touches) > n, "it is touched")
+    page.wait_for_text(re.compile(r"with the correction 0\.\d\d mm"))
+    page.wait_for_text(re.compile(r"Elbow: zero off by .*"))
+    page.screenshot("calibration_sheet")
+    page.click("Apply the correction")
+    page.wait_for_notification(re.compile("Correction applied"))
+    served.wait_for(page, State.OFF)
+    page.open_tab("Calibration", "Known points")
+    page.wait_for_text(re.compile(r"Corrected: .* mm before, 0\.\d\d mm after"))
+    page.wait_for_text("Touch 3 more points to check it.")
+    assert page.errors == []

@@ -15,7 +15,9 @@ from armctl.calibration import LEAST_POINTS, Paper, TouchFit
 from armctl.errors import ArmctlError, InputError
 from armctl.facts import Reason, advice, say
 from armctl.facts.causes import FitFigures, MistakenPoint
+from armctl.motion.choices import first_possible, may_go_to
 from armctl.protocol import Snapshot
+from armctl.robot import Robot
 from armctl.ui.dragged_tool import dragged_to
 from armctl.ui.events import GivenUpError
 from armctl.ui.next_pose import PoseWriter
@@ -42,7 +44,7 @@ from armctl.ui.widgets.number_field import EditWatch, NumberField
 
 _TYPED = "as typed below"
 _SLOW_MM_S = 5.0
-_ABOVE_M = 0.03
+_ABOVE_M = (0.03, 0.06, 0.1)
 _ON: Final[dict[str, Paper | None]] = {
     "known places": None,
     "a printed sheet, A4": "a4",
@@ -70,6 +72,8 @@ class CalibrationPoints:
         self._points, self._robot = self._shared.points, session.console.robot
         self._writer = PoseWriter(session, "Known points")
         self._drawn = -1
+        self._no_correction: str | None = None
+        """why there is nothing to apply"""
         gui = session.gui
         LiveHtml(gui, muted(_HOW))
         self._on = gui.add_dropdown("Points", tuple(_ON), hint=_ON_HINT)
@@ -96,8 +100,6 @@ class CalibrationPoints:
         self._apply = gui.add_button("Apply the correction", icon=viser.Icon.DEVICE_FLOPPY, visible=False)
         free = partial(release_first, reopen=True)
         session.needs(None, self._apply, also=lambda snapshot: free(snapshot) or self._no_correction)
-        self._no_correction: str | None = None
-        """why there is nothing to apply"""
         self._download = gui.add_button("Download the suggestion", color="gray", visible=False)
         self._watch = EditWatch([*self._xyz, self._height])
         session.spawn(self._points.compute())  # touches that were made before the arm was opened anew
@@ -136,8 +138,10 @@ class CalibrationPoints:
         for control in (self._delete, self._undo, self._clear):
             control.visible = bool(points.touches)
         self._download.visible = bool(points.suggestion)
-        self._apply.visible = isinstance(points.result, TouchFit)
-        self._no_correction = refused_by(lambda _: self._shared.correction())(snapshot)
+        self._apply.visible = isinstance(points.result, TouchFit) and points.result.correct
+        self._no_correction = (
+            refused_by(lambda _: self._shared.correction())(snapshot) if self._apply.visible else None
+        )
 
     def _show_kind(self) -> None:
         """The fields for the points that are chosen."""
@@ -240,13 +244,8 @@ class CalibrationPoints:
         else:
             near = self._points.pose(int(self._crosshair.value))
             point = self._robot.forward(near)[:3, 3] + np.array((0.0, 0.0, self._height.value / 1000))
-        above: FloatArray | None = await self._session.work_out(
-            dragged_to, self._robot, point + np.array((0.0, 0.0, _ABOVE_M)), near
-        )
-        if above is None:
-            raise InputError(
-                "the arm cannot stand 30 mm above this point: jog it there, or choose another one"
-            )
+        start = self._session.next.standing(self._session.snapshot)
+        above = await self._session.work_out(pose_above, self._session.held, point, near, start)
         self._writer.show(above)
 
     # The correction.
@@ -262,6 +261,23 @@ class CalibrationPoints:
         if not (text := self._points.suggestion):
             raise InputError("there is no suggestion yet: touch more points")
         self._session.download("suggestion.toml", text)
+
+
+def pose_above(robot: Robot, point: FloatArray, near: FloatArray, start: FloatArray) -> FloatArray:
+    """A configuration (n,) [rad] to which the arm may go from ``start`` with the tool above a point (3,) [m].
+
+    The one nearest to ``near`` (n,), where that may be, else any. ``InputError``: there is none.
+    """
+    for lift in _ABOVE_M:
+        target = point + np.array((0.0, 0.0, lift))
+        q = dragged_to(robot, target, near)
+        if q is not None and may_go_to(robot, start, q):
+            return q
+        others = robot.inverse(target, start=start).q
+        found = first_possible(robot, start, others, partial(may_go_to, robot, start))
+        if found is not None:
+            return others[found]
+    raise InputError("the arm finds no free way above this point: jog it there, or choose another one")
 
 
 async def take_effect(session: Session, title: str, text: str) -> None:
