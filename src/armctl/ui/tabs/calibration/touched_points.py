@@ -72,7 +72,7 @@ class NextTouch:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Found:
+class _TouchAnswer:
     """What was worked out of some touches."""
 
     errors_m: FloatArray | None = None
@@ -83,7 +83,7 @@ class _Found:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Asked:
+class _TouchQuestion:
     """What is worked out beside the event loop."""
 
     robot: Robot
@@ -92,7 +92,7 @@ class _Asked:
     skipped: frozenset[int]
     possible: Touches | None
 
-    def answer(self) -> _Found:
+    def answer(self) -> _TouchAnswer:
         """May take a second or two."""
         errors: FloatArray | None = None
         result: TouchFit | str | None = None
@@ -107,7 +107,7 @@ class _Asked:
                 result = fit_touches(self.robot, checked)
             except ArmctlError as error:
                 result = str(error)
-        return _Found(errors, result, *self._next())
+        return _TouchAnswer(errors, result, *self._next())
 
     def _next(self) -> tuple[Touches | None, NextTouch | None]:
         sheet, placed = self.sheet, len(self.touches) >= _LEAST_PLACED
@@ -154,7 +154,7 @@ class TouchedPoints:
         """touches before that; those behind check it"""
         self.version = 0
         """rises with every change, so that a page knows when to draw anew"""
-        self._found: _Found | None = None
+        self._found: _TouchAnswer | None = None
         self._possible: Touches | None = None
         """poses with the tool on the crosshairs, since it is known where the sheet lies"""
         self._sense, self._turned_at = np.zeros(robot.n), np.full(robot.n, np.nan)
@@ -296,8 +296,8 @@ class TouchedPoints:
         touches, skipped, sheet = self.touches, self.skipped, self.sheet
         if self._found is not None or not (touches or sheet):
             return
-        asked = _Asked(self._robot, self._given(), sheet, skipped, self._possible)
-        found: _Found = await work_out(asked.answer)
+        asked = _TouchQuestion(self._robot, self._given(), sheet, skipped, self._possible)
+        found: _TouchAnswer = await work_out(asked.answer)
         if self.touches is touches and self.sheet is sheet and self.skipped is skipped:
             self._found = found
             self._possible = found.possible if len(touches) > _LEAST_PLACED else None
