@@ -118,7 +118,9 @@ class _TouchQuestion:
             possible = reachable(self.robot, self.touches, sheet.points_m)
         elif possible is None:
             possible = reachable_at(self.robot, sheet.points_m, sheet.laid_m, "sheet")
-        left = np.flatnonzero(~np.isin(_numbers(sheet, possible), list(self.skipped)))
+        numbers = _numbers(sheet, possible)
+        last = _numbers(sheet, self.touches)[-1:].tolist()  # the same again at once looks like a mistake
+        left = np.flatnonzero(~np.isin(numbers, [*self.skipped, *last]))
         if not len(left):
             return possible, None
         if placed:
@@ -127,7 +129,7 @@ class _TouchQuestion:
             done = np.vstack([self.touches.points_m, np.zeros((1, 3))])
             apart = np.linalg.norm(possible.points_m[left][:, None] - done[None], axis=2)
             best = left[np.argmax(apart.min(axis=1))]
-        return possible, NextTouch(int(_numbers(sheet, possible)[best]), possible.q[best])
+        return possible, NextTouch(int(numbers[best]), possible.q[best])
 
 
 def _numbers(sheet: TouchSheet, touches: Touches) -> NDArray[np.intp]:
