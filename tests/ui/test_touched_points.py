@@ -47,9 +47,10 @@ def in_base(point: FloatArray) -> FloatArray:
 
 
 def touch(points: TouchedPoints, number: int, wrong_m: float = 0.0) -> None:
-    """Touch a crosshair, as somebody does who looks at the true tip."""
-    point = points.crosshair(number)
-    at, count = in_base(point) + np.array((wrong_m, 0.0, 0.0)), len(points.touches)
+    """Touch a crosshair, or a block on it, as somebody does who looks at the true tip."""
+    count = len(points.touches)
+    point = points.crosshair(number) + np.array((0.0, 0.0, 0.08 * (count % 2)))
+    at = in_base(point) + np.array((wrong_m, 0.0, 0.0))
     found = ROBOT.inverse(at + np.random.default_rng(count).normal(0.0, NOISE_M, 3)).q
     truly = found[count * 7919 % len(found)]  # in ever another pose
     assert ROBOT.output_map is not None
@@ -82,7 +83,7 @@ def test_touches_of_a_sheet_that_lies_anywhere_are_corrected_applied_and_checked
     points = desk.points
     with pytest.raises(StateError, match="there is no correction yet: 6 points"):
         desk.correction()
-    numbers = touched(points, 8)
+    numbers = touched(points, 10)
     assert len(set(numbers[:3])) == 3
     fit = points.result
     assert isinstance(fit, TouchFit) and fit.correct
@@ -105,8 +106,9 @@ def test_touches_of_a_sheet_that_lies_anywhere_are_corrected_applied_and_checked
     assert re.search(r"Checked by points touched since \(3\):\s+0\.\d\d mm RMS", checked)
     before, now, home = ROBOT.output_map, calibrated(ROBOT, kept).output_map, ROBOT.pose("home")
     assert before is not None and now is not None
-    ahead = before.angles(now.outputs(home)) - home  # of what is sent
-    assert np.degrees(ahead[1:4]) == pytest.approx(-np.degrees(OFF[1:4]), abs=0.6)
+    wanted, bare = ROBOT.forward(home)[:3, 3], ROBOT.forward(home + OFF)[:3, 3]
+    reached = ROBOT.forward(before.angles(now.outputs(home)) + OFF)[:3, 3]  # at a pose that nobody touched
+    assert np.linalg.norm(reached - wanted) < 0.3 * np.linalg.norm(bare - wanted)
 
 
 def test_what_was_touched_wrongly_is_marked_and_what_is_skipped_is_not_proposed(
