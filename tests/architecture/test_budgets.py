@@ -16,8 +16,8 @@ SOURCES = Path(armctl.__file__).parent
 MOST_LINES, MOST_OF_A_FUNCTION = 450, 60
 FOLDERS = {
     ".": (15, 3_260),
-    "calibration": (10, 2_270),
-    "cli": (14, 3_130),
+    "calibration": (11, 2_480),
+    "cli": (15, 3_175),
     "drawing": (11, 2_120),
     "facts": (17, 3_060),
     "hardware": (70, 14_360),
@@ -28,7 +28,7 @@ FOLDERS = {
     "protocol": (5, 1_160),
     "robot": (42, 11_720),
     "runtime": (25, 6_190),
-    "ui": (90, 20_070),
+    "ui": (92, 20_520),
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

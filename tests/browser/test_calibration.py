@@ -163,7 +163,7 @@ def test_marks_are_not_changed_by_a_page_that_watches_and_touched_points_name_th
         served.go_deg(page, joints)
         really = np.radians(np.add(joints, (0, 0, OFF_DEG, 0, 0)))
         page.type_xyz(*(f"{1000 * value:.2f}" for value in served.robot.forward(really)[:3, 3]))
-        page.click("Add point")
+        page.click("Here")
     page.wait_for_text("Suggested values")
     page.wait_for_text(re.compile(r"Elbow: zero off by .*"))
     page.screenshot("calibration_points")
@@ -171,3 +171,37 @@ def test_marks_are_not_changed_by_a_page_that_watches_and_touched_points_name_th
     assert isinstance(told, TouchFit)
     assert told.after.rms < 0.0005 < told.before.rms
     assert "joints.elbow.servo" in page.download("Download the suggestion").read_text()
+    page.click("Apply the correction")
+    page.wait_for_notification(re.compile("Correction applied"))
+    served.wait_for(page, State.OFF)
+    page.wait_for_text(re.compile(r"Corrected: .* mm before, 0\.\d\d mm after"))
+    page.wait_for_text("Touch 3 more points to check it.")
+
+
+def test_a_sheet_is_downloaded_and_its_crosshairs_are_proposed_and_touched(
+    page: Screen, served: ServedArm
+) -> None:
+    page.open_tab("Known points")
+    page.choose("Points", "a printed sheet, A4")
+    page.wait_for_text(re.compile(r"Touch crosshair \d+ next"))
+    assert page.download("Download the sheet").read_bytes().startswith(b"%PDF")
+    shared = served.console.shared(SharedCalibration)
+    sheet, first = shared.points.sheet, shared.points.next
+    assert sheet is not None and first is not None
+    page.wait_for_text("Known points · ")
+    page.click("Go")
+    above = 1000 * sheet.laid_m[first.number - 1]
+    page.wait_until(lambda: bool(np.abs(served.tool_mm - above)[:2].max() < 0.5), "it is above the crosshair")
+    assert 29 < served.tool_mm[2] < 101
+
+    served.wait_for(page, State.HOLDING)
+    page.type_into("Height mm", "30")
+    page.click("Here")
+    page.wait_until(lambda: len(shared.points.touches) == 1, "it is touched")
+    assert shared.points.touches[0].number == first.number
+    page.wait_until(lambda: shared.points.next is not None, "the next one is proposed")
+    page.wait_until(lambda: page.value("Crosshair") != str(first.number), "another one is next")
+    page.screenshot("calibration_sheet")
+    page.click("Undo the last")
+    page.wait_until(lambda: not shared.points.touches, "it is taken back")
+    assert page.errors == []

@@ -14,6 +14,7 @@ import pytest
 from tests.arms import FIVE
 from tests.runtime.kit import make_rig
 
+from armctl.arrays import FloatArray
 from armctl.calibration import (
     Calibration,
     CalibrationStore,
@@ -49,11 +50,11 @@ from armctl.ui.tabs.calibration.screen import (
 from armctl.ui.tabs.calibration.shared_calibration import (
     CalibrationWork,
     SharedCalibration,
-    TouchedPoints,
     present_outputs,
     standing_gripper,
     standing_outputs,
 )
+from armctl.ui.tabs.calibration.touched_points import TouchedPoint, TouchedPoints
 
 ROBOT = load_robot("uzuner")
 FILE = own_calibration(ROBOT, "base")
@@ -251,7 +252,7 @@ def test_a_measurement_that_leaves_nothing_of_a_joint_is_not_saved(store: Calibr
 def test_marks_go_on_at_the_new_desk_of_the_same_arm_only(store: CalibrationStore) -> None:
     first = desk(store)
     measure(first)
-    first.points.add(dict.fromkeys(range(5), 1500.0), ROBOT.forward(ROBOT.pose("home"))[:3, 3])
+    first.points.add(touched(ROBOT.pose("home"), ROBOT.forward(ROBOT.pose("home"))[:3, 3]))
     same, other = desk(store), desk(store, "another board")
     nameless = desk(store, None)
     for one in (same, other, nameless):
@@ -353,13 +354,18 @@ def the_map() -> OutputMap:
     return ROBOT.output_map
 
 
+def touched(q: FloatArray, point: FloatArray, number: int | None = None) -> TouchedPoint:
+    x, y, z = point.tolist()
+    return TouchedPoint(the_map().outputs(q), (x, y, z), number)
+
+
 def touch(points: TouchedPoints, count: int = len(TOUCHED_DEG)) -> None:
     """Touch with an elbow that stands 2° from where the arm believes it."""
     for pose in TOUCHED_DEG[:count]:
         q = np.radians(np.array(pose, dtype=float))
         really = q.copy()
         really[2] += ELBOW_OFF
-        points.add(the_map().outputs(q), ROBOT.forward(really)[:3, 3])
+        points.add(touched(q, ROBOT.forward(really)[:3, 3]))
 
 
 def test_five_points_tell_nothing_and_six_name_the_joint() -> None:
@@ -367,7 +373,7 @@ def test_five_points_tell_nothing_and_six_name_the_joint() -> None:
     touch(points, 5)
     asyncio.run(points.compute())
     assert points.result is None
-    assert (points.distances_m > 0.001).all()
+    assert points.errors_m is not None and (points.errors_m > 0.001).all()
     points = TouchedPoints(ROBOT)
     touch(points)
     before = points.version
@@ -375,11 +381,12 @@ def test_five_points_tell_nothing_and_six_name_the_joint() -> None:
     assert isinstance(points.result, TouchFit)
     assert points.version > before
     assert isinstance(cause := points.result.causes[0], ZeroOff) and cause.part == "Elbow"
-    assert points.result.before.largest == pytest.approx(points.distances_m.max())
+    assert points.errors_m is not None
+    assert points.result.before.largest == pytest.approx(points.errors_m.max())
     assert "zero_us" in points.suggestion
     points, q = TouchedPoints(ROBOT), ROBOT.pose("home")
     for _ in range(6):
-        points.add(the_map().outputs(q), ROBOT.forward(q)[:3, 3])
+        points.add(touched(q, ROBOT.forward(q)[:3, 3]))
     asyncio.run(points.compute())
     assert "spread them over the arm's workspace" in str(points.result)
 
@@ -392,7 +399,8 @@ def test_touches_stay_true_when_the_calibration_changes() -> None:
     mended = calibrated(ROBOT, Calibration("uzuner", "simulated", "µs", {"elbow": right}))
     later = TouchedPoints(mended)
     later.take_over(points)
-    assert later.distances_m == pytest.approx(np.zeros(6), abs=1e-6)
+    asyncio.run(later.compute())
+    assert later.errors_m == pytest.approx(np.zeros(6), abs=1e-6)
 
 
 def test_what_is_found_out_about_touches_that_have_changed_is_dropped() -> None:
@@ -414,7 +422,7 @@ def test_what_is_found_out_about_touches_that_have_changed_is_dropped() -> None:
 def test_no_point_is_no_touch(point: tuple[float, float, float]) -> None:
     points = TouchedPoints(ROBOT)
     with pytest.raises(InputError, match="less than 10 m from the base"):
-        points.add(the_map().outputs(ROBOT.pose("home")), np.array(point))
+        points.add(touched(ROBOT.pose("home"), np.array(point)))
     with pytest.raises(InputError, match="there is no point 1; there are 0"):
         points.delete(0)
 

@@ -12,7 +12,7 @@ from armctl.calibration.apply import (
 )
 from armctl.calibration.correction import Change, changes, corrected, suggestion
 from armctl.calibration.fit import LEAST_MARKS, JointFit, Mark, fit_joint
-from armctl.calibration.next_touch import next_touch, reachable
+from armctl.calibration.next_touch import next_touch, reachable, reachable_at
 from armctl.calibration.record import (
     Calibration,
     CalibrationStore,
@@ -26,13 +26,15 @@ from armctl.calibration.record import (
     read_calibration,
     renamed,
 )
+from armctl.calibration.sheet import PAPERS_MM, Paper, TouchSheet, touch_sheet
 from armctl.calibration.tables import read_marks, read_touches
 from armctl.calibration.touch_model import LEAST_POINTS, Frame, Touches
-from armctl.calibration.touch_report import TouchFit, fit_touches
+from armctl.calibration.touch_report import TouchFit, fit_touches, touch_errors
 
 __all__ = [
     "LEAST_MARKS",
     "LEAST_POINTS",
+    "PAPERS_MM",
     "Calibration",
     "CalibrationStore",
     "Change",
@@ -43,7 +45,9 @@ __all__ = [
     "JointFit",
     "LengthChange",
     "Mark",
+    "Paper",
     "TouchFit",
+    "TouchSheet",
     "Touches",
     "Version",
     "calibrated",
@@ -61,10 +65,13 @@ __all__ = [
     "own_calibration",
     "own_map",
     "reachable",
+    "reachable_at",
     "read_calibration",
     "read_marks",
     "read_touches",
     "renamed",
     "safe_outputs",
     "suggestion",
+    "touch_errors",
+    "touch_sheet",
 ]

@@ -6,7 +6,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.calibration.touch_fit import solve
-from armctl.calibration.touch_model import Touches, TouchModel
+from armctl.calibration.touch_model import Frame, Touches, TouchModel
 from armctl.errors import CalibrationError
 from armctl.facts.angles import DEGREE
 from armctl.robot import Robot
@@ -18,6 +18,7 @@ _NOISE_M = 0.0007
 _PITCHES = tuple(DEGREE * pitch for pitch in (-90.0, -70.0, -50.0, -30.0, -10.0))
 _PITCHED = 3
 """so many parallel pitch joints leave the pitch free"""
+_NEAR = 5.0 * DEGREE
 _STEP = 5.0 * DEGREE
 _SENSES = (1.0, -1.0)
 
@@ -53,17 +54,34 @@ def reachable(robot: Robot, touches: Touches, points_m: FloatArray, *, load_kg: 
     """
     model = TouchModel(robot, load_kg).placed(touches)
     values = solve(model, touches, model.of_sheet()).values
-    pitches: list[float | None] = [None]
-    if len(robot.inverse_kinematics.pitch_joints) == _PITCHED:
-        pitches = list(_PITCHES)
-    rotation = robot.forward(robot.pose("home"))[:3, :3] if robot.orients_tool else None
+    return reachable_at(robot, points_m, model.in_base(values, points_m), touches.frame)
+
+
+def reachable_at(robot: Robot, points_m: FloatArray, base_m: FloatArray, frame: Frame = "base") -> Touches:
+    """The same for points (m, 3) of a frame that lie at ``base_m`` (m, 3) in the base frame."""
     rows = [
         (pose, point)
-        for point, target in zip(points_m, model.in_base(values, points_m), strict=True)
-        for pitch in pitches
-        for pose in robot.inverse(target, pitch, rotation=rotation, step=_STEP).q[:1]
+        for point, target in zip(points_m, base_m, strict=True)
+        for pose in _poses(robot, target)
     ]
     q = np.reshape([pose for pose, _ in rows for _ in _SENSES], (-1, robot.n))
     points = np.reshape([point for _, point in rows for _ in _SENSES], (-1, 3))
     senses = np.tile(np.array(_SENSES)[:, None], (len(rows), robot.n))
-    return Touches(q, points, touches.frame, senses)
+    return Touches(q, points, frame, senses)
+
+
+def _poses(robot: Robot, target: FloatArray) -> list[FloatArray]:
+    """Configurations (n,) [rad] with the tool at a point (3,) [m]: a free pitch downwards, in some steps."""
+    rotation = robot.forward(robot.pose("home"))[:3, :3] if robot.orients_tool else None
+    found = robot.inverse(target, rotation=rotation, step=_STEP).q
+    if len(robot.inverse_kinematics.pitch_joints) != _PITCHED or not len(found):
+        return list(found[:1])
+    # one search for all pitches: a pitch that is out of reach takes a second to be refused
+    pitch = np.arcsin(np.clip(robot.forward(found)[:, 2, 2], -1.0, 1.0))
+    away = np.abs(found - robot.pose("home")).max(axis=1)
+    chosen: list[FloatArray] = []
+    for wanted in _PITCHES:
+        near = np.flatnonzero(np.abs(pitch - wanted) < _NEAR)
+        if len(near):
+            chosen.append(found[near[np.argmin(away[near])]])
+    return chosen

@@ -166,6 +166,15 @@ def fit_touches(robot: Robot, touches: Touches, *, load_kg: float = 0.0, lengths
     )  # fmt: skip
 
 
+def touch_errors(robot: Robot, touches: Touches, *, load_kg: float = 0.0) -> FloatArray:
+    """(k, 3) by how much the tool misses points by the robot's own numbers, base frame [m].
+
+    On a sheet, each from where all the others put it: three touches at least. Nothing of the arm is fitted.
+    """
+    model = TouchModel(robot, load_kg).placed(touches)
+    return solve(model, touches, model.of_sheet()).left_out
+
+
 def _explained(
     model: TouchModel, touches: Touches, every: Sequence[Parameter], *, lengths: bool
 ) -> tuple[Solved, Solved, list[Solved], Solved]:

@@ -28,6 +28,7 @@ COMMANDS = {
     "check": "armctl.cli.programs:check",
     "twin": "armctl.cli.programs:twin",
     "calibrate": "armctl.cli.calibrate:calibrate",
+    "sheet": "armctl.cli.sheet:sheet",
     "doctor": "armctl.cli.boards:doctor",
     "servos": "armctl.cli.servos:servos",
     "replay": "armctl.cli.replay:replay",

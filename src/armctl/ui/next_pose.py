@@ -236,9 +236,10 @@ class NextPose:
 
     def shown_in(self, snapshot: Snapshot) -> FloatArray:
         """As ``shown``, where the arm stands in a snapshot, or is drawn before its first command."""
-        return self.shown(self._standing(snapshot))
+        return self.shown(self.standing(snapshot))
 
-    def _standing(self, snapshot: Snapshot) -> FloatArray:
+    def standing(self, snapshot: Snapshot) -> FloatArray:
+        """(n,) where a motion would begin [rad]."""
         return self._session.console.last_known.standing(snapshot)
 
     def set(self, q: FloatArray, writer: PoseWriter) -> None:
@@ -300,7 +301,7 @@ class NextPose:
             self._theirs.show(q, label=f"next pose of {operator.name}")
 
     def _is_there(self, q: FloatArray, snapshot: Snapshot) -> bool:
-        return not snapshot.busy and float(np.abs(q - self._standing(snapshot)).max()) < SAME_RAD
+        return not snapshot.busy and float(np.abs(q - self.standing(snapshot)).max()) < SAME_RAD
 
     def _ask(self, q: FloatArray, writer: PoseWriter, snapshot: Snapshot) -> None:
         """Have the motion planned, unless it is."""
@@ -311,7 +312,7 @@ class NextPose:
                 self._forget_plan()
             self._planned = _Planned(refused=str(refusal))
             return
-        asked = _ToPlan(self._session.held, self._standing(snapshot).copy(), q, movement)
+        asked = _ToPlan(self._session.held, self.standing(snapshot).copy(), q, movement)
         if not asked.is_as(self._asked):
             self._forget_plan()
             self._asked = asked

@@ -20,10 +20,10 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.joint import (
     CalibrationGripper,
     CalibrationJoint,
-    CalibrationPoints,
     on_edit,
     slow_duration,
 )
+from armctl.ui.tabs.calibration.points import CalibrationPoints, take_effect
 from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork, SharedCalibration
 from armctl.ui.widgets.html import (
     LiveHtml,
@@ -48,6 +48,7 @@ class CalibrationScreen:
     def __init__(self, session: Session) -> None:
         self._session = session
         gui, desk = session.gui, session.console.shared(SharedCalibration)
+        self._shared = desk
         gap = "<div style='height:6px'></div>"
         self._parts: list[CalibrationJoint | CalibrationGripper | CalibrationSave | CalibrationPoints] = []
         outputs = desk.work.robot.output_map
@@ -67,6 +68,7 @@ class CalibrationScreen:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw a snapshot."""
+        self._shared.points.follow(snapshot)
         for part in self._parts if self._session.sees("Calibration") else ():
             part.refresh(snapshot)
 
@@ -140,7 +142,7 @@ class CalibrationSave:
         self._session.require_operator()
         self._session.robots.require_reopenable()
         saved = await self._desk.save(note)
-        await self._take_effect("Calibration saved", str(saved.path))
+        await take_effect(self._session, "Calibration saved", str(saved.path))
 
     async def _on_go(self) -> None:
         session = self._session
@@ -152,12 +154,7 @@ class CalibrationSave:
         self._session.robots.require_reopenable()
         label = self._version.value
         await self._desk.revert(self._versions[label])
-        await self._take_effect("Calibration reverted", label)
-
-    async def _take_effect(self, title: str, text: str) -> None:
-        session = self._session
-        session.notify(title, f"{text}. The arm is opened anew with it: press Enable.")
-        await session.reopen_arm()
+        await take_effect(self._session, "Calibration reverted", label)
 
 
 def earlier_versions(versions: Sequence[Version]) -> dict[str, int | None]:

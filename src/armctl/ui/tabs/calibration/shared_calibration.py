@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Awaitable, Callable, Collection, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import msgspec
 import numpy as np
@@ -19,35 +19,30 @@ from armctl.calibration import (
     JointCalibration,
     JointFit,
     Mark,
-    Touches,
     TouchFit,
     Version,
-    changes,
+    corrected,
     fit_joint,
-    fit_touches,
     iso_time,
     narrowed,
     own_calibration,
     own_map,
     safe_outputs,
-    suggestion,
 )
-from armctl.errors import ArmctlError, InputError, StateError
-from armctl.facts import State
+from armctl.errors import InputError, StateError
+from armctl.facts import State, say
 from armctl.facts.angles import DEGREE, to_degrees
 from armctl.hardware import Source
 from armctl.protocol import Snapshot, wall_time
 from armctl.robot import OutputMap, Robot
 from armctl.ui.console import CalibrationInForce, Console
+from armctl.ui.tabs.calibration.touched_points import TouchedPoint, TouchedPoints, read_outputs
 
 _LARGEST_ANGLE = 720.0 * DEGREE
-_FARTHEST_M = 10.0
 _APART = 1.0
 """outputs that differ by less are one place"""
 End = Literal["low", "high"]
 Jaw = Literal["closed", "open"]
-WorkOut = Callable[..., Awaitable[Any]]
-"""calls a function with arguments on a thread, as ``asyncio.to_thread`` does"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,94 +207,6 @@ class CalibrationWork:
         self.version += 1
 
 
-@dataclass(frozen=True, slots=True)
-class TouchedPoint:
-    """The tool stood on a point."""
-
-    outputs: Mapping[int, float]
-    """by channel, in the board's unit: they stay true when the calibration changes"""
-    point_m: tuple[float, float, float]
-    """in the base frame [m]"""
-
-
-class TouchedPoints:
-    """The touches so far. Used on the web server's event loop only."""
-
-    def __init__(self, robot: Robot, calibrated: Collection[str] = ()) -> None:
-        """``robot``: as the arm runs; ``calibrated``: the joints that the calibration in force covers."""
-        self._robot, self._calibrated = robot, calibrated
-        self.touches: tuple[TouchedPoint, ...] = ()
-        """in the order in which they were made"""
-        self.result: TouchFit | str | None = None
-        """the tool error, or why there is none, in words; None: too few points, or not known yet"""
-        self.version = 0
-        """rises with every change, so that a page knows when to draw anew"""
-
-    @property
-    def distances_m(self) -> FloatArray:
-        """(k,) from each point to where the arm believes the tool to be [m]."""
-        if not self.touches:
-            return np.zeros(0)
-        points = np.array([touch.point_m for touch in self.touches])
-        return np.linalg.norm(points - self._robot.forward(self._angles())[:, :3, 3], axis=1)
-
-    def add(self, outputs: Mapping[int, float], point_m: FloatArray) -> None:
-        """Note that the tool touches a point (3,) [m]."""
-        if not (np.isfinite(point_m).all() and np.linalg.norm(point_m) < _FARTHEST_M):
-            raise InputError(f"a point is less than {_FARTHEST_M:.0f} m from the base; give X, Y, Z in mm")
-        x, y, z = point_m.tolist()
-        self._set((*self.touches, TouchedPoint(dict(outputs), (x, y, z))))
-
-    def delete(self, index: int) -> None:
-        """Take a touch away, from 0."""
-        if not 0 <= index < len(self.touches):
-            raise InputError(f"there is no point {index + 1}; there are {len(self.touches)}")
-        self._set(self.touches[:index] + self.touches[index + 1 :])
-
-    def take_over(self, other: TouchedPoints) -> None:
-        """Go on with the touches of another one."""
-        self._set(other.touches)
-
-    def go_back(self, touches: tuple[TouchedPoint, ...], now: tuple[TouchedPoint, ...]) -> bool:
-        """Have ``touches`` again in place of ``now``; not where somebody has changed them since."""
-        if self.touches is not now:
-            return False
-        self._set(touches)
-        return True
-
-    @property
-    def suggestion(self) -> str:
-        """What to write where by the result; empty where there is none."""
-        result = self.result
-        return suggestion(changes(result, self._calibrated)) if isinstance(result, TouchFit) else ""
-
-    async def compute(self, work_out: WorkOut = asyncio.to_thread) -> None:
-        """Compute the tool error off the event loop, unless it is known or there are too few points.
-
-        ``work_out`` does so. What it raises but an ``ArmctlError`` leaves the touches without a result.
-        """
-        touches = self.touches
-        if len(touches) < LEAST_POINTS or self.result is not None:
-            return
-        q, points = self._angles(), np.array([touch.point_m for touch in touches])
-        try:
-            given = Touches.checked(self._robot, q, points)
-            result: TouchFit | str = await work_out(fit_touches, self._robot, given)
-        except ArmctlError as error:
-            result = str(error)
-        if self.touches is touches:  # else they have changed meanwhile, and are computed anew
-            self._set(touches, result)
-
-    def _set(self, touches: tuple[TouchedPoint, ...], result: TouchFit | str | None = None) -> None:
-        self.touches, self.result = touches, result
-        self.version += 1
-
-    def _angles(self) -> FloatArray:
-        """(k, n) [rad]."""
-        outputs = own_map(self._robot)
-        return np.array([outputs.angles(touch.outputs) for touch in self.touches])
-
-
 class SharedCalibration:
     """In force, measured since, and saved. Used on the web server's event loop only."""
 
@@ -355,6 +262,29 @@ class SharedCalibration:
             )
         return self._kept.store.save(drawn)
 
+    def correction(self) -> tuple[TouchFit, Calibration]:
+        """What the touched points say, and the calibration with it; ``ArmctlError``: it is not better."""
+        fit = self.points.result
+        if not isinstance(fit, TouchFit):
+            raise StateError(
+                fit or f"there is no correction yet: {LEAST_POINTS} points tell one, 10 a better one"
+            )
+        if fit.verdict is not None:
+            raise StateError(say(fit.verdict))
+        board, work = self._require_board(), self.work
+        now = self.in_force or Calibration(work.robot.name, board, work.map.unit, {})
+        note = f"touched points: {1000 * fit.before.rms:.1f} → {1000 * fit.after.rms:.1f} mm"
+        drawn = msgspec.structs.replace(corrected(fit, now), made=iso_time(self._now()), note=note)
+        narrowed(work.robot, drawn)
+        return fit, drawn
+
+    async def correct(self) -> Version:
+        """Save what the touched points say as a new version; the arm goes by it once it is opened anew."""
+        (fit, drawn), used = self.correction(), len(self.points.touches)
+        saved = await asyncio.to_thread(self._save, drawn)
+        self.points.applied(fit, used)
+        return saved
+
     def versions(self) -> tuple[Version, ...]:
         """What was saved of this arm on this board, the newest first."""
         return () if self.board is None else self._kept.store.versions(self.work.robot.name, self.board)
@@ -406,6 +336,19 @@ def standing_outputs(robot: Robot, snapshot: Snapshot) -> dict[int, float]:
     if snapshot.state in (State.MOVING, State.PAUSED):
         raise StateError("the arm is in the middle of a motion; wait until it stands, then press again")
     return present_outputs(robot, snapshot)
+
+
+def standing_touch(
+    robot: Robot, snapshot: Snapshot, point_m: FloatArray, number: int | None, sense: tuple[float, ...]
+) -> TouchedPoint:
+    """Where the tool touches a point (3,) [m]; the rest as in ``TouchedPoint``."""
+    outputs, sent = standing_outputs(robot, snapshot), None
+    measured = snapshot.source is Source.MEASURED and not np.isnan(snapshot.q).any()
+    if measured:
+        sent = own_map(robot).outputs(snapshot.q_command) if snapshot.state is State.HOLDING else None
+        outputs = read_outputs(robot, snapshot.q)
+    x, y, z = point_m.tolist()
+    return TouchedPoint(outputs, (x, y, z), number, sense, measured, sent)
 
 
 def standing_gripper(robot: Robot, snapshot: Snapshot) -> float:
