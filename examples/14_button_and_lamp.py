@@ -25,13 +25,11 @@ robot.write_text((robots_folder() / "uzuner.toml").read_text(encoding="utf-8") +
 with armctl.Arm.open(robot) as arm:
     # On a real board somebody presses it. The simulated board needs to be told.
     threading.Timer(0.5, arm.simulate_input, ("button", 1)).start()
-    # --8<-- [start:use]
     arm.wait_for("button", 1, timeout_s=30)
     print("pressed")
     arm.enable()
     arm.set_output("lamp", 1)
     print(f"lamp {arm.outputs['lamp']:g}")
-    # --8<-- [end:use]
 
     let_go = WaitForStep(watch="button", value=0, timeout_s=30)
     threading.Timer(0.5, arm.simulate_input, ("button", 0)).start()

@@ -43,7 +43,7 @@ def test_they_cross_to_the_arm_process(tmp_path: Path) -> None:
         ("channel = 6", "channel = 5", r"inputs.button.channel = 5: the gripper has it already"),
         ("channel = 9", "channel = 6", r"outputs.lamp.channel = 6: inputs.button has it already"),
         ('name = "bell"', 'name = "door"', "outputs.door: two inputs or outputs have this name"),
-        ('name = "bell"', 'name = "load"', "outputs.load: load is something that boards measure of joints"),
+        ('name = "bell"', 'name = "load"', "outputs.load: programs use the name load for something else"),
         (
             'kind = "analog"',
             'kind = "pull-up"',

@@ -12,7 +12,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
-import numpy as np
 import pytest
 from tests.robot.urdf_kit import Step, written
 from tests.ui.page_kit import snapshot_of
@@ -28,9 +27,9 @@ from armctl.robot import load_robot
 from armctl.ui import RobotChoice, events
 from armctl.ui.guard import GuardedServer
 from armctl.ui.session import Session
-from armctl.ui.tabs.calibration import shared_calibration
-from armctl.ui.tabs.calibration.joint import CalibrationPoints
-from armctl.ui.tabs.calibration.shared_calibration import TouchedPoints
+from armctl.ui.tabs.calibration import touched_points
+from armctl.ui.tabs.calibration.points import CalibrationPoints
+from armctl.ui.tabs.calibration.touched_points import TouchedPoint, TouchedPoints
 from armctl.ui.tabs.main import urdf_arm
 from armctl.ui.tabs.main.urdf_arm import UrdfArm
 
@@ -328,9 +327,9 @@ def test_a_point_whose_comparison_is_cancelled_is_not_added(
     session, button = bench.session, server.gui.add_button("Add point")
     points, outputs = TouchedPoints(ROBOT), own_map(ROBOT).outputs(ROBOT.pose("home"))
     for x in range(LEAST_POINTS):
-        points.add(outputs, np.array([0.1 * x, 0.0, 0.0]))
+        points.add(TouchedPoint(outputs, (0.1 * x, 0.0, 0.0)))
     before, begun = points.touches, threading.Event()
-    compare = shared_calibration.fit_touches
+    compare = touched_points.fit_touches
 
     def slowly(*given: Any) -> TouchFit:
         if len(given[1]) == LEAST_POINTS + 1:
@@ -338,7 +337,7 @@ def test_a_point_whose_comparison_is_cancelled_is_not_added(
             wait_until_given_up()
         return compare(*given)
 
-    monkeypatch.setattr(shared_calibration, "fit_touches", slowly)
+    monkeypatch.setattr(touched_points, "fit_touches", slowly)
     page: Any = SimpleNamespace(_session=session, _points=points)
 
     async def cancel() -> None:
@@ -347,9 +346,10 @@ def test_a_point_whose_comparison_is_cancelled_is_not_added(
         if changed_since:  # on another page
             points.delete(0)
         await cancelling
-        await asyncio.gather(*session._tasks)
+        while session._tasks:  # one of them begins another
+            await asyncio.gather(*session._tasks)
 
-    add = partial(points.add, outputs, np.array([0.0, 0.0, 0.5]))
+    add = partial(points.add, TouchedPoint(outputs, (0.0, 0.0, 0.5)))
     session.on(button.on_click, lambda: CalibrationPoints._change(page, add))
     asyncio.run(cancel())
     assert isinstance(points.result, TouchFit)  # of those that are left

@@ -16,6 +16,7 @@ from armctl.protocol import SetOutput, SimulateInput
 from armctl.robot import Robot, load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.manual.screen import ManualScreen
+from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.signals import SignalPanel, said
 
 SIMULATED, REAL = BoardIdentity("Maestro", "sim", simulated=True), BoardIdentity("Maestro", "/dev/ttyACM0")
@@ -80,10 +81,12 @@ def test_the_grippers_output_is_left_to_the_gripper(server: GuardedServer, tmp_p
     assert why(page.snapshot) is None
 
 
-def test_an_arm_without_pins_has_no_such_tab(server: GuardedServer) -> None:
+def test_an_arm_without_pins_has_no_such_tab(server: GuardedServer, tmp_path: Path) -> None:
     robot = load_robot("uzuner")
     page = page_of(server, robot)
     vars(page.snapshot).update(source=Source.TRANSMITTED, limp=())
+    shared = SharedProgram("uzuner", tmp_path)
+    vars(page.session.console).update(shared=lambda kind: shared if kind is SharedProgram else kind())
     assert vars(ManualScreen(page.session))["_signals"] is None
 
 

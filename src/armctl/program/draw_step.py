@@ -25,7 +25,7 @@ from armctl.motion.blend import Leg
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import lasting_s
 from armctl.motion.trajectory import SlowedTrajectory, Trajectory
-from armctl.program.base_steps import Field, MotionStep, literal
+from armctl.program.base_steps import Field, MotionStep, keys_of, literal
 from armctl.robot import Robot
 
 WIDEST_MM, FASTEST_MM_S, HIGHEST_LIFT_MM = 5000.0, 500.0, 200.0
@@ -138,9 +138,8 @@ class DrawStep(MotionStep, frozen=True, kw_only=True, tag="draw"):
 
     def script(self) -> str:
         """A program of this step alone."""
-        given = {key: getattr(self, key) for key in self.__struct_fields__}
-        defaults = type(self)(file="", plane_mm=())
-        named = (f"{key}={literal(value)}" for key, value in given.items() if value != getattr(defaults, key))
+        given = ((key.name, getattr(self, key.name), key.default) for key in keys_of(type(self)))
+        named = (f"{name}={literal(value)}" for name, value, default in given if value != default)
         step = f"armctl.program.DrawStep({', '.join(named)})"
         return f"run(armctl.program.Program(robot=arm.robot.name, steps=({step},)))"
 

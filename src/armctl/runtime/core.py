@@ -35,7 +35,10 @@ class Core(ArmState):
     """The arm as the controller runs it. Only one thread at a time may use it; nothing else writes to it."""
 
     simulator: Callable[[int, float], None] | None = None
-    """puts an input of the simulated board at a level, by channel; None: there is no such board"""
+
+    def simulate_with(self, simulator: Callable[[int, float], None] | None) -> None:
+        """``simulator`` puts an input of the simulated board at a level, by channel; None: there is none."""
+        self.simulator = simulator
 
     # Connecting.
 

@@ -60,7 +60,6 @@ _HOW_SHEET = (
 )
 _ON_HINT = "Known places in the base frame, or crosshairs of a sheet that lies anywhere."
 _HEIGHT_HINT = "0 on the paper; else the height of a block that stands on the crosshair."
-_NEXT_HINT = "Shows the ghost 30 mm above the point. Go below the picture brings the arm there."
 _CHECK_POINTS = 3
 
 
@@ -85,7 +84,7 @@ class CalibrationPoints:
         self._crosshair = gui.add_dropdown("Crosshair", numbered(0), visible=False)
         self._height = NumberField(gui, "Height mm", 0.0, hint=_HEIGHT_HINT, visible=False)
         self._skip = gui.add_button("Propose another one", color="gray", visible=False)
-        above = gui.add_button("Next pose above it", color="gray", hint=_NEXT_HINT)
+        above = gui.add_button("Next pose above it", color="gray")
         self._tip = LiveHtml(gui)
         with gui.add_folder("Jog the tool", expand_by_default=False):
             ToolJog(session, _SLOW_MM_S)
