@@ -66,6 +66,7 @@ def test_steps_are_recorded_duplicated_deleted_and_brought_back(page: OtherScree
     page.wait_until(lambda: len(served.steps) == 3, "three steps")
     page.click("Delete")
     page.wait_until(lambda: len(served.steps) == 2, "two again")
+    page.wait_for_text("2 steps")
     page.click("Undo")
     page.wait_until(lambda: len(served.steps) == 3, "the step is back")
     page.click("Run once")

@@ -185,33 +185,37 @@ const armctlViser = (() => {
     };
   }
   function nothing(canvas) {
-    const GL = globalThis.WebGL2RenderingContext ?? {};
-    const none = new Set([GL.ACTIVE_UNIFORMS, GL.ACTIVE_ATTRIBUTES, GL.ACTIVE_UNIFORM_BLOCKS]);
+    // A browser without even the names of WebGL's numbers: each name stands for itself.
+    const number = (name) => globalThis.WebGL2RenderingContext?.[name] ?? name;
+    const none = new Set(["ACTIVE_UNIFORMS", "ACTIVE_ATTRIBUTES", "ACTIVE_UNIFORM_BLOCKS"].map(number));
+    const parameters = new Map(
+      Object.entries({
+        VERSION: "WebGL 2.0",
+        SHADING_LANGUAGE_VERSION: "WebGL GLSL ES 3.00",
+        SCISSOR_BOX: [0, 0, 1, 1],
+        VIEWPORT: [0, 0, 1, 1],
+        IMPLEMENTATION_COLOR_READ_FORMAT: number("RGBA"),
+        IMPLEMENTATION_COLOR_READ_TYPE: number("UNSIGNED_BYTE"),
+      }).map(([name, value]) => [number(name), value]),
+    );
     const answers = {
       canvas,
       getContextAttributes: () => ({ alpha: true, antialias: false, depth: true, stencil: false }),
       getSupportedExtensions: () => [],
       getShaderPrecisionFormat: () => ({ rangeMin: 127, rangeMax: 127, precision: 23 }),
       getProgramParameter: (_, name) => (none.has(name) ? 0 : true),
-      checkFramebufferStatus: () => GL.FRAMEBUFFER_COMPLETE,
-      clientWaitSync: () => GL.ALREADY_SIGNALED,
+      checkFramebufferStatus: () => number("FRAMEBUFFER_COMPLETE"),
+      clientWaitSync: () => number("ALREADY_SIGNALED"),
       getParameter: (name) => (parameters.has(name) ? parameters.get(name) : 4096),
     };
-    const parameters = new Map([
-      [GL.VERSION, "WebGL 2.0"],
-      [GL.SHADING_LANGUAGE_VERSION, "WebGL GLSL ES 3.00"],
-      [GL.SCISSOR_BOX, [0, 0, 1, 1]],
-      [GL.VIEWPORT, [0, 0, 1, 1]],
-      [GL.IMPLEMENTATION_COLOR_READ_FORMAT, GL.RGBA],
-      [GL.IMPLEMENTATION_COLOR_READ_TYPE, GL.UNSIGNED_BYTE],
-    ]);
     const simple = { create: {}, fence: {}, is: false, getError: 0, getExtension: null, getAttribLocation: -1 };
     return new Proxy(answers, {
       get: (_, name) => {
         if (name in answers) return answers[name];
         if (name === "drawingBufferWidth") return canvas.width;
         if (name === "drawingBufferHeight") return canvas.height;
-        if (typeof name !== "string" || name in GL) return GL[name];
+        if (typeof name !== "string") return undefined;
+        if (/^[A-Z]/.test(name)) return number(name);
         const kind = Object.keys(simple).find((start) => name.startsWith(start));
         if (kind) return () => simple[kind];
         if (/InfoLog$|Source$/.test(name)) return () => "";
