@@ -54,7 +54,7 @@ def test_a_robot_file_of_ones_own_is_in_the_list_and_a_killed_arm_process_is_tol
         ((_, note),) = registry.running(folder)
         os.kill(note.pid, signal.SIGKILL)
         told = "he arm process ended (killed by signal 9), and STOP does not reach the arm"
-        expect(screen.page.locator("#armctl-told p")).to_contain_text(told, timeout=1000)
+        expect(screen.page.locator("#armctl-told p")).to_contain_text(told)
         screen.wait_for_text(f"t{told}")
         screen.wait_for_text("FAULT")
         assert not screen.is_enabled("Release")
