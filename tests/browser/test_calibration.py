@@ -174,6 +174,8 @@ def test_marks_are_not_changed_by_a_page_that_watches_and_touched_points_name_th
     page.click("Apply the correction")
     page.wait_for_notification(re.compile("Correction applied"))
     served.wait_for(page, State.OFF)
+    page.wait_for_text(re.compile(r"Corrected: .* mm before, 0\.\d\d mm after"))
+    page.wait_for_text("Touch 3 more points to check it.")
 
 
 def test_a_sheet_is_downloaded_and_its_crosshairs_are_proposed_and_touched(

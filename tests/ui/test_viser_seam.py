@@ -240,6 +240,7 @@ CONTRACT = {
     "openTabs": ("aria-selected", "role:`tab`"),
     "tabsInView": ("aria-selected", "role:`tab`"),
     "tabsAround": ("data-dock-group",),
+    "keepTabs": ("data-dock-group", "role:`tablist`", "role:`tab`"),
     "nameSections": ("chevron-up", "chevron-down", "`Paper`"),
     "nameIcons": ("closeButton", "`Notification`", "list-search", "adjustments", "tabler-icon"),
     "furnishNotifications": ("`Notification`", "id:n.uuid,title:n.props.title"),

@@ -164,9 +164,25 @@ const armctlViser = (() => {
   function openAgain(labels) {
     const tabs = Array.from(document.querySelectorAll("#root [role=tab]"));
     const tab = tabs.find((one) => tabLabel(one) === labels[0]);
-    const enter = { key: "Enter", bubbles: true }; // a click without a pointer does nothing there
-    if (tab?.getAttribute("aria-selected") === "false") tab.dispatchEvent(new KeyboardEvent("keydown", enter));
+    if (tab) press(tab);
     return tab ? labels.slice(1) : labels;
+  }
+  function press(tab) {
+    const enter = { key: "Enter", bubbles: true }; // a click without a pointer does nothing there
+    if (tab.getAttribute("aria-selected") === "false") tab.dispatchEvent(new KeyboardEvent("keydown", enter));
+  }
+
+  // Tabs that the server has built anew begin at the first: the one that was open among the same labels is opened.
+  const openIn = new Map();
+  function keepTabs() {
+    for (const list of document.querySelectorAll("#root [data-dock-group] [role=tablist]")) {
+      const tabs = Array.from(list.querySelectorAll("[role=tab]"));
+      const key = tabs.map(tabLabel).join("\n");
+      const [had, open] = [openIn.get(key), tabs.find((one) => one.getAttribute("aria-selected") === "true")];
+      const again = had && !had.list.isConnected && tabs.find((one) => tabLabel(one) === had.label);
+      if (again) press(again);
+      openIn.set(key, { list, label: tabLabel(again || open) });
+    }
   }
 
   // A dropdown keeps the focus after a choice by mouse; keys that do something would go on to be typed into it.
@@ -301,7 +317,7 @@ const armctlViser = (() => {
   }
 
   return {
-    answer, openTabs, tabsInView, openAgain, typedFields, typeAgain, name, furnishNotifications, onPlotClick, type, letGoOfLists,
-    drawNothing, onSceneEdges, onScenePress, scene,
+    answer, openTabs, tabsInView, openAgain, keepTabs, typedFields, typeAgain, name, furnishNotifications, onPlotClick, type,
+    letGoOfLists, drawNothing, onSceneEdges, onScenePress, scene,
   };
 })();

@@ -285,6 +285,7 @@
     viser("furnishNotifications");
     const title = document.querySelector("[data-armctl-title]")?.dataset.armctlTitle;
     if (title && document.title !== title) document.title = title;
+    viser("keepTabs");
     giveBack();
     look();
   }
