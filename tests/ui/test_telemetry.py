@@ -45,7 +45,7 @@ def page(server: GuardedServer) -> FakePage:
 
 @pytest.fixture
 def table(page: FakePage) -> TelemetryTable:
-    return TelemetryTable(page.session)
+    return TelemetryTable(page.session, lambda: True)
 
 
 def show(page: FakePage, table: TelemetryTable, snapshot: Snapshot) -> dict[str, str]:
@@ -123,9 +123,27 @@ def test_it_is_folded_and_the_browser_remembers_that(page: FakePage, table: Tele
     show(page, table, seen(1.0, elbow=NOW))
     page.act(lambda: page.parts.done("telemetry", ""))
     assert "<table" not in page.parts["telemetry"] and "Motors" in page.parts["telemetry"]
-    again = TelemetryTable(page.session)
+    again = TelemetryTable(page.session, lambda: True)
     show(page, again, seen(2.0, elbow=NOW))
     assert "<table" not in page.parts["telemetry"]
+
+
+def test_where_it_would_hide_the_arm_it_says_the_worst_of_all_motors(page: FakePage) -> None:
+    table = TelemetryTable(page.session, lambda: False)
+    weaker = replace(NOW, load=-0.4, voltage_v=11.2, current_a=0.1)
+    show(page, table, seen(1.0, elbow=NOW, jaw=weaker))
+    assert re.findall(r"<span>([^<]*)</span>", page.parts["telemetry"]) == [
+        "−40 %", "0.76 A", "41 °C", "11.2 V",
+    ]  # fmt: skip
+    hot = replace(NOW, temperature_c=66.0, current_a=2.2)
+    levels = (LevelPassed(ELBOW, "servo 3", "temperature", 66.0, 60.0, 70.0),)
+    show(page, table, replace(seen(2.0, elbow=hot), levels=levels))
+    assert re.findall(r"<span class=warn>([^<]*)</span>", page.parts["telemetry"]) == ["⚠ 2.20 A", "⚠ 66 °C"]
+    page.act(lambda: page.parts.done("telemetry", ""))
+    assert "<table" in page.parts["telemetry"]
+    again = TelemetryTable(page.session, lambda: False)
+    show(page, again, seen(3.0, elbow=NOW))
+    assert "<table" in page.parts["telemetry"]  # the browser remembers that, too
 
 
 def test_where_no_limit_is_known_a_bar_has_no_mark() -> None:

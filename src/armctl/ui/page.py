@@ -20,6 +20,8 @@ from armctl.ui.timeline import Timeline
 _WIDE_PX, _USUAL_PX, _PHONE_PX = 1600, 1200, 576
 _BAR_PX, _UNDER_PX = 56, 53
 """the bar on top, and the line of the next pose (``guard/frame.css``)"""
+_ROOMY_PX = 700
+"""a scene as wide as this shows the arm beside the table of its motors"""
 _TURNS = 10
 """of the event loop: what a page says passes through several tasks until it is answered"""
 _FIRST = -1.0
@@ -90,7 +92,9 @@ class Page:
             with self._content(_FIRST):
                 self._always = ControlBar(self.session)
             self._tool, self._timeline = DraggedTool(self.session), Timeline(self.session)
-            self._telemetry = TelemetryTable(self.session)
+            self._telemetry = TelemetryTable(
+                self.session, lambda: picture_size(*self._window)[0] >= _ROOMY_PX
+            )
 
     def _build_next(self) -> None:
         if self._unbuilt:

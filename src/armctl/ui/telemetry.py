@@ -6,6 +6,7 @@ nothing comes or goes while a hand is on its way. A row is sent only where what 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
 
@@ -50,11 +51,14 @@ _COLUMNS = {
 
 
 class TelemetryTable:
-    """One page's; folded where the browser remembers so."""
+    """One page's; folded, it says the worst of each. The browser remembers which."""
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
-        self._open = True
+    def __init__(self, session: Session, roomy: Callable[[], bool]) -> None:
+        """Begin open where the scene is ``roomy``: else the table would hide the arm."""
+        self._session, self._roomy = session, roomy
+        self._open = roomy()
+        self._worst = ""
+        """what stands beside the button while it is folded"""
         self._board: BoardIdentity | None = None
         self._titles: tuple[str, ...] = ()
         self._columns: tuple[str, ...] = ()
@@ -84,9 +88,14 @@ class TelemetryTable:
             self._draw()
         if self._open and titles:
             self._session.parts.rows(_ROWS, [(title, self._row(title, snapshot)) for title in titles])
+        elif titles and (worst := self._worst_of(snapshot)) != self._worst:
+            self._worst = worst
+            self._draw()
 
     async def _recall(self) -> None:
-        self._open = await self._session.recall(_PART) != _FOLDED
+        kept = await self._session.recall(_PART)
+        self._open = self._roomy() if kept is None else kept == _OPEN
+        self._looked_at = -_PERIOD_S
         self._draw()
 
     def _on_fold(self, _: str) -> None:
@@ -104,7 +113,7 @@ class TelemetryTable:
         label = "Hide motors" if self._open else "Motors"
         fold = button(_PART, label, title="Load, current, heat and supply of the motors", kind="link")
         if not self._open:
-            return fold
+            return f"<p>{fold}{self._worst}</p>"
         heads = "".join(f"<th>{_COLUMNS[name].head}</th>" for name in self._columns)
         return (
             "<table aria-label='What the motors measure'>"
@@ -114,27 +123,45 @@ class TelemetryTable:
     def _row(self, title: str, snapshot: Snapshot) -> str:
         now = snapshot.quantities.get(title, Quantities())
         limits = snapshot.limits.get(title, QuantityLimits())
-        passed = {level.quantity for level in snapshot.levels if level.part == title}
         cells = "".join(
-            self._cell(title, name, getattr(now, name), limits, passed=_COLUMNS[name].level in passed)
-            for name in self._columns
+            self._cell(title, name, getattr(now, name), limits, snapshot) for name in self._columns
         )
         return f"<tr data-key='{escape(title)}'><th>{escape(title)}</th>{cells}</tr>"
 
+    def _worst_of(self, snapshot: Snapshot) -> str:
+        """The largest load, current and heat, and the lowest supply; marked where a motor is past its limit."""
+        told: list[str] = []
+        for name in self._columns:
+            values = {title: getattr(one, name) for title, one in snapshot.quantities.items()}
+            known = {title: value for title, value in values.items() if value is not None}
+            if not known:
+                continue
+            worst = (min if name == "voltage_v" else max)(known, key=lambda title: abs(known[title]))
+            limits = snapshot.limits.get(worst, QuantityLimits())
+            over, number = self._number(worst, name, known[worst], limits, snapshot)
+            told.append(f"<span class=warn>{number}</span>" if over else f"<span>{number}</span>")
+        return "".join(told)
+
     def _cell(
-        self, title: str, name: str, value: float | None, limits: QuantityLimits, *, passed: bool
+        self, title: str, name: str, value: float | None, limits: QuantityLimits, snapshot: Snapshot
     ) -> str:
-        column = _COLUMNS[name]
         if value is None:
             return "<td>–</td>"
-        value = self._steady(title, name, value)
+        over, number = self._number(title, name, value, limits, snapshot)
         mark, end = bar_scale(name, limits)
-        length = round(100 * min(1.0, abs(value) / end))
+        length = round(100 * min(1.0, abs(self._shown[title, name]) / end))
         limit = "" if mark is None else f";--l:{round(100 * mark / end)}"
+        return f"<td{' class=warn' if over else ''} style='--v:{length}{limit}'>{number}</td>"
+
+    def _number(
+        self, title: str, name: str, value: float, limits: QuantityLimits, snapshot: Snapshot
+    ) -> tuple[bool, str]:
+        """Whether it is past its limit, and how it is shown."""
+        column, (mark, _) = _COLUMNS[name], bar_scale(name, limits)
+        value = self._steady(title, name, value)
+        passed = any((level.part, level.quantity) == (title, column.level) for level in snapshot.levels)
         over = passed or (name == "current_a" and mark is not None and value > mark)
-        sign, kind = ("⚠ ", " class=warn") if over else ("", "")
-        number = f"{sign}{fixed(column.scale * value, column.digits)} {column.unit}"
-        return f"<td{kind} style='--v:{length}{limit}'>{number}</td>"
+        return over, f"{'⚠ ' if over else ''}{fixed(column.scale * value, column.digits)} {column.unit}"
 
     def _steady(self, title: str, name: str, value: float) -> float:
         """The value, or the one that is shown where it only wavers about that."""
