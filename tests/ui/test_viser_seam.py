@@ -20,7 +20,7 @@ import pytest
 import viser
 import zstandard
 from tests.ui.guard_kit import Bell, RawPage, uuid_of
-from viser import _assignable_props_api, _gui_api, _messages
+from viser import _assignable_props_api, _gui_api, _icons, _messages
 
 from armctl.errors import ServerError
 from armctl.ui import viser_seam
@@ -111,6 +111,16 @@ def test_share_type_hints(server: GuardedServer) -> None:
     server.gui.add_number("hints", 1.0).hint = "again"
     after = _gui_api.get_type_hints_cached.cache_info().hits
     assert after > asked, "share_type_hints: viser looks types up by another way"
+
+
+def test_keep_icons_open(server: GuardedServer) -> None:
+    assert hasattr(_icons, "zipfile"), "keep_icons_open: nothing to be replaced"
+    viser_seam.keep_icons_open()
+    archive = _icons.zipfile.ZipFile(_icons.ICONS_DIR / "tabler-icons.zip")
+    _icons.svg_from_icon.cache_clear()
+    assert "<svg" in _icons.svg_from_icon(viser.Icon.PLUG) and "<svg" in _icons.svg_from_icon(viser.Icon.TAG)
+    again = _icons.zipfile.ZipFile(_icons.ICONS_DIR / "tabler-icons.zip")
+    assert again is archive and archive.fp is not None, "keep_icons_open: viser opens them otherwise"
 
 
 def test_let_groups_be_disabled(server: GuardedServer) -> None:

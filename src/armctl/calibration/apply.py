@@ -9,6 +9,7 @@ from itertools import product
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.calibration.fit import JointFit
@@ -247,7 +248,7 @@ def _require_home_inside(joints: list[Joint], outputs: OutputMap) -> None:
 
 _QUARTER = math.pi / 2
 _CLEAR_M = 0.01
-_MOST = 20_000
+_MOST, _AT_ONCE = 20_000, 16
 """of the configurations that are looked at"""
 
 
@@ -270,9 +271,12 @@ def check_pose(robot: Robot) -> CheckPose:
     """
     title, q = "home", robot.pose("home")
     right = _right_angles(robot)
-    if len(right):
-        away = (np.abs(right - q) / robot.speed_limits).sum(axis=1)
-        title, q = "right angles", right[int(np.argmin(away))]
+    right = right[np.argsort((np.abs(right - q) / robot.speed_limits).sum(axis=1), kind="stable")]
+    for first in range(0, len(right), _AT_ONCE):
+        some = right[first : first + _AT_ONCE]
+        if (clear := np.flatnonzero(_touches_nothing(robot, some))).size:
+            title, q = "right angles", some[clear[0]]
+            break
     x, y, z = (1000 * robot.forward(q)[:3, 3]).tolist()
     words = [
         f"{joint.title} at {angle + 0.0:.1f}°"
@@ -282,21 +286,25 @@ def check_pose(robot: Robot) -> CheckPose:
 
 
 def _right_angles(robot: Robot) -> FloatArray:
-    """Every configuration (k, n) [rad] of quarter turns that is inside the limits and touches nothing."""
+    """Every configuration (k, n) [rad] of quarter turns that is inside the limits."""
     choices: list[list[float]] = []
     for low, high in robot.limits.tolist():
         first, last = math.ceil(low / _QUARTER - 1e-9), math.floor(high / _QUARTER + 1e-9)
         choices.append([min(max(k * _QUARTER, low), high) for k in range(first, last + 1)])
     if not 0 < math.prod(map(len, choices)) <= _MOST:
         return np.empty((0, robot.n))
-    q = np.array(list(product(*choices)), dtype=np.float64)
-    clear = robot.frames(q)[:, 1:, 2, 3].min(axis=1) > robot.floor_z + _CLEAR_M
+    return np.array(list(product(*choices)), dtype=np.float64)
+
+
+def _touches_nothing(robot: Robot, q: FloatArray) -> NDArray[np.bool_]:
+    """(k,) Whether the arm is clear of the floor, of itself and of its obstacles at ``q`` (k, n) [rad]."""
+    clear: NDArray[np.bool_] = robot.frames(q)[:, 1:, 2, 3].min(axis=1) > robot.floor_z + _CLEAR_M
     links = robot.body_frames(q)
     itself = robot.collision.gaps(links) - robot.collision.closed[:, None]
     for gaps in (itself, robot.collision.gaps_around(links)):
         if gaps.size:
             clear &= gaps.reshape(-1, len(q)).min(axis=0) >= 0
-    return q[clear]
+    return clear
 
 
 # A measured joint beside what its robot says of it.

@@ -129,7 +129,7 @@ class TelemetryTable:
         return f"<tr data-key='{escape(title)}'><th>{escape(title)}</th>{cells}</tr>"
 
     def _worst_of(self, snapshot: Snapshot) -> str:
-        """The largest load, current and heat, and the lowest supply; marked where a motor is past its limit."""
+        """The largest load, current and heat, the lowest supply; marked where a motor is past its limit."""
         told: list[str] = []
         for name in self._columns:
             values = {title: getattr(one, name) for title, one in snapshot.quantities.items()}

@@ -33,11 +33,8 @@ from armctl.ui.viser_seam import (
     PageServer,
     connections_of,
     failed_in_viser,
-    keep_quiet,
-    let_groups_be_disabled,
+    hold_viser,
     opening_through,
-    require_version,
-    share_type_hints,
 )
 
 _TIMEOUT_S = 3.0
@@ -286,18 +283,15 @@ def guarded_server(
     Raises:
         ServerError: the address cannot be had, an option is unsafe, or the guard turns out not to hold.
     """
-    require_version()
+    hold_viser()
     _require_usable(token, extra_hosts)
     listener = listening_socket(host, port, beyond_loopback=token is not None)
     extra_hosts = tuple(dict.fromkeys((*((host,) if is_name(host) else ()), *extra_hosts)))
     address, bound_port = listener.getsockname()[:2]
     server: GuardedServer | None = None
-    share_type_hints()
-    let_groups_be_disabled()
     tally, stop_lines, part_lines = Tally(), StopLines(), PartLines()
     sockets = {STOP_PATH: SocketDoor(stop_lines.handle), PARTS_PATH: SocketDoor(part_lines.handle), **sockets}
     door = Door(extra_hosts, token, tally, "http" if tls is None else "https", sockets, docs)
-    keep_quiet()
     try:
         arrange = _arrangement(
             listener, door, tls, lambda one: server and server.client_of(one), overlay=overlay

@@ -9,7 +9,7 @@ from html import escape
 import viser
 
 from armctl.boards import SIMULATED_SERIAL, UNNUMBERED
-from armctl.calibration import LEAST_MARKS, Calibration, CheckPose, Version, check_pose, narrowed
+from armctl.calibration import LEAST_MARKS, Calibration, CheckPose, Version, narrowed
 from armctl.errors import ArmctlError, InputError
 from armctl.facts import Need
 from armctl.facts.angles import DEGREE, to_degrees
@@ -104,7 +104,7 @@ class CalibrationSave:
         LiveHtml(gui, muted(_SAVE_NOTE))
         clear = gui.add_button("Forget what is not saved", color="gray")
         with gui.add_folder("Test pose"):
-            self._pose = check_pose(session.console.robot)
+            self._pose = self._desk.check_pose
             LiveHtml(gui, check_pose_html(self._pose))
             go = gui.add_button("Go to test pose")
             session.needs(Need.HOLDING, go)

@@ -6,6 +6,7 @@ import asyncio
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, Self
 
 import msgspec
@@ -16,11 +17,13 @@ from armctl.calibration import (
     LEAST_MARKS,
     LEAST_POINTS,
     Calibration,
+    CheckPose,
     JointCalibration,
     JointFit,
     Mark,
     TouchFit,
     Version,
+    check_pose,
     corrected,
     fit_joint,
     iso_time,
@@ -216,6 +219,11 @@ class SharedCalibration:
         self.board, self.in_force = in_force.board, in_force.calibration
         self.work = CalibrationWork(in_force.file_robot, self.in_force)
         self.points = TouchedPoints(in_force.robot, self.in_force.joints if self.in_force else ())
+
+    @cached_property
+    def check_pose(self) -> CheckPose:
+        """Where one looks at the arm once it is calibrated; looking for it may take half a second."""
+        return check_pose(self._kept.robot)
 
     @classmethod
     def of(cls, console: Console, before: Self | None) -> Self:
