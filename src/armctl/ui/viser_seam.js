@@ -175,7 +175,7 @@ const armctlViser = (() => {
   // Tabs that the server has built anew begin at the first: the one that was open among the same labels is opened.
   const openIn = new Map();
   function keepTabs() {
-    for (const list of document.querySelectorAll("#root [data-dock-group] [role=tablist]")) {
+    for (const list of document.querySelectorAll("#root [role=tablist]")) {
       const tabs = Array.from(list.querySelectorAll("[role=tab]"));
       const key = tabs.map(tabLabel).join("\n");
       const [had, open] = [openIn.get(key), tabs.find((one) => one.getAttribute("aria-selected") === "true")];
