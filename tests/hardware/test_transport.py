@@ -261,3 +261,29 @@ def test_a_device_is_kept_from_programs_that_ask_for_no_lock(monkeypatch: pytest
         line.close()
     os.close(slave)
     os.close(master)
+
+
+@pytest.mark.parametrize("refusal", [None, ValueError, NotImplementedError])
+def test_an_adapter_is_asked_to_hold_no_answer_back(
+    monkeypatch: pytest.MonkeyPatch, refusal: type[Exception] | None
+) -> None:
+    """A device whose driver cannot is used all the same; a pty, which has no driver, is not asked."""
+    master, slave = os.openpty()
+    asked: list[bool] = []
+
+    def ask(_: serial.Serial, low_latency_settings: bool) -> None:
+        asked.append(low_latency_settings)
+        if refusal is not None:
+            raise refusal("not here")
+
+    monkeypatch.setattr(serial.Serial, "set_low_latency_mode", ask)
+    SerialTransport(os.ttyname(slave)).close()
+    assert asked == []
+    monkeypatch.setattr("armctl.hardware.transport.is_pseudo_terminal", lambda _: False)
+    line = SerialTransport(os.ttyname(slave))
+    assert asked == [True]
+    line.write(b"?")
+    assert os.read(master, 1) == b"?"
+    line.close()
+    os.close(slave)
+    os.close(master)

@@ -354,8 +354,8 @@ _MOST_LATE = _ROUNDS // 20
 
 _SLOW_ADVICE = (
     "the arm is controlled every 20 ms, and each time the board is asked once: plug it into the computer "
-    "itself, not into a hub; an FTDI adapter holds answers back for 16 ms until its latency timer is set to "
-    "1 (/sys/bus/usb-serial/devices/ttyUSB0/latency_timer); a busy computer is late as well"
+    "itself, not into a hub; where an FTDI adapter holds answers back for 16 ms all the same, set its "
+    "latency timer to 1 (/sys/bus/usb-serial/devices/ttyUSB0/latency_timer); a busy computer is late as well"
 )
 
 

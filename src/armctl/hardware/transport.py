@@ -101,6 +101,10 @@ class SerialTransport:
                 _send_at_once(self._serial.fileno())
             elif not is_pseudo_terminal(port):
                 keep_others_out(self._serial.fileno())
+                # An FTDI adapter (U2D2) else keeps each answer for 16 ms; a driver may know no such thing.
+                ask: Callable[[bool], None] = getattr(self._serial, "set_low_latency_mode")  # noqa: B009
+                with suppress(ValueError, NotImplementedError):
+                    ask(True)
 
     def write(self, data: bytes) -> None:
         """Send all of ``data``; ``BoardTimeoutError`` where the board takes no more bytes.
