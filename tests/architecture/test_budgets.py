@@ -28,7 +28,7 @@ FOLDERS = {
     "protocol": (5, 1_160),
     "robot": (42, 11_720),
     "runtime": (25, 6_190),
-    "ui": (92, 20_610),  # motors at a glance, a page that is built in half the time
+    "ui": (93, 20_880),  # motors at a glance, gamepads, a page that is built in half the time
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

@@ -219,6 +219,8 @@
     // the last way: STOP is a hot key of viser's, too, and its connection may be alive
   }
 
+  globalThis.armctlStop = stop; // a gamepad has one, too (sticks.js)
+
   addEventListener("keydown", (event) => event.isTrusted && event.key === "Escape" && !event.repeat && stop(), true);
   const pressed = (event) => {
     const button = event.target instanceof Element && event.target.closest(STOP);

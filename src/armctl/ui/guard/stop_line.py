@@ -300,7 +300,10 @@ class OverlaidPage:
         here = resources.files("armctl.ui.guard")
         styles, scripts = (
             [here.joinpath(f"{name}.{kind}").read_text() for name in names]
-            for kind, names in (("css", ("overlay", "frame", "parts")), ("js", ("overlay", "parts")))
+            for kind, names in (
+                ("css", ("overlay", "frame", "parts")),
+                ("js", ("overlay", "parts", "sticks")),
+            )
         )
         style = f"<style>{CONSOLE_STYLE}{''.join(styles)}</style>"
         self._overlay = style + "".join(f"<script>{one}</script>" for one in (SCRIPT, *scripts)) * overlay

@@ -18,6 +18,7 @@ from armctl.protocol.snapshot import tool_turns
 from armctl.robot import CarriedPart, Robot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.joints import checked_percent
+from armctl.ui.tabs.manual.sticks import StickJog
 from armctl.ui.widgets.angle_fields import held_at
 from armctl.ui.widgets.html import LiveHtml, muted, table
 from armctl.ui.widgets.number_field import EditWatch, TextEntry, format_number, parse_numbers
@@ -140,6 +141,8 @@ class JogControl:
                 tool = ToolJog(session)
             with tabs.add_tab("Keyboard"):
                 self._keys = KeyboardJog(session, joint, tool)
+            with tabs.add_tab("Gamepad"):
+                self._sticks = StickJog(session, HeldJog(session).send, joint.share, tool.rates)
         self._session = session
         self._opening: LiveHtml | None = None
         if (gripper := session.console.robot.gripper) is not None:
@@ -155,6 +158,7 @@ class JogControl:
     def refresh(self, snapshot: Snapshot) -> None:
         """Show the keys, and where the gripper was sent last."""
         self._keys.refresh()
+        self._sticks.refresh(snapshot)
         if self._opening is not None:
             text = "It has not been told to move yet."
             if snapshot.gripper is not None:
@@ -193,9 +197,13 @@ class JointJog:
         """How fast joints are jogged, in words."""
         return f"{self._speed.value:.0f} % of each joint's speed"
 
+    def share(self) -> float:
+        """The same, 0 … 1."""
+        return self._speed.value / 100
+
     def command(self, axis: str, sign: float) -> Jog:
         """One short command; ``sign`` is 1 or -1."""
-        return joint_jog(self._robot, self._titles.index(axis), sign * self._speed.value / 100)
+        return joint_jog(self._robot, self._titles.index(axis), sign * self.share())
 
 
 class ToolJog:
@@ -220,6 +228,10 @@ class ToolJog:
     def speed(self) -> str:
         """How fast the tool is jogged, in words."""
         return f"{self._speed.value:.0f} mm/s"
+
+    def rates(self) -> tuple[float, float]:
+        """The same: along [m/s], and about an axis [rad/s]."""
+        return self._speed.value / 1000, _TURN_DEG_PER_MM * self._speed.value * DEGREE
 
     def command(self, axis: str, sign: float, frame: Frame | None = None) -> JogTool:
         """One short command; ``sign`` is 1 or -1; ``frame`` None: the chosen one."""
