@@ -46,10 +46,11 @@ def in_base(point: FloatArray) -> FloatArray:
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ point + PLACE
 
 
-def touch(points: TouchedPoints, number: int, wrong_m: float = 0.0) -> None:
+def touch(points: TouchedPoints, number: int, wrong_m: float = 0.0, height_m: float | None = None) -> None:
     """Touch a crosshair, or a block on it, as somebody does who looks at the true tip."""
     count = len(points.touches)
-    point = points.crosshair(number) + np.array((0.0, 0.0, 0.08 * (count % 2)))
+    height = 0.08 * (count % 2) if height_m is None else height_m
+    point = points.crosshair(number) + np.array((0.0, 0.0, height))
     at = in_base(point) + np.array((wrong_m, 0.0, 0.0))
     found = ROBOT.inverse(at + np.random.default_rng(count).normal(0.0, NOISE_M, 3)).q
     truly = found[count * 7919 % len(found)]  # in ever another pose
@@ -109,6 +110,33 @@ def test_touches_of_a_sheet_that_lies_anywhere_are_corrected_applied_and_checked
     wanted, bare = ROBOT.forward(home)[:3, 3], ROBOT.forward(home + OFF)[:3, 3]
     reached = ROBOT.forward(before.angles(now.outputs(home)) + OFF)[:3, 3]  # at a pose that nobody touched
     assert np.linalg.norm(reached - wanted) < 0.3 * np.linalg.norm(bare - wanted)
+
+
+def test_with_a_block_some_points_are_proposed_on_it(desk: SharedCalibration) -> None:
+    points = desk.points
+    points.use_block(0.08)
+    points.skip()  # it counts from the next change on
+    asyncio.run(points.compute())
+    heights: list[float] = []
+    while len(points.touches) < 8:
+        proposed = points.next
+        assert proposed is not None
+        on_it = "on the block (80.0 mm)" in plain(next_html(points))
+        assert on_it is (proposed.height_m > 0)
+        near, more = points.pose(proposed.number, proposed.height_m)
+        assert near is proposed.q and not more.any()
+        _, more = points.pose(proposed.number, proposed.height_m + 0.01)
+        np.testing.assert_allclose(more, (0, 0, 0.01), atol=1e-12)
+        above = np.array((0.0, 0.0, proposed.height_m + NOISE_M))
+        if ROBOT.inverse(in_base(points.crosshair(proposed.number) + above)).success:
+            heights.append(proposed.height_m)
+            touch(points, proposed.number, height_m=proposed.height_m)
+        else:  # the sheet lies elsewhere than it is drawn
+            points.skip()
+        asyncio.run(points.compute())
+    assert set(np.round(heights, 9)) == {0.0, 0.08}
+    fit = points.result
+    assert isinstance(fit, TouchFit) and fit.after.rms < 0.001 < 0.002 < fit.before.rms
 
 
 def test_what_was_touched_wrongly_is_marked_and_what_is_skipped_is_not_proposed(

@@ -60,6 +60,8 @@ _HOW_SHEET = (
 )
 _ON_HINT = "Known places in the base frame, or crosshairs of a sheet that lies anywhere."
 _HEIGHT_HINT = "0 on the paper; else the height of a block that stands on the crosshair."
+_BLOCK_HINT = "How high a block is that you have to put on crosshairs; then some are proposed on it. 0: none."
+_HIGHEST_MM = 500.0
 _CHECK_POINTS = 3
 
 
@@ -83,6 +85,7 @@ class CalibrationPoints:
         self._next = LiveHtml(gui, visible=False)
         self._crosshair = gui.add_dropdown("Crosshair", numbered(0), visible=False)
         self._height = NumberField(gui, "Height mm", 0.0, hint=_HEIGHT_HINT, visible=False)
+        self._block = NumberField(gui, "Block mm", 0.0, hint=_BLOCK_HINT, visible=False)
         self._skip = gui.add_button("Propose another one", color="gray", visible=False)
         above = gui.add_button("Next pose above it", color="gray")
         self._tip = LiveHtml(gui)
@@ -100,7 +103,7 @@ class CalibrationPoints:
         free = partial(release_first, reopen=True)
         session.needs(None, self._apply, also=lambda snapshot: free(snapshot) or self._no_correction)
         self._download = gui.add_button("Download the suggestion", color="gray", visible=False)
-        self._watch = EditWatch([*self._xyz, self._height])
+        self._watch = EditWatch([*self._xyz, self._height, self._block])
         session.spawn(self._points.compute())  # touches that were made before the arm was opened anew
         self._listen(above, here)
 
@@ -148,7 +151,16 @@ class CalibrationPoints:
         kind = next(label for label, paper in _ON.items() if paper == (sheet and sheet.paper))
         if self._on.value != kind:
             self._on.value = kind
-        for one in (self._how, self._sheet, self._next, self._crosshair, self._height, self._skip):
+        of_sheet = (
+            self._how,
+            self._sheet,
+            self._next,
+            self._crosshair,
+            self._height,
+            self._block,
+            self._skip,
+        )
+        for one in of_sheet:
             one.visible = sheet is not None
         for one in (self._known, *self._xyz):
             one.visible = sheet is None
@@ -208,7 +220,9 @@ class CalibrationPoints:
     async def _change(self, change: Callable[[], None]) -> None:
         """Change the points, and compare them; where that is cancelled they are as before."""
         points, before = self._points, self._points.touches
+        block_m = self._block.within(0.0, _HIGHEST_MM) / 1000
         change()
+        points.use_block(block_m)
         changed = points.touches
         try:
             await points.compute(self._session.work_out)
@@ -231,8 +245,9 @@ class CalibrationPoints:
     # The ghost above the point.
 
     async def _show_next(self) -> None:
-        if self._points.next is not None:
-            self._crosshair.value = str(self._points.next.number)
+        if (proposed := self._points.next) is not None:
+            self._crosshair.value = str(proposed.number)
+            self._height.fill(1000 * proposed.height_m)
             await self._show_above()
 
     async def _show_above(self) -> None:
@@ -241,8 +256,8 @@ class CalibrationPoints:
             near = self._session.next.shown_in(self._session.snapshot)
             point = np.array([field.value for field in self._xyz]) / 1000
         else:
-            near = self._points.pose(int(self._crosshair.value))
-            point = self._robot.forward(near)[:3, 3] + np.array((0.0, 0.0, self._height.value / 1000))
+            near, more = self._points.pose(int(self._crosshair.value), self._height.value / 1000)
+            point = self._robot.forward(near)[:3, 3] + more
         start = self._session.next.standing(self._session.snapshot)
         above = await self._session.work_out(pose_above, self._session.held, point, near, start)
         self._writer.show(above)
@@ -292,7 +307,8 @@ def next_html(points: TouchedPoints) -> str:
     """Which crosshair to touch next."""
     if points.next is None:
         return muted("Looking for the next one …" if points.unknown else "Choose a crosshair to touch.")
-    told = strong(f"Touch crosshair {points.next.number} next")
+    on = f", on the block ({fixed(1000 * points.next.height_m, 1)} mm)" if points.next.height_m else ""
+    told = strong(f"Touch crosshair {points.next.number} next{on}")
     if len(points.touches) >= _CHECK_POINTS:
         told += muted("It tells most of what is still uncertain, also where it was touched before.")
     return told

@@ -67,6 +67,8 @@ class NextTouch:
 
     number: int
     """from 1"""
+    height_m: float
+    """0 on the paper, else on the block that stands on the crosshair [m]"""
     q: FloatArray
     """(n,) a configuration with the tool there [rad]"""
 
@@ -89,6 +91,7 @@ class _TouchQuestion:
     robot: Robot
     touches: Touches
     sheet: TouchSheet | None
+    block_m: float
     skipped: frozenset[int]
     possible: Touches | None
 
@@ -115,9 +118,10 @@ class _TouchQuestion:
             return None, None
         possible = self.possible
         if possible is None and placed:
-            possible = reachable(self.robot, self.touches, sheet.points_m)
+            possible = reachable(self.robot, self.touches, _with_block(sheet.points_m, self.block_m))
         elif possible is None:
-            possible = reachable_at(self.robot, sheet.points_m, sheet.laid_m, "sheet")
+            points, laid = (_with_block(one, self.block_m) for one in (sheet.points_m, sheet.laid_m))
+            possible = reachable_at(self.robot, points, laid, "sheet")
         numbers = _numbers(sheet, possible)
         last = _numbers(sheet, self.touches)[-1:].tolist()  # the same again at once looks like a mistake
         left = np.flatnonzero(~np.isin(numbers, [*self.skipped, *last]))
@@ -129,12 +133,18 @@ class _TouchQuestion:
             done = np.vstack([self.touches.points_m, np.zeros((1, 3))])
             apart = np.linalg.norm(possible.points_m[left][:, None] - done[None], axis=2)
             best = left[np.argmax(apart.min(axis=1))]
-        return possible, NextTouch(int(numbers[best]), possible.q[best])
+        height = float(possible.points_m[best][2] - sheet.points_m[numbers[best] - 1][2])
+        return possible, NextTouch(int(numbers[best]), height, possible.q[best])
+
+
+def _with_block(points_m: FloatArray, block_m: float) -> FloatArray:
+    """Points (k, 3), and those on a block that stands on them [m]; without one the points alone."""
+    return np.vstack([points_m, points_m + np.array((0.0, 0.0, block_m))]) if block_m else points_m
 
 
 def _numbers(sheet: TouchSheet, touches: Touches) -> NDArray[np.intp]:
     """(k,) which crosshair each of some touches is, from 1."""
-    away = np.linalg.norm(touches.points_m[:, None] - sheet.points_m[None], axis=2)
+    away = np.linalg.norm(touches.points_m[:, None, :2] - sheet.points_m[None, :, :2], axis=2)
     return 1 + np.argmin(away, axis=1)
 
 
@@ -148,6 +158,8 @@ class TouchedPoints:
         """in the order in which they were made"""
         self.sheet: TouchSheet | None = None
         """None: the points are places in the base frame"""
+        self.block_m = 0.0
+        """the height of a block that may be put on a crosshair [m]; 0: there is none"""
         self.skipped: frozenset[int] = frozenset()
         """crosshairs that are not wanted next"""
         self.corrected: FitFigures | None = None
@@ -199,6 +211,11 @@ class TouchedPoints:
         self.sheet = sheet
         self.clear()
 
+    def use_block(self, height_m: float) -> None:
+        """Propose points on a block of this height, too; 0: none. Counts from the next change on."""
+        if height_m != self.block_m:
+            self.block_m, self._possible = height_m, None
+
     def _require_none(self) -> None:
         if self.touches:
             raise StateError(
@@ -226,16 +243,22 @@ class TouchedPoints:
             raise InputError(f"there is no crosshair {number}; the sheet has {count}")
         return self.sheet.points_m[number - 1]
 
-    def pose(self, number: int) -> FloatArray:
-        """(n,) a configuration with the tool on a crosshair [rad]; ``InputError``: none is known."""
+    def pose(self, number: int, height_m: float) -> tuple[FloatArray, FloatArray]:
+        """A configuration (n,) with the tool near a crosshair [rad], and where it is above it (3,) [m].
+
+        By what is known of where the sheet lies. ``InputError``: no pose there is known.
+        """
         self.crosshair(number)
-        if self.next is not None and self.next.number == number:
-            return self.next.q
+        above = np.array((0.0, 0.0, height_m))
+        if (proposed := self.next) is not None and proposed.number == number:
+            return proposed.q, above - (0.0, 0.0, proposed.height_m)
         possible = None if self._found is None else self._found.possible
         if self.sheet is not None and possible is not None:
-            found = np.flatnonzero(_numbers(self.sheet, possible) == number)
-            if len(found):
-                return possible.q[found[0]]
+            there = np.flatnonzero(_numbers(self.sheet, possible) == number)
+            if len(there):
+                heights = possible.points_m[there, 2] - self.sheet.points_m[number - 1, 2]
+                best = int(np.argmin(np.abs(heights - height_m)))
+                return possible.q[there[best]], above - (0.0, 0.0, float(heights[best]))
         raise InputError(
             f"the arm does not reach crosshair {number} where the sheet lies; choose another one"
         )
@@ -273,7 +296,7 @@ class TouchedPoints:
 
     def take_over(self, other: TouchedPoints) -> None:
         """Go on with the touches of another one."""
-        self.sheet, self.skipped = other.sheet, other.skipped
+        self.sheet, self.block_m, self.skipped = other.sheet, other.block_m, other.skipped
         self.corrected, self.used = other.corrected, other.used
         self._set(other.touches)
 
@@ -298,7 +321,7 @@ class TouchedPoints:
         touches, skipped, sheet = self.touches, self.skipped, self.sheet
         if self._found is not None or not (touches or sheet):
             return
-        asked = _TouchQuestion(self._robot, self._given(), sheet, skipped, self._possible)
+        asked = _TouchQuestion(self._robot, self._given(), sheet, self.block_m, skipped, self._possible)
         found: _TouchAnswer = await work_out(asked.answer)
         if self.touches is touches and self.sheet is sheet and self.skipped is skipped:
             self._found = found
