@@ -16,7 +16,7 @@ SOURCES = Path(armctl.__file__).parent
 MOST_LINES, MOST_OF_A_FUNCTION = 450, 60
 FOLDERS = {
     ".": (15, 3_260),
-    "calibration": (11, 2_480),
+    "calibration": (11, 2_500),  # touched points as a file
     "cli": (15, 3_175),
     "drawing": (11, 2_120),
     "facts": (17, 3_060),

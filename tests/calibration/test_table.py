@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armctl.calibration import Mark, read_marks, read_touches
+from armctl.calibration import Mark, Touches, read_marks, read_touches, touches_csv
 from armctl.errors import CalibrationError
 from armctl.robot import load_robot
 
@@ -70,3 +70,16 @@ def test_a_table_that_is_wrong_says_where(tmp_path: Path, text: str | bytes, say
 def test_a_table_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(CalibrationError, match=r"none\.csv: cannot be read: No such file"):
         read_marks(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize("more", [False, True])
+def test_points_are_written_as_they_are_read(tmp_path: Path, more: bool) -> None:
+    robot, rng = load_robot("mico"), np.random.default_rng(1)
+    q, points = rng.uniform(-1.0, 1.0, (8, robot.n)), rng.uniform(-0.3, 0.3, (8, 3))
+    sense = np.sign(q) if more else None
+    touches = Touches.checked(robot, q, points, "sheet", sense, q + 0.01 if more else None)
+    read = read_touches(written(tmp_path, touches_csv(touches, robot)), robot, "sheet")
+    np.testing.assert_allclose(read.q, q, atol=1e-5)
+    np.testing.assert_allclose(read.points_m, points, atol=6e-6)
+    assert (read.sense is not None) is (read.commanded is not None) is more
+    np.testing.assert_array_equal(read.senses, touches.senses)

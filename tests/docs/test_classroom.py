@@ -8,7 +8,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from tests.calibration.touch_kit import touched, worn
+
+from armctl.calibration import fit_touches, read_touches, touch_errors, touches_csv
+from armctl.robot import load_robot
 
 FOLDER = Path(__file__).parents[2] / "examples" / "classroom"
 FORWARD = """
@@ -91,3 +96,38 @@ def test_a_program_is_looked_at(folder: Path) -> None:
     status, lines = run(folder / "lesson_3.py", broken)
     assert status == 1 and lines[0].startswith("1. not yet. ") and "step 3" in lines[0]
     assert lines[1] == "2. open"
+
+
+def points(path: Path, seed: int) -> Path:
+    """Ten touches of a worn arm, as the page writes them."""
+    robot = load_robot("uzuner")
+    plant, sheet, rng = worn(robot, seed, 1.5, encoders=False)
+    path.write_text(touches_csv(touched(plant, robot, sheet, rng, (0.0, 0.08), 10), robot))
+    return path
+
+
+def test_touched_points_are_looked_at_and_the_arms_of_a_class_are_ranked(folder: Path) -> None:
+    script, mine = folder / "lesson_4.py", points(folder / "anna.csv", 3)
+    status, lines = run(script, mine)
+    assert (status, lines[-1]) == (1, "0 of 5 are right.")
+    robot = load_robot("uzuner")
+    touches = read_touches(mine, robot, "sheet")
+    fit = fit_touches(robot, touches)
+    worst = int(np.argmax(np.linalg.norm(touch_errors(robot, touches), axis=1))) + 1
+    before, after = (f"{1000 * size.rms:.1f}" for size in (fit.before, fit.after))
+    blamed = getattr(fit.causes[0], "part")  # noqa: B009
+    wrong = folder / "wrong.py"
+    wrong.write_text(script.read_text())
+    root = "\n    return (sum(one * one for one in distances) / len(distances)) ** 0.5\n"
+    answer(script, [before, after, repr(blamed), str(worst), root])
+    status, lines = run(script, mine)
+    assert lines == [*(f"{k}. right" for k in range(1, 6)), "5 of 5 are right."] and status == 0
+    answer(wrong, ["99", "98", "'Hand'", "11"])
+    status, lines = run(wrong, mine)
+    assert [bool(re.fullmatch(r"\d\. not yet\. .{20,}", line)) for line in lines[:4]] == [True] * 4
+    empty = folder / "cem.csv"
+    empty.write_text("x_mm\n")
+    status, lines = run(script, mine, points(folder / "ben.csv", 4), empty)
+    assert status == 0 and lines[0].startswith("cem: ")
+    left = [float(re.findall(r"(\d+\.\d) mm", line)[0]) for line in lines[1:]]
+    assert left == sorted(left) and {line.split(":")[0][3:] for line in lines[1:]} == {"anna", "ben"}

@@ -27,7 +27,7 @@ from armctl.calibration.record import (
     renamed,
 )
 from armctl.calibration.sheet import PAPERS_MM, Paper, TouchSheet, touch_sheet
-from armctl.calibration.tables import read_marks, read_touches
+from armctl.calibration.tables import read_marks, read_touches, touches_csv
 from armctl.calibration.touch_model import LEAST_POINTS, Frame, Touches
 from armctl.calibration.touch_report import TouchFit, fit_touches, touch_errors
 
@@ -74,4 +74,5 @@ __all__ = [
     "suggestion",
     "touch_errors",
     "touch_sheet",
+    "touches_csv",
 ]

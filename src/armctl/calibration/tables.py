@@ -51,6 +51,21 @@ def read_touches(path: Path, robot: Robot, frame: Frame = "base") -> Touches:
     )
 
 
+def touches_csv(touches: Touches, robot: Robot) -> str:
+    """Touched points as ``read_touches`` reads them: 0.001°, 0.01 mm."""
+    parts = [("_deg", np.degrees(touches.q), 3)]
+    if touches.sense is not None:
+        parts.append(("_sense", touches.sense, 0))
+    if touches.commanded is not None:
+        parts.append(("_commanded_deg", np.degrees(touches.commanded), 3))
+    heads = [f"{name}{kind}" for kind, _, _ in parts for name in robot.joint_names]
+    lines = [",".join([*heads, *_POINT_COLUMNS])]
+    for i, point in enumerate(touches.points_m):
+        cells = [f"{value:z.{digits}f}" for _, values, digits in parts for value in values[i].tolist()]
+        lines.append(",".join([*cells, *(f"{1000 * value:z.2f}" for value in point.tolist())]))
+    return "\n".join(lines) + "\n"
+
+
 def _read(path: Path, columns: Sequence[str], *more: Sequence[str]) -> dict[str, FloatArray]:
     """The numbers of a file, its columns in any order: (rows, columns) by the first of ``columns``.
 

@@ -103,6 +103,7 @@ class CalibrationPoints:
         free = partial(release_first, reopen=True)
         session.needs(None, self._apply, also=lambda snapshot: free(snapshot) or self._no_correction)
         self._download = gui.add_button("Download the suggestion", color="gray", visible=False)
+        self._keep = gui.add_button("Download the points", color="gray", visible=False)
         self._watch = EditWatch([*self._xyz, self._height, self._block])
         session.spawn(self._points.compute())  # touches that were made before the arm was opened anew
         self._listen(above, here)
@@ -123,6 +124,7 @@ class CalibrationPoints:
         session.on(self._clear.on_click, lambda: self._on_change(points.clear))
         session.on(self._apply.on_click, self._on_apply)
         session.on(self._download.on_click, self._on_download)
+        session.on(self._keep.on_click, lambda: session.download("points.csv", points.csv))
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show where the tip is, and the points if they have changed."""
@@ -137,7 +139,7 @@ class CalibrationPoints:
         self._table.show(points_html(points))
         self._result.show(result_html(points))
         show_numbers(self._which, len(points.touches))
-        for control in (self._delete, self._undo, self._clear):
+        for control in (self._delete, self._undo, self._clear, self._keep):
             control.visible = bool(points.touches)
         self._download.visible = bool(points.suggestion)
         self._apply.visible = isinstance(points.result, TouchFit) and points.result.correct

@@ -27,6 +27,7 @@ from armctl.calibration import (
     suggestion,
     touch_errors,
     touch_sheet,
+    touches_csv,
 )
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.facts.angles import DEGREE
@@ -312,6 +313,11 @@ class TouchedPoints:
         """What to write where by the result; empty where there is none."""
         result = self.result
         return suggestion(changes(result, self._calibrated)) if isinstance(result, TouchFit) else ""
+
+    @property
+    def csv(self) -> str:
+        """The touches as a file for ``armctl calibrate points``."""
+        return touches_csv(self._given(), self._robot)
 
     async def compute(self, work_out: WorkOut = asyncio.to_thread) -> None:
         """Find out what the touches say, off the event loop, unless it is known.
