@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import lewanlib
 import pytest
 from tests.architecture.toy_board import installed
 from tests.hardware.lines import LoopTransport
@@ -13,8 +14,9 @@ import armctl
 from armctl.errors import BoardTimeoutError, EnableError
 from armctl.hardware import Setup
 from armctl.hardware.boards import board_type, channel_settings
+from armctl.hardware.simulation import BoardServer
 from armctl.hardware.transport import Connection
-from armctl.protocol import ManualClock
+from armctl.protocol import ManualClock, MonotonicClock
 
 FOLDER = Path(__file__).parents[2] / "examples" / "boards" / "lx16a"
 ARM = FOLDER / "lx16a_arm.toml"
@@ -115,3 +117,21 @@ def test_the_library_drives_the_arm(board: object) -> None:
         arm.go(x_mm=150, y_mm=40, z_mm=120)
         assert arm.snapshot.board is not None and "LX-16A" in arm.snapshot.board.kind
         assert arm.snapshot.quantities["Base"].voltage_v == pytest.approx(7.4)
+
+
+def test_somebody_else_s_client_reads_moves_and_lets_go(board: object) -> None:
+    robot = armctl.load_robot(ARM)
+    model = board_type("lx16a").simulated(Setup(channel_settings(robot)), {})
+    with (
+        BoardServer(model, MonotonicClock().now) as server,
+        lewanlib.ServoBus(server.port, timeout=2.0, discard_echo=False, on_exit_power_off=False) as bus,
+    ):
+        assert bus.pos_read(6) == pytest.approx(120.0)  # 500 steps of 0.24°
+        assert bus.vin_read(5) == pytest.approx(7.4)
+        assert not bus.is_powered(6)
+        bus.move_time_write(6, 144.0, 0.0)
+        assert bus.is_powered(6)
+        with server.inspect() as servos:
+            assert servos.servos[6].goal == 600.0
+        bus.set_powered(6, False)
+        assert not bus.is_powered(6)
