@@ -47,6 +47,7 @@ ROBOTS = {
         ("firmata", "abaas"),
         ("encoder", "scorbot"),
         ("feetech", "so101"),
+        ("dynamixel", "koch"),
     )
 }
 PORT, OTHER_PORT = "/dev/ttyACM7", "/dev/ttyACM8"
@@ -309,7 +310,7 @@ class Bench:
     @property
     def measures(self) -> bool:
         """The board knows where the arm stands, and takes it over there at once."""
-        return self.kind in ("encoder", "feetech")
+        return self.kind in ("encoder", "feetech", "dynamixel")
 
     @property
     def homes(self) -> bool:
