@@ -108,9 +108,9 @@ class SpiedBus(Spied, Abilities):
         self._note("limit", limits)
         self._bus.limit_torque(limits)
 
-    def scale_torque(self, share: float) -> None:
-        self._note("scale", {0: share})
-        self._bus.scale_torque(share)
+    def scale_torque(self, share: float, channels: Sequence[int] | None = None) -> None:
+        self._note("scale", dict.fromkeys((0,) if channels is None else channels, share))
+        self._bus.scale_torque(share, channels)
 
     @property
     def _bus(self) -> Abilities:

@@ -179,6 +179,53 @@ def test_a_release_lets_the_arm_sink_within_a_second_then_its_torque_is_off_and_
     assert [one.get("torque_limit") for one in holding.board.servos] == [1000] * 5 + [500]
 
 
+def test_one_joint_is_let_down_within_a_second_while_the_others_hold(holding: Bench):
+    began, before = holding.clock.now(), holding.now.q_command.copy()
+    ticket = holding.controller.submit(Release(("elbow_flex",)), TEST)
+    holding.run(0.5)
+    assert any("Elbow flex lets go: support it" in one for one in holding.now.warnings)
+    limits = [one.get("torque_limit") for one in holding.board.servos]
+    assert limits[2] < 600 and [*limits[:2], *limits[3:]] == [1000, 1000, 1000, 1000, 500]
+    while not ticket.finished.done():
+        holding.tick()
+    assert ticket.finished.exception(0) is None
+    assert holding.clock.now() - began == pytest.approx(LETTING_DOWN_S, abs=0.1)
+    assert (holding.now.state, holding.now.limp) == (State.HOLDING, ("Elbow flex",))
+    assert [one.driven for one in holding.board.servos] == [True, True, False, True, True, True]
+    others = np.arange(5) != 2
+    assert holding.now.q_command[others] == pytest.approx(before[others])
+    holding.does(Enable(), State.HOLDING)
+    assert [one.get("torque_limit") for one in holding.board.servos] == [1000] * 5 + [500]
+
+
+def test_stop_holds_a_joint_that_is_being_let_down(holding: Bench):
+    released = holding.controller.submit(Release(("shoulder_lift",)), TEST)
+    holding.run(0.9)
+    others = np.arange(5) != 1
+    before = holding.now.q_command.copy()
+    holding.controller.stop(TEST)
+    holding.run(1.0)
+    assert isinstance(released.finished.exception(0), StateError)
+    assert (holding.now.state, holding.now.limp) == (State.HOLDING, ())
+    assert all(one.driven for one in holding.board.servos)
+    assert holding.now.q_command[others] == pytest.approx(before[others])
+    assert [one.get("torque_limit") for one in holding.board.servos] == [1000] * 5 + [500]
+
+
+def test_a_release_of_all_ends_that_of_one_and_is_off_at_once(holding: Bench):
+    first = holding.controller.submit(Release(("elbow_flex",)), TEST)
+    holding.run(0.2)
+    holding.does(Release(), State.OFF, seconds=0.05)
+    assert first.finished.exception(0) is None
+    assert not any(one.driven for one in holding.board.servos)
+
+
+def test_joints_that_do_not_exist_are_not_released(holding: Bench):
+    for names, words in (((), "None was named"), (("hip",), "no joint 'hip'")):
+        assert words in str(refused(holding, Release(names)))
+    assert all(one.driven for one in holding.board.servos)
+
+
 def test_a_second_release_is_off_at_once(holding: Bench):
     first = holding.controller.submit(Release(), TEST)
     holding.run(0.2)

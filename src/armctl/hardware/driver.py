@@ -153,10 +153,10 @@ class Abilities:
         """How strong motors may be, by channel: a share 0 ... 1 of their full torque."""
         raise StateError("this board cannot limit the torque of its motors")
 
-    def scale_torque(self, share: float) -> None:
-        """Let all motors that are on have this share of their torque, 0 ... 1: on the way to a release.
+    def scale_torque(self, share: float, channels: Sequence[int] | None = None) -> None:
+        """Let motors that are on have this share of their torque, 0 ... 1: on the way to a release.
 
-        Whatever switches one off, or on again, ends it.
+        ``channels``: of these only; None: of all. Whatever switches one off, or on again, ends it.
         """
         raise StateError("this board cannot take the torque of its motors away by and by")
 

@@ -299,9 +299,13 @@ class Board:
         """Whether it can take the torque of its motors away by and by."""
         return "scale_torque" in self.identity.abilities
 
-    def scale_torque(self, share: float) -> None:
-        """Let all motors that are on have this share 0 ... 1 of their torque, on the way to a release."""
-        translated("taking the torque away", self._able.scale_torque, share)
+    def scale_torque(self, share: float, joints: BoolArray | None = None) -> None:
+        """Let the motors of joints (n,) have this share 0 ... 1 of their torque, on the way to a release.
+
+        ``joints`` None: of all that are on, the gripper's, too.
+        """
+        channels = None if joints is None else tuple(self._channels(joints))
+        translated("taking the torque away", self._able.scale_torque, share, channels)
 
     def limit_torque(self, share: float, joints: BoolArray) -> None:
         """How strong the motors of joints (n,) may be, 0 ... 1."""

@@ -29,7 +29,7 @@ from armctl.runtime.jog import Jogger
 from armctl.runtime.live_target import Follower, Streamer
 from armctl.runtime.mover import PathMover
 from armctl.runtime.planner import checked_trajectory
-from armctl.runtime.power import enable, limit_torque, release, set_output
+from armctl.runtime.power import enable, limit_torque, set_output
 from armctl.runtime.program_runner import ProgramRunner, begun_program
 from armctl.runtime.releasing import let_down
 
@@ -121,10 +121,8 @@ def _about_board(core: Core, order: Order, now: float) -> bool:
         case c.Connect(port):
             core.connect(order, port, now)
             return False
-        case c.Release(None):
-            return let_down(core, order.ticket, who, now)
         case c.Release(joints):
-            release(core, who, joints)
+            return let_down(core, order.ticket, who, now, joints)
         case c.LimitTorque(share, joints):
             limit_torque(core, share, joints, who)
         case c.SetOutput(name, value):

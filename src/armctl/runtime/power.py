@@ -150,12 +150,8 @@ def release(core: Core, who: str, names: Sequence[str] | None = None) -> None:
     if core.board is None:
         raise StateError(f"nothing to release: {core.state.value}")
     if names is not None:
-        if not names:
-            raise InputError("which joints are to be released? None was named")
-        joints = _joints(core, names)
-        core.require(Need.HOLDING_SOME, "a release of joints")
         core.drop_motion(StateError(f"joints were released ({who})"))
-        core.board.release_joints(joints)
+        core.board.release_joints(named_joints(core, names))
         core.log.warn(f"RELEASE ({who}): {', '.join(core.limp)}: {core.board.power} off")
         return
     core.board.release()
@@ -166,7 +162,7 @@ def release(core: Core, who: str, names: Sequence[str] | None = None) -> None:
 
 def limit_torque(core: Core, share: float, names: Sequence[str], who: str) -> None:
     """How strong the motors of some joints (none named: of all) may be, 0 ... 1."""
-    joints = _joints(core, names)
+    joints = named_joints(core, names)
     if not LEAST_TORQUE <= checked_number(share, "the torque limit") <= 1:
         raise InputError(f"a torque limit of {out_of_range(100 * share, 100 * LEAST_TORQUE, 100, '%')}")
     if core.board is None:
@@ -197,7 +193,7 @@ def set_output(core: Core, name: str, value: float, who: str) -> None:
     core.log.add(f"output {name}: {value:g} ({who})")
 
 
-def _joints(core: Core, names: Sequence[str]) -> BoolArray:
+def named_joints(core: Core, names: Sequence[str]) -> BoolArray:
     """(n,) which joints these are, by name; none named: all."""
     known = core.robot.joint_names
     for name in names:

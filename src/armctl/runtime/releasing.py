@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from armctl.errors import ArmctlError, StateError
-from armctl.facts import State
+from armctl.errors import ArmctlError, InputError, StateError
+from armctl.facts import Need, State
 from armctl.hardware import Source
 from armctl.protocol import Ticket
 from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.board import Board
 from armctl.runtime.core import Core
-from armctl.runtime.power import LEAST_TORQUE, release, taken_over
+from armctl.runtime.power import LEAST_TORQUE, named_joints, release, taken_over
 
 LETTING_DOWN_S = 1.0
 """how long the torque takes to go"""
@@ -23,24 +25,34 @@ _BACK_S = 0.2
 """how long goals may take to where the arm has sunk, before it gets its torque back"""
 
 
-def let_down(core: Core, ticket: Ticket, who: str, now: float) -> bool:
-    """Release all of an arm that holds, gently where its board can; whether that is over at once.
+def let_down(core: Core, ticket: Ticket, who: str, now: float, names: Sequence[str] | None = None) -> bool:
+    """Release an arm that holds, gently where its board can; whether that is over at once.
 
-    What moves, is in fault or lets itself down already is switched off at once.
+    ``names``: of these joints only. What moves, is in fault or lets itself down already is switched off at
+    once.
     """
     running = core.activity
-    if isinstance(running, LettingDown):
+    if isinstance(running, LettingDown) and not running.done:
         running.finish()
-        return True
+        if running.names in (None, names):
+            return True
+    elif names is not None:
+        if not names:
+            raise InputError("which joints are to be released? None was named")
+        named_joints(core, names)
+        core.require(Need.HOLDING_SOME, "a release of joints")
     board = core.board
     gently = core.state is State.HOLDING and running is None and core.leaving is None
     if board is None or not board.lets_down or not gently or core.gate.q is None:
-        release(core, who)
+        release(core, who, names)
         return True
-    core.drop_motion(StateError(f"the arm was released ({who})"))
-    core.gripper.stop(StateError(f"the arm was released ({who})"))
-    core.log.warn(f"RELEASE ({who}): the torque goes within {LETTING_DOWN_S:.0f} s")
-    core.begin(LettingDown(core, board, ticket, who, now), who, now)
+    what = "the arm was" if names is None else "joints were"
+    core.drop_motion(StateError(f"{what} released ({who})"))
+    if names is None:
+        core.gripper.stop(StateError(f"the arm was released ({who})"))
+    of = "" if names is None else f" of {', '.join(names)}"
+    core.log.warn(f"RELEASE ({who}): the torque{of} goes within {LETTING_DOWN_S:.0f} s")
+    core.begin(LettingDown(core, board, ticket, who, now, names), who, now)
     ticket.accept()
     return False
 
@@ -49,12 +61,17 @@ class LettingDown(Activity):
     """Takes the torque away by and by, then switches off; STOP holds the arm where it has sunk to."""
 
     label = "letting the arm down"
-    gripping = True  # its motor loses its torque, too
     releasing = True
 
-    def __init__(self, core: Core, board: Board, ticket: Ticket, who: str, now: float) -> None:
-        """``ticket`` is answered once the outputs are off, or it was stopped."""
+    def __init__(
+        self, core: Core, board: Board, ticket: Ticket, who: str, now: float, names: Sequence[str] | None
+    ) -> None:
+        """``ticket`` is answered once the outputs are off, or it was stopped; ``names`` None: all joints."""
         self._core, self._board, self._ticket, self._who = core, board, ticket, who
+        self.names = names
+        self.gripping = names is None  # its motor loses its torque, too
+        self._joints = None if names is None else named_joints(core, names)
+        self._titles = ", ".join(one.title for one in core.robot.joints if one.name in (names or ()))
         self._began = self._stepped_at = now
         self._share = 1.0
         self._halts = 0
@@ -76,7 +93,8 @@ class LettingDown(Activity):
         """What to do meanwhile."""
         if self.done or self._stopped:
             return None
-        return "the arm sinks: support it. Release again switches it off at once, STOP holds it"
+        what = "the arm sinks" if self.names is None else f"{self._titles} lets go"
+        return f"{what}: support it. Release again switches it off at once, STOP holds it"
 
     def advance(self, now: float, dt: float) -> Setpoint | None:
         """A little less torque, or the end of it."""
@@ -91,7 +109,7 @@ class LettingDown(Activity):
             self._stepped_at = now
             self._share = max(LEAST_TORQUE, 1.0 - (now - self._began) / LETTING_DOWN_S)
             try:
-                self._board.scale_torque(self._share)
+                self._board.scale_torque(self._share, self._joints)
             except ArmctlError as error:
                 self._core.log.warn(f"{error}; the {self._board.power} are switched off at once")
                 self.finish()
@@ -103,7 +121,7 @@ class LettingDown(Activity):
             return
         self._done = True
         try:
-            release(self._core, self._who)
+            release(self._core, self._who, self.names)
         except ArmctlError as error:
             self._ticket.end(error)
             raise
@@ -129,7 +147,10 @@ class LettingDown(Activity):
             reading, q = core.monitor.reading, core.gate.q
             if reading.source is Source.MEASURED and q is not None:
                 try:
-                    q = taken_over(core, board, np.where(np.isnan(reading.q) | board.limp, q, reading.q))
+                    stays = np.isnan(reading.q) | board.limp
+                    if self._joints is not None:
+                        stays |= ~self._joints
+                    q = taken_over(core, board, np.where(stays, q, reading.q))
                 except ArmctlError as error:
                     core.log.warn(f"{error}. It is held with {100 * self._share:.0f} % of its torque")
                     self._done = True
@@ -139,6 +160,6 @@ class LettingDown(Activity):
         elif now - self._held_at >= _BACK_S:
             self._done = True
             try:
-                board.scale_torque(1.0)
+                board.scale_torque(1.0, self._joints)
             except ArmctlError as error:  # it holds all the same; the next Enable gives it all again
                 core.log.warn(f"{error}: some joints are weak. Release the arm, and enable it again")

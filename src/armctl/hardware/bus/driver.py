@@ -204,12 +204,12 @@ class BusDriver(Abilities):
             line, [servo for servo, share in limits.items() if not self._limit(line, servo, share)]
         )
 
-    def scale_torque(self, share: float) -> None:
-        """All that are on have a share 0 ... 1 of the torque that each may have; see ``Abilities``."""
+    def scale_torque(self, share: float, channels: Sequence[int] | None = None) -> None:
+        """Those that are on have a share 0 ... 1 of the torque that each may have; see ``Abilities``."""
         line = self._opened
         silent: list[int] = []
         for one in self._servos.values():
-            if not one.on or one.gone:
+            if not one.on or one.gone or (channels is not None and one.id not in channels):
                 continue
             limit = share * one.torque
             if self._make.limit_torque(line, one.id, limit):
