@@ -27,7 +27,7 @@ FOLDERS = {
     "program": (17, 3_850),  # branches, loops, counters, grids, and a check of every path
     "protocol": (5, 1_160),
     "robot": (42, 11_720),
-    "runtime": (25, 6_190),
+    "runtime": (25, 6_220),  # joints that are let down
     "ui": (93, 20_880),  # motors at a glance, gamepads, a page that is built in half the time
 }
 """files and lines, at most"""
