@@ -198,6 +198,33 @@ def test_one_joint_is_let_down_within_a_second_while_the_others_hold(holding: Be
     assert [one.get("torque_limit") for one in holding.board.servos] == [1000] * 5 + [500]
 
 
+def test_stop_catches_a_heavy_arm_where_it_is_and_does_not_throw_it_up(
+    holding: Bench, monkeypatch: pytest.MonkeyPatch
+):
+    plant = holding.board.plant
+    weight = plant._gravity
+    monkeypatch.setattr(plant, "_gravity", lambda angles: 1.5 * weight(angles))
+    for joint in plant.joints:
+        monkeypatch.setattr(joint, "lies_at", None)
+    holding.does(MoveJoints(np.zeros(5)), State.HOLDING)  # stretched out
+    holding.run(1.0)
+    shoulder = plant.joints[1]
+    before = shoulder.angle
+    holding.ask(Release())
+    holding.run(LETTING_DOWN_S - 0.04)
+    sunk = shoulder.angle
+    assert abs(sunk - before) > np.radians(8.0)
+    holding.controller.stop(TEST)
+    fallen: list[float] = []
+    for _ in range(60):
+        holding.tick()
+        fallen.append(abs(shoulder.angle - before))
+    assert max(fallen) - fallen[-1] < np.radians(0.5)
+    assert abs(fallen[-1] - abs(sunk - before)) < np.radians(9.0)
+    assert abs(holding.now.q_command[1] - holding.now.q[1]) < np.radians(6.0)
+    assert [one.get("torque_limit") for one in holding.board.servos] == [1000] * 5 + [500]
+
+
 def test_stop_holds_a_joint_that_is_being_let_down(holding: Bench):
     released = holding.controller.submit(Release(("shoulder_lift",)), TEST)
     holding.run(0.9)

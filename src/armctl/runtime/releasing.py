@@ -21,8 +21,6 @@ _STEP_S = 0.04
 """between two limits: each servo has to confirm its own"""
 _MOST_HALTS = 10
 """ticks without a good answer after which it is switched off at once"""
-_BACK_S = 0.2
-"""how long goals may take to where the arm has sunk, before it gets its torque back"""
 
 
 def let_down(core: Core, ticket: Ticket, who: str, now: float, names: Sequence[str] | None = None) -> bool:
@@ -76,7 +74,6 @@ class LettingDown(Activity):
         self._share = 1.0
         self._halts = 0
         self._stopped = False
-        self._held_at: float | None = None
 
     @property
     def standing(self) -> bool:
@@ -140,26 +137,19 @@ class LettingDown(Activity):
             self.finish()
 
     def _hold(self, now: float) -> None:
-        """Make the place where it has sunk to its setpoint, then give it its torque back."""
+        """Give the arm its torque back where it has sunk to: the board holds each motor where it is then."""
         core, board = self._core, self._board
-        if self._held_at is None:
-            self._held_at = now
-            reading, q = core.monitor.reading, core.gate.q
-            if reading.source is Source.MEASURED and q is not None:
-                try:
-                    stays = np.isnan(reading.q) | board.limp
-                    if self._joints is not None:
-                        stays |= ~self._joints
-                    q = taken_over(core, board, np.where(stays, q, reading.q))
-                except ArmctlError as error:
-                    core.log.warn(f"{error}. It is held with {100 * self._share:.0f} % of its torque")
-                    self._done = True
-                    return
-                core.adopt(q, core.gate.opening, now)
-                board.write(q, None)
-        elif now - self._held_at >= _BACK_S:
-            self._done = True
-            try:
-                board.scale_torque(1.0, self._joints)
-            except ArmctlError as error:  # it holds all the same; the next Enable gives it all again
-                core.log.warn(f"{error}: some joints are weak. Release the arm, and enable it again")
+        self._done = True
+        try:
+            board.scale_torque(1.0, self._joints)
+        except ArmctlError as error:  # it holds all the same; the next Enable gives it all again
+            core.log.warn(f"{error}: some joints are weak. Release the arm, and enable it again")
+        reading, q = core.monitor.read(board, now) or core.monitor.reading, core.gate.q
+        if reading.source is not Source.MEASURED or q is None:
+            return
+        stays = np.isnan(reading.q) | board.limp
+        if self._joints is not None:
+            stays |= ~self._joints
+        q = taken_over(core, board, np.where(stays, q, reading.q))  # outside its limits: a fault says so
+        core.adopt(q, core.gate.opening, now)
+        board.write(q, None)

@@ -212,11 +212,26 @@ class BusDriver(Abilities):
             if not one.on or one.gone or (channels is not None and one.id not in channels):
                 continue
             limit = share * one.torque
+            if share == 1.0 and one.eased != 1.0 and not self._held_where_it_is(line, one):
+                silent.append(one.id)
+                continue
             if self._make.limit_torque(line, one.id, limit):
                 one.eased, one.seen = share, Telemetry(torque_limit=limit).after(one.seen)
             else:
                 silent.append(one.id)
         _require_limits(line, silent)
+
+    def _held_where_it_is(self, line: BusLine, one: KnownServo) -> bool:
+        """Make the place where a weak servo is now its goal: it would be thrown back to the one it has."""
+        try:
+            place = self._make.position(line, one.id)
+        except BoardTimeoutError:
+            return False
+        if line.write(one.id, self._make.goal_address, self._make.goal_bytes(place)) is None:
+            return False
+        one.goal = one.wanted = place
+        one.sent_at = self._now()
+        return True
 
     def close(self) -> None:
         """Close the line; never raises. The servos go on holding."""
