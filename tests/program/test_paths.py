@@ -118,6 +118,15 @@ def test_a_loop_that_never_ends_is_found_and_one_without_bound_is_said(robot: Ro
     assert found(robot, WhileStep(watch="button", most=5), HOME, END) == []
 
 
+def test_what_stands_behind_what_is_never_passed_is_not_walked(robot: Robot) -> None:
+    again = (RepeatStep(times=2), HOME, END)
+    (one,) = found(robot, counted("below", 3, WhileStep), HOME, END, *again)
+    assert isinstance(one.reason, NeverEnds)
+    never = WaitForStep(watch="counter", counter="n", value=1.0, timeout_s=5.0)
+    (one,) = found(robot, never, *again)
+    assert isinstance(one.reason, NeverComes)
+
+
 def test_many_branches_cost_no_more_than_their_steps(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """2 ** 200 paths that meet again after each block."""
     assert errors(robot, HOME, *200 * (PRESSED, TURNED, ELSE, HOME, END, HOME)) == []

@@ -13,7 +13,7 @@ from tests.runtime.kit import ROBOT, TEST, RecordingDriver, Rig, fails, make_rig
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, StateError
 from armctl.facts import State
 from armctl.motion import PointToPoint, plan_joints
-from armctl.program import Program
+from armctl.program import Program, WaitStep
 from armctl.protocol import (
     ClearFault,
     Command,
@@ -29,6 +29,7 @@ from armctl.protocol import (
     Pause,
     Release,
     Resume,
+    RunProgram,
     SetSpeed,
     UpdateProgram,
 )
@@ -117,6 +118,14 @@ def test_closing_brings_a_moving_arm_to_rest_first(live: Controller, driver: Liv
     assert "release" not in driver.calls
     assert live.snapshot.state is State.DISCONNECTED
     live.close()
+
+
+def test_closing_stops_a_program_that_stands_in_a_wait(live: Controller) -> None:
+    program = Program(robot="uzuner", name="p", steps=(WaitStep(seconds=600.0),))
+    run = live.submit(RunProgram(program), TEST)
+    run.accepted.result(PATIENCE_S)
+    live.close()
+    fails(run.finished, "stopped by close")  # so its outputs are as at a STOP
 
 
 def test_after_closing_everything_is_refused(rig: Rig) -> None:

@@ -22,11 +22,12 @@ from tests.runtime.signal_kit import (
     robot_with,
 )
 
-from armctl.errors import InputError, ProgramError, StateError
+from armctl.errors import BoardError, InputError, ProgramError, StateError
 from armctl.facts import State
 from armctl.hardware.maestro.simulated import SimulatedMaestro
 from armctl.program import GripperStep, MoveStep, Program, SetStep, Step, WaitForStep, WaitStep
 from armctl.protocol import (
+    Cancel,
     ClearFault,
     Command,
     Connect,
@@ -167,6 +168,30 @@ def test_a_program_that_is_stopped_ends_as_at_stop(bench: Bench) -> None:
     bench.controller.stop(TEST)
     bench.run(4 * TICK)
     assert bench.now.state is State.HOLDING and high(bench, LAMP) == [True]
+
+
+def test_a_program_that_is_cancelled_ends_as_at_stop(bench: Bench) -> None:
+    steps = (WaitStep(seconds=60.0),)
+    bench.do(RunProgram(Program(robot="uzuner", name="p", steps=steps), motion="mine"))
+    bench.do(Cancel("mine"))
+    assert bench.run(4 * TICK).state is State.HOLDING and high(bench, LAMP) == [True]
+
+
+def test_an_output_that_fails_keeps_no_other_from_its_own(tmp_path: Path) -> None:
+    bench = bench_of(robot_with(tmp_path, SIGNALS.replace('name = "bell"', 'name = "bell"\nat_stop = "on"')))
+    board = bench.controller._core.board
+    assert board is not None
+    switch = board.set_output
+
+    def all_but_the_lamp(name: str, value: float) -> None:
+        if name == "lamp":
+            raise BoardError("the lamp does not answer")
+        switch(name, value)
+
+    board.set_output = all_but_the_lamp  # type: ignore[method-assign]
+    bench.controller.stop(TEST)
+    assert bench.run(4 * TICK).state is State.FAULT and "the lamp does not answer" in bench.now.cause
+    assert high(bench, BELL) == [True]
 
 
 def test_a_wait_is_over_within_a_tick(bench: Bench) -> None:

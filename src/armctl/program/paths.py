@@ -117,7 +117,7 @@ class PathWalk:
 
     def _through(self, first: int, last: int, places: _Places) -> _Walking:
         index = first
-        while index < last:
+        while index < last and places:  # behind what is never passed nothing runs
             step, self._at = self._steps[index], index
             self._visits += len(places)
             if self._visits > MOST_VISITS:

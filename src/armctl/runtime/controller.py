@@ -212,6 +212,7 @@ class Controller:
                     if ends is None:
                         ends = self._clock.now() + _STOPPING_S
                         self.stop(Origin("close"))
+                        self.tick()  # what stands in a wait is stopped, too: its outputs are to be switched
                     if self._core.standing or self._clock.now() > ends:
                         break
                 self.tick()

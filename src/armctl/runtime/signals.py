@@ -70,12 +70,23 @@ class SignalWatch:
         self._put(board, name, value)
 
     def switch(self, board: Board | None, moment: Moment) -> None:
-        """Let the outputs do what the robot file says for a moment. Raises ``BoardError``."""
+        """Let the outputs do what the robot file says for a moment.
+
+        One that fails keeps no other from its own; then the first ``BoardError`` is raised.
+        """
+        failures: list[ArmctlError] = []
         for one in self._robot.signals.outputs if board is not None else ():
             value = one.goes(moment)
-            if value is not None and board is not None:
+            if value is None or board is None:
+                continue
+            try:
                 self._put(board, one.name, value)
-                self._log.add(f"output {one.title} {'on' if value > ON else 'off'} at {_MOMENTS[moment]}")
+            except ArmctlError as failure:
+                failures.append(failure)
+                continue
+            self._log.add(f"output {one.title} {'on' if value > ON else 'off'} at {_MOMENTS[moment]}")
+        if failures:
+            raise failures[0]
 
     def _put(self, board: Board, name: str, value: float) -> None:
         board.set_output(name, value)

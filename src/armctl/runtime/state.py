@@ -312,7 +312,12 @@ class ArmState:
         if not self.stopped_by:
             self.log.add(f"{self.activity.label} cancelled ({origin})")
             self.stopped_motion, self.stopped_by, self._pausing = motion, str(origin), False
-            self.activity.stop()
+            try:
+                self.activity.stop()
+                if self.activity.program is not None:
+                    self.signals.switch(self.board, "stop")
+            except ArmctlError as failure:
+                self.fault(failure)
 
     def await_last(self, ticket: Ticket) -> None:
         """Answer ``ticket`` when what runs has ended."""
