@@ -42,11 +42,11 @@ def test_the_arm_follows_a_stick_while_the_button_is_held_and_only_then(
 ) -> None:
     push(pad, [0, -1, 0, 0], 5)  # held already as it is switched on
     pad.click(SWITCH)
-    pad.wait_for_text("Test pad")
+    pad.wait_for_text("(let its sticks go)")
     at = served.tool_mm
     pad.pause()
     assert served.now.state is State.HOLDING and np.allclose(served.tool_mm, at)
-    push(pad, [0, -1, 0, 0])
+    push(pad, [0, 0, 0, 0])
     pad.pause()
     push(pad, [0, -1, 0, 0], 5)
     pad.wait_until(lambda: served.tool_mm[0] > at[0] + 3, "the tool goes forward")
@@ -57,6 +57,54 @@ def test_the_arm_follows_a_stick_while_the_button_is_held_and_only_then(
     there = served.tool_mm
     pad.pause()
     assert np.allclose(served.tool_mm, there)
+
+
+def test_who_comes_back_with_the_button_held_has_to_let_go_first(pad: Screen, served: ServedArm) -> None:
+    pad.click(SWITCH)
+    pad.wait_for_text("Test pad")
+    at = served.tool_mm
+    for leave, come_back in (
+        ("document.hasFocus = () => false", "delete document.hasFocus"),
+        (
+            "window.had = navigator.getGamepads; navigator.getGamepads = () => []",
+            "navigator.getGamepads = had",
+        ),
+    ):
+        pad.page.evaluate(f"() => {{ {leave} }}")
+        push(pad, [0, -1, 0, 0], 5)
+        pad.pause()
+        pad.page.evaluate(f"() => {{ {come_back} }}")
+        pad.pause()
+        assert served.now.state is State.HOLDING and np.allclose(served.tool_mm, at)
+        push(pad, [0, 0, 0, 0])
+        pad.pause()
+
+
+@pytest.mark.parametrize("axes", [[0, 0, -1, 0, 0, -1, 0, 0], [0, 0, -1, 0, 0, -1]])
+def test_what_nobody_knows_is_not_heard(pad: Screen, served: ServedArm, axes: list[float]) -> None:
+    pad.page.evaluate("testPad.mapping = ''")
+    push(pad, axes, 0, 4)
+    pad.click(SWITCH)
+    pad.wait_for_text("No gamepad and no 3D mouse is seen")
+    at = served.tool_mm
+    pad.pause()
+    assert served.now.state is State.HOLDING and np.allclose(served.tool_mm, at)
+
+
+def test_a_3d_mouse_is_heard_once_it_has_rested(pad: Screen, served: ServedArm) -> None:
+    pad.page.evaluate(
+        "() => { testPad.mapping = ''; testPad.id = '3Dconnexion SpaceMouse (Vendor: 256f Product: c635)'; }"
+    )
+    push(pad, [0, -1, 0, 0, 0, 0])
+    pad.click(SWITCH)
+    pad.wait_for_text("(let its sticks go)")
+    push(pad, [0, 0, 0, 0, 0, 0])
+    pad.wait_until(lambda: "(let its" not in pad.page.inner_text("body"), "it has rested")
+    at = served.tool_mm
+    push(pad, [0, -1, 0, 0, 0, 0], 0)
+    pad.wait_until(lambda: served.tool_mm[0] > at[0] + 2, "the tool goes forward")
+    push(pad, [0, 0, 0, 0, 0, 0])
+    served.wait_for(pad, State.HOLDING)
 
 
 def test_its_buttons_stop_the_arm_and_move_the_gripper_and_a_limit_is_felt(

@@ -139,6 +139,12 @@ def test_where_it_would_hide_the_arm_it_says_the_worst_of_all_motors(page: FakeP
     levels = (LevelPassed(ELBOW, "servo 3", "temperature", 66.0, 60.0, 70.0),)
     show(page, table, replace(seen(2.0, elbow=hot), levels=levels))
     assert re.findall(r"<span class=warn>([^<]*)</span>", page.parts["telemetry"]) == ["⚠ 2.20 A", "⚠ 66 °C"]
+    heavy = LevelPassed(ELBOW, "servo 3", "load", 0.85, 0.8, 0.8)
+    told = replace(
+        seen(2.5, elbow=replace(NOW, load=0.85, current_a=-2.9), jaw=replace(NOW, load=0.95)), levels=(heavy,)
+    )
+    show(page, table, told)  # the gripper may push harder than that
+    assert re.findall(r"<span class=warn>([^<]*)</span>", page.parts["telemetry"]) == ["⚠ 85 %", "⚠ −2.90 A"]
     page.act(lambda: page.parts.done("telemetry", ""))
     assert "<table" in page.parts["telemetry"]
     again = TelemetryTable(page.session, lambda: False)

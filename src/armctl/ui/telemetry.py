@@ -129,16 +129,20 @@ class TelemetryTable:
         return f"<tr data-key='{escape(title)}'><th>{escape(title)}</th>{cells}</tr>"
 
     def _worst_of(self, snapshot: Snapshot) -> str:
-        """The largest load, current and heat, the lowest supply; marked where a motor is past its limit."""
+        """The largest load, current and heat, the lowest supply; what is past its limit first, marked."""
         told: list[str] = []
         for name in self._columns:
             values = {title: getattr(one, name) for title, one in snapshot.quantities.items()}
             known = {title: value for title, value in values.items() if value is not None}
             if not known:
                 continue
-            worst = (min if name == "voltage_v" else max)(known, key=lambda title: abs(known[title]))
-            limits = snapshot.limits.get(worst, QuantityLimits())
-            over, number = self._number(worst, name, known[worst], limits, snapshot)
+            sign, none = (-1 if name == "voltage_v" else 1), QuantityLimits()
+            numbers = {
+                title: self._number(title, name, value, snapshot.limits.get(title, none), snapshot)
+                for title, value in known.items()
+            }
+            worst = max(known, key=lambda title: (numbers[title][0], sign * abs(known[title])))
+            over, number = numbers[worst]
             told.append(f"<span class=warn>{number}</span>" if over else f"<span>{number}</span>")
         return "".join(told)
 
@@ -160,7 +164,7 @@ class TelemetryTable:
         column, (mark, _) = _COLUMNS[name], bar_scale(name, limits)
         value = self._steady(title, name, value)
         passed = any((level.part, level.quantity) == (title, column.level) for level in snapshot.levels)
-        over = passed or (name == "current_a" and mark is not None and value > mark)
+        over = passed or (name == "current_a" and mark is not None and abs(value) > mark)
         return over, f"{'⚠ ' if over else ''}{fixed(column.scale * value, column.digits)} {column.unit}"
 
     def _steady(self, title: str, name: str, value: float) -> float:

@@ -11,7 +11,9 @@
   const isDown = (pad, button) => Boolean(pad.buttons[button]?.pressed);
   const beyondRest = (value) => Math.sign(value) * Math.max(0, (Math.abs(value) - AT_REST) / (1 - AT_REST));
 
-  // A gamepad has two sticks and a cross; a 3D mouse six axes and two buttons, the first of which is to be held.
+  // A gamepad has two sticks and a cross; a 3D mouse six axes and two buttons, the first of which is to be held. Of all
+  // others nobody knows what is where: triggers rest at -1, a throttle anywhere.
+  const MOUSE_3D = /3dconnexion|space ?(mouse|navigator|pilot|explorer)|\b256f\b/i;
   function readPad(pad) {
     const a = Array.from(pad.axes, beyondRest);
     if (pad.mapping === "standard") {
@@ -20,7 +22,7 @@
       const axes = [-a[1], -a[0], -a[3], -a[2], cross(12, 13), cross(14, 15)];
       return { axes, held: HOLD.some((one) => isDown(pad, one)), stop: STOP_BUTTONS.some((one) => isDown(pad, one)), down };
     }
-    if (a.length < 6) return null; // a wheel, pedals, a joystick of older make: nobody knows what is where
+    if (a.length !== 6 || !MOUSE_3D.test(pad.id)) return null;
     return { axes: [-a[1], -a[0], -a[2], -a[5], a[3], -a[4]], held: isDown(pad, 0), stop: isDown(pad, 1), down: [] };
   }
 
@@ -58,18 +60,28 @@
     return { axes, held: fingers.size > 0, stop: false, down: [] };
   }
 
-  // Who switches it on while something is held has to let go first; so has who comes back to this page.
-  let [held, ready, stopped, down, name, rumbled] = [false, false, false, [], "", false];
+  // Who switches it on while something is held has to let go first; so has who comes back to this page, or plugs
+  // something in. What does not rest in its middle once is not heard.
+  let [held, ready, stopped, down, name, rumbled, there] = [false, false, false, [], "", false, ""];
+  const rested = new Set();
   const say = (what, value) => globalThis.armctlTell?.({ do: what, value });
   function tick() {
     const place = document.querySelector("armctl-part [data-sticks]");
-    const pads = place && document.visibilityState === "visible" ? navigator.getGamepads().filter(Boolean) : [];
-    const found = pads.map((pad) => [pad, readPad(pad)]).filter(([, read]) => read);
+    const visible = Boolean(place) && document.visibilityState === "visible";
+    const here = visible && document.hasFocus();
+    const pads = visible ? navigator.getGamepads().filter(Boolean) : [];
+    const found = pads.map((pad) => [pad, readPad(pad), `${pad.index} ${pad.id}`]).filter(([, read]) => read);
+    const keys = found.map(([, , key]) => key);
+    for (const [, { axes }, key] of found) if (!axes.some(Boolean)) rested.add(key);
+    for (const key of rested) if (!keys.includes(key)) rested.delete(key);
+    const same = there === (there = keys.join());
     if (found.some(([, read]) => read.stop) !== stopped && (stopped = !stopped)) globalThis.armctlStop();
-    const [pad, read] = found.find(([, one]) => one.held) ?? [found[0]?.[0] ?? null, readThumbs()];
-    const holds = Boolean(place) && document.hasFocus() && read.held;
-    ready = Boolean(place) && !stopped && (ready || !holds);
-    if (place && name !== (pad?.id ?? "")) say("sticks-seen", (name = pad?.id ?? ""));
+    const heard = found.filter(([, , key]) => rested.has(key));
+    const [pad, read] = heard.find(([, one]) => one.held) ?? [found[0]?.[0], readThumbs()];
+    const holds = here && read.held;
+    ready = here && same && !stopped && (ready || !read.held);
+    const seen = pad ? pad.id + (heard.some(([one]) => one === pad) ? "" : " (let its sticks go)") : "";
+    if (place && name !== seen) say("sticks-seen", (name = seen));
     if (holds && ready) say("sticks", [...read.axes.map((one) => one.toFixed(2)), performance.now().toFixed(0)].join(" "));
     else if (held) say("sticks", stopped ? "stopped" : "let go");
     held = holds && ready;
