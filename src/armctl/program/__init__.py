@@ -1,6 +1,6 @@
 """Serial-motion programs: steps, blocks, files, editing."""
 
-from armctl.program.base_steps import Effect, Senses, Until
+from armctl.program.base_steps import Effect, MotionStep, Senses, Step, Until
 from armctl.program.check import check_program
 from armctl.program.conditions import Condition
 from armctl.program.csv import read_csv, write_csv
@@ -18,24 +18,12 @@ from armctl.program.files import (
     write_script,
 )
 from armctl.program.grid_step import GridStep
-from armctl.program.logic_steps import CountStep, ElseStep, IfStep, WhileStep
+from armctl.program.logic_steps import CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
+from armctl.program.motion_steps import ArcStep, LineStep, MoveStep, PointStep
 from armctl.program.program import Blocks, Cursor, Program
-from armctl.program.steps import (
-    ArcStep,
-    CommentStep,
-    EndStep,
-    GripperStep,
-    LineStep,
-    MotionStep,
-    MoveStep,
-    PointStep,
-    RepeatStep,
-    SetStep,
-    SpeedStep,
-    Step,
-    WaitForStep,
-    WaitStep,
-)
+from armctl.program.signal_steps import SetStep, WaitForStep
+from armctl.program.standing_steps import GripperStep, SpeedStep, WaitStep
+from armctl.program.steps import CommentStep
 
 __all__ = [
     "PROGRAM_SUFFIXES",

@@ -13,9 +13,10 @@ from armctl.errors import ArmctlError
 from armctl.facts import CellOutsideGrid, NoSteps, OtherRobot, Reason
 from armctl.motion.preflight import Finding
 from armctl.program.base_steps import Step
+from armctl.program.motion_steps import MoveStep
 from armctl.program.paths import PathWalk
 from armctl.program.program import PROGRAM_FILES, Blocks, Program, in_first_cells
-from armctl.program.steps import AnyStep, MoveStep
+from armctl.program.steps import AnyStep
 from armctl.robot import Robot
 
 

@@ -16,20 +16,13 @@ from armctl.arrays import FloatArray
 from armctl.documents import Document, as_path, not_written, write_atomically
 from armctl.errors import ArmctlError, Errors, ProgramError
 from armctl.facts import say
-from armctl.program.base_steps import BlockStep, literal
+from armctl.program.base_steps import BlockStep, Step, literal
 from armctl.program.check import check_program
 from armctl.program.csv import read_csv
+from armctl.program.motion_steps import LineStep, MoveStep, PointStep
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
-from armctl.program.steps import (
-    CommentStep,
-    GripperStep,
-    LineStep,
-    MoveStep,
-    PointStep,
-    Step,
-    WaitStep,
-    any_step,
-)
+from armctl.program.standing_steps import GripperStep, WaitStep
+from armctl.program.steps import CommentStep, any_step
 from armctl.robot import Robot
 
 _WORKBOOKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")

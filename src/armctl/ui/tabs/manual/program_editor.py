@@ -17,10 +17,10 @@ from armctl.program import CommentStep, MoveStep, Program, SpeedStep, Step, Wait
 from armctl.program import steps as registry
 from armctl.program.base_steps import LONGEST_WAIT_S
 from armctl.program.logic_steps import MOST_REPEATS
+from armctl.program.motion_steps import tool_turn
 from armctl.program.program import PLACES, Change, add, delete, duplicate, move, repeat
 from armctl.program.rehearsal import pose_after
 from armctl.program.standing_steps import EDGES, SLOWEST_PERCENT
-from armctl.program.steps import tool_turn
 from armctl.protocol import Party, Snapshot, UpdateProgram
 from armctl.robot import Robot
 from armctl.ui.events import OneAtATime
