@@ -30,7 +30,8 @@ from armctl.runtime.live_target import Follower, Streamer
 from armctl.runtime.mover import PathMover
 from armctl.runtime.planner import checked_trajectory
 from armctl.runtime.power import enable, limit_torque, set_output
-from armctl.runtime.program_runner import ProgramRunner, begun_program
+from armctl.runtime.program_feed import begun_program
+from armctl.runtime.program_runner import ProgramRunner
 from armctl.runtime.releasing import let_down
 
 _STOPPED_FOLLOWING = "the arm was stopped; switch the live target on again once it stands"
