@@ -7,6 +7,7 @@ import pickle
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,17 @@ from armctl.kinematics.angles import rotation_angle
 from armctl.motion import PointToPoint, Sample, plan_joints
 from armctl.process.records import commands as known_commands
 from armctl.program import GripperStep, MoveStep, PointStep, Program, WaitStep
-from armctl.protocol import Command, Connect, LastPose, ManualClock, Origin, Snapshot, Ticket, commands
+from armctl.protocol import (
+    Command,
+    Connect,
+    LastPose,
+    ManualClock,
+    Message,
+    Origin,
+    Snapshot,
+    Ticket,
+    commands,
+)
 from armctl.runtime import Controller, PoseFolder
 
 MY_ARM = Path(__file__).parents[1] / "examples" / "my_arm.toml"
@@ -617,6 +628,7 @@ CALLS: dict[type[Command], Callable[[armctl.Arm], object]] = {
     commands.SimulateInput: lambda arm: arm.simulate_input("door", 1.0),
     commands.LendControl: lambda arm: arm.lend_control("pad"),
     commands.RunProgram: lambda arm: arm.wait(0.1),
+    commands.ConfirmMessage: lambda arm: arm.confirm(),
     commands.UpdateProgram: lambda arm: arm.update_program(Program(robot="uzuner")),
 }
 BY_CONNECTING = {commands.Arrive, commands.Leave, commands.RememberWrongPins}
@@ -630,7 +642,7 @@ class Listener:
         self.robot, self.asked = armctl.load_robot("uzuner"), list[Command]()
         self.stopped, self.ended = 0, False
         controller = Controller(self.robot, Boards(self.robot, ManualClock().now).driver, ManualClock())
-        self.snapshot: Snapshot = controller.snapshot
+        self.snapshot: Snapshot = replace(controller.snapshot, message=Message("ready?", 1, True))
         controller.close()
 
     def submit(self, command: Command, origin: Origin | None = None) -> Ticket:

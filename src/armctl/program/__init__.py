@@ -19,6 +19,7 @@ from armctl.program.files import (
 )
 from armctl.program.grid_step import GridStep
 from armctl.program.logic_steps import CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
+from armctl.program.message_step import MessageStep
 from armctl.program.motion_steps import ArcStep, LineStep, MoveStep, PointStep
 from armctl.program.program import Blocks, Cursor, Program
 from armctl.program.signal_steps import SetStep, WaitForStep
@@ -41,6 +42,7 @@ __all__ = [
     "GripperStep",
     "IfStep",
     "LineStep",
+    "MessageStep",
     "MotionStep",
     "MoveStep",
     "PointStep",

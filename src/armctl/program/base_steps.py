@@ -119,6 +119,8 @@ class Senses:
     """by name of a digital input, how often it has changed since the program began, or was waited for"""
     counters: Mapping[str, int] = field(default_factory=dict[str, int])
     """by name, what the program has counted in this pass; 0 where it has not"""
+    confirmed: bool = False
+    """a person has pressed OK to the message that waits"""
 
     @classmethod
     def of(
@@ -151,6 +153,8 @@ class Until:
     """… or goes on, and the log says so"""
     uses: str = ""
     """name of an input whose edges count as seen when this is over"""
+    by_person: bool = False
+    """a person brings it about, by OK to the message of the step"""
 
     def __post_init__(self) -> None:
         if not self.longest_s > 0.0:
@@ -210,6 +214,8 @@ class Effect:
     """which step comes next is decided when this one runs; the joints stand until then"""
     counts: Counting | None = None
     """the counter that changes"""
+    message: str = ""
+    """what the person is told when it begins: on all pages, on the terminal, in the log; empty: nothing"""
     says: str = ""
     """what the log says when it begins; empty: nothing"""
 

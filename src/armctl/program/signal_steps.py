@@ -14,6 +14,9 @@ from armctl.robot import Robot
 _Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
 _NameOrNone = Annotated[str, Meta(pattern=r"^([a-z][a-z0-9_]*)?$")]
 _VALUE = Field("Value", "Of an input or output: 0 or 1, or a share.", 62)
+LongestWait = Annotated[float, Meta(gt=0, le=LONGEST_WAIT_S)]
+AtTimeout = Annotated[Otherwise, Field("At time-out", "What the program does then.", 65)]
+"""of every step that waits for something that may not come"""
 
 
 class SetStep(Step, frozen=True, kw_only=True, tag="set"):
@@ -86,8 +89,8 @@ class WaitForStep(ConditionStep, frozen=True, kw_only=True, tag="wait-for"):
     call: ClassVar = ("wait_for", "watch", "value", "timeout_s", "joint", "compare", "trigger", "otherwise")
     button: ClassVar = ("In and out", "Wait for input", "watch", "timeout_s")
 
-    timeout_s: Annotated[float, Meta(gt=0, le=LONGEST_WAIT_S), Field("Time-out s", "At most so long.", 64)]
-    otherwise: Annotated[Otherwise, Field("At time-out", "What the program does then.", 65)] = "stop"
+    timeout_s: Annotated[LongestWait, Field("Time-out s", "At most so long.", 64)]
+    otherwise: AtTimeout = "stop"
     """what the program does where it has not come by then"""
 
     @property

@@ -8,6 +8,7 @@ from armctl.program.base_steps import Key, Step, keys_of
 from armctl.program.draw_step import DrawStep
 from armctl.program.grid_step import GridStep
 from armctl.program.logic_steps import CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
+from armctl.program.message_step import MessageStep
 from armctl.program.motion_steps import ArcStep, LineStep, MoveStep, PointStep
 from armctl.program.signal_steps import SetStep, WaitForStep
 from armctl.program.standing_steps import GripperStep, SpeedStep, WaitStep
@@ -30,6 +31,7 @@ KINDS: tuple[type[Step], ...] = (
     GripperStep,
     SetStep,
     WaitForStep,
+    MessageStep,
     SpeedStep,
     RepeatStep,
     IfStep,

@@ -115,6 +115,17 @@ class ProgramProgress:
 
 
 @dataclass(frozen=True, slots=True)
+class Message:
+    """What the last ``message`` step of a program has told."""
+
+    text: str
+    number: int
+    """each message has its own, so that a late OK is none to the next one"""
+    waits: bool
+    """the arm stands until somebody says OK (``ConfirmMessage``)"""
+
+
+@dataclass(frozen=True, slots=True)
 class AxisHoming:
     """Whether an axis knows where it is."""
 
@@ -309,6 +320,8 @@ class Snapshot:
     """how often each digital input has changed since the board was connected"""
     limp: tuple[str, ...] = ()
     """titles of joints that were released by themselves, while the others hold"""
+    message: Message | None = None
+    """what a program has told last; None: nothing yet"""
 
     def unmet(self, need: Need) -> NotNow | None:
         """Why what needs this of the arm would be refused now; None: it would not."""
@@ -324,7 +337,7 @@ class Snapshot:
 _TOLD = attrgetter(
     "state", "cause", "commanded", "source", "powered", "gripper", "part_mm", "speed", "progress", "board",
     "homing", "warnings", "levels", "control", "busy", "unreachable", "inputs", "outputs", "edges",
-    "limp",
+    "limp", "message",
 )  # fmt: skip
 _STILL_RAD = 1e-3
 """readings that differ by less are those of an arm that stands"""

@@ -81,6 +81,8 @@ def _carry_out(core: Core, order: Order, now: float) -> bool:
         case c.UpdateProgram():
             _update_program(core, order, order.command)
             return False
+        case c.ConfirmMessage(number):
+            _confirm(core, order.command, number, who)
         case c.MoveGripper(opening, part_mm):
             _move_gripper(core, opening, CarriedPart.of(part_mm), order)
             return False
@@ -283,6 +285,14 @@ def _move_gripper(core: Core, opening: float, part: CarriedPart | None, order: O
         raise InputError(f"{gripper.title}: {out_of_range(100 * opening, 0, 100, '%')}")
     core.require(Need.GRIPPER, "the gripper")
     core.move_gripper(order, opening, part)
+
+
+def _confirm(core: Core, command: c.ConfirmMessage, number: int, who: str) -> None:
+    runner = core.led_by(command)
+    if runner is None or runner.awaits != number:
+        raise StateError("no message waits for this OK any more: the program has gone on, or has ended")
+    runner.lead(command, math.inf)
+    core.log.add(f"OK to the message ({who})")
 
 
 def _update_program(core: Core, order: Order, command: c.UpdateProgram) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 from armctl.errors import ArmctlError, ProgramError
@@ -9,7 +10,7 @@ from armctl.program import Program
 from armctl.program.base_steps import Effect, Senses, Until
 from armctl.program.conditions import Condition
 from armctl.program.feed import PlannedStep
-from armctl.protocol import Command, ProgramProgress, UpdateProgram
+from armctl.protocol import Command, ConfirmMessage, ProgramProgress, UpdateProgram
 from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.core import Core
 from armctl.runtime.mover import PathMover, starving_s
@@ -26,7 +27,7 @@ class ProgramRunner(Activity):
 
     pausable = True
     gripping = True  # its motions are checked with the gripper as its steps leave it
-    led_by = (UpdateProgram,)
+    led_by = (UpdateProgram, ConfirmMessage)
 
     def __init__(self, core: Core, loops: int | None, first: int, begun: Begun) -> None:
         """Begin ``begun`` with step ``first``, ``loops`` times (None: for ever)."""
@@ -41,7 +42,7 @@ class ProgramRunner(Activity):
         self._counters: dict[str, int] = {}
         """of the pass that runs"""
         self._set_output = partial(core.signals.set, core.board)
-        self._log = core.log
+        self._log, self._tell = core.log, core.messages.tell
         self._early_s = starving_s(robot) + _EARLIER_S
         self._feed = ProgramFeed(robot, begun, core.submit, self._early_s)
         self._running: PlannedStep | None = None
@@ -50,6 +51,8 @@ class ProgramRunner(Activity):
         self._wait_left = 0.0
         self._until: Until | None = None
         """what is waited for; not longer than ``_wait_left``"""
+        self._confirmed = False
+        """somebody has said OK to the message of the step that waits"""
         self._gripping = False
         """a gripper step is running"""
         self.begun = False
@@ -75,7 +78,7 @@ class ProgramRunner(Activity):
     @property
     def notice(self) -> str | None:
         """What is waited for, or that what comes next was not planned in time."""
-        if self._until is not None:
+        if self._until is not None and not self._until.by_person:  # that is shown as a message
             return f"waiting for {self._until.what}"
         return None if self._mover is None else self._mover.notice
 
@@ -89,9 +92,11 @@ class ProgramRunner(Activity):
         return min((at.loop + (at.step + of_step) / at.steps) / at.loops, 1.0)
 
     def lead(self, command: Command, expires: float) -> None:
-        """Go on with another version of the program, which was checked, at the next pass."""
+        """Go on with another version of the program, which was checked, at the next pass; or take an OK."""
         if isinstance(command, UpdateProgram):
             self._update(command.program)
+        elif isinstance(command, ConfirmMessage):
+            self._confirmed = True
 
     def _update(self, program: Program) -> None:
         self._program = program
@@ -114,6 +119,7 @@ class ProgramRunner(Activity):
     def stop(self) -> None:
         """Slow down and drop the rest."""
         self._stopped = True
+        self.awaits = None
         self._gripper.hold(False)
         self._feed.drop()
         if self._mover is not None:
@@ -156,19 +162,24 @@ class ProgramRunner(Activity):
                 if why:
                     self._log.warn(f"{self._program.name}: {why}; it goes on")
                 self._use(until.uses)
-                self._wait_left, self._until, why = 0.0, None, ""
+                self._end_wait()
+                why = ""
         except Exception as defect:  # of a step of somebody's own
             why = f"cannot look for {until.what}: {type(defect).__name__}: {defect}"
         if why:
             self._feed.drop()
             where = "" if self._running is None else f": step {self._running.index + 1}"
-            self._wait_left, self._until = 0.0, None
+            self._end_wait()
             self.error = ProgramError(f"{self._program.name}{where}: {why}")
+
+    def _end_wait(self) -> None:
+        self._wait_left, self._until, self.awaits = 0.0, None, None
 
     def _senses(self) -> Senses:
         watch = self._signals
         edges = {name: count - self._edges.get(name, 0) for name, count in watch.edges.items()}
-        return Senses.of(self._robot, self._monitor.reading.quantities, watch.inputs, edges, self._counters)
+        known = Senses.of(self._robot, self._monitor.reading.quantities, watch.inputs, edges, self._counters)
+        return replace(known, confirmed=self._confirmed)
 
     def _use(self, name: str) -> None:
         """The edges of an input so far count as seen; no name: of none."""
@@ -248,6 +259,9 @@ class ProgramRunner(Activity):
         self._until = effect.until
         if effect.until is not None:
             self._wait_left = effect.until.longest_s
+        if effect.message:
+            number, self._confirmed = self._tell(effect.message), False
+            self.awaits = number if self._until is not None and self._until.by_person else None
         if effect.opening is not None:
             self._gripper.move_to(effect.opening, effect.part)
             self._gripping = True
