@@ -18,6 +18,7 @@ from armctl.kinematics import Target
 from armctl.kinematics.target import as_numbers
 from armctl.process.trajectories import Motion, built, carried
 from armctl.program import Program
+from armctl.program.calls import MOST_CALLED
 from armctl.program.program import MOST_STEPS
 from armctl.protocol import (
     Arrive,
@@ -267,10 +268,14 @@ class _Steps(msgspec.Struct):
     steps: list[msgspec.Raw] = []
 
 
-class _WithProgram(msgspec.Struct):
-    """A command with a program, its steps not decoded."""
+class _AllSteps(_Steps):
+    called: list[_Steps] = []
 
-    program: _Steps
+
+class _WithProgram(msgspec.Struct):
+    """A command with a program and those that it calls, their steps not decoded."""
+
+    program: _AllSteps
 
 
 class _Followed(
@@ -352,12 +357,15 @@ class Codec:
 
     def _count_steps(self, record: Ask) -> None:
         """Refuse (``ProgramError``) more steps, or a larger one, than a program has; none is decoded."""
-        steps = self._with_program(record.command).program.steps
-        if len(steps) > MOST_STEPS:
-            raise ProgramError(f"it has {len(steps)} steps; a program has {MOST_STEPS} at most")
-        for k, step in enumerate(steps, 1):
-            if len(bytes(step)) > _LONGEST_STEP:
-                raise ProgramError(f"step {k} is larger than {_LONGEST_STEP >> 10} KiB; no step is")
+        program = self._with_program(record.command).program
+        if len(program.called) > MOST_CALLED:
+            raise ProgramError(f"it calls {len(program.called)} programs; {MOST_CALLED} at most")
+        for steps in (program.steps, *(called.steps for called in program.called)):
+            if len(steps) > MOST_STEPS:
+                raise ProgramError(f"it has {len(steps)} steps; a program has {MOST_STEPS} at most")
+            for k, step in enumerate(steps, 1):
+                if len(bytes(step)) > _LONGEST_STEP:
+                    raise ProgramError(f"step {k} is larger than {_LONGEST_STEP >> 10} KiB; no step is")
 
     def from_arm(self, data: bytes | str) -> FromArm:
         """What the arm process says; ``InputError`` where it is of another version."""

@@ -15,7 +15,7 @@ from msgspec import Meta, inspect
 
 from armctl.arrays import FloatArray
 from armctl.errors import ProgramError
-from armctl.facts import Quantities, Reason
+from armctl.facts import Part, Quantities, Reason
 from armctl.motion.blend import Leg
 from armctl.motion.plan import plan_joints, plan_path
 from armctl.motion.polynomial import PiecewisePolynomial
@@ -43,6 +43,8 @@ class Field:
     """what the form shows of a choice that is left open: what it means then"""
     turn: Literal["", "pitch", "orientation"] = ""
     """what of the tool's turn it is about; a step says something of its pitch or of its orientation"""
+    offers: Literal["", "programs", "inputs", "outputs"] = ""
+    """of a name: what the form offers, where there are any"""
 
 
 KeyForm = Literal["number", "integer", "numbers", "text", "choice"]
@@ -257,6 +259,16 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
         return Effect()
 
     @property
+    def calls(self) -> str:
+        """The program that it runs, as it names it; empty: none."""
+        return ""
+
+    @property
+    def parts(self) -> Sequence[tuple[Part, Step]]:
+        """The steps that it is made of, in order, each with what it is for; empty: it is one itself."""
+        return ()
+
+    @property
     def in_cell(self) -> bool:
         """Its points are given in the frame of a cell of a grid (``moved``)."""
         return False
@@ -309,6 +321,8 @@ class BlockStep(Step, frozen=True, kw_only=True):
 
     again: ClassVar[bool] = True
     """it is a loop; else it runs once or not at all"""
+    scoped: ClassVar[bool] = False
+    """it runs once, and the speed that its steps set ends with it"""
 
     def cell(self, number: int) -> tuple[float, float, float] | None:
         """Where a pass has its frame, X, Y, Z [mm]; ``number`` from 0. None: it has none."""

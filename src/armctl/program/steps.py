@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Union
 
 from armctl.program.base_steps import Key, Step, keys_of
+from armctl.program.call_step import CallStep
 from armctl.program.draw_step import DrawStep
 from armctl.program.grid_step import GridStep
 from armctl.program.logic_steps import CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
@@ -40,6 +41,7 @@ KINDS: tuple[type[Step], ...] = (
     GridStep,
     EndStep,
     CountStep,
+    CallStep,
     CommentStep,
 )
 """the registry: every kind of step that a program may hold"""

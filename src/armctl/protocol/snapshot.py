@@ -10,8 +10,20 @@ from operator import attrgetter
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.facts import LevelPassed, Need, NotNow, Quantities, QuantityLimits, State
+from armctl.facts import (
+    CalledStep,
+    InStep,
+    LevelPassed,
+    Need,
+    NotNow,
+    Part,
+    Quantities,
+    QuantityLimits,
+    Said,
+    State,
+)
 from armctl.facts.angles import to_degrees
+from armctl.facts.words import place
 from armctl.hardware import BoardIdentity, Source
 from armctl.kinematics.velocity import position_leaves_pitch
 from armctl.program import Program
@@ -112,6 +124,15 @@ class ProgramProgress:
     """the version that the running step belongs to"""
     coming: Program
     """the version that the next pass takes; another one after an edit"""
+    calls: tuple[CalledStep, ...] = ()
+    """where in the programs that the step calls, the outermost first; empty: it calls none"""
+    part: Part = ""
+    """what of a step that is made of others, such as "approach" of a pick"""
+
+    @property
+    def inside(self) -> str:
+        """Where inside the step, in words; empty: it is not made of others."""
+        return place(InStep(self.calls, self.part, Said("")))
 
 
 @dataclass(frozen=True, slots=True)

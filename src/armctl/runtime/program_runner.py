@@ -8,6 +8,7 @@ from functools import partial
 from armctl.errors import ArmctlError, ProgramError
 from armctl.program import Program
 from armctl.program.base_steps import Effect, Senses, Until
+from armctl.program.calls import StepPlace
 from armctl.program.conditions import Condition
 from armctl.program.feed import PlannedStep
 from armctl.protocol import Command, ConfirmMessage, ProgramProgress, UpdateProgram
@@ -89,6 +90,9 @@ class ProgramRunner(Activity):
         if at.loops is None or not at.steps:
             return None
         of_step = 0.0 if self._mover is None else self._mover.progress
+        if self._running is not None:
+            ahead, share = self._running.share
+            of_step = ahead + share * of_step
         return min((at.loop + (at.step + of_step) / at.steps) / at.loops, 1.0)
 
     def lead(self, command: Command, expires: float) -> None:
@@ -168,7 +172,9 @@ class ProgramRunner(Activity):
             why = f"cannot look for {until.what}: {type(defect).__name__}: {defect}"
         if why:
             self._feed.drop()
-            where = "" if self._running is None else f": step {self._running.index + 1}"
+            running = self._running
+            where = "" if running is None else f": step {running.index + 1}"
+            why = why if running is None else f"{running.place.words}{why}"
             self._end_wait()
             self.error = ProgramError(f"{self._program.name}{where}: {why}")
 
@@ -195,8 +201,10 @@ class ProgramRunner(Activity):
         else:
             over = self.done and not self._stopped and self.error is None
             program, index, passes = running.program, running.index, running.passes + over
-        steps = len(program.steps)
-        return ProgramProgress(program.name, index, steps, passes, self._loops, program, self._program)
+        steps, place = len(program.steps), StepPlace(index) if running is None else running.place
+        return ProgramProgress(
+            program.name, index, steps, passes, self._loops, program, self._program, place.calls, place.part
+        )
 
     def _take_steps(self) -> None:
         """Take the steps that are due: the next motion just before it is needed, others one a tick."""
@@ -227,7 +235,8 @@ class ProgramRunner(Activity):
     def _begin(self, step: PlannedStep) -> bool:
         """Begin a step; whether another may be begun in the same tick."""
         if step.error is not None:
-            raise ProgramError(f"step {step.index + 1}: {step.error}") from step.error
+            where = f"step {step.index + 1}: {step.place.words}"
+            raise ProgramError(f"{where}{step.error}") from step.error
         self.begun = True
         if step.before.program is None:  # the first of its pass
             self._counters.clear()

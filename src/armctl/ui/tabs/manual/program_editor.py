@@ -13,7 +13,7 @@ import viser
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.motion import usual_pitch
 from armctl.process.heavy_work import check_program_apart
-from armctl.program import CommentStep, MoveStep, Program, SpeedStep, Step, WaitStep
+from armctl.program import CalledProgram, CommentStep, MoveStep, Program, SpeedStep, Step, WaitStep
 from armctl.program import steps as registry
 from armctl.program.base_steps import LONGEST_WAIT_S
 from armctl.program.logic_steps import MOST_REPEATS
@@ -95,7 +95,8 @@ class ProgramEditor:
         q, refused = None, ""
         if row is not None:
             try:
-                q = await asyncio.to_thread(pose_after, session.held, program, row, start)
+                linked = await self._shared.linked()
+                q = await asyncio.to_thread(pose_after, session.held, linked, row, start)
             except ArmctlError as refusal:
                 refused = f"step {row + 1}: {refusal}"
         if self._shared.program is not program or self._asked != key:
@@ -125,13 +126,19 @@ class ProgramEditor:
 
         robot = self._session.console.robot
         try:
-            found = await asyncio.to_thread(check_program_apart, changed, robot, progress=progress)
+            linked = await self._shared.linked(self._running_called())
+            found = await asyncio.to_thread(check_program_apart, linked, robot, progress=progress)
         except StateError:  # that edit is checked, too
             return
         error = next((finding for finding in found if finding.severity == "error"), None)
         if error is not None and self._shared.program is changed:
             text = f"{error}; edit it, or Undo"
             self._session.notify("The next pass would stop there", text, "yellow")
+
+    def _running_called(self) -> tuple[CalledProgram, ...]:
+        """What the program that runs calls was read when it began: that runs, whatever its files say now."""
+        progress = self._session.snapshot.program
+        return () if progress is None else progress.coming.called
 
     @property
     def _me(self) -> Party:
@@ -149,7 +156,7 @@ class ProgramEditor:
         edit()
         if runs:
             try:
-                await session.submit(UpdateProgram(shared.program))
+                await session.submit(UpdateProgram(await shared.linked(self._running_called())))
             except StateError:
                 if session.snapshot.program is not None:
                     raise
