@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
-from armctl.arm_values import led_keys, optional_number, point_of, require_blend, target_of, turned_keys
+from armctl.arm_values import (
+    handling_keys,
+    led_keys,
+    optional_number,
+    point_of,
+    require_blend,
+    target_of,
+    turned_keys,
+)
 from armctl.arrays import FloatArray
 from armctl.boards import SIMULATED, board_name, calibrated_for
 from armctl.errors import InputError, MotionRefusedError, StateError
@@ -24,6 +33,8 @@ from armctl.program import (
     ArcStep,
     LineStep,
     MessageStep,
+    PickStep,
+    PlaceStep,
     Program,
     Step,
     WaitStep,
@@ -261,6 +272,19 @@ class Arm(ArmControls):
         step = ArcStep(via_x_mm=via_x, via_y_mm=via_y, via_z_mm=via_z, x_mm=x, y_mm=y, z_mm=z, **shared)
         return self._step(step, wait)
 
+    def pick(self, x_mm: float, y_mm: float, z_mm: float, wait: bool = True, **how: Any) -> Motion:
+        """Take a part at a point: approach, straight to it, grip, straight away.
+
+        ``how``: keys of a ``pick`` step (``armctl.program.PickStep``), such as ``approach_mm=40``,
+        ``close_percent=20``, ``output="vacuum"``, ``part_input="held"``; also ``rpy_deg`` and ``part_mm``.
+        InputError: another key. ProgramError: a part of it is refused, or no part was held in time.
+        """
+        return self._step(PickStep(**handling_keys(PickStep, (x_mm, y_mm, z_mm), how)), wait)
+
+    def place(self, x_mm: float, y_mm: float, z_mm: float, wait: bool = True, **how: Any) -> Motion:
+        """Put a part down at a point; as ``pick``, with the keys of ``armctl.program.PlaceStep``."""
+        return self._step(PlaceStep(**handling_keys(PlaceStep, (x_mm, y_mm, z_mm), how)), wait)
+
     def wait(self, seconds: float, wait: bool = True) -> Motion:
         """Stand still for some seconds."""
         return self._step(WaitStep(seconds=checked_number(seconds, "seconds")), wait)
@@ -273,16 +297,13 @@ class Arm(ArmControls):
         otherwise: Otherwise = "stop",
         wait: bool = True,
     ) -> Motion:
-        """Tell the person something, on all pages and at this terminal; "at OK": stand until they press OK.
+        """Tell the person something on all pages and at this terminal; stand until OK, or go on "at once".
 
-        At the terminal Enter is OK; so is the button on the operator's page, and ``confirm``. ``goes_on``:
-        "at once" only tells. After ``timeout_s`` (None: a day) it raises ProgramError, or with
-        ``otherwise="go on"`` it goes on.
+        Enter is OK, the button on the operator's page, and ``confirm``. After ``timeout_s`` (None: a day) it
+        raises ProgramError, or with ``otherwise="go on"`` goes on.
         """
-        timeout = optional_number(timeout_s, "timeout_s")
-        return self._step(
-            MessageStep(text=text, goes_on=goes_on, timeout_s=timeout, otherwise=otherwise), wait
-        )
+        keys = {"goes_on": goes_on, "timeout_s": timeout_s, "otherwise": otherwise}
+        return self._step(MessageStep(text=text, **keys), wait)  # type: ignore[arg-type]
 
     def go_pose(self, name: str, duration_s: float | None = None, wait: bool = True) -> Motion:
         """Go to one of the robot's named poses, e.g. home."""
@@ -402,9 +423,7 @@ class Arm(ArmControls):
         return self._run(RunProgram(program), wait)
 
     def _run(self, command: RunProgram, wait: bool) -> Motion:
-        if not wait:
-            return self._move(command, wait)
-        with PersonAtTerminal(self.link, ORIGIN):
+        with PersonAtTerminal(self.link, ORIGIN) if wait else nullcontext():
             return self._move(command, wait)
 
     def _enable_at(self, pose: str | Sequence[float] | None) -> Enable:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -13,7 +13,9 @@ from armctl.facts.angles import DEGREE, from_degrees, to_degrees
 from armctl.kinematics import Target, roll_pitch_yaw, rotation_of
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion import PitchMode, TurnMode
-from armctl.program.base_steps import WIDEST_BLEND_MM
+from armctl.program.base_steps import WIDEST_BLEND_MM, Step, keys_of
+from armctl.program.motion_steps import END, RPY
+from armctl.program.standing_steps import EDGES
 
 
 def target_of(
@@ -72,3 +74,26 @@ def require_blend(blend_mm: float) -> None:
     """Refuse (``InputError``) what is no blend radius."""
     if not 0 <= checked_number(blend_mm, "blend_mm") <= WIDEST_BLEND_MM:
         raise InputError(f"a blend radius is 0 … {WIDEST_BLEND_MM} mm, not {blend_mm}")
+
+
+_TOGETHER = {"rpy_deg": RPY, "part_mm": EDGES}
+"""arguments that are several keys of a step"""
+
+
+def handling_keys(kind: type[Step], point_mm: Sequence[float], how: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys of a step that takes a part or puts it down; ``InputError``: one that it has not."""
+    keys: dict[str, Any] = {}
+    known = {one.name for one in keys_of(kind)} - {*END, "frame", "note"}
+    for name, value in how.items():
+        several = _TOGETHER.get(name, ())
+        if several and known.issuperset(several) and value is not None:
+            numbers = as_numbers(value, name).tolist()
+            if len(numbers) != len(several):
+                raise InputError(f"{name} needs three numbers, got {value!r}")
+            keys |= zip(several, numbers, strict=True)
+        elif name in known:
+            keys[name] = value
+        elif not several:
+            raise InputError(f"{kind.__name__} has no {name!r}; it has {', '.join(sorted(known))}")
+    point = point_of(point_mm, ", ".join(END)).tolist()
+    return {**keys, **dict(zip(END, point, strict=True))}

@@ -21,6 +21,7 @@ from armctl.program.grid_step import GridStep
 from armctl.program.logic_steps import CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
 from armctl.program.message_step import MessageStep
 from armctl.program.motion_steps import ArcStep, LineStep, MoveStep, PointStep
+from armctl.program.pick_steps import PickStep, PlaceStep
 from armctl.program.program import Blocks, CalledProgram, Cursor, Program
 from armctl.program.saved import SavedPrograms
 from armctl.program.scripts import write_script
@@ -49,6 +50,8 @@ __all__ = [
     "MessageStep",
     "MotionStep",
     "MoveStep",
+    "PickStep",
+    "PlaceStep",
     "PointStep",
     "Program",
     "RepeatStep",

@@ -246,6 +246,9 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
     button: ClassVar[tuple[str, ...]] = ()
     """row and label of the button that records one where the arm stands, and the keys that it records"""
 
+    handles: ClassVar[bool] = False
+    """it takes a part, or lets it go: by the gripper, or by an output"""
+
     note: Annotated[str, Field("Note", place=99)] = ""
 
     @property

@@ -28,30 +28,32 @@ _RPY_HINT = (
     "The tool's orientation at the end, Rz(yaw)·Ry(pitch)·Rx(roll); "
     "of a line or an arc with 'interpolated' only."
 )
-_Point = Annotated[float, Field("Point mm", _POINT_HINT, 1)]
+PointKey = Annotated[float, Field("Point mm", _POINT_HINT, 1)]
 _ViaPoint = Annotated[float, Field("Via mm", _VIA_HINT, 2)]
 _Mode = Annotated[
     PitchMode | None,
     Field("Tool pitch", "Tool pitch on the way.", 3, "pitch_mode", TURN_MODES, "kept", "pitch"),
 ]
-_Pitch = Annotated[float | None, Field("Pitch °", _PITCH_HINT, 4, turn="pitch")]
+PitchKey = Annotated[float | None, Field("Pitch °", _PITCH_HINT, 4, turn="pitch")]
 _Turn = Annotated[
     TurnMode | None,
     Field("Tool orientation", _TURN_HINT, 3, choices=TURN_MODES, left_open="kept", turn="orientation"),
 ]
-_Angle = Annotated[float | None, Field("Rx Ry Rz °", _RPY_HINT, 4, turn="orientation")]
-_Roll = Annotated[float | None, Field("Roll °", "Tool roll at the end. Empty: as it comes.", 5, turn="pitch")]
-_Criterion = Annotated[
+AngleKey = Annotated[float | None, Field("Rx Ry Rz °", _RPY_HINT, 4, turn="orientation")]
+RollKey = Annotated[
+    float | None, Field("Roll °", "Tool roll at the end. Empty: as it comes.", 5, turn="pitch")
+]
+CriterionKey = Annotated[
     str, Field("Choose by", "Which of the solutions is taken.", 6, choices=tuple(CRITERIA))
 ]
 _Profile = Annotated[ProfileName, Field("Profile", "Law of the motion over time.", 7)]
-_ToolSpeed = Annotated[Annotated[float, Meta(gt=0)] | None, Field("Tool speed mm/s", FASTEST, 8)]
-_Frame = Annotated[
+ToolSpeedKey = Annotated[Annotated[float, Meta(gt=0)] | None, Field("Tool speed mm/s", FASTEST, 8)]
+FrameKey = Annotated[
     Literal["cell"] | None,
     Field("Frame", "cell: points begin at the cell of the grid around it.", 11, "frame", ("cell",), "base"),
 ]
-_END, _VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
-_RPY = ("rx_deg", "ry_deg", "rz_deg")
+END, _VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
+RPY = ("rx_deg", "ry_deg", "rz_deg")
 _LED = ("pitch", "pitch_deg", "orientation", "rpy_deg", "speed_mm_s", "duration_s", "blend_mm")
 """arguments of ``Arm.line`` and ``Arm.arc`` beside the points"""
 
@@ -108,7 +110,7 @@ class _Oriented:
         if self.rpy_deg is None:
             return None
         if roll is None or pitch is None or yaw is None:
-            raise ProgramError(f"an orientation needs all of {', '.join(_RPY)}")
+            raise ProgramError(f"an orientation needs all of {', '.join(RPY)}")
         return rotation_from_rpy(*map(from_degrees, (roll, pitch, yaw)))
 
 
@@ -116,21 +118,21 @@ class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
     """Put the tool on a point [mm] by inverse kinematics, joint by joint."""
 
     call: ClassVar = (
-        "go", *_END, "pitch_deg", "roll_deg", "rpy_deg", "choose", "duration_s", "profile", "blend_mm",
+        "go", *END, "pitch_deg", "roll_deg", "rpy_deg", "choose", "duration_s", "profile", "blend_mm",
     )  # fmt: skip
-    button: ClassVar = ("Record tool", "Point", *_END, "pitch_deg", "roll_deg", *_RPY)
+    button: ClassVar = ("Record tool", "Point", *END, "pitch_deg", "roll_deg", *RPY)
 
-    x_mm: _Point
-    y_mm: _Point
-    z_mm: _Point
-    pitch_deg: _Pitch = None
-    roll_deg: _Roll = None
-    rx_deg: _Angle = None
-    ry_deg: _Angle = None
-    rz_deg: _Angle = None
-    choose: _Criterion = "least-rotation"
+    x_mm: PointKey
+    y_mm: PointKey
+    z_mm: PointKey
+    pitch_deg: PitchKey = None
+    roll_deg: RollKey = None
+    rx_deg: AngleKey = None
+    ry_deg: AngleKey = None
+    rz_deg: AngleKey = None
+    choose: CriterionKey = "least-rotation"
     profile: _Profile = "cubic"
-    frame: _Frame = None
+    frame: FrameKey = None
     """None: the base"""
 
     @property
@@ -140,7 +142,7 @@ class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
 
     def moved(self, cell: Sequence[float]) -> PointStep:
         """The same with its point in the base frame, where it is given in that of a cell [mm]."""
-        return _moved(self, (_END,), cell)
+        return moved_points(self, (END,), cell)
 
     @property
     def _law(self) -> ProfileName:
@@ -150,7 +152,7 @@ class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
         pitch = "" if self.pitch_deg is None else f", pitch {_short(self.pitch_deg)}°"
         roll = "" if self.roll_deg is None else f", roll {_short(self.roll_deg)}°"
         turned = "" if self.rpy_deg is None else f", {self._rpy_words}"
-        return f"{_place(self, _END)}{_of_cell(self.frame)}{pitch}{roll}{turned}"
+        return f"{place_words(self, END)}{frame_words(self.frame)}{pitch}{roll}{turned}"
 
     def check(self, robot: Robot) -> None:
         """Refuse an orientation that is not whole, or one beside a pitch or roll."""
@@ -158,7 +160,7 @@ class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
 
     def _target(self) -> Target:
         pitch, roll = from_degrees(self.pitch_deg), from_degrees(self.roll_deg)
-        return Target.of(_metres(self, _END), pitch, roll, self._rotation)
+        return Target.of(metres(self, END), pitch, roll, self._rotation)
 
     def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray | None:
         """The best solution to which the arm may go by itself; where there is none, the best of all.
@@ -179,7 +181,7 @@ class _LeadsTool(_Oriented):
 
     __slots__ = ()
     leads_tool: ClassVar[bool] = True
-    points: ClassVar[tuple[tuple[str, ...], ...]] = (_END,)
+    points: ClassVar[tuple[tuple[str, ...], ...]] = (END,)
     """keys of the points on the way, the last one is the end"""
 
     pitch: PitchMode | None
@@ -198,8 +200,8 @@ class _LeadsTool(_Oriented):
         end = "" if self.rpy_deg is None else f" to {self._rpy_words}"
         pitch += "" if self.orientation is None else f", orientation {self.orientation}{end}"
         speed = "" if self.speed_mm_s is None else f", {_short(self.speed_mm_s)} mm/s"
-        points = " via ".join(_place(self, keys) for keys in reversed(self.points))
-        return f"{points}{_of_cell(self.frame)}{pitch}{speed}"
+        points = " via ".join(place_words(self, keys) for keys in reversed(self.points))
+        return f"{points}{frame_words(self.frame)}{pitch}{speed}"
 
     def check(self, robot: Robot) -> None:
         """Refuse a pitch or an orientation at the end that does not go with the mode, and both at once."""
@@ -211,7 +213,7 @@ class _LeadsTool(_Oriented):
         self._rotation  # noqa: B018  # refused where it is not whole
         for name, keys, mode, end in (
             ("pitch", "pitch_deg", self.pitch, self.pitch_deg),
-            ("orientation", ", ".join(_RPY), self.orientation, self.rpy_deg),
+            ("orientation", ", ".join(RPY), self.orientation, self.rpy_deg),
         ):
             if (end is not None) != (mode == "interpolated"):
                 raise ProgramError(
@@ -226,11 +228,11 @@ class _LeadsTool(_Oriented):
 
     def moved(self, cell: Sequence[float]) -> MotionStep:
         """The same with its points in the base frame, where they are given in that of a cell [mm]."""
-        return _moved(cast("MotionStep", self), self.points, cell)
+        return moved_points(cast("MotionStep", self), self.points, cell)
 
     def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
         """Along the tool's way [m]."""
-        *via, end = (_metres(self, keys) for keys in self.points)
+        *via, end = (metres(self, keys) for keys in self.points)
         turn = (self.pitch, from_degrees(self.pitch_deg), self.orientation, self._rotation)
         return follow_tool(robot, start, via[0] if via else None, end, *turn, speed=self._tool_speed)
 
@@ -238,51 +240,51 @@ class _LeadsTool(_Oriented):
 class LineStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="line"):
     """Lead the tool to a point [mm] in a straight line, on the branch the arm is on."""
 
-    call: ClassVar = ("line", *_END, *_LED)
-    button: ClassVar = ("Record tool", "Line", *_END, "pitch", "orientation", *_RPY)
+    call: ClassVar = ("line", *END, *_LED)
+    button: ClassVar = ("Record tool", "Line", *END, "pitch", "orientation", *RPY)
 
-    x_mm: _Point
-    y_mm: _Point
-    z_mm: _Point
+    x_mm: PointKey
+    y_mm: PointKey
+    z_mm: PointKey
     pitch: _Mode = None
-    pitch_deg: _Pitch = None
+    pitch_deg: PitchKey = None
     """tool pitch at the end; only with pitch = "interpolated", and needed there"""
     orientation: _Turn = None
     """neither this nor a pitch: what the arm can do is kept, its orientation with six joints or more"""
-    rx_deg: _Angle = None
-    ry_deg: _Angle = None
-    rz_deg: _Angle = None
+    rx_deg: AngleKey = None
+    ry_deg: AngleKey = None
+    rz_deg: AngleKey = None
     """tool orientation at the end; only with orientation = "interpolated", and needed there"""
-    speed_mm_s: _ToolSpeed = None
+    speed_mm_s: ToolSpeedKey = None
     """largest speed of the tool; None: as fast as the limits allow"""
-    frame: _Frame = None
+    frame: FrameKey = None
     """None: the base"""
 
 
 class ArcStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="arc"):
     """Lead the tool along a circular arc through a point to another [mm]; the rest as in a line."""
 
-    button: ClassVar = ("Record tool", "Arc", *_VIA, *_END, "pitch", "orientation", *_RPY)
-    points: ClassVar = (_VIA, _END)
+    button: ClassVar = ("Record tool", "Arc", *_VIA, *END, "pitch", "orientation", *RPY)
+    points: ClassVar = (_VIA, END)
 
     via_x_mm: _ViaPoint
     via_y_mm: _ViaPoint
     via_z_mm: _ViaPoint
-    x_mm: _Point
-    y_mm: _Point
-    z_mm: _Point
+    x_mm: PointKey
+    y_mm: PointKey
+    z_mm: PointKey
     pitch: _Mode = None
-    pitch_deg: _Pitch = None
+    pitch_deg: PitchKey = None
     orientation: _Turn = None
-    rx_deg: _Angle = None
-    ry_deg: _Angle = None
-    rz_deg: _Angle = None
-    speed_mm_s: _ToolSpeed = None
-    frame: _Frame = None
+    rx_deg: AngleKey = None
+    ry_deg: AngleKey = None
+    rz_deg: AngleKey = None
+    speed_mm_s: ToolSpeedKey = None
+    frame: FrameKey = None
 
     def script(self) -> str:
         """``arc``; its points are tuples there."""
-        numbers = map(literal, _values(self, (*_VIA, *_END)))
+        numbers = map(literal, _values(self, (*_VIA, *END)))
         points = "via_mm=({}, {}, {}), to_mm=({}, {}, {})".format(*numbers)
         return f"arc({', '.join(filter(None, (points, self._arguments(_LED))))})"
 
@@ -293,7 +295,7 @@ def tool_turn(robot: Robot, q: FloatArray, digits: int = 6) -> dict[str, float |
     Of an arm that can turn its tool about any axis, its orientation; else its pitch and roll.
     """
     if robot.orients_tool:
-        turns = zip(_RPY, roll_pitch_yaw(robot.forward(q)[:3, :3]).tolist(), strict=True)
+        turns = zip(RPY, roll_pitch_yaw(robot.forward(q)[:3, :3]).tolist(), strict=True)
     else:
         turns = zip(("pitch_deg", "roll_deg"), robot.inverse_kinematics.pitch_and_roll(q), strict=True)
     return {key: None if turn is None else round(to_degrees(turn), digits) + 0.0 for key, turn in turns}
@@ -305,7 +307,8 @@ def tool_turn(robot: Robot, q: FloatArray, digits: int = 6) -> dict[str, float |
 _MovedStep = TypeVar("_MovedStep")
 
 
-def _moved(step: _MovedStep, points: Sequence[Sequence[str]], cell: Sequence[float]) -> _MovedStep:
+def moved_points(step: _MovedStep, points: Sequence[Sequence[str]], cell: Sequence[float]) -> _MovedStep:
+    """A step with its points (keys of each) in the base frame, given in that of a cell at X, Y, Z [mm]."""
     moved = {
         key: getattr(step, key) + offset for keys in points for key, offset in zip(keys, cell, strict=True)
     }
@@ -316,7 +319,8 @@ def _values(step: object, keys: Sequence[str]) -> tuple[float, ...]:
     return tuple(getattr(step, key) for key in keys)
 
 
-def _metres(step: object, keys: Sequence[str]) -> FloatArray:
+def metres(step: object, keys: Sequence[str]) -> FloatArray:
+    """Keys in mm as an array [m]."""
     return np.array(_values(step, keys)) / 1000
 
 
@@ -328,9 +332,11 @@ def _listed(values: Sequence[float]) -> str:
     return ", ".join(map(_short, values))
 
 
-def _place(step: object, keys: Sequence[str]) -> str:
+def place_words(step: object, keys: Sequence[str]) -> str:
+    """A point in words."""
     return f"({_listed(_values(step, keys))}) mm"
 
 
-def _of_cell(frame: str | None) -> str:
+def frame_words(frame: str | None) -> str:
+    """Whose frame a point is in, behind it; empty: the base's."""
     return "" if frame is None else f" from the {frame}"

@@ -11,6 +11,7 @@ from armctl.program.grid_step import GridStep
 from armctl.program.logic_steps import CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
 from armctl.program.message_step import MessageStep
 from armctl.program.motion_steps import ArcStep, LineStep, MoveStep, PointStep
+from armctl.program.pick_steps import PickStep, PlaceStep
 from armctl.program.signal_steps import SetStep, WaitForStep
 from armctl.program.standing_steps import GripperStep, SpeedStep, WaitStep
 
@@ -28,6 +29,8 @@ KINDS: tuple[type[Step], ...] = (
     LineStep,
     ArcStep,
     DrawStep,
+    PickStep,
+    PlaceStep,
     WaitStep,
     GripperStep,
     SetStep,

@@ -185,7 +185,10 @@ def recorded_kinds(robot: Robot) -> dict[str, dict[str, type[Step]]]:
     rows: dict[str, dict[str, type[Step]]] = {}
     there = {"open_percent"} if robot.gripper is not None else set[str]()
     there |= _signals_here(robot).keys()
+    hand = robot.gripper is not None or "output" in there
     for kind in registry.KINDS:
+        if kind.handles and not hand:
+            continue
         if kind.button and not {"open_percent", *_SIGNAL_KEYS}.intersection(kind.button) - there:
             row, label, *_ = kind.button
             rows.setdefault(row, {})[label] = kind
@@ -198,14 +201,18 @@ def step_here(kind: type[Step], robot: Robot, snapshot: Snapshot, via_mm: Point 
     here: dict[str, Any] = dict(zip(EDGES, snapshot.part_mm or (None, None, None), strict=True))
     here |= _signals_here(robot)
     if snapshot.gripper is not None:
-        here["open_percent"] = round(100 * snapshot.gripper, 1)
-    if set(keys) - {"open_percent", *EDGES, *_SIGNAL_KEYS}:
+        here["open_percent"] = here["close_percent"] = round(100 * snapshot.gripper, 1)
+    elif kind.handles:  # closed, until it is edited in the row
+        here["close_percent"] = 0.0
+    if set(keys) - {"open_percent", "close_percent", *EDGES, *_SIGNAL_KEYS}:
         here |= _tool_here(robot, present_pose_deg(robot, snapshot))
     if via_mm is not None:
         here |= zip(_VIA, via_mm, strict=True)
     for key in keys:
         if key not in here:
             raise StateError(_NOT_KNOWN[key])
+    if kind.handles and robot.gripper is None:
+        keys = (*keys, "output")
     return kind(**{key: here[key] for key in keys})
 
 
