@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta
@@ -12,6 +13,7 @@ from armctl.errors import ArmctlError, ProgramError
 from armctl.facts import Part
 from armctl.kinematics import Target
 from armctl.motion.choices import choose_end, different_ends, may_go_to, solve
+from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
 from armctl.motion.plan import follow_tool, plan_path
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import passes
@@ -76,7 +78,10 @@ class ApproachStep(PointStep, frozen=True, kw_only=True, tag="approach"):
             solve(robot, None, target, "least-rotation")
             return None
         q = self._chosen(robot, start, target)
-        way = self._way(robot, q)
+        try:
+            way = self._way(robot, q)
+        except (ToolPathRefusedError, ToolPathUnreachableError) as cause:  # no key frees the tool there
+            raise type(cause)(replace(cause.on_curve, freer=None), cause.place, cause.before) from cause
         return q if way is None else way(way.high)
 
     def _chosen(self, robot: Robot, start: FloatArray, target: Target) -> FloatArray:

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.errors import ProgramError
+from armctl.errors import ArmctlError, ProgramError
 from armctl.motion.plan import plan_joints
 from armctl.motion.profiles import PointToPoint
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
-from armctl.program.base_steps import MotionStep, Question, Senses, Step
+from armctl.program.base_steps import MotionStep, Question, Senses
 from armctl.program.calls import ALL_OF_IT, StepPlace, WholeProgram
 from armctl.program.feed import PlannedStep, ProgramSource, begin_program, decided, plan_next
 from armctl.program.program import Program, in_first_cells
@@ -103,15 +103,22 @@ def pose_after(robot: Robot, program: Program, row: int, start: FloatArray) -> F
     if not moves:
         return None
     steps = in_first_cells(whole.flat.steps[: moves[-1] + 1])
-    led: list[Step] = [steps[-1]]
-    for step in reversed(steps[:-1]):
+    led = [moves[-1]]
+    for index in range(moves[-1] - 1, -1, -1):
+        step = steps[index]
         if isinstance(step, MotionStep):
             if (end := step.end(robot)) is not None:
                 start = end
                 break
-            led.append(step)
-    for step in reversed(led):
-        path = step.path(robot, start) if isinstance(step, MotionStep) else None
+            led.append(index)
+    for index in reversed(led):
+        step, ahead = steps[index], whole.place(index).index
+        try:
+            path = step.path(robot, start) if isinstance(step, MotionStep) else None
+        except ArmctlError as cause:
+            if ahead == row:
+                raise
+            raise ProgramError(cause.reason).about(f"step {ahead + 1}") from cause
         start = start if path is None else path(path.high)
     return start
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import viser
@@ -13,10 +13,21 @@ import viser
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.motion import usual_pitch
 from armctl.process.heavy_work import check_program_apart
-from armctl.program import CalledProgram, CommentStep, MoveStep, Program, SpeedStep, Step, WaitStep
+from armctl.program import (
+    CalledProgram,
+    CallStep,
+    CommentStep,
+    MessageStep,
+    MoveStep,
+    Program,
+    SpeedStep,
+    Step,
+    WaitStep,
+)
 from armctl.program import steps as registry
 from armctl.program.base_steps import LONGEST_WAIT_S
 from armctl.program.logic_steps import MOST_REPEATS
+from armctl.program.message_step import LONGEST_MESSAGE, GoesOn
 from armctl.program.motion_steps import tool_turn
 from armctl.program.program import PLACES, Change, add, delete, duplicate, move, repeat
 from armctl.program.rehearsal import pose_after
@@ -268,6 +279,8 @@ _EDITS: dict[str, Callable[[Program, int], Change]] = {
     "Duplicate": duplicate,
     "Delete": delete,
 }
+_MESSAGE_HINT = "What all pages, the terminal and the log show when the program comes there."
+_NONE_SAVED = "no other program is saved yet; Save one in Files"
 _TOOL_HINT = "Where the tool is: as a point, or as the end of a straight line or of an arc through 'via'."
 
 
@@ -301,7 +314,7 @@ class ProgramRecord:
         self._via = LiveHtml(gui)
         self._via.visible = False
         edits = gui.add_button_group("Edit", tuple(_EDITS))
-        shared = session.console.shared(SharedProgram)
+        self._shared = shared = session.console.shared(SharedProgram)
         session.needs(None, edits, also=lambda _: None if shared.program.steps else EMPTY, told=False)
         undo = gui.add_button_group("Take back", ("Undo",))
         redo = gui.add_button_group("Make again", ("Redo",))
@@ -334,6 +347,38 @@ class ProgramRecord:
                     await self._edit(lambda program, row: repeat(program, rows.value, row, often))
 
         self._session.on(group.on_click, on_add)
+
+    def add_messages(self) -> None:
+        """Add what tells the person something, and what runs a saved program, to the present container."""
+        gui = self._session.gui
+        text = gui.add_text("Message", "", hint=_MESSAGE_HINT)
+        waits = gui.add_dropdown("Goes on", get_args(GoesOn))
+        message = gui.add_button_group("Tell the person", ("Add message",))
+        self._saved = gui.add_dropdown("Saved program", self._callable())
+        call = gui.add_button_group("Run it there", ("Add call",))
+        self._session.needs(None, message, told=False)
+        self._session.needs(None, call, also=lambda _: None if self._shared.callable else _NONE_SAVED)
+
+        async def on_message() -> None:
+            if not text.value.strip():
+                raise InputError("Message is empty; type it first")
+            if len(text.value) > LONGEST_MESSAGE:
+                raise InputError(f"Message: at most {LONGEST_MESSAGE} letters")
+            await self._add(MessageStep(text=text.value.strip(), goes_on=waits.value))
+
+        async def on_call() -> None:
+            await self._add(CallStep(program=self._saved.value))
+
+        self._session.on(message.on_click, on_message)
+        self._session.on(call.on_click, on_call)
+
+    def refresh(self) -> None:
+        """Offer the programs that are saved now."""
+        if self._saved.options != (names := self._callable()):
+            self._saved.options = names
+
+    def _callable(self) -> tuple[str, ...]:
+        return tuple(self._shared.callable) or ("–",)
 
     def _require_known(self, snapshot: Snapshot) -> None:
         present_pose_deg(self._session.console.robot, snapshot)
