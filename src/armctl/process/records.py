@@ -18,8 +18,7 @@ from armctl.kinematics import Target
 from armctl.kinematics.target import as_numbers
 from armctl.process.trajectories import Motion, built, carried
 from armctl.program import Program
-from armctl.program.calls import MOST_CALLED
-from armctl.program.program import MOST_STEPS
+from armctl.program.program import MOST_CALLED, MOST_STEPS
 from armctl.protocol import (
     Arrive,
     Command,
@@ -266,16 +265,11 @@ class _Tagged(msgspec.Struct):
 
 class _Steps(msgspec.Struct):
     steps: list[msgspec.Raw] = []
-
-
-class _AllSteps(_Steps):
-    called: list[_Steps] = []
+    called: Annotated[list[_Steps], msgspec.Meta(max_length=MOST_CALLED)] = []
 
 
 class _WithProgram(msgspec.Struct):
-    """A command with a program and those that it calls, their steps not decoded."""
-
-    program: _AllSteps
+    program: _Steps
 
 
 class _Followed(
@@ -358,9 +352,7 @@ class Codec:
     def _count_steps(self, record: Ask) -> None:
         """Refuse (``ProgramError``) more steps, or a larger one, than a program has; none is decoded."""
         program = self._with_program(record.command).program
-        if len(program.called) > MOST_CALLED:
-            raise ProgramError(f"it calls {len(program.called)} programs; {MOST_CALLED} at most")
-        for steps in (program.steps, *(called.steps for called in program.called)):
+        for steps in (program.steps, *(one.steps for one in program.called)):
             if len(steps) > MOST_STEPS:
                 raise ProgramError(f"it has {len(steps)} steps; a program has {MOST_STEPS} at most")
             for k, step in enumerate(steps, 1):

@@ -28,10 +28,8 @@ from armctl.facts import (
 from armctl.motion.preflight import Finding
 from armctl.program.base_steps import BlockStep, Step
 from armctl.program.logic_steps import EndStep
-from armctl.program.program import PROGRAM_SUFFIXES, Blocks, CalledProgram, Program
+from armctl.program.program import MOST_CALLED, PROGRAM_SUFFIXES, Blocks, CalledProgram, Program
 
-MOST_CALLED = 200
-"""files that one program may call, over others or not"""
 DEEPEST = 8
 """so many programs may call one another"""
 MOST_STEPS_IN_ALL = 50_000

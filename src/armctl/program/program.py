@@ -21,6 +21,8 @@ from armctl.program.steps import AnyStep
 PROGRAM_FILES = DocumentKind(ProgramError, most_bytes=1024 * 1024, entries={"steps": "step"})
 MOST_STEPS = 20_000
 """no program has more"""
+MOST_CALLED = 200
+"""files that one program may call, over others or not"""
 PROGRAM_SUFFIXES = (".toml", ".csv")
 
 
