@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from armctl.arrays import FloatArray
+from armctl.decoding import must_be
 from armctl.errors import ArmctlError, ProgramError
 from armctl.facts import Part
 from armctl.kinematics import Target
@@ -185,6 +186,12 @@ class _HandlingStep(Step, frozen=True, kw_only=True):
         self._point.check(robot)
         if not self.output and robot.gripper is None:
             raise ProgramError(f"{robot.name} has no gripper: say by which output it grips")
+        if self.part_input and robot.signals.input(self.part_input) is None:
+            names = [one.name for one in robot.signals.inputs]
+            has = (
+                f"part_input {must_be(names)}" if names else "inputs are told in the robot file ([[inputs]])"
+            )
+            raise ProgramError(f"{robot.name} has no input {self.part_input!r}: {has}")
         for _, part in self.parts:
             if not isinstance(part, MotionStep):
                 part.check(robot)
