@@ -190,7 +190,7 @@ class MotionForm:
             passing=_PASSING[self._passing.value],
             blend_m=self._blend.value / 1000 if self._blend.visible else 0.0,
             program=shared.program if motion == PROGRAM else None,
-            library=shared.library,
+            library=shared.library if motion == PROGRAM else None,
             present=present,
             opening=self._session.snapshot.gripper,
             part=CarriedPart.of(self._session.snapshot.part_mm),
