@@ -7,6 +7,7 @@ import pickle
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,8 +35,27 @@ from armctl.kinematics import quaternion_wxyz, roll_pitch_yaw, rotation_from_rpy
 from armctl.kinematics.angles import rotation_angle
 from armctl.motion import PointToPoint, Sample, plan_joints
 from armctl.process.records import commands as known_commands
-from armctl.program import GripperStep, MoveStep, PointStep, Program, WaitStep
-from armctl.protocol import Command, Connect, LastPose, ManualClock, Origin, Snapshot, Ticket, commands
+from armctl.program import (
+    GripperStep,
+    MessageStep,
+    MoveStep,
+    PickStep,
+    PlaceStep,
+    PointStep,
+    Program,
+    WaitStep,
+)
+from armctl.protocol import (
+    Command,
+    Connect,
+    LastPose,
+    ManualClock,
+    Message,
+    Origin,
+    Snapshot,
+    Ticket,
+    commands,
+)
 from armctl.runtime import Controller, PoseFolder
 
 MY_ARM = Path(__file__).parents[1] / "examples" / "my_arm.toml"
@@ -617,6 +637,7 @@ CALLS: dict[type[Command], Callable[[armctl.Arm], object]] = {
     commands.SimulateInput: lambda arm: arm.simulate_input("door", 1.0),
     commands.LendControl: lambda arm: arm.lend_control("pad"),
     commands.RunProgram: lambda arm: arm.wait(0.1),
+    commands.ConfirmMessage: lambda arm: arm.confirm(),
     commands.UpdateProgram: lambda arm: arm.update_program(Program(robot="uzuner")),
 }
 BY_CONNECTING = {commands.Arrive, commands.Leave, commands.RememberWrongPins}
@@ -630,7 +651,7 @@ class Listener:
         self.robot, self.asked = armctl.load_robot("uzuner"), list[Command]()
         self.stopped, self.ended = 0, False
         controller = Controller(self.robot, Boards(self.robot, ManualClock().now).driver, ManualClock())
-        self.snapshot: Snapshot = controller.snapshot
+        self.snapshot: Snapshot = replace(controller.snapshot, message=Message("ready?", 1, True))
         controller.close()
 
     def submit(self, command: Command, origin: Origin | None = None) -> Ticket:
@@ -664,6 +685,31 @@ def test_there_is_a_call_for_every_command_and_for_stop() -> None:
     with armctl.Arm(link) as arm:
         arm.stop()
     assert (link.stopped, link.ended) == (1, True)
+
+
+def test_steps_of_programs_are_calls_with_their_keys() -> None:
+    link = Listener()
+    arm = armctl.Arm(link)
+    arm.pick(190, -80, 90, approach_mm=40, close_percent=20, part_mm=[10, 20, 30], rpy_deg=[180, 0, 0])
+    arm.place(180, 80, 90, along="tool", output="lamp")
+    arm.message("Ready?", timeout_s=5)
+    asked = [one.program.steps for one in link.asked if isinstance(one, commands.RunProgram)]
+    assert asked == [
+        (
+            PickStep(
+                x_mm=190, y_mm=-80, z_mm=90, approach_mm=40, close_percent=20, part_x_mm=10, part_y_mm=20,
+                part_z_mm=30, rx_deg=180, ry_deg=0, rz_deg=0,
+            ),
+        ),
+        (PlaceStep(x_mm=180, y_mm=80, z_mm=90, along="tool", output="lamp"),),
+        (MessageStep(text="Ready?", timeout_s=5),),
+    ]  # fmt: skip
+    with pytest.raises(InputError, match="PlaceStep has no 'close_percent'; it has along, approach_mm"):
+        arm.place(180, 80, 90, close_percent=20)
+    with pytest.raises(InputError, match="part_mm needs three numbers"):
+        arm.pick(190, -80, 90, part_mm=[10, 20])
+    with pytest.raises(ProgramError, match="approach_mm"):
+        arm.pick(190, -80, 90, approach_mm=-1)
 
 
 def ticked(driver: RecordingDriver, **kept: object) -> Controller:

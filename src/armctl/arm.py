@@ -4,26 +4,46 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from numpy.typing import ArrayLike
-
+from armctl.arm_values import (
+    handling_keys,
+    led_keys,
+    optional_number,
+    point_of,
+    require_blend,
+    target_of,
+    turned_keys,
+)
 from armctl.arrays import FloatArray
 from armctl.boards import SIMULATED, board_name, calibrated_for
 from armctl.errors import InputError, MotionRefusedError, StateError
-from armctl.facts.angles import DEGREE, from_degrees, to_degrees
-from armctl.handles import ArmControls, JointStream, Motion
-from armctl.kinematics import Choice, Target, roll_pitch_yaw, rotation_of
-from armctl.kinematics.target import as_numbers, checked_number, require_finite
+from armctl.facts.angles import DEGREE
+from armctl.handles import ORIGIN, ArmControls, JointStream, Motion
+from armctl.kinematics import Choice, rotation_of
+from armctl.kinematics.target import as_numbers, checked_number
 from armctl.motion import PathTrajectory, PitchMode, Profile, Trajectory, TurnMode, plan_choice
 from armctl.motion.choices import not_the_best
 from armctl.motion.clearance import clear_rest
 from armctl.motion.trajectory import KnowsPeaks
 from armctl.process import Link, RemoteLine, start_arm
-from armctl.program import ArcStep, LineStep, Program, Step, WaitStep, checked_program, open_program
-from armctl.program.base_steps import WIDEST_BLEND_MM
+from armctl.program import (
+    ArcStep,
+    LineStep,
+    MessageStep,
+    PickStep,
+    PlaceStep,
+    Program,
+    Step,
+    WaitStep,
+    checked_program,
+    open_program,
+)
+from armctl.program.conditions import Otherwise
 from armctl.program.feed import whole_number
+from armctl.program.message_step import GoesOn
 from armctl.protocol import (
     Connect,
     Enable,
@@ -41,6 +61,7 @@ from armctl.protocol import (
 )
 from armctl.robot import CarriedPart, Robot, load_robot
 from armctl.robot.body.arm_body import BODY_GUESSED
+from armctl.terminal import PersonAtTerminal
 
 Orientation = Literal["kept"]
 """of the tool, where ``Arm.go`` is not told by its numbers: as it is"""
@@ -169,10 +190,13 @@ class Arm(ArmControls):
         UnreachableError: no solution, or none with that orientation. MotionRefusedError: the way there would
         leave the limits.
         """
-        _require_blend(blend_mm)
-        point = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm")
+        require_blend(blend_mm)
+        point = point_of((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm")
         rotation = self._rotation(rpy_deg, quaternion_wxyz, orientation)
-        target, duration = _target(point, pitch_deg, roll_deg, rotation), _optional(duration_s, "duration_s")
+        target, duration = (
+            target_of(point, pitch_deg, roll_deg, rotation),
+            optional_number(duration_s, "duration_s"),
+        )
         if isinstance(choose, str):
             return self._move(MoveTo(target, choose, duration, profile), wait)
         planned, refusal = plan_choice(self.robot, self._commanded(), target, choose, duration, profile)
@@ -189,9 +213,9 @@ class Arm(ArmControls):
         wait: bool = True,
     ) -> Motion:
         """Go to joint angles [degrees]; the rest as ``go``."""
-        _require_blend(blend_mm)
+        require_blend(blend_mm)
         q = self.robot.read(self.robot.chain.checked(joints_deg))
-        return self._move(MoveJoints(q, _optional(duration_s, "duration_s"), profile), wait)
+        return self._move(MoveJoints(q, optional_number(duration_s, "duration_s"), profile), wait)
 
     def line(
         self,
@@ -218,9 +242,9 @@ class Arm(ArmControls):
         as ``go``.
         ProgramError: the tool cannot be led there; says when, where and why.
         """
-        x, y, z = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm").tolist()
-        shared = _led(pitch, pitch_deg, speed_mm_s, duration_s, blend_mm)
-        shared |= _turned(orientation, rpy_deg, quaternion_wxyz)
+        x, y, z = point_of((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm").tolist()
+        shared = led_keys(pitch, pitch_deg, speed_mm_s, duration_s, blend_mm)
+        shared |= turned_keys(orientation, rpy_deg, quaternion_wxyz)
         return self._step(LineStep(x_mm=x, y_mm=y, z_mm=z, **shared), wait)
 
     def arc(
@@ -239,19 +263,51 @@ class Arm(ArmControls):
         quaternion_wxyz: Sequence[float] | None = None,
     ) -> Motion:
         """Lead the tool along the circle through where it is, ``via_mm`` and ``to_mm`` [mm]; as ``line``."""
-        (via_x, via_y, via_z), (x, y, z) = _point(via_mm, "via_mm").tolist(), _point(to_mm, "to_mm").tolist()
-        shared = _led(pitch, pitch_deg, speed_mm_s, duration_s, blend_mm)
-        shared |= _turned(orientation, rpy_deg, quaternion_wxyz)
+        (via_x, via_y, via_z), (x, y, z) = (
+            point_of(via_mm, "via_mm").tolist(),
+            point_of(to_mm, "to_mm").tolist(),
+        )
+        shared = led_keys(pitch, pitch_deg, speed_mm_s, duration_s, blend_mm)
+        shared |= turned_keys(orientation, rpy_deg, quaternion_wxyz)
         step = ArcStep(via_x_mm=via_x, via_y_mm=via_y, via_z_mm=via_z, x_mm=x, y_mm=y, z_mm=z, **shared)
         return self._step(step, wait)
+
+    def pick(self, x_mm: float, y_mm: float, z_mm: float, wait: bool = True, **how: Any) -> Motion:
+        """Take a part at a point: approach, straight to it, grip, straight away.
+
+        ``how``: keys of a ``pick`` step (``armctl.program.PickStep``), such as ``approach_mm=40``,
+        ``close_percent=20``, ``output="vacuum"``, ``part_input="held"``; also ``rpy_deg`` and ``part_mm``.
+        InputError: another key. ProgramError: a part of it is refused, or no part was held in time.
+        """
+        return self._step(PickStep(**handling_keys(PickStep, (x_mm, y_mm, z_mm), how)), wait)
+
+    def place(self, x_mm: float, y_mm: float, z_mm: float, wait: bool = True, **how: Any) -> Motion:
+        """Put a part down at a point; as ``pick``, with the keys of ``armctl.program.PlaceStep``."""
+        return self._step(PlaceStep(**handling_keys(PlaceStep, (x_mm, y_mm, z_mm), how)), wait)
 
     def wait(self, seconds: float, wait: bool = True) -> Motion:
         """Stand still for some seconds."""
         return self._step(WaitStep(seconds=checked_number(seconds, "seconds")), wait)
 
+    def message(
+        self,
+        text: str,
+        goes_on: GoesOn = "at OK",
+        timeout_s: float | None = None,
+        otherwise: Otherwise = "stop",
+        wait: bool = True,
+    ) -> Motion:
+        """Tell the person something on all pages and at this terminal; stand until OK, or go on "at once".
+
+        Enter is OK, the button on the operator's page, and ``confirm``. After ``timeout_s`` (None: a day) it
+        raises ProgramError, or with ``otherwise="go on"`` goes on.
+        """
+        keys = {"goes_on": goes_on, "timeout_s": timeout_s, "otherwise": otherwise}
+        return self._step(MessageStep(text=text, **keys), wait)  # type: ignore[arg-type]
+
     def go_pose(self, name: str, duration_s: float | None = None, wait: bool = True) -> Motion:
         """Go to one of the robot's named poses, e.g. home."""
-        return self._move(MoveJoints(self.robot.pose(name), _optional(duration_s, "duration_s")), wait)
+        return self._move(MoveJoints(self.robot.pose(name), optional_number(duration_s, "duration_s")), wait)
 
     def gripper(
         self, open_percent: float, wait: bool = True, *, part_mm: Sequence[float] | None = None
@@ -272,7 +328,7 @@ class Arm(ArmControls):
         """Run a program, or its file (.toml, .csv), ``loops`` times (None: until stopped)."""
         program = self._program(program)
         loops = None if loops is None else whole_number(loops, "how often a program runs")
-        return self._move(RunProgram(program, loops), wait)
+        return self._run(RunProgram(program, loops), wait)
 
     def update_program(self, program: str | Path | Program) -> None:
         """Let the program that runs go on in another version, from its next pass on."""
@@ -316,8 +372,8 @@ class Arm(ArmControls):
         these axes, ``rx_deg_s`` and so on, an arm turns its tool that can orient it (``robot.orients_tool``);
         along a line such an arm keeps the orientation, another one its pitch and roll.
         """
-        linear = _point((x_mm_s, y_mm_s, z_mm_s), "x_mm_s, y_mm_s, z_mm_s") / 1000
-        turn = _point((rx_deg_s, ry_deg_s, rz_deg_s), "rx_deg_s, ry_deg_s, rz_deg_s") * DEGREE
+        linear = point_of((x_mm_s, y_mm_s, z_mm_s), "x_mm_s, y_mm_s, z_mm_s") / 1000
+        turn = point_of((rx_deg_s, ry_deg_s, rz_deg_s), "rx_deg_s, ry_deg_s, rz_deg_s") * DEGREE
         pitch, roll = checked_number(pitch_deg_s, "pitch_deg_s"), checked_number(roll_deg_s, "roll_deg_s")
         self._do(JogTool(linear, pitch * DEGREE, roll * DEGREE, frame, turn))
 
@@ -336,9 +392,9 @@ class Arm(ArmControls):
 
         Pitch, roll and orientation as ``go``; what is not given stays as it was where the arm can.
         """
-        point = _point((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm")
+        point = point_of((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm")
         rotation = self._rotation(rpy_deg, quaternion_wxyz, None)
-        self._do(FollowTarget(_target(point, pitch_deg, roll_deg, rotation)))
+        self._do(FollowTarget(target_of(point, pitch_deg, roll_deg, rotation)))
 
     def _rotation(
         self,
@@ -363,7 +419,12 @@ class Arm(ArmControls):
         return open_program(program, self.robot)
 
     def _step(self, step: Step, wait: bool) -> Motion:
-        return self._move(RunProgram(Program(robot=self.robot.name, name=step.kind, steps=(step,))), wait)
+        program = checked_program(Program(robot=self.robot.name, name=step.kind, steps=(step,)))
+        return self._run(RunProgram(program), wait)
+
+    def _run(self, command: RunProgram, wait: bool) -> Motion:
+        with PersonAtTerminal(self.link, ORIGIN) if wait else nullcontext():
+            return self._move(command, wait)
 
     def _enable_at(self, pose: str | Sequence[float] | None) -> Enable:
         """What enables the arm in a pose that is given in words or degrees."""
@@ -387,58 +448,3 @@ class Arm(ArmControls):
                 f'say so (--pose {LAST_MOVING}, arm.enable("{LAST_MOVING}")); else give its angles in degrees'
             )
         return Enable(now.last_pose.q, now.last_pose.gripper)
-
-
-def _target(
-    point_mm: FloatArray, pitch_deg: float | None, roll_deg: float | None, rotation: FloatArray | None
-) -> Target:
-    pitch = from_degrees(_optional(pitch_deg, "pitch_deg"))
-    return Target.of(point_mm / 1000, pitch, from_degrees(_optional(roll_deg, "roll_deg")), rotation)
-
-
-def _point(value: ArrayLike, what: str) -> FloatArray:
-    """(3,) finite numbers."""
-    array = as_numbers(value, what)
-    if array.shape != (3,):
-        raise InputError(f"{what} needs three numbers, x, y and z, got {value!r}")
-    require_finite(array, what)
-    return array
-
-
-def _led(
-    pitch: PitchMode | None,
-    pitch_deg: float | None,
-    speed_mm_s: float | None,
-    duration_s: float | None,
-    blend_mm: float,
-) -> dict[str, Any]:
-    """What a line and an arc of the tool share, checked."""
-    return {
-        "pitch": pitch,
-        "pitch_deg": _optional(pitch_deg, "pitch_deg"),
-        "speed_mm_s": _optional(speed_mm_s, "speed_mm_s"),
-        "duration_s": _optional(duration_s, "duration_s"),
-        "blend_mm": checked_number(blend_mm, "blend_mm"),
-    }
-
-
-def _turned(
-    orientation: TurnMode | None, rpy_deg: Sequence[float] | None, quaternion_wxyz: Sequence[float] | None
-) -> dict[str, Any]:
-    """The orientation of a line or an arc, checked."""
-    rpy = None if rpy_deg is None else as_numbers(rpy_deg, "rpy_deg") * DEGREE
-    rotation = rotation_of(rpy, quaternion_wxyz)
-    turned: dict[str, Any] = {"orientation": orientation}
-    if rotation is not None:
-        angles = to_degrees(roll_pitch_yaw(rotation)).tolist()
-        turned |= zip(("rx_deg", "ry_deg", "rz_deg"), angles, strict=True)
-    return turned
-
-
-def _optional(value: float | None, what: str) -> float | None:
-    return None if value is None else checked_number(value, what)
-
-
-def _require_blend(blend_mm: float) -> None:
-    if not 0 <= checked_number(blend_mm, "blend_mm") <= WIDEST_BLEND_MM:
-        raise InputError(f"a blend radius is 0 … {WIDEST_BLEND_MM} mm, not {blend_mm}")

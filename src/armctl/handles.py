@@ -28,6 +28,7 @@ from armctl.protocol import (
     Cancel,
     ClearFault,
     Command,
+    ConfirmMessage,
     Connect,
     Disconnect,
     LendControl,
@@ -247,6 +248,13 @@ class ArmControls:
         if otherwise == "go on":
             return False
         raise StateError(f"waited {timeout_s:g} s for {condition}, which did not come")
+
+    def confirm(self) -> None:
+        """Say OK to the message that a program waits with (``snapshot.message``); ``StateError``: none."""
+        message = self.snapshot.message
+        if message is None or not message.waits:
+            raise StateError("no message waits for OK")
+        self._do(ConfirmMessage(message.number))
 
     def simulate_input(self, name: str, value: float) -> None:
         """Put an input of the simulated board at a value, as if somebody pressed it."""

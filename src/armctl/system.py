@@ -10,6 +10,7 @@ import asyncio
 import math
 import os
 import re
+import select
 import signal
 import stat
 import subprocess
@@ -58,6 +59,23 @@ def open_pseudo_terminal() -> tuple[int, int, str] | None:
     tty.setraw(clients)  # or the line discipline echoes the host's bytes and rewrites 0x0D and 0x03
     os.set_blocking(server, False)
     return server, clients, os.ttyname(clients)
+
+
+def typed_enter(descriptor: int) -> bool:
+    """Whether somebody has pressed Enter at a terminal since the last question; never waits."""
+    if os.name == "nt":
+        import msvcrt
+
+        return any(msvcrt.getwch() in "\r\n" for _ in iter(msvcrt.kbhit, False))  # type: ignore[attr-defined]
+    typed = b""
+    while select.select([descriptor], [], [], 0.0)[0] and (more := os.read(descriptor, 4096)):
+        typed += more
+    return b"\n" in typed
+
+
+def forget_typed(descriptor: int) -> None:
+    """Drop what was typed at a terminal and not read."""
+    typed_enter(descriptor)
 
 
 def is_pseudo_terminal(device: str) -> bool:

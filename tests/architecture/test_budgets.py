@@ -15,20 +15,20 @@ import armctl
 SOURCES = Path(armctl.__file__).parent
 MOST_LINES, MOST_OF_A_FUNCTION = 450, 60
 FOLDERS = {
-    ".": (15, 3_260),
+    ".": (17, 3_460),
     "calibration": (11, 2_500),  # touched points as a file
     "cli": (15, 3_175),
     "drawing": (11, 2_120),
-    "facts": (17, 3_060),
+    "facts": (17, 3_200),
     "hardware": (70, 14_360),
     "kinematics": (51, 12_750),
-    "motion": (20, 5_830),
+    "motion": (20, 5_850),
     "process": (14, 3_375),
-    "program": (17, 3_850),  # branches, loops, counters, grids, and a check of every path
-    "protocol": (5, 1_160),
+    "program": (24, 4_660),  # grids, a check of every path; calls, pick and place, messages
+    "protocol": (5, 1_200),
     "robot": (42, 11_720),
-    "runtime": (25, 6_220),  # joints that are let down
-    "ui": (93, 20_880),  # motors at a glance, gamepads, a page that is built in half the time
+    "runtime": (26, 6_290),  # joints that are let down, messages
+    "ui": (93, 21_040),  # motors at a glance, gamepads, a page that is built in half the time
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

@@ -15,7 +15,18 @@ from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import HOME, ServedArm
 
 from armctl.facts import State
-from armctl.program import EndStep, MoveStep, PointStep, RepeatStep, Step, WaitStep
+from armctl.program import (
+    CallStep,
+    EndStep,
+    MessageStep,
+    MoveStep,
+    PointStep,
+    Program,
+    RepeatStep,
+    Step,
+    WaitStep,
+    save_program,
+)
 from armctl.protocol import Enable, Party
 
 pytestmark = pytest.mark.browser
@@ -417,3 +428,27 @@ def test_a_click_on_a_link_shows_a_ring_at_its_joint_and_another_one_takes_it_aw
     page.page.mouse.click(*at)
     page.wait_until(lambda: page.node("/ring") is None, "it is gone")
     assert served.commanded_deg == HOME and page.errors == []
+
+
+def test_a_message_waits_for_ok_and_the_list_shows_where_in_a_called_program_it_is(
+    page: Screen, screens: Screens, served: ServedArm
+) -> None:
+    library = served.edited.library
+    library.folder.mkdir(parents=True, exist_ok=True)
+    save_program(Program(robot="uzuner", steps=tuple(waits(0.1, 60))), library.path("rest a while"))
+    show(page, served, MessageStep(text="Load <b>a part</b>"), CallStep(program="rest a while"))
+    served.order(Enable()).result(20)
+    guest = screens(served.url)
+    page.click("Run once")
+    card, other = (
+        one.page.get_by_role("alertdialog", name="Message of the program") for one in (page, guest)
+    )
+    expect(card).to_contain_text("Load <b>a part</b>")
+    expect(other).to_contain_text("Load <b>a part</b>")
+    ok = other.get_by_role("button", name="OK")
+    expect(ok).to_have_attribute("aria-disabled", "true")
+    card.get_by_role("button", name="OK").click()
+    expect(card).to_have_count(0)
+    expect(other).to_have_count(0)
+    expect(rows(page).nth(1)).to_contain_text("in 'rest a while', step 2")
+    served.console.controller.stop().result(20)

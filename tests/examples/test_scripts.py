@@ -33,6 +33,10 @@ PRINTS = {
         r"^checked: 0 errors, 24 parts in \d+ s\nstep \d: .*\(path: step 1: cell \d+\)\n"
         r"two placed; tool at x 180, y 70, z 120 mm$"
     ),
+    "17_pick_from_tray.py": (
+        r"^checked: 0 errors, 6 parts in \d+ s\nasks: Put a full tray on the table\n"
+        r"says: The tray is empty; tool at x 180, y 100, z 120 mm$"
+    ),
     "14_button_and_lamp.py": r"^pressed\nlamp 1\nlet go: lamp 0$",
 }
 

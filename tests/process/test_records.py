@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tests.process.kit import ROBOT
 
-from armctl.errors import ArmctlError, InputError, MotionRefusedError, StateError
+from armctl.errors import ArmctlError, InputError, MotionRefusedError, ProgramError, StateError
 from armctl.kinematics import Target
 from armctl.motion import Trajectory, plan_joints, plan_line, plan_spline
 from armctl.motion.trajectory import JoinedTrajectory, Sample, SlowedTrajectory
@@ -23,7 +23,7 @@ from armctl.process.records import (
     error_of,
     light,
 )
-from armctl.program import MoveStep, Program, WaitStep
+from armctl.program import CalledProgram, CallStep, MoveStep, Program, WaitStep
 from armctl.protocol import Command, Follow, FollowTarget, MoveJoints, MoveTo, RunProgram
 
 HOME = ROBOT.pose("home")
@@ -42,7 +42,7 @@ def default(kind: type[Command]) -> Command:
     """One with plain values in what it needs."""
     plain = {
         "port": "sim", "q": AWAY, "target": Target.of([0.2, 0, 0.1], 0.3), "rate": np.zeros(5),
-        "locked": True, "share": 0.5, "value": 1.0,
+        "locked": True, "number": 3, "share": 0.5, "value": 1.0,
         "linear": np.zeros(3), "opening": 0.5, "fraction": 0.5, "trajectory": plan_joints(ROBOT, HOME, AWAY),
         "program": Program(robot="uzuner", steps=(MoveStep(joints_deg=(1, 2, 3, 4, 5)), WaitStep(seconds=1))),
     }  # fmt: skip
@@ -146,3 +146,16 @@ def test_a_snapshot_arrives_whole_with_what_is_not_known(json: bool, holding_sna
     assert isinstance(record, Seen)
     for one in fields(was):
         np.testing.assert_equal(getattr(record.snapshot, one.name), getattr(was, one.name))
+
+
+def test_a_program_travels_with_those_that_it_calls() -> None:
+    called = CalledProgram(file="grip.toml", robot="uzuner", steps=(WaitStep(seconds=1),))
+    program = Program(robot="uzuner", steps=(CallStep(program="grip"),), called=(called,))
+    long = msgspec.structs.replace(called, steps=20_001 * (WaitStep(seconds=1),))
+    many = tuple(msgspec.structs.replace(called, file=f"{k}.toml") for k in range(201))
+    for json in (False, True):
+        assert travelled(RunProgram(program), json) == RunProgram(program)
+        with pytest.raises(ProgramError, match="20001 steps"):
+            travelled(RunProgram(msgspec.structs.replace(program, called=(long,))), json)
+        with pytest.raises(InputError, match="200"):
+            travelled(RunProgram(msgspec.structs.replace(program, called=many)), json)

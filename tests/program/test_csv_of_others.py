@@ -13,8 +13,7 @@ import pytest
 from armctl import load_robot
 from armctl.cli.main import run
 from armctl.errors import ProgramError
-from armctl.program import Program, open_program, read_csv
-from armctl.program.steps import CommentStep, MoveStep, PointStep
+from armctl.program import CommentStep, MoveStep, PointStep, Program, open_program, read_csv
 
 ROBOT = load_robot("uzuner")
 

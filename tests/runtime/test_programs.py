@@ -200,7 +200,7 @@ def test_a_defect_in_planning_the_next_step_is_logged_once(
     def broken(*_: object, **__: object) -> None:
         raise ValueError("oops")
 
-    monkeypatch.setattr("armctl.program.steps.choose_end", broken)
+    monkeypatch.setattr("armctl.program.motion_steps.choose_end", broken)
     ticket = holding.do(RunProgram(program(TO_HOME, POINT, TO_REST)))
     holding.rests()
     fails(ticket.finished, "pick: planning failed: ValueError: oops", ProgramError)

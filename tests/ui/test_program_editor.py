@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -10,12 +11,14 @@ import numpy as np
 import pytest
 from tests.arms import FIVE
 from tests.runtime.kit import make_rig
+from tests.runtime.signal_kit import robot_with
 
 from armctl.errors import StateError
 from armctl.facts import State
 from armctl.hardware import Source
 from armctl.kinematics import rotation_from_rpy
-from armctl.program import ArcStep, GripperStep, LineStep, MoveStep, PointStep
+from armctl.program import ArcStep, GripperStep, LineStep, MoveStep, PickStep, PlaceStep, PointStep
+from armctl.protocol import MoveGripper
 from armctl.robot import Robot, load_robot
 from armctl.ui.tabs.manual.program_editor import (
     present_pose_deg,
@@ -81,8 +84,24 @@ def test_of_six_joints_the_whole_pose_of_the_tool_is_recorded(kind: type[PointSt
 def test_an_arm_without_a_gripper_has_no_button_for_it() -> None:
     tool = {"Point": PointStep, "Line": LineStep, "Arc": ArcStep}
     arm = {"Record pose": MoveStep, "Record gripper": GripperStep}
-    assert recorded_kinds(ROBOT) == {"Add step": arm, "Record tool": tool}
-    assert recorded_kinds(replace(ROBOT, gripper=None))["Add step"] == {"Record pose": MoveStep}
+    hand = {"Pick": PickStep, "Place": PlaceStep}
+    assert recorded_kinds(ROBOT) == {"Add step": arm, "Record tool": tool, "Pick and place": hand}
+    bare = replace(ROBOT, gripper=None)
+    assert recorded_kinds(bare) == {"Add step": {"Record pose": MoveStep}, "Record tool": tool}
+
+
+def test_a_pick_is_recorded_at_the_part_with_the_gripper_as_it_holds_it(tmp_path: Path) -> None:
+    rig = make_rig().enable()
+    rig.do(MoveGripper(0.3, (10, 20, 30)))
+    rig.run(2.0)
+    tip = np.round(1000 * ROBOT.forward(rig.now.q_command)[:3, 3], 3).tolist()
+    pick, place = step_here(PickStep, ROBOT, rig.now), step_here(PlaceStep, ROBOT, rig.now)
+    assert isinstance(pick, PickStep) and isinstance(place, PlaceStep)
+    assert [pick.x_mm, pick.y_mm, pick.z_mm] == tip == [place.x_mm, place.y_mm, place.z_mm]
+    assert pick.close_percent == 30 and pick.part_mm == (10, 20, 30) and place.open_percent == 100
+    sucker = replace(robot_with(tmp_path), gripper=None)
+    pick = step_here(PickStep, sucker, rig.now)
+    assert isinstance(pick, PickStep) and pick.output == "lamp"
 
 
 def test_the_recorded_pose_is_the_commanded_one_or_one_that_the_board_knows() -> None:

@@ -11,7 +11,7 @@ from tests.ui.page_kit import FakePage
 
 from armctl.errors import ArmctlError
 from armctl.motion.preflight import Finding
-from armctl.program import Program, WaitStep
+from armctl.program import CallStep, Program, WaitStep, check_program
 from armctl.program.files import SAMPLES
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
@@ -67,3 +67,26 @@ def test_a_sample_is_loaded_only_by_who_still_operates(server: GuardedServer, tm
     page.allowed = 99
     page.press(GROUP, "Load")
     assert page.program.program.name == SQUARE
+
+
+def test_a_program_that_calls_another_says_how_to_bring_it(server: GuardedServer, tmp_path: Path) -> None:
+    page = FilesPage(server, tmp_path)
+
+    async def check() -> list[Finding]:
+        return check_program(await page.program.linked(), ROBOT, start=ROBOT.pose("home"))
+
+    ProgramFiles(page.session, check)
+    calls = Program(robot="uzuner", name="main", steps=(WaitStep(seconds=1), CallStep(program="grip")))
+    page.program.put(calls)
+    (one,) = asyncio.run(check())
+    assert one.step == 1 and "no saved program is called 'grip'" in one.what and "Upload its file" in one.what
+    page.program.put(Program(robot="uzuner", steps=(WaitStep(seconds=2),)))
+    asyncio.run(page.program.save("grip"))
+    page.program.put(calls)
+    assert asyncio.run(check()) == []
+    assert page.program.callable == ["grip"] and page.program.program.called == ()
+    linked = asyncio.run(page.program.linked())
+    page.program.library.path("grip").write_text("broken")
+    assert asyncio.run(page.program.linked(linked.called)) == linked  # as it was read before
+    (one,) = asyncio.run(check())
+    assert "cannot be read" in one.what

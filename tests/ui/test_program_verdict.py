@@ -150,7 +150,7 @@ def test_who_runs_a_program_waits_for_no_check_of_others(bench: Bench) -> None:
         looking = asyncio.create_task(bench.run.check())
         await asyncio.sleep(0)
         start = bench.run._session.snapshot.q_command
-        assert await bench.run._check(bench.run._program(), start, to_run=True) == []
+        assert await bench.run._check(await bench.run._program(), start, to_run=True) == []
         assert not any(other.done() for other in others)
         assert not looking.done()
         ended.set()

@@ -2,21 +2,26 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.program.kit import programs
+from tests.runtime.signal_kit import robot_with
 
 from armctl.errors import InputError
 from armctl.kinematics import CRITERIA
 from armctl.program import (
     ArcStep,
+    CallStep,
     EndStep,
     GripperStep,
     LineStep,
+    MessageStep,
     MoveStep,
+    PickStep,
     PointStep,
     Program,
     RepeatStep,
@@ -156,3 +161,23 @@ def test_fields_that_are_right_only_together_are_saved_together() -> None:
         step = edit.take(step, label, text)
     assert (step.orientation, step.rx_deg, step.rz_deg) == ("interpolated", 180, -90)
     assert "<b>" not in edit.html(step, load_robot("ur5"))
+
+
+def offered(html: str, label: str) -> list[str]:
+    (choice,) = re.findall(f"<label[^>]*>{label}</label><select.*?</select>", html)
+    return re.findall("<option[^>]*>(.*?)</option>", choice)
+
+
+def test_names_are_offered_where_there_are_any(tmp_path: Path) -> None:
+    robot, call, pick = robot_with(tmp_path), CallStep(program="gone"), PickStep(x_mm=1, y_mm=2, z_mm=3)
+    html = StepEdit("1").html(call, robot, ["grip", "turn"])
+    assert offered(html, "Program") == ["grip", "turn", "gone"]
+    assert "<select" not in StepEdit("1").html(call, robot)
+    html = StepEdit("1").html(pick, robot)
+    assert offered(html, "Output") == ["–", "lamp", "pump", "bell"]
+    assert offered(html, "Part input") == ["–", "button", "door", "knob"]
+    assert offered(html, "Along") == ["base", "tool"]
+    taken = StepEdit("1").take(pick, "Output", "pump")
+    assert isinstance(taken, PickStep) and taken.output == "pump"
+    html = StepEdit("1").html(MessageStep(text="<b>Ready?</b>"), robot)
+    assert "<b>" not in html and offered(html, "Goes on") == ["at OK", "at once"]

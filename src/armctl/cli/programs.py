@@ -248,12 +248,12 @@ def _told_steps(arm: Arm) -> Generator[None]:
     ended = Event()
 
     def tell() -> None:
-        told: tuple[int, int] | None = None
+        told: tuple[object, ...] | None = None
         while not ended.wait(_LOOK_S):
             progress = arm.snapshot.program
             if progress is None or progress.loop == progress.loops:  # the last pass is over
                 continue
-            if told != (told := (progress.loop, progress.step)):
+            if told != (told := (progress.loop, progress.step, progress.calls, progress.part)):
                 click.echo(_step_words(progress), err=True)
 
     teller = Thread(target=tell, name="armctl-steps", daemon=True)
@@ -271,7 +271,8 @@ def _step_words(progress: ProgramProgress) -> str:
     where = f"step {progress.step + 1} of {progress.steps}"
     if progress.loops != 1:
         where = f"pass {progress.loop + 1}, {where}"
-    return f"{where}: {step.title or step.kind} {words}".rstrip()
+    inside = f" · {progress.inside}" if progress.inside else ""
+    return f"{where}: {step.title or step.kind} {words}".rstrip() + inside
 
 
 # ``armctl twin``: a program as a page that plays it, for a mail or a bug report.

@@ -8,7 +8,14 @@ from typing import Any
 
 from armctl.facts.angles import in_degrees, to_degrees
 from armctl.facts.program_paths import (
+    CallCircle,
+    CalledStep,
+    CallMissing,
+    CallTooDeep,
+    CallTooLong,
+    CallUnread,
     CellOutsideGrid,
+    InStep,
     NeverComes,
     NeverEnds,
     OnPath,
@@ -80,7 +87,27 @@ _ALLOWS_OFF = (Need.OFF, Need.OFF_OR_HOLDING, Need.CONNECTED)
 
 
 def _path(turns: tuple[PathTurn, ...]) -> str:
-    return "; ".join(_WAYS[turn.way].format(turn.step + 1, turn.number) for turn in turns)
+    return "; ".join(
+        (f"{turn.program}, " if turn.program else "") + _WAYS[turn.way].format(turn.step + 1, turn.number)
+        for turn in turns
+    )
+
+
+_MISSING = {
+    "beside": "there is no program {0!r} beside the one that calls it; put the file there, or mend its name",
+    "saved": "no saved program is called {0!r}; bring it in Files: Upload its file, then Save it as {0!r}",
+    "sent": "the program {0!r} that it calls was not sent along",
+}
+
+
+def _inside(one: InStep) -> str:
+    """Where inside a step: ``in 'grip', step 2: in 'turn', step 1, approach``."""
+    calls = ": ".join(f"in {call.program!r}, step {call.step + 1}" for call in one.calls)
+    return ", ".join(filter(None, (calls, one.doing)))
+
+
+def _called(chain: tuple[str, ...]) -> str:
+    return " → ".join(chain)
 
 
 def _angle(one: AngleLimit) -> str:
@@ -295,6 +322,13 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     PathTurn: lambda one: _path((one,)),
     OnPath: lambda one: f" (path: {_path(one.turns)})",
     CellOutsideGrid: lambda _: "frame = 'cell' needs a 'grid' around it; add one, or leave frame out",
+    CalledStep: lambda one: f"in {one.program!r}, step {one.step + 1}",
+    InStep: _inside,
+    CallMissing: lambda one: _MISSING[one.place].format(one.program),
+    CallUnread: lambda one: f"the program {one.program!r} that it calls cannot be read: {one.why}",
+    CallCircle: lambda one: f"programs call each other in a circle: {_called(one.chain)}; take one call out",
+    CallTooDeep: lambda one: f"more than {one.most} programs call one another: {_called(one.chain)}",
+    CallTooLong: lambda one: f"with the programs that it calls it has more than {one.most} steps",
     NeverComes: lambda one: f"{one.what} can never come: nothing counts while the program waits",
     NeverEnds: lambda _: "this loop never ends: no pass changes what it asks",
     Unbounded: lambda _: (

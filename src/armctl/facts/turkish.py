@@ -8,7 +8,14 @@ from typing import Any
 
 from armctl.facts.angles import in_degrees, to_degrees
 from armctl.facts.program_paths import (
+    CallCircle,
+    CalledStep,
+    CallMissing,
+    CallTooDeep,
+    CallTooLong,
+    CallUnread,
     CellOutsideGrid,
+    InStep,
     NeverComes,
     NeverEnds,
     OnPath,
@@ -102,7 +109,38 @@ _HELD = {"": "", "pitch": "o takım eğimiyle ", "rotation": "o takım yönelimi
 
 
 def _path(turns: tuple[PathTurn, ...]) -> str:
-    return "; ".join(_WAYS[turn.way].format(turn.step + 1, turn.number) for turn in turns)
+    return "; ".join(
+        (f"{turn.program}, " if turn.program else "") + _WAYS[turn.way].format(turn.step + 1, turn.number)
+        for turn in turns
+    )
+
+
+_MISSING = {
+    "beside": "{0!r} programı onu çağıran programın yanında yok; dosyayı oraya koyun ya da adını düzeltin",
+    "saved": "{0!r} adlı kayıtlı program yok; Files bölümünde Upload ile yükleyip {0!r} adıyla Save edin",
+    "sent": "çağırdığı {0!r} programı birlikte gönderilmedi",
+}
+_DOING = {
+    "": "",
+    "open": "açma",
+    "approach": "yaklaşma",
+    "down": "noktaya gitme",
+    "grip": "tutma",
+    "let go": "bırakma",
+    "held": "tutuldu mu",
+    "gone": "bırakıldı mı",
+    "settle": "bekleme",
+    "retreat": "uzaklaşma",
+}
+
+
+def _inside(one: InStep) -> str:
+    calls = ": ".join(f"{call.program!r} içinde, adım {call.step + 1}" for call in one.calls)
+    return ", ".join(filter(None, (calls, _DOING[one.doing])))
+
+
+def _called(chain: tuple[str, ...]) -> str:
+    return " → ".join(chain)
 
 
 def _angle(one: AngleLimit) -> str:
@@ -314,6 +352,13 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     PathTurn: lambda one: _path((one,)),
     OnPath: lambda one: f" (yol: {_path(one.turns)})",
     CellOutsideGrid: lambda _: "frame = 'cell' için çevresinde 'grid' olmalı; ekleyin ya da frame'i silin",
+    CalledStep: lambda one: f"{one.program!r} içinde, adım {one.step + 1}",
+    InStep: _inside,
+    CallMissing: lambda one: _MISSING[one.place].format(one.program),
+    CallUnread: lambda one: f"çağırdığı {one.program!r} programı okunamıyor: {one.why}",
+    CallCircle: lambda one: f"programlar birbirini döngüyle çağırıyor: {_called(one.chain)}; birini çıkarın",
+    CallTooDeep: lambda one: f"iç içe çağrılan program {one.most} sayısını aşıyor: {_called(one.chain)}",
+    CallTooLong: lambda one: f"çağırdığı programlarla birlikte {one.most} adımdan çok",
     NeverComes: lambda one: f"{one.what} hiç gelemez: program beklerken hiçbir şey saymaz",
     NeverEnds: lambda _: "bu döngü hiç bitmez: hiçbir geçiş sorduğunu değiştirmez",
     Unbounded: lambda _: "bu döngünün kaç kez döneceği denetlenemez, sonsuz olabilir; 'most' ile sınırlayın",

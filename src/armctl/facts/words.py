@@ -26,7 +26,7 @@ from armctl.facts import (
     turkish_servos,
     turkish_targets,
 )
-from armctl.facts.program_paths import OnPath
+from armctl.facts.program_paths import InStep, OnPath
 from armctl.facts.reasons import (
     About,
     Advised,
@@ -100,6 +100,8 @@ def what(reason: Reason, language: str | None = None) -> str:
             return _found(reason, language)
         case OnPath():
             return f"{what(reason.reason, language)}{_table(language).what[OnPath](reason)}"
+        case InStep():
+            return f"{inside(reason, language)}{say(reason.reason, language)}"
         case Besides() | AtRoll() | AtPoint():
             return f"{_table(language).what[type(reason)](reason)}{say(reason.reason, language)}"
         case (
@@ -119,12 +121,25 @@ def what(reason: Reason, language: str | None = None) -> str:
 
 def _found(found: Found, language: str | None) -> str:
     """Step, part, time, what and what to do about it: ``step 2: Elbow: at 0.51 s, …; …``."""
-    forms, mend = _table(language), advice(found.reason, language)
-    text = f"{at(found.at_s, found.digits, language)}{what(found.reason, language)}"
-    text = f"{found.part}: {text}" if found.part else text
+    forms, mend, reason, where = _table(language), advice(found.reason, language), found.reason, ""
+    if isinstance(reason, InStep):  # ahead of all else: it says of what the rest is told
+        where, reason = inside(reason, language), reason.reason
+    text = f"{at(found.at_s, found.digits, language)}{what(reason, language)}"
+    text = where + (f"{found.part}: {text}" if found.part else text)
     text = f"{text}; {mend}" if mend else text
     step = "" if found.step is None else forms.step.format(found.step + 1)
     return f"{step}{text}{forms.more.format(found.more) if found.more else ''}"
+
+
+def inside(where: InStep, language: str | None = None) -> str:
+    """Where inside a step something is, said before what it is; empty where it is all of the step."""
+    told = place(where, language)
+    return f"{told}: " if told else ""
+
+
+def place(where: InStep, language: str | None = None) -> str:
+    """Where inside a step something is: ``in 'grip', step 2, approach``; empty: it is all of the step."""
+    return _table(language).what[InStep](where)
 
 
 def advice(reason: Reason, language: str | None = None) -> str:
@@ -132,7 +147,7 @@ def advice(reason: Reason, language: str | None = None) -> str:
     match reason:
         case Said() | Advised():
             return reason.mend
-        case OnPath():
+        case OnPath() | InStep():
             return advice(reason.reason, language)
         case OnCurve() if not reason.freer:
             return advice(reason.reason, language)

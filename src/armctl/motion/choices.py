@@ -287,12 +287,29 @@ def choose_end(
     choose: Choice = "least-rotation",
     duration_s: float | None = None,
     profile: Profile = "cubic",
+    *,
+    may_go: Callable[[FloatArray], bool] | None = None,
 ) -> FloatArray:
-    """Where ``plan_target`` leads to, (n,) [rad]; the best of all solutions where the arm may go to none."""
+    """Where ``plan_target`` leads to, (n,) [rad]; the best of all solutions where the arm may go to none.
+
+    ``may_go``: whether it may go to a solution, where it does not go there joint by joint.
+    """
     best, solutions = _solved(robot, start, target, choose)
-    ask = partial(may_go_to, robot, start, duration_s=duration_s, profile=profile)
+    ask = may_go or partial(may_go_to, robot, start, duration_s=duration_s, profile=profile)
     other = None if ask(best) else _next_best(robot, start, target, solutions, choose, best, ask)
     return best if other is None else other
+
+
+def different_ends(robot: Robot, start: FloatArray, target: Target, choose: Choice) -> FloatArray:
+    """Configurations (k, n) [rad] that meet a target and differ from each other, the best first.
+
+    Whether the arm may go there is not asked. Raises as ``solve``.
+    """
+    best, solutions = _solved(robot, start, target, choose)
+    if solutions is None:
+        solutions = robot.inverse_kinematics.solve(target, DEFAULT_STEP, start)
+    rows = _admitted(solutions, choose, start)
+    return np.vstack([best, rows[_different(rows, (best,))]])
 
 
 def not_the_best(refusal: MotionRefusedError) -> str:

@@ -21,6 +21,7 @@ from armctl.facts.words import fact_of, fact_record
 from armctl.motion.preflight import Finding
 from armctl.program import Program, RepeatStep, may_be_program, read_program
 from armctl.program.base_steps import BlockStep
+from armctl.program.calls import WholeProgram
 from armctl.program.check import check_program
 from armctl.robot import Robot
 from armctl.robot.body.meshes import Drawn, coarse_solids, keep, kept
@@ -97,13 +98,16 @@ def check_program_apart(
         return check_program(program, robot, start=start, payload_kg=payload_kg, progress=progress)
 
     # Steps of a long loop are walked many times.
-    often = any(isinstance(step, BlockStep) and not isinstance(step, RepeatStep) for step in program.steps)
-    if len(program.steps) <= few and not often:
+    steps = WholeProgram.of(program).flat.steps
+    often = any(
+        isinstance(step, BlockStep) and not (isinstance(step, RepeatStep) or step.scoped) for step in steps
+    )
+    if len(steps) <= few and not often:
         return here()
     begin = None if start is None else np.asarray(start, dtype=np.float64).tolist()
     request = msgspec.msgpack.encode(_CheckRequest(robot_record(robot), program, begin, payload_kg))
     try:
-        found = _apart("do_check", request, _CHECK_S, len(program.steps), progress)
+        found = _apart("do_check", request, _CHECK_S, len(steps), progress)
     except InputError:  # made in Python, with values that no file holds
         return here()
     return [_finding(*one) for one in msgspec.msgpack.decode(found)]

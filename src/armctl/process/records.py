@@ -18,7 +18,7 @@ from armctl.kinematics import Target
 from armctl.kinematics.target import as_numbers
 from armctl.process.trajectories import Motion, built, carried
 from armctl.program import Program
-from armctl.program.program import MOST_STEPS
+from armctl.program.program import MOST_CALLED, MOST_STEPS
 from armctl.protocol import (
     Arrive,
     Command,
@@ -265,11 +265,10 @@ class _Tagged(msgspec.Struct):
 
 class _Steps(msgspec.Struct):
     steps: list[msgspec.Raw] = []
+    called: Annotated[list[_Steps], msgspec.Meta(max_length=MOST_CALLED)] = []
 
 
 class _WithProgram(msgspec.Struct):
-    """A command with a program, its steps not decoded."""
-
     program: _Steps
 
 
@@ -352,12 +351,13 @@ class Codec:
 
     def _count_steps(self, record: Ask) -> None:
         """Refuse (``ProgramError``) more steps, or a larger one, than a program has; none is decoded."""
-        steps = self._with_program(record.command).program.steps
-        if len(steps) > MOST_STEPS:
-            raise ProgramError(f"it has {len(steps)} steps; a program has {MOST_STEPS} at most")
-        for k, step in enumerate(steps, 1):
-            if len(bytes(step)) > _LONGEST_STEP:
-                raise ProgramError(f"step {k} is larger than {_LONGEST_STEP >> 10} KiB; no step is")
+        program = self._with_program(record.command).program
+        for steps in (program.steps, *(one.steps for one in program.called)):
+            if len(steps) > MOST_STEPS:
+                raise ProgramError(f"it has {len(steps)} steps; a program has {MOST_STEPS} at most")
+            for k, step in enumerate(steps, 1):
+                if len(bytes(step)) > _LONGEST_STEP:
+                    raise ProgramError(f"step {k} is larger than {_LONGEST_STEP >> 10} KiB; no step is")
 
     def from_arm(self, data: bytes | str) -> FromArm:
         """What the arm process says; ``InputError`` where it is of another version."""

@@ -1,6 +1,7 @@
 """Serial-motion programs: steps, blocks, files, editing."""
 
-from armctl.program.base_steps import Effect, Senses, Until
+from armctl.program.base_steps import Effect, MotionStep, Senses, Step, Until
+from armctl.program.call_step import CallStep
 from armctl.program.check import check_program
 from armctl.program.conditions import Condition
 from armctl.program.csv import read_csv, write_csv
@@ -15,32 +16,25 @@ from armctl.program.files import (
     open_program,
     read_program,
     save_program,
-    write_script,
 )
 from armctl.program.grid_step import GridStep
-from armctl.program.logic_steps import CountStep, ElseStep, IfStep, WhileStep
-from armctl.program.program import Blocks, Cursor, Program
-from armctl.program.steps import (
-    ArcStep,
-    CommentStep,
-    EndStep,
-    GripperStep,
-    LineStep,
-    MotionStep,
-    MoveStep,
-    PointStep,
-    RepeatStep,
-    SetStep,
-    SpeedStep,
-    Step,
-    WaitForStep,
-    WaitStep,
-)
+from armctl.program.logic_steps import CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
+from armctl.program.message_step import MessageStep
+from armctl.program.motion_steps import ArcStep, LineStep, MoveStep, PointStep
+from armctl.program.pick_steps import PickStep, PlaceStep
+from armctl.program.program import Blocks, CalledProgram, Cursor, Program
+from armctl.program.saved import SavedPrograms
+from armctl.program.scripts import write_script
+from armctl.program.signal_steps import SetStep, WaitForStep
+from armctl.program.standing_steps import GripperStep, SpeedStep, WaitStep
+from armctl.program.steps import CommentStep
 
 __all__ = [
     "PROGRAM_SUFFIXES",
     "ArcStep",
     "Blocks",
+    "CallStep",
+    "CalledProgram",
     "CommentStep",
     "Condition",
     "CountStep",
@@ -53,11 +47,15 @@ __all__ = [
     "GripperStep",
     "IfStep",
     "LineStep",
+    "MessageStep",
     "MotionStep",
     "MoveStep",
+    "PickStep",
+    "PlaceStep",
     "PointStep",
     "Program",
     "RepeatStep",
+    "SavedPrograms",
     "Senses",
     "SetStep",
     "SpeedStep",

@@ -15,7 +15,7 @@ from msgspec import Meta, inspect
 
 from armctl.arrays import FloatArray
 from armctl.errors import ProgramError
-from armctl.facts import Quantities, Reason
+from armctl.facts import Part, Quantities, Reason
 from armctl.motion.blend import Leg
 from armctl.motion.plan import plan_joints, plan_path
 from armctl.motion.polynomial import PiecewisePolynomial
@@ -43,6 +43,8 @@ class Field:
     """what the form shows of a choice that is left open: what it means then"""
     turn: Literal["", "pitch", "orientation"] = ""
     """what of the tool's turn it is about; a step says something of its pitch or of its orientation"""
+    offers: Literal["", "programs", "inputs", "outputs"] = ""
+    """of a name: what the form offers, where there are any"""
 
 
 KeyForm = Literal["number", "integer", "numbers", "text", "choice"]
@@ -119,6 +121,8 @@ class Senses:
     """by name of a digital input, how often it has changed since the program began, or was waited for"""
     counters: Mapping[str, int] = field(default_factory=dict[str, int])
     """by name, what the program has counted in this pass; 0 where it has not"""
+    confirmed: bool = False
+    """a person has pressed OK to the message that waits"""
 
     @classmethod
     def of(
@@ -151,6 +155,8 @@ class Until:
     """… or goes on, and the log says so"""
     uses: str = ""
     """name of an input whose edges count as seen when this is over"""
+    by_person: bool = False
+    """a person brings it about, by OK to the message of the step"""
 
     def __post_init__(self) -> None:
         if not self.longest_s > 0.0:
@@ -210,6 +216,8 @@ class Effect:
     """which step comes next is decided when this one runs; the joints stand until then"""
     counts: Counting | None = None
     """the counter that changes"""
+    message: str = ""
+    """what the person is told when it begins: on all pages, on the terminal, in the log; empty: nothing"""
     says: str = ""
     """what the log says when it begins; empty: nothing"""
 
@@ -238,6 +246,9 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
     button: ClassVar[tuple[str, ...]] = ()
     """row and label of the button that records one where the arm stands, and the keys that it records"""
 
+    handles: ClassVar[bool] = False
+    """it takes a part, or lets it go: by the gripper, or by an output"""
+
     note: Annotated[str, Field("Note", place=99)] = ""
 
     @property
@@ -249,6 +260,16 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
     def effect(self) -> Effect:
         """What it does besides moving joints."""
         return Effect()
+
+    @property
+    def calls(self) -> str:
+        """The program that it runs, as it names it; empty: none."""
+        return ""
+
+    @property
+    def parts(self) -> Sequence[tuple[Part, Step]]:
+        """The steps that it is made of, in order, each with what it is for; empty: it is one itself."""
+        return ()
 
     @property
     def in_cell(self) -> bool:
@@ -303,6 +324,8 @@ class BlockStep(Step, frozen=True, kw_only=True):
 
     again: ClassVar[bool] = True
     """it is a loop; else it runs once or not at all"""
+    scoped: ClassVar[bool] = False
+    """it runs once, and the speed that its steps set ends with it"""
 
     def cell(self, number: int) -> tuple[float, float, float] | None:
         """Where a pass has its frame, X, Y, Z [mm]; ``number`` from 0. None: it has none."""

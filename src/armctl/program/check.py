@@ -13,9 +13,11 @@ from armctl.errors import ArmctlError
 from armctl.facts import CellOutsideGrid, NoSteps, OtherRobot, Reason
 from armctl.motion.preflight import Finding
 from armctl.program.base_steps import Step
+from armctl.program.calls import WholeProgram
+from armctl.program.motion_steps import MoveStep
 from armctl.program.paths import PathWalk
 from armctl.program.program import PROGRAM_FILES, Blocks, Program, in_first_cells
-from armctl.program.steps import AnyStep, MoveStep
+from armctl.program.steps import AnyStep
 from armctl.robot import Robot
 
 
@@ -44,18 +46,29 @@ def check_program(
         findings.append(Finding(OtherRobot(program.robot, robot.name)))
     if not program.steps:
         findings.append(Finding(NoSteps()))
-    wrong: dict[int, Reason] = dict(_value_findings(program, robot))
+    whole = WholeProgram.of(program)
+    wrong: dict[int, Reason] = {}
+    """by index among the steps that run: what is wrong in itself"""
+    in_steps: list[Finding] = []
+    for index, why in _value_findings(program.steps, robot):
+        in_steps.append(Finding(why, step=index))
+        wrong |= dict.fromkeys(whole.span(index), why)
+    for called in whole.files:
+        for index, why in _value_findings(called.steps, robot):
+            places = list(whole.where(called.file, index))
+            in_steps.append(whole.called(places[0], why))
+            wrong |= dict.fromkeys(places, why)
     broken = Blocks.of(program.steps).findings
     if not wrong:
-        placed = enumerate(in_first_cells(program.steps))
+        placed = enumerate(in_first_cells(whole.flat.steps))
         wrong = {index: CellOutsideGrid() for index, step in placed if step.in_cell}
-    in_steps = [Finding(why, step=index) for index, why in wrong.items()]
-    in_steps += [Finding(why, step=index) for index, why in broken]
+        in_steps += [whole.told(Finding(why, step=index)) for index, why in wrong.items()]
+    in_steps += [Finding(why, step=index) for index, why in (*broken, *whole.findings)]
     if motions and not broken:
         begin = None if start is None else robot.chain.checked(start)
-        walk = PathWalk(program, robot, wrong, payload_kg)
+        walk = PathWalk(whole, robot, wrong, payload_kg)
         walk.run(begin, progress)
-        in_steps += walk.found
+        in_steps += map(whole.told, walk.found)
     return findings + sorted(in_steps, key=lambda finding: -1 if finding.step is None else finding.step)
 
 
@@ -88,8 +101,8 @@ def _is_sound(steps: Sequence[Step], robot: Robot) -> bool:
     return True
 
 
-def _value_findings(program: Program, robot: Robot) -> Iterator[tuple[int, Reason]]:
-    for index, step in () if _is_sound(program.steps, robot) else enumerate(program.steps):
+def _value_findings(steps: Sequence[Step], robot: Robot) -> Iterator[tuple[int, Reason]]:
+    for index, step in () if _is_sound(steps, robot) else enumerate(steps):
         try:
             # A file's values were checked when it was decoded; a program made in Python is checked here only.
             Document(PROGRAM_FILES, msgspec.to_builtins(step)).convert(type(step))

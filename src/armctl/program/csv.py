@@ -14,7 +14,7 @@ import numpy as np
 
 from armctl.decoding import MOST_REFUSALS, Decoder, Refusal
 from armctl.errors import Errors, ProgramError
-from armctl.program.base_steps import keys_of
+from armctl.program.base_steps import Step, keys_of
 from armctl.program.csv_columns import (
     DO,
     JOINTS,
@@ -28,9 +28,10 @@ from armctl.program.csv_columns import (
     guarded,
     unguarded,
 )
+from armctl.program.motion_steps import MoveStep, PointStep, tool_turn
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
 from armctl.program.standing_steps import EDGES
-from armctl.program.steps import CommentStep, MoveStep, PointStep, Step, any_step, tool_turn
+from armctl.program.steps import CommentStep, any_step
 from armctl.robot import Robot
 
 CsvForm = Literal["angles", "points"]

@@ -20,7 +20,7 @@ UNITS: tuple[dict[str, float], ...] = (
     {"percent": 1.0},
 )
 """units of one measure, the one of the steps first, and their factors to it"""
-_AS_WRITTEN = (("note", None), ("file", None))
+_AS_WRITTEN = (("note", None), ("file", None), ("text", None), ("program", None))
 """whose blanks at the ends count"""
 NUMBER, DO, JOINTS, POINT = "step", "do", "joints_deg", ("x_mm", "y_mm", "z_mm")
 """the running number, which is for people, is not read"""

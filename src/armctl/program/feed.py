@@ -16,6 +16,7 @@ from armctl.motion.profiles import stopping_s
 from armctl.motion.time_optimal import TooFastError
 from armctl.motion.trajectory import Trajectory
 from armctl.program.base_steps import MotionStep, Step
+from armctl.program.calls import ALL_OF_IT, StepPlace, WholeProgram
 from armctl.program.check import check_program
 from armctl.program.program import Cursor, Program
 from armctl.robot import CarriedPart, Robot
@@ -30,8 +31,17 @@ _MOST_STEPS = 256
 class ProgramSource:
     """The program as it is edited now: each pass begins with the newest."""
 
+    _whole: WholeProgram | None = None
+
     def __init__(self, program: Program) -> None:
         self.program = program
+
+    def whole(self) -> WholeProgram:
+        """The same with all that it calls. Takes long programs apart: for who plans."""
+        program, known = self.program, self._whole  # read once: it may be edited at any time
+        if known is None or known.written is not program:
+            self._whole = known = WholeProgram.of(program)
+        return known
 
     def edit(self, program: Program) -> None:
         """Another version, from the next pass on."""
@@ -52,11 +62,11 @@ class PlanState:
     """passes finished"""
     program: Program | None = None
     """of the present pass; None: the next pass takes the newest"""
+    whole: WholeProgram | None = None
+    """of the present pass, likewise"""
     cursor: Cursor | None = None
     first: int = 0
     """step that the next pass begins with"""
-    percent: float = 100.0
-    """what the last speed step asks for"""
     opening: float | None = None
     """of the gripper, 0..1; None: not known"""
     part: CarriedPart | None = None
@@ -74,8 +84,7 @@ class PlanState:
     @property
     def ended(self) -> bool:
         """Nothing is left."""
-        over = self.steps_left == 0 or (self.program is None and self.loops_left == 0)
-        return over and not self.known
+        return self.program is None and 0 in (self.steps_left, self.loops_left) and not self.known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,6 +92,7 @@ class PlannedStep:
     """One step on its way to be run."""
 
     index: int
+    """of the step as written"""
     step: Step
     program: Program
     passes: int
@@ -99,6 +109,10 @@ class PlannedStep:
     """its motion does not end at rest: that of the next moving step goes on"""
     error: ArmctlError | None = None
     """why it cannot be run"""
+    place: StepPlace = ALL_OF_IT
+    """where in the step as written it is"""
+    share: tuple[float, float] = (0.0, 1.0)
+    """of the step as written: how much is ahead of it, and how much it is itself"""
 
     @property
     def moves(self) -> bool:
@@ -205,8 +219,7 @@ def _draw(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[list[P
         else:
             effect = step.step.effect
             if not (effect.stands and times):
-                percent = step.percent if effect.percent is None else effect.percent
-                after = replace(step.after, percent=percent)
+                after = step.after
                 if effect.opening is not None:
                     after = replace(after, opening=effect.opening, part=effect.part)
                 steps.append(replace(step, after=after))
@@ -221,29 +234,40 @@ def _next_step(source: ProgramSource, before: PlanState) -> PlannedStep | None:
     if before.ended or before.asks:
         return None
     state = before
-    if state.program is None or state.cursor is None:
-        program = source.program  # read once: it may be edited at any time
-        cursor = Cursor(program, state.first)
+    if state.program is None or state.whole is None or state.cursor is None:
+        whole = source.whole()
+        program, cursor = whole.written, Cursor(whole.flat, whole.begins[state.first], whole.marks)
         left = None if state.loops_left is None else state.loops_left - 1
-        state = replace(state, program=program, loops_left=left, first=0, percent=100.0)
+        state = replace(state, program=program, whole=whole, loops_left=left, first=0)
     else:
-        program, cursor = state.program, state.cursor.copy()
-    next_pass = replace(state, program=None, cursor=None, passes=state.passes + 1)
+        program, whole, cursor = state.program, state.whole, state.cursor.copy()
+    begun = cursor.begun
+    next_pass = replace(state, program=None, whole=None, cursor=None, passes=state.passes + 1)
     found = cursor.next()
     if found is None:
         # A program with nothing to do, or a pass that began behind all that there is to do.
         return None if before.first == 0 else _next_step(source, next_pass)
-    left = None if state.steps_left is None else state.steps_left - 1
+    left = None if state.steps_left is None else state.steps_left - (cursor.begun - begun)
+    flat, step = found
+    place, share = whole.place(flat), whole.share(flat)
+    after = _at(replace(state, steps_left=left), cursor)
     return PlannedStep(
-        *found, program, state.passes, state.percent, before, _at(replace(state, steps_left=left), cursor)
+        place.index, step, program, state.passes, cursor.percent, before, after, place=place, share=share
     )
 
 
 def _at(state: PlanState, cursor: Cursor) -> PlanState:
-    """The state in a pass where its cursor stands; that before the next pass where nothing is left of it."""
-    if cursor.asked is None and cursor.copy().next() is None:
-        return replace(state, program=None, cursor=None, passes=state.passes + 1)
-    return replace(state, cursor=cursor)
+    """The state in a pass where its cursor stands; that before the next pass where nothing is left of it.
+
+    Where no more steps shall run it is over, once the last one is, with all that it is made of.
+    """
+    if cursor.asked is not None:
+        return replace(state, cursor=cursor)
+    over = replace(state, program=None, whole=None, cursor=None)
+    ahead = cursor.copy()
+    if ahead.next() is None:
+        return replace(over, passes=state.passes + 1)
+    return over if state.steps_left == 0 and ahead.begun > cursor.begun else replace(state, cursor=cursor)
 
 
 def decided(state: PlanState, holds: bool) -> PlanState:

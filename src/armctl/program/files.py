@@ -16,32 +16,26 @@ from armctl.arrays import FloatArray
 from armctl.documents import Document, as_path, not_written, write_atomically
 from armctl.errors import ArmctlError, Errors, ProgramError
 from armctl.facts import say
-from armctl.program.base_steps import BlockStep, literal
+from armctl.program.base_steps import Step
+from armctl.program.calls import link
 from armctl.program.check import check_program
 from armctl.program.csv import read_csv
-from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
-from armctl.program.steps import (
-    CommentStep,
-    GripperStep,
-    LineStep,
-    MoveStep,
-    PointStep,
-    Step,
-    WaitStep,
-    any_step,
-)
+from armctl.program.motion_steps import LineStep, MoveStep, PointStep
+from armctl.program.program import MOST_STEPS, PROGRAM_FILES, PROGRAM_SUFFIXES, Blocks, CalledProgram, Program
+from armctl.program.standing_steps import GripperStep, WaitStep
+from armctl.program.steps import CommentStep, any_step
 from armctl.robot import Robot
 
 _WORKBOOKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
 """how packed files and those of older office programs begin"""
-PROGRAM_SUFFIXES = (".toml", ".csv")
 _WRITABLE = (int, float, str, list, tuple, np.generic, np.ndarray)
 
 
 def open_program(path: str | Path, robot: Robot | None = None) -> Program:
     """Read a program file of any form; only a CSV, which names none, needs the robot that it is for."""
     file = as_path(path, "a program is a Program or the path of its file")
-    return _found_from(file.parent, PROGRAM_FILES.load(file, lambda content: _read(file, content, robot)))
+    program = PROGRAM_FILES.load(file, lambda content: _read(file, content, robot))
+    return _linked(_found_from(file.parent, program), file.parent, robot)
 
 
 def read_program(filename: str, content: bytes, robot: Robot | None) -> Program:
@@ -79,13 +73,31 @@ def _read(name: PurePath, content: bytes, robot: Robot | None) -> Program:
 def load_program(path: str | Path) -> Program:
     """Read a program file (TOML); a ProgramError names the file, the line, the step and the key."""
     file = as_path(path, "a program file is given by its path")
-    return _found_from(file.parent, PROGRAM_FILES.load(file, decode_program))
+    program = _found_from(file.parent, PROGRAM_FILES.load(file, decode_program))
+    return _linked(program, file.parent, None)
 
 
 def _found_from(folder: Path, program: Program) -> Program:
     """The files that its steps name are looked for in a folder."""
     folder = folder.absolute()
     return msgspec.structs.replace(program, steps=tuple(step.found_from(folder) for step in program.steps))
+
+
+def _linked(program: Program, folder: Path, robot: Robot | None) -> Program:
+    """With the programs that it calls, found from a folder; a CSV among them is for ``robot``."""
+    return link(program, lambda file: read_called(folder, file, robot), program.called)
+
+
+def read_called(folder: Path, file: str, robot: Robot | None = None) -> CalledProgram:
+    """A called program; one that cannot be had says why."""
+    path = folder / file
+    try:
+        program = PROGRAM_FILES.load(path, lambda content: _read(path, content, robot))
+    except ProgramError as cause:
+        if not path.is_file():
+            return CalledProgram(file=file, missing="beside")
+        return CalledProgram(file=file, unread=str(cause))
+    return CalledProgram(file=file, robot=program.robot, steps=_found_from(path.parent, program).steps)
 
 
 def decode_program(text: bytes | str) -> Program:
@@ -99,7 +111,8 @@ def checked_program(program: Program) -> Program:
         plain = _decoded(Document(PROGRAM_FILES, _record(program)))
     except ProgramError as cause:
         raise ProgramError(f"{program.name}: {cause}") from cause
-    return _found_from(Path(), plain)
+    plain = msgspec.structs.replace(_found_from(Path(), plain), called=program.called)
+    return _linked(plain, Path(), None)
 
 
 def encode_program(program: Program) -> str:
@@ -169,68 +182,15 @@ def _record(program: Program) -> dict[str, Any]:
                 raise ProgramError(
                     f"step {index + 1}, key {key}: {value!r} is neither a number, nor text, nor a list"
                 )
-    return cast("dict[str, Any]", msgspec.to_builtins(program, enc_hook=_plain))
+    record = cast("dict[str, Any]", msgspec.to_builtins(program, enc_hook=_plain))
+    del record["called"]
+    return record
 
 
 def _plain(value: object) -> object:
     if isinstance(value, np.generic | np.ndarray):
         return cast("object", value.tolist())
     return repr(value)  # somewhere in a list of numbers: refused as the text that it is now
-
-
-# A program as a plain Python script.
-
-_DEEPEST = 19
-"""Python takes 20 blocks inside each other; the ``with`` is one."""
-_INDENT = "    "
-_HEAD = """\
-# Written by armctl; run it with Python.
-# Each call moves and waits until the arm stands, so nothing is blended here. Name a board with
-# Arm.open(..., port="auto"); without, the simulated one is used. An arm of your own is opened by its file,
-# Arm.open("my_arm.toml"). set_speed slows down what follows it."""
-
-
-def write_script(program: Program) -> str:
-    """The program as Python, whose texts never become code. ProgramError: a step or depth it has not."""
-    blocks = Blocks.matched(program.steps)
-    lines = [literal(program.name), "", _HEAD, "", "import armctl", ""]
-    lines += [f"with armctl.Arm.open({literal(program.robot)}) as arm:", f"{_INDENT}arm.enable()"]
-    counters = {counts.counter for step in program.steps if (counts := step.effect.counts) is not None}
-    lines += [f"{_INDENT}{name}_count = 0" for name in sorted(counters)]
-    for index, step in enumerate(program.steps):
-        depth, note = blocks.depths[index], _remark(step.note)
-        indent = _INDENT * (1 + depth)
-        if isinstance(step, CommentStep):
-            lines.append(f"{indent}{note.strip() or '#'}")
-        elif isinstance(step, BlockStep) and depth >= _DEEPEST:
-            raise ProgramError(
-                f"step {index + 1}: a Python script takes at most {_DEEPEST} blocks inside each other"
-            )
-        elif step.closes or step.divides:
-            begin = blocks.whole(index)[0]
-            after = blocks.elses.get(begin, begin) if step.closes else begin
-            inside = program.steps[after + 1 : index]
-            # A block needs a statement, and its end's note one to stand behind.
-            if all(isinstance(other, CommentStep) for other in inside) or (step.closes and step.note):
-                lines.append(f"{_INDENT}{indent}pass{note if step.closes else ''}")
-            if step.divides:
-                lines.append(f"{indent}else:{note}")
-        else:
-            of_arm = "" if isinstance(step, BlockStep) or step.effect.counts is not None else "arm."
-            try:
-                first, *others = step.script().split("\n")
-            except ProgramError as cause:
-                raise ProgramError(f"step {index + 1}: {cause}") from cause
-            lines += [f"{indent}{of_arm}{first}{note}", *(indent + line for line in others)]
-    return "\n".join([*lines, ""])
-
-
-def _remark(note: str) -> str:
-    """A note behind ``#``; as a string literal where it would not stay one line of plain text."""
-    if not note:
-        return ""
-    plain = note.isprintable() and note == note.strip() and note[:1] not in ("'", '"')
-    return f"  # {note if plain else literal(note)}"
 
 
 # Sample programs for any arm: they are fitted to its reach, and checked before they are offered.

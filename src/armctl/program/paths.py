@@ -10,14 +10,15 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
-from armctl.facts import NeverComes, NeverEnds, OnPath, PathsLeftOut, PathTurn, Reason, Unbounded
+from armctl.facts import NeverComes, NeverEnds, OnPath, PathsLeftOut, PathTurn, PathWay, Reason, Unbounded
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import sources
 from armctl.motion.preflight import Finding, Severity, isotropy_of, passes, preflight
 from armctl.motion.trajectory import JoinedTrajectory, Trajectory
 from armctl.program.base_steps import BlockStep, MotionStep, Step
+from armctl.program.calls import WholeProgram
 from armctl.program.conditions import COUNTER
-from armctl.program.program import Blocks, Program
+from armctl.program.program import Blocks
 from armctl.program.signal_steps import ConditionStep
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.body.arm_body import Openings
@@ -76,14 +77,16 @@ class PathWalk:
     """Plans from step to step, on every path; what was walked from the same place, once."""
 
     def __init__(
-        self, program: Program, robot: Robot, skipped: Container[int], payload_kg: float | None
+        self, whole: WholeProgram, robot: Robot, skipped: Container[int], payload_kg: float | None
     ) -> None:
-        """``skipped``: indices of the steps that are wrong in themselves."""
+        """``skipped``: indices of the steps that are wrong in themselves, among those that run."""
         self.found: list[Finding] = []
         """motions that cannot be planned, what the pre-flight found in the others, waits that cannot end"""
-        self._steps, self._robot, self._skipped, self._payload_kg = program.steps, robot, skipped, payload_kg
-        self._blocks = Blocks.matched(program.steps)
-        self._ranges = _counter_ranges([step for k, step in enumerate(program.steps) if k not in skipped])
+        steps = whole.flat.steps
+        self._whole = whole
+        self._steps, self._robot, self._skipped, self._payload_kg = steps, robot, skipped, payload_kg
+        self._blocks = Blocks.matched(steps)
+        self._ranges = _counter_ranges([step for k, step in enumerate(steps) if k not in skipped])
         self._planned: list[_PlannedMotion] = []
         """motions that the pre-flight has not seen yet, each from where the one before ends"""
         self._ends: dict[tuple[int, Key], FloatArray | None] = {}
@@ -147,8 +150,8 @@ class PathWalk:
         end = self._blocks.partners[begin]
         otherwise = self._blocks.elses.get(begin, end)
         yes, no = self._split(begin, places)
-        yes = _merged(_turned(place, PathTurn(begin, "then")) for place in yes.values())
-        no = _merged(_turned(place, PathTurn(begin, "else")) for place in no.values())
+        yes = _merged(_turned(place, self._turn(begin, "then")) for place in yes.values())
+        no = _merged(_turned(place, self._turn(begin, "else")) for place in no.values())
         if yes:
             yes = yield self._through(begin + 1, otherwise, yes)
         if no and otherwise < end:
@@ -174,10 +177,10 @@ class PathWalk:
             seen[signature] = done
             cell = step.cell(done)
             if cell is not None:
-                turn = PathTurn(begin, "cell", done + 1)
+                turn = self._turn(begin, "cell", done + 1)
                 places = _merged(replace(it, path=(*base, turn), cell=cell) for it in places.values())
             elif done > 0:
-                path = (*base, PathTurn(begin, "pass", done + 1))
+                path = (*base, self._turn(begin, "pass", done + 1))
                 places = {key: replace(place, path=path) for key, place in places.items()}
             if asks:
                 places, leaving = self._split(begin, places)
@@ -193,6 +196,9 @@ class PathWalk:
         elif endless and self._foreseen(begin, next(iter(left.values()), None)) is None and places:
             self._report(begin, Unbounded(), (), "warning")
         return _merged([*left.values(), *(places.values() if most is not None else ())])
+
+    def _turn(self, index: int, way: PathWay, number: int = 0) -> PathTurn:
+        return self._whole.turn(PathTurn(index, way, number))
 
     def _split(self, index: int, places: _Places) -> tuple[_Places, _Places]:
         """The places where a condition may hold, and those where it may not."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import Literal, Self
@@ -14,22 +14,40 @@ import msgspec
 from armctl.documents import DocumentKind
 from armctl.errors import InputError, ProgramError
 from armctl.facts import UnmatchedBlock
-from armctl.program.base_steps import BlockStep, Step
+from armctl.program.base_steps import BlockStep, MotionStep, Step
 from armctl.program.logic_steps import MOST_REPEATS, EndStep, IfStep, RepeatStep
 from armctl.program.steps import AnyStep
 
 PROGRAM_FILES = DocumentKind(ProgramError, most_bytes=1024 * 1024, entries={"steps": "step"})
 MOST_STEPS = 20_000
 """no program has more"""
+MOST_CALLED = 200
+"""files that one program may call, over others or not"""
+PROGRAM_SUFFIXES = (".toml", ".csv")
+
+
+class CalledProgram(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A program that another one calls, as it was read once."""
+
+    file: str
+    """as seen from the folder of the program that was started"""
+    robot: str = ""
+    steps: tuple[AnyStep, ...] = ()
+    missing: Literal["", "beside", "saved"] = ""
+    """where it was looked for and is not; empty: it was there"""
+    unread: str = ""
+    """why it cannot be read; empty: it could"""
 
 
 class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A program, as written in its file."""
+    """A program, as written in its file; and what it calls, which are files of their own."""
 
     format: Literal[1] = 1
     robot: str
     name: str = "untitled"
     steps: tuple[AnyStep, ...] = ()
+    called: tuple[CalledProgram, ...] = ()
+    """the programs that it calls, and those call, as they were read (``link``); no file holds them"""
 
 
 # Which markers belong to each other.
@@ -217,10 +235,10 @@ class Cursor:
     Behind a step that asks (``Effect.asks``) the answer is needed: ``decide``.
     """
 
-    def __init__(self, program: Program, first: int = 0) -> None:
+    def __init__(self, program: Program, first: int = 0, begins: Container[int] = ()) -> None:
         """Stand before the step ``first``: in a block in its first pass, which its ``end`` ends at once.
 
-        An ``if`` around it counts as answered.
+        An ``if`` around it counts as answered. ``begins``: indices of the steps that ``begun`` counts.
         """
         steps = program.steps
         if not 0 <= first < max(len(steps), 1):
@@ -231,6 +249,13 @@ class Cursor:
         self._next = self._goals[first]
         self._open: list[tuple[int, int]] = []
         """open blocks, the outermost first: where each begins, and its passes to be begun or under way"""
+        self._begins = begins
+        self.begun = 0
+        """how many steps have begun that are counted"""
+        self.percent = 100.0
+        """what the last speed step asks for"""
+        self._percents: list[float] = []
+        """what it was ahead of each open block that keeps its speed to itself"""
         self.asked: int | None = None
         """the step that asks and has no answer yet"""
         for index in range(first):
@@ -239,13 +264,13 @@ class Cursor:
                 if isinstance(step, BlockStep):
                     self._enter(index, step)
                 elif step.closes:
-                    self._open.pop()
+                    self._leave()
 
     def copy(self) -> Self:
         """Another cursor at the same place."""
         twin = object.__new__(type(self))
         twin.__dict__.update(self.__dict__)
-        twin._open = self._open.copy()
+        twin._open, twin._percents = self._open.copy(), self._percents.copy()
         return twin
 
     def next(self) -> tuple[int, Step] | None:
@@ -285,6 +310,11 @@ class Cursor:
 
     def _pass(self, index: int, step: Step) -> None:
         following = index + 1
+        if index in self._begins:
+            self.begun += step.acts or (isinstance(step, BlockStep) and step.scoped)
+        percent = None if isinstance(step, MotionStep) else step.effect.percent
+        if percent is not None:
+            self.percent = percent
         if isinstance(step, BlockStep):
             if not self._open or self._open[-1][0] != index:
                 self._enter(index, step)
@@ -293,13 +323,22 @@ class Cursor:
         elif step.divides and self._open:
             following = self._blocks.partners[self._open.pop()[0]] + 1
         elif step.closes:
-            begin, left = self._open.pop()
+            begin, left = self._leave()
             if left > 1:
                 self._open.append((begin, left - 1))
                 following = begin if self._steps[begin].effect.asks is not None else begin + 1
         self._next = self._goals[following]
 
+    def _leave(self) -> tuple[int, int]:
+        begin, left = self._open.pop()
+        block = self._steps[begin]
+        if isinstance(block, BlockStep) and block.scoped:
+            self.percent = self._percents.pop()
+        return begin, left
+
     def _enter(self, index: int, step: BlockStep) -> None:
+        if step.scoped:
+            self._percents.append(self.percent)
         self._open.append((index, sys.maxsize if step.passes is None else step.passes))
 
 

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.errors import ProgramError
+from armctl.errors import ArmctlError, ProgramError
 from armctl.motion.plan import plan_joints
 from armctl.motion.profiles import PointToPoint
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
 from armctl.program.base_steps import MotionStep, Question, Senses
+from armctl.program.calls import ALL_OF_IT, StepPlace, WholeProgram
 from armctl.program.feed import PlannedStep, ProgramSource, begin_program, decided, plan_next
 from armctl.program.program import Program, in_first_cells
 from armctl.robot import CarriedPart, Robot
@@ -34,6 +35,10 @@ class RehearsedStep:
     """gripper 0..1 at its begin and its end; None: not known"""
     part: CarriedPart | None = None
     """what is between the jaws, from its begin; None: nothing"""
+    place: StepPlace = ALL_OF_IT
+    """where in the step of the program it is"""
+    grips: bool = False
+    """it moves the gripper"""
 
     @property
     def duration(self) -> float:
@@ -93,18 +98,27 @@ def pose_after(robot: Robot, program: Program, row: int, start: FloatArray) -> F
     The nearest step ahead whose end is known by itself comes first; where there is none, the arm begins at
     ``start``. Of a grid it is the first cell. Raises as ``MotionStep.path``.
     """
-    if not isinstance(program.steps[row], MotionStep):
+    whole = WholeProgram.of(program)
+    moves = [k for k in whole.span(row) if isinstance(whole.flat.steps[k], MotionStep)]
+    if not moves:
         return None
-    steps = in_first_cells(program.steps[: row + 1])
-    led = [steps[row]]
-    for step in reversed(steps[:row]):
+    steps = in_first_cells(whole.flat.steps[: moves[-1] + 1])
+    led = [moves[-1]]
+    for index in range(moves[-1] - 1, -1, -1):
+        step = steps[index]
         if isinstance(step, MotionStep):
             if (end := step.end(robot)) is not None:
                 start = end
                 break
-            led.append(step)
-    for step in reversed(led):
-        path = step.path(robot, start) if isinstance(step, MotionStep) else None
+            led.append(index)
+    for index in reversed(led):
+        step, ahead = steps[index], whole.place(index).index
+        try:
+            path = step.path(robot, start) if isinstance(step, MotionStep) else None
+        except ArmctlError as cause:
+            if ahead == row:
+                raise
+            raise ProgramError(cause.reason).about(f"step {ahead + 1}") from cause
         start = start if path is None else path(path.high)
     return start
 
@@ -148,8 +162,8 @@ def rehearse(
             if step.error is not None:
                 if as_far and steps:
                     return Rehearsal(tuple(steps), broken=step)
-                who = f"{step.program.name}: step {step.index + 1}"
-                raise ProgramError(f"{who}: {step.error}") from step.error
+                who = f"{step.program.name}: step {step.index + 1}: {step.place.words}"
+                raise ProgramError(f"{who}{step.error}") from step.error
             done = _rehearsed(robot, step, start, opening, at)
             steps.append(done)
             start, opening, at = done.trajectory.end, done.opening[1], at + done.duration
@@ -168,11 +182,12 @@ def _rehearsed(
         trajectory: Trajectory = step.trajectory
         if step.percent != 100.0:
             trajectory = SlowedTrajectory(trajectory, 100.0 / step.percent)
-        return RehearsedStep(step.index, at, trajectory, (opening, opening), step.before.part)
+        return RehearsedStep(step.index, at, trajectory, (opening, opening), step.before.part, step.place)
     effect = step.step.effect
     goal, takes = opening, effect.wait_s or 0.0
     if effect.opening is not None:
         goal = effect.opening
         if opening is not None and robot.gripper is not None:
             takes += abs(goal - opening) / robot.gripper.speed
-    return RehearsedStep(step.index, at, PointToPoint.lasting(q, q, takes), (opening, goal), step.after.part)
+    standing, grips = PointToPoint.lasting(q, q, takes), effect.opening is not None
+    return RehearsedStep(step.index, at, standing, (opening, goal), step.after.part, step.place, grips)

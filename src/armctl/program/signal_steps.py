@@ -11,9 +11,12 @@ from armctl.program.base_steps import LONGEST_WAIT_S, Effect, Field, Step, Until
 from armctl.program.conditions import Comparison, Condition, Otherwise, Trigger
 from armctl.robot import Robot
 
-_Name = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
-_NameOrNone = Annotated[str, Meta(pattern=r"^([a-z][a-z0-9_]*)?$")]
+SignalName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
+SignalNameOrNone = Annotated[str, Meta(pattern=r"^([a-z][a-z0-9_]*)?$")]
 _VALUE = Field("Value", "Of an input or output: 0 or 1, or a share.", 62)
+LongestWait = Annotated[float, Meta(gt=0, le=LONGEST_WAIT_S)]
+AtTimeout = Annotated[Otherwise, Field("At time-out", "What the program does then.", 65)]
+"""of every step that waits for something that may not come"""
 
 
 class SetStep(Step, frozen=True, kw_only=True, tag="set"):
@@ -24,7 +27,7 @@ class SetStep(Step, frozen=True, kw_only=True, tag="set"):
     call: ClassVar = ("set_output", "output", "value")
     button: ClassVar = ("In and out", "Set output", "output")
 
-    output: Annotated[_Name, Field("Output", "Its name in the robot file.", 60)]
+    output: Annotated[SignalName, Field("Output", "Its name in the robot file.", 60, offers="outputs")]
     value: Annotated[float, Meta(ge=0, le=1), _VALUE] = 1.0
     """1 is on, 0 off; of a PWM output a share"""
 
@@ -53,13 +56,15 @@ class ConditionStep(Step, frozen=True, kw_only=True):
     """What steps with a condition share: its keys."""
 
     watch: Annotated[
-        _Name,
+        SignalName,
         Field("Watch", "An input, load, temperature, voltage or current of a joint, or counter.", 60),
     ]
     """name of an input; ``load`` [%], ``temperature`` [°C], ``voltage`` [V], ``current`` [A]; ``counter``"""
-    joint: Annotated[_NameOrNone, Field("Joint", "Whose load, temperature …; empty for an input.", 61)] = ""
+    joint: Annotated[
+        SignalNameOrNone, Field("Joint", "Whose load, temperature …; empty for an input.", 61)
+    ] = ""
     """name of the joint, or ``gripper``; of a quantity only"""
-    counter: Annotated[_NameOrNone, Field("Counter", "Its name; empty for an input.", 60)] = ""
+    counter: Annotated[SignalNameOrNone, Field("Counter", "Its name; empty for an input.", 60)] = ""
     """name of the counter that a ``count`` step changes; with watch = "counter" only"""
     compare: Annotated[Comparison, Field("Compare", "Above or below: of numbers.", 61)] = "equals"
     value: Annotated[float, _VALUE] = 1.0
@@ -86,8 +91,8 @@ class WaitForStep(ConditionStep, frozen=True, kw_only=True, tag="wait-for"):
     call: ClassVar = ("wait_for", "watch", "value", "timeout_s", "joint", "compare", "trigger", "otherwise")
     button: ClassVar = ("In and out", "Wait for input", "watch", "timeout_s")
 
-    timeout_s: Annotated[float, Meta(gt=0, le=LONGEST_WAIT_S), Field("Time-out s", "At most so long.", 64)]
-    otherwise: Annotated[Otherwise, Field("At time-out", "What the program does then.", 65)] = "stop"
+    timeout_s: Annotated[LongestWait, Field("Time-out s", "At most so long.", 64)]
+    otherwise: AtTimeout = "stop"
     """what the program does where it has not come by then"""
 
     @property

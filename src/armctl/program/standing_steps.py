@@ -16,7 +16,7 @@ _PART_HINT = (
     "How large the part between the jaws is from then on, along X, Y, Z of the tool; its middle is at the "
     "tool point. Empty: there is none."
 )
-_Edge = Annotated[
+EdgeKey = Annotated[
     Annotated[float, Meta(ge=THINNEST_PART_MM, le=LARGEST_PART_MM)] | None, Field("Part mm", _PART_HINT, 51)
 ]
 EDGES = ("part_x_mm", "part_y_mm", "part_z_mm")
@@ -50,9 +50,9 @@ class GripperStep(Step, frozen=True, kw_only=True, tag="gripper"):
         float, Meta(ge=0, le=100), Field("Open %", "0 closed, 100 open.", head="gripper_percent")
     ]
 
-    part_x_mm: _Edge = None
-    part_y_mm: _Edge = None
-    part_z_mm: _Edge = None
+    part_x_mm: EdgeKey = None
+    part_y_mm: EdgeKey = None
+    part_z_mm: EdgeKey = None
 
     @property
     def part_mm(self) -> tuple[float | None, ...] | None:

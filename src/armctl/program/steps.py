@@ -1,295 +1,19 @@
-"""The steps of a program: one struct a kind, from which files, forms, CSV columns and scripts are made."""
+"""The kinds of steps of a program: one struct each makes files, forms, CSV columns and scripts."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, Union, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Union
 
-import msgspec
-import numpy as np
-from msgspec import Meta
-
-from armctl.arrays import FloatArray
-from armctl.errors import ProgramError
-from armctl.facts.angles import from_degrees, to_degrees
-from armctl.kinematics import CRITERIA, FROM_START, Target, roll_pitch_yaw, rotation_from_rpy
-from armctl.motion.choices import choose_end, solve
-from armctl.motion.paths.tool_path import TURN_MODES, PitchMode, TurnMode
-from armctl.motion.plan import follow_tool
-from armctl.motion.polynomial import PiecewisePolynomial
-from armctl.motion.profiles import ProfileName
-from armctl.program.base_steps import FASTEST, Field, Key, MotionStep, Step, keys_of, literal
+from armctl.program.base_steps import Key, Step, keys_of
+from armctl.program.call_step import CallStep
 from armctl.program.draw_step import DrawStep
 from armctl.program.grid_step import GridStep
 from armctl.program.logic_steps import CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
+from armctl.program.message_step import MessageStep
+from armctl.program.motion_steps import ArcStep, LineStep, MoveStep, PointStep
+from armctl.program.pick_steps import PickStep, PlaceStep
 from armctl.program.signal_steps import SetStep, WaitForStep
 from armctl.program.standing_steps import GripperStep, SpeedStep, WaitStep
-from armctl.robot import Robot
-
-_POINT_HINT, _VIA_HINT = "X, Y, Z of the tool at the end.", "X, Y, Z of a point on the arc."
-_PITCH_HINT = "Tool pitch at the end; of a line or an arc with 'interpolated' only."
-_TURN_HINT = "The tool's whole orientation on the way; instead of its pitch."
-_RPY_HINT = (
-    "The tool's orientation at the end, Rz(yaw)·Ry(pitch)·Rx(roll); "
-    "of a line or an arc with 'interpolated' only."
-)
-_Point = Annotated[float, Field("Point mm", _POINT_HINT, 1)]
-_ViaPoint = Annotated[float, Field("Via mm", _VIA_HINT, 2)]
-_Mode = Annotated[
-    PitchMode | None,
-    Field("Tool pitch", "Tool pitch on the way.", 3, "pitch_mode", TURN_MODES, "kept", "pitch"),
-]
-_Pitch = Annotated[float | None, Field("Pitch °", _PITCH_HINT, 4, turn="pitch")]
-_Turn = Annotated[
-    TurnMode | None,
-    Field("Tool orientation", _TURN_HINT, 3, choices=TURN_MODES, left_open="kept", turn="orientation"),
-]
-_Angle = Annotated[float | None, Field("Rx Ry Rz °", _RPY_HINT, 4, turn="orientation")]
-_Roll = Annotated[float | None, Field("Roll °", "Tool roll at the end. Empty: as it comes.", 5, turn="pitch")]
-_Criterion = Annotated[
-    str, Field("Choose by", "Which of the solutions is taken.", 6, choices=tuple(CRITERIA))
-]
-_Profile = Annotated[ProfileName, Field("Profile", "Law of the motion over time.", 7)]
-_ToolSpeed = Annotated[Annotated[float, Meta(gt=0)] | None, Field("Tool speed mm/s", FASTEST, 8)]
-_Frame = Annotated[
-    Literal["cell"] | None,
-    Field("Frame", "cell: points begin at the cell of the grid around it.", 11, "frame", ("cell",), "base"),
-]
-_END, _VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
-_RPY = ("rx_deg", "ry_deg", "rz_deg")
-_LED = ("pitch", "pitch_deg", "orientation", "rpy_deg", "speed_mm_s", "duration_s", "blend_mm")
-"""arguments of ``Arm.line`` and ``Arm.arc`` beside the points"""
-
-
-class MoveStep(MotionStep, frozen=True, kw_only=True, tag="move"):
-    """Go to joint angles [degrees], in the order of the robot's joints."""
-
-    title: ClassVar = "pose"
-    call: ClassVar = ("go_joints", "joints_deg", "duration_s", "profile", "blend_mm")
-    button: ClassVar = ("Add step", "Record pose", "joints_deg")
-
-    joints_deg: Annotated[tuple[float, ...], Field("Angles °", "One angle a joint, separated by commas.", 0)]
-    profile: _Profile = "cubic"
-
-    @property
-    def _law(self) -> ProfileName:
-        return self.profile
-
-    def _goal(self) -> str:
-        return f"{_listed(self.joints_deg)} °"
-
-    def check(self, robot: Robot) -> None:
-        """Refuse angles outside the limits, or too few or too many."""
-        self.end(robot)
-
-    def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray:
-        """The angles [rad]."""
-        return robot.check_limits(robot.read(self.joints_deg))
-
-
-class _Oriented:
-    """What steps with an orientation share. No struct: each writes its keys in an order of its own."""
-
-    __slots__ = ()
-    rx_deg: float | None
-    ry_deg: float | None
-    rz_deg: float | None
-
-    @property
-    def rpy_deg(self) -> tuple[float | None, ...] | None:
-        """Roll, pitch and yaw of the tool at the end, as far as given; None: none of them."""
-        angles = (self.rx_deg, self.ry_deg, self.rz_deg)
-        return None if angles == (None, None, None) else angles
-
-    @property
-    def _rpy_words(self) -> str:
-        angles = self.rpy_deg or ()
-        return f"Rx Ry Rz ({', '.join('?' if angle is None else _short(angle) for angle in angles)})°"
-
-    @property
-    def _rotation(self) -> FloatArray | None:
-        """(3, 3) at the end; None: not given. ProgramError: not all of its angles are."""
-        roll, pitch, yaw = self.rx_deg, self.ry_deg, self.rz_deg
-        if self.rpy_deg is None:
-            return None
-        if roll is None or pitch is None or yaw is None:
-            raise ProgramError(f"an orientation needs all of {', '.join(_RPY)}")
-        return rotation_from_rpy(*map(from_degrees, (roll, pitch, yaw)))
-
-
-class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
-    """Put the tool on a point [mm] by inverse kinematics, joint by joint."""
-
-    call: ClassVar = (
-        "go", *_END, "pitch_deg", "roll_deg", "rpy_deg", "choose", "duration_s", "profile", "blend_mm",
-    )  # fmt: skip
-    button: ClassVar = ("Record tool", "Point", *_END, "pitch_deg", "roll_deg", *_RPY)
-
-    x_mm: _Point
-    y_mm: _Point
-    z_mm: _Point
-    pitch_deg: _Pitch = None
-    roll_deg: _Roll = None
-    rx_deg: _Angle = None
-    ry_deg: _Angle = None
-    rz_deg: _Angle = None
-    choose: _Criterion = "least-rotation"
-    profile: _Profile = "cubic"
-    frame: _Frame = None
-    """None: the base"""
-
-    @property
-    def in_cell(self) -> bool:
-        """Its frame says so."""
-        return self.frame == "cell"
-
-    def moved(self, cell: Sequence[float]) -> PointStep:
-        """The same with its point in the base frame, where it is given in that of a cell [mm]."""
-        return _moved(self, (_END,), cell)
-
-    @property
-    def _law(self) -> ProfileName:
-        return self.profile
-
-    def _goal(self) -> str:
-        pitch = "" if self.pitch_deg is None else f", pitch {_short(self.pitch_deg)}°"
-        roll = "" if self.roll_deg is None else f", roll {_short(self.roll_deg)}°"
-        turned = "" if self.rpy_deg is None else f", {self._rpy_words}"
-        return f"{_place(self, _END)}{_of_cell(self.frame)}{pitch}{roll}{turned}"
-
-    def check(self, robot: Robot) -> None:
-        """Refuse an orientation that is not whole, or one beside a pitch or roll."""
-        self._target()
-
-    def _target(self) -> Target:
-        pitch, roll = from_degrees(self.pitch_deg), from_degrees(self.roll_deg)
-        return Target.of(_metres(self, _END), pitch, roll, self._rotation)
-
-    def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray | None:
-        """The best solution to which the arm may go by itself; where there is none, the best of all.
-
-        Without a start the best of all, where that does not depend on it.
-        """
-        target = self._target()
-        if start is not None:
-            return choose_end(robot, start, target, self.choose, self.duration_s, self._law)
-        if self.choose in FROM_START:
-            solve(robot, None, target, "least-rotation")  # whether there is any
-            return None
-        return solve(robot, start, target, self.choose)
-
-
-class _LeadsTool(_Oriented):
-    """What a line and an arc share."""
-
-    __slots__ = ()
-    leads_tool: ClassVar[bool] = True
-    points: ClassVar[tuple[tuple[str, ...], ...]] = (_END,)
-    """keys of the points on the way, the last one is the end"""
-
-    pitch: PitchMode | None
-    pitch_deg: float | None
-    orientation: TurnMode | None
-    speed_mm_s: float | None
-    frame: Literal["cell"] | None
-
-    @property
-    def _tool_speed(self) -> float | None:
-        return None if self.speed_mm_s is None else self.speed_mm_s / 1000
-
-    def _goal(self) -> str:
-        end = "" if self.pitch_deg is None else f" to {_short(self.pitch_deg)}°"
-        pitch = "" if self.pitch in (None, "kept") else f", pitch {self.pitch}{end}"
-        end = "" if self.rpy_deg is None else f" to {self._rpy_words}"
-        pitch += "" if self.orientation is None else f", orientation {self.orientation}{end}"
-        speed = "" if self.speed_mm_s is None else f", {_short(self.speed_mm_s)} mm/s"
-        points = " via ".join(_place(self, keys) for keys in reversed(self.points))
-        return f"{points}{_of_cell(self.frame)}{pitch}{speed}"
-
-    def check(self, robot: Robot) -> None:
-        """Refuse a pitch or an orientation at the end that does not go with the mode, and both at once."""
-        if self.pitch is not None and self.orientation is not None:
-            raise ProgramError(
-                f'pitch = "{self.pitch}" and orientation = "{self.orientation}" do not go together: leave '
-                "one of them out"
-            )
-        self._rotation  # noqa: B018  # refused where it is not whole
-        for name, keys, mode, end in (
-            ("pitch", "pitch_deg", self.pitch, self.pitch_deg),
-            ("orientation", ", ".join(_RPY), self.orientation, self.rpy_deg),
-        ):
-            if (end is not None) != (mode == "interpolated"):
-                raise ProgramError(
-                    f'{name} = "{mode or "kept"}" and {keys} = {end} do not go together: "interpolated" '
-                    f"needs the {name} at the end, the others take none"
-                )
-
-    @property
-    def in_cell(self) -> bool:
-        """Its frame says so."""
-        return self.frame == "cell"
-
-    def moved(self, cell: Sequence[float]) -> MotionStep:
-        """The same with its points in the base frame, where they are given in that of a cell [mm]."""
-        return _moved(cast("MotionStep", self), self.points, cell)
-
-    def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
-        """Along the tool's way [m]."""
-        *via, end = (_metres(self, keys) for keys in self.points)
-        turn = (self.pitch, from_degrees(self.pitch_deg), self.orientation, self._rotation)
-        return follow_tool(robot, start, via[0] if via else None, end, *turn, speed=self._tool_speed)
-
-
-class LineStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="line"):
-    """Lead the tool to a point [mm] in a straight line, on the branch the arm is on."""
-
-    call: ClassVar = ("line", *_END, *_LED)
-    button: ClassVar = ("Record tool", "Line", *_END, "pitch", "orientation", *_RPY)
-
-    x_mm: _Point
-    y_mm: _Point
-    z_mm: _Point
-    pitch: _Mode = None
-    pitch_deg: _Pitch = None
-    """tool pitch at the end; only with pitch = "interpolated", and needed there"""
-    orientation: _Turn = None
-    """neither this nor a pitch: what the arm can do is kept, its orientation with six joints or more"""
-    rx_deg: _Angle = None
-    ry_deg: _Angle = None
-    rz_deg: _Angle = None
-    """tool orientation at the end; only with orientation = "interpolated", and needed there"""
-    speed_mm_s: _ToolSpeed = None
-    """largest speed of the tool; None: as fast as the limits allow"""
-    frame: _Frame = None
-    """None: the base"""
-
-
-class ArcStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="arc"):
-    """Lead the tool along a circular arc through a point to another [mm]; the rest as in a line."""
-
-    button: ClassVar = ("Record tool", "Arc", *_VIA, *_END, "pitch", "orientation", *_RPY)
-    points: ClassVar = (_VIA, _END)
-
-    via_x_mm: _ViaPoint
-    via_y_mm: _ViaPoint
-    via_z_mm: _ViaPoint
-    x_mm: _Point
-    y_mm: _Point
-    z_mm: _Point
-    pitch: _Mode = None
-    pitch_deg: _Pitch = None
-    orientation: _Turn = None
-    rx_deg: _Angle = None
-    ry_deg: _Angle = None
-    rz_deg: _Angle = None
-    speed_mm_s: _ToolSpeed = None
-    frame: _Frame = None
-
-    def script(self) -> str:
-        """``arc``; its points are tuples there."""
-        numbers = map(literal, _values(self, (*_VIA, *_END)))
-        points = "via_mm=({}, {}, {}), to_mm=({}, {}, {})".format(*numbers)
-        return f"arc({', '.join(filter(None, (points, self._arguments(_LED))))})"
 
 
 class CommentStep(Step, frozen=True, kw_only=True, tag="comment"):
@@ -305,10 +29,13 @@ KINDS: tuple[type[Step], ...] = (
     LineStep,
     ArcStep,
     DrawStep,
+    PickStep,
+    PlaceStep,
     WaitStep,
     GripperStep,
     SetStep,
     WaitForStep,
+    MessageStep,
     SpeedStep,
     RepeatStep,
     IfStep,
@@ -317,6 +44,7 @@ KINDS: tuple[type[Step], ...] = (
     GridStep,
     EndStep,
     CountStep,
+    CallStep,
     CommentStep,
 )
 """the registry: every kind of step that a program may hold"""
@@ -337,52 +65,3 @@ def all_keys() -> tuple[Key, ...]:
     """The keys of all kinds of steps, each name once, in the order of their fields and columns."""
     found = {key.name: key for kind in KINDS for key in keys_of(kind)}
     return tuple(sorted(found.values(), key=lambda key: key.field.place))
-
-
-def tool_turn(robot: Robot, q: FloatArray, digits: int = 6) -> dict[str, float | None]:
-    """Keys of steps and their values [degrees]: how the tool is turned at ``q`` (n,) [rad].
-
-    Of an arm that can turn its tool about any axis, its orientation; else its pitch and roll.
-    """
-    if robot.orients_tool:
-        turns = zip(_RPY, roll_pitch_yaw(robot.forward(q)[:3, :3]).tolist(), strict=True)
-    else:
-        turns = zip(("pitch_deg", "roll_deg"), robot.inverse_kinematics.pitch_and_roll(q), strict=True)
-    return {key: None if turn is None else round(to_degrees(turn), digits) + 0.0 for key, turn in turns}
-
-
-# Points and numbers of several kinds.
-
-
-_MovedStep = TypeVar("_MovedStep")
-
-
-def _moved(step: _MovedStep, points: Sequence[Sequence[str]], cell: Sequence[float]) -> _MovedStep:
-    moved = {
-        key: getattr(step, key) + offset for keys in points for key, offset in zip(keys, cell, strict=True)
-    }
-    return cast("_MovedStep", msgspec.structs.replace(cast("Any", step), frame=None, **moved))
-
-
-def _values(step: object, keys: Sequence[str]) -> tuple[float, ...]:
-    return tuple(getattr(step, key) for key in keys)
-
-
-def _metres(step: object, keys: Sequence[str]) -> FloatArray:
-    return np.array(_values(step, keys)) / 1000
-
-
-def _short(value: float) -> str:
-    return f"{round(value, 2) + 0.0:g}".replace("-", "−")
-
-
-def _listed(values: Sequence[float]) -> str:
-    return ", ".join(map(_short, values))
-
-
-def _place(step: object, keys: Sequence[str]) -> str:
-    return f"({_listed(_values(step, keys))}) mm"
-
-
-def _of_cell(frame: str | None) -> str:
-    return "" if frame is None else f" from the {frame}"

@@ -279,6 +279,13 @@ class UpdateProgram(Command, frozen=True):
     program: Program
 
 
+class ConfirmMessage(Command, frozen=True):
+    """Say OK to the message that the program waits with."""
+
+    number: int
+    """of the message (``Snapshot.message``)"""
+
+
 @dataclass(frozen=True, slots=True)
 class Origin:
     """Who asked: shown in the log."""

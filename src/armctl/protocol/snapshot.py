@@ -10,8 +10,20 @@ from operator import attrgetter
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.facts import LevelPassed, Need, NotNow, Quantities, QuantityLimits, State
+from armctl.facts import (
+    CalledStep,
+    InStep,
+    LevelPassed,
+    Need,
+    NotNow,
+    Part,
+    Quantities,
+    QuantityLimits,
+    Said,
+    State,
+)
 from armctl.facts.angles import to_degrees
+from armctl.facts.words import place
 from armctl.hardware import BoardIdentity, Source
 from armctl.kinematics.velocity import position_leaves_pitch
 from armctl.program import Program
@@ -112,6 +124,26 @@ class ProgramProgress:
     """the version that the running step belongs to"""
     coming: Program
     """the version that the next pass takes; another one after an edit"""
+    calls: tuple[CalledStep, ...] = ()
+    """where in the programs that the step calls, the outermost first; empty: it calls none"""
+    part: Part = ""
+    """what of a step that is made of others, such as "approach" of a pick"""
+
+    @property
+    def inside(self) -> str:
+        """Where inside the step, in words; empty: it is not made of others."""
+        return place(InStep(self.calls, self.part, Said("")))
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """What the last ``message`` step of a program has told."""
+
+    text: str
+    number: int
+    """each message has its own, so that a late OK is none to the next one"""
+    waits: bool
+    """the arm stands until somebody says OK (``ConfirmMessage``)"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,6 +341,8 @@ class Snapshot:
     """how often each digital input has changed since the board was connected"""
     limp: tuple[str, ...] = ()
     """titles of joints that were released by themselves, while the others hold"""
+    message: Message | None = None
+    """what a program has told last; None: nothing yet"""
 
     def unmet(self, need: Need) -> NotNow | None:
         """Why what needs this of the arm would be refused now; None: it would not."""
@@ -324,7 +358,7 @@ class Snapshot:
 _TOLD = attrgetter(
     "state", "cause", "commanded", "source", "powered", "gripper", "part_mm", "speed", "progress", "board",
     "homing", "warnings", "levels", "control", "busy", "unreachable", "inputs", "outputs", "edges",
-    "limp",
+    "limp", "message",
 )  # fmt: skip
 _STILL_RAD = 1e-3
 """readings that differ by less are those of an arm that stands"""

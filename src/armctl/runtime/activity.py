@@ -65,6 +65,8 @@ class Activity(ABC):
     """kinds of commands that it goes on by: ``lead`` takes them"""
     error: ArmctlError | None = None
     """why it ended before its end"""
+    awaits: int | None = None
+    """number of the message that it waits with; None: it waits for no person"""
     _notice: str | None = None
     _done = False
 

@@ -285,6 +285,7 @@ class Controller:
             edges=core.signals.edges,
             outputs=core.signals.outputs,
             limp=core.limp,
+            message=core.messages.shown(None if core.activity is None else core.activity.awaits),
             control=core.desk.control,
         )
 

@@ -30,7 +30,8 @@ from armctl.runtime.live_target import Follower, Streamer
 from armctl.runtime.mover import PathMover
 from armctl.runtime.planner import checked_trajectory
 from armctl.runtime.power import enable, limit_torque, set_output
-from armctl.runtime.program_runner import ProgramRunner, begun_program
+from armctl.runtime.program_feed import begun_program
+from armctl.runtime.program_runner import ProgramRunner
 from armctl.runtime.releasing import let_down
 
 _STOPPED_FOLLOWING = "the arm was stopped; switch the live target on again once it stands"
@@ -80,6 +81,8 @@ def _carry_out(core: Core, order: Order, now: float) -> bool:
         case c.UpdateProgram():
             _update_program(core, order, order.command)
             return False
+        case c.ConfirmMessage(number):
+            _confirm(core, order.command, number, who)
         case c.MoveGripper(opening, part_mm):
             _move_gripper(core, opening, CarriedPart.of(part_mm), order)
             return False
@@ -282,6 +285,14 @@ def _move_gripper(core: Core, opening: float, part: CarriedPart | None, order: O
         raise InputError(f"{gripper.title}: {out_of_range(100 * opening, 0, 100, '%')}")
     core.require(Need.GRIPPER, "the gripper")
     core.move_gripper(order, opening, part)
+
+
+def _confirm(core: Core, command: c.ConfirmMessage, number: int, who: str) -> None:
+    runner = core.led_by(command)
+    if runner is None or runner.awaits != number:
+        raise StateError("no message waits for this OK any more: the program has gone on, or has ended")
+    runner.lead(command, math.inf)
+    core.log.add(f"OK to the message ({who})")
 
 
 def _update_program(core: Core, order: Order, command: c.UpdateProgram) -> None:

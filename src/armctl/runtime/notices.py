@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 
-from armctl.protocol import Event, wall_time
+from armctl.protocol import Event, Message, wall_time
 from armctl.protocol.snapshot import printable
 
 _LOGGER = logging.getLogger("armctl.runtime")
@@ -42,6 +42,26 @@ class EventLog:
     def warn(self, text: str) -> None:
         """Add a line that the user should know of."""
         self.add(text, "warning")
+
+
+class MessageBoard:
+    """What programs have told the person last."""
+
+    def __init__(self, log: EventLog) -> None:
+        self._log = log
+        self._number, self._text = 0, ""
+
+    def tell(self, text: str) -> int:
+        """Show a text, and keep it in the log; its number."""
+        self._number, self._text = self._number + 1, printable(text)
+        self._log.add(f"message: {text}")
+        return self._number
+
+    def shown(self, awaited: int | None) -> Message | None:
+        """The last one; ``awaited``: number of that which the arm waits with."""
+        if not self._number:
+            return None
+        return Message(self._text, self._number, self._number == awaited)
 
 
 class Notices:

@@ -2,45 +2,25 @@
 
 from __future__ import annotations
 
-from collections import deque
-from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
 
-from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, ProgramError
 from armctl.program import Program
 from armctl.program.base_steps import Effect, Senses, Until
+from armctl.program.calls import StepPlace
 from armctl.program.conditions import Condition
-from armctl.program.feed import PlannedStep, PlanState, ProgramSource, begin_program, decided, plan_next
-from armctl.protocol import Command, ProgramProgress, UpdateProgram
-from armctl.robot import Robot
+from armctl.program.feed import PlannedStep
+from armctl.protocol import Command, ConfirmMessage, ProgramProgress, UpdateProgram
 from armctl.runtime.activity import Activity, Setpoint
 from armctl.runtime.core import Core
 from armctl.runtime.mover import PathMover, starving_s
-from armctl.runtime.planner import Submit, result_of
+from armctl.runtime.program_feed import Begun, ProgramFeed
 
 _EARLIER_S = 0.6
 """What is begun without a stop is taken this long before the arm would slow down for want of it."""
 _HELD_S = 2.0
 """so long after it has closed a gripper may take to hold a part, as a vacuum does"""
-_MOTIONS_AHEAD = 2
-_STEPS_AHEAD = 512
-
-
-Begun = tuple[ProgramSource, list[PlannedStep], PlanState]
-"""a program that is checked, its first steps, planned, and the state after them"""
-
-
-def begun_program(
-    robot: Robot, start: FloatArray, program: Program, loops: int | None, first: int, count: int | None
-) -> Begun:
-    """Check a program and plan its first steps from ``start`` (n,) [rad]."""
-    source = ProgramSource(program)
-    closed, opened = robot.openings
-    opening = closed if closed == opened else None
-    state = begin_program(robot, program, start, loops=loops, first=first, count=count, opening=opening)
-    return (source, *plan_next(robot, source, state))
 
 
 class ProgramRunner(Activity):
@@ -48,7 +28,7 @@ class ProgramRunner(Activity):
 
     pausable = True
     gripping = True  # its motions are checked with the gripper as its steps leave it
-    led_by = (UpdateProgram,)
+    led_by = (UpdateProgram, ConfirmMessage)
 
     def __init__(self, core: Core, loops: int | None, first: int, begun: Begun) -> None:
         """Begin ``begun`` with step ``first``, ``loops`` times (None: for ever)."""
@@ -63,7 +43,7 @@ class ProgramRunner(Activity):
         self._counters: dict[str, int] = {}
         """of the pass that runs"""
         self._set_output = partial(core.signals.set, core.board)
-        self._log = core.log
+        self._log, self._tell = core.log, core.messages.tell
         self._early_s = starving_s(robot) + _EARLIER_S
         self._feed = ProgramFeed(robot, begun, core.submit, self._early_s)
         self._running: PlannedStep | None = None
@@ -72,6 +52,8 @@ class ProgramRunner(Activity):
         self._wait_left = 0.0
         self._until: Until | None = None
         """what is waited for; not longer than ``_wait_left``"""
+        self._confirmed = False
+        """somebody has said OK to the message of the step that waits"""
         self._gripping = False
         """a gripper step is running"""
         self.begun = False
@@ -97,7 +79,7 @@ class ProgramRunner(Activity):
     @property
     def notice(self) -> str | None:
         """What is waited for, or that what comes next was not planned in time."""
-        if self._until is not None:
+        if self._until is not None and not self._until.by_person:  # that is shown as a message
             return f"waiting for {self._until.what}"
         return None if self._mover is None else self._mover.notice
 
@@ -108,12 +90,17 @@ class ProgramRunner(Activity):
         if at.loops is None or not at.steps:
             return None
         of_step = 0.0 if self._mover is None else self._mover.progress
+        if self._running is not None:
+            ahead, share = self._running.share
+            of_step = ahead + share * of_step
         return min((at.loop + (at.step + of_step) / at.steps) / at.loops, 1.0)
 
     def lead(self, command: Command, expires: float) -> None:
-        """Go on with another version of the program, which was checked, at the next pass."""
+        """Go on with another version of the program, which was checked, at the next pass; or take an OK."""
         if isinstance(command, UpdateProgram):
             self._update(command.program)
+        elif isinstance(command, ConfirmMessage):
+            self._confirmed = True
 
     def _update(self, program: Program) -> None:
         self._program = program
@@ -136,6 +123,7 @@ class ProgramRunner(Activity):
     def stop(self) -> None:
         """Slow down and drop the rest."""
         self._stopped = True
+        self.awaits = None
         self._gripper.hold(False)
         self._feed.drop()
         if self._mover is not None:
@@ -178,19 +166,26 @@ class ProgramRunner(Activity):
                 if why:
                     self._log.warn(f"{self._program.name}: {why}; it goes on")
                 self._use(until.uses)
-                self._wait_left, self._until, why = 0.0, None, ""
+                self._end_wait()
+                why = ""
         except Exception as defect:  # of a step of somebody's own
             why = f"cannot look for {until.what}: {type(defect).__name__}: {defect}"
         if why:
             self._feed.drop()
-            where = "" if self._running is None else f": step {self._running.index + 1}"
-            self._wait_left, self._until = 0.0, None
+            running = self._running
+            where = "" if running is None else f": step {running.index + 1}"
+            why = why if running is None else f"{running.place.words}{why}"
+            self._end_wait()
             self.error = ProgramError(f"{self._program.name}{where}: {why}")
+
+    def _end_wait(self) -> None:
+        self._wait_left, self._until, self.awaits = 0.0, None, None
 
     def _senses(self) -> Senses:
         watch = self._signals
         edges = {name: count - self._edges.get(name, 0) for name, count in watch.edges.items()}
-        return Senses.of(self._robot, self._monitor.reading.quantities, watch.inputs, edges, self._counters)
+        known = Senses.of(self._robot, self._monitor.reading.quantities, watch.inputs, edges, self._counters)
+        return replace(known, confirmed=self._confirmed)
 
     def _use(self, name: str) -> None:
         """The edges of an input so far count as seen; no name: of none."""
@@ -206,8 +201,10 @@ class ProgramRunner(Activity):
         else:
             over = self.done and not self._stopped and self.error is None
             program, index, passes = running.program, running.index, running.passes + over
-        steps = len(program.steps)
-        return ProgramProgress(program.name, index, steps, passes, self._loops, program, self._program)
+        steps, place = len(program.steps), StepPlace(index) if running is None else running.place
+        return ProgramProgress(
+            program.name, index, steps, passes, self._loops, program, self._program, place.calls, place.part
+        )
 
     def _take_steps(self) -> None:
         """Take the steps that are due: the next motion just before it is needed, others one a tick."""
@@ -238,7 +235,8 @@ class ProgramRunner(Activity):
     def _begin(self, step: PlannedStep) -> bool:
         """Begin a step; whether another may be begun in the same tick."""
         if step.error is not None:
-            raise ProgramError(f"step {step.index + 1}: {step.error}") from step.error
+            where = f"step {step.index + 1}: {step.place.words}"
+            raise ProgramError(f"{where}{step.error}") from step.error
         self.begun = True
         if step.before.program is None:  # the first of its pass
             self._counters.clear()
@@ -270,6 +268,9 @@ class ProgramRunner(Activity):
         self._until = effect.until
         if effect.until is not None:
             self._wait_left = effect.until.longest_s
+        if effect.message:
+            number, self._confirmed = self._tell(effect.message), False
+            self.awaits = number if self._until is not None and self._until.by_person else None
         if effect.opening is not None:
             self._gripper.move_to(effect.opening, effect.part)
             self._gripping = True
@@ -306,141 +307,3 @@ class ProgramRunner(Activity):
             self._show(step)
             self._percent = step.percent
             self.set_speed(self._speed)
-
-
-class ProgramFeed:
-    """Hands out the steps, and keeps the planner ahead; an edit takes effect at the next pass, from rest."""
-
-    def __init__(self, robot: Robot, begun: Begun, submit: Submit, early_s: float) -> None:
-        """``early_s``: how long before it is due a motion may be taken [s]; twice as much is planned."""
-        self._robot = robot
-        self._ahead_s = 2 * early_s
-        self._source, steps, self._state = begun
-        self._submit = submit
-        self._ready: deque[PlannedStep] = deque()
-        self._future: Future[tuple[list[PlannedStep], PlanState]] | None = None
-        self._failure: ArmctlError | None = None
-        self._over = False
-        self._running_pass = 0
-        self._goes_on = False
-        """the moving step that was taken last does not end at rest"""
-        self._pass_begins: dict[int, PlanState] = {}
-        """before the first step of each pass that was taken, from the running one on"""
-        self._take_in(steps, self._state)
-        self._fill()
-
-    def peek(self) -> PlannedStep | None:
-        """The next step; None: not planned yet, or the end. Raises why planning failed, after its steps."""
-        self._fill()
-        if self._ready:
-            return self._ready[0]
-        if self._failure is not None:
-            raise self._failure
-        return None
-
-    def take(self) -> None:
-        """Take the step that ``peek`` showed; it runs now, or follows what runs."""
-        step = self._ready.popleft()
-        if step.before.program is None:
-            self._pass_begins[step.passes] = step.before
-        if step.moves:
-            self._goes_on = step.goes_on
-        self._fill()
-
-    def decide(self, holds: bool) -> None:
-        """Go on behind the step that was taken last, which asks."""
-        self._plan_from(decided(self._state, holds))
-        self._fill()
-
-    def begun(self, step: PlannedStep) -> None:
-        """A step that was taken runs now."""
-        if step.passes != self._running_pass:
-            self._running_pass = step.passes
-            self._pass_begins = {k: state for k, state in self._pass_begins.items() if k >= step.passes}
-            self._drop_outdated()
-
-    def is_outdated(self, step: PlannedStep) -> bool:
-        """Whether a step belongs to a later pass than the running one, and to an older version."""
-        return step.program is not self._source.program and step.passes > self._running_pass
-
-    def begin_pass_at(self, q: FloatArray, passes: int) -> None:
-        """Plan a pass anew, of whose steps some were taken, from where the arm stopped, (n,) [rad]."""
-        self._ready.clear()
-        self._goes_on = False
-        self._plan_from(replace(self._pass_begins[passes], q=q, entry=None))
-
-    @property
-    def ended(self) -> bool:
-        """No step is left."""
-        return self._over and not self._ready
-
-    def update(self, program: Program) -> None:
-        """Go on with another version of the program at the next pass."""
-        self._source.edit(program)
-        self._drop_outdated()
-
-    def drop(self) -> None:
-        """Nothing of it will run any more."""
-        self._ready.clear()
-        self._plan_from(self._state)
-        self._over = True
-
-    def _fill(self) -> None:
-        """Take in what is planned, and ask for more where it is needed."""
-        while not self._over:
-            if self._future is None:
-                self._over = self._state.ended
-                if self._over or self._state.asks or self._enough():
-                    return
-                try:
-                    self._future = self._submit(plan_next, self._robot, self._source, self._state)
-                except ArmctlError as cause:
-                    self._fail(cause)
-                    return
-            if not self._future.done():
-                return
-            future, self._future = self._future, None
-            try:
-                steps, state = result_of(future)
-            except ArmctlError as cause:
-                self._fail(cause)
-                return
-            self._take_in(steps, state)
-            self._drop_outdated()
-
-    def _fail(self, cause: ArmctlError) -> None:
-        self._failure, self._over = cause, True
-
-    def _take_in(self, steps: list[PlannedStep], state: PlanState) -> None:
-        self._ready.extend(steps)
-        self._state = state
-        self._over = not steps or steps[-1].error is not None
-
-    def _enough(self) -> bool:
-        if len(self._ready) >= _STEPS_AHEAD:
-            return True
-        motions = [step.trajectory.duration for step in self._ready if step.trajectory is not None]
-        return len(motions) >= _MOTIONS_AHEAD and sum(motions) >= self._ahead_s
-
-    def _drop_outdated(self) -> None:
-        """Plan anew from the next pass, if that is of an older version, at rest, and none of it was taken."""
-        goes_on, ready, known = self._goes_on, self._ready, self._state.known
-        for k, step in enumerate([*ready, *known]):
-            if self.is_outdated(step):
-                if step.before.program is None and not goes_on:
-                    beyond = k - len(ready)
-                    while len(ready) > k:
-                        ready.pop()
-                    self._plan_from(
-                        replace(self._state, known=known[:beyond]) if beyond >= 0 else step.before
-                    )
-                return
-            if step.moves:
-                goes_on = step.goes_on
-
-    def _plan_from(self, state: PlanState) -> None:
-        if self._future is not None:
-            self._future.cancel()
-            self._future = None
-        self._state = state
-        self._over, self._failure = False, None

@@ -27,7 +27,7 @@ from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.last_pose import PoseFolder, PoseWatch
 from armctl.runtime.monitor import LONGEST_TICKS, Monitor, TickTime
 from armctl.runtime.mover import GripperMover
-from armctl.runtime.notices import EventLog, Notices
+from armctl.runtime.notices import EventLog, MessageBoard, Notices
 from armctl.runtime.planner import Grip, Pending, Submit
 from armctl.runtime.signals import SignalWatch
 
@@ -58,7 +58,7 @@ class ArmState:
         self.submit = submit
         self._open_line = submit if open_line is None else open_line
         self.log = EventLog()
-        self.notices = Notices(self.log)
+        self.notices, self.messages = Notices(self.log), MessageBoard(self.log)
         self.desk = ControlHandover(self.log, pin)
         self.around = kept_out(robot)
         self.clear = KeepClear(robot)

@@ -19,7 +19,17 @@ from armctl.facts import Need, State, state_words
 from armctl.facts.angles import to_degrees
 from armctl.facts.words import capitals
 from armctl.kinematics import roll_pitch_yaw
-from armctl.protocol import ClearFault, Pause, Release, Resume, SetSpeed, Snapshot, TakeControl
+from armctl.protocol import (
+    ClearFault,
+    ConfirmMessage,
+    Message,
+    Pause,
+    Release,
+    Resume,
+    SetSpeed,
+    Snapshot,
+    TakeControl,
+)
 from armctl.robot import Robot
 from armctl.ui.docs import page_of
 from armctl.ui.enabling import EnableControl
@@ -53,6 +63,8 @@ class ControlBar:
         self._speeds_said = 0
         """how often a speed was typed: the field shows what counts, also where it was refused"""
         self._operated: bool | None = None
+        self._message_seen: int | None = None
+        """number of the newest message that the page knows"""
         self._where: tuple[FloatArray, FloatArray | None, str, str] | None = None
         """what the numbers were written for"""
         self._darkened: list[viser.GridHandle | viser.MeshHandle] = []
@@ -67,6 +79,7 @@ class ControlBar:
             session.on_press(do, label, lambda _, action=action: action())
         session.on_press("release", "Release", self._on_release)
         session.on_press("pause", "Pause", self._on_pause)
+        session.on_press("message-ok", "OK", self._on_message_ok)
         session.on_part_value("speed", self._on_speed)
         hot_key = session.gui.add_command("STOP", hotkey="escape", description="Decelerate and hold")
         session.on_key(hot_key, self._on_stop)
@@ -81,6 +94,7 @@ class ControlBar:
         session = self._session
         self._enabling.refresh(snapshot)
         self._tell_control()
+        self._tell_message(snapshot.message)
         source = session.console.last_known.words(snapshot, session.console.robot.board)
         cause = session.with_names(snapshot.cause)
         session.parts.show(_BAR, self._bar(snapshot, cause, source))
@@ -167,7 +181,8 @@ class ControlBar:
             lines.insert(0, f"<p class='bad'>⚠ {escape(sentence(cause))}</p>")
         elif cause:  # where the bar has no room for it
             lines.append(f"<p class='cause'>{escape(sentence(cause))}</p>")
-        return "".join(lines) + self._enabling.html(snapshot)
+        why = self._session.why_not(None, snapshot)
+        return message_html(snapshot.message, why) + "".join(lines) + self._enabling.html(snapshot)
 
     # What is done there.
 
@@ -186,6 +201,19 @@ class ControlBar:
             await self._session.submit(Pause())
         elif now - self._paused_at > _DOUBLE_CLICK_S:
             await self._session.submit(Resume())
+
+    async def _on_message_ok(self, key: str) -> None:
+        """OK to the message that the button stood below."""
+        if key.isdecimal():
+            await self._session.submit(ConfirmMessage(int(key)))
+
+    def _tell_message(self, message: Message | None) -> None:
+        """What a program only tells; one that waits stands over the scene."""
+        number = 0 if message is None else message.number
+        new = self._message_seen not in (None, number)
+        self._message_seen = number
+        if new and message is not None and not message.waits:
+            self._session.notify("Message of the program", message.text)
 
     async def _on_speed(self, _: str, text: str) -> None:
         self._speeds_said += 1
@@ -267,6 +295,17 @@ class ControlBar:
             scene, robot = session.client.scene, session.console.robot
             self._darkened = [add_floor(scene, robot, dark=True), *repaint(scene, robot, ARM, "dark")]
         self.refresh(session.snapshot)
+
+
+def message_html(message: Message | None, why: str | None) -> str:
+    """The card of a message that waits for OK; ``why``: why this page cannot say it. Else nothing."""
+    if message is None or not message.waits:
+        return ""
+    ok = button("message-ok", "OK", key=str(message.number), why=why)
+    return (
+        f"<section class='message' role='alertdialog' aria-label='Message of the program'>"
+        f"<b>The program asks</b><p>{escape(message.text)}</p>{ok}</section>"
+    )
 
 
 def _sinks(snapshot: Snapshot) -> bool:

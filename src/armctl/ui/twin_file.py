@@ -71,7 +71,7 @@ def program_file(
     broken = plan.broken
     told = broken and any(one.step == broken.index and one.severity == "error" for one in findings)
     if broken and broken.error is not None and not told:
-        why = Several((broken.error.reason, ShownSoFar()))
+        why = Several((broken.place.within(broken.error.reason), ShownSoFar()))
         findings = [*findings, Finding(why, step=broken.index)]
     steps = [f"{step.title or step.kind} {step.describe()}" for step in program.steps]
     return twin_file(robot, program.name, plan, findings, steps, progress)
@@ -96,7 +96,7 @@ def twin_file(
     figure = _draw(scene, robot, plan)
     tracks, columns = _columns(robot, plan, time, figure, progress or (lambda share: None))
     said = [
-        (one.begins, f"Step {one.index + 1} of {len(steps)}: {steps[one.index]}")
+        (one.begins, f"Step {one.index + 1} of {len(steps)}: {one.place.words}{steps[one.index]}")
         for one in plan.steps
         if steps
     ]

@@ -12,7 +12,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.motion.trajectory import JoinedTrajectory
-from armctl.program import Program
+from armctl.program import Program, SavedPrograms
 from armctl.program.rehearsal import Rehearsal, rehearse
 from armctl.protocol import Snapshot
 from armctl.robot import Robot
@@ -33,6 +33,8 @@ BUDGET_S = 1.0
 class _ToRehearse:
     robot: Robot
     program: Program
+    library: SavedPrograms
+    """which it may call"""
     start: FloatArray
     opening: float | None
 
@@ -69,7 +71,7 @@ class ProgramAhead:
             moved = asked.robot is not session.held or float(np.abs(asked.start - start).max()) >= SAME_RAD
             if snapshot.busy or not (from_here and moved):
                 return
-        self._asked = _ToRehearse(session.held, program, start.copy(), snapshot.gripper)
+        self._asked = _ToRehearse(session.held, program, self._shared.library, start.copy(), snapshot.gripper)
         session.spawn(self._working.run())
 
     async def _work(self) -> None:
@@ -92,13 +94,13 @@ def _rehearsed(asked: _ToRehearse) -> tuple[Rehearsal | None, str]:
     end = time.thread_time() + BUDGET_S
     try:
         found = rehearse(
-            asked.robot, asked.program, asked.start, asked.opening, longest_s=LONGEST_S,
+            asked.robot, asked.library.link(asked.program), asked.start, asked.opening, longest_s=LONGEST_S,
             most_steps=MOST_STEPS, as_far=True, go_on=lambda: time.thread_time() < end,
         )  # fmt: skip
     except ArmctlError as refusal:
         return None, str(refusal)
     if found.broken is not None:
-        return found, f"step {found.broken.index + 1}: {found.broken.error}"
+        return found, f"step {found.broken.index + 1}: {found.broken.place.words}{found.broken.error}"
     count = len(found.steps)
     first = f"the first {count} step{'' if count == 1 else 's'} of a pass"
     return found, first if found.cut else ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import viser
@@ -13,14 +13,25 @@ import viser
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.motion import usual_pitch
 from armctl.process.heavy_work import check_program_apart
-from armctl.program import CommentStep, MoveStep, Program, SpeedStep, Step, WaitStep
+from armctl.program import (
+    CalledProgram,
+    CallStep,
+    CommentStep,
+    MessageStep,
+    MoveStep,
+    Program,
+    SpeedStep,
+    Step,
+    WaitStep,
+)
 from armctl.program import steps as registry
 from armctl.program.base_steps import LONGEST_WAIT_S
 from armctl.program.logic_steps import MOST_REPEATS
+from armctl.program.message_step import LONGEST_MESSAGE, GoesOn
+from armctl.program.motion_steps import tool_turn
 from armctl.program.program import PLACES, Change, add, delete, duplicate, move, repeat
 from armctl.program.rehearsal import pose_after
 from armctl.program.standing_steps import EDGES, SLOWEST_PERCENT
-from armctl.program.steps import tool_turn
 from armctl.protocol import Party, Snapshot, UpdateProgram
 from armctl.robot import Robot
 from armctl.ui.events import OneAtATime
@@ -95,7 +106,8 @@ class ProgramEditor:
         q, refused = None, ""
         if row is not None:
             try:
-                q = await asyncio.to_thread(pose_after, session.held, program, row, start)
+                linked = await self._shared.linked()
+                q = await asyncio.to_thread(pose_after, session.held, linked, row, start)
             except ArmctlError as refusal:
                 refused = f"step {row + 1}: {refusal}"
         if self._shared.program is not program or self._asked != key:
@@ -125,13 +137,19 @@ class ProgramEditor:
 
         robot = self._session.console.robot
         try:
-            found = await asyncio.to_thread(check_program_apart, changed, robot, progress=progress)
+            linked = await self._shared.linked(self._running_called())
+            found = await asyncio.to_thread(check_program_apart, linked, robot, progress=progress)
         except StateError:  # that edit is checked, too
             return
         error = next((finding for finding in found if finding.severity == "error"), None)
         if error is not None and self._shared.program is changed:
             text = f"{error}; edit it, or Undo"
             self._session.notify("The next pass would stop there", text, "yellow")
+
+    def _running_called(self) -> tuple[CalledProgram, ...]:
+        """What the program that runs calls was read when it began: that runs, whatever its files say now."""
+        progress = self._session.snapshot.program
+        return () if progress is None else progress.coming.called
 
     @property
     def _me(self) -> Party:
@@ -149,7 +167,7 @@ class ProgramEditor:
         edit()
         if runs:
             try:
-                await session.submit(UpdateProgram(shared.program))
+                await session.submit(UpdateProgram(await shared.linked(self._running_called())))
             except StateError:
                 if session.snapshot.program is not None:
                     raise
@@ -178,7 +196,10 @@ def recorded_kinds(robot: Robot) -> dict[str, dict[str, type[Step]]]:
     rows: dict[str, dict[str, type[Step]]] = {}
     there = {"open_percent"} if robot.gripper is not None else set[str]()
     there |= _signals_here(robot).keys()
+    hand = robot.gripper is not None or "output" in there
     for kind in registry.KINDS:
+        if kind.handles and not hand:
+            continue
         if kind.button and not {"open_percent", *_SIGNAL_KEYS}.intersection(kind.button) - there:
             row, label, *_ = kind.button
             rows.setdefault(row, {})[label] = kind
@@ -191,14 +212,18 @@ def step_here(kind: type[Step], robot: Robot, snapshot: Snapshot, via_mm: Point 
     here: dict[str, Any] = dict(zip(EDGES, snapshot.part_mm or (None, None, None), strict=True))
     here |= _signals_here(robot)
     if snapshot.gripper is not None:
-        here["open_percent"] = round(100 * snapshot.gripper, 1)
-    if set(keys) - {"open_percent", *EDGES, *_SIGNAL_KEYS}:
+        here["open_percent"] = here["close_percent"] = round(100 * snapshot.gripper, 1)
+    elif kind.handles:  # closed, until it is edited in the row
+        here["close_percent"] = 0.0
+    if set(keys) - {"open_percent", "close_percent", *EDGES, *_SIGNAL_KEYS}:
         here |= _tool_here(robot, present_pose_deg(robot, snapshot))
     if via_mm is not None:
         here |= zip(_VIA, via_mm, strict=True)
     for key in keys:
         if key not in here:
             raise StateError(_NOT_KNOWN[key])
+    if kind.handles and robot.gripper is None:
+        keys = (*keys, "output")
     return kind(**{key: here[key] for key in keys})
 
 
@@ -254,6 +279,8 @@ _EDITS: dict[str, Callable[[Program, int], Change]] = {
     "Duplicate": duplicate,
     "Delete": delete,
 }
+_MESSAGE_HINT = "What all pages, the terminal and the log show when the program comes there."
+_NONE_SAVED = "no other program is saved yet; Save one in Files"
 _TOOL_HINT = "Where the tool is: as a point, or as the end of a straight line or of an arc through 'via'."
 
 
@@ -287,7 +314,7 @@ class ProgramRecord:
         self._via = LiveHtml(gui)
         self._via.visible = False
         edits = gui.add_button_group("Edit", tuple(_EDITS))
-        shared = session.console.shared(SharedProgram)
+        self._shared = shared = session.console.shared(SharedProgram)
         session.needs(None, edits, also=lambda _: None if shared.program.steps else EMPTY, told=False)
         undo = gui.add_button_group("Take back", ("Undo",))
         redo = gui.add_button_group("Make again", ("Redo",))
@@ -320,6 +347,38 @@ class ProgramRecord:
                     await self._edit(lambda program, row: repeat(program, rows.value, row, often))
 
         self._session.on(group.on_click, on_add)
+
+    def add_messages(self) -> None:
+        """Add what tells the person something, and what runs a saved program, to the present container."""
+        gui = self._session.gui
+        text = gui.add_text("Message", "", hint=_MESSAGE_HINT)
+        waits = gui.add_dropdown("Goes on", get_args(GoesOn))
+        message = gui.add_button_group("Tell the person", ("Add message",))
+        self._saved = gui.add_dropdown("Saved program", self._callable())
+        call = gui.add_button_group("Run it there", ("Add call",))
+        self._session.needs(None, message, told=False)
+        self._session.needs(None, call, also=lambda _: None if self._shared.callable else _NONE_SAVED)
+
+        async def on_message() -> None:
+            if not text.value.strip():
+                raise InputError("Message is empty; type it first")
+            if len(text.value) > LONGEST_MESSAGE:
+                raise InputError(f"Message: at most {LONGEST_MESSAGE} letters")
+            await self._add(MessageStep(text=text.value.strip(), goes_on=waits.value))
+
+        async def on_call() -> None:
+            await self._add(CallStep(program=self._saved.value))
+
+        self._session.on(message.on_click, on_message)
+        self._session.on(call.on_click, on_call)
+
+    def refresh(self) -> None:
+        """Offer the programs that are saved now."""
+        if self._saved.options != (names := self._callable()):
+            self._saved.options = names
+
+    def _callable(self) -> tuple[str, ...]:
+        return tuple(self._shared.callable) or ("–",)
 
     def _require_known(self, snapshot: Snapshot) -> None:
         present_pose_deg(self._session.console.robot, snapshot)

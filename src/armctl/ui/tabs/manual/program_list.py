@@ -52,6 +52,8 @@ class RowState:
     finding: str = ""
     fields: str = ""
     """HTML of the fields in which it is edited"""
+    inside: str = ""
+    """where inside it the program is, of one that is made of others"""
 
 
 _PLAIN = RowState()
@@ -207,8 +209,9 @@ class ProgramList:
             done = running[1] if running is not None and running[0] == row else None
             fields = ""
             if edit is not None and edit.key == keys[row]:
-                fields = edit.html(steps[row], self._session.console.robot)
-            states[keys[row]] = RowState(selected, selected and may, done, severity, finding, fields)
+                fields = edit.html(steps[row], self._session.console.robot, shared.callable)
+            inside = snapshot.program.inside if done is not None and snapshot.program is not None else ""
+            states[keys[row]] = RowState(selected, selected and may, done, severity, finding, fields, inside)
         return states
 
     def _all_rows(self, states: dict[str, RowState]) -> Iterable[tuple[str, str]]:
@@ -252,6 +255,7 @@ class ProgramList:
             return line
         loops = "∞" if progress.loops is None else progress.loops
         of = f"step {progress.step + 1} of {progress.steps}, pass {progress.loop + 1} of {loops}"
+        of += f": {escape(progress.inside)}" if progress.inside else ""
         if running:
             return f"{line} · <span style='color:{GOOD}'>runs {of}</span>"
         if self._shared.relation(progress) == "coming":
@@ -289,6 +293,7 @@ def row_html(key: str, row: int, step: Step, depth: int, state: RowState = _PLAI
     """
     words = escape(with_minus(step.describe()))
     note = f" <small>{escape(step.note)}</small>" if step.note else ""
+    note += f" <small class=inside>▸ {escape(state.inside)}</small>" if state.inside else ""
     mark, title = "", escape(" · ".join(text for text in (with_minus(step.describe()), step.note) if text))
     style = f"--in:{min(depth, _DEEPEST_SHOWN)};" if depth else ""
     if state.done is not None:

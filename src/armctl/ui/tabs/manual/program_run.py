@@ -27,6 +27,7 @@ from armctl.program import (
     write_csv,
     write_script,
 )
+from armctl.program.calls import WholeProgram
 from armctl.program.files import SAMPLES, sample_program
 from armctl.protocol import Pause, Resume, RunProgram, Snapshot
 from armctl.robot import Robot
@@ -102,9 +103,9 @@ class ProgramFiles:
         self._session.notify("Saved", str(path))
 
     async def _download(self, button: str) -> None:
-        program, robot = self._shared.program, self._session.console.robot
+        robot = self._session.console.robot
         suffix, write = _WRITERS[button]
-        text = await asyncio.to_thread(write, program, robot)
+        text = await asyncio.to_thread(write, await self._shared.linked(), robot)
         name = f"{self._shared.program.name}{suffix}"
         self._session.client.send_file_download(name, text.encode(), save_immediately=True)
 
@@ -170,6 +171,10 @@ class _Check:
     cancelled: threading.Event
 
 
+def _same(one: Program, other: Program) -> bool:
+    return one.steps is other.steps and one.called == other.called
+
+
 class _OutdatedError(StateError):
     """What was being checked is no longer the program."""
 
@@ -232,15 +237,15 @@ class ProgramRun:
     async def check(self) -> list[Finding]:
         """Check the program from where the arm stands, and show the verdict; refused without steps."""
         try:
-            return await self._check(self._program(), self._session.snapshot.q_command, to_run=False)
+            return await self._check(await self._program(), self._session.snapshot.q_command, to_run=False)
         except _OutdatedError:
             return []  # who has edited it knows
 
     async def _on_run(self) -> None:
         first, button = self._editor.selected if self._from_row.value else 0, self._run.value
         often = self._times.whole(1, _MOST_LOOPS) if button == "Run N times" else 1
-        program = self._program()
         self._session.require_operator()
+        program = await self._program()  # what it calls is read now: what is checked is what runs
         # Where another step comes first, it is not known where the arm would have come from.
         start = self._session.snapshot.q_command if first == 0 else None
         findings = await self._check(program, start, to_run=True)
@@ -256,11 +261,10 @@ class ProgramRun:
     def _empty(self, _: Snapshot) -> str | None:
         return None if self._shared.program.steps else EMPTY
 
-    def _program(self) -> Program:
-        program = self._shared.program
-        if not program.steps:
+    async def _program(self) -> Program:
+        if not self._shared.program.steps:
             raise StateError(EMPTY)
-        return program
+        return await self._shared.linked()
 
     async def _check(self, program: Program, start: FloatArray | None, *, to_run: bool) -> list[Finding]:
         """Find and show what would be refused; the same program from the same place is not checked twice.
@@ -269,7 +273,7 @@ class ProgramRun:
         """
         begin = None if start is None else tuple(start.tolist())
         newest = self._newest
-        other = newest is None or newest.program is not program or newest.begin != begin
+        other = newest is None or newest.begin != begin or not _same(newest.program, program)
         if newest is None or other or (to_run and not (newest.to_run or newest.findings.done())):
             self._verdict.show(muted("Checking …"))
             self._verdict.visible = True
@@ -311,7 +315,7 @@ class ProgramRun:
         if program.steps == self._shared.program.steps:  # else a later check shows the newer one
             self._verdict.show(verdict_html(findings, not_checked(robot)))
             self._verdict.visible = True
-        elif self._newest is None or self._newest.program is program:
+        elif self._newest is None or _same(self._newest.program, program):
             self._verdict.visible = False
         return findings
 
@@ -325,14 +329,20 @@ class ProgramRun:
 
     async def _step(self) -> None:
         """Run one step; going on from there, repeats are counted as in a whole run."""
-        program, row = self._program(), self._editor.selected
+        program, row = await self._program(), self._editor.selected
         cursor = Cursor(program, row)
-        if self._stepping is not None and self._stepping[0] is program and self._stepping[2] == row:
+        if self._stepping is not None and _same(self._stepping[0], program) and self._stepping[2] == row:
             cursor = self._stepping[1].copy()
         present = cursor.next()
         if present is None:
             raise StateError(f"behind row {row + 1} there is no step to run")
         index, step = present
+        whole = WholeProgram.of(program)
+        if step.calls and any(whole.flat.steps[k].in_cell for k in whole.span(index)):
+            raise StateError(
+                f"{step.describe()!r} moves in the frame of a cell, which single steps do not know; run the "
+                "program from this row instead"
+            )
         here = program
         if step is not program.steps[index]:  # the cell is that of the pass that the stepping is in
             placed = (*program.steps[:index], step, *program.steps[index + 1 :])

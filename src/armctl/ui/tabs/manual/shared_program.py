@@ -9,7 +9,7 @@ import asyncio
 import os
 import re
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import count
@@ -21,12 +21,20 @@ import msgspec
 
 from armctl.documents import has_ended, not_written, write_atomically
 from armctl.errors import ProgramError
-from armctl.program import Blocks, Program, Step, encode_program, load_program, save_program
+from armctl.program import (
+    Blocks,
+    CalledProgram,
+    Program,
+    SavedPrograms,
+    Step,
+    encode_program,
+    load_program,
+    save_program,
+)
 from armctl.protocol import Party, ProgramProgress, Snapshot, wall_time
 from armctl.system import private_folder
 from armctl.ui.console import Console
 
-_NAME = re.compile(r"\w[\w .+-]{0,60}")
 _UNDO_STEPS = 100
 Relation = Literal["running", "coming", "other"]
 
@@ -55,22 +63,29 @@ class SharedProgram:
         self._key_rows: dict[str, int] = {}
         self._new_keys = map(str, count(1))
         self.kept = kept
-        self.folder = folder
-        """where programs are saved"""
+        self.library = SavedPrograms(folder)
+        """those that are saved; they call each other by their names"""
         self.version = 0
         """rises with every change and every save, so that a page knows when to draw anew"""
         self._undo: list[Program] = []
         self._redo: list[Program] = []
         self._filed: Program | None = None
         """as it was saved or loaded last, from a file or as a sample"""
+        self._callable: tuple[int, Sequence[str]] | None = None
+        """of a version of the program"""
         self._relation: tuple[tuple[Program, Program, Program], Relation] | None = None
         """the last answer, and what it is about: to compare 20,000 steps takes 5 ms"""
+
+    @property
+    def folder(self) -> Path:
+        """Where programs are saved."""
+        return self.library.folder
 
     @classmethod
     def of(cls, console: Console, before: Self | None) -> Self:
         """Go on with the program of the same arm when it is opened anew."""
         robot, folder = console.robot.name, console.files / "programs" / console.robot.name
-        if before is not None and before.folder == folder:
+        if before is not None and before.library.folder == folder:
             shared = before
         else:
             if before is not None and before.kept is not None:
@@ -135,11 +150,25 @@ class SharedProgram:
 
     def saved(self) -> list[str]:
         """Names of the saved programs, sorted."""
-        return sorted(path.stem for path in self.folder.glob("*.toml"))
+        return self.library.names()
+
+    @property
+    def callable(self) -> Sequence[str]:
+        """Names of the saved programs that a step may call: all but this one. Read when one is saved."""
+        if self._callable is None or self._callable[0] != self.version:
+            names = [name for name in self.saved() if name != self.program.name]
+            self._callable = self.version, names
+        return self._callable[1]
+
+    async def linked(self, known: Iterable[CalledProgram] = ()) -> Program:
+        """The program with the saved ones that it calls, each read once; those of ``known`` are not again."""
+        if not any(step.calls for step in self.program.steps):
+            return self.program
+        return await asyncio.to_thread(self.library.link, self.program, known)
 
     async def save(self, name: str) -> Path:
         """Save under a name, the earlier version as ``NAME.toml~``; refused where that cannot be written."""
-        path, program = self._path(name), msgspec.structs.replace(self.program, name=name)
+        path, program = self.library.path(name), msgspec.structs.replace(self.program, name=name)
 
         def write() -> None:
             try:
@@ -166,7 +195,7 @@ class SharedProgram:
 
     async def load(self, name: str) -> None:
         """Edit a saved program; refused if it is not there or cannot be read, or as ``put``."""
-        program = await asyncio.to_thread(load_program, self._path(name))
+        program = await asyncio.to_thread(load_program, self.library.path(name))
         self.put(program, kept=True)
 
     def put(self, program: Program, *, kept: bool = False) -> None:
@@ -177,17 +206,10 @@ class SharedProgram:
         if program.robot != self.program.robot:
             ours = self.program.robot
             raise ProgramError(f"the program is for the robot {program.robot!r}, this one is {ours!r}")
+        program = msgspec.structs.replace(program, called=())
         self.edit(program)
         if kept:
             self._filed = program
-
-    def _path(self, name: str) -> Path:
-        if not _NAME.fullmatch(name):
-            raise ProgramError(
-                f"{name!r} is no program name: up to 61 letters, digits, spaces, '.', '+', '-' and '_', "
-                "beginning with a letter or a digit"
-            )
-        return self.folder / f"{name}.toml"
 
     # What is kept of it while it is not saved.
 

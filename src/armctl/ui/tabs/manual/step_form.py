@@ -110,6 +110,7 @@ class StepEdit:
     """by label, what was refused"""
     refusals: dict[str, str] = field(default_factory=dict[str, str])
     """by label, why"""
+    _saved: Sequence[str] = ()
     answers: int = 0
     """how often something was typed: each time the fields show what counts now"""
 
@@ -130,8 +131,12 @@ class StepEdit:
             self.refusals[label] = str(refusal)
         return step
 
-    def html(self, step: Step, robot: Robot) -> str:
-        """The fields of the step, each with its label, its hint, and why it is refused."""
+    def html(self, step: Step, robot: Robot, saved: Sequence[str] = ()) -> str:
+        """The fields of the step, each with its label, its hint, and why it is refused.
+
+        ``saved``: names of the programs that it may call.
+        """
+        self._saved = saved
         texts = texts_of(step, robot) | self.typed
         fields = by_label(keys_of(type(step)))
         inside = "".join(
@@ -150,11 +155,12 @@ class StepEdit:
             does += " data-focus"
         if why:
             does += f" aria-invalid=true aria-describedby={place}-why"
-        choices = robot.energy.criteria if key.choices == CRITERIA else key.choices
+        choices = self._offered(key, robot)
         if choices:
             offered = choices if text in choices else (*choices, text)  # a file may name what is not offered
             options = "".join(
-                f"<option{' selected' * (one == text)}>{escape(one)}</option>" for one in offered
+                f"<option value='{escape(one)}'{' selected' * (one == text)}>{escape(one) or '–'}</option>"
+                for one in offered
             )
             box = f"<select id={place} {does}>{options}</select>"
         else:
@@ -166,6 +172,18 @@ class StepEdit:
         said = f"<em id={place}-why>{escape(with_minus(why))}</em>" if why else ""
         named = f"<label for={place}>{escape(label)}</label>"
         return f"<div{wide} title='{escape(key.field.hint)}'>{named}{box}{said}</div>"
+
+    def _offered(self, key: Key, robot: Robot) -> Sequence[str]:
+        """What may be chosen; nothing: it is typed."""
+        own = "" if robot.gripper is None else robot.gripper.output
+        names = {
+            "programs": self._saved,
+            "inputs": [one.name for one in robot.signals.inputs],
+            "outputs": [one.name for one in robot.signals.outputs if one.name != own],
+        }.get(key.field.offers, ())
+        if names:
+            return ("", *names) if key.default == "" else names
+        return robot.energy.criteria if key.choices == CRITERIA else key.choices
 
 
 _WIDE = 12

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from functools import partial
 from html import escape
 
 import viser
@@ -47,6 +46,7 @@ class TwinControl:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._robot = session.console.robot
+        self._shared = session.console.shared(SharedProgram)
         self._figure: ArmFigure | None = None
         self._path = Lines(session.client.scene, "/twin_path", _COLOR)
         self._plan: Rehearsal | None = None
@@ -133,6 +133,7 @@ class TwinControl:
             plan = rehearse_pose(held, q, robot.pose(chosen), HALF_OPEN if opening is None else opening)
             title, findings = f"go to {chosen}", preflight(held, plan.trajectory)
             return f"go-to-{chosen}", twin_file(robot, title, plan, findings, progress=progress)
+        chosen = self._shared.library.link(chosen)
         plan = planned_for_file(held, chosen, q, opening)
         findings = check_program_apart(
             chosen, held, start=q, progress=lambda done, count: progress(0.5 * done / count)
@@ -141,7 +142,7 @@ class TwinControl:
         return chosen.name, page
 
     def _no_steps(self) -> str | None:
-        if self._what.value != _PROGRAM or self._session.console.shared(SharedProgram).program.steps:
+        if self._what.value != _PROGRAM or self._shared.program.steps:
             return None
         return "the program of Serial motion has no steps yet; record some, or choose a pose"
 
@@ -150,7 +151,7 @@ class TwinControl:
 
     def _chosen(self) -> tuple[Robot, Program | str, FloatArray, float | None]:
         """The arm as it is, what is to be rehearsed, from where, and how far the gripper is open."""
-        snapshot, program = self._session.snapshot, self._session.console.shared(SharedProgram).program
+        snapshot, program = self._session.snapshot, self._shared.program
         chosen = self._poses.get(self._what.value, program)
         if (why := self._no_steps()) is not None:
             raise StateError(why)
@@ -162,8 +163,11 @@ class TwinControl:
             pose = self._robot.pose(chosen)
             return await self._session.work_out(rehearse_pose, held, q, pose, opening), ()
         steps = tuple(f"{step.title or step.kind} {step.describe()}" for step in chosen.steps)
-        plan = partial(rehearse, longest_s=LONGEST_S, most_steps=MOST_STEPS)
-        return await self._session.work_out(plan, held, chosen, q, opening), steps
+        return await self._session.work_out(self._rehearsed, held, chosen, q, opening), steps
+
+    def _rehearsed(self, held: Robot, program: Program, q: FloatArray, opening: float | None) -> Rehearsal:
+        whole = self._shared.library.link(program)
+        return rehearse(held, whole, q, opening, longest_s=LONGEST_S, most_steps=MOST_STEPS)
 
     async def _play(self, plan: Rehearsal, is_newest: Callable[[], bool]) -> None:
         async for time in played(0.0, plan.duration, lambda: self._session.snapshot.speed, FRAME_S):

@@ -173,6 +173,7 @@ class MotionForm:
         speed = None
         if motion in TOOL_PATHS:
             speed = self._tool_speed.positive("Tool speed", "mm/s", "as fast as the joints can")
+        shared = self._session.console.shared(SharedProgram)
         return MotionRequest(
             motion,
             self._title(),
@@ -188,7 +189,8 @@ class MotionForm:
             speed=None if speed is None else speed / 1000,
             passing=_PASSING[self._passing.value],
             blend_m=self._blend.value / 1000 if self._blend.visible else 0.0,
-            program=self._session.console.shared(SharedProgram).program if motion == PROGRAM else None,
+            program=shared.program if motion == PROGRAM else None,
+            library=shared.library if motion == PROGRAM else None,
             present=present,
             opening=self._session.snapshot.gripper,
             part=CarriedPart.of(self._session.snapshot.part_mm),

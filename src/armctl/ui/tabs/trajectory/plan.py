@@ -38,7 +38,7 @@ from armctl.motion.plan import Passing, follow_tool, plan_blended, plan_path, pl
 from armctl.motion.profiles import PointToPoint
 from armctl.motion.timing import PathTrajectory
 from armctl.motion.trajectory import Peaks, peaks_of
-from armctl.program import Program
+from armctl.program import Program, SavedPrograms
 from armctl.program.rehearsal import rehearse
 from armctl.robot import CarriedPart, Robot
 
@@ -102,6 +102,8 @@ class MotionRequest:
     """how the points of a test path are passed; None: the tool is led along the curve itself"""
     blend_m: float = 0.002
     program: Program | None = None
+    library: SavedPrograms | None = None
+    """of the programs that it may call"""
     present: FloatArray | None = None
     """(n,) where the arm stands [rad], for the choice of a start by least travel"""
     opening: float | None = None
@@ -312,6 +314,7 @@ def _program(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMo
     program = asked.program
     if program is None or not program.steps:
         raise ProgramError("the program on the desk has no steps; record some in Serial motion")
+    program = program if asked.library is None else asked.library.link(program)
     whole = rehearse(
         robot, program, start, asked.opening, longest_s=_LONGEST_S, most_steps=_MOST_STEPS, as_far=True
     )
@@ -319,11 +322,10 @@ def _program(robot: Robot, asked: MotionRequest, start: FloatArray) -> PlannedMo
         raise ProgramError(f"{program.name}: no step of it moves a joint, so there is nothing to show")
     # a drawing that is cut short may end in motion
     findings = list(preflight(robot, whole.trajectory, at_rest=False))
-    untimed = sum(
-        program.steps[step.index].effect.opening is not None and step.duration == 0 for step in whole.steps
-    )
+    untimed = sum(step.grips and step.duration == 0 for step in whole.steps)
     if whole.broken is not None and whole.broken.error is not None:
-        findings.insert(0, Finding(whole.broken.error.reason, step=whole.broken.index))
+        why = whole.broken.place.within(whole.broken.error.reason)
+        findings.insert(0, Finding(why, step=whole.broken.index))
         note = f"Drawn as far as step {whole.broken.index + 1}, which cannot be run."
     elif whole.cut:
         drawn = "step" if len(whole.steps) == 1 else f"{len(whole.steps)} steps"
