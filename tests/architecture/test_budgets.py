@@ -24,7 +24,7 @@ FOLDERS = {
     "kinematics": (51, 12_750),
     "motion": (20, 5_830),
     "process": (14, 3_375),
-    "program": (17, 3_850),  # branches, loops, counters, grids, and a check of every path
+    "program": (18, 4_240),  # branches, loops, counters, grids, user frames, and a check of every path
     "protocol": (5, 1_160),
     "robot": (42, 11_720),
     "runtime": (25, 6_220),  # joints that are let down

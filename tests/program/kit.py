@@ -8,7 +8,7 @@ from typing import cast
 from hypothesis import strategies as st
 from msgspec import inspect
 
-from armctl.program import CountStep, EndStep, Program, RepeatStep, Step
+from armctl.program import CountStep, EndStep, FrameStep, Program, RepeatStep, Step
 from armctl.program.base_steps import BlockStep, keys_of
 from armctl.program.steps import KINDS
 
@@ -67,8 +67,9 @@ def programs(
     joints = st.integers(0, 6) if joints is None else joints
     times = st.integers(1, 1_000_000) if times is None else times
     markers = [kind for kind in KINDS if issubclass(kind, BlockStep) or kind.closes or kind.divides]
-    # a counter is a variable of a script, and no call; tests/program/test_logic.py has it
-    kinds = [kind for kind in KINDS if kind not in (*markers, CountStep)]
+    # a counter is a variable of a script, and no call; tests/program/test_logic.py has it. What a frame does,
+    # the steps below it do; tests/program/test_frames.py has it
+    kinds = [kind for kind in KINDS if kind not in (*markers, CountStep, FrameStep)]
     single = st.one_of(*(_steps(kind, joints) for kind in kinds)).map(lambda step: (step,))
     part = st.recursive(
         single,

@@ -5,12 +5,14 @@ The kinds of reasons why a target has no solution are in ``armctl.facts.targets`
 
 from armctl.facts.program_paths import (
     CellOutsideGrid,
+    FrameNamedBase,
     NeverComes,
     NeverEnds,
     OnPath,
     PathsLeftOut,
     PathTurn,
     Unbounded,
+    UnknownFrame,
 )
 from armctl.facts.quantities import LevelPassed, Quantities, QuantityLimits, levels_passed
 from armctl.facts.reasons import (
@@ -64,6 +66,7 @@ __all__ = [
     "BranchEnds",
     "CellOutsideGrid",
     "Found",
+    "FrameNamedBase",
     "Freer",
     "LevelPassed",
     "MotionEndsMoving",
@@ -99,6 +102,7 @@ __all__ = [
     "TooFewJoints",
     "Unanswered",
     "Unbounded",
+    "UnknownFrame",
     "UnmatchedBlock",
     "WrongUnit",
     "advice",

@@ -9,12 +9,14 @@ from typing import Any
 from armctl.facts.angles import in_degrees, to_degrees
 from armctl.facts.program_paths import (
     CellOutsideGrid,
+    FrameNamedBase,
     NeverComes,
     NeverEnds,
     OnPath,
     PathsLeftOut,
     PathTurn,
     Unbounded,
+    UnknownFrame,
 )
 from armctl.facts.quantities import LOAD_S, LevelPassed
 from armctl.facts.reasons import (
@@ -295,6 +297,11 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     PathTurn: lambda one: _path((one,)),
     OnPath: lambda one: f" (path: {_path(one.turns)})",
     CellOutsideGrid: lambda _: "frame = 'cell' needs a 'grid' around it; add one, or leave frame out",
+    UnknownFrame: lambda one: (
+        f"the program has no frame {one.name!r}; "
+        + (f"it has {', '.join(map(repr, one.known))}, and 'base'" if one.known else "it has only 'base'")
+    ),
+    FrameNamedBase: lambda _: "a frame cannot be called 'base', which is that of the arm; rename it",
     NeverComes: lambda one: f"{one.what} can never come: nothing counts while the program waits",
     NeverEnds: lambda _: "this loop never ends: no pass changes what it asks",
     Unbounded: lambda _: (

@@ -9,12 +9,14 @@ from typing import Any
 from armctl.facts.angles import in_degrees, to_degrees
 from armctl.facts.program_paths import (
     CellOutsideGrid,
+    FrameNamedBase,
     NeverComes,
     NeverEnds,
     OnPath,
     PathsLeftOut,
     PathTurn,
     Unbounded,
+    UnknownFrame,
 )
 from armctl.facts.quantities import LOAD_S, LevelPassed
 from armctl.facts.reasons import (
@@ -314,6 +316,11 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     PathTurn: lambda one: _path((one,)),
     OnPath: lambda one: f" (yol: {_path(one.turns)})",
     CellOutsideGrid: lambda _: "frame = 'cell' için çevresinde 'grid' olmalı; ekleyin ya da frame'i silin",
+    UnknownFrame: lambda one: (
+        f"programda {one.name!r} çerçevesi yok; "
+        + (f"olanlar: {', '.join(map(repr, one.known))} ve 'base'" if one.known else "yalnız 'base' var")
+    ),
+    FrameNamedBase: lambda _: "bir çerçevenin adı 'base' olamaz, o kolunkidir; adını değiştirin",
     NeverComes: lambda one: f"{one.what} hiç gelemez: program beklerken hiçbir şey saymaz",
     NeverEnds: lambda _: "bu döngü hiç bitmez: hiçbir geçiş sorduğunu değiştirmez",
     Unbounded: lambda _: "bu döngünün kaç kez döneceği denetlenemez, sonsuz olabilir; 'most' ile sınırlayın",

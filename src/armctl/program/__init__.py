@@ -17,6 +17,7 @@ from armctl.program.files import (
     save_program,
     write_script,
 )
+from armctl.program.frames import FrameStep, UserFrame
 from armctl.program.grid_step import GridStep
 from armctl.program.logic_steps import CountStep, ElseStep, IfStep, WhileStep
 from armctl.program.program import Blocks, Cursor, Program
@@ -49,6 +50,7 @@ __all__ = [
     "Effect",
     "ElseStep",
     "EndStep",
+    "FrameStep",
     "GridStep",
     "GripperStep",
     "IfStep",
@@ -63,6 +65,7 @@ __all__ = [
     "SpeedStep",
     "Step",
     "Until",
+    "UserFrame",
     "WaitForStep",
     "WaitStep",
     "WhileStep",

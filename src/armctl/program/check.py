@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike
 
 from armctl.documents import Document
 from armctl.errors import ArmctlError
-from armctl.facts import CellOutsideGrid, NoSteps, OtherRobot, Reason
+from armctl.facts import FrameNamedBase, NoSteps, OtherRobot, Reason
 from armctl.motion.preflight import Finding
 from armctl.program.base_steps import Step
+from armctl.program.frames import BASE, Placing
 from armctl.program.paths import PathWalk
-from armctl.program.program import PROGRAM_FILES, Blocks, Program, in_first_cells
+from armctl.program.program import PROGRAM_FILES, Blocks, Program
 from armctl.program.steps import AnyStep, MoveStep
 from armctl.robot import Robot
 
@@ -44,19 +45,30 @@ def check_program(
         findings.append(Finding(OtherRobot(program.robot, robot.name)))
     if not program.steps:
         findings.append(Finding(NoSteps()))
+    findings += _frame_findings(program)
     wrong: dict[int, Reason] = dict(_value_findings(program, robot))
     broken = Blocks.of(program.steps).findings
+    placing = Placing(program.steps, program.frames)
+    wrong |= placing.unknown
     if not wrong:
-        placed = enumerate(in_first_cells(program.steps))
-        wrong = {index: CellOutsideGrid() for index, step in placed if step.in_cell}
+        wrong |= placing.no_cell
     in_steps = [Finding(why, step=index) for index, why in wrong.items()]
     in_steps += [Finding(why, step=index) for index, why in broken]
     if motions and not broken:
         begin = None if start is None else robot.chain.checked(start)
-        walk = PathWalk(program, robot, wrong, payload_kg)
+        walk = PathWalk(program, robot, {*wrong, *placing.lost}, payload_kg)
         walk.run(begin, progress)
         in_steps += walk.found
     return findings + sorted(in_steps, key=lambda finding: -1 if finding.step is None else finding.step)
+
+
+def _frame_findings(program: Program) -> Iterator[Finding]:
+    if BASE in program.frames:
+        yield Finding(FrameNamedBase())
+    try:  # as of the steps below: one that was made in Python is checked here only
+        Document(PROGRAM_FILES, {"robot": "", "frames": msgspec.to_builtins(program.frames)}).convert(Program)
+    except ArmctlError as cause:
+        yield Finding(cause.reason)
 
 
 _STEPS: msgspec.json.Decoder[tuple[Step, ...]] = msgspec.json.Decoder(tuple[AnyStep, ...])

@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, islice
 from pathlib import Path, PurePath
-from typing import Any, Literal, cast
+from typing import Annotated, Any, Literal, cast
 
 import msgspec
 import numpy as np
 import tomli_w
+from msgspec import Meta
 
 from armctl.arrays import FloatArray
 from armctl.documents import Document, as_path, not_written, write_atomically
@@ -19,6 +20,7 @@ from armctl.facts import say
 from armctl.program.base_steps import BlockStep, literal
 from armctl.program.check import check_program
 from armctl.program.csv import read_csv
+from armctl.program.frames import BASE, MOST_FRAMES, FrameName, FrameStep, Placing, UserFrame
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
 from armctl.program.steps import (
     CommentStep,
@@ -109,6 +111,8 @@ def encode_program(program: Program) -> str:
         {key: value for key, value in step.items() if value is not None and (key, value) != ("note", "")}
         for step in record.pop("steps")
     ]
+    if not record["frames"]:
+        del record["frames"]
     text = tomli_w.dumps({**record, "steps": steps} if steps else record, indent=0)
     # A list stays on its line: half as long a file. No text holds a line's end, they are written as \\n.
     return text.replace("[\n", "[").replace(",\n]", "]").replace(",\n", ", ")
@@ -138,6 +142,7 @@ class _Head(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     format: Literal[1] = 1
     robot: str
     name: str = "untitled"
+    frames: Annotated[dict[FrameName, UserFrame], Meta(max_length=MOST_FRAMES)] = {}
     steps: tuple[()] = ()
 
 
@@ -154,7 +159,7 @@ def _decoded(document: Document) -> Program:
     for index, why in Blocks.of(steps).findings:
         errors.found.append(document.refusal(say(why), ("steps", index)))
     errors.raise_all()
-    return Program(robot=head.robot, name=head.name, steps=steps)
+    return Program(robot=head.robot, name=head.name, frames=head.frames, steps=steps)
 
 
 def _record(program: Program) -> dict[str, Any]:
@@ -187,13 +192,17 @@ _HEAD = """\
 # Written by armctl; run it with Python.
 # Each call moves and waits until the arm stands, so nothing is blended here. Name a board with
 # Arm.open(..., port="auto"); without, the simulated one is used. An arm of your own is opened by its file,
-# Arm.open("my_arm.toml"). set_speed slows down what follows it."""
+# Arm.open("my_arm.toml"). set_speed slows down what follows it, and the
+# points of what follows set_frame are in that frame."""
 
 
 def write_script(program: Program) -> str:
     """The program as Python, whose texts never become code. ProgramError: a step or depth it has not."""
     blocks = Blocks.matched(program.steps)
     lines = [literal(program.name), "", _HEAD, "", "import armctl", ""]
+    placing = Placing(program.steps, program.frames)
+    if program.frames:
+        lines += ["frames = {", *(_frame_line(*one) for one in program.frames.items()), "}", ""]
     lines += [f"with armctl.Arm.open({literal(program.robot)}) as arm:", f"{_INDENT}arm.enable()"]
     counters = {counts.counter for step in program.steps if (counts := step.effect.counts) is not None}
     lines += [f"{_INDENT}{name}_count = 0" for name in sorted(counters)]
@@ -210,6 +219,8 @@ def write_script(program: Program) -> str:
             begin = blocks.whole(index)[0]
             after = blocks.elses.get(begin, begin) if step.closes else begin
             inside = program.steps[after + 1 : index]
+            if inside and placing.names[index - 1] != placing.names[index]:  # the block goes back to it
+                lines.append(f"{_INDENT}{indent}arm.{_set_frame(placing.names[index])}")
             # A block needs a statement, and its end's note one to stand behind.
             if all(isinstance(other, CommentStep) for other in inside) or (step.closes and step.note):
                 lines.append(f"{_INDENT}{indent}pass{note if step.closes else ''}")
@@ -218,11 +229,21 @@ def write_script(program: Program) -> str:
         else:
             of_arm = "" if isinstance(step, BlockStep) or step.effect.counts is not None else "arm."
             try:
-                first, *others = step.script().split("\n")
+                script = _set_frame(step.frame) if isinstance(step, FrameStep) else step.script()
+                first, *others = script.split("\n")
             except ProgramError as cause:
                 raise ProgramError(f"step {index + 1}: {cause}") from cause
             lines += [f"{indent}{of_arm}{first}{note}", *(indent + line for line in others)]
     return "\n".join([*lines, ""])
+
+
+def _frame_line(name: str, frame: UserFrame) -> str:
+    given = ", ".join(f"{key}={literal(value)}" for key, value in msgspec.structs.asdict(frame).items())
+    return f"{_INDENT}{literal(name)}: armctl.program.UserFrame({given}),"
+
+
+def _set_frame(name: str) -> str:
+    return "set_frame()" if name == BASE else f"set_frame(frames[{literal(name)}])"
 
 
 def _remark(note: str) -> str:

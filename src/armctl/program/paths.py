@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Container, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from armctl.motion.preflight import Finding, Severity, isotropy_of, passes, pref
 from armctl.motion.trajectory import JoinedTrajectory, Trajectory
 from armctl.program.base_steps import BlockStep, MotionStep, Step
 from armctl.program.conditions import COUNTER
+from armctl.program.frames import Placing
 from armctl.program.program import Blocks, Program
 from armctl.program.signal_steps import ConditionStep
 from armctl.robot import CarriedPart, Robot
@@ -83,6 +85,7 @@ class PathWalk:
         """motions that cannot be planned, what the pre-flight found in the others, waits that cannot end"""
         self._steps, self._robot, self._skipped, self._payload_kg = program.steps, robot, skipped, payload_kg
         self._blocks = Blocks.matched(program.steps)
+        self._placing = Placing(program.steps, program.frames)
         self._ranges = _counter_ranges([step for k, step in enumerate(program.steps) if k not in skipped])
         self._planned: list[_PlannedMotion] = []
         """motions that the pre-flight has not seen yet, each from where the one before ends"""
@@ -239,8 +242,7 @@ class PathWalk:
         key = (index, (*place.key[:3], place.cell if step.in_cell else None, ()))
         if key not in self._ends:
             self._ends[key] = None
-            if place.cell is not None:
-                step = step.moved(place.cell) if step.in_cell else step
+            step = cast("MotionStep", self._placing.placed(index, step, place.cell))
             try:
                 if place.q is None:
                     self._ends[key] = step.end(place.robot)

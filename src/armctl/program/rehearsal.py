@@ -95,7 +95,7 @@ def pose_after(robot: Robot, program: Program, row: int, start: FloatArray) -> F
     """
     if not isinstance(program.steps[row], MotionStep):
         return None
-    steps = in_first_cells(program.steps[: row + 1])
+    steps = in_first_cells(program)
     led = [steps[row]]
     for step in reversed(steps[:row]):
         if isinstance(step, MotionStep):

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, Union, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Union, cast
 
-import msgspec
 import numpy as np
 from msgspec import Meta
 
@@ -20,6 +19,7 @@ from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import ProfileName
 from armctl.program.base_steps import FASTEST, Field, Key, MotionStep, Step, keys_of, literal
 from armctl.program.draw_step import DrawStep
+from armctl.program.frames import FrameStep, moved_step
 from armctl.program.grid_step import GridStep
 from armctl.program.logic_steps import CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
 from armctl.program.signal_steps import SetStep, WaitForStep
@@ -143,9 +143,9 @@ class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
         """Its frame says so."""
         return self.frame == "cell"
 
-    def moved(self, cell: Sequence[float]) -> PointStep:
-        """The same with its point in the base frame, where it is given in that of a cell [mm]."""
-        return _moved(self, (_END,), cell)
+    def moved(self, T: FloatArray) -> PointStep:
+        """As of any step."""
+        return moved_step(self, (_END,), T)
 
     @property
     def _law(self) -> ProfileName:
@@ -229,9 +229,9 @@ class _LeadsTool(_Oriented):
         """Its frame says so."""
         return self.frame == "cell"
 
-    def moved(self, cell: Sequence[float]) -> MotionStep:
-        """The same with its points in the base frame, where they are given in that of a cell [mm]."""
-        return _moved(cast("MotionStep", self), self.points, cell)
+    def moved(self, T: FloatArray) -> MotionStep:
+        """As of any step."""
+        return moved_step(cast("MotionStep", self), self.points, T)
 
     def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
         """Along the tool's way [m]."""
@@ -310,6 +310,7 @@ KINDS: tuple[type[Step], ...] = (
     SetStep,
     WaitForStep,
     SpeedStep,
+    FrameStep,
     RepeatStep,
     IfStep,
     ElseStep,
@@ -352,16 +353,6 @@ def tool_turn(robot: Robot, q: FloatArray, digits: int = 6) -> dict[str, float |
 
 
 # Points and numbers of several kinds.
-
-
-_MovedStep = TypeVar("_MovedStep")
-
-
-def _moved(step: _MovedStep, points: Sequence[Sequence[str]], cell: Sequence[float]) -> _MovedStep:
-    moved = {
-        key: getattr(step, key) + offset for keys in points for key, offset in zip(keys, cell, strict=True)
-    }
-    return cast("_MovedStep", msgspec.structs.replace(cast("Any", step), frame=None, **moved))
 
 
 def _values(step: object, keys: Sequence[str]) -> tuple[float, ...]:
