@@ -207,7 +207,7 @@ class ProgramList:
             done = running[1] if running is not None and running[0] == row else None
             fields = ""
             if edit is not None and edit.key == keys[row]:
-                fields = edit.html(steps[row], self._session.console.robot)
+                fields = edit.html(steps[row], self._session.console.robot, shared.program.frames)
             states[keys[row]] = RowState(selected, selected and may, done, severity, finding, fields)
         return states
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from html import escape
@@ -14,6 +14,7 @@ from armctl.errors import InputError
 from armctl.kinematics import CRITERIA
 from armctl.program import Step
 from armctl.program.base_steps import Key, keys_of
+from armctl.program.frames import BASE
 from armctl.robot import Robot
 from armctl.ui.guard.parts import MOST_TYPED
 from armctl.ui.widgets.html import with_minus
@@ -130,12 +131,15 @@ class StepEdit:
             self.refusals[label] = str(refusal)
         return step
 
-    def html(self, step: Step, robot: Robot) -> str:
-        """The fields of the step, each with its label, its hint, and why it is refused."""
+    def html(self, step: Step, robot: Robot, frames: Iterable[str] = ()) -> str:
+        """The fields of the step, each with its label, its hint, and why it is refused.
+
+        ``frames``: names of those of its program.
+        """
         texts = texts_of(step, robot) | self.typed
         fields = by_label(keys_of(type(step)))
         inside = "".join(
-            self._field(number, label, fields[label][0], text, robot)
+            self._field(number, label, fields[label][0], text, robot, frames)
             for number, (label, text) in enumerate(texts.items())
         )
         end = f"<button type=button data-do=step-done data-key={self.key}>Done</button>"
@@ -143,7 +147,9 @@ class StepEdit:
             end = f"<button type=button data-do=step-discard data-key={self.key}>Discard</button>"
         return f"{inside}<div class=armctl-end>{end}</div>"
 
-    def _field(self, number: int, label: str, key: Key, text: str, robot: Robot) -> str:
+    def _field(
+        self, number: int, label: str, key: Key, text: str, robot: Robot, frames: Iterable[str]
+    ) -> str:
         why, place = self.refusals.get(label, ""), f"armctl-step-{self.key}-{number}"
         does = f"data-set=step-set data-key={self.key}.{number} data-said={self.answers}"
         if number == 0:
@@ -151,6 +157,7 @@ class StepEdit:
         if why:
             does += f" aria-invalid=true aria-describedby={place}-why"
         choices = robot.energy.criteria if key.choices == CRITERIA else key.choices
+        choices = (BASE, *frames) if choices == (BASE,) else choices
         if choices:
             offered = choices if text in choices else (*choices, text)  # a file may name what is not offered
             options = "".join(
