@@ -19,7 +19,7 @@ FOLDERS = {
     "calibration": (11, 2_500),  # touched points as a file
     "cli": (15, 3_175),
     "drawing": (11, 2_120),
-    "facts": (17, 3_060),
+    "facts": (17, 3_135),
     "hardware": (70, 14_360),
     "kinematics": (51, 12_750),
     "motion": (20, 5_830),

@@ -27,7 +27,7 @@ _TOUCH_HINT = (
 )
 _FRAME_HINT = "The one that is taught, renamed, deleted, or chosen by a step."
 _NOTE = (
-    "Points, lines, arcs and grids below a step <b>frame</b> of the program are given in that frame. Touch "
+    "Points, lines, arcs and grids below a frame step of the program are given in that frame. Touch "
     "the three points anew where the fixture has been moved: the program goes with it."
 )
 _TOUCH_MM = 0.5
@@ -89,8 +89,8 @@ class FrameForm:
             axes = scene.add_frame(
                 f"/user_frames/{k}",
                 axes_length=size,
-                axes_radius=0.03 * size,
-                origin_radius=0.06 * size,
+                axes_radius=0.02 * size,
+                origin_radius=0.04 * size,
                 wxyz=quaternion_wxyz(T[:3, :3]),
                 position=T[:3, 3] / 1000,
             )
