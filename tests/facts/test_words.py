@@ -134,8 +134,8 @@ NEEDS = AngleNeeded("Elbow", (1.2,), -1.0, 1.0, 66.7)
 SAMPLES: list[Reason] = [
     TaughtTip(4, (0.001, -0.002, 0.03), 0.0004, 0.0005, 2, 0.0007),
     TipAsBefore(),
-    TipUntold((1.0, 0.0, 0.0)),
-    TipUntold((0.6, 0.0, 0.8)),
+    TipUntold((1.0, 0.0, 0.0), None),
+    TipUntold((0.6, 0.0, 0.8), 0.0021),
     FitFigures(10, 0.025, 0.04, 0.002, 0.003, 0.0015, corrected=True),
     FitFigures(10, 0.025, 0.04, 0.025, 0.04, 0.02, corrected=False),
     ZeroOff("Elbow", 0.05, 0.005),

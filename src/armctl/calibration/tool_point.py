@@ -28,8 +28,10 @@ from armctl.robot import Robot
 LEAST_SIDES = 4
 TOUCH_M = 0.0005
 """how true a touch by eye is taken to be: the standard deviation of each coordinate"""
-_TOLD = 0.5
-"""singular value below which a direction counts as not told: a touch's error would come back doubled"""
+_TOLD = 0.05
+"""singular value below which a direction counts as not told: an error of 0.5 mm would come back as 10 mm"""
+_LOOSE_M = 0.001
+"""a direction that is told less well than that is named"""
 _TRUE_M = 0.0003
 """a tip that is no farther from where the robot has it, and by no more than chance, is where it was"""
 
@@ -78,9 +80,9 @@ class ToolPoint:
             len(self.away_m), (x, y, z), sd, self.residual_m, worst + 1, float(self.away_m[worst])
         )
         untold = [
-            TipUntold((float(a), float(b), float(c)))
+            TipUntold((float(a), float(b), float(c)), None if math.isinf(sd) else sd)
             for (a, b, c), sd in zip(self.directions.tolist(), self.sd_m.tolist(), strict=True)
-            if math.isinf(sd)
+            if sd > _LOOSE_M
         ]
         return (figures, *([] if self.differs else [TipAsBefore()]), *untold)
 

@@ -139,7 +139,9 @@ class TipAsBefore(Reason):
 
 @dataclass(frozen=True, slots=True)
 class TipUntold(Reason):
-    """A direction in which touches do not tell where the tip is."""
+    """A direction in which touches do not tell where the tip is, or not well."""
 
     axis: tuple[float, float, float]
     """unit vector along the axes of the tool"""
+    sd: float | None
+    """how far it may be off there [m]; None: nothing is told"""

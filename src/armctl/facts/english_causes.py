@@ -78,8 +78,11 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     causes.TaughtTip: _tip,
     causes.TipAsBefore: lambda _: "the tip is where the robot has it, as far as touches can tell",
     causes.TipUntold: lambda one: (
-        f"where the tip is along {_axis(one.axis)} is not told: the tool was turned about that axis only; "
-        "it stays as it is"
+        f"where the tip is along {_axis(one.axis)} is told to ± {1000 * one.sd:.1f} mm only: the tool was "
+        "turned little about other axes"
+        if one.sd is not None
+        else f"where the tip is along {_axis(one.axis)} is not told: the tool was turned about that axis "
+        "only; it stays as it is"
     ),
 }
 ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
@@ -93,5 +96,5 @@ ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     causes.PlaceOff: lambda _: "measure anew where the points are",
     causes.MistakenPoint: lambda _: "touch it again",
     causes.NotBetter: lambda _: "touch more points, in poses that differ more, from both sides",
-    causes.TipUntold: lambda _: "turn the tool about another axis, too",
+    causes.TipUntold: lambda _: "turn the tool farther about another axis, too",
 }

@@ -80,7 +80,10 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     causes.TaughtTip: _tip,
     causes.TipAsBefore: lambda _: "uç, dokunuşların gösterebildiği kadarıyla robotun bildiği yerde",
     causes.TipUntold: lambda one: (
-        f"ucun {_axis(one.axis)} boyunca yeri bilinmiyor: takım yalnız bu eksen çevresinde döndürüldü; "
+        f"ucun {_axis(one.axis)} boyunca yeri ancak ± {1000 * one.sd:.1f} mm ile biliniyor: takım başka "
+        "eksenler çevresinde az döndürüldü"
+        if one.sd is not None
+        else f"ucun {_axis(one.axis)} boyunca yeri bilinmiyor: takım yalnız bu eksen çevresinde döndürüldü; "
         "olduğu gibi kalıyor"
     ),
 }
@@ -97,5 +100,5 @@ ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     causes.PlaceOff: lambda _: "noktaların yerini yeniden ölçün",
     causes.MistakenPoint: lambda _: "bu noktaya yeniden dokunun",
     causes.NotBetter: lambda _: "birbirinden daha farklı duruşlarda, iki yandan, daha çok noktaya dokunun",
-    causes.TipUntold: lambda _: "takımı başka bir eksen çevresinde de döndürün",
+    causes.TipUntold: lambda _: "takımı başka bir eksen çevresinde de daha çok döndürün",
 }
