@@ -406,6 +406,12 @@ def test_a_script_sets_the_frames_as_the_program_has_them() -> None:
     assert seen == [None, None, TABLE, None, TABLE, None, TABLE]
 
 
+def test_programs_can_be_kept_in_a_set() -> None:
+    shelf = UserFrame(x_mm=0, y_mm=0, z_mm=100)
+    one, other = program(AT, table=TABLE, shelf=shelf), program(AT, shelf=shelf, table=TABLE)
+    assert {one, other} == {one} and one not in {program(AT), put_frame(one, "shelf", TABLE)}
+
+
 # Names.
 
 

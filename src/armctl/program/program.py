@@ -43,6 +43,9 @@ class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """by name; which of them a step is in is what ``frame`` steps say"""
     steps: tuple[AnyStep, ...] = ()
 
+    def __hash__(self) -> int:
+        return hash((self.robot, self.name, self.steps, frozenset(self.frames.items())))
+
     @property
     def content(self) -> tuple[object, ...]:
         """What the arm would do: two programs with the same differ in their names only."""
