@@ -15,8 +15,8 @@ import armctl
 SOURCES = Path(armctl.__file__).parent
 MOST_LINES, MOST_OF_A_FUNCTION = 450, 60
 FOLDERS = {
-    ".": (15, 3_260),
-    "calibration": (11, 2_500),  # touched points as a file
+    ".": (15, 3_310),  # points in a user frame
+    "calibration": (12, 2_670),  # touched points as a file, the tool point
     "cli": (15, 3_175),
     "drawing": (11, 2_120),
     "facts": (17, 3_135),
@@ -28,7 +28,7 @@ FOLDERS = {
     "protocol": (5, 1_160),
     "robot": (42, 11_720),
     "runtime": (25, 6_220),  # joints that are let down
-    "ui": (93, 20_880),  # motors at a glance, gamepads, a page that is built in half the time
+    "ui": (95, 21_260),  # motors, gamepads, user frames, the tool point, a page that is quickly built
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"
