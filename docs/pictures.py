@@ -67,6 +67,12 @@ _TOUCHED = {
     "Upwards": ("260", "30", "30"),
 }
 """where the pen touches the plane of a drawing [mm]"""
+_CORNERS = {
+    "Origin": ("180", "-60", "60"),
+    "On +x": ("180", "40", "60"),
+    "On the +y side": ("110", "0", "60"),
+}
+"""where the tool touches a table [mm]"""
 
 # How each screen is brought to what it should show.
 
@@ -108,15 +114,28 @@ def program(screen: Screen) -> None:
     screen.tab("Serial motion").scroll_into_view_if_needed()
 
 
-def drawing(screen: Screen) -> None:
-    for label, place in _TOUCHED.items():
+def frames(screen: Screen) -> None:
+    touch(screen, "Frames", _CORNERS)
+    screen.wait_for_notification("Frame taught")
+    screen.click("Add as step")
+    screen.click("Point")
+    screen.wait_for_text(re.compile("2 steps"))
+
+
+def touch(screen: Screen, tab: str, touches: dict[str, tuple[str, str, str]]) -> None:
+    """Bring the tool to a point, and press the button of an inner tab of *Manual*; one after the other."""
+    for label, place in touches.items():
         screen.open_tab("Inverse")
         screen.type_xyz(*place)
         screen.click("Solve")
         screen.click("Go by least energy")
         screen.wait_for_text("No next pose")
-        screen.open_tab("Manual", "Drawing")
+        screen.open_tab("Manual", tab)
         screen.click(label)
+
+
+def drawing(screen: Screen) -> None:
+    touch(screen, "Drawing", _TOUCHED)
     screen.upload("Choose a drawing (SVG, G-code)", ROOT / "examples" / "name.svg")
     screen.wait_for_text(re.compile(r"\d+ mm in \d+ s"))
 
@@ -201,6 +220,7 @@ PICTURES = {
     "manual": Picture(("Manual",), manual),
     "program": Picture((), program),
     "drawing": Picture(("Manual",), drawing),
+    "frames": Picture(("Manual",), frames),
     "trajectory": Picture(("Trajectory",), trajectory),
     "graphs": Picture(("Trajectory",), graphs),
     "forward": Picture(("Forward",), forward),

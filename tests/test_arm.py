@@ -36,6 +36,7 @@ from armctl.kinematics.angles import rotation_angle
 from armctl.motion import PointToPoint, Sample, plan_joints
 from armctl.process.records import commands as known_commands
 from armctl.program import (
+    FrameStep,
     GripperStep,
     MessageStep,
     MoveStep,
@@ -43,6 +44,7 @@ from armctl.program import (
     PlaceStep,
     PointStep,
     Program,
+    UserFrame,
     WaitStep,
 )
 from armctl.protocol import (
@@ -550,6 +552,65 @@ def test_jogs_and_a_live_target_move_the_arm_for_a_moment(arm: armctl.Arm) -> No
         arm.jog([500, 0, 0, 0, 0])
     with pytest.raises(InputError, match="mm/s"):
         arm.jog_tool(x_mm_s=5000)
+
+
+# In a user frame.
+
+TABLE = UserFrame(x_mm=180, y_mm=-20, z_mm=80, rz_deg=50)
+
+
+def test_points_are_given_in_the_frame_that_is_set(arm: armctl.Arm) -> None:
+    def stands_at(*point: float) -> None:
+        T = TABLE.matrix
+        assert arm.position_mm == pytest.approx(T[:3, :3] @ point + T[:3, 3], abs=1e-3)
+
+    arm.set_frame(TABLE)
+    try:
+        arm.go(10, 20, 30)
+        stands_at(10, 20, 30)
+        arm.line(40, 20, 30, pitch="free")
+        stands_at(40, 20, 30)
+        arm.arc(via_mm=(30, 30, 30), to_mm=(20, 20, 30), pitch="free")
+        stands_at(20, 20, 30)
+        before = arm.position_mm
+        arm.jog_tool(x_mm_s=30, frame="user")
+        until(lambda: bool((arm.position_mm != before).any()))
+        until(lambda: arm.snapshot.state is State.HOLDING)
+        along = TABLE.matrix[:3, :3].T @ (arm.position_mm - before)
+        assert along[0] > 0.0 and along[1:] == pytest.approx((0, 0), abs=0.02 * along[0] + 1e-3)
+        arm.go_joints([0, 100, -80, -60, 0])
+        before = arm.position_mm
+        arm.follow_target(*(np.linalg.inv(TABLE.matrix)[:3] @ [190, 60, 120, 1]))
+        until(lambda: float(arm.position_mm[1] - before[1]) > 1.0)
+        until(lambda: arm.snapshot.state is State.HOLDING)
+        program = Program(
+            robot=arm.robot.name,
+            frames={"table": UserFrame(x_mm=0, y_mm=0, z_mm=20)},
+            steps=(FrameStep(frame="table"), PointStep(x_mm=200, y_mm=0, z_mm=100)),
+        )
+        arm.run(program)  # it has frames of its own
+        assert arm.position_mm == pytest.approx((200, 0, 120), abs=1e-3)
+    finally:
+        arm.set_frame()
+    arm.go(200, 0, 100)
+    assert arm.position_mm == pytest.approx((200, 0, 100), abs=1e-3)
+
+
+def test_an_orientation_is_given_in_the_frame_too(tmp_path: Path) -> None:
+    with armctl.Arm.open(panda_file(tmp_path)) as arm:
+        arm.enable("rest")
+        home = arm.robot.forward(arm.robot.pose("home"))
+        frame = UserFrame(x_mm=100, y_mm=-50, z_mm=20, rx_deg=12, ry_deg=-8, rz_deg=70)
+        T = frame.matrix
+        x, y, z = T[:3, :3].T @ (1000 * home[:3, 3] - T[:3, 3])
+        rpy = np.degrees(roll_pitch_yaw(T[:3, :3].T @ home[:3, :3])).tolist()
+        arm.set_frame(frame)
+        arm.go(x, y, z, rpy_deg=rpy)
+        assert arm.position_mm == pytest.approx(1000 * home[:3, 3], abs=1e-3) and tool_turn(arm, home) < 1e-6
+        arm.go(x, y, z + 20, orientation="kept", choose="least-travel")
+        assert tool_turn(arm, home) < 1e-6
+        arm.line(x, y, z, orientation="interpolated", rpy_deg=rpy)
+        assert tool_turn(arm, home) < 1e-5
 
 
 # What is known of the arm, and what ends a fault.

@@ -8,6 +8,8 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Literal, Self
 
+import numpy as np
+
 from armctl.arm_values import (
     handling_keys,
     led_keys,
@@ -17,12 +19,11 @@ from armctl.arm_values import (
     target_of,
     turned_keys,
 )
-from armctl.arrays import FloatArray
 from armctl.boards import SIMULATED, board_name, calibrated_for
 from armctl.errors import InputError, MotionRefusedError, StateError
 from armctl.facts.angles import DEGREE
-from armctl.handles import ORIGIN, ArmControls, JointStream, Motion
-from armctl.kinematics import Choice, rotation_of
+from armctl.handles import ORIGIN, ArmControls, JointStream, Motion, Orientation
+from armctl.kinematics import Choice
 from armctl.kinematics.target import as_numbers, checked_number
 from armctl.motion import PathTrajectory, PitchMode, Profile, Trajectory, TurnMode, plan_choice
 from armctl.motion.choices import not_the_best
@@ -63,8 +64,6 @@ from armctl.robot import CarriedPart, Robot, load_robot
 from armctl.robot.body.arm_body import BODY_GUESSED
 from armctl.terminal import PersonAtTerminal
 
-Orientation = Literal["kept"]
-"""of the tool, where ``Arm.go`` is not told by its numbers: as it is"""
 LAST_POSE = "last"
 """for ``Arm.enable``: where armctl saw the arm last, if it stood"""
 LAST_MOVING = "last-moving"
@@ -177,10 +176,10 @@ class Arm(ArmControls):
     ) -> Motion:
         """Put the tool on a point, joint by joint.
 
-        The point is in the base frame. ``pitch_deg`` and ``roll_deg`` are the tool's; None: any. Instead of
-        these you can give its whole orientation in the base frame: ``rpy_deg`` is roll, pitch and yaw as
-        Rz(yaw)·Ry(pitch)·Rx(roll), ``quaternion_wxyz`` has any length, ``orientation="kept"`` is the present
-        one.
+        The point is in the base frame, or as ``set_frame`` says. ``pitch_deg`` and ``roll_deg`` are the
+        tool's; None: any. Instead of these you can give its whole orientation in that frame: ``rpy_deg`` is
+        roll, pitch and yaw as Rz(yaw)·Ry(pitch)·Rx(roll), ``quaternion_wxyz`` has any length,
+        ``orientation="kept"`` is the present one.
         ``choose`` is the criterion among the solutions: its name, or a function of your own that takes the
         solutions (k, n) [rad] and where the arm stands (n,) [rad], and returns k energies. The solution of
         least energy is sent, or where the arm may not go there, the best of those to which it may; the
@@ -194,7 +193,7 @@ class Arm(ArmControls):
         point = point_of((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm")
         rotation = self._rotation(rpy_deg, quaternion_wxyz, orientation)
         target, duration = (
-            target_of(point, pitch_deg, roll_deg, rotation),
+            self._in_base(target_of(point, pitch_deg, roll_deg, rotation)),
             optional_number(duration_s, "duration_s"),
         )
         if isinstance(choose, str):
@@ -233,7 +232,7 @@ class Arm(ArmControls):
         rpy_deg: Sequence[float] | None = None,
         quaternion_wxyz: Sequence[float] | None = None,
     ) -> Motion:
-        """Lead the tool to a point in the base frame [mm] in a straight line.
+        """Lead the tool to a point [mm] in a straight line; in the base frame, or as ``set_frame`` says.
 
         ``pitch``: tool pitch on the way, "kept", "interpolated" to ``pitch_deg``, or "free".
         ``orientation``, instead: the same of the whole rotation, "interpolated" to ``rpy_deg`` or
@@ -360,7 +359,7 @@ class Arm(ArmControls):
         z_mm_s: float = 0.0,
         pitch_deg_s: float = 0.0,
         roll_deg_s: float = 0.0,
-        frame: Frame = "base",
+        frame: Frame | Literal["user"] = "base",
         *,
         rx_deg_s: float = 0.0,
         ry_deg_s: float = 0.0,
@@ -368,13 +367,17 @@ class Arm(ArmControls):
     ) -> None:
         """Move the tool along a line, or turn it in its place, for 100 ms; then it slows down.
 
-        ``frame``: whose axes x, y and z are along, "base" or "tool". A positive pitch lifts the tool. About
-        these axes, ``rx_deg_s`` and so on, an arm turns its tool that can orient it (``robot.orients_tool``);
-        along a line such an arm keeps the orientation, another one its pitch and roll.
+        ``frame``: whose axes x, y and z are along, "base", "tool" or "user" (``set_frame``). A positive
+        pitch lifts the tool. About these axes, ``rx_deg_s`` and so on, an arm turns its tool that can orient
+        it (``robot.orients_tool``); along a line such an arm keeps the orientation, another one its pitch
+        and roll.
         """
         linear = point_of((x_mm_s, y_mm_s, z_mm_s), "x_mm_s, y_mm_s, z_mm_s") / 1000
         turn = point_of((rx_deg_s, ry_deg_s, rz_deg_s), "rx_deg_s, ry_deg_s, rz_deg_s") * DEGREE
         pitch, roll = checked_number(pitch_deg_s, "pitch_deg_s"), checked_number(roll_deg_s, "roll_deg_s")
+        if frame == "user":
+            R = np.eye(3) if self._T_base_user is None else self._T_base_user[:3, :3]
+            linear, turn, frame = R @ linear, R @ turn, "base"
         self._do(JogTool(linear, pitch * DEGREE, roll * DEGREE, frame, turn))
 
     def follow_target(
@@ -394,24 +397,7 @@ class Arm(ArmControls):
         """
         point = point_of((x_mm, y_mm, z_mm), "x_mm, y_mm, z_mm")
         rotation = self._rotation(rpy_deg, quaternion_wxyz, None)
-        self._do(FollowTarget(target_of(point, pitch_deg, roll_deg, rotation)))
-
-    def _rotation(
-        self,
-        rpy_deg: Sequence[float] | None,
-        quaternion_wxyz: Sequence[float] | None,
-        orientation: Orientation | None,
-    ) -> FloatArray | None:
-        """``R_base_tool`` (3, 3) that is asked for, or the present one; None: neither."""
-        rpy = None if rpy_deg is None else as_numbers(rpy_deg, "rpy_deg") * DEGREE
-        asked = rotation_of(rpy, quaternion_wxyz)
-        if orientation is None:
-            return asked
-        if orientation != "kept":
-            raise InputError(f"orientation is 'kept' or left out, not {orientation!r}")
-        if asked is not None:
-            raise InputError("orientation='kept' is the present one: leave rpy_deg and quaternion_wxyz out")
-        return self.robot.forward(self._commanded())[:3, :3]
+        self._do(FollowTarget(self._in_base(target_of(point, pitch_deg, roll_deg, rotation))))
 
     def _program(self, program: str | Path | Program) -> Program:
         if isinstance(program, Program):
@@ -419,6 +405,8 @@ class Arm(ArmControls):
         return open_program(program, self.robot)
 
     def _step(self, step: Step, wait: bool) -> Motion:
+        if self._T_base_user is not None:
+            step = step.moved(self._T_base_user)
         program = checked_program(Program(robot=self.robot.name, name=step.kind, steps=(step,)))
         return self._run(RunProgram(program), wait)
 

@@ -10,18 +10,20 @@ from collections import deque
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import msgspec
 from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.boards import ANY_BOARD
-from armctl.errors import ArmctlError, BoardError, StateError
+from armctl.errors import ArmctlError, BoardError, InputError, StateError
 from armctl.facts import State
+from armctl.facts.angles import DEGREE
 from armctl.hardware import Source
-from armctl.kinematics.target import checked_number
-from armctl.program import Condition, Senses
+from armctl.kinematics import Target, rotation_of
+from armctl.kinematics.target import as_numbers, checked_number
+from armctl.program import Condition, Senses, UserFrame
 from armctl.program.conditions import Comparison, Otherwise, Trigger
 from armctl.protocol import (
     ArmLink,
@@ -166,6 +168,10 @@ class JointStream:
             self._link.submit(Cancel(self._name), ORIGIN).result(_ANSWER_S)
 
 
+Orientation = Literal["kept"]
+"""of the tool, where ``Arm.go`` is not told by its numbers: as it is"""
+
+
 class ArmControls:
     """What ``Arm`` has beside its motions: where the arm is, its line, its power, who has control."""
 
@@ -177,6 +183,8 @@ class ArmControls:
         self.link, self.board = link, board
         self._park = park
         self.robot = link.robot
+        self._T_base_user: FloatArray | None = None
+        """(4, 4) [mm] of the frame that points are given in; None: the base"""
 
     @property
     def snapshot(self) -> Snapshot:
@@ -259,6 +267,40 @@ class ArmControls:
     def simulate_input(self, name: str, value: float) -> None:
         """Put an input of the simulated board at a value, as if somebody pressed it."""
         self._do(SimulateInput(name, value))
+
+    def set_frame(self, frame: UserFrame | None = None) -> None:
+        """Give the points of what follows in a user frame (``armctl.program.UserFrame``); None: in the base.
+
+        So are the orientations of ``go``, ``line``, ``arc`` and ``follow_target``; a pitch stays above the
+        horizontal. A program that is run has frames of its own. ``position_mm`` is in the base frame.
+        """
+        self._T_base_user = None if frame is None else frame.matrix
+
+    def _rotation(
+        self,
+        rpy_deg: Sequence[float] | None,
+        quaternion_wxyz: Sequence[float] | None,
+        orientation: Orientation | None,
+    ) -> FloatArray | None:
+        """``R_user_tool`` (3, 3) that is asked for, or the present one; None: neither."""
+        rpy = None if rpy_deg is None else as_numbers(rpy_deg, "rpy_deg") * DEGREE
+        asked = rotation_of(rpy, quaternion_wxyz)
+        if orientation is None:
+            return asked
+        if orientation != "kept":
+            raise InputError(f"orientation is 'kept' or left out, not {orientation!r}")
+        if asked is not None:
+            raise InputError("orientation='kept' is the present one: leave rpy_deg and quaternion_wxyz out")
+        present = self.robot.forward(self._commanded())[:3, :3]
+        return present if self._T_base_user is None else self._T_base_user[:3, :3].T @ present
+
+    def _in_base(self, target: Target) -> Target:
+        """A target that is given in the user frame."""
+        if (T := self._T_base_user) is None:
+            return target
+        R, rotation = T[:3, :3], target.rotation
+        turned = None if rotation is None else R @ rotation
+        return Target.of(R @ target.point + T[:3, 3] / 1000, target.pitch, target.roll, turned)
 
     def reconnect(self, port: str | None = None) -> None:
         """Open the line to the board, after ``disconnect`` or a fault; None: the same port as before."""

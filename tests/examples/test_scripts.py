@@ -37,6 +37,11 @@ PRINTS = {
         r"^checked: 0 errors, 6 parts in \d+ s\nasks: Put a full tray on the table\n"
         r"says: The tray is empty; tool at x 180, y 100, z 120 mm$"
     ),
+    "18_in_a_frame.py": (
+        r"^table at \(180, −60, 60\) mm(?s:.*)where it was: 0 errors; moved: 0 errors\nstep 2: too far by"
+        r"(?s:.*)ends at x 180\.0, y -40\.0, z 100\.0 mm\n"
+        r"(?s:.*)first corner again: \[180\.0, -40\.0, 120\.0\]$"
+    ),
     "14_button_and_lamp.py": r"^pressed\nlamp 1\nlet go: lamp 0$",
 }
 

@@ -26,6 +26,7 @@ from armctl.facts import (
     CallUnread,
     CellOutsideGrid,
     Found,
+    FrameNamedBase,
     InStep,
     MotionEndsMoving,
     Need,
@@ -55,6 +56,7 @@ from armctl.facts import (
     TooFewJoints,
     Unanswered,
     Unbounded,
+    UnknownFrame,
     UnmatchedBlock,
     WrongUnit,
     advice,
@@ -74,6 +76,9 @@ from armctl.facts.causes import (
     PlaceOff,
     Sags,
     ScaleOff,
+    TaughtTip,
+    TipAsBefore,
+    TipUntold,
     ZeroOff,
 )
 from armctl.facts.quantities import LevelPassed
@@ -134,6 +139,10 @@ from armctl.facts.words import KINDS, LANGUAGES, fact_of, fact_record, opening, 
 ELBOW = AngleLimit("Elbow", math.radians(190.004), -math.pi, math.radians(190))
 NEEDS = AngleNeeded("Elbow", (1.2,), -1.0, 1.0, 66.7)
 SAMPLES: list[Reason] = [
+    TaughtTip(4, (0.001, -0.002, 0.03), 0.0004, 0.0005, 2, 0.0007),
+    TipAsBefore(),
+    TipUntold((1.0, 0.0, 0.0), None),
+    TipUntold((0.6, 0.0, 0.8), 0.0021),
     FitFigures(10, 0.025, 0.04, 0.002, 0.003, 0.0015, corrected=True),
     FitFigures(10, 0.025, 0.04, 0.025, 0.04, 0.02, corrected=False),
     ZeroOff("Elbow", 0.05, 0.005),
@@ -182,6 +191,9 @@ SAMPLES: list[Reason] = [
     CallTooDeep(("pick", "grip"), 8),
     CallTooLong(50_000),
     CellOutsideGrid(),
+    UnknownFrame("table", ()),
+    UnknownFrame("table", ("shelf", "tray")),
+    FrameNamedBase(),
     NeverComes("counter parts = 3"),
     NeverEnds(),
     Unbounded(),

@@ -8,7 +8,7 @@ from typing import cast
 from hypothesis import strategies as st
 from msgspec import inspect
 
-from armctl.program import CallStep, CountStep, EndStep, Program, RepeatStep, Step
+from armctl.program import CallStep, CountStep, EndStep, FrameStep, Program, RepeatStep, Step
 from armctl.program.base_steps import BlockStep, keys_of
 from armctl.program.steps import KINDS
 
@@ -68,8 +68,8 @@ def programs(
     times = st.integers(1, 1_000_000) if times is None else times
     markers = [kind for kind in KINDS if issubclass(kind, BlockStep) or kind.closes or kind.divides]
     # a counter is a variable of a script, and no call: tests/program/test_logic.py has it. What a call runs
-    # is a file of its own: tests/program/test_calls.py has it
-    kinds = [kind for kind in KINDS if kind not in (*markers, CountStep, CallStep)]
+    # is a file of its own: tests/program/test_calls.py has it; of frames tests/program/test_frames.py
+    kinds = [kind for kind in KINDS if kind not in (*markers, CountStep, CallStep, FrameStep)]
     single = st.one_of(*(_steps(kind, joints) for kind in kinds)).map(lambda step: (step,))
     part = st.recursive(
         single,

@@ -20,13 +20,16 @@ from armctl.facts import (
     InStep,
     OnPath,
     PathTurn,
+    UnknownFrame,
 )
 from armctl.motion import Finding
 from armctl.program import (
     CallStep,
     CountStep,
+    Cursor,
     ElseStep,
     EndStep,
+    FrameStep,
     GridStep,
     IfStep,
     LineStep,
@@ -37,6 +40,7 @@ from armctl.program import (
     SavedPrograms,
     SpeedStep,
     Step,
+    UserFrame,
     WaitForStep,
     WaitStep,
     WhileStep,
@@ -278,3 +282,31 @@ def test_a_script_calls_functions(tmp_path: Path) -> None:
     assert "        run_lib_a_b(arm)  # twice\n" in script and "    n_count = 0\n" in script
     with pytest.raises(ProgramError, match="step 1: the program 'b' that it calls was not sent along"):
         write_script(program(call("b")))
+
+
+def test_a_called_program_has_frames_of_its_own_and_those_around_it_do_not_count_in_it(
+    tmp_path: Path,
+) -> None:
+    point = PointStep(x_mm=10, y_mm=20, z_mm=30)
+    mine, other = (UserFrame(x_mm=x, y_mm=0, z_mm=0, rz_deg=90) for x in (100, 200))
+    inner = Program(robot="uzuner", frames={"table": other}, steps=(point, FrameStep(frame="table"), point))
+    save_program(inner, tmp_path / "inner.toml")
+    steps = (FrameStep(frame="table"), point, call("inner"), point)
+    save_program(Program(robot="uzuner", frames={"table": mine}, steps=steps), tmp_path / "outer.toml")
+    whole = WholeProgram.of(load_program(tmp_path / "outer.toml"))
+    cursor, places = Cursor(whole.flat), list[tuple[float, ...]]()
+    while (found := cursor.next()) is not None:
+        if isinstance(found[1], PointStep):
+            places.append(tuple(round(value, 6) for value in (found[1].x_mm, found[1].y_mm, found[1].z_mm)))
+    assert places == [(80, 10, 30), (10, 20, 30), (180, 10, 30), (80, 10, 30)]
+
+
+def test_a_frame_that_a_called_program_has_not_is_found_there(tmp_path: Path, robot: Robot) -> None:
+    inner = Program(robot=robot.name, steps=(FrameStep(frame="table"), HOME))
+    save_program(inner, tmp_path / "inner.toml")
+    table = UserFrame(x_mm=0, y_mm=0, z_mm=0)
+    outer = Program(robot=robot.name, frames={"table": table}, steps=(call("inner"),))
+    save_program(outer, tmp_path / "outer.toml")
+    (one,) = check_program(load_program(tmp_path / "outer.toml"), robot, start=robot.pose("home"))
+    assert one.step == 0 and isinstance(one.reason, InStep)
+    assert one.reason.calls == (CalledStep("inner", 0),) and isinstance(one.reason.reason, UnknownFrame)

@@ -28,12 +28,14 @@ from armctl.calibration.record import (
 )
 from armctl.calibration.sheet import PAPERS_MM, Paper, TouchSheet, touch_sheet
 from armctl.calibration.tables import read_marks, read_touches, touches_csv
+from armctl.calibration.tool_point import LEAST_SIDES, ToolPoint, teach_tool
 from armctl.calibration.touch_model import LEAST_POINTS, Frame, Touches
 from armctl.calibration.touch_report import TouchFit, fit_touches, touch_errors
 
 __all__ = [
     "LEAST_MARKS",
     "LEAST_POINTS",
+    "LEAST_SIDES",
     "PAPERS_MM",
     "Calibration",
     "CalibrationStore",
@@ -46,6 +48,7 @@ __all__ = [
     "LengthChange",
     "Mark",
     "Paper",
+    "ToolPoint",
     "TouchFit",
     "TouchSheet",
     "Touches",
@@ -72,6 +75,7 @@ __all__ = [
     "renamed",
     "safe_outputs",
     "suggestion",
+    "teach_tool",
     "touch_errors",
     "touch_sheet",
     "touches_csv",

@@ -11,6 +11,7 @@ from armctl.facts.program_paths import (
     CallTooLong,
     CallUnread,
     CellOutsideGrid,
+    FrameNamedBase,
     InStep,
     NeverComes,
     NeverEnds,
@@ -20,6 +21,7 @@ from armctl.facts.program_paths import (
     PathTurn,
     PathWay,
     Unbounded,
+    UnknownFrame,
 )
 from armctl.facts.quantities import LevelPassed, Quantities, QuantityLimits, levels_passed
 from armctl.facts.reasons import (
@@ -79,6 +81,7 @@ __all__ = [
     "CalledStep",
     "CellOutsideGrid",
     "Found",
+    "FrameNamedBase",
     "Freer",
     "InStep",
     "LevelPassed",
@@ -117,6 +120,7 @@ __all__ = [
     "TooFewJoints",
     "Unanswered",
     "Unbounded",
+    "UnknownFrame",
     "UnmatchedBlock",
     "WrongUnit",
     "advice",

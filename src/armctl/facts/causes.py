@@ -115,3 +115,33 @@ class NotBetter(Reason):
 
     before: float
     after: float
+
+
+@dataclass(frozen=True, slots=True)
+class TaughtTip(Reason):
+    """Where the tip of the tool is, by touches of one point [m]."""
+
+    count: int
+    offset: tuple[float, float, float]
+    """from the tool point as the robot has it, along the axes of the tool"""
+    sd: float
+    residual: float
+    worst: int
+    """the touch that is farthest off, from 1"""
+    away: float
+    """… by so much"""
+
+
+@dataclass(frozen=True, slots=True)
+class TipAsBefore(Reason):
+    """The tip is where the robot has it, as far as touches can tell."""
+
+
+@dataclass(frozen=True, slots=True)
+class TipUntold(Reason):
+    """A direction in which touches do not tell where the tip is, or not well."""
+
+    axis: tuple[float, float, float]
+    """unit vector along the axes of the tool"""
+    sd: float | None
+    """how far it may be off there [m]; None: nothing is told"""

@@ -15,6 +15,7 @@ from armctl.facts.program_paths import (
     CallTooLong,
     CallUnread,
     CellOutsideGrid,
+    FrameNamedBase,
     InStep,
     NeverComes,
     NeverEnds,
@@ -22,6 +23,7 @@ from armctl.facts.program_paths import (
     PathsLeftOut,
     PathTurn,
     Unbounded,
+    UnknownFrame,
 )
 from armctl.facts.quantities import LOAD_S, LevelPassed
 from armctl.facts.reasons import (
@@ -329,6 +331,11 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     CallCircle: lambda one: f"programs call each other in a circle: {_called(one.chain)}; take one call out",
     CallTooDeep: lambda one: f"more than {one.most} programs call one another: {_called(one.chain)}",
     CallTooLong: lambda one: f"with the programs that it calls it has more than {one.most} steps",
+    UnknownFrame: lambda one: (
+        f"the program has no frame {one.name!r}; "
+        + (f"it has {', '.join(map(repr, one.known))}, and 'base'" if one.known else "it has only 'base'")
+    ),
+    FrameNamedBase: lambda _: "a frame cannot be called 'base', which is that of the arm; rename it",
     NeverComes: lambda one: f"{one.what} can never come: nothing counts while the program waits",
     NeverEnds: lambda _: "this loop never ends: no pass changes what it asks",
     Unbounded: lambda _: (

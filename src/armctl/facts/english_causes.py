@@ -9,6 +9,8 @@ from armctl.facts import causes
 from armctl.facts.angles import in_degrees, to_degrees
 from armctl.facts.reasons import Reason, in_millimetres
 
+_ALONG = 0.98
+"""share of a direction that makes it that of an axis"""
 _NUMBERS = {
     "zero": "its zero", "sag": "its sag", "play": "its play", "scale": "its scale", "a": "the length a_mm",
     "d": "the length d_mm", "place": "the place of the points", "tilt": "the tilt of the points",
@@ -37,6 +39,22 @@ def _length(one: causes.LengthOff) -> str:
     return f"{one.key}_mm of DH row {one.row} is {new:.1f} mm, not {old:.1f} ({sure})"
 
 
+def _tip(one: causes.TaughtTip) -> str:
+    x, y, z = (f"{1000 * value:.2f}" for value in one.offset)
+    return (
+        f"the tip is ({x}, {y}, {z}) mm from the tool point of the robot, along the axes of the tool, "
+        f"± {1000 * one.sd:.2f} mm; {one.count} touches meet within {1000 * one.residual:.2f} mm (RMS), "
+        f"touch {one.worst} is off most: {1000 * one.away:.2f} mm"
+    )
+
+
+def _axis(axis: tuple[float, float, float]) -> str:
+    largest = max(range(3), key=lambda i: abs(axis[i]))
+    if abs(axis[largest]) > _ALONG:
+        return f"the tool's {'xyz'[largest]} axis"
+    return "the direction ({}) of the tool".format(", ".join(f"{value:.2f}" for value in axis))
+
+
 WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     causes.ZeroOff: lambda one: f"zero off by {to_degrees(one.off):+.1f}° ({_give(one.sd)})",
     causes.Sags: lambda one: f"sags by {in_degrees(one.angle, '.1f')} stretched out ({_give(one.sd)})",
@@ -57,6 +75,15 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
         f"no correction is better at points that were left out: {in_millimetres(one.before)} mm without, "
         f"{in_millimetres(one.after)} mm with the best"
     ),
+    causes.TaughtTip: _tip,
+    causes.TipAsBefore: lambda _: "the tip is where the robot has it, as far as touches can tell",
+    causes.TipUntold: lambda one: (
+        f"where the tip is along {_axis(one.axis)} is told to ± {1000 * one.sd:.1f} mm only: the tool was "
+        "turned little about other axes"
+        if one.sd is not None
+        else f"where the tip is along {_axis(one.axis)} is not told: the tool was turned about that axis "
+        "only; it stays as it is"
+    ),
 }
 ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     causes.ZeroOff: lambda one: (
@@ -69,4 +96,5 @@ ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     causes.PlaceOff: lambda _: "measure anew where the points are",
     causes.MistakenPoint: lambda _: "touch it again",
     causes.NotBetter: lambda _: "touch more points, in poses that differ more, from both sides",
+    causes.TipUntold: lambda _: "turn the tool farther about another axis, too",
 }

@@ -37,6 +37,19 @@ class CellOutsideGrid(Reason):
 
 
 @dataclass(frozen=True, slots=True)
+class UnknownFrame(Reason):
+    """A step names a user frame that the program has not."""
+
+    name: str
+    known: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FrameNamedBase(Reason):
+    """A user frame with the name of the base frame."""
+
+
+@dataclass(frozen=True, slots=True)
 class NeverComes(Reason):
     """Nothing can bring about what a step waits for: only a later step could."""
 

@@ -15,6 +15,7 @@ from armctl.facts.program_paths import (
     CallTooLong,
     CallUnread,
     CellOutsideGrid,
+    FrameNamedBase,
     InStep,
     NeverComes,
     NeverEnds,
@@ -22,6 +23,7 @@ from armctl.facts.program_paths import (
     PathsLeftOut,
     PathTurn,
     Unbounded,
+    UnknownFrame,
 )
 from armctl.facts.quantities import LOAD_S, LevelPassed
 from armctl.facts.reasons import (
@@ -359,6 +361,11 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     CallCircle: lambda one: f"programlar birbirini döngüyle çağırıyor: {_called(one.chain)}; birini çıkarın",
     CallTooDeep: lambda one: f"iç içe çağrılan program {one.most} sayısını aşıyor: {_called(one.chain)}",
     CallTooLong: lambda one: f"çağırdığı programlarla birlikte {one.most} adımdan çok",
+    UnknownFrame: lambda one: (
+        f"programda {one.name!r} çerçevesi yok; "
+        + (f"olanlar: {', '.join(map(repr, one.known))} ve 'base'" if one.known else "yalnız 'base' var")
+    ),
+    FrameNamedBase: lambda _: "bir çerçevenin adı 'base' olamaz, o kolunkidir; adını değiştirin",
     NeverComes: lambda one: f"{one.what} hiç gelemez: program beklerken hiçbir şey saymaz",
     NeverEnds: lambda _: "bu döngü hiç bitmez: hiçbir geçiş sorduğunu değiştirmez",
     Unbounded: lambda _: "bu döngünün kaç kez döneceği denetlenemez, sonsuz olabilir; 'most' ile sınırlayın",

@@ -9,6 +9,8 @@ from armctl.facts import causes
 from armctl.facts.angles import in_degrees, to_degrees
 from armctl.facts.reasons import Reason, in_millimetres
 
+_ALONG = 0.98
+"""bir doğrultuyu eksen saydıran pay"""
 _NUMBERS = {
     "zero": "sıfırını", "sag": "sarkmasını", "play": "boşluğunu", "scale": "ölçeğini", "a": "a_mm uzunluğunu",
     "d": "d_mm uzunluğunu", "place": "noktaların yerini", "tilt": "noktaların eğimini",
@@ -38,6 +40,22 @@ def _length(one: causes.LengthOff) -> str:
     return f"DH satırı {one.row}: {one.key}_mm {old:.1f} değil, {new:.1f} mm ({sure})"
 
 
+def _tip(one: causes.TaughtTip) -> str:
+    x, y, z = (f"{1000 * value:.2f}" for value in one.offset)
+    return (
+        f"uç, robotun takım noktasından takımın eksenleri boyunca ({x}, {y}, {z}) mm uzakta, "
+        f"± {1000 * one.sd:.2f} mm; {one.count} dokunuş {1000 * one.residual:.2f} mm içinde buluşuyor (RMS), "
+        f"en çok {one.worst}. dokunuş sapıyor: {1000 * one.away:.2f} mm"
+    )
+
+
+def _axis(axis: tuple[float, float, float]) -> str:
+    largest = max(range(3), key=lambda i: abs(axis[i]))
+    if abs(axis[largest]) > _ALONG:
+        return f"takımın {'xyz'[largest]} ekseni"
+    return "takımın ({}) doğrultusu".format(", ".join(f"{value:.2f}" for value in axis))
+
+
 WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     causes.ZeroOff: lambda one: f"sıfırı {to_degrees(one.off):+.1f}° kaymış ({_give(one.sd)})",
     causes.Sags: lambda one: f"uzanınca {in_degrees(one.angle, '.1f')} sarkıyor ({_give(one.sd)})",
@@ -59,6 +77,15 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
         f"hiçbir düzeltme dışarıda bırakılan noktalarda daha iyi değil: düzeltmesiz "
         f"{in_millimetres(one.before)} mm, en iyisiyle {in_millimetres(one.after)} mm"
     ),
+    causes.TaughtTip: _tip,
+    causes.TipAsBefore: lambda _: "uç, dokunuşların gösterebildiği kadarıyla robotun bildiği yerde",
+    causes.TipUntold: lambda one: (
+        f"ucun {_axis(one.axis)} boyunca yeri ancak ± {1000 * one.sd:.1f} mm ile biliniyor: takım başka "
+        "eksenler çevresinde az döndürüldü"
+        if one.sd is not None
+        else f"ucun {_axis(one.axis)} boyunca yeri bilinmiyor: takım yalnız bu eksen çevresinde döndürüldü; "
+        "olduğu gibi kalıyor"
+    ),
 }
 ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     causes.ZeroOff: lambda one: (
@@ -73,4 +100,5 @@ ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     causes.PlaceOff: lambda _: "noktaların yerini yeniden ölçün",
     causes.MistakenPoint: lambda _: "bu noktaya yeniden dokunun",
     causes.NotBetter: lambda _: "birbirinden daha farklı duruşlarda, iki yandan, daha çok noktaya dokunun",
+    causes.TipUntold: lambda _: "takımı başka bir eksen çevresinde de daha çok döndürün",
 }

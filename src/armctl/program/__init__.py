@@ -17,6 +17,7 @@ from armctl.program.files import (
     read_program,
     save_program,
 )
+from armctl.program.frames import FrameStep, UserFrame
 from armctl.program.grid_step import GridStep
 from armctl.program.logic_steps import CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
 from armctl.program.message_step import MessageStep
@@ -43,6 +44,7 @@ __all__ = [
     "Effect",
     "ElseStep",
     "EndStep",
+    "FrameStep",
     "GridStep",
     "GripperStep",
     "IfStep",
@@ -61,6 +63,7 @@ __all__ = [
     "SpeedStep",
     "Step",
     "Until",
+    "UserFrame",
     "WaitForStep",
     "WaitStep",
     "WhileStep",

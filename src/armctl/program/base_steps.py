@@ -273,11 +273,11 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
 
     @property
     def in_cell(self) -> bool:
-        """Its points are given in the frame of a cell of a grid (``moved``)."""
+        """Its points are given in the frame of a cell of a grid."""
         return False
 
-    def moved(self, cell: Sequence[float]) -> Step:
-        """The same in the base frame, of one that is given in the frame of a cell at X, Y, Z [mm]."""
+    def moved(self, T: FloatArray) -> Step:
+        """The same in another frame, in which that of its points is at ``T`` (4, 4) [mm]."""
         return self
 
     def describe(self) -> str:
@@ -328,7 +328,7 @@ class BlockStep(Step, frozen=True, kw_only=True):
     """it runs once, and the speed that its steps set ends with it"""
 
     def cell(self, number: int) -> tuple[float, float, float] | None:
-        """Where a pass has its frame, X, Y, Z [mm]; ``number`` from 0. None: it has none."""
+        """Where a pass has its cell, X, Y, Z in its frame [mm]; ``number`` from 0. None: it has none."""
         return None
 
     @property
@@ -348,7 +348,7 @@ class MotionStep(Step, frozen=True, kw_only=True):
     blend_mm: Annotated[float, Meta(ge=0, le=WIDEST_BLEND_MM), Field("Blend mm", _BLEND_HINT, 10)] = 0.0
     """how far from its end the tool may begin to turn off towards the next step; 0: it stops there"""
 
-    def moved(self, cell: Sequence[float]) -> MotionStep:
+    def moved(self, T: FloatArray) -> MotionStep:
         """As of any step."""
         return self
 

@@ -27,6 +27,7 @@ from armctl.facts import (
 )
 from armctl.motion.preflight import Finding
 from armctl.program.base_steps import BlockStep, Step
+from armctl.program.frames import BASE, FrameStep, UserFrame
 from armctl.program.logic_steps import EndStep
 from armctl.program.program import MOST_CALLED, PROGRAM_SUFFIXES, Blocks, CalledProgram, Program
 
@@ -137,7 +138,8 @@ class WholeProgram:
             begins.append(len(taken.steps))
             taken.take(step, StepPlace(index), "", (program.name,))
         begins.append(len(taken.steps))
-        flat = msgspec.structs.replace(program, steps=tuple(taken.steps), called=())
+        frames = {**program.frames, **taken.frames}
+        flat = msgspec.structs.replace(program, frames=frames, steps=tuple(taken.steps), called=())
         return cls(
             program,
             flat,
@@ -187,6 +189,19 @@ class WholeProgram:
                 yield k
 
 
+def _frame_of(file: str, name: str) -> str:
+    """What a frame of a called program is called among those of all."""
+    return f"{called_name(file)}: {name}"
+
+
+def _with_own_frames(file: str, steps: Sequence[Step]) -> Iterator[Step]:
+    for step in steps:
+        if isinstance(step, FrameStep) and step.frame != BASE:
+            yield msgspec.structs.replace(step, frame=_frame_of(file, step.frame))
+        else:
+            yield step
+
+
 @dataclass
 class _Taking:
     """Takes steps apart, each called program where it is called."""
@@ -196,6 +211,8 @@ class _Taking:
     places: list[StepPlace] = field(default_factory=list[StepPlace])
     findings: list[tuple[int, Reason]] = field(default_factory=list[tuple[int, Reason]])
     files: dict[str, CalledProgram] = field(default_factory=dict[str, CalledProgram])
+    frames: dict[str, UserFrame] = field(default_factory=dict[str, UserFrame])
+    """of the called programs, each by its file and its name"""
 
     def __post_init__(self) -> None:
         self._called = {one.file: one for one in self.program.called}
@@ -216,8 +233,9 @@ class _Taking:
                 self._add(step, place)
                 return
             self.files[file] = found
+            self.frames |= {_frame_of(file, name): one for name, one in found.frames.items()}
             self._add(CallBlock(note=step.note), place)
-            for index, inner in enumerate(found.steps):
+            for index, inner in enumerate(_with_own_frames(file, found.steps)):
                 called = (*place.calls, CalledStep(called_name(file), index))
                 self.take(inner, StepPlace(place.index, called), file, (*chain, called_name(file)))
             self._add(EndStep(), place)

@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike
 
 from armctl.documents import Document
 from armctl.errors import ArmctlError
-from armctl.facts import CellOutsideGrid, NoSteps, OtherRobot, Reason
+from armctl.facts import FrameNamedBase, NoSteps, OtherRobot, Reason
 from armctl.motion.preflight import Finding
 from armctl.program.base_steps import Step
 from armctl.program.calls import WholeProgram
+from armctl.program.frames import BASE, Placing
 from armctl.program.motion_steps import MoveStep
 from armctl.program.paths import PathWalk
-from armctl.program.program import PROGRAM_FILES, Blocks, Program, in_first_cells
+from armctl.program.program import PROGRAM_FILES, Blocks, Program
 from armctl.program.steps import AnyStep
 from armctl.robot import Robot
 
@@ -46,6 +47,7 @@ def check_program(
         findings.append(Finding(OtherRobot(program.robot, robot.name)))
     if not program.steps:
         findings.append(Finding(NoSteps()))
+    findings += _frame_findings(program)
     whole = WholeProgram.of(program)
     wrong: dict[int, Reason] = {}
     """by index among the steps that run: what is wrong in itself"""
@@ -59,17 +61,29 @@ def check_program(
             in_steps.append(whole.called(places[0], why))
             wrong |= dict.fromkeys(places, why)
     broken = Blocks.of(program.steps).findings
+    placing = Placing(whole.flat.steps, whole.flat.frames)
+    for index, why in placing.unknown.items():
+        in_steps.append(whole.told(Finding(why, step=index)))
+        wrong[index] = why
     if not wrong:
-        placed = enumerate(in_first_cells(whole.flat.steps))
-        wrong = {index: CellOutsideGrid() for index, step in placed if step.in_cell}
+        wrong |= placing.no_cell
         in_steps += [whole.told(Finding(why, step=index)) for index, why in wrong.items()]
     in_steps += [Finding(why, step=index) for index, why in (*broken, *whole.findings)]
     if motions and not broken:
         begin = None if start is None else robot.chain.checked(start)
-        walk = PathWalk(whole, robot, wrong, payload_kg)
+        walk = PathWalk(whole, robot, {*wrong, *placing.lost}, payload_kg)
         walk.run(begin, progress)
         in_steps += map(whole.told, walk.found)
     return findings + sorted(in_steps, key=lambda finding: -1 if finding.step is None else finding.step)
+
+
+def _frame_findings(program: Program) -> Iterator[Finding]:
+    if BASE in program.frames:
+        yield Finding(FrameNamedBase())
+    try:  # as of the steps below: one that was made in Python is checked here only
+        Document(PROGRAM_FILES, {"robot": "", "frames": msgspec.to_builtins(program.frames)}).convert(Program)
+    except ArmctlError as cause:
+        yield Finding(cause.reason)
 
 
 _STEPS: msgspec.json.Decoder[tuple[Step, ...]] = msgspec.json.Decoder(tuple[AnyStep, ...])

@@ -7,7 +7,7 @@ import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import Literal, cast
+from typing import Literal, TypeVar, cast
 
 import msgspec
 import numpy as np
@@ -28,12 +28,14 @@ from armctl.program.csv_columns import (
     guarded,
     unguarded,
 )
+from armctl.program.frames import FrameStep, Placing, UserFrame
 from armctl.program.motion_steps import MoveStep, PointStep, tool_turn
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, Blocks, Program
 from armctl.program.standing_steps import EDGES
 from armctl.program.steps import CommentStep, any_step
 from armctl.robot import Robot
 
+T = TypeVar("T")
 CsvForm = Literal["angles", "points"]
 """angles: every step as it is; points: moves to angles become points of the tool"""
 _EXTRA = {"gripper": ("open_percent", *EDGES), "wait": ("seconds",)}
@@ -49,8 +51,12 @@ _SEPARATOR_LINE = re.compile(r"sep=(.)\r?\n", re.IGNORECASE)
 
 
 def write_csv(program: Program, robot: Robot, form: CsvForm = "angles") -> str:
-    """The program as CSV; ``points``: moves become points, whose solution is chosen when they are run."""
+    """The program as CSV; ``points``: moves become points, whose solution is chosen when they are run.
+
+    The first row that chooses a user frame says where it is, too.
+    """
     steps = list(program.steps)
+    placing = Placing(steps, program.frames)
     for index, step in enumerate(steps):
         if isinstance(step, MoveStep):
             if len(step.joints_deg) != robot.n:
@@ -59,8 +65,9 @@ def write_csv(program: Program, robot: Robot, form: CsvForm = "angles") -> str:
                     f"the step has {len(step.joints_deg)} angles"
                 )
             if form == "points":
-                steps[index] = _as_point(step, robot)
-    records = [_cells(step) for step in steps]
+                steps[index] = placing.given(index, _as_point(step, robot))
+    frames = dict(program.frames)
+    records = [_cells(step, frames) for step in steps]
     used = {place for record in records for place in record} | {(DO, None)}
     if not steps:
         used |= {(JOINTS, i) for i in range(robot.n)}
@@ -73,8 +80,11 @@ def write_csv(program: Program, robot: Robot, form: CsvForm = "angles") -> str:
     return out.getvalue()
 
 
-def _cells(step: Step) -> dict[Cell | None, object]:
+def _cells(step: Step, frames: dict[str, UserFrame]) -> dict[Cell | None, object]:
+    """``frames``: those that no row has told of yet; what is told is taken out."""
     cells: dict[Cell | None, object] = {(DO, None): step.kind}
+    if isinstance(step, FrameStep) and (frame := frames.pop(step.frame, None)) is not None:
+        cells |= {(key, None): value for key, value in msgspec.structs.asdict(frame).items()}
     for key in keys_of(type(step)):
         value = getattr(step, key.name)
         if key.name == JOINTS:
@@ -120,7 +130,7 @@ def read_csv(text: bytes | str, robot: Robot, name: str = "untitled") -> Program
         raise ProgramError("the file has no rows below its head")
     for index, why in Blocks.of(steps).findings:
         raise ProgramError(why).about(f"line {found[index][0]}")
-    return Program(robot=robot.name, name=name, steps=steps)
+    return Program(robot=robot.name, name=name, frames=table.frames, steps=steps)
 
 
 class _Table:
@@ -143,6 +153,8 @@ class _Table:
         """when the row before is reached [s]"""
         self.told: list[str] = []
         """what was read from heads that do not say it"""
+        self.frames: dict[str, UserFrame] = {}
+        """that rows tell of"""
         self._read_without_units(list(map(unguarded, heads)), robot)
         for head, column in zip(map(unguarded, heads), self._columns, strict=True):
             if column is None and head.strip():
@@ -272,6 +284,9 @@ class _Table:
                     raise ProgramError(f"line {line}, column {self._head(place)}: the cell is empty")
             record[JOINTS] = tuple(cells[place] for place in self._joints)
         if DO in record:
+            if record[DO] == "frame" and POINT[0] in record:
+                frame = {key: record.pop(key) for key in UserFrame.__struct_fields__ if key in record}
+                self.frames[str(record.get("frame", ""))] = self._converted(line, frame, UserFrame)
             yield self._step(line, record)
             return
         has_point = any(key in record for key in POINT)
@@ -308,11 +323,14 @@ class _Table:
         record["duration_s"] = round(time - before, _DIGITS)
 
     def _step(self, line: int, record: dict[str, object]) -> Step:
+        return self._converted(line, record, cast("type[Step]", any_step()))
+
+    def _converted(self, line: int, record: dict[str, object], model: type[T]) -> T:
         try:
-            return msgspec.convert(record, any_step())
+            return msgspec.convert(record, model)
         except msgspec.ValidationError:
             decoder, errors = Decoder(), Errors()
-            step = decoder.decoded(record, any_step())
+            step = decoder.decoded(record, model)
             for refusal in decoder.refusals:
                 errors.found.append(self._refused(line, record, refusal))
             errors.raise_all()
@@ -321,7 +339,11 @@ class _Table:
     def _refused(self, line: int, record: dict[str, object], refusal: Refusal) -> ProgramError:
         key, what = refusal.key, refusal.what
         if key is not None:
-            what = f"a {str(record[DO])!r} step has no such thing" if key in record else "the cell is empty"
+            what = (
+                f"a {str(record.get(DO, 'frame'))!r} step has no such thing"
+                if key in record
+                else "the cell is empty"
+            )
         elif refusal.place:
             key = str(refusal.place[0])
         column = "" if key is None else f", column {self._head((key, 0 if key == JOINTS else None))}"

@@ -87,6 +87,11 @@ class DrawStep(MotionStep, frozen=True, kw_only=True, tag="draw"):
             return self
         return msgspec.structs.replace(self, file=inside.as_posix())
 
+    def moved(self, T: FloatArray) -> Self:
+        """Its plane in another frame, as of any step."""
+        points = np.reshape(self.plane_mm, (-1, 3)) @ T[:3, :3].T + T[:3, 3]
+        return msgspec.structs.replace(self, plane_mm=tuple(points.ravel().tolist()))
+
     def check(self, robot: Robot) -> None:
         """Refuse a file that cannot be read as a drawing, and points that are no plane."""
         require_drawing_name(self.file)

@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, islice
 from pathlib import Path, PurePath
-from typing import Any, Literal, cast
+from typing import Annotated, Any, Literal, cast
 
 import msgspec
 import numpy as np
 import tomli_w
+from msgspec import Meta
 
 from armctl.arrays import FloatArray
 from armctl.documents import Document, as_path, not_written, write_atomically
@@ -20,6 +21,7 @@ from armctl.program.base_steps import Step
 from armctl.program.calls import link
 from armctl.program.check import check_program
 from armctl.program.csv import read_csv
+from armctl.program.frames import MOST_FRAMES, FrameName, UserFrame
 from armctl.program.motion_steps import LineStep, MoveStep, PointStep
 from armctl.program.program import MOST_STEPS, PROGRAM_FILES, PROGRAM_SUFFIXES, Blocks, CalledProgram, Program
 from armctl.program.standing_steps import GripperStep, WaitStep
@@ -97,7 +99,8 @@ def read_called(folder: Path, file: str, robot: Robot | None = None) -> CalledPr
         if not path.is_file():
             return CalledProgram(file=file, missing="beside")
         return CalledProgram(file=file, unread=str(cause))
-    return CalledProgram(file=file, robot=program.robot, steps=_found_from(path.parent, program).steps)
+    steps = _found_from(path.parent, program).steps
+    return CalledProgram(file=file, robot=program.robot, frames=program.frames, steps=steps)
 
 
 def decode_program(text: bytes | str) -> Program:
@@ -122,6 +125,8 @@ def encode_program(program: Program) -> str:
         {key: value for key, value in step.items() if value is not None and (key, value) != ("note", "")}
         for step in record.pop("steps")
     ]
+    if not record["frames"]:
+        del record["frames"]
     text = tomli_w.dumps({**record, "steps": steps} if steps else record, indent=0)
     # A list stays on its line: half as long a file. No text holds a line's end, they are written as \\n.
     return text.replace("[\n", "[").replace(",\n]", "]").replace(",\n", ", ")
@@ -151,6 +156,7 @@ class _Head(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     format: Literal[1] = 1
     robot: str
     name: str = "untitled"
+    frames: Annotated[dict[FrameName, UserFrame], Meta(max_length=MOST_FRAMES)] = {}
     steps: tuple[()] = ()
 
 
@@ -167,7 +173,7 @@ def _decoded(document: Document) -> Program:
     for index, why in Blocks.of(steps).findings:
         errors.found.append(document.refusal(say(why), ("steps", index)))
     errors.raise_all()
-    return Program(robot=head.robot, name=head.name, steps=steps)
+    return Program(robot=head.robot, name=head.name, frames=head.frames, steps=steps)
 
 
 def _record(program: Program) -> dict[str, Any]:

@@ -43,7 +43,7 @@ class GridStep(BlockStep, frozen=True, kw_only=True, tag="grid"):
     columns: Annotated[_Count, Field("Columns", "Cells in each row.", 73)]
     layers: Annotated[_Count, Field("Layers", "On top of each other.", 74)] = 1
     layer_mm: Annotated[float, Field("Layer mm", "Height of a layer; below 0: from the top down.", 75)] = 0.0
-    """along Z of the base; the corners are those of the first layer"""
+    """along Z of the frame; the corners are those of the first layer"""
     order: Annotated[Order, Field("Order", "snake: every other row backwards.", 76)] = "rows"
     """rows: along each row; columns: along each column; snake: along rows, every other one backwards"""
 
@@ -82,7 +82,7 @@ class GridStep(BlockStep, frozen=True, kw_only=True, tag="grid"):
         return row, column, layer
 
     def cell(self, number: int) -> tuple[float, float, float]:
-        """Where a cell is, X, Y, Z in the base frame [mm]; ``number`` as in ``place``."""
+        """Where a cell is, X, Y, Z in the frame of the step [mm]; ``number`` as in ``place``."""
         first, row_end, column_end = self._corners()
         row, column, layer = self.place(number)
         point = first + (row_end - first) * (column / max(self.columns - 1, 1))

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, ClassVar, Literal, TypeVar, cast
+from typing import Annotated, ClassVar, Literal, cast
 
-import msgspec
 import numpy as np
 from msgspec import Meta
 
@@ -19,6 +18,7 @@ from armctl.motion.plan import follow_tool
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import ProfileName
 from armctl.program.base_steps import FASTEST, Field, MotionStep, literal
+from armctl.program.frames import moved_step
 from armctl.robot import Robot
 
 _POINT_HINT, _VIA_HINT = "X, Y, Z of the tool at the end.", "X, Y, Z of a point on the arc."
@@ -140,9 +140,9 @@ class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
         """Its frame says so."""
         return self.frame == "cell"
 
-    def moved(self, cell: Sequence[float]) -> PointStep:
-        """The same with its point in the base frame, where it is given in that of a cell [mm]."""
-        return moved_points(self, (END,), cell)
+    def moved(self, T: FloatArray) -> PointStep:
+        """As of any step."""
+        return moved_step(self, (END,), T)
 
     @property
     def _law(self) -> ProfileName:
@@ -226,9 +226,9 @@ class _LeadsTool(_Oriented):
         """Its frame says so."""
         return self.frame == "cell"
 
-    def moved(self, cell: Sequence[float]) -> MotionStep:
-        """The same with its points in the base frame, where they are given in that of a cell [mm]."""
-        return moved_points(cast("MotionStep", self), self.points, cell)
+    def moved(self, T: FloatArray) -> MotionStep:
+        """As of any step."""
+        return moved_step(cast("MotionStep", self), self.points, T)
 
     def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
         """Along the tool's way [m]."""
@@ -302,17 +302,6 @@ def tool_turn(robot: Robot, q: FloatArray, digits: int = 6) -> dict[str, float |
 
 
 # Points and numbers of several kinds.
-
-
-_MovedStep = TypeVar("_MovedStep")
-
-
-def moved_points(step: _MovedStep, points: Sequence[Sequence[str]], cell: Sequence[float]) -> _MovedStep:
-    """A step with its points (keys of each) in the base frame, given in that of a cell at X, Y, Z [mm]."""
-    moved = {
-        key: getattr(step, key) + offset for keys in points for key, offset in zip(keys, cell, strict=True)
-    }
-    return cast("_MovedStep", msgspec.structs.replace(cast("Any", step), frame=None, **moved))
 
 
 def _values(step: object, keys: Sequence[str]) -> tuple[float, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Container, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from armctl.motion.trajectory import JoinedTrajectory, Trajectory
 from armctl.program.base_steps import BlockStep, MotionStep, Step
 from armctl.program.calls import WholeProgram
 from armctl.program.conditions import COUNTER
+from armctl.program.frames import Placing
 from armctl.program.program import Blocks
 from armctl.program.signal_steps import ConditionStep
 from armctl.robot import CarriedPart, Robot
@@ -86,6 +88,7 @@ class PathWalk:
         self._whole = whole
         self._steps, self._robot, self._skipped, self._payload_kg = steps, robot, skipped, payload_kg
         self._blocks = Blocks.matched(steps)
+        self._placing = Placing(steps, whole.flat.frames)
         self._ranges = _counter_ranges([step for k, step in enumerate(steps) if k not in skipped])
         self._planned: list[_PlannedMotion] = []
         """motions that the pre-flight has not seen yet, each from where the one before ends"""
@@ -245,8 +248,7 @@ class PathWalk:
         key = (index, (*place.key[:3], place.cell if step.in_cell else None, ()))
         if key not in self._ends:
             self._ends[key] = None
-            if place.cell is not None:
-                step = step.moved(place.cell) if step.in_cell else step
+            step = cast("MotionStep", self._placing.placed(index, step, place.cell))
             try:
                 if place.q is None:
                     self._ends[key] = step.end(place.robot)

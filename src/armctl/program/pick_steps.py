@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, ClassVar, Literal
 
@@ -19,6 +18,7 @@ from armctl.motion.plan import follow_tool, plan_path
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import passes
 from armctl.program.base_steps import Field, MotionStep, Seconds, Step
+from armctl.program.frames import moved_step
 from armctl.program.motion_steps import (
     END,
     RPY,
@@ -33,7 +33,6 @@ from armctl.program.motion_steps import (
     ToolSpeedKey,
     frame_words,
     metres,
-    moved_points,
     place_words,
 )
 from armctl.program.signal_steps import AtTimeout, LongestWait, SetStep, SignalNameOrNone, WaitForStep
@@ -68,9 +67,9 @@ class ApproachStep(PointStep, frozen=True, kw_only=True, tag="approach"):
     back_mm: float
     """so far from the point, back along the tool; 0: the way begins at the other point"""
 
-    def moved(self, cell: Sequence[float]) -> PointStep:
+    def moved(self, T: FloatArray) -> PointStep:
         """Both points."""
-        return moved_points(self, (END, _HIGH), cell)
+        return moved_step(self, (END, _HIGH), T)
 
     def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray | None:
         """The begin of the way, (n,) [rad]; None without a start. Raises as a point, and as a line."""
@@ -177,9 +176,9 @@ class _HandlingStep(Step, frozen=True, kw_only=True):
         """Its frame says so."""
         return self.frame == "cell"
 
-    def moved(self, cell: Sequence[float]) -> Step:
-        """The same with its point in the base frame, where it is given in that of a cell [mm]."""
-        return moved_points(self, (END,), cell)
+    def moved(self, T: FloatArray) -> Step:
+        """As of any step."""
+        return moved_step(self, (END,), T)
 
     def check(self, robot: Robot) -> None:
         """Refuse what is wrong with one of its parts, and an arm that has nothing to grip with."""

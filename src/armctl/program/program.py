@@ -7,14 +7,24 @@ import sys
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import msgspec
+from msgspec import Meta
 
 from armctl.documents import DocumentKind
 from armctl.errors import InputError, ProgramError
 from armctl.facts import UnmatchedBlock
 from armctl.program.base_steps import BlockStep, MotionStep, Step
+from armctl.program.frames import (
+    BASE,
+    MOST_FRAMES,
+    NAME_OF_FRAME,
+    FrameName,
+    FrameStep,
+    Placing,
+    UserFrame,
+)
 from armctl.program.logic_steps import MOST_REPEATS, EndStep, IfStep, RepeatStep
 from armctl.program.steps import AnyStep
 
@@ -32,6 +42,8 @@ class CalledProgram(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     file: str
     """as seen from the folder of the program that was started"""
     robot: str = ""
+    frames: dict[str, UserFrame] = {}
+    """its own; those of what calls it do not count in it"""
     steps: tuple[AnyStep, ...] = ()
     missing: Literal["", "beside", "saved"] = ""
     """where it was looked for and is not; empty: it was there"""
@@ -45,9 +57,19 @@ class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     format: Literal[1] = 1
     robot: str
     name: str = "untitled"
+    frames: Annotated[dict[FrameName, UserFrame], Meta(max_length=MOST_FRAMES)] = {}
+    """by name; which of them a step is in is what ``frame`` steps say"""
     steps: tuple[AnyStep, ...] = ()
     called: tuple[CalledProgram, ...] = ()
     """the programs that it calls, and those call, as they were read (``link``); no file holds them"""
+
+    def __hash__(self) -> int:
+        return hash((self.robot, self.name, self.steps, frozenset(self.frames.items())))
+
+    @property
+    def content(self) -> tuple[object, ...]:
+        """What the arm would do: two programs with the same differ in their names only."""
+        return self.steps, self.frames
 
 
 # Which markers belong to each other.
@@ -121,11 +143,17 @@ _RANGE = re.compile(r"\s*(\d{1,6})\s*(?:(?:-|–|…|to)\s*(\d{1,6})\s*)?")
 
 
 def add(program: Program, step: Step, where: str, selected: int) -> Change:
-    """A step goes to one of the ``PLACES``; several put before or after the selected row keep their order."""
+    """A step goes to one of the ``PLACES``; several put before or after the selected row keep their order.
+
+    Its points are in the base frame. In the list they are given in the user frame that counts there.
+    """
     count = len(program.steps)
     spans = ((count, 0), (selected, 0), (selected + 1, 0), (selected, 1))
     at, removed = dict(zip(PLACES, spans, strict=True))[where] if count else (0, 0)
     row = selected + 1 if where == PLACES[1] and count else at
+    changed = _spliced(program, at, removed, (step,))
+    if program.frames:
+        step = Placing(changed.steps, program.frames).given(at, step)
     return _spliced(program, at, removed, (step,)), row
 
 
@@ -212,18 +240,64 @@ def _with(program: Program, steps: tuple[Step, ...]) -> Program:
     return msgspec.structs.replace(program, steps=steps)
 
 
-def in_first_cells(steps: Sequence[Step]) -> list[Step]:
-    """The steps, those in a grid as its first pass runs them."""
+def in_first_cells(program: Program) -> list[Step]:
+    """The steps with their points in the base frame, those in a grid as its first pass runs them."""
+    placing = Placing(program.steps, program.frames)
     cells: list[tuple[float, float, float] | None] = [None]
     placed: list[Step] = []
-    for step in steps:
+    for index, step in enumerate(program.steps):
         if isinstance(step, BlockStep):
             cells.append(step.cell(0) or cells[-1])
         elif step.closes and len(cells) > 1:
             cells.pop()
-        cell = cells[-1]
-        placed.append(step.moved(cell) if step.in_cell and cell is not None else step)
+        placed.append(placing.placed(index, step, cells[-1]))
     return placed
+
+
+# User frames of a program: each function gives a new program.
+
+
+def put_frame(program: Program, name: str, frame: UserFrame) -> Program:
+    """With a frame, new or in place of that with its name: what is given in it moves with it."""
+    if name not in program.frames:
+        _require_free(program, name)
+    return msgspec.structs.replace(program, frames={**program.frames, name: frame})
+
+
+def rename_frame(program: Program, name: str, to: str) -> Program:
+    """With another name for a frame, also in the steps that choose it."""
+    _require_free(program, to)
+    frames = {to if one == name else one: frame for one, frame in program.frames.items()}
+    steps = tuple(
+        msgspec.structs.replace(step, frame=to)
+        if isinstance(step, FrameStep) and step.frame == name
+        else step
+        for step in program.steps
+    )
+    return msgspec.structs.replace(program, frames=frames, steps=steps)
+
+
+def delete_frame(program: Program, name: str) -> Program:
+    """Without a frame; a ProgramError where a step chooses it."""
+    for index, step in enumerate(program.steps):
+        if isinstance(step, FrameStep) and step.frame == name:
+            raise ProgramError(f"step {index + 1} chooses the frame {name!r}; delete that step first")
+    frames = {one: frame for one, frame in program.frames.items() if one != name}
+    return msgspec.structs.replace(program, frames=frames)
+
+
+def _require_free(program: Program, name: str) -> None:
+    if NAME_OF_FRAME.fullmatch(name) is None:
+        raise InputError(
+            f"{name[:60]!r} is no name of a frame: 1 … 40 letters, digits, spaces, '_', '.', '+' and '-', "
+            "beginning with none of the last four"
+        )
+    if name == BASE:
+        raise InputError("'base' is the frame of the arm; take another name")
+    if name in program.frames:
+        raise InputError(f"there is a frame {name!r} already; take another name")
+    if len(program.frames) >= MOST_FRAMES:
+        raise InputError(f"a program has {MOST_FRAMES} frames at most")
 
 
 # The steps of a program in the order in which they are executed.
@@ -244,6 +318,7 @@ class Cursor:
         if not 0 <= first < max(len(steps), 1):
             raise InputError(f"{program.name} has no step {first + 1}; it has {len(steps)}")
         self._steps = steps
+        self._placing = Placing(steps, program.frames)
         self._blocks = Blocks.matched(steps)
         self._goals = _goals(steps, self._blocks)
         self._next = self._goals[first]
@@ -282,7 +357,7 @@ class Cursor:
             step = self._steps[index]
             self._pass(index, step)
             if step.acts:
-                return index, self._placed(step)
+                return index, self._placed(index, step)
         return None
 
     def decide(self, holds: bool) -> None:
@@ -299,14 +374,14 @@ class Cursor:
             otherwise = self._blocks.partners[begin]
         self._next = self._goals[otherwise + 1]
 
-    def _placed(self, step: Step) -> Step:
+    def _placed(self, index: int, step: Step) -> Step:
         """A step with its points in the base frame."""
         for begin, left in reversed(self._open) if step.in_cell else ():
             block = self._steps[begin]
             cell = block.cell((block.passes or left) - left) if isinstance(block, BlockStep) else None
             if cell is not None:
-                return step.moved(cell)
-        return step
+                return self._placing.placed(index, step, cell)
+        return self._placing.placed(index, step, None)
 
     def _pass(self, index: int, step: Step) -> None:
         following = index + 1

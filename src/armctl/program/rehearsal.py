@@ -102,7 +102,7 @@ def pose_after(robot: Robot, program: Program, row: int, start: FloatArray) -> F
     moves = [k for k in whole.span(row) if isinstance(whole.flat.steps[k], MotionStep)]
     if not moves:
         return None
-    steps = in_first_cells(whole.flat.steps[: moves[-1] + 1])
+    steps = in_first_cells(whole.flat)
     led = [moves[-1]]
     for index in range(moves[-1] - 1, -1, -1):
         step = steps[index]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Union
 from armctl.program.base_steps import Key, Step, keys_of
 from armctl.program.call_step import CallStep
 from armctl.program.draw_step import DrawStep
+from armctl.program.frames import FrameStep
 from armctl.program.grid_step import GridStep
 from armctl.program.logic_steps import CountStep, ElseStep, EndStep, IfStep, RepeatStep, WhileStep
 from armctl.program.message_step import MessageStep
@@ -37,6 +38,7 @@ KINDS: tuple[type[Step], ...] = (
     WaitForStep,
     MessageStep,
     SpeedStep,
+    FrameStep,
     RepeatStep,
     IfStep,
     ElseStep,

@@ -25,6 +25,7 @@ from armctl.ui.tabs.calibration.joint import (
 )
 from armctl.ui.tabs.calibration.points import CalibrationPoints, take_effect
 from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork, SharedCalibration
+from armctl.ui.tabs.calibration.tool_tip import CalibrationTip
 from armctl.ui.widgets.html import (
     LiveHtml,
     date_and_time,
@@ -50,7 +51,9 @@ class CalibrationScreen:
         gui, desk = session.gui, session.console.shared(SharedCalibration)
         self._shared = desk
         gap = "<div style='height:6px'></div>"
-        self._parts: list[CalibrationJoint | CalibrationGripper | CalibrationSave | CalibrationPoints] = []
+        self._parts: list[
+            CalibrationJoint | CalibrationGripper | CalibrationSave | CalibrationPoints | CalibrationTip
+        ] = []
         outputs = desk.work.robot.output_map
         if outputs is None:
             LiveHtml(gui, simulated_only_html(desk.work.robot) + muted(_NOTHING))
@@ -62,6 +65,7 @@ class CalibrationScreen:
             *([] if outputs.gripper_channel is None else [("Gripper", CalibrationGripper)]),
             ("Save & test", CalibrationSave),
             ("Known points", CalibrationPoints),
+            ("Tool point", CalibrationTip),
         ):
             with tabs.add_tab(title):
                 self._parts.append(part(session))

@@ -7,10 +7,12 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Literal, get_args
 
+import msgspec
 import numpy as np
 import viser
 
-from armctl.errors import ArmctlError
+from armctl.arrays import FloatArray
+from armctl.errors import ArmctlError, InputError
 from armctl.facts import Need
 from armctl.facts.angles import DEGREE
 from armctl.protocol import Jog, JogTool, MonotonicClock, MoveGripper, Snapshot
@@ -18,6 +20,7 @@ from armctl.protocol.snapshot import tool_turns
 from armctl.robot import CarriedPart, Robot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.joints import checked_percent
+from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.sticks import StickJog
 from armctl.ui.widgets.angle_fields import held_at
 from armctl.ui.widgets.html import LiveHtml, muted, table
@@ -25,6 +28,8 @@ from armctl.ui.widgets.number_field import EditWatch, TextEntry, format_number, 
 
 Frame = Literal["base", "tool"]
 FRAMES: dict[str, Frame] = {"base axes": "base", "tool axes": "tool"}
+_AXES_OF = "axes of "
+"""ahead of the name of a user frame"""
 _TURN_DEG_PER_MM = 0.5
 _SPEED_HINT = "How fast the tool goes while a button is held. The joints' limits and Speed % slow it down."
 _NOTE = (
@@ -77,6 +82,13 @@ def tool_jog(axis: str, sign: float, speed_mm_s: float, frame: Frame) -> JogTool
         case _:
             linear["XYZ".index(axis)] = sign * speed_mm_s / 1000
             return JogTool(linear, frame=frame)
+
+
+def along(T_base_user: FloatArray, command: JogTool) -> JogTool:
+    """A command whose axes are those of a user frame, as one along the axes of the base."""
+    R, angular = T_base_user[:3, :3], command.angular
+    turned = None if angular is None else R @ angular
+    return msgspec.structs.replace(command, linear=R @ command.linear, angular=turned, frame="base")
 
 
 def joint_jog(robot: Robot, joint: int, rate: float) -> Jog:
@@ -138,7 +150,7 @@ class JogControl:
             with tabs.add_tab("Joint"):
                 joint = JointJog(session)
             with tabs.add_tab("Tool"):
-                tool = ToolJog(session)
+                self._tool = tool = ToolJog(session)
             with tabs.add_tab("Keyboard"):
                 self._keys = KeyboardJog(session, joint, tool)
             with tabs.add_tab("Gamepad"):
@@ -159,6 +171,7 @@ class JogControl:
         """Show the keys, and where the gripper was sent last."""
         self._keys.refresh()
         self._sticks.refresh(snapshot)
+        self._tool.refresh()
         if self._opening is not None:
             text = "It has not been told to move yet."
             if snapshot.gripper is not None:
@@ -211,7 +224,7 @@ class ToolJog:
 
     def __init__(self, session: Session, speed_mm_s: float = 30) -> None:
         """``speed_mm_s``: how fast it is to begin with."""
-        gui = session.gui
+        gui, self._shared = session.gui, session.console.shared(SharedProgram)
         self.axes = tool_axes(session.console.robot)
         self._frame = gui.add_dropdown("Along the", tuple(FRAMES), initial_value="base axes")
         self._speed = gui.add_slider("Tool mm/s", 1, 150, 1, initial_value=speed_mm_s, hint=_SPEED_HINT)
@@ -233,9 +246,23 @@ class ToolJog:
         """The same: along [m/s], and about an axis [rad/s]."""
         return self._speed.value / 1000, _TURN_DEG_PER_MM * self._speed.value * DEGREE
 
+    def refresh(self) -> None:
+        """Offer the axes of the frames of the program, too; the chosen ones may be gone."""
+        options = (*FRAMES, *(_AXES_OF + name for name in self._shared.program.frames))
+        if self._frame.options != options:
+            chosen = self._frame.value
+            self._frame.options = options
+            self._frame.value = chosen if chosen in options else options[0]
+
     def command(self, axis: str, sign: float, frame: Frame | None = None) -> JogTool:
         """One short command; ``sign`` is 1 or -1; ``frame`` None: the chosen one."""
-        return tool_jog(axis, sign, self._speed.value, frame or FRAMES[self._frame.value])
+        chosen = self._frame.value
+        if frame is not None or chosen in FRAMES:
+            return tool_jog(axis, sign, self._speed.value, frame or FRAMES[chosen])
+        user = self._shared.program.frames.get(chosen.removeprefix(_AXES_OF))
+        if user is None:
+            raise InputError(f"the program has no such frame any more: {chosen}")
+        return along(user.matrix, tool_jog(axis, sign, self._speed.value, "base"))
 
 
 class KeyboardJog:

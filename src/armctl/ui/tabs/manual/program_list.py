@@ -209,7 +209,9 @@ class ProgramList:
             done = running[1] if running is not None and running[0] == row else None
             fields = ""
             if edit is not None and edit.key == keys[row]:
-                fields = edit.html(steps[row], self._session.console.robot, shared.callable)
+                fields = edit.html(
+                    steps[row], self._session.console.robot, shared.callable, tuple(shared.program.frames)
+                )
             inside = snapshot.program.inside if done is not None and snapshot.program is not None else ""
             states[keys[row]] = RowState(selected, selected and may, done, severity, finding, fields, inside)
         return states

@@ -218,20 +218,20 @@ class ProgramRun:
         if self._progress is not None:
             done, steps = self._progress
             self._verdict.show(muted(f"Checking … {done} of {steps} step{'' if steps == 1 else 's'}"))
-        present, newest = self._shared.program.steps, self._newest
-        if newest is not None and newest.findings.done() and newest.program.steps != present:
+        present, newest = self._shared.program.content, self._newest
+        if newest is not None and newest.findings.done() and newest.program.content != present:
             self._newest = None
             self._verdict.visible = False
 
     @property
     def findings(self) -> Sequence[Finding]:
         """What the newest check has found, if it is about the program that is on the list."""
-        newest, present = self._newest, self._shared.program.steps
+        newest, present = self._newest, self._shared.program
         if newest is None or not newest.findings.done() or newest.findings.cancelled():
             return ()
         if newest.findings.exception() is not None:
             return ()
-        same = newest.program.steps is present or newest.program.steps == present
+        same = newest.program is present or newest.program.content == present.content
         return newest.findings.result() if same else ()
 
     async def check(self) -> list[Finding]:
@@ -312,7 +312,7 @@ class ProgramRun:
             raise
         finally:
             self._progress = None
-        if program.steps == self._shared.program.steps:  # else a later check shows the newer one
+        if program.content == self._shared.program.content:  # else a later check shows the newer one
             self._verdict.show(verdict_html(findings, not_checked(robot)))
             self._verdict.visible = True
         elif self._newest is None or _same(self._newest.program, program):

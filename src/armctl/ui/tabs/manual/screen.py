@@ -6,6 +6,7 @@ from armctl.protocol import Snapshot
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.by_hand import ByHand
 from armctl.ui.tabs.manual.drawing import DrawingForm
+from armctl.ui.tabs.manual.frames import FrameForm
 from armctl.ui.tabs.manual.jog import JogControl
 from armctl.ui.tabs.manual.joints import JointControl, LiveReadout
 from armctl.ui.tabs.manual.link_ring import LinkRing
@@ -103,6 +104,8 @@ class ManualScreen:
         if session.console.robot.signals:
             with tabs.add_tab("In & out"):
                 self._signals = SignalPanel(session)
+        with tabs.add_tab("Frames"):
+            self._frames = FrameForm(session)
         with tabs.add_tab("Drawing"):
             DrawingForm(session)
 
@@ -113,5 +116,6 @@ class ManualScreen:
         self._joints.refresh(snapshot)
         self._by_hand.refresh(snapshot)
         self._jog.refresh(snapshot)
+        self._frames.refresh()
         if self._signals is not None:
             self._signals.refresh(snapshot)

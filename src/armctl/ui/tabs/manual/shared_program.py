@@ -104,9 +104,9 @@ class SharedProgram:
             return None
         compared = (self.program, progress.running, progress.coming)
         if self._relation is None or any(map(is_not, compared, self._relation[0])):
-            steps = self.program.steps
-            coming: Relation = "coming" if progress.coming.steps == steps else "other"
-            self._relation = (compared, "running" if progress.running.steps == steps else coming)
+            content = self.program.content
+            coming: Relation = "coming" if progress.coming.content == content else "other"
+            self._relation = (compared, "running" if progress.running.content == content else coming)
         return self._relation[1]
 
     def row(self, key: str) -> int | None:

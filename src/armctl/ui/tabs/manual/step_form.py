@@ -14,6 +14,7 @@ from armctl.errors import InputError
 from armctl.kinematics import CRITERIA
 from armctl.program import Step
 from armctl.program.base_steps import Key, keys_of
+from armctl.program.frames import BASE
 from armctl.robot import Robot
 from armctl.ui.guard.parts import MOST_TYPED
 from armctl.ui.widgets.html import with_minus
@@ -111,6 +112,7 @@ class StepEdit:
     refusals: dict[str, str] = field(default_factory=dict[str, str])
     """by label, why"""
     _saved: Sequence[str] = ()
+    _frames: Sequence[str] = ()
     answers: int = 0
     """how often something was typed: each time the fields show what counts now"""
 
@@ -131,12 +133,12 @@ class StepEdit:
             self.refusals[label] = str(refusal)
         return step
 
-    def html(self, step: Step, robot: Robot, saved: Sequence[str] = ()) -> str:
+    def html(self, step: Step, robot: Robot, saved: Sequence[str] = (), frames: Sequence[str] = ()) -> str:
         """The fields of the step, each with its label, its hint, and why it is refused.
 
-        ``saved``: names of the programs that it may call.
+        ``saved``: names of the programs that it may call; ``frames``: of those of its own.
         """
-        self._saved = saved
+        self._saved, self._frames = saved, frames
         texts = texts_of(step, robot) | self.typed
         fields = by_label(keys_of(type(step)))
         inside = "".join(
@@ -181,6 +183,8 @@ class StepEdit:
             "inputs": [one.name for one in robot.signals.inputs],
             "outputs": [one.name for one in robot.signals.outputs if one.name != own],
         }.get(key.field.offers, ())
+        if key.choices == (BASE,):
+            return (BASE, *self._frames)
         if names:
             return ("", *names) if key.default == "" else names
         return robot.energy.criteria if key.choices == CRITERIA else key.choices
