@@ -23,7 +23,7 @@ from armctl.facts.words import fact_of, fact_record, say
 from armctl.motion.preflight import preflight
 from armctl.motion.trajectory import Trajectory
 from armctl.program import DrawStep, Program, check_program, load_program, read_csv, save_program, write_csv
-from armctl.program.files import write_script
+from armctl.program.scripts import write_script
 from armctl.protocol import RunProgram
 from armctl.robot import load_robot
 
