@@ -28,7 +28,7 @@ FOLDERS = {
     "protocol": (5, 1_200),
     "robot": (42, 11_720),
     "runtime": (26, 6_290),  # joints that are let down, messages
-    "ui": (93, 21_040),  # motors at a glance, gamepads, a page that is built in half the time
+    "ui": (93, 21_070),  # motors at a glance, gamepads, a page built in half the time, edges in single steps
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

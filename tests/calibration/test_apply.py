@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -14,7 +16,9 @@ from tests.calibration.kit import HiddenJoint
 
 from armctl.calibration import (
     Calibration,
+    CalibrationStore,
     JointCalibration,
+    JointDeflection,
     calibrated,
     check_pose,
     fit_joint,
@@ -145,6 +149,23 @@ def test_what_is_not_kept_yet_is_refused_without_advice_to_forget_what_is() -> N
 def test_one_that_does_not_fit_says_why_and_how_to_set_it_aside(wrong: Calibration, says: str) -> None:
     with pytest.raises(CalibrationError, match=f"{says}.*armctl calibrate forget uzuner --board 1"):
         calibrated(UZUNER, wrong)
+
+
+def test_a_light_arm_may_be_soft_by_any_number_while_it_sags_little(tmp_path: Path) -> None:
+    arm, store = load_robot("mearm"), CalibrationStore(tmp_path)
+    heaviest = float(replace(arm.gravity, payload_kg=0.0).heaviest(arm.limits)[2])
+
+    def soft(sag_deg: float) -> Calibration:
+        way = JointDeflection(compliance=math.radians(sag_deg) / heaviest)
+        return msgspec.structs.replace(of(arm), deflection={arm.joint_names[2]: way})
+
+    store.save(soft(6.0))  # more than 130° a N·m
+    kept = store.load(arm.name, "1")
+    assert kept is not None
+    deflection = calibrated(arm, kept).outputs.deflection
+    assert deflection is not None and deflection.link[2] * heaviest == pytest.approx(math.radians(6.0))
+    with pytest.raises(CalibrationError, match=r"sags by 12\.0°; more than 10° is broken, not soft"):
+        calibrated(arm, soft(12.0))
 
 
 def test_another_robots_calibration_and_a_gripper_that_is_not_there_are_refused() -> None:

@@ -23,7 +23,7 @@ from armctl.facts.words import fact_of, fact_record, say
 from armctl.motion.preflight import preflight
 from armctl.motion.trajectory import Trajectory
 from armctl.program import DrawStep, Program, check_program, load_program, read_csv, save_program, write_csv
-from armctl.program.files import write_script
+from armctl.program.scripts import write_script
 from armctl.protocol import RunProgram
 from armctl.robot import load_robot
 
@@ -153,6 +153,33 @@ def test_a_surface_goes_through_every_touched_point() -> None:
     (path,) = pen_paths(np.array([[10.0, 10.0], [90.0, 60.0]]), plane)
     on_it = path(np.linspace(0.0, path.high, 200))
     assert np.allclose(plane.points((on_it - plane.origin) @ plane.axes[:, :2]), on_it, atol=0.02e-3)
+
+
+RIDGE = (205.0, 20.0, 30.0, 205.0, -20.0, 30.0, 195.0, 0.0, 45.0, 205.0, 0.0, 45.0, 215.0, 0.0, 45.0)
+
+
+def test_a_lifted_pen_passes_over_what_stands_between_strokes() -> None:
+    plane = DrawingPlane.touched((*PLANE, *RIDGE))
+    lines = [np.array([[x, 5.0], [x, 25.0]]) for x in (0.0, 60.0)]
+    strokes = PenDrawing.of([(line, k) for k, line in enumerate(lines, 1)])
+    plan = plan_drawing(UZUNER, UZUNER.first_pose, strokes, plane, speed=SPEED, lift=0.005)
+    assert not plan.left_out
+    goes = [part for part in plan.parts if part.kind == "go"][1:]
+    for go in goes:
+        tool = (tool_points(plan, go.trajectory.duration, go.trajectory) - plane.origin) @ plane.axes
+        assert 1000 * (tool[:, 2] - plane.heights(tool[:, :2])).min() > 4.9
+    assert len(goes) == 1
+
+
+@given(st.lists(st.tuples(st.floats(0, 80), st.floats(0, 60)), min_size=2, max_size=6))
+def test_no_way_between_places_is_higher_than_the_highest(places: list[tuple[float, float]]) -> None:
+    plane, points = DrawingPlane.touched((*PLANE, *RIDGE)), np.array(places) / 1000
+    highest = plane.highest(points)
+    assert highest >= plane.heights(plane.knots).max()
+    for begin, end in zip(points, np.roll(points, 1, axis=0), strict=True):
+        way = begin + np.linspace(0.0, 1.0, 500)[:, None] * (end - begin)
+        assert plane.heights(way).max() < highest + 0.1e-3
+    assert DrawingPlane.touched(PLANE).highest(points) == 0.0
 
 
 @pytest.mark.parametrize(

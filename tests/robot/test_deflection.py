@@ -17,7 +17,8 @@ from armctl.calibration import (
     encode_calibration,
 )
 from armctl.errors import CalibrationError
-from armctl.robot import Robot, load_robot
+from armctl.kinematics import Body, Chain, DHRow, GravityModel
+from armctl.robot import Deflection, Robot, load_robot
 from armctl.robot.record import robot_of, robot_record
 
 SO101 = load_robot("so101")
@@ -87,6 +88,46 @@ def test_an_angle_that_is_not_known_leaves_the_others_as_they_were_told() -> Non
     told = rigid.outputs(SO101.pose("home"))
     one = dict[int, float | None](told) | {rigid.channels[4]: None}
     np.testing.assert_allclose(robot.output_map.angles(one)[:4], SO101.pose("home")[:4], atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_angles_of_random_arms_with_much_play_come_back(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 8))
+    twists = rng.choice([0.0, 0.0, np.pi / 2, -np.pi / 2], n)
+    twists[0] = np.pi / 2
+    rows = [
+        DHRow(a_m=float(rng.uniform(0, 0.3)), alpha_rad=float(twist), d_m=float(rng.uniform(0, 0.1)))
+        for twist in twists
+    ]
+    bodies = [Body(i, float(rng.uniform(0, 1)), (float(rng.uniform(-0.1, 0.1)), 0.0, 0.02)) for i in range(n)]
+    gravity = GravityModel(Chain.from_dh(rows), tuple(bodies), float(rng.uniform(0, 0.5)))
+    limits = np.radians(rng.uniform([-180, 20], [-20, 180], (n, 2)))
+    heaviest = gravity.heaviest(limits)
+    link, drive = np.radians(rng.uniform(0, 3, (2, n))) / np.maximum(heaviest, 0.1 * heaviest.max())
+    play = np.radians(rng.uniform(0, 10, n))
+    soft = replace(Deflection.of(gravity, heaviest), link=link, drive=drive, play=play).invertible(limits)
+    for q in rng.uniform(*limits.T, (60, n)):
+        np.testing.assert_allclose(soft.angles(soft.setpoint(q), measured=False), q, rtol=0, atol=3e-5)
+        np.testing.assert_allclose(soft.angles(soft.shaft(q), measured=True), q, rtol=0, atol=3e-5)
+
+
+def test_an_arm_that_was_calibrated_with_ten_degrees_of_play_reads_back_what_it_was_told() -> None:
+    assert SO101.output_map is not None
+    play = {name: JointDeflection(play=np.radians(10.0)) for name in SO101.joint_names}
+    robot = calibrated(SO101, Calibration("so101", "1", SO101.output_map.unit, {}, deflection=play))
+    assert robot.output_map is not None
+    for q in poses(300):
+        np.testing.assert_allclose(robot.output_map.angles(robot.output_map.outputs(q)), q, rtol=0, atol=3e-5)
+
+
+@pytest.mark.parametrize("name", ["so101", "uzuner", "al5d", "mearm", "widowx250s"])
+def test_little_play_leans_as_it_always_did(name: str) -> None:
+    robot = load_robot(name)
+    rigid = Deflection.of(robot.gravity, robot.gravity.heaviest(robot.limits))
+    assert replace(rigid, play=np.full(robot.n, np.radians(2.0))).invertible(robot.limits).friction == (
+        rigid.friction
+    )
 
 
 def test_torques_of_one_pose_are_those_of_many() -> None:

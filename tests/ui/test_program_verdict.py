@@ -5,18 +5,28 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
-from unittest.mock import Mock
+from unittest.mock import AsyncMock, Mock
 
 import pytest
 from tests.runtime.kit import ROBOT, make_rig
 
 from armctl.errors import StateError
 from armctl.motion import Finding
-from armctl.program import MoveStep, PointStep, Program, Step
+from armctl.program import (
+    EndStep,
+    IfStep,
+    MoveStep,
+    PointStep,
+    Program,
+    Step,
+    WaitForStep,
+    WaitStep,
+    WhileStep,
+)
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.manual import program_run
 from armctl.ui.tabs.manual.program_run import ProgramRun
@@ -115,6 +125,42 @@ def test_a_check_of_a_long_program_says_how_far_it_is_and_can_be_cancelled(
     with pytest.raises(StateError, match="the check was cancelled"):
         asyncio.run(cancel())
     assert not bench.verdict.visible
+
+
+PRESSED = IfStep(watch="button", trigger="edge")
+LOOP = WhileStep(watch="button", trigger="edge")
+PAUSE = WaitStep(seconds=0.1)
+AWAITED = WaitForStep(watch="button", trigger="edge", timeout_s=9)
+
+
+@pytest.mark.parametrize(
+    ("steps", "edges", "rows"),
+    [
+        ((PAUSE, PRESSED, HOME, EndStep()), (4, 5, 5), [1, 2, 0]),  # pressed while the first step ran
+        ((PAUSE, PRESSED, HOME, EndStep()), (4, 4), [1, 0]),
+        ((PRESSED, HOME, EndStep(), PAUSE), (4,), [3]),  # pressed before the program began
+        ((LOOP, PAUSE, EndStep(), HOME), (4,), [3]),
+        ((PAUSE, LOOP, PAUSE, EndStep(), HOME), (4, 5, 5, 5), [1, 2, 1, 4]),  # one press is one pass
+        ((PAUSE, LOOP, PAUSE, EndStep(), HOME), (4, 5, 7, 7), [1, 2, 1, 2]),
+        ((AWAITED, PRESSED, HOME, EndStep()), (4, 5), [1, 0]),  # it was waited for
+        ((AWAITED, PAUSE, PRESSED, HOME, EndStep()), (4, 5, 7), [1, 2, 3]),
+    ],
+)
+def test_single_steps_know_the_edges_since_they_began(
+    bench: Bench, steps: tuple[Step, ...], edges: tuple[int, ...], rows: list[int]
+) -> None:
+    editor, session = SimpleNamespace(selected=0), cast(Any, bench.run._session)
+    vars(editor).update(select=lambda row: vars(editor).update(selected=row))
+    bench.run._editor = cast(Any, editor)
+    sent = AsyncMock()
+    vars(session).update(submit=sent, notify=lambda *_: None)
+    bench.put(*steps)
+    seen: list[int] = []
+    for count in edges:
+        session.snapshot = replace(session.snapshot, inputs={"button": 1.0}, edges={"button": count})
+        asyncio.run(bench.run._step())
+        seen.append(editor.selected)
+    assert seen == rows and sent.await_count == len(rows)
 
 
 def test_what_is_being_checked_is_not_checked_a_second_time(

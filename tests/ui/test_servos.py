@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -173,11 +175,11 @@ def test_a_register_that_differs_is_written_only_after_the_page_has_asked(
 def test_a_servo_with_another_id_gets_the_one_that_is_missing(open_page: Callable[..., ServoPage]) -> None:
     page = open_page()
     page.do("look")
-    page.do("id", "3")
+    page.do("id", "3@1000000")
     page.field("New id").value = "300"
     with pytest.raises(InputError, match="'300' is no id"):
         page.press("Write it")
-    page.do("id", "3")
+    page.do("id", "3@1000000")
     page.field("New id").value = "9"
     page.press("Write it")
     page.refresh(page.section)
@@ -202,7 +204,7 @@ def test_who_watches_looks_and_writes_nothing(open_page: Callable[..., ServoPage
     page.operates = False
     html = page.do("look")
     assert "Write mode = 0" in html and html.count("aria-disabled='true' title='this page is watching'") == 13
-    for what, key in (("mend", "5.0"), ("nudge", "1"), ("id", "1")):
+    for what, key in (("mend", "5.0"), ("nudge", "1@1000000"), ("id", "1@1000000")):
         with pytest.raises(ArmctlError, match="watching"):
             page.do(what, key)
     for label in ("Give it this id", "Save as LeRobot's file", "They are right as they are"):
@@ -282,9 +284,33 @@ def test_a_new_servo_gets_its_id_and_the_next_one_is_asked_for(open_page: Callab
 def test_a_nudge_shows_the_servo_and_leaves_it_limp(open_page: Callable[..., ServoPage]) -> None:
     page = open_page()
     page.do("look")
-    page.do("nudge", "4")
+    page.do("nudge", "4@1000000")
     assert page.notices == ["Servo 4 · Wrist flex has moved, and is limp again."]
     assert not page.bus.servo(4).driven
+
+
+def test_of_two_servos_with_one_id_the_one_at_the_row_is_meant(open_page: Callable[..., ServoPage]) -> None:
+    page, opened = open_page(), list[int]()
+    page.do("look")
+    found = page.shared.seen.found if page.shared.seen else ()
+    slow = replace(page.shared.found("4@1000000"), baud=57_600)
+    page.shared._see("sim", [*found, slow], None)
+    page.refresh(page.section)
+    keys = re.findall(r"data-do='servo-(?:nudge|id)' data-key='(4@\d+)'", page.parts["servos"])
+    assert keys == ["4@1000000"] * 2 + ["4@57600"] * 2
+    page._open = lambda baud: (  # type: ignore[method-assign]
+        opened.append(baud) or TimedLoop(page.bench.faulty, page.bench.clock, baud)
+    )
+    page.do("nudge", "4@57600")
+    page.do("id", "4@57600")
+    page.field("New id").value = "9"
+    page.press("Write it")
+    assert set(opened) == {57_600}
+    page.refresh(page.section)
+    keys = re.findall(r"data-do='servo-nudge' data-key='(\d+@\d+)'", page.parts["servos"])
+    assert [key for key in keys if key[0] in "49"] == ["4@1000000", "9@57600"]
+    with pytest.raises(InputError, match="no longer there"):
+        page.do("nudge", "4@57600")
 
 
 def test_lerobots_file_is_saved_compared_and_restored(open_page: Callable[..., ServoPage]) -> None:

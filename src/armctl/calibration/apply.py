@@ -154,12 +154,13 @@ def _deflection(robot: Robot, gravity: GravityModel, calibration: Calibration) -
                 f"{math.degrees(_MOST_SAG):.0f}° is broken, not soft: look what is loose"
             )
     rigid = Deflection.of(gravity, heaviest)
-    return replace(
+    soft = replace(
         rigid,
         link=np.array([one.compliance for one in ways]),
         drive=np.array([one.drive for one in ways]),
         play=np.array([one.play for one in ways]),
     )
+    return soft.invertible(robot.limits)
 
 
 def _parts(robot: Robot, name: str) -> tuple[OutputMap, Joint, JointCalibration]:

@@ -113,8 +113,9 @@ class _GripperEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class _DeflectionEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    compliance_deg_per_nm: Annotated[float, Meta(ge=0, le=90)] = 0.0
-    drive_deg_per_nm: Annotated[float, Meta(ge=0, le=90)] = 0.0
+    # what is too soft depends on the weight: it is the sag that is bounded, where the robot is known
+    compliance_deg_per_nm: Annotated[float, Meta(ge=0)] = 0.0
+    drive_deg_per_nm: Annotated[float, Meta(ge=0)] = 0.0
     play_deg: Annotated[float, Meta(ge=0, le=10)] = 0.0
 
 

@@ -148,12 +148,13 @@ def plan_drawing(
 ) -> DrawingPlan:
     """Plan a placed drawing from ``start`` (n,) [rad], strokes in the order that spares the lifted pen ways.
 
-    ``speed`` of the pen [m/s], ``lift`` above the highest place of the drawing [m], ``pitch`` of the pen
-    [rad] (None: straight onto the plane where the arm can, else tilted as little as serves). Every part has
-    passed the pre-flight. What cannot be drawn is left out; MotionRefusedError: that is all of it.
+    ``speed`` of the pen [m/s], ``lift`` above the highest place of the surface that was touched, or that
+    lies between places of the drawing [m], ``pitch`` of the pen [rad] (None: straight onto the plane where
+    the arm can, else tilted as little as serves). Every part has passed the pre-flight. What cannot be drawn
+    is left out; MotionRefusedError: that is all of it.
     """
     strokes = ordered(drawing.strokes)
-    height = lift + max(float(plane.heights(stroke.points / 1000).max()) for stroke in strokes)
+    height = lift + plane.highest(np.concatenate([stroke.points for stroke in strokes]) / 1000)
     best: DrawingPlan | LeftOut | None = None
     for hold in _likely(robot, plane, strokes, height, pitch):
         planner = _Planner(hold, plane, speed, height, start)

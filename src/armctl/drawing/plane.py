@@ -20,6 +20,10 @@ _FROM_BELOW = 0.2
 HIGHEST_MM = 30.0
 """how far a further point may lie off the plane of the first three"""
 MOST_TOUCHED = 60
+_STEP_M, _MOST_STEPS = 1e-3, 120
+"""of the lattice on which the highest place is looked for: as fine as this, and at most so many a side"""
+_DIRECTIONS = 32
+"""in which it is seen how far places reach"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +102,22 @@ class DrawingPlane:
             return np.zeros(len(places))
         rows = np.concatenate([_kernel(places, self.knots), _slopes(places)], axis=1)
         return rows @ self.weights
+
+    def highest(self, places: FloatArray) -> float:
+        """The most that the surface stands over the plane [m] at places (k, 2), between them, and at knots.
+
+        Every straight way from one of the places to another runs between them, in their convex hull.
+        """
+        if self.flat:
+            return 0.0
+        low, high = places.min(axis=0), places.max(axis=0)
+        step = max(_STEP_M, float((high - low).max()) / _MOST_STEPS)
+        x, y = (np.arange(a, b + step, step) for a, b in zip(low.tolist(), high.tolist(), strict=True))
+        lattice = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        turn = np.linspace(0.0, 2 * np.pi, _DIRECTIONS, endpoint=False)
+        towards = np.stack([np.cos(turn), np.sin(turn)])
+        between = (lattice @ towards <= (places @ towards).max(axis=0) + step).all(axis=1)
+        return float(self.heights(np.concatenate([places, self.knots, lattice[between]])).max())
 
     def points(self, places: FloatArray, lift: float = 0.0) -> FloatArray:
         """(k, 3) in the base frame [m], ``lift`` above the surface, of places (k, 2) on the plane [m]."""

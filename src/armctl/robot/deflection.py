@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics import GravityModel
+from armctl.kinematics.samples import joint_samples
 
 _FRICTION = 0.05
 """by which share of the arm's largest torque gravity must exceed what holds a joint in its play"""
+_STEEPEST = 0.8
+"""share of a turn of the links by which what gives way may change at most (``invertible``)"""
+_WIDER = 1.1
+"""the friction grows by this factor until that holds"""
+_PROBES, _APART = 300, 1e-4
+"""configurations in which that is looked at, and the step of differences there [rad]"""
 _STILL = 2e-6
 """what the last step changes of an angle that is found [rad]"""
-_MOST_STEPS = 12
+_QUICK_STEPS, _MOST_STEPS = 12, 60
+"""the first ones, which guess where they lead; and the others, each of which leaves a fixed share"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +49,30 @@ class Deflection(ArrayRecord):
         """Of an arm that does not give way; ``heaviest`` (n,) the largest torque of each joint [N·m]."""
         none = np.zeros(len(heaviest))
         return cls(gravity, none, none, none, _FRICTION * max(float(heaviest.max()), 1e-3))
+
+    def invertible(self, limits: FloatArray) -> Deflection:
+        """The same, with a friction that lets angles inside limits (n, 2) [rad] be told by ``setpoint``.
+
+        Where gravity changes its sense, much play would lean over faster than the links turn: what is told
+        would run backwards, and be the same for several angles. It is q + g(q), and the slope of g is D H. H,
+        that of the torque, is symmetric, as gravity has an energy. D is diagonal, none of it larger than
+        B = link + drive + play / (2 friction). So with angles in units of √B the slope of g is no larger than
+        √B H √B, whose largest eigenvalue is kept below 1 by a larger friction. Then g contracts: no two
+        angles are told alike, and the steps of ``angles`` lead to the right one.
+        """
+        if not self.play.any():
+            return self
+        q = joint_samples(limits, _PROBES)
+        steps = _APART * np.eye(len(self.play))[:, None]
+        by_joint = (self.gravity.torque(q + steps) - self.gravity.torque(q - steps)) / (2 * _APART)
+        H = 0.5 * (by_joint.transpose(1, 0, 2) + by_joint.transpose(1, 2, 0))  # but for rounding symmetric
+        friction, most = self.friction, _WIDER * float(np.abs(self.gravity.torque(q)).max())
+        while friction < most:
+            root = np.sqrt(self.link + self.drive + 0.5 * self.play / friction)
+            if np.abs(np.linalg.eigvalsh(root[:, None] * H * root)).max() < _STEEPEST:
+                break
+            friction *= _WIDER
+        return replace(self, friction=friction)
 
     def side(self, torque: FloatArray, sense: FloatArray | float = 0.0) -> FloatArray:
         """On which side of its play each joint leans, -1 … 1: 1 is the side of smaller angles.
@@ -80,13 +112,13 @@ class Deflection(ArrayRecord):
             return told
         compliance = self.link if measured else self.link + self.drive
         q, off = told, self._ahead(told, compliance) - told
-        for _ in range(_MOST_STEPS):
+        for k in range(_MOST_STEPS):
             step = -off
             if np.abs(off).max() < _STILL:
                 break
             q = q + step
             left = self._ahead(q, compliance) - told
             # the share of the last step that it missed is what the next one must be longer by (Aitken)
-            missed = float(left @ off) / float(off @ off)
+            missed = float(left @ off) / float(off @ off) if k < _QUICK_STEPS else 0.0
             off = left / (1.0 - min(max(missed, -0.5), 0.5))
         return q

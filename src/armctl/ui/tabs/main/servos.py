@@ -16,7 +16,7 @@ from armctl.protocol import Snapshot
 from armctl.ui.console import PortChoice
 from armctl.ui.events import Action
 from armctl.ui.session import Session
-from armctl.ui.tabs.main.shared_servos import ScannedBus, SharedServos
+from armctl.ui.tabs.main.shared_servos import ScannedBus, SharedServos, servo_key
 from armctl.ui.widgets.html import ERROR, GOOD, WARNING, LiveHtml, button, heading, muted, sentence
 
 _PART = "servos"
@@ -334,9 +334,9 @@ def _row(servo: int, title: str, one: FoundServo | None, why: str | None) -> str
         words = "fault" if one.faults else "not fit" if own.unfit else "torque on" if one.on else "limp"
         state = f"<span style='color:{WARNING if wrong else 'inherit'}'>{words}</span>"
         hint = "turns it by 2° and back, weakly; support the arm"
-        buttons = button("servo-nudge", "Nudge", key=str(servo), why=why, title=hint, kind="chip")
+        buttons = button("servo-nudge", "Nudge", key=servo_key(one), why=why, title=hint, kind="chip")
         buttons += button(
-            "servo-id", "Id …", key=str(servo), why=why, title="gives it another id", kind="chip"
+            "servo-id", "Id …", key=servo_key(one), why=why, title="gives it another id", kind="chip"
         )
     wraps = (k == 1 for k in range(len(_HEADS)))  # the name of the joint
     line = "".join(

@@ -75,10 +75,10 @@ class SharedServos:
         found = {one.id for one in self.seen.found} if self.seen else set(self.ids)
         return next((servo for servo in self.ids if servo not in found), None)
 
-    def found(self, servo: str) -> FoundServo:
-        """The servo with an id; ``InputError``: it was not found."""
+    def found(self, key: str) -> FoundServo:
+        """The servo with a key (``servo_key``); ``InputError``: it was not found."""
         seen = () if self.seen is None else self.seen.found
-        one = next((one for one in seen if str(one.id) == servo), None)
+        one = next((one for one in seen if servo_key(one) == key), None)
         if one is None:
             raise InputError("that servo is no longer there; look for the servos again")
         return one
@@ -145,7 +145,7 @@ class SharedServos:
         found = await self._job(port, "a change of a servo", mend.carry_out)
         if found is None:
             raise BoardError(f"servo {mend.servo} does not answer after the change; look for it again")
-        await self._take(port, [found], gone=mend.servo)
+        await self._take(port, [found], gone=(mend.servo, mend.baud))
         return found
 
     async def nudge(self, port: str, servo: int, baud: int) -> None:
@@ -208,13 +208,18 @@ class SharedServos:
             raise StoppedError("the search was cancelled")
 
     async def _take(
-        self, port: str, changed: Sequence[FoundServo], gone: int | None = None, *, keep: bool = True
+        self,
+        port: str,
+        changed: Sequence[FoundServo],
+        gone: tuple[int, int] | None = None,
+        *,
+        keep: bool = True,
     ) -> None:
-        """These are as they are now; ``keep``: and right so."""
+        """These are as they are now; ``keep``: and right so. ``gone``: id and baud rate of one before."""
         kept = await asyncio.to_thread(self._keep, port, changed if keep else ())
-        ids = {one.id for one in changed} | ({gone} - {None})
+        places = {*((one.id, one.baud) for one in changed), gone}
         before = () if self.seen is None or self.seen.port != port else self.seen.found
-        found = [*(one for one in before if one.id not in ids), *changed]
+        found = [*(one for one in before if (one.id, one.baud) not in places), *changed]
         self._see(port, sorted(found, key=lambda one: one.id), kept)
 
     def _see(self, port: str, found: Sequence[FoundServo], kept: Mapping[int, KeptSettings] | None) -> None:
@@ -229,6 +234,11 @@ class SharedServos:
         if not right:
             return records.load(self.robot.name, board)
         return records.keep(self.robot.name, board, right)
+
+
+def servo_key(one: FoundServo) -> str:
+    """What tells a servo on a bus from all others: of one id there may be one at each baud rate."""
+    return f"{one.id}@{one.baud}"
 
 
 def _present(setup: ServoSetup, baud: int, servo: int) -> FoundServo:

@@ -8,6 +8,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import msgspec
 import viser
@@ -175,6 +176,17 @@ def _same(one: Program, other: Program) -> bool:
     return one.steps is other.steps and one.called == other.called
 
 
+class _Stepping(NamedTuple):
+    """Where single steps are in a program."""
+
+    program: Program
+    cursor: Cursor
+    row: int
+    """the step that comes next"""
+    edges: dict[str, int]
+    """of each input, how many count as seen; without one that was just waited for: of that all so far do"""
+
+
 class _OutdatedError(StateError):
     """What was being checked is no longer the program."""
 
@@ -191,7 +203,7 @@ class ProgramRun:
         """what the verdict is about"""
         self._progress: tuple[int, int] | None = None
         """how many steps of a long check are done, and how many there are"""
-        self._stepping: tuple[Program, Cursor, int] | None = None
+        self._stepping: _Stepping | None = None
         gui = session.gui
         self._times = NumberField(gui, "Times N", 3)
         self._from_row = gui.add_checkbox("From selected step", initial_value=False, hint=_FROM_HINT)
@@ -319,20 +331,28 @@ class ProgramRun:
             self._verdict.visible = False
         return findings
 
-    def _answer(self, step: Step) -> bool:
-        """What a step that asks is told now; ``StateError`` where single steps do not know it."""
+    def _answer(self, step: Step, seen: dict[str, int]) -> bool:
+        """What a step that asks is told now; ``StateError`` where single steps do not know it.
+
+        ``seen``: edges that no longer count, of each input; those that the answer uses are added.
+        """
         question, snapshot = step.effect.asks, self._session.snapshot
         if question is None or not question.uses:
             raise StateError("single steps can ask for inputs only; run the program from this row instead")
         robot = self._session.console.robot
-        return question.holds(Senses.of(robot, snapshot.quantities, snapshot.inputs))
+        edges = {name: count - seen.get(name, 0) for name, count in snapshot.edges.items()}
+        holds = question.holds(Senses.of(robot, snapshot.quantities, snapshot.inputs, edges))
+        if holds:
+            seen[question.uses] = snapshot.edges.get(question.uses, 0)
+        return holds
 
     async def _step(self) -> None:
-        """Run one step; going on from there, repeats are counted as in a whole run."""
+        """Run one step; going on from there, repeats and edges are counted as in a whole run."""
         program, row = await self._program(), self._editor.selected
-        cursor = Cursor(program, row)
-        if self._stepping is not None and _same(self._stepping[0], program) and self._stepping[2] == row:
-            cursor = self._stepping[1].copy()
+        cursor, seen = Cursor(program, row), dict(self._session.snapshot.edges)
+        before = self._stepping
+        if before is not None and _same(before.program, program) and before.row == row:
+            cursor, seen = before.cursor.copy(), seen | before.edges
         present = cursor.next()
         if present is None:
             raise StateError(f"behind row {row + 1} there is no step to run")
@@ -349,9 +369,12 @@ class ProgramRun:
             here = msgspec.structs.replace(program, steps=placed)
         await self._session.submit(RunProgram(here, 1, index, 1))
         if cursor.asked is not None:
-            cursor.decide(self._answer(step))
+            cursor.decide(self._answer(step, seen))
+        for until in (whole.flat.steps[k].effect.until for k in whole.span(index)):
+            if until is not None:
+                seen.pop(until.uses, None)
         following = cursor.copy().next()
-        self._stepping = None if following is None else (program, cursor, following[0])
+        self._stepping = None if following is None else _Stepping(program, cursor, following[0], seen)
         self._editor.select(0 if following is None else following[0])
         if following is None:
             self._session.notify("Last step", "The program is over after this step; row 1 is selected again.")
