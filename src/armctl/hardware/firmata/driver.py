@@ -188,17 +188,30 @@ class FirmataDriver(Abilities):
         )
 
     def use_signals(self, signals: Signals) -> None:
-        """Set the pins up, and see that the sketch has their modes; outputs keep the level that they have."""
-        self._signals = found = FirmataSignals(signals, self._capabilities, self._table.channels)
+        """Set the pins up, and see that the sketch has their modes; outputs keep the level that they have.
+
+        An input that is not reported yet is not among those of ``read``.
+        """
+        found = FirmataSignals(signals, self._capabilities, self._table.channels)
+        found.carry_on(self._signals)
+        self._signals = found
         self._markers = tuple(pin for pin in self._markers if pin not in found.modes)
         self._stream.attacher = self._attacher(self._table)
         pins = tuple(found.modes)
         states = self._sure_states(pins)
+        if hidden := found.stale(states):
+            self._stream.send(found.hide(hidden))
+            self._sure_states(pins)  # takes the sketch some rounds, in which it sees that they are hidden
+            states = {pin: state for pin, state in states.items() if pin not in hidden}
         for _ in range(_ASK_ATTEMPTS):
             if request := found.set_up(states):
                 self._stream.send(request)
             states = self._sure_states(pins)
             if found.is_set_up(states):
+                if not found.settled:
+                    self._stream.send(found.report())
+                    self._sure_states(pins)  # what is reported comes ahead of the last of these answers
+                    found.settle()
                 return
         raise self._not_told(
             [pin for pin, mode in found.modes.items() if pin not in states or states[pin].mode != mode]
