@@ -10,10 +10,11 @@ from tests.runtime.board_bench import BoardBench
 from armctl.errors import StateError
 from armctl.facts import State
 from armctl.hardware.faults import Trouble, trouble
+from armctl.hardware.firmata.codec import PinMode, pin_mode
 from armctl.hardware.firmata.driver import FirmataDriver
 from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.hardware.transport import Connection
-from armctl.protocol import Connect, Enable, MoveJoints, Release
+from armctl.protocol import Connect, Enable, MoveJoints, Release, SetOutput
 from armctl.robot import Robot, load_robot, robots_folder
 
 ABAAS = load_robot("abaas")
@@ -96,3 +97,26 @@ def test_a_button_that_nobody_presses_is_never_read_as_pressed(tmp_path: Path, t
     bench.board.levels[30] = 0.0
     bench.run(0.2)
     assert bench.now.inputs == {"button": 1.0}
+
+
+PUMP = """
+[[outputs]]
+name = "pump"
+channel = 30
+at_fault = "off"
+at_stop = "off"
+at_release = "off"
+"""
+
+
+def test_outputs_go_where_they_should_at_a_fault_that_the_board_has_told(tmp_path: Path) -> None:
+    bench = bench_of(robot=robot_with(tmp_path, PUMP))
+    enable(bench)
+    bench.do(SetOutput("pump", 1.0))
+    bench.run(0.2)
+    assert bench.board.value(30) == 1
+    bench.board.feed(pin_mode(3, PinMode.OUTPUT))  # another program lets go of the shoulder
+    bench.until(State.FAULT)
+    assert "no longer drives pin 3" in bench.now.cause
+    assert bench.board.value(30) == 0
+    assert any("off at the fault" in event.text for event in bench.now.events)

@@ -63,6 +63,47 @@ def test_pins_that_are_set_up_once_more_are_known_on(connect) -> None:
     assert before.outputs == session.frame().outputs == {"lamp": 1.0, "fan": 0.0}
 
 
+def lose(session: Session) -> None:
+    """Another program lets go of a servo: the driver gives the arm up, on a line that works."""
+    session.switch_on(dict.fromkeys((9, 22), 1500.0))
+    session.board.feed(bytes.fromhex("f4 09 01"))
+    with pytest.raises(BoardError, match="no longer drives pin 9"):
+        for _ in range(20):
+            session.frame()
+
+
+def test_an_output_is_still_switched_where_the_arm_was_given_up(connect) -> None:
+    signals = Signals((BUTTON,), (LAMP, Output("bell", "Bell", 16)))
+    session = rig(connect, signals=signals)
+    session.driver.set_output("lamp", 1.0)
+    lose(session)
+    before = len(session.line.bursts)
+    session.driver.set_output("bell", 1.0)
+    session.driver.set_output("lamp", 0.0)
+    assert [session.board.value(pin) for pin in (16, 25)] == [1, 0]
+    # Not with the input, which a board that has started anew would drive.
+    assert session.line.bursts[before:] == ["92 01 00 " * 2 + "92 01 00", "93 00 00 " * 2 + "93 00 00"]
+    with pytest.raises(BoardError, match="no longer drives pin 9"):
+        session.frame()
+
+
+def test_an_output_is_not_switched_on_a_line_on_which_a_write_broke_off(connect, monkeypatch) -> None:
+    session = rig(connect)
+    session.frame()
+
+    def breaks(data: bytes) -> None:
+        raise BoardError("the line is gone")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(session.line, "write", breaks)
+        with pytest.raises(BoardError, match="the line is gone"):
+            session.driver.set_output("lamp", 1.0)
+    before = len(session.line.bursts)
+    with pytest.raises(BoardError, match="an earlier write broke off"):
+        session.driver.set_output("lamp", 0.0)
+    assert len(session.line.bursts) == before
+
+
 def test_an_output_that_was_not_confirmed_is_not_given_up_when_pins_are_set_up_once_more(connect) -> None:
     session = rig(connect)
     session.frame()

@@ -45,6 +45,8 @@ _ASK_OTHERS_AFTER_S = 0.2
 _RELEASE_ATTEMPTS = 2
 _CABLE_AND_SUPPLY = "the cable and the board's power supply"
 _ASK_ATTEMPTS = 3
+_LAST_ATTEMPTS = 3
+"""so often an output is written where nothing is asked any more"""
 _SILENT_PART = 0.5
 """of the time that an answer may take: so long without any, and no setpoint is sent"""
 
@@ -218,12 +220,19 @@ class FirmataDriver(Abilities):
         )
 
     def set_output(self, name: str, value: float) -> None:
-        """Drive a pin at a level; it is told again until the sketch says that it has it."""
+        """Drive a pin at a level; it is told again until the sketch says that it has it.
+
+        Where the arm was given up for what the board said, and the line still works, it is told at once.
+        """
         output = self._signals.signals.output(name)
         if output is None:
             raise BoardError(f"the Arduino was told of no output {name!r}")
+        line = self._firmata
+        if line.lost:
+            line.send_at_last(_LAST_ATTEMPTS * self._signals.put(output, value, pull_up=False))
+            return
         self._pin_writes += self._signals.put(output, value)
-        self._take(self._firmata.receive())
+        self._take(line.receive())
         self._send_signals()
 
     def stop(self) -> None:

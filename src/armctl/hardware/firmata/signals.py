@@ -141,12 +141,16 @@ class FirmataSignals:
             case _:
                 pass
 
-    def put(self, output: Output, level: float) -> bytes:
-        """What drives an output at a level 0 ... 1."""
+    def put(self, output: Output, level: float, *, pull_up: bool = True) -> bytes:
+        """What drives an output at a level 0 ... 1.
+
+        Without ``pull_up`` a board that may have started anew does not drive the inputs high: until it is
+        told, they are outputs.
+        """
         pin = output.channel
         self._outputs[pin] = level
         self._unsure[pin] = 1
-        return self._write(pin)
+        return self._write(pin, pull_up=pull_up)
 
     def due(self, now: float) -> bytes:
         """What is to be sent now: an output that is not confirmed again, with a question, and reminders."""
@@ -200,14 +204,14 @@ class FirmataSignals:
         level = self._outputs[pin]
         return round(codec.PWM_FULL * level) if self.modes[pin] is PinMode.PWM else int(level > ON)
 
-    def _write(self, pin: int) -> bytes:
+    def _write(self, pin: int, *, pull_up: bool = True) -> bytes:
         if self.modes[pin] is PinMode.PWM:
             return codec.pwm_write(pin, self._written(pin))
-        return self._port(pin // codec.PORT)
+        return self._port(pin // codec.PORT, pull_up=pull_up)
 
-    def _port(self, port: int) -> bytes:
+    def _port(self, port: int, *, pull_up: bool = True) -> bytes:
         """All pins of a port: outputs, and inputs that an old sketch pulls up where they are written high."""
-        high = [one.channel for one in self._pulled_up]
+        high = [one.channel for one in self._pulled_up if pull_up]
         high += [pin for pin, level in self._outputs.items() if level > ON]
         return codec.digital_write(
             port, sum(1 << pin % codec.PORT for pin in high if pin // codec.PORT == port)
