@@ -20,7 +20,7 @@ FOLDERS = {
     "cli": (15, 3_175),
     "drawing": (11, 2_120),
     "facts": (17, 3_200),
-    "hardware": (70, 14_360),
+    "hardware": (70, 14_510),  # inputs, outputs and torque limits that are known, or said not to be
     "kinematics": (51, 12_750),
     "motion": (20, 5_850),
     "process": (14, 3_375),

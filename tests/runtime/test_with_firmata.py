@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from tests.runtime.board_bench import BoardBench
 
 from armctl.errors import StateError
 from armctl.facts import State
 from armctl.hardware.faults import Trouble, trouble
+from armctl.hardware.firmata.codec import PinMode, pin_mode
 from armctl.hardware.firmata.driver import FirmataDriver
 from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.hardware.transport import Connection
-from armctl.protocol import Connect, Enable, MoveJoints, Release
-from armctl.robot import load_robot
+from armctl.protocol import Connect, Enable, MoveJoints, Release, SetOutput
+from armctl.robot import Robot, load_robot, robots_folder
 
 ABAAS = load_robot("abaas")
 REST, HOME = ABAAS.pose("rest"), ABAAS.pose("home")
 
 
-def bench_of(*troubles: Trouble) -> BoardBench[SimulatedFirmata]:
+BUTTON = """
+[[inputs]]
+name = "button"
+channel = 30
+kind = "pull-up"
+active_low = true
+debounce_ms = 20
+"""
+
+
+def bench_of(*troubles: Trouble, robot: Robot = ABAAS) -> BoardBench[SimulatedFirmata]:
     bench = BoardBench.of(
-        ABAAS,
+        robot,
         SimulatedFirmata(),
         lambda line, now: FirmataDriver(Connection(line, now, simulated=True), 0.25, 0.2),
         troubles=troubles,
@@ -65,3 +78,45 @@ def test_what_is_lost_for_a_third_of_a_second_stops_the_motion_and_says_so() -> 
         motion.result(0)
     bench.run(1.0)
     assert bench.now.state is State.HOLDING
+
+
+def robot_with(folder: Path, more: str) -> Robot:
+    text = (robots_folder() / "abaas.toml").read_text(encoding="utf-8")
+    path = folder / "abaas.toml"
+    path.write_text(text + more, encoding="utf-8")
+    return load_robot(path)
+
+
+@pytest.mark.parametrize("troubles", [(), ("drop@20+0.3",)], ids=["sound", "silent"])
+def test_a_button_that_nobody_presses_is_never_read_as_pressed(tmp_path: Path, troubles: list[str]) -> None:
+    bench = bench_of(*map(trouble, troubles), robot=robot_with(tmp_path, BUTTON))
+    assert bench.now.inputs.get("button") in (0.0, None)
+    enable(bench)
+    seen = {bench.run(0.02).inputs.get("button") for _ in range(round((125.0 - bench.clock.now()) / 0.02))}
+    assert seen == {0.0} and bench.now.edges == {"button": 0}
+    bench.board.levels[30] = 0.0
+    bench.run(0.2)
+    assert bench.now.inputs == {"button": 1.0}
+
+
+PUMP = """
+[[outputs]]
+name = "pump"
+channel = 30
+at_fault = "off"
+at_stop = "off"
+at_release = "off"
+"""
+
+
+def test_outputs_go_where_they_should_at_a_fault_that_the_board_has_told(tmp_path: Path) -> None:
+    bench = bench_of(robot=robot_with(tmp_path, PUMP))
+    enable(bench)
+    bench.do(SetOutput("pump", 1.0))
+    bench.run(0.2)
+    assert bench.board.value(30) == 1
+    bench.board.feed(pin_mode(3, PinMode.OUTPUT))  # another program lets go of the shoulder
+    bench.until(State.FAULT)
+    assert "no longer drives pin 3" in bench.now.cause
+    assert bench.board.value(30) == 0
+    assert any("off at the fault" in event.text for event in bench.now.events)

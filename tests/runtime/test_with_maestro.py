@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.runtime import signal_kit
 from tests.runtime.board_bench import BoardBench
 from tests.runtime.kit import ROBOT, TEST, TICK
 
@@ -20,11 +21,12 @@ from armctl.hardware.maestro.codec import Opcode, command
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import ChannelConfig, MaestroSettings, SimulatedMaestro
 from armctl.hardware.transport import Connection
-from armctl.protocol import ClearFault, Connect, Enable, MoveJoints, Release
+from armctl.protocol import ClearFault, Connect, Enable, MoveJoints, Release, SetOutput
 from armctl.robot import load_robot, robots_folder
 
 REST, HOME = ROBOT.pose("rest"), ROBOT.pose("home")
 WIDE = {channel: ChannelConfig(minimum_us=500, maximum_us=2500) for channel in range(6)}
+_TARGETS = (Opcode.SET_TARGET, Opcode.SET_MULTIPLE_TARGETS)
 QUARTER = 0.25 / 516  # ¼ µs at the base's 9 µs a degree [rad]
 
 
@@ -212,3 +214,21 @@ def test_a_joint_with_two_servos_moves_both(tmp_path: Path) -> None:
     first, second = (board.position_us(channel) or 0.0 for channel in (1, 11))
     assert first + second == pytest.approx(3000, abs=0.5)
     assert first == pytest.approx(arm.outputs.outputs(arm.pose("home"))[1], abs=0.25)
+
+
+def test_an_output_whose_one_write_at_stop_is_lost_is_switched_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = signal_kit.SIGNALS.replace('at_stop = "on"', 'at_stop = "off"')
+    bench = signal_kit.bench_of(signal_kit.robot_with(tmp_path, text))
+    bench.do(SetOutput("lamp", 1.0))
+    bench.run(0.2)
+    assert signal_kit.high(bench, signal_kit.LAMP) == [True]
+    feed = bench.line.feed
+    monkeypatch.setattr(bench.line, "feed", lambda data: b"" if data[0] in _TARGETS else feed(data))
+    bench.controller.stop(TEST)
+    bench.run(TICK)
+    monkeypatch.undo()
+    assert signal_kit.high(bench, signal_kit.LAMP) == [True]
+    bench.run(0.1)
+    assert signal_kit.high(bench, signal_kit.LAMP) == [False] and bench.now.outputs["lamp"] == 0.0

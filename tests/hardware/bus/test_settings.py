@@ -10,6 +10,7 @@ from tests.hardware.bus_kit import BusBench
 import armctl
 from armctl.errors import BoardTimeoutError, RobotFileError
 from armctl.hardware.bus import BusSettings
+from armctl.hardware.bus.line import BusLine
 from armctl.hardware.feetech.make import FeetechMake
 from armctl.robot import load_robot
 
@@ -98,6 +99,30 @@ def test_all_others_have_less_torque_where_one_does_not_confirm(monkeypatch: pyt
     with pytest.raises(BoardTimeoutError, match="servo 3 did not confirm the torque limit"):
         bench.driver.scale_torque(0.4)
     assert limits(bench) == [400, 400, 1000, 400, 400, 200]
+
+
+@pytest.mark.parametrize("taken", [True, False])
+def test_a_limit_that_was_not_confirmed_is_the_one_that_the_next_reading_tells(
+    monkeypatch: pytest.MonkeyPatch, taken: bool
+) -> None:
+    bench = BusBench().open()
+    assert bench.enable() is None
+    limit = FeetechMake.limit_torque
+
+    def not_heard(make: FeetechMake, line: BusLine, servo: int, share: float) -> bool:
+        return bool((taken or servo != 3) and limit(make, line, servo, share) and servo != 3)
+
+    with monkeypatch.context() as lossy:
+        lossy.setattr(FeetechMake, "limit_torque", not_heard)
+        for ask in (lambda: bench.driver.limit_torque({3: 0.7}), lambda: bench.driver.scale_torque(0.4)):
+            with pytest.raises(BoardTimeoutError, match="servo 3 did not confirm the torque limit"):
+                ask()
+            assert bench.ticks(5).faults == {} and all(one.driven for one in bench.bus.servos)
+    assert limits(bench) == [400, 400, 280 if taken else 1000, 400, 400, 200]
+    bench.driver.scale_torque(1.0)
+    assert limits(bench) == [1000, 1000, 700 if taken else 1000, 1000, 1000, 500]
+    bench.bus.servo(3).put("torque_limit", 300)  # nobody told it that
+    assert "servo 3 has switched its torque off" in bench.ticks(5).faults[3]
 
 
 def test_a_dynamixel_has_less_pwm_and_all_of_it_again() -> None:

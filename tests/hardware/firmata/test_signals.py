@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from tests.hardware.firmata.conftest import FRAME_S, Session
+from tests.hardware.firmata.conftest import CHANNELS, FRAME_S, Session
 
 from armctl.errors import BoardError, BoardTimeoutError
 from armctl.hardware.faults import FaultyModel, trouble
-from armctl.hardware.firmata.codec import PinMode
+from armctl.hardware.firmata.codec import AnalogReport, CapabilityReport, DigitalReport, PinMode
+from armctl.hardware.firmata.signals import FirmataSignals
 from armctl.hardware.firmata.simulated import SimulatedFirmata
 from armctl.robot.signals import Input, Output, Signals
 
@@ -47,6 +48,95 @@ def test_inputs_are_seen_in_the_next_frame(connect) -> None:
     assert session.frame().inputs == {"button": 0.0, "door": 1.0, "knob": pytest.approx(256 / 1023)}
     session.board.levels[24] = 0.0
     assert session.frame().inputs["door"] == 0.0
+
+
+def test_pins_that_are_set_up_once_more_are_known_on(connect) -> None:
+    session = rig(connect)
+    session.driver.set_output("lamp", 1.0)
+    session.board.levels |= {24: 1.0, 55: 0.25}
+    session.frame()
+    before = session.frame()
+    session.driver.configure(CHANNELS)
+    session.driver.use_signals(SIGNALS)  # an old sketch reports only what changes
+    assert session.frame().inputs == before.inputs
+    assert before.inputs == {"button": 1.0, "door": 1.0, "knob": pytest.approx(256 / 1023)}
+    assert before.outputs == session.frame().outputs == {"lamp": 1.0, "fan": 0.0}
+
+
+def lose(session: Session) -> None:
+    """Another program lets go of a servo: the driver gives the arm up, on a line that works."""
+    session.switch_on(dict.fromkeys((9, 22), 1500.0))
+    session.board.feed(bytes.fromhex("f4 09 01"))
+    with pytest.raises(BoardError, match="no longer drives pin 9"):
+        for _ in range(20):
+            session.frame()
+
+
+def test_an_output_is_still_switched_where_the_arm_was_given_up(connect) -> None:
+    signals = Signals((BUTTON,), (LAMP, Output("bell", "Bell", 16)))
+    session = rig(connect, signals=signals)
+    session.driver.set_output("lamp", 1.0)
+    lose(session)
+    before = len(session.line.bursts)
+    session.driver.set_output("bell", 1.0)
+    session.driver.set_output("lamp", 0.0)
+    assert [session.board.value(pin) for pin in (16, 25)] == [1, 0]
+    # Not with the input, which a board that has started anew would drive.
+    assert session.line.bursts[before:] == ["92 01 00 " * 2 + "92 01 00", "93 00 00 " * 2 + "93 00 00"]
+    with pytest.raises(BoardError, match="no longer drives pin 9"):
+        session.frame()
+
+
+def test_an_output_is_not_switched_on_a_line_on_which_a_write_broke_off(connect, monkeypatch) -> None:
+    session = rig(connect)
+    session.frame()
+
+    def breaks(data: bytes) -> None:
+        raise BoardError("the line is gone")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(session.line, "write", breaks)
+        with pytest.raises(BoardError, match="the line is gone"):
+            session.driver.set_output("lamp", 1.0)
+    before = len(session.line.bursts)
+    with pytest.raises(BoardError, match="an earlier write broke off"):
+        session.driver.set_output("lamp", 0.0)
+    assert len(session.line.bursts) == before
+
+
+def test_an_output_that_was_not_confirmed_is_not_given_up_when_pins_are_set_up_once_more(connect) -> None:
+    session = rig(connect)
+    session.frame()
+    session.driver.set_output("lamp", 1.0)
+    session.board.feed(bytes.fromhex("93 00 00"))  # as if the write had been lost
+    session.driver.configure(CHANNELS)
+    session.driver.use_signals(SIGNALS)
+    for _ in range(10):
+        session.frame()
+    assert session.board.value(25) == 1
+
+
+def test_inputs_of_a_sketch_that_runs_on_are_known_when_it_is_connected_to_again(connect) -> None:
+    session = rig(connect)
+    session.board.levels[24] = 1.0
+    session.frame()
+    session.driver.open()
+    session.driver.configure(CHANNELS)
+    session.driver.use_signals(SIGNALS)
+    told = session.frame().inputs
+    assert (told["button"], told["door"]) == (1.0, 1.0)
+
+
+def test_an_input_that_was_not_reported_is_not_taken_for_low() -> None:
+    pin = {PinMode.INPUT: 1, PinMode.INPUT_PULLUP: 1, PinMode.OUTPUT: 1, PinMode.ANALOG: 10, PinMode.PWM: 8}
+    signals = FirmataSignals(SIGNALS, CapabilityReport((pin,) * 70))
+    signals.settle()  # this sketch answers: it is waited for
+    assert signals.inputs == {}
+    signals.take(DigitalReport(2, 0x80))
+    assert signals.inputs == {"button": 1.0}
+    signals.take(DigitalReport(3, 0))
+    signals.take(AnalogReport(55, 0))
+    assert signals.inputs == {"button": 1.0, "door": 0.0, "knob": 0.0}
 
 
 def test_outputs_are_switched_and_driven(connect) -> None:

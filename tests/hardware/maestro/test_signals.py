@@ -45,6 +45,39 @@ def test_the_bytes_of_a_session() -> None:
     line.assert_done()
 
 
+def talked(*exchanges: tuple[str, str]) -> tuple[MaestroDriver, ScriptedTransport]:
+    """A driver with one lamp, connected; then the board answers these."""
+    line = ScriptedTransport(("a1", "00 00"), ("90 00  a1", "00 00 00 00"), *exchanges)
+    driver = MaestroDriver(Connection(lambda: line, lambda: 0.0), model=MaestroModel.MINI_18)
+    driver.open()
+    driver.use_signals(Signals((), (LAMP,)))
+    return driver, line
+
+
+def test_an_output_that_does_not_read_what_it_was_told_is_told_again() -> None:
+    off, on = ("90 07  a1", "00 00  00 00"), ("90 07  a1", "70 17  00 00")
+    driver, line = talked(
+        ("84 07 70 2e", ""),
+        off,  # the write was lost
+        ("84 07 70 2e", ""),
+        on,
+        off,  # what something else switches later is left alone
+    )
+    driver.set_output("lamp", 1.0)
+    assert [driver.read().outputs["lamp"] for _ in range(3)] == [0.0, 1.0, 0.0]
+    line.assert_done()
+
+
+def test_an_output_that_never_comes_on_is_a_fault() -> None:
+    off = ("90 07  a1", "00 00  00 00")
+    driver, line = talked(*[("84 07 70 2e", ""), off] * 25)
+    driver.set_output("lamp", 1.0)
+    with pytest.raises(BoardError, match="Lamp: the board did not switch channel 7 though told 25 times"):
+        for _ in range(25):
+            driver.read()
+    line.assert_done()
+
+
 def test_the_simulated_board_answers_as_the_guide_says() -> None:
     channels = {
         12: ChannelConfig(mode=ChannelMode.INPUT),

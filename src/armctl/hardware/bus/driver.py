@@ -30,13 +30,10 @@ _ALL_OFF = (
     "all servos have switched their torque off: their supply was interrupted, or another program did it; "
     "check the supply"
 )
-_LIMIT_STEP = 0.002
 _LOOK_AGAIN_S = 0.5
 """how often a servo that is gone is asked whether it is there again"""
 _RESTART_S = 2.0
 """how long a servo may take to start anew"""
-_JUMP_STEPS = 60
-"""by which a position may differ from the one before beyond what the speed explains"""
 _LONGEST_STEP_S = 0.05
 """time that a step of a goal counts for at most: what was late is not made up for by a jump"""
 
@@ -200,38 +197,27 @@ class BusDriver(Abilities):
     def limit_torque(self, limits: Mapping[int, float]) -> None:
         """How strong servos may be: a share 0 ... 1 of their full torque."""
         line = self._opened
-        _require_limits(
-            line, [servo for servo, share in limits.items() if not self._limit(line, servo, share)]
-        )
+        silent = [servo for servo, share in limits.items() if not self._limit(line, servo, share)]
+        _require_limits(line, silent)
 
     def scale_torque(self, share: float, channels: Sequence[int] | None = None) -> None:
         """Those that are on have a share 0 ... 1 of the torque that each may have; see ``Abilities``."""
         line = self._opened
+        wanted = self._servos if channels is None else channels
         silent: list[int] = []
-        for one in self._servos.values():
-            if not one.on or one.gone or (channels is not None and one.id not in channels):
-                continue
-            limit = share * one.torque
-            if share == 1.0 and one.eased != 1.0 and not self._held_where_it_is(line, one):
-                silent.append(one.id)
-                continue
-            if self._make.limit_torque(line, one.id, limit):
-                one.eased, one.seen = share, Telemetry(torque_limit=limit).after(one.seen)
-            else:
+        on = [one for one in self._servos.values() if one.on and not one.gone and one.id in wanted]
+        for one in on:
+            held = share != 1.0 or not one.weak or self._held_where_it_is(line, one)
+            if not held or not self._tell_limit(line, one, one.torque, share):
                 silent.append(one.id)
         _require_limits(line, silent)
 
     def _held_where_it_is(self, line: BusLine, one: KnownServo) -> bool:
         """Make the place where a weak servo is now its goal: it would be thrown back to the one it has."""
-        try:
-            place = self._make.position(line, one.id)
-        except BoardTimeoutError:
-            return False
-        if line.write(one.id, self._make.goal_address, self._make.goal_bytes(place)) is None:
-            return False
-        one.goal = one.wanted = place
-        one.sent_at = self._now()
-        return True
+        place = self._make.hold_here(line, one.id)
+        if place is not None:
+            one.goal, one.wanted, one.sent_at = place, place, self._now()
+        return place is not None
 
     def close(self) -> None:
         """Close the line; never raises. The servos go on holding."""
@@ -287,9 +273,9 @@ class BusDriver(Abilities):
             one.settings = self._make.settings(line, one.id)
         limits = Limits(one.torque, self._speed_of(one.id))
         one.goal, limp = bring_on(self._make, line, one.id, one.settings, one.seen.position, limits)
-        one.on, one.went_off, one.gave_way, one.eased = True, False, False, 1.0
-        told = Telemetry(on=True, refuses=False, gave_way=False, torque_limit=one.torque)
-        one.seen = told.after(one.seen)
+        one.on, one.went_off, one.gave_way = True, False, False
+        one.limited(one.torque, 1.0)
+        one.seen = Telemetry(on=True, refuses=False, gave_way=False).after(one.seen)
         one.wanted, one.sent_at = one.goal, self._now()
         return limp
 
@@ -298,8 +284,9 @@ class BusDriver(Abilities):
         one.goal = one.wanted = None
         one.seen = Telemetry(on=False).after(one.seen)
         confirmed = self._make.off(line, one.id)
-        eased, one.eased = one.eased, 1.0
-        if confirmed and eased != 1.0:  # for other programs; what is switched on again gets it anew
+        whole = one.eased == 1.0 and not one.maybe
+        one.eased, one.maybe = 1.0, ()
+        if confirmed and not whole:  # for other programs; what is switched on again gets it anew
             self._make.limit_torque(line, one.id, one.torque)
         if confirmed and one.seen.latched and self._make.clear(line, one.id):
             one.gone, one.asked_at = True, self._now()
@@ -334,11 +321,17 @@ class BusDriver(Abilities):
     def _limit(self, line: BusLine, servo: int, share: float) -> bool:
         """Whether it confirms its new limit; one that is limp gets it when it is switched on."""
         one, limit = self._servos[servo], share * self._torque.get(servo, 1.0)
-        done = not one.on or one.gone or self._make.limit_torque(line, servo, limit)
-        if done:
-            one.torque, one.eased = limit, 1.0
-            one.seen = Telemetry(torque_limit=limit).after(one.seen)
-        return done
+        if one.on and not one.gone:
+            return self._tell_limit(line, one, limit, 1.0)
+        one.limited(limit, 1.0)
+        return True
+
+    def _tell_limit(self, line: BusLine, one: KnownServo, torque: float, eased: float) -> bool:
+        """Whether it confirms; one that does not may have either limit until its next reading tells."""
+        one.maybe += ((torque, eased),)
+        if confirmed := self._make.limit_torque(line, one.id, torque * eased):
+            one.limited(torque, eased)
+        return confirmed
 
     # Goals.
 
@@ -428,21 +421,13 @@ class BusDriver(Abilities):
     def _take(self, one: KnownServo, seen: Telemetry) -> None:
         """Believe an answer, unless its position is too far from the one before; the next one decides."""
         now = self._now()
-        before = one.seen.position
-        if seen.position is not None and before is not None and now - one.seen_at < 1.0:
-            room = _JUMP_STEPS + self._make.steps_per_turn * (now - one.seen_at)  # a turn a second and more
-            if abs(seen.position - before) > room and (
-                one.doubted is None or abs(seen.position - one.doubted) > room
-            ):
-                one.doubted, one.missed = seen.position, one.missed + 1
-                return
-        one.doubted = None
+        if not one.believes(seen.position, now, self._make.steps_per_turn):
+            return
         if seen.position is not None:
             one.missed, one.seen_at = 0, now
         one.seen = seen.after(one.seen)
-        limit = one.seen.torque_limit
-        told = one.torque * one.eased
-        forgot = limit is not None and abs(limit - told) > _LIMIT_STEP and self._make.keeps_limit
+        limit = seen.torque_limit
+        forgot = limit is not None and not one.has_limit(limit) and self._make.keeps_limit
         if one.on and not one.went_off and (one.seen.on is False or forgot):
             one.went_off = True
             one.goal = one.wanted = None

@@ -17,6 +17,9 @@ _OVERLOAD = (
     "clear the fault and enable"
 )
 _TOLD_S = 5.0
+_JUMP_STEPS = 60
+"""by which a position may differ from the one before beyond what the speed explains"""
+_LIMIT_STEP = 0.002
 
 
 @dataclass
@@ -47,6 +50,8 @@ class KnownServo:
     """how strong it may be, a share of its full torque"""
     eased: float = 1.0
     """the share of that which it has, on the way to a release"""
+    maybe: tuple[tuple[float, float], ...] = ()
+    """what ``torque`` and ``eased`` may be instead: it was told so, and did not confirm it"""
     supply_v: float | None = None
     """without load [V]: as the robot file says, or the highest that it has measured"""
     went_off: bool = False
@@ -69,6 +74,37 @@ class KnownServo:
     def takes_goals(self) -> bool:
         """Whether a goal would only move it: it would switch on one that is limp, or has started anew."""
         return self.on and not (self.went_off or self.seen.refuses or self.gone) and self.missed < DOUBTED
+
+    def believes(self, position: int | None, now: float, steps_per_turn: int) -> bool:
+        """Whether a position is near enough to the one before; else the next one decides."""
+        before = self.seen.position
+        if position is not None and before is not None and now - self.seen_at < 1.0:
+            room = _JUMP_STEPS + steps_per_turn * (now - self.seen_at)  # a turn a second and more
+            if abs(position - before) > room and (
+                self.doubted is None or abs(position - self.doubted) > room
+            ):
+                self.doubted, self.missed = position, self.missed + 1
+                return False
+        self.doubted = None
+        return True
+
+    @property
+    def weak(self) -> bool:
+        """Whether it has, or may have, a part of its torque only, on the way to a release."""
+        return any(eased != 1.0 for eased in (self.eased, *(eased for _, eased in self.maybe)))
+
+    def limited(self, torque: float, eased: float) -> None:
+        """It is known to have this share of its full torque, and that share of this."""
+        self.torque, self.eased, self.maybe = torque, eased, ()
+        self.seen = Telemetry(torque_limit=torque * eased).after(self.seen)
+
+    def has_limit(self, limit: float) -> bool:
+        """Whether a limit that it tells is one that it was told; then that is known to be the one."""
+        for torque, eased in ((self.torque, self.eased), *self.maybe):
+            if abs(limit - torque * eased) <= _LIMIT_STEP:
+                self.torque, self.eased, self.maybe = torque, eased, ()
+                return True
+        return False
 
     @property
     def quantities(self) -> Quantities:

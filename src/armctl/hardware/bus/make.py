@@ -128,6 +128,14 @@ class ServoMake(ABC):
     def limit_torque(self, line: BusLine, servo: int, share: float) -> bool:
         """How strong its motor may be, 0 ... 1; whether the servo confirms it."""
 
+    def hold_here(self, line: BusLine, servo: int) -> int | None:
+        """Make the place where a servo is its goal [steps]; None: it did not confirm."""
+        try:
+            place = self.position(line, servo)
+        except BoardTimeoutError:
+            return None
+        return None if line.write(servo, self.goal_address, self.goal_bytes(place)) is None else place
+
     def unlock(self, line: BusLine, servo: int) -> None:  # noqa: B027
         """Let its EEPROM keep what is written."""
 

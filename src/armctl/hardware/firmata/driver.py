@@ -45,6 +45,8 @@ _ASK_OTHERS_AFTER_S = 0.2
 _RELEASE_ATTEMPTS = 2
 _CABLE_AND_SUPPLY = "the cable and the board's power supply"
 _ASK_ATTEMPTS = 3
+_LAST_ATTEMPTS = 3
+"""so often an output is written where nothing is asked any more"""
 _SILENT_PART = 0.5
 """of the time that an answer may take: so long without any, and no setpoint is sent"""
 
@@ -188,29 +190,49 @@ class FirmataDriver(Abilities):
         )
 
     def use_signals(self, signals: Signals) -> None:
-        """Set the pins up, and see that the sketch has their modes; outputs keep the level that they have."""
-        self._signals = found = FirmataSignals(signals, self._capabilities, self._table.channels)
+        """Set the pins up, and see that the sketch has their modes; outputs keep the level that they have.
+
+        An input that is not reported yet is not among those of ``read``.
+        """
+        found = FirmataSignals(signals, self._capabilities, self._table.channels)
+        found.carry_on(self._signals)
+        self._signals = found
         self._markers = tuple(pin for pin in self._markers if pin not in found.modes)
         self._stream.attacher = self._attacher(self._table)
         pins = tuple(found.modes)
         states = self._sure_states(pins)
+        if hidden := found.stale(states):
+            self._stream.send(found.hide(hidden))
+            self._sure_states(pins)  # takes the sketch some rounds, in which it sees that they are hidden
+            states = {pin: state for pin, state in states.items() if pin not in hidden}
         for _ in range(_ASK_ATTEMPTS):
             if request := found.set_up(states):
                 self._stream.send(request)
             states = self._sure_states(pins)
             if found.is_set_up(states):
+                if not found.settled:
+                    self._stream.send(found.report())
+                    self._sure_states(pins)  # what is reported comes ahead of the last of these answers
+                    found.settle()
                 return
         raise self._not_told(
             [pin for pin, mode in found.modes.items() if pin not in states or states[pin].mode != mode]
         )
 
     def set_output(self, name: str, value: float) -> None:
-        """Drive a pin at a level; it is told again until the sketch says that it has it."""
+        """Drive a pin at a level; it is told again until the sketch says that it has it.
+
+        Where the arm was given up for what the board said, and the line still works, it is told at once.
+        """
         output = self._signals.signals.output(name)
         if output is None:
             raise BoardError(f"the Arduino was told of no output {name!r}")
+        line = self._firmata
+        if line.lost:
+            line.send_at_last(_LAST_ATTEMPTS * self._signals.put(output, value, pull_up=False))
+            return
         self._pin_writes += self._signals.put(output, value)
-        self._take(self._firmata.receive())
+        self._take(line.receive())
         self._send_signals()
 
     def stop(self) -> None:

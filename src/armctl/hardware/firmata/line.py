@@ -64,6 +64,8 @@ class FirmataLine:
         self._identified = False
         self._received = b""
         self._lost: str | None = None
+        self._broken = False
+        """whether a write broke off: the sketch may be in the middle of a message"""
 
     def identify(self, ask_after_s: float) -> Identity:
         """Wait until a Firmata sketch runs and answers; find out which and what its pins can do.
@@ -95,6 +97,7 @@ class FirmataLine:
         try:
             self._transport.write(data)
         except BoardError as error:
+            self._broken = True
             self.lose("an earlier write broke off, and the board may have got half a message; connect again")
             raise error
 
@@ -107,6 +110,22 @@ class FirmataLine:
         """Let nothing more be sent; the error to raise now and from now on."""
         self._lost = f"{self.name}: {why}"
         return BoardError(self._lost)
+
+    @property
+    def lost(self) -> bool:
+        """Whether nothing more is sent."""
+        return self._lost is not None
+
+    def send_at_last(self, data: bytes) -> None:
+        """Write whole messages to a line that was given up, as what is left to do before it is closed.
+
+        ``BoardError``: a write broke off on it, now or earlier.
+        """
+        if self._broken:
+            self._check()
+        self._broken = True
+        self._transport.write(data)
+        self._broken = False
 
     def listen(self, wait_s: float) -> Iterator[Reply]:
         """What comes within ``wait_s``; a caller that has what it waited for stops earlier."""

@@ -38,9 +38,11 @@ class FirmataSignals:
         self.signals = signals
         stopped = _pwm_without_timer(len(capabilities.pins), servos)
         self._pulled_up = [one for one in signals.inputs if one.kind == "pull-up"]
+        self._answers = PinMode.INPUT_PULLUP in {mode for pin in capabilities.pins for mode in pin}
+        """whether the sketch says what a port is at when it is told to report it: those from 2.5 on do"""
         modes = {one.channel: _MODES[one.kind] for one in signals.inputs}
         modes |= {one.channel: _output_mode(one) for one in signals.outputs}
-        if PinMode.INPUT_PULLUP in {mode for pin in capabilities.pins for mode in pin}:
+        if self._answers:
             modes |= {one.channel: PinMode.INPUT_PULLUP for one in self._pulled_up}
         self.modes: Mapping[int, PinMode] = modes
         """by pin, what it is set to"""
@@ -60,6 +62,9 @@ class FirmataSignals:
                 )
         # The sketch numbers its analog channels in the order of their pins (Boards.h).
         self._analog = {pin: number for number, pin in enumerate(capabilities.pins_with(PinMode.ANALOG))}
+        self._digital = [one.channel for one in signals.inputs if one.kind != "analog"]
+        self.settled = not self._digital
+        """whether what the sketch says of its digital inputs has been waited for"""
         self._bits: dict[int, int] = {}
         """by port, what was reported of its digital inputs"""
         self._shares: dict[int, float] = {}
@@ -70,6 +75,36 @@ class FirmataSignals:
         """outputs that the sketch has not confirmed, and how often they were written"""
         self._reminded_at = self._asked_at = -math.inf
 
+    def carry_on(self, earlier: FirmataSignals) -> None:
+        """Take over what is known, where the pins are the same: the sketch may not say it once more."""
+        if earlier.settled and (earlier.signals, earlier.modes) == (self.signals, self.modes):
+            self.settled, self._bits, self._shares = True, earlier._bits, earlier._shares
+            self._outputs, self._unsure = earlier._outputs, earlier._unsure
+
+    def stale(self, states: Mapping[int, PinState]) -> tuple[int, ...]:
+        """Inputs of which an old sketch says nothing until they change: it was told to report them before."""
+        if self._answers or self.settled:
+            return ()
+        return tuple(pin for pin in self._digital if pin in states and states[pin].mode == PinMode.INPUT)
+
+    def hide(self, pins: Sequence[int]) -> bytes:
+        """What lets an old sketch take inputs for low until they are set up again: it reports them anew then.
+
+        It listens to pins in the mode ANALOG, too, and drives none of them.
+        """
+        return self.report() + b"".join(codec.pin_mode(pin, PinMode.ANALOG) for pin in pins)
+
+    def report(self) -> bytes:
+        """What has digital inputs reported."""
+        ports = sorted({pin // codec.PORT for pin in self._digital})
+        return b"".join(map(codec.report_digital, ports))
+
+    def settle(self) -> None:
+        """Reports that were asked for have had their time: what an old sketch does not report is low."""
+        self.settled = True
+        if not self._answers:
+            self._bits = {pin // codec.PORT: 0 for pin in self._digital} | self._bits
+
     def set_up(self, states: Mapping[int, PinState]) -> bytes:
         """What sets the pins up that are not yet; an output that is one keeps its level."""
         request = b""
@@ -77,7 +112,10 @@ class FirmataSignals:
             state = states.get(pin)
             if state is None or state.mode != mode:
                 request += codec.pin_mode(pin, mode)
-            elif pin in self._outputs:
+                if state is not None and pin in self._digital:
+                    self.settled = False
+                    self._bits.pop(pin // codec.PORT, None)
+            elif pin in self._outputs and pin not in self._unsure:
                 full = codec.PWM_FULL if mode is PinMode.PWM else 1
                 self._outputs[pin] = min(1.0, state.value / full)
         for port in sorted({one.channel // codec.PORT for one in self._pulled_up}):
@@ -103,12 +141,16 @@ class FirmataSignals:
             case _:
                 pass
 
-    def put(self, output: Output, level: float) -> bytes:
-        """What drives an output at a level 0 ... 1."""
+    def put(self, output: Output, level: float, *, pull_up: bool = True) -> bytes:
+        """What drives an output at a level 0 ... 1.
+
+        Without ``pull_up`` a board that may have started anew does not drive the inputs high: until it is
+        told, they are outputs.
+        """
         pin = output.channel
         self._outputs[pin] = level
         self._unsure[pin] = 1
-        return self._write(pin)
+        return self._write(pin, pull_up=pull_up)
 
     def due(self, now: float) -> bytes:
         """What is to be sent now: an output that is not confirmed again, with a question, and reminders."""
@@ -128,9 +170,7 @@ class FirmataSignals:
             request += again + codec.pin_state_query(pin)
         if now - self._reminded_at >= _REMIND_S and self.signals.inputs:
             self._reminded_at = now
-            digital = [one for one in self.signals.inputs if one.kind != "analog"]
-            for port in sorted({one.channel // codec.PORT for one in digital}):
-                request += codec.report_digital(port)
+            request += self.report()
             for one in self.signals.inputs:
                 if one.kind == "analog":
                     request += codec.report_analog(self._analog[one.channel])
@@ -143,33 +183,35 @@ class FirmataSignals:
 
     @property
     def inputs(self) -> dict[str, float]:
-        """Levels by name."""
-        return {one.name: self._level(one) for one in self.signals.inputs}
+        """Levels by name, of those that were reported: no input is low because nothing is known of it."""
+        levels = {one.name: self._level(one) for one in self.signals.inputs}
+        return {name: level for name, level in levels.items() if level is not None}
 
     @property
     def outputs(self) -> dict[str, float]:
         """Levels by name, as last sent or found."""
         return {one.name: self._outputs[one.channel] for one in self.signals.outputs}
 
-    def _level(self, one: Input) -> float:
+    def _level(self, one: Input) -> float | None:
         if one.kind == "analog":
-            return self._shares.get(self._analog[one.channel], 0.0)
+            return self._shares.get(self._analog[one.channel])
         port, bit = divmod(one.channel, codec.PORT)
-        return float(self._bits.get(port, 0) >> bit & 1)
+        bits = self._bits.get(port)
+        return None if bits is None else float(bits >> bit & 1)
 
     def _written(self, pin: int) -> int:
         """The value that the sketch keeps for an output."""
         level = self._outputs[pin]
         return round(codec.PWM_FULL * level) if self.modes[pin] is PinMode.PWM else int(level > ON)
 
-    def _write(self, pin: int) -> bytes:
+    def _write(self, pin: int, *, pull_up: bool = True) -> bytes:
         if self.modes[pin] is PinMode.PWM:
             return codec.pwm_write(pin, self._written(pin))
-        return self._port(pin // codec.PORT)
+        return self._port(pin // codec.PORT, pull_up=pull_up)
 
-    def _port(self, port: int) -> bytes:
+    def _port(self, port: int, *, pull_up: bool = True) -> bytes:
         """All pins of a port: outputs, and inputs that an old sketch pulls up where they are written high."""
-        high = [one.channel for one in self._pulled_up]
+        high = [one.channel for one in self._pulled_up if pull_up]
         high += [pin for pin, level in self._outputs.items() if level > ON]
         return codec.digital_write(
             port, sum(1 << pin % codec.PORT for pin in high if pin // codec.PORT == port)

@@ -182,6 +182,8 @@ class SimulatedFirmata(SimulatedPins):
         """the analog channels that are reported"""
         self._ports: set[int] = set()
         """the ports whose inputs are reported"""
+        self._hidden: set[int] = set()
+        """inputs that were told of another mode, which they do not know: not reported"""
         self._told_bits: dict[int, int] = {}
         self._sampling_ms, self._sampled_ms = _SAMPLING_MS, 0
         self._i2c_enabled = False
@@ -262,7 +264,8 @@ class SimulatedFirmata(SimulatedPins):
 
     def _is_high(self, pin: int) -> bool:
         """Whether an input is; what was written to it pulls it up."""
-        return self._modes[pin] == PinMode.INPUT and self.levels.get(pin, float(self._values[pin])) > 0.5
+        listens = self._modes[pin] == PinMode.INPUT and pin not in self._hidden
+        return listens and self.levels.get(pin, float(self._values[pin])) > 0.5
 
     def _obey(self, message: SketchMessage) -> bytes:
         data = message.data
@@ -353,6 +356,7 @@ class SimulatedFirmata(SimulatedPins):
         if pin >= _FIRST_ANALOG_PIN:
             self._report_analog(pin - _FIRST_ANALOG_PIN, mode == PinMode.ANALOG)
         self._values[pin] = 0
+        (self._hidden.discard if mode == PinMode.INPUT else self._hidden.add)(pin)
         if mode not in _MODES:
             return _with_text(Sysex.STRING_DATA, "Unknown pin mode")
         if mode in _capabilities(pin):

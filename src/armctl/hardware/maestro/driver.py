@@ -23,6 +23,8 @@ from armctl.hardware.maestro.codec import MAX_CHANNEL, MAX_TARGET, REPLY_LENGTH,
 from armctl.hardware.transport import Connection, Transport
 from armctl.robot.signals import ON, Signals
 
+_WRITES = 25
+"""so often an output may be written until it reads what it was told"""
 _MISUNDERSTOOD = MaestroErrors.SERIAL_PROTOCOL | MaestroErrors.SERIAL_CRC
 WATCHDOG_NOTE = (
     "the board's own watchdog is not verified: armctl cannot see whether a serial timeout is set. If this "
@@ -55,11 +57,14 @@ class MaestroDriver(Abilities):
         self._opened: MaestroLine | None = None
         self._table, self._unreported = ChannelTable(SCALE), MaestroErrors(0)
         self._signals = Signals()
+        self._unsure: dict[str, tuple[bool, int]] = {}
+        """outputs that do not read yet what they were told, by name: whether high, and how often written"""
 
     def open(self) -> BoardIdentity:
         """Open the line and make sure that a Maestro answers; every output stays as it is."""
         self.close()
         self._table, self._unreported = ChannelTable(SCALE), MaestroErrors(0)
+        self._unsure.clear()
         transport, info = self._connection.open()
         # The serial protocol cannot tell the model: a Get Position of channel 6 would tell a Micro from a
         # Mini, but to a Micro it is an error, and an error sends all its channels home.
@@ -107,7 +112,8 @@ class MaestroDriver(Abilities):
         """Read the transmitted pulse widths [µs] and the board's error register, which clears it.
 
         Where no answer comes it asks once more, before the next setpoint: no setpoint is sent unseen, so one
-        lost answer need not halt the arm.
+        lost answer need not halt the arm. An output that does not read what it was told is told again;
+        ``BoardError`` where that does not help.
         """
         line, now = self._maestro, self._connection.now
         asked_before, asked_at = line.asked, now()
@@ -120,6 +126,8 @@ class MaestroDriver(Abilities):
             line.settled = False
         # Get Position of an input tells its voltage, of an output what it was set to.
         quarters = {one.name: codec.us_to_quarters(us) if (us := told[one.channel]) else 0 for one in every}
+        outputs = {one.name: quarters[one.name] >= HIGH_FROM for one in self._signals.outputs}
+        self._insist_on(outputs)
         errors |= self._unreported
         self._unreported = MaestroErrors(0)
         asked = line.asked - asked_before
@@ -140,7 +148,7 @@ class MaestroDriver(Abilities):
                 one.name: _level(quarters[one.name], analog=one.kind == "analog")
                 for one in self._signals.inputs
             },
-            outputs={one.name: float(quarters[one.name] >= HIGH_FROM) for one in self._signals.outputs},
+            outputs={name: float(high) for name, high in outputs.items()},
         )
 
     def use_signals(self, signals: Signals) -> None:
@@ -153,6 +161,7 @@ class MaestroDriver(Abilities):
         output = self._signals.output(name)
         if output is None:
             raise BoardError(f"the Maestro was told of no output {name!r}")
+        self._unsure[name] = value > ON, 1
         self._send_targets({output.channel: HIGH_FROM if value > ON else 0})
 
     def stop(self) -> None:
@@ -188,6 +197,24 @@ class MaestroDriver(Abilities):
         if self._opened is None:
             raise BoardError("the Maestro is not connected; connect first")
         return self._opened
+
+    def _insist_on(self, outputs: Mapping[str, bool]) -> None:
+        """Write outputs again that read something else than they were told: nothing confirms a write."""
+        again: dict[int, int] = {}
+        for name, (high, times) in list(self._unsure.items()):
+            output = self._signals.output(name)
+            if output is None or outputs[name] == high:
+                del self._unsure[name]
+                continue
+            if times >= _WRITES:
+                raise BoardError(
+                    f"{output.title}: the board did not switch channel {output.channel} though told {times} "
+                    f'times; is its mode "Output" in the Maestro Control Center? Check the cable, then '
+                    "connect again"
+                )
+            self._unsure[name] = high, times + 1
+            again[output.channel] = HIGH_FROM if high else 0
+        self._send_targets(again)
 
     def _send_targets(self, quarters: Mapping[int, int]) -> None:
         line = self._maestro
