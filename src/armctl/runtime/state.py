@@ -31,10 +31,8 @@ from armctl.runtime.notices import EventLog, MessageBoard, Notices
 from armctl.runtime.planner import Grip, Pending, Submit
 from armctl.runtime.signals import SignalWatch
 
-SLOWEST = 0.05
-"""the smallest speed override"""
-JOG_GAP_S = 0.2
-"""A jog that was held during a STOP must be let go for this long before it moves the arm again."""
+SLOWEST, JOG_GAP_S = 0.05, 0.2
+"""The smallest speed override. A jog that was held during a STOP must be let go for this long before it moves the arm again."""
 _SAME_PRESS_S, _SAME_REFUSAL_S = 0.5, 2.0
 _READ_INTERVAL_S = 0.02
 _LOGGER = logging.getLogger("armctl.runtime")
@@ -314,8 +312,7 @@ class ArmState:
             self.stopped_motion, self.stopped_by, self._pausing = motion, str(origin), False
             try:
                 self.activity.stop()
-                if self.activity.program is not None:
-                    self.signals.switch(self.board, "stop")
+                self.signals.switch(self.board if self.activity.program is not None else None, "stop")
             except ArmctlError as failure:
                 self.fault(failure)
 
