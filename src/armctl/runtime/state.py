@@ -32,7 +32,7 @@ from armctl.runtime.planner import Grip, Pending, Submit
 from armctl.runtime.signals import SignalWatch
 
 SLOWEST, JOG_GAP_S = 0.05, 0.2
-"""The smallest speed override. A jog that was held during a STOP must be let go for this long before it moves the arm again."""
+"""The smallest speed override. How long a jog held at a STOP must be let go before it moves again."""
 _SAME_PRESS_S, _SAME_REFUSAL_S = 0.5, 2.0
 _READ_INTERVAL_S = 0.02
 _LOGGER = logging.getLogger("armctl.runtime")
