@@ -18,15 +18,18 @@ from armctl.errors import StateError
 from armctl.motion import Finding
 from armctl.program import (
     EndStep,
+    FrameStep,
     IfStep,
     MoveStep,
     PointStep,
     Program,
     Step,
+    UserFrame,
     WaitForStep,
     WaitStep,
     WhileStep,
 )
+from armctl.program.program import put_frame
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.manual import program_run
 from armctl.ui.tabs.manual.program_run import ProgramRun
@@ -75,6 +78,16 @@ def test_a_check_tells_step_and_reason_until_the_program_is_another(bench: Bench
     bench.put(HOME)
     bench.run.refresh(make_rig().now)
     assert not bench.verdict.visible
+
+
+def test_a_program_whose_frame_was_moved_is_checked_anew(bench: Bench) -> None:
+    steps = (HOME, FrameStep(frame="table"), PointStep(x_mm=0, y_mm=0, z_mm=0))
+    here, away = (UserFrame(x_mm=x, y_mm=0, z_mm=100) for x in (200, 999))
+    bench.desk.put(Program(robot="uzuner", name="test", frames={"table": here}, steps=steps))
+    assert asyncio.run(bench.run.check()) == []
+    bench.desk.edit(put_frame(bench.desk.program, "table", away))
+    (finding,) = asyncio.run(bench.run.check())
+    assert str(finding).startswith("step 3: too far by")
 
 
 def test_a_check_that_was_overtaken_shows_nothing_of_its_own(bench: Bench) -> None:

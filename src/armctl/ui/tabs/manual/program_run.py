@@ -173,7 +173,7 @@ class _Check:
 
 
 def _same(one: Program, other: Program) -> bool:
-    return one.steps is other.steps and one.called == other.called
+    return one.steps is other.steps and (one.frames, one.called) == (other.frames, other.called)
 
 
 class _Stepping(NamedTuple):
@@ -310,7 +310,8 @@ class ProgramRun:
             """Called by the worker thread."""
             if cancelled.is_set() or self._session.closed:
                 raise StateError("the check was cancelled")
-            if self._shared.program.steps is not program.steps:
+            present = self._shared.program
+            if present.steps is not program.steps or present.frames != program.frames:
                 raise _OutdatedError(f"{program.name} was edited while it was checked; check it again")
             self._progress = (done, steps)
 
