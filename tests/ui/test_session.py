@@ -219,8 +219,9 @@ async def press_and_cancel(session: Session, button: Any, begun: threading.Event
     """Press a button; cancel what that does once it has begun, and again, too late."""
     pressed = asyncio.create_task(pressing(session, button))
     await asyncio.to_thread(begun.wait, 10)
-    while not (offers := offered(session)):
-        await asyncio.sleep(0)
+    async with asyncio.timeout(10):  # where it has failed by then, nothing is offered
+        while not (offers := offered(session)):
+            await asyncio.sleep(0)
     (key,) = re.findall(r"data-key=(\d+)>Cancel", offers[0])
     await session.parts.done("cancel-work", key)
     await pressed
@@ -338,7 +339,8 @@ def test_a_point_whose_comparison_is_cancelled_is_not_added(
         return compare(*given)
 
     monkeypatch.setattr(touched_points, "fit_touches", slowly)
-    page: Any = SimpleNamespace(_session=session, _points=points)
+    block = SimpleNamespace(within=lambda low, high: 0.0)
+    page: Any = SimpleNamespace(_session=session, _points=points, _block=block)
 
     async def cancel() -> None:
         cancelling = asyncio.create_task(press_and_cancel(session, button, begun))
