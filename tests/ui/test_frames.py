@@ -179,7 +179,7 @@ def test_its_axes_stand_in_the_scene_where_it_is(page: FramesPage) -> None:
 
 
 def test_the_row_of_a_step_offers_the_frames_of_its_program() -> None:
-    html = StepEdit("1").html(FrameStep(frame="gone"), ROBOT, ("table", "<b>"))
+    html = StepEdit("1").html(FrameStep(frame="gone"), ROBOT, frames=("table", "<b>"))
     for name in ("base", "table", "&lt;b&gt;"):
-        assert f"<option>{name}</option>" in html
-    assert "<option selected>gone</option>" in html
+        assert f"<option value='{name}'>{name}</option>" in html
+    assert "<option value='gone' selected>gone</option>" in html

@@ -172,16 +172,18 @@ const armctlViser = (() => {
     if (tab.getAttribute("aria-selected") === "false") tab.dispatchEvent(new KeyboardEvent("keydown", enter));
   }
 
-  // Tabs that the server has built anew begin at the first: the one that was open among the same labels is opened.
+  // Tabs that the server has built anew begin at the first. Where the arm is the same, the one that was open among the
+  // same labels is opened.
   const openIn = new Map();
   function keepTabs() {
     for (const list of document.querySelectorAll("#root [role=tablist]")) {
       const tabs = Array.from(list.querySelectorAll("[role=tab]"));
       const key = tabs.map(tabLabel).join("\n");
       const [had, open] = [openIn.get(key), tabs.find((one) => one.getAttribute("aria-selected") === "true")];
-      const again = had && !had.list.isConnected && tabs.find((one) => tabLabel(one) === had.label);
+      const anew = had && !had.list.isConnected && had.arm === document.title;
+      const again = anew && tabs.find((one) => tabLabel(one) === had.label);
       if (again) press(again);
-      openIn.set(key, { list, label: tabLabel(again || open) });
+      openIn.set(key, { list, label: tabLabel(again || open), arm: document.title });
     }
   }
 
