@@ -173,17 +173,21 @@ const armctlViser = (() => {
   }
 
   // Tabs that the server has built anew begin at the first. Where the arm is the same, the one that was open among the
-  // same labels is opened.
+  // same labels is opened: once armctl's own line, which names the arm, is `back` as well.
   const openIn = new Map();
-  function keepTabs() {
+  function keepTabs(back) {
     for (const list of document.querySelectorAll("#root [role=tablist]")) {
       const tabs = Array.from(list.querySelectorAll("[role=tab]"));
       const key = tabs.map(tabLabel).join("\n");
       const [had, open] = [openIn.get(key), tabs.find((one) => one.getAttribute("aria-selected") === "true")];
-      const anew = had && !had.list.isConnected && had.arm === document.title;
-      const again = anew && tabs.find((one) => tabLabel(one) === had.label);
+      const anew = had && !had.list.isConnected;
+      if (anew && !(had.seen && back)) {
+        had.seen = true; // at the next look that line knows, too, that it has ended
+        continue;
+      }
+      const again = anew && had.arm === document.title && tabs.find((one) => tabLabel(one) === had.label);
       if (again) press(again);
-      openIn.set(key, { list, label: tabLabel(again || open), arm: document.title });
+      openIn.set(key, { list, label: tabLabel(again || open), arm: document.title, seen: false });
     }
   }
 

@@ -287,7 +287,7 @@
     viser("furnishNotifications");
     const title = document.querySelector("[data-armctl-title]")?.dataset.armctlTitle;
     if (title && document.title !== title) document.title = title;
-    viser("keepTabs");
+    viser("keepTabs", !document.documentElement.hasAttribute("data-armctl-parts-old"));
     giveBack();
     look();
   }
