@@ -79,7 +79,7 @@ def home(page: Screen) -> None:
         page.click("Homing")
         page.wait_for_text("looks for its zero")
         page.screenshot("scorbot-homing")
-        for axis in (2, 4, 6):  # on a busy computer all six take longer than a wait may
+        for axis in range(1, 7):  # on a busy computer all six take longer than a wait may
             page.wait_for_text(re.compile(f"Homed [{axis}-6] of 6|Take control"))
         page.wait_for_text(re.compile("HOLDING|Take control"))
         if not stopped.count():
