@@ -253,6 +253,18 @@ def test_joints_that_do_not_exist_are_not_released(holding: Bench):
     assert all(one.driven for one in holding.board.servos)
 
 
+def test_a_release_that_is_refused_leaves_the_one_that_runs_as_it_was(holding: Bench):
+    first = holding.controller.submit(Release(("elbow_flex",)), TEST)
+    holding.run(0.2)
+    for names, words in (((), "None was named"), (("hip",), "no joint 'hip'")):
+        assert words in str(refused(holding, Release(names)))
+        assert not first.finished.done()
+        assert all(one.driven for one in holding.board.servos)
+    holding.run(LETTING_DOWN_S)
+    assert first.finished.exception(0) is None
+    assert [one.driven for one in holding.board.servos] == [True, True, False, True, True, True]
+
+
 def test_a_second_release_is_off_at_once(holding: Bench):
     first = holding.controller.submit(Release(), TEST)
     holding.run(0.2)

@@ -29,15 +29,16 @@ def let_down(core: Core, ticket: Ticket, who: str, now: float, names: Sequence[s
     ``names``: of these joints only. What moves, is in fault or lets itself down already is switched off at
     once.
     """
+    if names is not None:
+        if not names:
+            raise InputError("which joints are to be released? None was named")
+        named_joints(core, names)  # refuses one that does not exist
     running = core.activity
     if isinstance(running, LettingDown) and not running.done:
         running.finish()
         if running.names in (None, names):
             return True
     elif names is not None:
-        if not names:
-            raise InputError("which joints are to be released? None was named")
-        named_joints(core, names)
         core.require(Need.HOLDING_SOME, "a release of joints")
     board = core.board
     gently = core.state is State.HOLDING and running is None and core.leaving is None
