@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.calibration.touch_fit import OF_SHEET, Solved, blame, solve
 from armctl.calibration.touch_model import LEAST_POINTS, Parameter, Touches, TouchModel, Values
-from armctl.facts import Reason, advice, say
+from armctl.facts import Reason, say_with_advice
 from armctl.facts.causes import (
     FitFigures,
     GoodAlready,
@@ -118,10 +118,7 @@ class TouchFit:
 
     def words(self, language: str | None = None) -> tuple[str, ...]:
         """All of it for the user, a line a fact."""
-        return tuple(
-            f"{say(one, language)}{'; ' if (mend := advice(one, language)) else ''}{mend}"
-            for one in self.facts
-        )
+        return tuple(say_with_advice(one, language) for one in self.facts)
 
 
 def fit_touches(robot: Robot, touches: Touches, *, load_kg: float = 0.0, lengths: bool = False) -> TouchFit:

@@ -62,7 +62,7 @@ from armctl.facts.reasons import (
     WrongUnit,
 )
 from armctl.facts.targets import OtherConfiguration, StrokeLeftOut
-from armctl.facts.words import advice, at, say, state_words, what
+from armctl.facts.words import advice, at, say, say_with_advice, state_words, what
 
 __all__ = [
     "About",
@@ -127,6 +127,7 @@ __all__ = [
     "at",
     "levels_passed",
     "say",
+    "say_with_advice",
     "state_words",
     "what",
 ]

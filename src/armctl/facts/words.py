@@ -167,6 +167,12 @@ def say(reason: Reason, language: str | None = None) -> str:
     return f"{at(reason.at_s, language=language)}{text}{'; ' if mend else ''}{mend}"
 
 
+def say_with_advice(reason: Reason, language: str | None = None) -> str:
+    """What is wrong with which part, and behind it what to do about it, where there is more to say."""
+    mend = advice(reason, language)
+    return f"{say(reason, language)}{'; ' if mend else ''}{mend}"
+
+
 def at(time_s: float | None, digits: int = 2, language: str | None = None) -> str:
     """What is said before something that happens at a time [s]; empty where that is None."""
     return "" if time_s is None else _table(language).at.format(time_s, digits)

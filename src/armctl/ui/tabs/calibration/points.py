@@ -13,7 +13,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.calibration import LEAST_POINTS, Paper, TouchFit
 from armctl.errors import ArmctlError, InputError
-from armctl.facts import Reason, advice, say
+from armctl.facts import say, say_with_advice
 from armctl.facts.causes import FitFigures, MistakenPoint
 from armctl.motion.choices import first_possible, may_go_to
 from armctl.protocol import Snapshot
@@ -361,7 +361,7 @@ def result_html(points: TouchedPoints) -> str:
             f"{_millimetres(result.expected.rms)}."
         )
     told = [*result.mistaken, *result.causes, *(() if result.verdict is None else (result.verdict,))]
-    text += "".join(f"<div>{escape(sentence(_with_advice(one)))}</div>" for one in told)
+    text += "".join(f"<div>{escape(sentence(say_with_advice(one)))}</div>" for one in told)
     if result.held:
         text += folded("What these points do not tell", [sentence(say(one)) for one in result.held])
     if suggested := points.suggestion:
@@ -390,8 +390,3 @@ def _sizes_html(what: str, errors_m: FloatArray | None) -> str:
 
 def _millimetres(length_m: float) -> str:
     return f"{fixed(1000 * length_m, 2 if length_m < 0.001 else 1)} mm"
-
-
-def _with_advice(one: Reason) -> str:
-    mend = advice(one)
-    return f"{say(one)}; {mend}" if mend else say(one)

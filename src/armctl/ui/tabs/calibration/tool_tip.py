@@ -10,7 +10,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.calibration import LEAST_SIDES, ToolPoint, teach_tool
 from armctl.errors import ArmctlError, InputError, StateError
-from armctl.facts import State, advice, say
+from armctl.facts import State, say, say_with_advice
 from armctl.facts.causes import TaughtTip
 from armctl.protocol import Snapshot
 from armctl.robot import Robot
@@ -136,8 +136,7 @@ def tip_html(touches: TipTouches) -> str:
     text += table(("Tip from the tool point", "x", "y", "z"), [["mm, along the tool's axes", x, y, z]])
     for one in result.facts:
         if not isinstance(one, TaughtTip):
-            mend = advice(one)
-            text += f"<div>{escape(sentence(f'{say(one)}; {mend}' if mend else say(one)))}</div>"
+            text += f"<div>{escape(sentence(say_with_advice(one)))}</div>"
         else:
             text += muted(sentence(say(one)))
     rows = [[str(i), fixed(1000 * away, 2)] for i, away in enumerate(result.away_m.tolist(), 1)]
