@@ -8,8 +8,6 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Literal, Self
 
-import numpy as np
-
 from armctl.arm_values import (
     handling_keys,
     led_keys,
@@ -375,10 +373,11 @@ class Arm(ArmControls):
         linear = point_of((x_mm_s, y_mm_s, z_mm_s), "x_mm_s, y_mm_s, z_mm_s") / 1000
         turn = point_of((rx_deg_s, ry_deg_s, rz_deg_s), "rx_deg_s, ry_deg_s, rz_deg_s") * DEGREE
         pitch, roll = checked_number(pitch_deg_s, "pitch_deg_s"), checked_number(roll_deg_s, "roll_deg_s")
-        if frame == "user":
-            R = np.eye(3) if self._T_base_user is None else self._T_base_user[:3, :3]
-            linear, turn, frame = R @ linear, R @ turn, "base"
-        self._do(JogTool(linear, pitch * DEGREE, roll * DEGREE, frame, turn))
+        of_robot: Frame = "base" if frame == "user" else frame
+        jog = JogTool(linear, pitch * DEGREE, roll * DEGREE, of_robot, turn)
+        if frame == "user" and self._T_base_user is not None:
+            jog = jog.from_user_frame(self._T_base_user[:3, :3])
+        self._do(jog)
 
     def follow_target(
         self,

@@ -227,6 +227,10 @@ class JogTool(HeldCommand, frozen=True):
         turn = np.zeros(3) if self.angular is None else self.angular
         return np.array([*self.linear, self.pitch_rate, self.roll_rate, *turn])
 
+    def from_user_frame(self, R: FloatArray) -> JogTool:
+        """This jog along the axes of the base; its own are those of a user frame, turned by ``R`` (3, 3)."""
+        return msgspec.structs.replace(self, linear=R @ self.linear, angular=R @ self.twist[5:], frame="base")
+
 
 class FollowTarget(HeldCommand, frozen=True):
     """Follow the newest target (None: slow down now); expires after 500 ms, then slows down."""

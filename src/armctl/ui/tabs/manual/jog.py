@@ -7,11 +7,9 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Literal, get_args
 
-import msgspec
 import numpy as np
 import viser
 
-from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError
 from armctl.facts import Need
 from armctl.facts.angles import DEGREE
@@ -82,13 +80,6 @@ def tool_jog(axis: str, sign: float, speed_mm_s: float, frame: Frame) -> JogTool
         case _:
             linear["XYZ".index(axis)] = sign * speed_mm_s / 1000
             return JogTool(linear, frame=frame)
-
-
-def along(T_base_user: FloatArray, command: JogTool) -> JogTool:
-    """A command whose axes are those of a user frame, as one along the axes of the base."""
-    R, angular = T_base_user[:3, :3], command.angular
-    turned = None if angular is None else R @ angular
-    return msgspec.structs.replace(command, linear=R @ command.linear, angular=turned, frame="base")
 
 
 def joint_jog(robot: Robot, joint: int, rate: float) -> Jog:
@@ -262,7 +253,7 @@ class ToolJog:
         user = self._shared.program.frames.get(chosen.removeprefix(_AXES_OF))
         if user is None:
             raise InputError(f"the program has no such frame any more: {chosen}")
-        return along(user.matrix, tool_jog(axis, sign, self._speed.value, "base"))
+        return tool_jog(axis, sign, self._speed.value, "base").from_user_frame(user.matrix[:3, :3])
 
 
 class KeyboardJog:
