@@ -21,6 +21,7 @@ from armctl.calibration import (
     safe_outputs,
 )
 from armctl.errors import CalibrationError
+from armctl.facts.servos import ServoSeam
 from armctl.robot import load_robot
 
 hidden_joints = st.builds(
@@ -182,3 +183,24 @@ def test_an_encoder_that_is_measured_anew_keeps_its_joints_whole_range() -> None
     own = own_calibration(robot, "waist")
     coarser = fit_joint(HiddenJoint(0.0, math.radians(own.per_rad) * 1.1).marks(np.array([-90.0, 0.0, 90.0])))
     assert safe_outputs(robot, "waist", coarser, own) == pytest.approx((1.1 * own.low, 1.1 * own.high))
+
+
+@pytest.mark.parametrize("middle", [0.0, 4090.0, 2048.0])
+def test_a_joint_whose_range_crosses_the_seam_of_its_servo_is_refused_with_what_to_do(middle: float) -> None:
+    """A wrist that is sent from 4000 to 100 steps spins by a turn the other way."""
+    angles = np.radians([-100.0, -60.0, -10.0, 30.0, 95.0])
+    outputs = (middle + angles * 4096 / math.tau) % 4096
+    marks = [Mark(*pair) for pair in zip(outputs.tolist(), angles.tolist(), strict=True)]
+    if middle == 2048.0:
+        assert fit_joint(marks, "steps", 4096.0).zero == pytest.approx(2048.0)
+        return
+    with pytest.raises(CalibrationError, match="crosses the end of its servo's turn") as refused:
+        fit_joint(marks, "steps", 4096.0)
+    reason = refused.value.reason
+    assert isinstance(reason, ServoSeam) and (reason.low < 1200 and reason.high > 2900)
+
+
+def test_two_clusters_of_marks_on_either_side_of_a_wide_range_are_no_seam() -> None:
+    angles = np.radians([-110.0, -100.0, 100.0, 112.0])
+    marks = [Mark(2048 + float(angle) * 4096 / math.tau, float(angle)) for angle in angles]
+    assert fit_joint(marks, "steps", 4096.0).zero == pytest.approx(2048.0)

@@ -87,6 +87,7 @@ from armctl.facts.servos import (
     ServoChanged,
     ServoOffset,
     ServoRange,
+    ServoSeam,
     ServoSilent,
     ServoStranger,
     ServoTold,
@@ -262,6 +263,7 @@ SAMPLES += [
     ServoUnfit(3, "it is in mode 1"),
     ServoRange(3, 100, 2500, 946.0, 3150.0),
     ServoOffset(3, -7),
+    ServoSeam(120.0, 3900.0, 4096.0),
     ServoTold(3, "it is too hot"),
     *(ServoChanged(3, register, 0, 7) for register in ("offset", "lowest", "highest", "mode")),
 ]

@@ -12,6 +12,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import CalibrationError
 from armctl.facts.reasons import decimals_apart
+from armctl.facts.servos import ServoSeam
 
 LEAST_MARKS = 3
 _LEAST_SPREAD = math.radians(10.0)
@@ -28,6 +29,8 @@ _CLEARLY = 3.0
 """leaving out another mark instead must fit worse by so many standard deviations, or none is named"""
 _TURNS_BACK = 3 * math.sqrt(2) * _READING
 """two readings of one angle differ by less than this [rad]"""
+_SEAM = 0.1
+"""share of the squares at most that is left where marks over the end of a turn are put behind the others"""
 _SCATTER = math.radians(2.0)
 """marks that scatter more about their line than this are worth a warning [rad]"""
 
@@ -70,15 +73,18 @@ class JointFit:
         return (output - self.zero) / self.per_rad
 
 
-def fit_joint(marks: Sequence[Mark], unit: str = "µs") -> JointFit:
+def fit_joint(marks: Sequence[Mark], unit: str = "µs", turn: float | None = None) -> JointFit:
     """Lay a line through marks; one that does not fit is left out where the others can tell which it is.
 
     Three marks can tell that something is wrong, but not which of them; four name the wrong one. Refuses
-    fewer than three, all at one place or within 10°, and angles that do not go one way with the output.
+    fewer than three, all at one place or within 10°, and angles that do not go one way with the output; and,
+    where outputs begin anew after ``turn``, a joint that crosses that place.
     """
     _require_places(marks, unit)
     outputs = np.array([mark.output for mark in marks], dtype=np.float64)
     angles = np.array([mark.angle for mark in marks], dtype=np.float64)
+    if turn is not None:
+        _require_within_a_turn(outputs, angles, turn)
     suspect, doubt = _wrong_mark(outputs, angles)
     used = [i for i in range(len(marks)) if i != suspect]
     _require_spread(angles[used])
@@ -192,6 +198,16 @@ def _require_spread(angles: FloatArray) -> None:
             f"the angles of the marks spread over {spread:.{digits}f}° only: take them further apart, over "
             f"{least:.0f}° at least, better over the whole range of the joint"
         )
+
+
+def _require_within_a_turn(outputs: FloatArray, angles: FloatArray, turn: float) -> None:
+    """Refuse marks that lie on a line only where those below one of them are a turn farther on."""
+    places = np.unique(outputs)
+    farther = [np.where(outputs <= low, outputs + turn, outputs) for low in places[:-1]]
+    squares = [_line(one, angles).squares for one in farther]
+    best = int(np.argmin(squares))
+    if squares[best] < _SEAM * _line(outputs, angles).squares:
+        raise CalibrationError(ServoSeam(float(places[best]), float(places[best + 1]), turn))
 
 
 def _require_one_way(used: list[Mark], marks: Sequence[Mark], slope: float, unit: str) -> None:

@@ -145,7 +145,8 @@ def fit(robot: str, joint: str, marks: Path, as_json: bool) -> None:
     """Fit JOINT of ROBOT to MARKS, a CSV file with the columns output and angle_deg; saves nothing."""
     arm = load_robot(robot)
     own_calibration(arm, joint)  # refuses a joint that is not there
-    found = fit_joint(read_marks(marks), own_map(arm).unit)
+    outputs = own_map(arm)
+    found = fit_joint(read_marks(marks), outputs.unit, outputs.turn)
     if as_json:
         print_json(_fit_record(arm, joint, found))
     else:

@@ -58,7 +58,8 @@ def measure_joint(
         arm.enable(pose)
         arm.go_pose("home")
         marks = _take_marks(arm, joint, places)
-        found = fit_joint(marks, own_map(robot).unit)
+        outputs = own_map(robot)
+        found = fit_joint(marks, outputs.unit, outputs.turn)
         show_fit(robot, joint, found)
         _keep(robot, arm.board, joint, found, note)
 

@@ -45,6 +45,10 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     servos.ServoUnfit: lambda one: f"servo {one.servo}: {one.why}",
     servos.ServoRange: _range,
     servos.ServoOffset: lambda one: f"servo {one.servo}: its homing offset is {one.offset} steps",
+    servos.ServoSeam: lambda one: (
+        f"the joint crosses the end of its servo's turn, where {one.turn - 1:.0f} is followed by 0: it stood "
+        f"at {one.high:.0f} and at {one.low:.0f} steps"
+    ),
     servos.ServoTold: lambda one: f"servo {one.servo}: {one.words}",
     servos.ServoChanged: _changed,
 }
@@ -55,5 +59,9 @@ ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     servos.ServoUnfit: lambda _: "write the register that is named",
     servos.ServoRange: lambda _: "widen them, or narrow the limits of the joint",
     servos.ServoOffset: lambda _: "keep it where the arm was calibrated with it",
+    servos.ServoSeam: lambda one: (
+        f"put the horn on anew, with the joint in its middle and the servo near {one.turn / 2:.0f} steps; or "
+        "set its offset so"
+    ),
     servos.ServoChanged: lambda one: f"write {one.kept} again, or keep it as it is now",
 }

@@ -64,6 +64,16 @@ class ServoOffset(Reason):
 
 
 @dataclass(frozen=True, slots=True)
+class ServoSeam(Reason):
+    """A joint whose range crosses the place where its servo's position begins anew."""
+
+    low: float
+    high: float
+    """places of the joint on either side of it"""
+    turn: float
+
+
+@dataclass(frozen=True, slots=True)
 class ServoTold(Reason):
     """What else is unusual of a servo, or wrong with it."""
 

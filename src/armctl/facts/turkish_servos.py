@@ -45,6 +45,10 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     servos.ServoUnfit: lambda one: f"servo {one.servo}: {one.why}",
     servos.ServoRange: _range,
     servos.ServoOffset: lambda one: f"servo {one.servo}: sıfır kayması {one.offset} adım",
+    servos.ServoSeam: lambda one: (
+        f"eklem, servosunun turunun sonunu geçiyor; orada {one.turn - 1:.0f} adımdan sonra 0 gelir: "
+        f"{one.high:.0f} ve {one.low:.0f} adımda durdu"
+    ),
     servos.ServoTold: lambda one: f"servo {one.servo}: {one.words}",
     servos.ServoChanged: _changed,
 }
@@ -55,5 +59,9 @@ ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     servos.ServoUnfit: lambda _: "adı geçen yazmacı yazın",
     servos.ServoRange: lambda _: "onları genişletin, ya da eklemin sınırlarını daraltın",
     servos.ServoOffset: lambda _: "kol bununla kalibre edildiyse saklayın",
+    servos.ServoSeam: lambda one: (
+        f"eklem ortada ve servo {one.turn / 2:.0f} adım dolayındayken kolu yeniden takın; ya da sıfır "
+        "kaymasını buna göre ayarlayın"
+    ),
     servos.ServoChanged: lambda one: f"yine {one.kept} yazın, ya da şimdiki gibi saklayın",
 }

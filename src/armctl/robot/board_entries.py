@@ -189,6 +189,8 @@ class ServoEntries:
     """no output of this board may be below"""
     highest: float = 4080.0
     """… or above"""
+    turn: float | None = None
+    """as in ``OutputMap``"""
 
     def read(self, part: BoardPart) -> tuple[OutputMap | None, object]:
         """The map of the outputs; None where the file has none."""
@@ -229,6 +231,7 @@ class ServoEntries:
             gripper_open=hand.get(opened, 0.0),
             lowest=self.lowest,
             highest=self.highest,
+            turn=self.turn,
             key=self.key,
             range_key=self.range_key,
             mirrors=mirrors,

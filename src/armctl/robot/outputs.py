@@ -71,6 +71,8 @@ class OutputMap(ArrayRecord):
     """no output of this board, the gripper's neither, is below"""
     highest: float = math.inf
     """… or above"""
+    turn: float | None = None
+    """outputs after which the position of a servo begins anew at 0; None: it never does"""
     table: str = "servo"
     """what a robot file calls the table of a joint's output"""
     key: str = "us"

@@ -121,7 +121,7 @@ class CalibrationWork:
     def fit(self, joint: str) -> JointFit | None:
         """The line through the marks of a joint; None: there are too few."""
         marks = self.joint(joint).marks
-        return None if len(marks) < LEAST_MARKS else fit_joint(marks, self.map.unit)
+        return None if len(marks) < LEAST_MARKS else fit_joint(marks, self.map.unit, self.map.turn)
 
     def limits(self, joint: str) -> tuple[float, float]:
         """Smallest and largest safe output: as set here by hand, else as in force, or by new marks."""
