@@ -152,3 +152,11 @@ def test_no_kind_of_board_is_compared_outside_hardware() -> None:
                 words = [one.value for one in ast.walk(parts) if isinstance(one, ast.Constant)]
                 compared += [f"{path}: {word}" for word in words if word in shipped]
     assert compared == []
+
+
+@pytest.mark.parametrize("folder", ["dynamixel", "feetech"])
+def test_a_make_of_bus_servos_is_known_to_one_file_outside_its_folder(folder: str) -> None:
+    """Its packets, its tables and its simulated servos are: the registry names its board."""
+    outside = [path for path in SRC.rglob("*.py") if folder not in path.relative_to(SRC).parts]
+    knowing = [path for path in outside if f"armctl.hardware.{folder}" in path.read_text(encoding="utf-8")]
+    assert [path.relative_to(SRC).as_posix() for path in knowing] == ["hardware/boards.py"]

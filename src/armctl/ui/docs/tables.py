@@ -22,7 +22,8 @@ from msgspec import inspect
 
 from armctl.facts import Reason
 from armctl.facts.words import KINDS as FACTS
-from armctl.hardware.bus import SERVO_ENTRIES
+from armctl.hardware.boards import SHIPPED
+from armctl.hardware.bus import BusEntries
 from armctl.hardware.encoder.axes import EncoderBoardEntry, EncoderEntry, GripperEncoderEntry
 from armctl.hardware.pca9685 import Pca9685Options
 from armctl.program.base_steps import keys_of
@@ -184,12 +185,19 @@ def _sections(tables: Iterable[tuple[str, type]]) -> str:
 def board_entries() -> str:
     """The tables that boards read."""
     servo, gripper = ServoEntries().models
-    bus_servo, bus_gripper = SERVO_ENTRIES.models
+    buses: dict[BusEntries, list[str]] = {}
+    for board in SHIPPED:
+        if isinstance(board.entries, BusEntries):
+            buses.setdefault(board.entries, []).append(f"`{board.kind}`")
+    of_buses = {
+        f"`servo` of {part} ({', '.join(kinds)}: the channel is the servo's id)": model
+        for entries, kinds in buses.items()
+        for part, model in zip(("a joint", "the gripper"), entries.models, strict=True)
+    }
     tables = {
         "`servo` of a joint (Maestro, Firmata, PCA9685)": servo,
         "`servo` of the gripper (Maestro, Firmata, PCA9685)": gripper,
-        "`servo` of a joint (Feetech, Dynamixel: the channel is the servo's id)": bus_servo,
-        "`servo` of the gripper (Feetech, Dynamixel)": bus_gripper,
+        **of_buses,
         "`encoder` of a joint (encoder board)": EncoderEntry,
         "`encoder` of the gripper (encoder board)": GripperEncoderEntry,
         "`[board]` of an encoder board, beside `kind`": EncoderBoardEntry,
