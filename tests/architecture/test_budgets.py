@@ -19,8 +19,8 @@ FOLDERS = {
     "calibration": (12, 2_670),  # touched points as a file, the tool point
     "cli": (15, 3_175),
     "drawing": (11, 2_120),
-    "facts": (17, 3_320),
-    "hardware": (70, 14_510),  # inputs, outputs and torque limits that are known, or said not to be
+    "facts": (17, 3_345),
+    "hardware": (72, 15_000),  # inputs, outputs, torque limits and buses that are looked at
     "kinematics": (51, 12_750),
     "motion": (20, 5_850),
     "process": (14, 3_375),

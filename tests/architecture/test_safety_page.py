@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 
 import pytest
+from tests.hardware.bus_kit import LEAD_S
 
 from armctl.hardware.board_type import BoardType
 from armctl.hardware.boards import board_type
@@ -89,6 +90,7 @@ NUMBERS = {
     "watchdog": encoder_driver.WATCHDOG_MS / 1000,
     "hang": int(_HANG[1]) / 1000,
     "bus watchdog": WATCHDOG_MS / 1000,
+    "lead": LEAD_S,
 }
 """what stands behind each number of the tables, in seconds, degrees, bytes or shares"""
 ROUNDED_UP = {"page silent"}

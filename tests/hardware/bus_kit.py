@@ -23,6 +23,9 @@ from armctl.robot import Robot, load_robot
 
 TICK_S = 0.02
 BITS_OF_A_BYTE = 10
+LEAD_S = 0.07
+"""A goal is ahead of the shaft by what the joint turns in this time at its speed: P control turns no motor
+without that, and the last tick comes on top. So far an arm goes on whose host dies."""
 ADAPTER_S = 0.0004  # from a question to its answer, beside the bytes
 
 

@@ -8,7 +8,9 @@ from serial.tools.list_ports_common import ListPortInfo
 
 from armctl.errors import PortError
 from armctl.hardware.access import TakenDevice
-from armctl.hardware.ports import PortChecks, find_board, list_ports
+from armctl.hardware.board_type import USB_SERIAL
+from armctl.hardware.bus.board import SERVO_BUS
+from armctl.hardware.ports import PortChecks, boards_listed_as, find_board, list_ports, listing_of
 from armctl.hardware.transport import PortInfo, describe_port
 
 
@@ -233,3 +235,21 @@ def test_no_board_or_several(found: tuple[ListPortInfo, ...], kind: str | None, 
 def test_the_real_listing_of_this_computer_is_readable():
     for port in list_ports():
         assert port.usable == (port.why_not is None)
+
+
+@pytest.mark.parametrize(
+    ("chip", "vendor", "product", "listing"),
+    [
+        ("CH343 of a Waveshare board", 0x1A86, 0x55D3, SERVO_BUS),
+        ("FT232H of a U2D2", 0x0403, 0x6014, SERVO_BUS),
+        ("OpenRB-150", 0x2F5D, 0x2202, SERVO_BUS),
+        ("CH340, which may be anything", 0x1A86, 0x7523, USB_SERIAL),
+        ("CP2102, likewise", 0x10C4, 0xEA60, USB_SERIAL),
+    ],
+)
+def test_adapters_of_servo_buses_are_known_and_what_may_be_one_may_be_chosen(
+    chip: str, vendor: int, product: int, listing: str
+) -> None:
+    assert listing_of(vendor, product) == listing, chip
+    behind = [board.kind for board in boards_listed_as(listing)]
+    assert {"feetech", "dynamixel", "feetech_scs"} <= set(behind)

@@ -7,13 +7,15 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from tests.faults.kit import PORT, Bench
+from tests.hardware.bus_kit import LEAD_S
 from tests.runtime.kit import TEST
 
 from armctl.errors import EnableError, MotionRefusedError, StateError
 from armctl.facts import State
 from armctl.hardware import Source
+from armctl.hardware.bus.packets import Instruction
 from armctl.hardware.feetech.make import OVERLOAD, FeetechMake
-from armctl.protocol import ClearFault, Connect, Enable, LimitTorque, MoveJoints, Release
+from armctl.protocol import ClearFault, Connect, Enable, LimitTorque, MoveJoints, Release, SetSpeed
 from armctl.runtime.releasing import LETTING_DOWN_S
 
 
@@ -138,22 +140,31 @@ def test_a_torque_limit_outlives_a_power_cut(holding: Bench):
     assert [holding.board.servo(one).get("torque_limit") for one in (1, 5)] == [1000, 400]
 
 
-def test_a_killed_host_leaves_the_arm_at_its_last_goal(holding: Bench):
+@pytest.mark.parametrize(("share", "most_deg"), [(1.0, 7.5), (0.4, 3.0)])
+def test_a_killed_host_leaves_the_arm_at_its_last_goal(holding: Bench, share: float, most_deg: float):
     """No watchdog: the servos go on to the last goal that they were sent, which is a few degrees away."""
-    holding.ask(MoveJoints(holding.robot.pose("home")))
-    farthest = 0.0
-    for _ in range(60):
-        holding.tick()
-        for one in holding.board.servos:
-            ahead = abs(one.get("goal_position") - one.shaft) * 360 / 4096
-            farthest = max(farthest, ahead)
-    assert farthest < 12.0
+    holding.does(MoveJoints(np.radians([-85, -60, 60, 0, 0])), State.HOLDING)
+    holding.does(SetSpeed(share), State.HOLDING, seconds=0.02)
+    holding.ask(MoveJoints(np.radians([85, -60, 60, 0, 0]), profile="trapezoid"))
+    holding.run(0.9 / share)
+    pan, servo = holding.board.plant.joints[0], holding.board.servo(1)
+    began, speed = pan.angle, pan.speed
+    assert speed > 0.85 * share * float(holding.robot.speed_limits[0])
     holding.start()  # another process; nobody speaks to the board meanwhile
     holding.clock.advance(1.0)
     holding.board.advance(holding.clock.now())
-    goals = [one.get("goal_position") for one in holding.board.servos]
-    assert [one.shaft for one in holding.board.servos] == pytest.approx(goals, abs=70)
+    assert 0.0 < pan.angle - began < speed * LEAD_S
+    assert np.degrees(pan.angle - began) < most_deg
+    assert servo.shaft == pytest.approx(servo.get("goal_position"), abs=12)  # no farther: on its path
     assert all(one.driven for one in holding.board.servos)
+
+
+def test_goals_are_sent_before_what_takes_milliseconds_is_read(holding: Bench):
+    holding.ask(MoveJoints(holding.robot.pose("home")))
+    holding.run(0.5)
+    holding.board.heard.clear()
+    holding.tick()
+    assert [one.code for one in holding.board.heard] == [Instruction.SYNC_WRITE, Instruction.SYNC_READ]
 
 
 def shares(bench: Bench) -> list[float]:
@@ -391,3 +402,60 @@ def test_a_fault_names_servo_joint_value_limit_and_the_way_on(holding: Bench, wh
     if what == "heat":
         assert "75 °C" in told
     assert len([one for one in holding.now.events if words[what] in one.text]) <= 3
+
+
+def test_a_wrist_that_spins_because_its_range_crosses_the_seam_gets_no_torque():
+    """Another program has set an offset by which the joint's middle reads 0: there 4095 is followed by 0."""
+    bench = Bench("feetech")
+    bench.board.servo(5).put("offset", 2047)
+    bench.does(Connect(PORT), State.OFF)
+    places: list[int] = []
+    for degrees in (0.0, -5.0, 10.0):  # a hand turns it to and fro over that place
+        lead(bench, 4, degrees)
+        error = refused(bench, Enable())
+        assert "Wrist roll" in str(error)
+        assert not any(one.driven for one in bench.board.servos)
+        places.append(bench.board.servo(5).get("present_position"))
+    assert min(places) < 100 and max(places) > 3900
+    bench.board.servo(5).put("offset", 0)
+    bench.run(0.2)
+    bench.does(Enable(), State.HOLDING)
+    before = bench.board.servo(5).shaft
+    bench.run(1.0)
+    assert bench.board.servo(5).shaft == pytest.approx(before, abs=3)
+    bench.close()
+
+
+def test_an_arm_that_stays_hot_is_told_before_its_servo_gives_up_and_goes_on_when_it_is_cool(
+    holding: Bench, monkeypatch: pytest.MonkeyPatch
+):
+    """Something leans on a joint for a long time; here it warms up in 5 s, not in minutes."""
+    monkeypatch.setattr("armctl.hardware.bus.simulated._WARM_S", 5.0)
+    servo, elbow = holding.board.servo(3), holding.board.plant.joints[2]
+    servo.put("overload_torque", 100)  # it goes on pushing
+    elbow.blocked = True
+    goal = holding.robot.pose("rest")
+    goal[2] -= np.radians(12.0)
+    holding.ask(MoveJoints(goal))
+    run: list[tuple[float, bool]] = []
+    while holding.now.state is not State.FAULT:
+        assert len(run) < 60
+        holding.run(0.14)
+        warned = any(one.quantity == "temperature" for one in holding.now.levels)
+        run.append((holding.now.quantities["Elbow flex"].temperature_c or 0.0, warned))
+    degrees = [one for one, _ in run]
+    assert degrees == sorted(degrees) and degrees[0] < 35.0 and degrees[-1] >= 70.0
+    assert {warned for at, warned in run if 63.0 < at < 70.0} == {True}
+    assert not any(warned for at, warned in run if at < 59.0)
+    assert "Elbow flex: servo 3: it has let go: support the arm (it is too hot" in holding.now.cause
+    elbow.blocked = False
+    holding.run(4.0)
+    assert servo.heat < 60.0
+    stood = elbow.angle
+    assert "servo 3: it has let go" in holding.now.cause  # cool again, it turns nowhere by itself
+    assert abs(stood - goal[2]) > np.radians(7.0)
+    assert all(one.driven for one in holding.board.servos)
+    holding.does(ClearFault(), State.OFF)
+    holding.does(Enable(), State.HOLDING)
+    assert abs(elbow.angle - stood) < np.radians(2.0)
+    holding.does(MoveJoints(holding.robot.pose("home")), State.HOLDING)

@@ -57,6 +57,15 @@ MODEM_MANAGER_NOTE = (
 )
 
 
+def latency_timer_ms(port: str, sysfs: Path = SYSFS) -> int | None:
+    """How long the USB adapter behind a port holds answers back [ms]; None: it has no such timer."""
+    name = Path(os.path.realpath(port)).name
+    try:
+        return int((sysfs / "bus/usb-serial/devices" / name / "latency_timer").read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return None
+
+
 def program_using(device: str, proc: Path = PROC) -> str | None:
     """The other program of this user that has ``device`` open; None for a pseudo-terminal: its server has."""
     if is_pseudo_terminal(device):

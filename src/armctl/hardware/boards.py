@@ -13,6 +13,7 @@ from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.dynamixel.board import DynamixelBoard
 from armctl.hardware.encoder.board import EncoderBoard
 from armctl.hardware.feetech.board import FeetechBoard
+from armctl.hardware.feetech.scs import ScsBoard
 from armctl.hardware.firmata.board import FirmataBoard
 from armctl.hardware.maestro.board import MaestroBoard
 from armctl.hardware.pca9685.board import Pca9685Board
@@ -26,6 +27,7 @@ SHIPPED: tuple[BoardType, ...] = (
     FeetechBoard(),
     Pca9685Board(),
     DynamixelBoard(),
+    ScsBoard(),
 )
 """in the order in which they are asked who is there: a question of the second upsets the first,
 and a Maestro takes a ping on a servo bus for an order"""

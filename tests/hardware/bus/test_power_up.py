@@ -169,6 +169,9 @@ def settled(up: PowerUp, seed: int) -> None:
     """Nobody holds the arm any more: it sags by what its load explains, and goes nowhere else."""
     bench = up.bench
     before = {one.id: one.shaft for one in bench.bus.servos}
+    for one in bench.bus.servos:  # a hand that goes on turning one leads it away from where torque came on
+        if one.joint is up.hand and up.speed:
+            before[one.id] = float(one.get("goal_position"))
     bench.ticks(25)
     for one in bench.bus.servos:
         # What a hand moved swings on.

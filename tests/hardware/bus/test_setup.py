@@ -242,16 +242,32 @@ def test_a_record_that_cannot_be_read_is_refused_by_its_file(desk: Desk, tmp_pat
         assert file.name in str(refused.value)
 
 
-@pytest.mark.parametrize("changed_since", [True, False])
-def test_a_change_by_another_program_is_named_at_connect_and_nothing_is_written(changed_since: bool):
-    kept = {servo: KeptSettings(0, 0, 4095, 0) for servo in range(1, 7)}
-    bench = BusBench(ROBOT, kept=lambda _: kept)
-    lowest = 300 if changed_since else 0
-    bench.bus.servo(2).put("lowest", lowest)
-    told = bench.open().identity.earlier
-    assert len(told) == changed_since
-    assert all("servo 2: its lowest position is 300, and was 0" in one for one in told)
-    assert bench.bus.servo(2).get("lowest") == lowest
+@pytest.mark.parametrize(
+    ("robot", "register", "number", "words"),
+    [
+        ("so101", None, 0, None),
+        ("so101", "offset", -120, "its homing offset is -120, and was 0"),
+        ("so101", "lowest", 300, "its lowest position is 300, and was 0"),
+        ("so101", "highest", 3800, "its highest position is 3800, and was 4095"),
+        ("so101", "mode", 1, "its operating mode is 1, and was 0"),
+        ("open_manipulator_x", None, 0, None),
+        ("open_manipulator_x", "homing_offset", 77, "its homing offset is 77, and was 0"),
+        ("open_manipulator_x", "min_position_limit", 300, "its lowest position is 300, and was 0"),
+        ("open_manipulator_x", "operating_mode", 1, "its operating mode is 1, and was 3"),
+    ],
+)
+def test_a_change_by_another_program_is_named_at_connect_and_nothing_is_written(
+    robot: str, register: str | None, number: int, words: str | None
+):
+    mode = 3 if robot == "open_manipulator_x" else 0
+    bench = BusBench(robot, kept=lambda _: dict.fromkeys(range(1, 20), KeptSettings(0, 0, 4095, mode)))
+    second = bench.ids[1]
+    if register is not None:
+        bench.bus.servo(second).put(register, number)
+    told = [one for one in bench.open().identity.earlier if "another program has changed it" in one]
+    assert len(told) == (words is not None)
+    assert all(one.startswith(f"servo {second}: {words}") for one in told)
+    assert register is None or bench.bus.servo(second).get(register) == number
 
 
 # LeRobot's files.

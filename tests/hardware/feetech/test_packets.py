@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from armctl.hardware.bus.packets import BusPacket, PacketReader
 from armctl.hardware.bus.plant import ArmPlant, PlantJoint
 from armctl.hardware.bus.simulated import Gear, SimulatedBus, Supply
+from armctl.hardware.feetech.make import FEETECH
 from armctl.hardware.feetech.packets import FeetechForm, checksum
-from armctl.hardware.feetech.simulated import SimulatedSts, factory_memory
+from armctl.hardware.feetech.simulated import SimulatedFeetech, factory_memory
 
 FORM = FeetechForm()
 LINES = [
@@ -60,7 +61,7 @@ def test_what_we_send_are_the_printed_bytes():
 def bus_of(*ids: int) -> SimulatedBus:
     supply, joints = Supply(), [PlantJoint() for _ in ids]
     servos = [
-        SimulatedSts(joint, Gear(2048.0, 651.9), supply, factory_memory(id=one))
+        SimulatedFeetech(FEETECH, joint, Gear(2048.0, 651.9), supply, factory_memory(id=one))
         for one, joint in zip(ids, joints, strict=True)
     ]
     return SimulatedBus(FORM, servos, ArmPlant(joints), supply)

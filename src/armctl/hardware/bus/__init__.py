@@ -49,9 +49,14 @@ class BusSettings:
 class BusEntries(ServoEntries):
     """Entries of servos that are told how strong they may be: ``torque_percent`` in each servo's table."""
 
+    limited: bool = True
+    """whether they can be told so"""
+
     @cached_property
     def models(self) -> tuple[type[msgspec.Struct], type[msgspec.Struct]]:
         """Of a joint's table and of the gripper's."""
+        if not self.limited:
+            return self._models((), ())
         return self._models(
             [("torque_percent", _Percent, _JOINT_PERCENT)], [("torque_percent", _Percent, _GRIPPER_PERCENT)]
         )
@@ -69,10 +74,10 @@ class BusEntries(ServoEntries):
         every = [one for servo in servos for one in (servo, *servo["also"])]
         if (hand := part.gripper("servo", gripper, "closed_steps", "open_steps")) is not None:
             every.append(msgspec.to_builtins(hand))
-        torque = tuple((one["channel"], one["torque_percent"] / 100) for one in every)
+        torque = tuple((one["channel"], one["torque_percent"] / 100) for one in every if self.limited)
         return outputs, BusSettings(torque, options.supply_v)
 
 
-SERVO_ENTRIES = BusEntries("steps", "steps", "range_steps", 0.0, 4095.0)
+SERVO_ENTRIES = BusEntries("steps", "steps", "range_steps", 0.0, 4095.0, 4096.0)
 """what a robot file says of a servo; its channel is its id"""
 EEPROM_ADVICE = "armctl writes nothing into a servo's EEPROM unasked: see Main → Servos, or `armctl servos`"

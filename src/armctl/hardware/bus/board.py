@@ -12,6 +12,8 @@ from armctl.hardware.board_type import (
     USB_SERIAL,
     BoardType,
     ByteModel,
+    CheckUp,
+    Finding,
     Introduction,
     Setup,
     SimulatorOption,
@@ -22,6 +24,7 @@ from armctl.hardware.bus import SERVO_ENTRIES, BusSettings
 from armctl.hardware.driver import Driver
 
 if TYPE_CHECKING:
+    from armctl.hardware.bus.driver import BusDriver
     from armctl.hardware.bus.make import ServoMake
     from armctl.hardware.bus.plant import PlantJoint
     from armctl.hardware.bus.simulated import BusServo, Gear, Supply
@@ -68,14 +71,20 @@ class BusBoard(BoardType):
 
     def driver(self, setup: Setup, connection: Connection) -> Driver:
         """A driver."""
-        from armctl.hardware.bus.driver import BusDriver
-
         timeout_s = _SIMULATED_TIMEOUT_S if connection.simulated else _TIMEOUT_S
         ids = [one.channel for one in setup.channels]
         gripper = None if setup.robot is None else setup.robot.outputs.gripper_channel
         settings = setup.settings if isinstance(setup.settings, BusSettings) else BusSettings()
         kept = nothing_kept if connection.simulated else setup.kept  # simulated servos begin anew each time
-        return BusDriver(connection, self.make(), ids, timeout_s, settings, gripper, self.notes, kept)
+        return self.driver_type()(
+            connection, self.make(), ids, timeout_s, settings, gripper, self.notes, kept
+        )
+
+    def driver_type(self) -> type[BusDriver]:
+        """What drives it."""
+        from armctl.hardware.bus.driver import BusDriver
+
+        return BusDriver
 
     def settings_type(self) -> type[BusSettings]:
         """How strong the servos may be, and their supply."""
@@ -90,7 +99,7 @@ class BusBoard(BoardType):
         plant = plant_of(setup.robot, setup.channels)
         volts = options.get("volts")
         supply = Supply(12.0 if volts is None else float(volts))
-        geared = gears(setup.robot, setup.channels, make.steps_per_turn)
+        geared = gears(setup.robot, setup.channels, make.steps_per_turn, make.last_step)
         servos = [
             self.servo(number, plant.joints[place], gear, supply) for number, (place, gear) in geared.items()
         ]
@@ -120,6 +129,13 @@ class BusBoard(BoardType):
         timeout_s = _SIMULATED_TIMEOUT_S if simulated else _TIMEOUT_S
         return BusSetup(self.make(), open_line, now, timeout_s, simulated=simulated)
 
+    def examine(self, check_up: CheckUp) -> list[Finding]:
+        """Who answers, their settings and errors, what holds answers back, how long they take."""
+        from armctl.hardware.bus.check_up import examine_bus
+
+        timeout_s = _SIMULATED_TIMEOUT_S if check_up.simulated else _TIMEOUT_S
+        return examine_bus(self.make(), check_up, timeout_s, self.baud)
+
     def ask(self, line: Transport, now: Callable[[], float]) -> Introduction | None:
         """Ping the ids that arms have; pings upset no other board."""
         from armctl.hardware.bus.line import BusLine
@@ -132,6 +148,8 @@ class BusBoard(BoardType):
             if bus.ping(servo, attempts=1) is None:
                 continue
             try:
+                if not make.is_one(bus, servo):
+                    continue
                 model = make.table.decode("model", bus.read(servo, make.table["model"].address, 2).data)
             except BoardTimeoutError:
                 continue

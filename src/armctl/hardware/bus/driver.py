@@ -106,6 +106,7 @@ class BusDriver(Abilities):
         for one in self._servos.values():
             if one.went_off or one.gave_way:
                 one.on = one.went_off = one.gave_way = False
+                one.why_so = ""
         for one in channels:
             self._servos.setdefault(one.channel, KnownServo(one.channel, gone=True))
         self._table = table
@@ -257,10 +258,10 @@ class BusDriver(Abilities):
         return (*missing_words(ids, found), *notes)
 
     def _check(self, settings: ChannelSettings) -> None:
-        if not SCALE.holds_range(settings, 0, self._make.steps_per_turn - 1):
+        if not SCALE.holds_range(settings, 0, self._make.last_step):
             raise BoardError(
                 f"servo {settings.channel}: a range of {settings.minimum:g} … {settings.maximum:g} steps; "
-                f"whole steps of 0 … {self._make.steps_per_turn - 1} are possible"
+                f"whole steps of 0 … {self._make.last_step} are possible"
             )
 
     # Power.
@@ -427,19 +428,17 @@ class BusDriver(Abilities):
             one.missed, one.seen_at = 0, now
         one.seen = seen.after(one.seen)
         limit = seen.torque_limit
-        forgot = limit is not None and not one.has_limit(limit) and self._make.keeps_limit
+        other = limit is not None and not one.has_limit(limit) and self._make.keeps_limit
+        forgot = other or bool(seen.forgot)
         if one.on and not one.went_off and (one.seen.on is False or forgot):
             one.went_off = True
             one.goal = one.wanted = None
             if one.seen.on and self._line is not None:  # it had started anew, and a goal switched it on
                 self._make.off(self._line, one.id)
-        if one.on and one.seen.gave_way and not one.let_go and one.seen.position is not None:
-            one.goal = one.wanted = one.seen.position  # which ends the overload, and no more pushes
-            if self._line is not None:
-                row = {one.id: self._make.goal_bytes(one.seen.position)}
-                self._line.tell(self._make.form.sync_write(self._make.goal_address, row))
-            one.sent_at = one.yielded_at = now
-            one.gave_way = one.id != self._gripper
+        place = one.gives_way(now, grips=one.id == self._gripper)
+        if place is not None and self._line is not None:
+            row = {one.id: self._make.goal_bytes(place)}
+            self._line.tell(self._make.form.sync_write(self._make.goal_address, row))
         if self._supply_v is None and one.seen.voltage is not None:
             one.supply_v = max(one.supply_v or 0.0, one.seen.voltage)
         one.note(grips=one.id == self._gripper)

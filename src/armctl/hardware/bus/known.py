@@ -16,6 +16,7 @@ _OVERLOAD = (
     "overload: it has given way and holds where it stands. Take away what is in its way or too heavy, then "
     "clear the fault and enable"
 )
+_LET_GO = "it has let go: support the arm ({}). Then clear the fault and enable"
 _TOLD_S = 5.0
 _JUMP_STEPS = 60
 """by which a position may differ from the one before beyond what the speed explains"""
@@ -57,7 +58,9 @@ class KnownServo:
     went_off: bool = False
     """whether its torque went off by itself"""
     gave_way: bool = False
-    """whether it gave way to an overload, and holds where it stands now"""
+    """whether it gave way to an overload, or let go for heat, and is to stay where it stands now"""
+    why_so: str = ""
+    """why it gave way, in words"""
     yielded_at: float = -math.inf
     """when a gripper did so last, which goes on"""
     wrong: tuple[tuple[str, ...], bool, bool] = ((), False, False)
@@ -75,7 +78,7 @@ class KnownServo:
         """Whether a goal would only move it: it would switch on one that is limp, or has started anew."""
         return self.on and not (self.went_off or self.seen.refuses or self.gone) and self.missed < DOUBTED
 
-    def believes(self, position: int | None, now: float, steps_per_turn: int) -> bool:
+    def believes(self, position: int | None, now: float, steps_per_turn: float) -> bool:
         """Whether a position is near enough to the one before; else the next one decides."""
         before = self.seen.position
         if position is not None and before is not None and now - self.seen_at < 1.0:
@@ -87,6 +90,24 @@ class KnownServo:
                 return False
         self.doubted = None
         return True
+
+    def gives_way(self, now: float, *, grips: bool) -> int | None:
+        """Where it has given way, the place that is its goal from now on [steps]; None: it has not.
+
+        Its next goal ends an overload. One that has let go for heat sinks, and would turn back to its old
+        goal by itself as soon as it is cool: it is followed. One that ``grips`` goes on after an overload.
+        """
+        seen = self.seen
+        if not self.on or self.went_off or seen.position is None:
+            return None
+        if not seen.unloaded and (self.let_go or not seen.gave_way):
+            return None
+        self.goal = self.wanted = seen.position
+        self.sent_at = self.yielded_at = now
+        if seen.unloaded or not grips:
+            self.why_so = _LET_GO.format("; ".join(seen.wrong)) if seen.unloaded else self.why_so or _OVERLOAD
+            self.gave_way = True
+        return seen.position
 
     @property
     def weak(self) -> bool:
@@ -144,7 +165,7 @@ class KnownServo:
             why = words or "it has started anew, or another program switched it off"
             return f"servo {self.id} has switched its torque off ({why}){self.measured}"
         if self.gave_way:
-            return f"servo {self.id}: {_OVERLOAD}{self.measured}"
+            return f"servo {self.id}: {self.why_so}{self.measured}"
         return f"servo {self.id}: {words}{self.measured}" if words else None
 
     def warning(self, needs: ChannelSettings, now: float, *, grips: bool) -> str | None:

@@ -138,7 +138,12 @@ class BusLine:
         raise BoardTimeoutError(f"servo {servo} does not answer")
 
     def read_all(self, servos: Sequence[int], address: int, size: int) -> dict[int, BusPacket]:
-        """The same bytes of several servos, by id, in one question; who does not answer is missing."""
+        """The same bytes of several servos, by id, at once where they can; who does not answer is missing."""
+        if not self.form.sync_reads:
+            found: dict[int, BusPacket] = {}
+            for servo in servos:
+                found |= self.exchange(self.form.read(servo, address, size), [servo], size)
+            return found
         return self.exchange(self.form.sync_read(servos, address, size), servos, size)
 
     def write(self, servo: int, address: int, data: bytes) -> BusPacket | None:

@@ -57,6 +57,10 @@ class Telemetry:
     """what has gone wrong and lasts until ``ServoMake.clear``, in words"""
     gave_way: bool | None = None
     """whether it has given way to an overload, which its next goal ends"""
+    unloaded: bool | None = None
+    """whether its motor is off though its torque is on, until what is wrong with it has ended"""
+    forgot: bool | None = None
+    """whether what it is told before torque is not there any more: it has started anew"""
     refuses: bool | None = None
     """whether it holds by itself and takes no goals until it is taken over again"""
 
@@ -77,7 +81,9 @@ class ServoMake(ABC):
     title: str  # "Feetech servo bus"
     form: PacketForm
     table: ControlTable
-    steps_per_turn: int
+    steps_per_turn: float
+    last_step: int
+    """the largest position"""
     bauds: Sequence[int]
     """all that its servos may be set to, the likeliest first"""
     baud_register: str
@@ -89,9 +95,17 @@ class ServoMake(ABC):
     """read from all servos at each reading"""
     in_turn: Sequence[Block] = ()
     """read from one servo at each reading, one after the other"""
+    limits_torque = True
+    """whether its torque can be limited while it is on"""
+    wakes_locked = True
+    """whether its EEPROM is closed after its supply has come"""
     keeps_limit = False
     """whether a torque limit that is another one shows that a servo has started anew"""
     goal_address: int
+    delay_register: str | None = None
+    """by which a servo waits before it answers; None: it does not"""
+    watchdog_ms: int | None = None
+    """after how long a silence it stops by itself under torque; None: never"""
     models: Mapping[int, str]
     """names of model numbers"""
 
@@ -127,6 +141,10 @@ class ServoMake(ABC):
     @abstractmethod
     def limit_torque(self, line: BusLine, servo: int, share: float) -> bool:
         """How strong its motor may be, 0 ... 1; whether the servo confirms it."""
+
+    def is_one(self, line: BusLine, servo: int) -> bool:
+        """Whether one that answers is of this make and series; ``BoardTimeoutError``: it is silent now."""
+        return True
 
     def hold_here(self, line: BusLine, servo: int) -> int | None:
         """Make the place where a servo is its goal [steps]; None: it did not confirm."""

@@ -45,6 +45,8 @@ class PacketForm(ABC):
     """how each begins"""
     shortest: int
     """bytes of the shortest packet"""
+    sync_reads = True
+    """whether several servos can be asked for the same at once"""
     word: int
     """bytes of an address, and of a size, in an instruction"""
 

@@ -78,12 +78,12 @@ class PlantJoint:
 
     def step(self, dt: float) -> None:
         """Let ``dt`` [s] pass."""
+        motor = self.motor = sum(drive.torque(self.angle, self.speed) for drive in self.drives)
         if self.blocked:
             self.speed = 0.0
         elif self.hand is not None:
             self.speed = self.hand
         else:
-            motor = self.motor = sum(drive.torque(self.angle, self.speed) for drive in self.drives)
             torque = motor - self.gravity
             if self.speed == 0.0 and abs(torque) <= self.friction:
                 return

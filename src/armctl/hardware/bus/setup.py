@@ -158,6 +158,10 @@ class BusSetup:
         if not 0.0 < abs(degrees) <= NUDGE_DEG:
             raise InputError(f"a nudge of {out_of_range(abs(degrees), 0.1, NUDGE_DEG, '°')}")
         line, make = self.at(baud), self._make
+        if not make.limits_torque:
+            raise BoardError(
+                "these servos take no torque limit: turn the joint by hand, and look which position changes"
+            )
         found = self.look(baud, servo)
         if found is None or found.position is None:
             raise BoardTimeoutError(f"servo {servo} does not answer at {baud} baud")

@@ -293,6 +293,8 @@ class SimulatedBus:
 
     def _answered(self, packet: BusPacket) -> bytes:
         form = self.form
+        if packet.code == Instruction.SYNC_READ and not form.sync_reads:
+            return b""
         if packet.code == Instruction.SYNC_READ:
             address, size = form.asked_size(packet)
             ids, data = packet.data[2 * form.word :], form.number(address) + form.number(size)
@@ -343,12 +345,12 @@ def _at_once(said: Sequence[bytes]) -> bytes:
 
 
 def gears(
-    robot: Robot | None, channels: Sequence[ChannelSettings], steps_per_turn: int
+    robot: Robot | None, channels: Sequence[ChannelSettings], steps_per_turn: float, last_step: int
 ) -> dict[int, tuple[int, Gear]]:
     """By servo: the place of its joint in the plant, and how it is geared to it."""
     if robot is None:
         per_rad = steps_per_turn / math.tau
-        return {one.channel: (i, Gear(steps_per_turn / 2, per_rad)) for i, one in enumerate(channels)}
+        return {one.channel: (i, Gear((last_step + 1) / 2, per_rad)) for i, one in enumerate(channels)}
     outputs = robot.outputs
     found = {
         channel: (i, Gear(float(outputs.zero[i]), float(outputs.per_rad[i])))

@@ -150,6 +150,7 @@ class DynamixelMake(ServoMake):
     form = DynamixelForm()
     table = TABLE
     steps_per_turn = STEPS_PER_TURN
+    last_step = STEPS_PER_TURN - 1
     bauds = BAUDS
     baud_register = "baud_rate"
     baud_numbers = MappingProxyType(
@@ -166,6 +167,8 @@ class DynamixelMake(ServoMake):
     telemetry = Block(98, 49)
     in_turn = (_STATE,)
     goal_address = 116
+    delay_register = "return_delay_time"
+    watchdog_ms = WATCHDOG_MS
     models = MODELS
 
     def understood(self, packet: BusPacket, block: Block) -> Telemetry:

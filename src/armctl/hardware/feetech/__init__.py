@@ -1,1 +1,1 @@
-"""Feetech's STS and SMS servos."""
+"""Feetech's STS, SMS and SCS servos."""

@@ -36,6 +36,7 @@ class FeetechBoard(BusBoard):
 
     def servo(self, number: int, joint: PlantJoint, gear: Gear, supply: Supply) -> BusServo:
         """A simulated servo, as it is set up for its arm."""
-        from armctl.hardware.feetech.simulated import SimulatedSts, factory_memory
+        from armctl.hardware.feetech.make import FEETECH
+        from armctl.hardware.feetech.simulated import SimulatedFeetech, factory_memory
 
-        return SimulatedSts(joint, gear, supply, factory_memory(id=number))
+        return SimulatedFeetech(FEETECH, joint, gear, supply, factory_memory(id=number))

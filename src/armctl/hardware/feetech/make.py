@@ -1,4 +1,4 @@
-"""Feetech's STS and SMS servos: control table, what it means, and what torque-on takes.
+"""Feetech's servos: the control table of STS and SMS, what tables mean, and what torque-on takes.
 
 Sources: Feetech's memory tables and protocol manual; the vendor's SDK. Where LeRobot differs (baud indices
 5 to 7), the vendor is followed.
@@ -6,6 +6,7 @@ Sources: Feetech's memory tables and protocol manual; the vendor's SDK. Where Le
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from types import MappingProxyType
 
@@ -94,80 +95,111 @@ _KEPT = Block(0, 40)
 
 
 class FeetechMake(ServoMake):
-    """STS and SMS servos."""
+    """Servos of one of Feetech's series, whose table says what they have."""
 
-    title = "Feetech servo bus"
-    form = FeetechForm()
-    table = TABLE
-    steps_per_turn = STEPS_PER_TURN
     bauds = BAUDS
     baud_register = "baud"
     baud_numbers = MappingProxyType({baud: number for number, baud in enumerate(BAUDS)})
     registers = MappingProxyType[str, str]({})
-    telemetry = Block(40, 31)
-    keeps_limit = True
     goal_address = 42
-    models = MODELS
+
+    def __init__(
+        self,
+        title: str,
+        table: ControlTable,
+        models: Mapping[int, str],
+        *,
+        steps_per_turn: float,
+        last_step: int,
+        telemetry: Block,
+        sync_reads: bool = True,
+        wakes_locked: bool = True,
+    ) -> None:
+        """Without a torque limit in its table, its speed tells whether a servo has started anew."""
+        self.title, self.table, self.models = title, table, models
+        self.steps_per_turn, self.last_step = steps_per_turn, last_step
+        self.telemetry, self.wakes_locked = telemetry, wakes_locked
+        self.form = FeetechForm(sync_reads=sync_reads)
+        self.limits_torque = self.keeps_limit = "torque_limit" in table
 
     def understood(self, packet: BusPacket, block: Block) -> Telemetry:
         """All but the EEPROM is in one block: what a servo was told as well as what it measures."""
-        t, data, first = self.table, packet.data, block.address
+        t, data, first, limited = self.table, packet.data, block.address, self.limits_torque
+        position, goal = t.decode("present_position", data, first), t.decode("goal_position", data, first)
+        on, load = t.decode("torque", data, first) == 1, t.decode("present_load", data, first) / 1000
+        away = abs(goal - position) > self.still_steps
         return Telemetry(
-            position=t.decode("present_position", data, first),
-            goal=t.decode("goal_position", data, first),
-            on=t.decode("torque", data, first) == 1,
-            torque_limit=t.decode("torque_limit", data, first) / 1000,
-            load=t.decode("present_load", data, first) / 1000,
+            position=position,
+            goal=goal,
+            on=on,
+            torque_limit=t.decode("torque_limit", data, first) / 1000 if limited else None,
+            forgot=not limited and t.decode("goal_speed", data, first) == 0,
+            load=load,
             voltage=t.value("present_voltage", data, first),
             temperature=t.value("present_temperature", data, first),
-            current=t.value("present_current", data, first),
+            current=t.value("present_current", data, first) if "present_current" in t else None,
             gave_way=bool(packet.code & OVERLOAD),
+            unloaded=bool(packet.code & (HEAT | CURRENT)) and on and load == 0.0 and away,
             faults=tuple(words for bit, words in ERRORS.items() if packet.code & bit & ~OVERLOAD),
         )
 
     def settings(self, line: BusLine, servo: int) -> ServoSettings:
         """Its EEPROM, in one answer."""
         data, t = line.read(servo, _KEPT.address, _KEPT.size).data, self.table
-        mode, phase = t.decode("mode", data, _KEPT.address), t.decode("phase", data, _KEPT.address)
-        lowest, highest = t.decode("lowest", data, _KEPT.address), t.decode("highest", data, _KEPT.address)
+        kept = {one.name: t.decode(one.name, data, _KEPT.address) for one in t.registers if one.kept}
+        mode, phase = kept.get("mode", 0), kept["phase"] if "mode" in kept else 0
+        lowest, highest = kept["lowest"], kept["highest"]
         unfit, cure = None, tuple[tuple[str, int], ...]()
         findings: list[str] = []
-        if mode != 0:
+        if kept["big_endian"] != self._big_endian:
+            series = "STS" if self._big_endian else "SCS"
+            unfit = (
+                f"it is of the {series} series (register 2), which is another kind of board in a robot file"
+            )
+        elif mode != 0:
             cure = (("mode", 0),)
             unfit = f"it is in mode {mode} (register 33), which does not control its position; mode 0 does"
         elif phase & MULTI_TURN:
             cure = (("phase", phase & ~MULTI_TURN),)
             unfit = "it counts over several turns (bit 4 of register 18), so its positions leave 0 … 4095"
         elif lowest >= highest:
-            cure = (("lowest", 0), ("highest", STEPS_PER_TURN - 1))
+            cure = (("lowest", 0), ("highest", self.last_step))
             if lowest == highest == 0:  # no limits: it turns without end
                 unfit = "it has no limits (registers 9 and 11 are 0)"
             else:
                 unfit = f"its limits are {lowest} … {highest} steps (registers 9 and 11): none is left"
-        if unfit is None and t.decode("status_level", data, _KEPT.address) == 0:
+        if unfit is None and kept["status_level"] == 0:
             unfit = "it does not confirm what is written (register 8 is 0; 1 is right)"
             cure = (("status_level", 1),)
-        model = t.decode("model", data, _KEPT.address)
-        if model not in self.models:
-            findings.append(f"its model number {model} is not known; it is taken for an STS servo")
-        offset = t.decode("offset", data, _KEPT.address)
+        if (model := kept["model"]) not in self.models:
+            findings.append(f"its model number {model} is not known")
+        current_a = t.value("protection_current", data, _KEPT.address) if "protection_current" in t else None
         return ServoSettings(
             model,
             f"{data[0]}.{data[1]}",
             lowest,
             highest,
-            offset,
+            kept.get("offset", 0),
             mode,
             tuple(findings),
             unfit,
             cure,
             QuantityLimits(
-                load=t.decode("overload_torque", data, _KEPT.address) / 100 or None,  # 0: it has none
+                load=kept["overload_torque"] / 100 or None,  # 0: it has none
                 temperature_c=t.value("hottest", data, _KEPT.address) or None,
                 voltage_v=t.value("least_voltage", data, _KEPT.address) or None,
-                current_a=t.value("protection_current", data, _KEPT.address) or None,
+                current_a=current_a or None,
             ),
         )
+
+    @property
+    def _big_endian(self) -> bool:
+        return self.table.order == "big"
+
+    def is_one(self, line: BusLine, servo: int) -> bool:
+        """Both series answer a ping alike; register 2 tells which it is."""
+        register = self.table["big_endian"]
+        return (line.read(servo, register.address, register.size, more=True).data[0] == 1) == self._big_endian
 
     def goal_bytes(self, steps: int) -> bytes:
         """A goal."""
@@ -178,11 +210,16 @@ class FeetechMake(ServoMake):
 
         The speed is the last line of defence: whatever throws a servo, it goes no faster. 0 is full speed.
         """
-        speed = 0 if limits.speed is None else min(_MOST_SPEED, max(1, round(limits.speed)))
-        self._write(line, servo, "acceleration", 0)
-        self._write(line, servo, "goal_time", 0)
-        self._write(line, servo, "goal_speed", speed)
-        self._write(line, servo, "torque_limit", round(1000 * limits.torque))
+        speed = min(_MOST_SPEED, max(1, round(limits.speed))) if limits.speed is not None else None
+        wanted = {
+            "acceleration": 0,
+            "goal_time": 0,
+            "goal_speed": (0 if self.limits_torque else _MOST_SPEED) if speed is None else speed,
+            "torque_limit": round(1000 * limits.torque),
+        }
+        for name, number in wanted.items():
+            if name in self.table:
+                self._write(line, servo, name, number)
 
     def on_at(self, line: BusLine, servo: int, position: int) -> None:
         """Goal, read back with the place, torque, read back.
@@ -217,7 +254,9 @@ class FeetechMake(ServoMake):
         return False
 
     def limit_torque(self, line: BusLine, servo: int, share: float) -> bool:
-        """A share of its full torque."""
+        """A share of its full torque; some series have no such limit."""
+        if not self.limits_torque:
+            return False
         data = self.table.encode("torque_limit", round(1000 * share))
         return line.write(servo, self.table["torque_limit"].address, data) is not None
 
@@ -246,4 +285,12 @@ class FeetechMake(ServoMake):
             raise BoardTimeoutError(f"servo {servo} does not confirm what it is told")
 
 
-FEETECH = FeetechMake()
+FEETECH = FeetechMake(
+    "Feetech servo bus",
+    TABLE,
+    MODELS,
+    steps_per_turn=STEPS_PER_TURN,
+    last_step=STEPS_PER_TURN - 1,
+    telemetry=Block(40, 31),
+)
+"""STS and SMS servos"""

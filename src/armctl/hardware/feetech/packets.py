@@ -19,6 +19,9 @@ class FeetechForm(PacketForm):
     shortest = 6
     word = 1
 
+    def __init__(self, *, sync_reads: bool = True) -> None:
+        self.sync_reads = sync_reads
+
     def instruction(self, packet: BusPacket) -> bytes:
         """The bytes by which a host asks."""
         body = bytes((packet.id, len(packet.data) + 2, packet.code)) + packet.data

@@ -1,10 +1,14 @@
-"""A simulated Feetech STS servo."""
+"""A simulated Feetech servo, of the STS or the SCS series."""
 
 from __future__ import annotations
 
-from armctl.hardware.bus.packets import BusPacket, Instruction
+import math
+from collections.abc import Mapping
+
+from armctl.hardware.bus.packets import BROADCAST, BusPacket, Instruction, PacketForm
 from armctl.hardware.bus.plant import PlantJoint
 from armctl.hardware.bus.simulated import BusServo, Gear, Supply
+from armctl.hardware.bus.table import ControlTable
 from armctl.hardware.feetech.make import (
     CURRENT,
     HEAT,
@@ -14,6 +18,7 @@ from armctl.hardware.feetech.make import (
     STEPS_PER_TURN,
     TABLE,
     VOLTAGE,
+    FeetechMake,
 )
 
 _RAM = TABLE["torque"].address
@@ -22,8 +27,9 @@ _CALIBRATE = 0x0B
 _THIS_IS_THE_MIDDLE = 128
 _MIDDLE = STEPS_PER_TURN // 2
 _RESTART_S = 1.0
-_DUTY_PER_STEP = 0.0073 / 32
-"""share of the torque a step of error and a unit of P: 14 N·m/rad at P = 32 and 12 V"""
+_DUTY_PER_RAD, _P_GAIN = 0.0073 * STEPS_PER_TURN / math.tau, 32
+"""share of the torque a radian of error, at this gain: 14 N·m/rad of an STS3215 at 12 V"""
+_ABSENT = {"offset": 0, "mode": 0, "torque_limit": 1000, "protection_current": 511}
 FACTORY = {
     "firmware_major": 3,
     "firmware_minor": 10,
@@ -43,7 +49,7 @@ FACTORY = {
     "start_force": 16,
     "forward_dead_zone": 1,
     "backward_dead_zone": 1,
-    "protection_current": 310,
+    "protection_current": 500,
     "resolution": 1,
     "protection_torque": 20,
     "protection_time": 200,
@@ -52,36 +58,55 @@ FACTORY = {
 }
 
 
-def factory_memory(**changes: int) -> bytes:
+def factory_memory(
+    table: ControlTable = TABLE, factory: Mapping[str, int] = FACTORY, **changes: int
+) -> bytes:
     """What a new servo's table holds, with changes by name."""
     memory = bytearray(_SIZE)
-    for name, number in (FACTORY | changes).items():
-        register = TABLE[name]
-        memory[register.address : register.end] = TABLE.encode(name, number)
+    for name, number in {**factory, **changes}.items():
+        register = table[name]
+        memory[register.address : register.end] = table.encode(name, number)
     return bytes(memory)
 
 
-class SimulatedSts(BusServo):
+class SimulatedFeetech(BusServo):
     """A servo that speaks Feetech's protocol: table, goals that switch torque on, protection, EEPROM lock.
 
     ``memory`` is what it holds from the factory; what is written while ``lock`` is 1 is forgotten at the
-    next power cut.
+    next power cut. What its series has no register for, is as an STS has it from the factory.
     """
 
-    def __init__(self, joint: PlantJoint, gear: Gear, supply: Supply, memory: bytes) -> None:
-        super().__init__(TABLE, joint, gear, supply, memory)
-        self._kept = bytes(self.memory[:_RAM])
+    def __init__(
+        self, make: FeetechMake, joint: PlantJoint, gear: Gear, supply: Supply, memory: bytes
+    ) -> None:
+        super().__init__(make.table, joint, gear, supply, memory)
+        self._make = make
+        self._kept, self._factory = bytes(self.memory[:_RAM]), bytes(memory)
+        self._stiffness = _DUTY_PER_RAD / _P_GAIN * math.tau / make.steps_per_turn
+        if not make.limits_torque:  # one of the small series: as stiff with its own gain
+            self._stiffness *= _P_GAIN / self.get("p_gain")
         self._way = self._overloaded_s = 0.0
         self._reference = 0.0
         self._latched = 0
         self.sensor_fails = False
 
+    def get(self, name: str) -> int:
+        """A number of the table."""
+        return super().get(name) if name in self.table else _ABSENT[name]
+
     def power_up(self) -> None:
-        """Torque off, goal 0, the torque limit from the EEPROM, the EEPROM locked."""
+        """Torque off, goal 0, the torque limit from the EEPROM; that is locked, or open in some series."""
         self.store(0, self._kept + bytes(_SIZE - _RAM))
-        self.put("torque_limit", self.get("most_torque"))
-        self.put("lock", 1)
+        if self._make.limits_torque:
+            self.put("torque_limit", self.get("most_torque"))
+        self.put("lock", int(self._make.wakes_locked))
         self._overloaded_s, self._latched = 0.0, 0
+
+    def handle(self, packet: BusPacket, form: PacketForm) -> BusPacket | None:
+        """A series that cannot answer all at once does not answer a ping to all either."""
+        if packet.id == BROADCAST and packet.code == Instruction.PING and not form.sync_reads:
+            return None
+        return super().handle(packet, form)
 
     def errors(self) -> int:
         """What is wrong now, and the overload that lasts until the next goal."""
@@ -108,9 +133,10 @@ class SimulatedSts(BusServo):
             return None
         if packet.code == Instruction.FACTORY_RESET:
             number = self.id
-            self._kept = factory_memory(id=number)[:_RAM]
-            self.store(0, self._kept)
-        elif packet.code == _CALIBRATE:
+            self.store(0, self._factory[:_RAM])
+            self.put("id", number)
+            self._kept = bytes(self.memory[:_RAM])
+        elif packet.code == _CALIBRATE and "offset" in self.table:
             self._calibrate(int.from_bytes(packet.data[:2], "little") if packet.data else _MIDDLE)
         return BusPacket(self.id, self.errors()) if self.answers(packet.code) else None
 
@@ -120,14 +146,14 @@ class SimulatedSts(BusServo):
         written = range(address, address + len(data))
         if address < _RAM and self.get("lock") == 0:
             self._kept = bytes(self.memory[:_RAM])
-        if TABLE["torque"].address in written:
+        if self.table["torque"].address in written:
             self._torque_written()
-        if TABLE["goal_position"].address in written:
+        if self.table["goal_position"].address in written:
             self._goal_written()
         return 0
 
     def _torque_written(self) -> None:
-        if self.get("torque") == _THIS_IS_THE_MIDDLE:
+        if self.get("torque") == _THIS_IS_THE_MIDDLE and "offset" in self.table:
             self._calibrate(_MIDDLE)
             self.put("torque", 0)
         elif self.get("torque") == 1:
@@ -155,9 +181,9 @@ class SimulatedSts(BusServo):
     @property
     def _position(self) -> float:
         place = self.shaft - self.get("offset")
-        if self.get("phase") & MULTI_TURN:
-            return place
-        return place % STEPS_PER_TURN
+        if "offset" not in self.table:  # a potentiometer, which ends
+            return min(float(self._make.last_step), max(0.0, place))
+        return place if self.get("phase") & MULTI_TURN else place % STEPS_PER_TURN
 
     def drive(self, dt: float) -> float:
         """P control of the position toward a reference that moves at the speed limit."""
@@ -170,10 +196,10 @@ class SimulatedSts(BusServo):
         limit = self.get("torque_limit") / 1000
         if self._latched & OVERLOAD:
             limit = min(limit, self.get("protection_torque") / 100)
-        share = max(-limit, min(limit, error * _DUTY_PER_STEP * self.get("p_gain")))
+        share = max(-limit, min(limit, error * self._stiffness * self.get("p_gain")))
         heavy = abs(share) > self.get("overload_torque") / 100
         self._overloaded_s = self._overloaded_s + dt if heavy else 0.0
-        if self._overloaded_s > self.get("protection_time") / 100:
+        if self._overloaded_s > self.table["protection_time"].scale * self.get("protection_time"):
             self._latched |= OVERLOAD
         return share
 
@@ -188,4 +214,5 @@ class SimulatedSts(BusServo):
         put("present_temperature", min(255, round(self.heat)))
         put("status", self.errors())
         put("moving", int(abs(speed) > 1.0))
-        put("present_current", round(self.amps / 0.0065))
+        if "present_current" in self.table:
+            put("present_current", round(self.amps / 0.0065))

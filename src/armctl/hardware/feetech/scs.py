@@ -1,0 +1,154 @@
+"""Feetech's SCS servos (SCS0009, SCS15 and their kin), as far as they differ from STS.
+
+Words begin with the upper byte, there are 1024 steps over 300°, no offset, and no limit of the torque besides
+that in the EEPROM. Each servo is read by itself.
+
+Sources: Feetech's memory table of the SCS series; the vendor's SDK (``scscl``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from armctl.hardware.board_type import ByteModel, Setup, SimulatorOptions
+from armctl.hardware.bus import SCALE, BusEntries
+from armctl.hardware.bus.board import BusBoard
+from armctl.hardware.bus.driver import BusDriver
+from armctl.hardware.bus.make import Block
+from armctl.hardware.bus.table import ControlTable, Register, Sign
+from armctl.hardware.driver import Abilities, ChannelSettings
+from armctl.hardware.feetech.make import FeetechMake
+
+if TYPE_CHECKING:
+    from armctl.hardware.bus.plant import PlantJoint
+    from armctl.hardware.bus.simulated import BusServo, Gear, Supply
+
+STEPS, RANGE_DEG = 1024, 300.0
+_MAGNITUDE = Sign.MAGNITUDE
+TABLE = ControlTable(
+    (
+        Register("firmware_major", 0, 1, kept=True, writable=False),
+        Register("firmware_minor", 1, 1, kept=True, writable=False),
+        Register("big_endian", 2, 1, kept=True, writable=False),
+        Register("model", 3, 2, kept=True, writable=False),
+        Register("id", 5, 1, kept=True, high=253),
+        Register("baud", 6, 1, kept=True, high=7),
+        Register("return_delay", 7, 1, kept=True, high=254, unit="µs", scale=2.0),
+        Register("status_level", 8, 1, kept=True, high=1),
+        Register("lowest", 9, 2, kept=True, high=STEPS - 1, unit="steps"),
+        Register("highest", 11, 2, kept=True, high=STEPS - 1, unit="steps"),
+        Register("hottest", 13, 1, kept=True, high=100, unit="°C"),
+        Register("most_voltage", 14, 1, kept=True, unit="V", scale=0.1),
+        Register("least_voltage", 15, 1, kept=True, unit="V", scale=0.1),
+        Register("most_torque", 16, 2, kept=True, high=1000, unit="%", scale=0.1),
+        Register("phase", 18, 1, kept=True),
+        Register("unloading", 19, 1, kept=True),
+        Register("led_alarm", 20, 1, kept=True),
+        Register("p_gain", 21, 1, kept=True),
+        Register("d_gain", 22, 1, kept=True),
+        Register("i_gain", 23, 1, kept=True),
+        Register("start_force", 24, 2, kept=True, high=1000, unit="%", scale=0.1),
+        Register("forward_dead_zone", 26, 1, kept=True, high=32, unit="steps"),
+        Register("backward_dead_zone", 27, 1, kept=True, high=32, unit="steps"),
+        Register("protection_torque", 37, 1, kept=True, high=100, unit="%"),
+        Register("protection_time", 38, 1, kept=True, high=254, unit="s", scale=0.04),
+        Register("overload_torque", 39, 1, kept=True, high=100, unit="%"),
+        Register("torque", 40, 1, high=2),
+        Register("goal_position", 42, 2, high=STEPS - 1, unit="steps"),
+        Register("goal_time", 44, 2, high=9999, unit="ms"),
+        Register("goal_speed", 46, 2, unit="steps/s", sign=_MAGNITUDE),
+        Register("lock", 48, 1, high=1),
+        Register("present_position", 56, 2, unit="steps", writable=False),
+        Register("present_speed", 58, 2, unit="steps/s", sign=_MAGNITUDE, writable=False),
+        Register("present_load", 60, 2, unit="%", scale=0.1, sign=_MAGNITUDE, sign_bit=10, writable=False),
+        Register("present_voltage", 62, 1, unit="V", scale=0.1, writable=False),
+        Register("present_temperature", 63, 1, unit="°C", writable=False),
+        Register("put_off", 64, 1, writable=False),
+        Register("status", 65, 1, writable=False),
+        Register("moving", 66, 1, writable=False),
+    ),
+    "big",
+)
+FACTORY = MappingProxyType(
+    {
+        "firmware_major": 3,
+        "firmware_minor": 5,
+        "big_endian": 1,
+        "model": 1284,
+        "id": 1,
+        "status_level": 1,
+        "lowest": 0,
+        "highest": STEPS - 1,
+        "hottest": 80,
+        "most_voltage": 90,
+        "least_voltage": 45,
+        "most_torque": 1000,
+        "unloading": 36,
+        "led_alarm": 37,
+        "p_gain": 15,
+        "d_gain": 15,
+        "start_force": 30,
+        "forward_dead_zone": 1,
+        "backward_dead_zone": 1,
+        "protection_torque": 20,
+        "protection_time": 100,
+        "overload_torque": 80,
+    }
+)
+"""as such servos come; but for their limits, 20 … 1003"""
+SCS = FeetechMake(
+    "Feetech SCS servo bus",
+    TABLE,
+    MappingProxyType({1284: "SCS0009"}),
+    steps_per_turn=STEPS * 360 / RANGE_DEG,
+    last_step=STEPS - 1,
+    telemetry=Block(40, 27),
+    sync_reads=False,
+    wakes_locked=False,
+)
+
+
+class ScsDriver(BusDriver):
+    """Servos whose torque is whole or off: Release switches it off at once."""
+
+    limit_torque = Abilities.limit_torque
+    scale_torque = Abilities.scale_torque
+
+
+class ScsBoard(BusBoard):
+    """SCS servos, on a bus of their own."""
+
+    kind = "feetech_scs"
+    title = "Feetech SCS servo bus"
+    plugged_in = "servo bus adapter"
+    scale = SCALE
+    entries = BusEntries("steps", "steps", "range_steps", 0.0, STEPS - 1.0, limited=False)
+    baud = 1_000_000
+    notes = (
+        "Feetech servos hold their last goal when this program ends or its cable is pulled: they have no "
+        "watchdog. Release switches their torque off at once: support the arm",
+    )
+    simulator_help = "Serve a simulated bus of four Feetech SCS0009 servos, until interrupted."
+
+    def make(self) -> FeetechMake:
+        """Packets and control table."""
+        return SCS
+
+    def driver_type(self) -> type[BusDriver]:
+        """Without limits of the torque."""
+        return ScsDriver
+
+    def servo(self, number: int, joint: PlantJoint, gear: Gear, supply: Supply) -> BusServo:
+        """A simulated servo, as it comes, with all of its range."""
+        from armctl.hardware.feetech.simulated import SimulatedFeetech, factory_memory
+
+        memory = factory_memory(TABLE, FACTORY, id=number)
+        return SimulatedFeetech(SCS, joint, gear, supply, memory)
+
+    def simulated(self, setup: Setup, options: SimulatorOptions) -> ByteModel:
+        """Four servos on free shafts where no robot is named; they are fed with 7.4 V."""
+        if not setup.channels:
+            setup = replace(setup, channels=[ChannelSettings(one, 0.0, STEPS - 1.0) for one in range(1, 5)])
+        return super().simulated(setup, {"volts": 7.4, **{k: v for k, v in options.items() if v is not None}})
