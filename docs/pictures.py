@@ -201,9 +201,40 @@ def log(screen: Screen) -> None:
     screen.open_tab("Log")
 
 
-def servos(screen: Screen) -> FloatRect:
+def exact_point(screen: Screen) -> None:
+    screen.open_tab("Inverse")
+    screen.type_xyz("230", "60", "120")
+    screen.click("Go by least energy")
+    screen.wait_for_text("MOVING")
+    screen.wait_for_text("HOLDING")
+
+
+def by_hand(screen: Screen) -> None:
+    screen.open_tab("Manual", "Joints")
+    screen.unfold("Lead by hand", "Let ticked joints go limp")
+    screen.press(
+        screen.page.get_by_label("Shoulder pan", exact=True).and_(screen.page.get_by_role("checkbox"))
+    )
+    screen.click("Let ticked joints go limp")
+    screen.wait_for_text(re.compile("Limp: Shoulder pan"))
+    for _ in range(2):
+        screen.click("Record pose")
+    screen.wait_for_text(re.compile("2 steps"))
+    screen.button("Let ticked joints go limp").scroll_into_view_if_needed()
+
+
+def new_servo(screen: Screen) -> FloatRect:
     screen.open_tab("Main", "Servos")
     screen.click("Disconnect the arm")
+    screen.unfold("A new servo", "Give it this id")
+    screen.button("Give it this id").scroll_into_view_if_needed()
+    return box(screen.panel("Main"))
+
+
+def servos(screen: Screen) -> FloatRect:
+    screen.open_tab("Main", "Servos")
+    if not screen.button("Connect the arm").is_visible():
+        screen.click("Disconnect the arm")
     screen.click("Look for the servos")
     screen.wait_for_text(re.compile("as the arm needs them"))
     screen.press(screen.page.get_by_role("button", name="Id …").last)
@@ -229,6 +260,9 @@ PICTURES = {
     "simulation": Picture(("Simulation",), simulation),
     "workspace": Picture(("Simulation",), workspace),
     "calibration": Picture(("Calibration",), calibration),
+    "exact-point": Picture(("Inverse",), exact_point, robot=BUS_ARM, tabs_of=BUS_ARM),
+    "by-hand": Picture(("Manual",), by_hand, robot=BUS_ARM, tabs_of=BUS_ARM),
+    "new-servo": Picture(("Main",), new_servo, enabled=False, robot=BUS_ARM, tabs_of=BUS_ARM),
     "servos": Picture(("Main",), servos, enabled=False, robot=BUS_ARM, tabs_of=BUS_ARM),
 }
 FILM = "armctl"
