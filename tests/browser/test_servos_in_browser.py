@@ -1,8 +1,10 @@
-"""An SO-101 on its simulated servo bus: from *Servos* to a point, led by hand, an overload, a plug pulled."""
+"""Arms on simulated servo buses: from *Servos* to a point, led by hand, overload, restart, a plug pulled."""
 
 from __future__ import annotations
 
+import logging
 import re
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +18,7 @@ from tests.browser.served_arm import ServedArm, TestHost, served_arm
 from armctl.facts import State
 from armctl.hardware import Source
 from armctl.hardware.bus import setup
+from armctl.hardware.bus.packets import Instruction
 from armctl.hardware.bus.plant import PlantJoint
 from armctl.hardware.bus.simulated import SimulatedBus
 from armctl.program import MoveStep
@@ -25,6 +28,7 @@ pytestmark = pytest.mark.browser
 POINT_MM = (230.0, 60.0, 120.0)
 PAN = 0
 """the joint that is led by hand: gravity leaves it alone"""
+_LOG = logging.getLogger(__name__)
 
 
 @pytest.fixture
@@ -48,18 +52,25 @@ def bus_of(served: ServedArm) -> Iterator[SimulatedBus]:
 
 
 class Clicks:
-    """Counts what is clicked, by the part of the way."""
+    """Counts what is clicked, by the part of the way; how long that took is in the log."""
 
     def __init__(self, screen: Screen) -> None:
         self.counted: dict[str, int] = {}
-        self.part = ""
+        self._part, self._began = "", time.monotonic()
         press = screen.press
 
         def counting(target: Locator) -> None:
-            self.counted[self.part] = self.counted.get(self.part, 0) + 1
+            self.counted[self._part] = self.counted.get(self._part, 0) + 1
             press(target)
 
         screen.press = counting  # type: ignore[method-assign]
+
+    def begin(self, part: str) -> None:
+        """The clicks from now on belong to this part; empty: to none."""
+        if self._part:
+            took_s = time.monotonic() - self._began
+            _LOG.info("%s: %d clicks, %.0f s", self._part, self.counted.get(self._part, 0), took_s)
+        self._part, self._began = part, time.monotonic()
 
 
 def lead(screen: Screen, served: ServedArm, to_deg: float) -> float:
@@ -99,7 +110,7 @@ def test_from_the_servos_to_a_point_a_loop_led_by_hand_an_overload_and_a_loose_p
     clicks = Clicks(screen)
     screen.open(so101.url, until="STOP")
 
-    clicks.part = "servos to point"
+    clicks.begin("servos to point")
     screen.open_tab("Servos")
     screen.click("Look for the servos")
     screen.wait_for_text("✓ 6 servos, as the arm needs them.")
@@ -118,7 +129,7 @@ def test_from_the_servos_to_a_point_a_loop_led_by_hand_an_overload_and_a_loose_p
     measured_mm = 1000 * so101.robot.forward(so101.now.q)[:3, 3]
     assert 0 < np.abs(measured_mm - POINT_MM).max() < 30  # it sags: its servos are springs
 
-    clicks.part = "four poses by hand"
+    clicks.begin("four poses by hand")
     screen.open_tab("Manual", "Joints")
     screen.unfold("Lead by hand", "Let ticked joints go limp")
     screen.press(
@@ -141,7 +152,7 @@ def test_from_the_servos_to_a_point_a_loop_led_by_hand_an_overload_and_a_loose_p
     screen.wait_until(lambda: len(so101.steps_run) > 4, "the loop begins anew")
     screen.screenshot("servos_loop")
 
-    clicks.part = "overload"
+    clicks.begin("overload")
     screen.wait_until(lambda: blocked_below(so101, min(led_deg) + 5), "something is in the way of the joint")
     screen.wait_until(
         lambda: np.degrees(so101.now.q_command[PAN]) > 10, "the arm is told to be far from there"
@@ -160,11 +171,46 @@ def test_from_the_servos_to_a_point_a_loop_led_by_hand_an_overload_and_a_loose_p
     screen.click("STOP")
     so101.wait_for(screen, State.HOLDING)
 
-    clicks.part = "loose plug"
+    clicks.begin("loose plug")
     with bus_of(so101) as bus:
         bus.loose = 3
     screen.wait_for_text(re.compile("Wrist flex: servo 4 does not answer; look at its plug"))
     screen.screenshot("servos_plug")
     assert so101.now.state is not State.MOVING
+    clicks.begin("")
     assert screen.errors == []
     assert clicks.counted == {"servos to point": 9, "four poses by hand": 11, "overload": 5}
+
+
+def test_a_dynamixel_in_overload_is_named_restarted_and_the_loop_goes_on(
+    screen: Screen, tmp_path: Path
+) -> None:
+    with served_arm(tmp_path / "files", "open_manipulator_x") as served:
+        elbow, far, near = 2, (0.0, -40.0, 40.0, 0.0), (0.0, -40.0, 0.0, 0.0)
+        clicks = Clicks(screen)
+        screen.open(served.url, until="STOP")
+        served.put(far, near)
+        screen.open_tab("Manual")
+        screen.click("Loop")
+        screen.wait_until(lambda: len(served.steps_run) > 2, "the loop begins anew")
+        clicks.begin("overload")
+        with bus_of(served) as bus:
+            bus.plant.joints[elbow].blocked = True
+        screen.wait_for_text(re.compile(r"Joint 3: servo 13 has switched its torque off \(overload"))
+        screen.screenshot("servos_restart")
+        with bus_of(served) as bus:
+            assert [one.driven for one in bus.servos] == [True, True, False, True, True]
+            bus.plant.joints[elbow].blocked = False
+        screen.click("Clear fault")
+        with bus_of(served) as bus:
+            assert [one.id for one in bus.heard if one.code == Instruction.REBOOT] == [13]
+        screen.wait_until(lambda: not served.now.warnings, "the servo has started anew")
+        screen.click("Enable")
+        served.wait_for(screen, State.HOLDING)
+        seen = len(served.steps_run)
+        screen.click("Loop")
+        screen.wait_until(lambda: len(served.steps_run) > seen + 2, "the loop goes on")
+        clicks.begin("")
+        screen.click("STOP")
+        served.wait_for(screen, State.HOLDING)
+        assert screen.errors == [] and clicks.counted["overload"] == 3
