@@ -357,6 +357,23 @@ def test_a_supply_outside_the_limits_is_told_by_every_servo():
     assert "outside the voltages" in arm.back.faults[1]
 
 
+def test_an_arm_that_let_go_for_want_of_voltage_does_not_rise_by_itself_when_that_is_back():
+    arm = enabled(bench().open())
+    arm.move({2: 1700.0, 3: 2300.0}, 1.0)
+    up = arm.bus.servo(2).shaft
+    for one in arm.bus.servos:
+        one.put("unloading", 45)  # as some set it: want of voltage, heat, current, overload
+    arm.bus.supply.open_v = 3.5
+    back = arm.ticks(60)
+    assert abs(arm.bus.servo(2).shaft - up) > 100
+    assert "servo 2: it has let go: support the arm (its supply is outside" in back.faults[2]
+    stood = [one.shaft for one in arm.bus.servos]
+    arm.bus.supply.open_v = 12.0
+    back = arm.ticks(60)
+    assert [one.shaft for one in arm.bus.servos] == pytest.approx(stood, abs=15)
+    assert 2 in back.faults
+
+
 def test_a_setpoint_outside_the_robot_file_is_refused(arm: BusBench):
     enabled(arm)
     with pytest.raises(BoardError, match="nothing was sent"):

@@ -58,7 +58,7 @@ class KnownServo:
     went_off: bool = False
     """whether its torque went off by itself"""
     gave_way: bool = False
-    """whether it gave way to an overload, or let go for heat, and is to stay where it stands now"""
+    """whether it gave way to an overload, or let go, and is to stay where it stands now"""
     why_so: str = ""
     """why it gave way, in words"""
     yielded_at: float = -math.inf
@@ -94,8 +94,8 @@ class KnownServo:
     def gives_way(self, now: float, *, grips: bool) -> int | None:
         """Where it has given way, the place that is its goal from now on [steps]; None: it has not.
 
-        Its next goal ends an overload. One that has let go for heat sinks, and would turn back to its old
-        goal by itself as soon as it is cool: it is followed. One that ``grips`` goes on after an overload.
+        Its next goal ends an overload. One that has let go, for heat or for want of voltage, sinks, and would
+        turn back to its old goal by itself: it is followed. One that ``grips`` goes on after an overload.
         """
         seen = self.seen
         if not self.on or self.went_off or seen.position is None:

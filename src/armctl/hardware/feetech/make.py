@@ -139,7 +139,7 @@ class FeetechMake(ServoMake):
             temperature=t.value("present_temperature", data, first),
             current=t.value("present_current", data, first) if "present_current" in t else None,
             gave_way=bool(packet.code & OVERLOAD),
-            unloaded=bool(packet.code & (HEAT | CURRENT)) and on and load == 0.0 and away,
+            unloaded=bool(packet.code & ~OVERLOAD) and on and load == 0.0 and away,
             faults=tuple(words for bit, words in ERRORS.items() if packet.code & bit & ~OVERLOAD),
         )
 
