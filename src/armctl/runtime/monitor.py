@@ -267,7 +267,7 @@ class Monitor:
         wherever its settings say; if that is off, or far from the setpoint, nothing checked the path there.
         Pulses that change while nothing is sent are another program's.
         """
-        reading = self.reading
+        reading, self._seen_on = self.reading, None  # what is on after this was switched on by somebody
         off = ~reading.on & ~board.limp
         if reading.source is Source.MEASURED:
             why = "; ".join(reading.errors) or "it does not say why"
