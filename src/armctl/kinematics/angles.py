@@ -249,10 +249,14 @@ def all_images(
     ways = kept.prod(axis=1)
     source = np.repeat(np.arange(len(q)), ways)
     rest = np.arange(len(source)) - np.repeat(np.cumsum(ways) - ways, ways)
-    found = np.empty((len(source), q.shape[1]))
+    found, width = np.empty((len(source), q.shape[1])), len(turn)
     for k in reversed(range(q.shape[1])):  # the last joint's images change fastest
-        rest, choice = np.divmod(rest, kept[source, k])
-        found[:, k] = ranked[source, k, choice]
+        each = kept[:, k]
+        if sizes[k] <= 1:  # most joints: nothing to choose
+            found[:, k] = ranked[:, k, 0].take(source)
+            continue
+        rest, choice = np.divmod(rest, sizes[k] if (each == sizes[k]).all() else each.take(source))
+        found[:, k] = ranked[:, k].ravel().take(source * width + choice)
     return Images(found, source, round(every - len(found)))
 
 

@@ -117,8 +117,13 @@ class LockedArm:
         """Of the inner product of the ways from the elbow axis to W and to P, over θ3 [m²]."""
         return circle(self.axes[3], self.wrist - self.elbow, self.shoulder - self.elbow)
 
-    def solve(self, pose: FloatArray, angles: FloatArray, limits: FloatArray) -> LockedSolutions:
-        """Every solution inside limits (7, 2) [rad] of ``T_base_tool`` (4, 4), for angles (k,) [rad]."""
+    def solve(
+        self, pose: FloatArray, angles: FloatArray, limits: FloatArray, only: IndexArray | None = None
+    ) -> LockedSolutions:
+        """Every solution inside limits (7, 2) [rad] of ``T_base_tool`` (4, 4), for angles (k,) [rad].
+
+        ``only``: for each angle that of one branch (k,); the rows then rise.
+        """
         h: list[Columns] = [tuple(axis) for axis in self.axes.tolist()]
         limits = limits if self.joint == 0 else limits[::-1]
         R, t = _inside_out(pose, self.home, back=self.joint != 0)
@@ -133,7 +138,8 @@ class LockedArm:
 
         fore, upper = self.wrist - self.elbow, self.shoulder - self.elbow
         product = 0.5 * (fore @ fore + upper @ upper - dot(ends, ends))
-        elbow, row, third = _choices(roots(self._elbow_circle, product, _REACH_TOLERANCE), limits[3])
+        both = roots(self._elbow_circle, product, _REACH_TOLERANCE)
+        elbow, row, third = _choices(both, limits[3], None if only is None else only // 4)
 
         hand = added(_turned(tuple(fore.tolist()), h[3], third), tuple((-upper).tolist()))
         end = _taken(ends, row)
@@ -141,7 +147,8 @@ class LockedArm:
         hand, end = scaled(hand, 1.0 / length), scaled(end, 1.0 / length)
         fixed = dot(h[1], h[2]) * dot(h[2], hand)
         turning = fixed, dot(h[1], hand) - fixed, dot(h[1], cross(h[2], hand))
-        shoulder, of, second = _choices(roots(turning, dot(h[1], end), _TURN_TOLERANCE, rest=0.0), limits[2])
+        both = roots(turning, dot(h[1], end), _TURN_TOLERANCE, rest=0.0)
+        shoulder, of, second = _choices(both, limits[2], None if only is None else only[row] // 2 % 2)
         first = _about(h[1], _turned(_taken(hand, of), h[2], second), _taken(end, of))
         _, kept, first = _choices(first[None], limits[1])
         shoulder, of, second = shoulder[kept], of[kept], second[kept]
@@ -154,7 +161,7 @@ class LockedArm:
 
         aim = before_wrist(self.axes[6])
         both = roots(circle(self.axes[5], self.axes[6], self.axes[4]), dot(h[4], aim), _TURN_TOLERANCE, 0.0)
-        wrist, of, fifth = _choices(both, limits[5])
+        wrist, of, fifth = _choices(both, limits[5], None if only is None else only[row] % 2)
         fourth = _about(h[4], _turned(h[6], h[5], fifth), _taken(aim, of))
         side = _sideways(self.axes[6])
         rest = _turned(_turned(_taken(before_wrist(side), of), h[4], -fourth), h[5], -fifth)
@@ -195,14 +202,20 @@ def _inside_out(pose: FloatArray, home: FloatArray, *, back: bool) -> tuple[Floa
     return (R.T, -R.T @ t) if back else (R, t)
 
 
-def _choices(both: FloatArray, limits: FloatArray) -> tuple[IndexArray, IndexArray, FloatArray]:
+def _choices(
+    both: FloatArray, limits: FloatArray, wanted: IndexArray | None = None
+) -> tuple[IndexArray, IndexArray, FloatArray]:
     """Those of the roots (2, m) or (1, m) [rad] that a joint's limits (2,) allow, each once.
 
-    Which root, of which column, and the angle; (c,) each.
+    Which root, of which column, and the angle; (c,) each. ``wanted`` (m,): only that root of each column.
     """
     both = both.copy()
     if len(both) > 1:
         both[1, np.abs(np.sin(0.5 * (both[0] - both[1]))) < _DOUBLE] = np.nan
+    if wanted is not None:
+        one = both[wanted, np.arange(len(wanted))]
+        of = np.flatnonzero(into_limits(one, *limits.tolist()))
+        return wanted[of], of, np.clip(one[of], *limits)
     which, of = np.nonzero(into_limits(both, *limits.tolist()))
     return which, of, np.clip(both[which, of], *limits)
 

@@ -36,6 +36,8 @@ _STEEP = 64.0
 """a joint turns by no more than this times the free joint where a short run is looked for"""
 _FAR, _HALVINGS = 1.1, 16
 """how many steps a joint may turn from a row to the next one, and how often a step is halved for that"""
+_HALVED_AT_ONCE = 3
+"""steps of a bisection that are solved in one call: a third of the calls for ends, with the same result"""
 _LISTED = 0.2 * DEGREE
 """the step of a list where none is asked for, and the least one by which short runs are looked for: rows lie
 within 2 mrad of what is between them [rad]"""
@@ -150,12 +152,8 @@ class RedundantSolver(InverseKinematics):
         has[found.branch, found.row] = True
         branch, left = np.nonzero(has[:, 1:] != has[:, :-1])
         inside, outside = angles[left + ~has[branch, left]], angles[left + has[branch, left]]
-        grid, rounds = inside, max(1, math.ceil(math.log2(step / _END)))
-        for _ in range(rounds if len(branch) else 0):
-            middle = 0.5 * (inside + outside)
-            hit = np.zeros(len(branch), dtype=np.bool_)
-            hit[self._on(pose, middle, branch)[0]] = True
-            inside, outside = np.where(hit, middle, inside), np.where(hit, outside, middle)
+        grid = inside
+        inside = self._ends(pose, inside, outside, branch, max(1, math.ceil(math.log2(step / _END))))
         new = np.abs(inside - grid) > _SAME
         which, q = self._on(pose, inside[new], branch[new])
         q = np.concatenate([found.q, q])
@@ -165,6 +163,34 @@ class RedundantSolver(InverseKinematics):
         q, branch = self._along(np.concatenate([q, middle]), np.concatenate([branch, lane]))
         met = np.flatnonzero(self._meets(pose, q) & ~_repeated(q))
         return LockedSolutions(met, branch[met], q[met])
+
+    def _ends(
+        self, pose: FloatArray, inside: FloatArray, outside: FloatArray, branch: IndexArray, halvings: int
+    ) -> FloatArray:
+        """Where the branches (k,) end between angles that have them and that have not: the last that has.
+
+        By bisection; the angles that its next steps may ask for are solved at once: most of the time is that
+        of a call.
+        """
+        each = np.arange(len(branch))
+        while halvings > 0 and len(branch):
+            levels = min(_HALVED_AT_ONCE, halvings)
+            halvings -= levels
+            parts = 1 << levels
+            tried, has = (
+                np.empty((len(branch), parts + 1)),
+                np.zeros((len(branch), parts + 1), dtype=np.bool_),
+            )
+            tried[:, 0], tried[:, -1] = inside, outside
+            for step in (parts >> level for level in range(levels)):
+                tried[:, step // 2 :: step] = 0.5 * (tried[:, :-1:step] + tried[:, step::step])
+            found, _ = self._on(pose, tried[:, 1:-1].ravel(), branch.repeat(parts - 1))
+            has[found // (parts - 1), 1 + found % (parts - 1)] = True
+            at = np.zeros_like(each)
+            for step in (parts >> level for level in range(1, levels + 1)):
+                at += step * has[each, at + step]
+            inside, outside = tried[each, at], tried[each, at + 1]
+        return inside
 
     def _short_runs(self, pose: FloatArray, angles: FloatArray, step: float) -> FloatArray:
         """Angles (m,) between those of the sweep (k,) where a run shorter than a step keeps the limits.
@@ -179,9 +205,8 @@ class RedundantSolver(InverseKinematics):
         while step > _FINEST and len(centre):
             tried = np.clip(centre[:, None] + step * parts, low, high)
             room = np.full(tried.size, -np.inf)
-            lane, row, left = self._room(pose, tried.ravel())
-            own = lane == branch.repeat(len(parts))[row]
-            room[row[own]] = left[own].min(axis=1)
+            _, row, left = self._room(pose, tried.ravel(), branch.repeat(len(parts)))
+            room[row] = left.min(axis=1)
             room = room.reshape(tried.shape)
             best = np.arange(len(centre)), room.argmax(axis=1)
             centre, most = tried[best], room[best]
@@ -212,10 +237,12 @@ class RedundantSolver(InverseKinematics):
         # where one joint comes and another goes, most is left between two angles, or where a branch ends
         edge, last = np.nonzero(exists[:, :-1] != exists[:, 1:])
         lane, first = np.nonzero(exists[:, :-1] & exists[:, 1:])
+        beside = np.stack([least[lane, first], least[lane, first + 1]])
+        outside = beside.min(axis=0) < -LIMIT_TOLERANCE
+        lane, first, most = lane[outside], first[outside], beside.max(axis=0)[outside]
         one, other = room[lane, first], room[lane, first + 1]
         between = np.max([((1.0 - s) * one + s * other).min(axis=1) for s in _BETWEEN], axis=0)
-        most = np.maximum(one.min(axis=1), other.min(axis=1))
-        hidden = (between > most) & (np.minimum(one, other).min(axis=1) < -LIMIT_TOLERANCE)
+        hidden = between > most
         beside = np.maximum(least[edge, last], least[edge, last + 1])
         # where a branch ends another begins, and may end within the step
         beside, last = np.tile(beside, len(_TURNED_OVER)), np.tile(last, len(_TURNED_OVER))
@@ -226,13 +253,15 @@ class RedundantSolver(InverseKinematics):
         most = np.argsort(-room, kind="stable")[:_MOST_MAXIMA]
         return np.concatenate([branch, lane])[most], np.concatenate(centres)[most]
 
-    def _room(self, pose: FloatArray, angles: FloatArray) -> tuple[IndexArray, IndexArray, FloatArray]:
+    def _room(
+        self, pose: FloatArray, angles: FloatArray, only: IndexArray | None = None
+    ) -> tuple[IndexArray, IndexArray, FloatArray]:
         """Of all solutions for angles (k,): branch, index of the angle (m,), and what is left to the limits.
 
-        That of each joint (m, 7) [rad], negative outside.
+        That of each joint (m, 7) [rad], negative outside. ``only``: of each angle this branch (k,).
         """
         middle, half = self.limits.mean(axis=1), 0.5 * np.ptp(self.limits, axis=1)
-        found = self._locked.solve(pose, angles, _ANY)
+        found = self._locked.solve(pose, angles, _ANY, only)
         return found.branch, found.row, half - np.abs(wrapped(found.q - middle))
 
     def _along(self, q: FloatArray, branch: IndexArray) -> tuple[FloatArray, IndexArray]:
@@ -271,24 +300,18 @@ class RedundantSolver(InverseKinematics):
 
         What is clipped at a limit may miss the pose: a run ends before that.
         """
-        each, of = np.unique(angles, return_inverse=True)  # one for all of its branches
-        found = self._locked.solve(pose, each, self.limits)
-        place = np.full((len(each), len(LockedArm.branch_names)), -1)
-        place[found.row, found.branch] = np.arange(len(found.q))
-        places = place[of, branch]
-        has: IndexArray = np.flatnonzero(places >= 0)
-        q = found.q[places[has]]
+        has, _, q = self._locked.solve(pose, angles, self.limits, branch)
         at_limit = np.flatnonzero(((q == self.limits[:, 0]) | (q == self.limits[:, 1])).any(axis=1))
         missed = at_limit[~self._meets(pose, q[at_limit])]
         return np.delete(has, missed), np.delete(q, missed, axis=0)
 
     def _meets(self, pose: FloatArray, q: FloatArray) -> NDArray[np.bool_]:
         """Which configurations (m, 7) meet a pose: near a singular one rounding may take it off."""
-        there = self.chain.forward(q)
-        off = np.linalg.norm(there[:, :3, 3] - pose[:3, 3], axis=1)
+        off = self.chain.forward(q).transpose(1, 2, 0)[:3] - pose[:3, :, None]  # as it lies in memory
+        off *= off
         # of two rotations that are near to each other the angle is 1/√2 of the distance
-        turned = np.linalg.norm(there[:, :3, :3] - pose[:3, :3], axis=(1, 2)) / math.sqrt(2.0)
-        return (off < _MET_M) & (turned < _MET_RAD)
+        turned = off[:, :3].sum(axis=(0, 1))
+        return (off[:, 3].sum(axis=0) < _MET_M * _MET_M) & (turned < 2.0 * _MET_RAD * _MET_RAD)
 
     def _least_rotation(self, pose: FloatArray, found: LockedSolutions, step: float) -> FloatArray | None:
         """The configuration (7,) of least Σ|θ| over the continuum: the least of the list, refined."""
