@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, NamedTuple, Protocol
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armctl.arrays import FloatArray, content, lock
+from armctl.arrays import ArrayRecord, FloatArray
 from armctl.facts import AngleNeeded, Reason, Several, WrongUnit
 from armctl.facts.targets import HeldAtLimit, LostAtLimit, MayTurn, MoreByTurns, NearestPoint, PointReached
 from armctl.kinematics.angles import SAME_ROTATION
@@ -33,7 +35,8 @@ SolverOf = Callable[[Chain, FloatArray, EnergyModel, Sequence[str]], _Solver | N
 """Of a chain, its limits (n, 2) [rad], its energy model and the titles of its joints."""
 
 
-class SolvedArm(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class SolvedArm(ArrayRecord):
     """What all solutions of one arm share."""
 
     branch_names: tuple[str, ...]
@@ -58,30 +61,18 @@ class SolvedArm(NamedTuple):
         """(3,) what a pitch is measured against."""
         return np.array([0.0, 0.0, 1.0]) if self.up is None else self.up
 
+    @cached_property
+    def widened(self) -> _Solver | None:
+        """The solver of the same arm inside limits that are a little wider; None where it searches."""
+        if self.solver_of is None or self.limits is None:
+            return None
+        moves = np.ptp(self.limits, axis=1)[:, None] > 0.0
+        wide = np.where(moves, self.limits + _BESIDE * np.array([-1.0, 1.0]), self.limits)
+        return self.solver_of(self.chain, wide, self.energy, self.titles)
+
     def title(self, joint: int) -> str:
         """What messages call a joint."""
         return self.titles[joint] if self.titles else f"joint {joint + 1}"
-
-    def __eq__(self, other: object) -> bool:
-        return self is other or content(tuple(self)) == content(other)
-
-    def __ne__(self, other: object) -> bool:
-        return not self == other
-
-    def __hash__(self) -> int:
-        return hash(content(tuple(self)))
-
-    def __reduce__(self) -> tuple[Callable[..., SolvedArm], tuple[object, ...]]:
-        return _solved_arm, tuple(self)
-
-
-def _solved_arm(*says: Any) -> SolvedArm:
-    """Out of a pickle, with arrays that are read-only again."""
-    arm = SolvedArm(*says)
-    for array in (arm.limits, arm.up):
-        if array is not None:
-            lock(array)
-    return arm
 
 
 def angle_needed(title: str, limits: NDArray[np.float64] | Sequence[float], *angles: float) -> AngleNeeded:
@@ -178,12 +169,10 @@ def lost_at_a_limit(
     on how nearly singular it is.
     """
     limits = arm.limits
-    if arm.solver_of is None or limits is None:
+    if arm.widened is None or limits is None:
         return None
-    wide = np.where(np.ptp(limits, axis=1)[:, None] > 0.0, limits + _BESIDE * np.array([-1.0, 1.0]), limits)
-    solver = arm.solver_of(arm.chain, wide, arm.energy, arm.titles)
-    found = None if solver is None else solver.solve(target, DEFAULT_STEP)
-    if found is None or found.free_joint is not None:
+    found = arm.widened.solve(target, DEFAULT_STEP)
+    if found.free_joint is not None:
         return None
     q = found.q[found.residual_rad < SAME_ROTATION]
     beyond = np.abs(q - np.clip(q, *limits.T))
