@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.interpolate import CubicSpline
 
 from armctl.errors import InputError
-from armctl.motion.polynomial import PiecewisePolynomial, quintic, spline_through
+from armctl.motion.polynomial import PiecewisePolynomial, first_crossing, quintic, spline_through
 
 
 @st.composite
@@ -161,3 +162,38 @@ def test_a_spline_meets_the_points_and_is_smooth() -> None:
 def test_what_gives_no_spline_is_refused(points: object) -> None:
     with pytest.raises(InputError, match="spline needs"):
         spline_through(points)  # pyright: ignore[reportArgumentType]
+
+
+def test_the_first_crossing_of_a_polynomial() -> None:
+    limits = np.array([[-1.0, 1.0], [-1.0, 1.0]])
+    # the first coordinate passes 1 at x = 2.5; the second one -1 at x = 2.25, in the same piece
+    path = PiecewisePolynomial([0.0, 2.0, 4.0], [[[0.0, 0.0], [0.25, -0.25]], [[0.5, -0.5], [1.0, -2.0]]])
+    crossing = first_crossing(path, limits)
+    assert crossing is not None and crossing[1] == 1
+    assert crossing[0] == pytest.approx(2.25, abs=1e-7)
+    assert first_crossing(path, 3.0 * limits[:, ::1] - np.array([2.0, 0.0])) is None
+    # out and in again between two breaks
+    hump = PiecewisePolynomial([0.0, 1.0], [[[0.9], [0.8], [-0.8]]])
+    crossing = first_crossing(hump, limits[:1])
+    assert crossing is not None and crossing[0] == pytest.approx((1 - math.sqrt(0.5)) / 2, abs=1e-6)
+
+
+def test_polynomials_near_a_limit_are_told_apart() -> None:
+    rng = np.random.default_rng(6)
+    inside = outside = 0
+    for _ in range(200):
+        path = PiecewisePolynomial(
+            [0.0, 0.3, 0.5], rng.uniform(-1, 1, (2, 6, 1)) * 3.0 ** np.arange(6)[:, None]
+        )
+        values = path(np.linspace(0.0, 0.5, 20_001))[:, 0]
+        edge = values.max() + rng.choice([1e-4, -1e-4])
+        crossing = first_crossing(path, np.array([[-100.0, edge]]))
+        if edge > values.max():
+            assert crossing is None
+            inside += 1
+            continue
+        assert crossing is not None
+        first = np.linspace(0.0, 0.5, 20_001)[(values > edge).argmax()]
+        assert crossing[0] == pytest.approx(first, abs=3e-5)
+        outside += 1
+    assert inside > 50 and outside > 50

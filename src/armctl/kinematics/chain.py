@@ -262,11 +262,11 @@ class Chain(ByContent):
     def _columns_of(self, tool: tuple[float, ...], links: list[tuple[float, ...]]) -> FloatArray:
         """The Jacobian (6, n) where the tool frame and the links are as ``_walk`` gives them."""
         tx, ty, tz = tool[9:]
-        columns: list[tuple[float, ...]] = []
+        columns: list[float] = []
         for *_, x, y, z, px, py, pz in links:
             px, py, pz = tx - px, ty - py, tz - pz
-            columns.append((y * pz - z * py, z * px - x * pz, x * py - y * px, x, y, z))
-        J = np.array(columns).T
+            columns += y * pz - z * py, z * px - x * pz, x * py - y * px, x, y, z
+        J = np.array(columns).reshape(-1, 6).T
         return J.copy() if self.coupling is None else J @ self.coupling
 
     def frames(self, q: ArrayLike) -> FloatArray:

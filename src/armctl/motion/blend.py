@@ -16,8 +16,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.facts.angles import in_degrees
-from armctl.motion.paths.tool_walk import first_crossing
-from armctl.motion.polynomial import PiecewisePolynomial, quintic
+from armctl.motion.polynomial import PiecewisePolynomial, first_crossing, quintic
 from armctl.motion.time_optimal import PathLimits, fastest_rates, time_optimal_law
 from armctl.motion.timing import PathTrajectory
 from armctl.robot import Robot

@@ -338,3 +338,36 @@ def cubic_spline(breaks: FloatArray, points: FloatArray) -> PiecewisePolynomial:
     early, late, width = sixth[:-1], sixth[1:], h[:, None]
     c = [points[:-1], chord - width * (2.0 * early + late), 3.0 * early, (late - early) / width]
     return PiecewisePolynomial(breaks, np.stack(c, axis=1))
+
+
+def first_crossing(path: PiecewisePolynomial, bounds: FloatArray) -> tuple[float, int] | None:
+    """Where a joint first leaves its bounds (n, 2) [rad], exact, and which joint; None: none ever does."""
+    least, most = path.bounds_by_piece()
+    if (least >= bounds[:, 0]).all() and (most <= bounds[:, 1]).all():  # most paths: no exact extremes needed
+        return None
+    low, high = path.extremes_by_piece()
+    outside = (low < bounds[:, 0]) | (high > bounds[:, 1])
+    if not outside.any():
+        return None
+    piece = int(outside.any(axis=1).argmax())
+    begin, width = float(path.breaks[piece]), float(path.breaks[piece + 1] - path.breaks[piece])
+    unit = path.coefficients[piece]
+    unit = unit * width ** np.arange(len(unit), dtype=np.float64)[:, None]
+    found: list[tuple[float, int]] = []
+    for joint in map(int, np.flatnonzero(outside[piece])):
+        lower, upper = bounds[joint].tolist()
+        for bound, is_passed in ((lower, low[piece, joint] < lower), (upper, high[piece, joint] > upper)):
+            if is_passed:
+                share = _first_root(unit[:, joint], bound) if lower <= unit[0, joint] <= upper else 0.0
+                found.append((begin + share * width, joint))
+    return min(found, key=lambda crossing: crossing[0])
+
+
+def _first_root(c: FloatArray, bound: float) -> float:
+    """Where a polynomial over 0 … 1 (lowest power first) first reaches a bound that it passes."""
+    shifted = c.copy()
+    shifted[0] -= bound
+    largest = np.abs(shifted).max()
+    roots = np.roots(shifted[::-1] / largest)
+    inside = roots.real[(np.abs(roots.imag) < 1e-6) & (roots.real > -1e-9) & (roots.real < 1 + 1e-9)]
+    return float(np.clip(inside, 0.0, 1.0).min(initial=1.0))

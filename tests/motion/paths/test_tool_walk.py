@@ -12,8 +12,7 @@ from tests.motion.paths.tool_kit import ROBOTS, SCORBOT, UZUNER, random_start
 from armctl import load_robot
 from armctl.motion.paths.tool_curve import ToolArc, ToolLine
 from armctl.motion.paths.tool_orientation import pitch_rows
-from armctl.motion.paths.tool_walk import SHORTEST, StepBudget, ToolTask, first_crossing, repulsion, walk
-from armctl.motion.polynomial import PiecewisePolynomial
+from armctl.motion.paths.tool_walk import SHORTEST, StepBudget, ToolTask, repulsion, walk
 from armctl.robot import Robot
 
 FREE, KEPT, LED = "free", "kept", "interpolated"
@@ -132,38 +131,3 @@ def test_a_push_leads_away_from_both_limits() -> None:
     h = 1e-6
     ends = [repulsion(q + way * h, limits, 2.0)[0] for way in (1.0, -1.0)]
     np.testing.assert_allclose(change, (ends[0] - ends[1]) / (2 * h), atol=1e-4)
-
-
-def test_the_first_crossing_of_a_polynomial() -> None:
-    limits = np.array([[-1.0, 1.0], [-1.0, 1.0]])
-    # the first coordinate passes 1 at x = 2.5; the second one -1 at x = 2.25, in the same piece
-    path = PiecewisePolynomial([0.0, 2.0, 4.0], [[[0.0, 0.0], [0.25, -0.25]], [[0.5, -0.5], [1.0, -2.0]]])
-    crossing = first_crossing(path, limits)
-    assert crossing is not None and crossing[1] == 1
-    assert crossing[0] == pytest.approx(2.25, abs=1e-7)
-    assert first_crossing(path, 3.0 * limits[:, ::1] - np.array([2.0, 0.0])) is None
-    # out and in again between two breaks
-    hump = PiecewisePolynomial([0.0, 1.0], [[[0.9], [0.8], [-0.8]]])
-    crossing = first_crossing(hump, limits[:1])
-    assert crossing is not None and crossing[0] == pytest.approx((1 - math.sqrt(0.5)) / 2, abs=1e-6)
-
-
-def test_polynomials_near_a_limit_are_told_apart() -> None:
-    rng = np.random.default_rng(6)
-    inside = outside = 0
-    for _ in range(200):
-        path = PiecewisePolynomial(
-            [0.0, 0.3, 0.5], rng.uniform(-1, 1, (2, 6, 1)) * 3.0 ** np.arange(6)[:, None]
-        )
-        values = path(np.linspace(0.0, 0.5, 20_001))[:, 0]
-        edge = values.max() + rng.choice([1e-4, -1e-4])
-        crossing = first_crossing(path, np.array([[-100.0, edge]]))
-        if edge > values.max():
-            assert crossing is None
-            inside += 1
-            continue
-        assert crossing is not None
-        first = np.linspace(0.0, 0.5, 20_001)[(values > edge).argmax()]
-        assert crossing[0] == pytest.approx(first, abs=3e-5)
-        outside += 1
-    assert inside > 50 and outside > 50

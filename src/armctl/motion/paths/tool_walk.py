@@ -11,7 +11,7 @@ import math
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from armctl.kinematics import Chain
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.motion.paths.tool_curve import ToolCurve
 from armctl.motion.paths.tool_orientation import TurnRows, carried
-from armctl.motion.polynomial import PiecewisePolynomial, quintic
+from armctl.motion.polynomial import PiecewisePolynomial, first_crossing, quintic
 
 DEVIATION_M = 0.01e-3
 """how far the tool may stray from the curve between the knots [m]"""
@@ -167,7 +167,7 @@ def _step(task: ToolTask, here: Knot, s: float, aim: float) -> tuple[Knot | None
     if there is not None and task.redundant:
         # Obreshkov's implicit rule of fourth order, so that the free motion keeps to its equation too
         ahead = here.q + 0.5 * h * (here.slope + there.slope) + h * h / 12.0 * (here.bend - there.bend)
-        there = task.arrived(ahead, s)
+        there = task.arrived(ahead, s, there.inverse)
     if there is None:
         return None, math.inf
     scale = np.array([1.0, h, h * h, 1.0, h, h * h])
@@ -183,39 +183,6 @@ def hermite(knots: Sequence[Knot]) -> PiecewisePolynomial:
     over = np.array([np.ones(len(h)), h, h * h])[..., None]  # a way that is 1 instead of h
     unit = quintic(over * states[:, :-1], over * states[:, 1:])
     return PiecewisePolynomial(s, (unit / h[:, None] ** _POWERS[:, None, None]).swapaxes(0, 1))
-
-
-def first_crossing(path: PiecewisePolynomial, bounds: FloatArray) -> tuple[float, int] | None:
-    """Where a joint first leaves its bounds (n, 2) [rad], exact, and which joint; None: none ever does."""
-    least, most = path.bounds_by_piece()
-    if (least >= bounds[:, 0]).all() and (most <= bounds[:, 1]).all():  # most paths: no exact extremes needed
-        return None
-    low, high = path.extremes_by_piece()
-    outside = (low < bounds[:, 0]) | (high > bounds[:, 1])
-    if not outside.any():
-        return None
-    piece = int(outside.any(axis=1).argmax())
-    begin, width = float(path.breaks[piece]), float(path.breaks[piece + 1] - path.breaks[piece])
-    unit = path.coefficients[piece]
-    unit = unit * width ** np.arange(len(unit), dtype=np.float64)[:, None]
-    found: list[tuple[float, int]] = []
-    for joint in map(int, np.flatnonzero(outside[piece])):
-        lower, upper = bounds[joint].tolist()
-        for bound, is_passed in ((lower, low[piece, joint] < lower), (upper, high[piece, joint] > upper)):
-            if is_passed:
-                share = _first_root(unit[:, joint], bound) if lower <= unit[0, joint] <= upper else 0.0
-                found.append((begin + share * width, joint))
-    return min(found, key=lambda crossing: crossing[0])
-
-
-def _first_root(c: FloatArray, bound: float) -> float:
-    """Where a polynomial over 0 … 1 (lowest power first) first reaches a bound that it passes."""
-    shifted = c.copy()
-    shifted[0] -= bound
-    largest = np.abs(shifted).max()
-    roots = np.roots(shifted[::-1] / largest)
-    inside = roots.real[(np.abs(roots.imag) < 1e-6) & (roots.real > -1e-9) & (roots.real < 1 + 1e-9)]
-    return float(np.clip(inside, 0.0, 1.0).min(initial=1.0))
 
 
 # What the joints must do while the tool follows a curve: equations in the joint angles, and their solution.
@@ -260,6 +227,8 @@ class Knot:
     """(n,) dq/ds [rad/m]"""
     bend: FloatArray
     """(n,) d²q/ds² [rad/m²]"""
+    inverse: _Inverse
+    """of the rows there: beside the place they hardly differ"""
 
 
 def repulsion(q: FloatArray, limits: FloatArray, strength: float) -> tuple[FloatArray, FloatArray]:
@@ -289,6 +258,15 @@ class ToolTask:
     """how strongly a free joint keeps away from its limits [rad/m]"""
     drift: FloatArray | None = None
     """(f,) rates, in units of the joints' speeds, that a free joint is led at besides [1/m]"""
+    _moved: NDArray[np.intp] | slice = field(init=False)
+    """``moving``; all of them: a slice, as a tenth of a step went into indices"""
+    _scale: FloatArray = field(init=False)
+    """(f,) their speeds"""
+
+    def __post_init__(self) -> None:
+        every = len(self.moving) == len(self.speeds)
+        object.__setattr__(self, "_moved", slice(None) if every else self.moving)
+        object.__setattr__(self, "_scale", self.speeds[self.moving])
 
     @property
     def rows(self) -> int:
@@ -317,12 +295,15 @@ class ToolTask:
         away = np.linalg.norm(poses[:, :3, 3] - self.curve.positions(s), axis=1) / DEVIATION_M
         return away if self.turn is None else np.maximum(away, self.turn.tilt(q, poses, s) / TILT)
 
-    def arrived(self, guess: FloatArray, s: float) -> Knot | None:
-        """The knot at ``s`` [m] next to ``guess`` (n,) [rad]; None: not found, or as ``knot``."""
+    def arrived(self, guess: FloatArray, s: float, inverse: _Inverse | None = None) -> Knot | None:
+        """The knot at ``s`` [m] next to ``guess`` (n,) [rad]; None: not found, or as ``knot``.
+
+        ``inverse``: of the rows near by, to begin with.
+        """
         q, point = guess.copy(), self.curve.positions(s)
-        speeds, inverse, before, size = self.speeds[self.moving], None, _TOO_FAR, _TOO_FAR
-        for _ in range(_CORRECTIONS):
-            if inverse is None or size > _SLOW * before:
+        before, size = _TOO_FAR, _TOO_FAR
+        for k in range(_CORRECTIONS):
+            if inverse is None or (k and size > _SLOW * before):
                 pose, jacobian = self.chain.pose_and_jacobian(q)
                 inverse = _Inverse.of(self._scaled_rows(pose, jacobian))
                 if inverse is None:
@@ -333,11 +314,11 @@ class ToolTask:
             missing = point - pose[:3, 3]
             if self.turn is not None:
                 missing = np.concatenate([missing, self.turn.missing(q, pose, s)])
-            step = speeds * (inverse.least @ missing)
+            step = self._scale * (inverse.least @ missing)
             size = float(np.abs(step).max())
             if not size < min(_TOO_FAR, 2.0 * before):
                 return None
-            q[self.moving] += step
+            q[self._moved] += step
             if size < _CONVERGED or size * size < _LEFT * before:  # the next one is as much smaller again
                 off = self.overdetermined and self.deviation(q[None], np.array([s]))[0] > _AIM
                 return None if off else self.knot(q, s)
@@ -345,7 +326,7 @@ class ToolTask:
 
     def knot(self, q: FloatArray, s: float) -> Knot | None:
         """The derivatives where ``q`` (n,) meets the equations; None: a joint would turn without bound."""
-        (pose, jacobian), move = self.chain.pose_and_jacobian(q), self.moving
+        (pose, jacobian), move = self.chain.pose_and_jacobian(q), self._moved
         inverse = _Inverse.of(self._scaled_rows(pose, jacobian))
         if inverse is None:
             return None
@@ -353,31 +334,35 @@ class ToolTask:
         if self.turn is not None:
             wanted = np.concatenate([wanted, self.turn.rates(s)], axis=1)
         first, second = wanted
-        redundant, speed = self.redundant, self.speeds[move]
+        speed, least = self._scale, inverse.least @ first
+        lean, push_change = self._lean(q) if self.redundant else (None, None)
+        rates = least if lean is None else least - inverse.null(lean)
+        if not (_largest(rates) * SLOWEST_M_S <= 1.0 and inverse.meets(rates, first)):
+            return None
         slope, bend = np.zeros(len(q)), np.zeros(len(q))
-        rates = inverse.least @ first
-        lean, push_change = np.zeros((2, len(move)))  # the gradient g, in units of the speeds
-        if redundant and self.push:
-            push, push_change = repulsion(q[move], self.limits[move], self.push)
-            lean, push_change = push / speed, push_change / speed**2
-        if redundant and self.drift is not None:
-            lean = lean - self.drift
-        if redundant and lean.any():
-            rates = rates - inverse.null(lean)
-        if not inverse.meets(rates, first):
-            return None
         slope[move] = speed * rates
-        if not (np.abs(slope) * SLOWEST_M_S <= self.speeds).all():
-            return None
         turned = self._turned(pose, q, jacobian, slope)
         bends = inverse.least @ (second - turned @ slope)
-        if redundant:
+        if self.redundant:
             # Lagrange's multipliers: the solution of A Aᵀ x = w' + A g
-            right = first + inverse.rows @ lean
-            multipliers = inverse.least.T @ (inverse.least @ right)
-            bends += inverse.null(speed * (turned[:, move].T @ multipliers - push_change * slope[move]))
+            right = least if lean is None else inverse.least @ (first + inverse.rows @ lean)
+            pulled = turned[:, move].T @ (inverse.least.T @ right)
+            if push_change is not None:
+                pulled -= push_change * slope[move]
+            bends += inverse.null(speed * pulled)
         bend[move] = speed * bends
-        return Knot(s, q, slope, bend) if math.isfinite(bend.sum()) else None
+        return Knot(s, q, slope, bend, inverse) if math.isfinite(bend.sum()) else None
+
+    def _lean(self, q: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
+        """(f,) the gradient g in units of the speeds, and how the push changes by q; None: zero."""
+        lean = change = None
+        if self.push:
+            push, by_turn = repulsion(q[self._moved], self.limits[self._moved], self.push)
+            if push.any():
+                lean, change = push / self._scale, by_turn / self._scale**2
+        if self.drift is not None:
+            lean = -self.drift if lean is None else lean - self.drift
+        return lean, change
 
     def _turned(self, pose: FloatArray, q: FloatArray, jacobian: FloatArray, slope: FloatArray) -> FloatArray:
         """(m, n) derivative of the rows along joint rates ``slope`` (n,)."""
@@ -399,7 +384,7 @@ class ToolTask:
         rows = jacobian[:3]
         if self.turn is not None:
             rows = np.concatenate([rows, self.turn.rows(pose, jacobian)])
-        return rows[:, self.moving] * self.speeds[self.moving]
+        return rows[:, self._moved] * self._scale
 
 
 @dataclass(frozen=True, slots=True, eq=False)
