@@ -139,7 +139,7 @@ def test_what_spreadsheets_make_of_it(text: str) -> None:
         ("x,y,z\n1,2,3\n", "line 1, column 'x' has no unit; write x_mm or x_cm or x_m"),
         ("base,shoulder\n1,2\n", "line 1, column 'base' has no unit; write base_deg or base_rad"),
         ("x_inch,y_mm,z_mm\n", "line 1, column 'x_inch': the unit 'inch' is not known here; write x_mm or"),
-        ("X (mm),y_mm\n", r"line 1, column 'X \(mm\)': the unit 'mm' is not known here; write x_mm"),
+        ("X (inch),y_mm\n", r"line 1, column 'X \(inch\)': the unit 'inch' is not known here; write x_mm"),
         ("x_mm,y_mm,z_mm,wait\n", "column 'wait' has no unit; write wait_s or wait_ms"),
         ("x_mm,y_mm,z_mm,colour\n", "line 1, column 'colour' is not known; known are base_deg, "),
         ("x_mm,y_mm\n1,2\n", "line 1: the column z_mm is missing"),

@@ -26,7 +26,16 @@ def read(*lines: str) -> Program:
 
 
 @pytest.mark.parametrize(
-    ("head", "unit"), [("t", 1), ("time", 1), ("T_s", 1), ("time_ms", 1000), ("time_from_start", 1)]
+    ("head", "unit"),
+    [
+        ("t", 1),
+        ("time", 1),
+        ("T_s", 1),
+        ("time_ms", 1000),
+        ("time_from_start", 1),
+        ("Time [ms]", 1000),
+        ("secs", 1),
+    ],
 )
 def test_a_column_of_times_is_when_rows_are_reached(head: str, unit: int) -> None:
     program = read(
@@ -130,6 +139,37 @@ def test_a_head_behind_a_sign_is_the_head() -> None:
 
 
 # Units.
+
+
+@pytest.mark.parametrize(
+    ("heads", "row"),
+    [
+        ("X (mm),Y [mm],z / mm", "220,-60,100"),
+        ("x [m],y (m),Z_M", "0.22,-0.06,0.1"),
+        ("Base [°],shoulder (deg),elbow_deg,Wrist Pitch (°),wrist_roll °", "10,60,-60,20,5"),
+        ("j1_deg,J2 [deg],joint3_deg,joint_4 (deg),q5_deg", "10,60,-60,20,5"),
+        ("j1,j2,j3,j4,j5", "10,60,-60,20,5"),
+    ],
+)
+def test_units_in_brackets_and_numbered_joints_are_read(heads: str, row: str) -> None:
+    step = read(heads, row).steps[-1]
+    if isinstance(step, PointStep):
+        assert (step.x_mm, step.y_mm, step.z_mm) == pytest.approx((220, -60, 100))
+    else:
+        assert isinstance(step, MoveStep) and step.joints_deg == pytest.approx((10, 60, -60, 20, 5))
+
+
+@pytest.mark.parametrize(
+    ("head", "says"),
+    [
+        ("X (inch)", r"'X \(inch\)': the unit 'inch' is not known here; write x_mm or x_cm or x_m"),
+        ("joint_0", "'joint_0' is not known"),  # whether such a file counts from 0 is not asked of the arm
+        ("joint_6", "'joint_6' is not known"),
+    ],
+)
+def test_heads_that_could_mean_anything_are_named(head: str, says: str) -> None:
+    with pytest.raises(ProgramError, match=says):
+        read(f"{head},y_mm,z_mm", "1,2,3")
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(1.0, "mm"), (0.1, "cm"), (0.001, "m")])

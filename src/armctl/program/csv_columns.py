@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 from armctl.errors import ProgramError
 from armctl.program.steps import all_keys
@@ -28,8 +29,10 @@ _POINTS_PLACE = 2
 """of the last key of a point among the keys of steps"""
 _NOTES = ("comment", "comments", "remark", "remarks", "notes", "description", "label")
 """heads under which people write notes"""
-_TIMES = {"t": 1.0, "time": 1.0, "time_from_start": 1.0, "timestamp": 1.0}
-"""heads of the time at which a row is reached, also with a unit [s]"""
+_TIMES = ("t", "time", "time_from_start", "timestamp", "seconds", "secs")
+"""heads of the time at which a row is reached, also with a unit; without one in seconds"""
+_NUMBERED = ("j", "joint", "joint_", "q", "theta")
+"""before the number of a joint, from 1, where a file does not call the joints by their names"""
 TIME: Cell = ("time", None)
 _NUMBER_TEXT = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _WHOLE_TEXT = re.compile(r"[0-9]{1,9}")
@@ -94,11 +97,14 @@ class Columns:
         self._joints = [f"joint_{name}_deg" if name in taken else f"{name}_deg" for name in joint_names]
         for joint, head in enumerate(self._joints):
             self._add_number(head, (JOINTS, joint))
+        for joint, begins in product(range(len(joint_names)), _NUMBERED):
+            if f"{begins}{joint + 1}" not in self._units:
+                self._add_number(f"{begins}{joint + 1}_deg", (JOINTS, joint))
         self._known["#"] = self._known[NUMBER]
         self._known = {head: Column(head, ("note", None)) for head in _NOTES} | self._known
-        for noun, factor in _TIMES.items():
+        for noun in _TIMES:
             for head, unit in ((noun, 1.0), (f"{noun}_s", 1.0), (f"{noun}_ms", 0.001)):
-                self._known.setdefault(head, Column(head, TIME, factor * unit))
+                self._known.setdefault(head, Column(head, TIME, unit))
         self._folded = {head.casefold(): column for head, column in self._known.items()}
         heads = [DO, *self._joints, *(key.head for key in keys)]
         self.written = tuple(self._known[head] for head in heads)
@@ -106,12 +112,12 @@ class Columns:
         self._others = [key.head for key in keys if key.field.place > _POINTS_PLACE]
 
     def find(self, head: str) -> Column | None:
-        """The column of a head, whatever its capitals; None: not known."""
-        return self._known.get(head) or self._folded.get(head.strip().casefold())
+        """The column of a head, whatever its capitals, also with the unit in brackets; None: not known."""
+        return self._known.get(head) or self._folded.get(_plain(head))
 
     def why_not(self, head: str) -> str:
         """Why a head is not known: without a unit, with one that does not fit, or what is known instead."""
-        plain = re.sub(r"[\s(\[]+", "_", head.casefold()).rstrip(")]_°")
+        plain = _plain(head)
         # The longest noun first: "via_x" before "x".
         for noun in sorted(self._units, key=len, reverse=True):
             allowed = " or ".join(f"{noun}_{unit}" for unit in self._units[noun])
@@ -134,6 +140,12 @@ class Columns:
                     self._known[f"{noun}_{unit}"] = Column(f"{noun}_{unit}", place, factor)
                 self._units.setdefault(noun, []).extend(units)
                 return
+
+
+def _plain(head: str) -> str:
+    """A head in small letters, with the unit as in our own: of "X (mm)" x_mm, of "base [°]" base_deg."""
+    plain = re.sub(r"[\s/(\[]+", "_", head.strip().casefold()).rstrip(")]_")
+    return re.sub("_?°$", "_deg", plain)
 
 
 def guarded(text: str) -> str:
