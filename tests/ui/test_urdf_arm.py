@@ -11,12 +11,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import viser
 from tests.robot.urdf_kit import Step, written
+from tests.ui.page_kit import FakePage
 
 from armctl import load_robot
 from armctl.errors import InputError, RobotFileError, StateError, UnclearArmError
 from armctl.motion.clearance import clear_pose
 from armctl.robot.urdf import install_package
+from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.main import urdf_arm
 from armctl.ui.tabs.main.urdf_arm import UrdfArm, _installed, _Present, _saved
 
@@ -172,3 +175,76 @@ def test_an_arm_that_cannot_be_opened_is_not_kept(arm: Path, tmp_path: Path) -> 
     assert [one.name for one in robots.iterdir()] == ["my_arm"]
     with pytest.raises(InputError, match="is no URDF arm"):
         _Present.of("uzuner")
+
+
+XACRO = b"""<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:arg name="tall" default="0.3"/>
+<link name="base"/><link name="upper"/><link name="tool0"/>
+<joint name="pan" type="revolute"><parent link="base"/><child link="upper"/><origin xyz="0 0 $(arg tall)"/>
+<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="lift" type="revolute"><parent link="upper"/><child link="tool0"/><origin xyz="$(arg long) 0 0"/>
+<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+
+
+class ArmPage(FakePage):
+    """With a list of robots, of which ``name`` is open."""
+
+    def __init__(self, server: GuardedServer, name: Path, files: Path) -> None:
+        robot = load_robot(name)
+        super().__init__(server, robot, robot.pose("home"))
+        self.console.files = files
+        self.robots = SimpleNamespace(
+            present=SimpleNamespace(name=str(name)),
+            require_reopenable=lambda: None,
+            offer=lambda choice: None,
+        )
+        self.opened: list[str] = []
+        self.notify = lambda *words: None
+
+    def require_operator(self) -> None:
+        """Nobody else is there."""
+
+    async def change_robot(self, name: str) -> None:
+        self.opened.append(name)
+
+    async def reopen_arm(self) -> None:
+        self.opened.append(self.robots.present.name)
+
+    def fields(self) -> dict[str, viser.GuiInputHandle[str]]:
+        """Those into which text is typed, by label."""
+        boxes = self.gui._container_handle_from_uuid.values()
+        every = (one for box in boxes for one in box._children.values())
+        return {one.label: one for one in every if isinstance(one, viser.GuiTextHandle)}
+
+    def upload(self, name: str, content: bytes) -> None:
+        self._handles["Upload an arm"]._impl.value = viser.UploadedFile(name, content)
+        self.press("Upload an arm")
+
+
+def test_arguments_of_an_uploaded_xacro_file_are_asked_for_and_changed_later(
+    arm: Path, tmp_path: Path, server: GuardedServer
+) -> None:
+    page = ArmPage(server, arm, tmp_path / "files")
+    UrdfArm(page.session)
+    page.upload("a.urdf.xacro", XACRO)
+    assert page.opened == [] and "tall" not in page.fields()  # what has a default is not asked for
+    page.fields()["long"].value = "0.25"
+    page.press("Open the arm")
+    (place,) = page.opened
+    home = np.zeros(2)
+    assert load_robot(place).forward(home)[[0, 2], 3] == pytest.approx([0.25, 0.3])
+    # and then, in the page of that arm: both the one that is declared and the one that is only used
+    page = ArmPage(server, Path(place), tmp_path / "files")
+    UrdfArm(page.session)
+    page.press("Tool, rest pose and floor")
+    fields = page.fields()
+    assert (fields["tall"].value, fields["long"].value) == ("0.3", "0.25")
+    fields["tall"].value, fields["long"].value = "0.5", "0.4"
+    page.press("Save and open anew")
+    assert page.opened == [place]
+    assert load_robot(place).forward(home)[[0, 2], 3] == pytest.approx([0.4, 0.5])
+    page.press("Tool, rest pose and floor")
+    page.fields()["tall"].value = "0.3"  # its default again: the side file does not keep it
+    page.press("Save and open anew")
+    (side,) = Path(place).rglob("*.armctl.toml")
+    assert "long" in side.read_text() and "tall" not in side.read_text()

@@ -31,7 +31,7 @@ _DEEPEST = 50
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """What ``<xacro:arg>`` declares."""
+    """What ``<xacro:arg>`` declares, or ``$(arg …)`` asks for."""
 
     name: str
     value: str
@@ -230,10 +230,10 @@ class Texts:
 
     @property
     def declared(self) -> tuple[Argument, ...]:
-        """The arguments of the file that stand for something."""
+        """The arguments of the file that stand for something, those too that it only uses."""
         return tuple(
-            Argument(name, value, default)
-            for name, default in self._defaults.items()
+            Argument(name, value, self._defaults.get(name))
+            for name in dict.fromkeys((*self._defaults, *self._used))
             if isinstance(value := self._arguments.get(name), str)
         )
 
