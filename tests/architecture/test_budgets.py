@@ -21,10 +21,10 @@ FOLDERS = {
     "drawing": (11, 2_120),
     "facts": (17, 3_345),
     "hardware": (72, 15_000),  # inputs, outputs, torque limits and buses that are looked at
-    "kinematics": (51, 12_750),
+    "kinematics": (51, 12_800),
     "motion": (20, 5_850),
     "process": (14, 3_375),
-    "program": (25, 5_070),  # grids, a check of every path; calls, pick and place, messages, user frames
+    "program": (25, 5_130),  # grids, a check of every path; calls, pick and place, messages, user frames
     "protocol": (5, 1_200),
     "robot": (42, 11_720),
     "runtime": (26, 6_290),  # joints that are let down, messages
