@@ -92,7 +92,11 @@ class SimulatedFeetech(BusServo):
 
     def get(self, name: str) -> int:
         """A number of the table."""
-        return super().get(name) if name in self.table else _ABSENT[name]
+        number = self._numbers.get(name)
+        if number is None:
+            known = name in self.table
+            number = self._numbers[name] = super().get(name) if known else _ABSENT[name]
+        return number
 
     def power_up(self) -> None:
         """Torque off, goal 0, the torque limit from the EEPROM; that is locked, or open in some series."""
