@@ -122,6 +122,9 @@ class SerialTransport:
     def read(self, count: int, timeout_s: float) -> bytes:
         """Return ``count`` bytes, or the fewer that came within ``timeout_s``."""
         with self._translated("reading from"):
+            if timeout_s == 0.0 and not self.name.startswith(_NETWORK):  # whose system counts no bytes
+                waiting = min(count, self._serial.in_waiting)
+                return self._serial.read(waiting) if waiting else b""
             if timeout_s != self._timeout_s:
                 # Each assignment makes pyserial reconfigure the port: only when it changes.
                 self._serial.timeout = timeout_s
