@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 import re
 import subprocess
@@ -330,3 +331,27 @@ def test_json_is_the_same_in_every_language(
     assert "may turn while the tool stays" in json.loads(out)["incomplete_reason"]
     _, out, _ = call(capsys, "ik", "scorbot", "0", "0", "450")
     assert "takım yerinde dururken Waist" in out and "may turn" not in out
+
+
+def test_a_tool_of_the_arm_is_asked_for(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    text = (robots_folder() / "uzuner.toml").read_text(encoding="utf-8")
+    file = tmp_path / "two.toml"
+    file.write_text(
+        f'{text}\n[[tools]]\nname = "jaws"\ngripper = true\n'
+        '[[tools]]\nname = "pen"\noffset_mm = [0, 0, 100]\n',
+        encoding="utf-8",
+    )
+    home = ("0", "60", "-40", "20", "0", "--json")
+
+    def tip(*asked: str) -> list[float]:
+        return list(json.loads(call(capsys, "fk", *asked, str(file), *home)[1])["position_mm"])
+
+    plain = json.loads(call(capsys, "fk", "uzuner", *home)[1])["position_mm"]
+    assert tip() == tip("--tool", "jaws") == plain
+    assert math.dist(tip("--tool", "pen"), plain) == pytest.approx(100, abs=1e-6)
+    _, out, _ = call(capsys, "ik", str(file), *map(str, tip("--tool", "pen")), "--tool", "pen", "--json")
+    assert json.loads(out)["error_mm"] == pytest.approx(0, abs=1e-3)
+    status, _, err = call(capsys, "ik", str(file), "200", "0", "100", "--tool", "saw")
+    assert status == 1 and "the arm has no tool 'saw'; it has 'jaws', 'pen'" in err
+    status, out, err = call(capsys, "check", str(file))
+    assert status == 0 and "with the tool pen" in err and "a sound robot" in out

@@ -51,7 +51,7 @@ def calibrated(robot: Robot, calibration: Calibration) -> Robot:
     """
     _require_robot(robot, calibration)
     try:
-        return _applied(robot, calibration)[0]
+        return _applied(robot.flange or robot, calibration)[0].with_tool(robot.tool)
     except CalibrationError as cause:
         raise CalibrationError(
             f"the calibration of {robot.name} on board {calibration.board} cannot be used: {cause} (set it "
@@ -62,7 +62,7 @@ def calibrated(robot: Robot, calibration: Calibration) -> Robot:
 def narrowed(robot: Robot, calibration: Calibration) -> tuple[str, ...]:
     """What ``calibrated`` takes from the robot's limits and moves of its poses, in words; empty: nothing."""
     _require_robot(robot, calibration)
-    return _applied(robot, calibration)[1]
+    return _applied(robot.flange or robot, calibration)[1]
 
 
 def _applied(robot: Robot, calibration: Calibration) -> tuple[Robot, tuple[str, ...]]:

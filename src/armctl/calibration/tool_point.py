@@ -24,6 +24,7 @@ from armctl.facts.angles import to_degrees
 from armctl.facts.causes import TaughtTip, TipAsBefore, TipUntold
 from armctl.kinematics.target import as_numbers, require_finite
 from armctl.robot import Robot
+from armctl.robot.tools import tool_of
 
 LEAST_SIDES = 4
 TOUCH_M = 0.0005
@@ -138,7 +139,13 @@ def _turned(R: FloatArray) -> float:
 def _lines(found: ToolPoint) -> Iterator[str]:
     """The tip as rows of a robot file, or as an offset in a side file."""
     x, y, z = (1000 * found.offset_m).tolist()
-    chain = found.robot.chain
+    robot, chain = found.robot, found.robot.chain
+    if robot.tool:
+        T = tool_of(robot.tools, robot.tool).T_flange_tip
+        x, y, z = (1000 * (T[:3, :3] @ found.offset_m + T[:3, 3])).tolist()
+        yield f"# robot file: in the table [[tools]] of {robot.tool!r}, in place of what is there\n"
+        yield f"offset_mm = [{x:.2f}, {y:.2f}, {z:.2f}]\n"
+        return
     if not chain.rows:
         yield "# side file of the arm: add these to offset_mm there, where approach is z\n"
         yield "# (with another approach they are still along the axes of the tool: x, y, and z ahead)\n"

@@ -20,6 +20,7 @@ from armctl.cli.options import (
     port_option,
     pose_option,
     print_json,
+    tool_option,
 )
 from armctl.documents import DocumentKind
 from armctl.drawing import read_drawing
@@ -56,6 +57,7 @@ class _PlaneFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     "--fit", is_flag=True, help="Make the drawing smaller, and shift it, until all of it is in reach."
 )
 @click.option("--check", is_flag=True, help="Only say what would be drawn and how long it takes.")
+@tool_option
 @port_option
 @pose_option
 @json_option
@@ -69,6 +71,7 @@ def draw(
     pitch: float | None,
     fit: bool,
     check: bool,
+    tool: str | None,
     port: str,
     pose: str | list[float] | None,
     as_json: bool,
@@ -78,7 +81,7 @@ def draw(
     What is out of reach is named before the pen moves, and left out. Nothing is measured while it draws: put
     the plane where the tip of the pen touches it, and begin with --check.
     """
-    arm_robot = load_whole(robot)
+    arm_robot = load_whole(robot, tool)
     points = _plane_in_front(arm_robot) if plane is None else _plane(plane)
     step = DrawStep(file=str(file.absolute()), plane_mm=tuple(points), width_mm=size_mm,
                     pen_speed_mm_s=speed_mm_s, lift_mm=lift_mm, pen_pitch_deg=pitch)  # fmt: skip
@@ -96,6 +99,8 @@ def draw(
         return DONE
     program = Program(robot=arm_robot.name, name=file.stem, steps=(step,))
     with log_files.begin("draw"), ends_like_ctrl_c(), Arm.open(arm_robot, port) as arm:
+        if tool is not None:
+            arm.set_tool(tool)
         arm.enable(pose)
         arm.run(program)
     if not as_json:

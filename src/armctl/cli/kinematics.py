@@ -10,7 +10,17 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.cli.main import DONE, REFUSED
-from armctl.cli.options import NUMBER, QUERY_SETTINGS, ROBOT, Number, json_option, print_json, rounded
+from armctl.cli.options import (
+    NUMBER,
+    QUERY_SETTINGS,
+    ROBOT,
+    Number,
+    json_option,
+    load_with,
+    print_json,
+    rounded,
+    tool_option,
+)
 from armctl.errors import ArmctlError, InputError, UnreachableError
 from armctl.facts import say
 from armctl.facts.angles import DEGREE, from_degrees, to_degrees
@@ -53,6 +63,7 @@ def _print_robots(arms: Sequence[Robot], as_json: bool) -> None:
                 "source": arm.source,
                 "family": arm.inverse_kinematics.family,
                 "joints": list(arm.joint_names),
+                "tools": [tool.name for tool in arm.tools],
                 "limits_deg": [rounded(row, 6) for row in arm.shown(arm.limits.T).T],
                 "assumed": list(arm.assumed),
                 "simulated_only": arm.simulated_only,
@@ -65,6 +76,8 @@ def _print_robots(arms: Sequence[Robot], as_json: bool) -> None:
         click.echo(f"{arm.name:<{width}}{arm.title}: {arm.n} joints; {arm.inverse_kinematics.family}")
         if arm.simulated_only is not None:
             click.echo(f"{'':<{width}}simulated only: {arm.simulated_only}")
+        if arm.tools:
+            click.echo(f"{'':<{width}}tools: {', '.join(tool.name for tool in arm.tools)}")
         for joint, (low, high) in zip(arm.joints, arm.shown(arm.limits.T).T, strict=True):
             click.echo(f"{'':<{width}}{joint.title:<14}{low:9.2f}° … {high:.2f}°")
 
@@ -72,14 +85,15 @@ def _print_robots(arms: Sequence[Robot], as_json: bool) -> None:
 @click.command(context_settings=QUERY_SETTINGS)
 @click.argument("robot", type=ROBOT)
 @click.argument("q", nargs=-1, type=NUMBER)
+@tool_option
 @json_option
-def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
+def fk(robot: str, q: tuple[float, ...], tool: str | None, as_json: bool) -> None:
     """Compute the pose of ROBOT's tool at joint angles Q… (degrees).
 
     Position in mm in the base frame; roll, pitch, yaw as Rz(yaw)·Ry(pitch)·Rx(roll); quaternion w, x, y, z.
     The tool pitch is the angle of the tool above the horizontal, as in the page and for armctl ik --pitch.
     """
-    arm = load_robot(robot)
+    arm = load_with(robot, tool)
     if len(q) != arm.n:
         names = ", ".join(arm.joint_names)
         raise click.UsageError(f"{arm.name} needs {arm.n} joint angles in degrees, got {len(q)}: {names}")
@@ -140,11 +154,12 @@ def fk(robot: str, q: tuple[float, ...], as_json: bool) -> None:
               help="Step of the swept joint, degrees.")  # fmt: skip
 @click.option("--all", "every", is_flag=True,
               help="List every solution, and the branches that limits forbid.")  # fmt: skip
+@tool_option
 @json_option
 def ik(
     robot: str, x: float, y: float, z: float, pitch: float | None, roll: float | None,
     rpy: tuple[float, float, float] | None, quaternion: tuple[float, float, float, float] | None,
-    choose: str, start: str | None, step: float, every: bool, as_json: bool,
+    choose: str, start: str | None, step: float, every: bool, tool: str | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Solve inverse kinematics: joint angles that put ROBOT's tool on X Y Z (mm)."""
     if rpy is not None and quaternion is not None:
@@ -154,7 +169,7 @@ def ik(
         raise click.UsageError(f"give either {given}, or --pitch and --roll, not both")
     if quaternion is not None and not any(quaternion):
         raise click.UsageError("--quaternion 0 0 0 0 is no orientation: give one of any other length")
-    arm = load_robot(robot)
+    arm = load_with(robot, tool)
     point = np.array([x, y, z]) / 1000
     rotation = rotation_of(None if rpy is None else np.multiply(rpy, DEGREE), quaternion)
     pitch, roll = from_degrees(pitch), from_degrees(roll)

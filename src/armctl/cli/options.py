@@ -102,9 +102,19 @@ def _quiet_ends() -> tuple[signal.Signals, ...]:
 _QUIET_S = 0.3
 
 
-def load_whole(name: str | Path) -> Robot:
-    """As ``load_robot``, with the body worked out of its meshes."""
-    return with_body(load_robot(name))
+tool_option = click.option("--tool", metavar="NAME", help="The tool that is on, of those in the robot file.  "
+                           "[default: the first]")  # fmt: skip
+
+
+def load_with(name: str | Path, tool: str | None) -> Robot:
+    """As ``load_robot``, with one of its tools on; ``None``: as the file has it."""
+    robot = load_robot(name)
+    return robot if tool is None else robot.with_tool(tool)
+
+
+def load_whole(name: str | Path, tool: str | None = None) -> Robot:
+    """The same, with the body worked out of its meshes."""
+    return with_body(load_with(name, tool))
 
 
 def with_body(robot: Robot) -> Robot:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +26,7 @@ from armctl.cli.options import (
     port_option,
     pose_option,
     print_json,
+    tool_option,
 )
 from armctl.documents import DocumentKind, not_written, write_atomically
 from armctl.errors import ArmctlError, BoardError, InputError, ProgramError
@@ -50,8 +51,9 @@ _LONG = 500
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--robot", type=ROBOT, help="The robot to check a program against (default: the one it names).")
+@tool_option
 @json_option
-def check(file: Path, robot: str | None, as_json: bool) -> int:
+def check(file: Path, robot: str | None, tool: str | None, as_json: bool) -> int:
     """Check FILE, and say everything that is wrong with it.
 
     It is a robot file, a program, or the name of a robot.
@@ -67,17 +69,19 @@ def check(file: Path, robot: str | None, as_json: bool) -> int:
     opens = kind == "robot"  # what refuses to open the file names it
     try:
         if kind == "robot":
-            arm, opens = load_whole(file), False
+            arm, opens = load_whole(file, tool), False
             assumed, left_out = arm.assumed, arm.left_out
             if left_out:
                 sound = f"sound as an arm of {arm.n} joint{'s' * (arm.n > 1)}, without {', '.join(left_out)}"
             counted = [f"torques count {arm.gravity.counted}"] if arm.gravity.weighs else []
-            findings = list(_check_robot(arm))
+            findings = [*_check_robot(arm), *_check_look(arm.flange or arm)]
+            for other in () if tool is not None else arm.tools[1:]:
+                findings += list(_check_tool(arm.with_tool(other.name), findings))
         else:
-            given = None if robot is None else load_whole(robot)
+            given = None if robot is None else load_whole(robot, tool)
             opens = True
             program, opens = open_program(file, given), False
-            arm = given or load_whole(program.robot)
+            arm = given or load_whole(program.robot, tool)
             findings = check_on_terminal(program, arm)
         unknown = tuple(one.text for one in not_checked(arm))
     except ArmctlError as refusal:
@@ -146,8 +150,16 @@ def _other(pose: str, robot: Robot) -> str:
     return f"in the side file or the robot file, [poses] {pose} = {found[1]} would do"
 
 
+def _check_tool(robot: Robot, known: Sequence[Finding]) -> Iterator[Finding]:
+    """What is wrong with an arm with another tool on, and not with the first one."""
+    told = {(one.part, str(one.reason)) for one in known}
+    for finding in _check_robot(robot):
+        if (finding.part, str(finding.reason)) not in told:
+            yield replace(finding, part=f"with the tool {robot.tool}: {finding.part}")
+
+
 def _check_robot(robot: Robot) -> Iterator[Finding]:
-    """What is wrong with its solver, channels, rest pose, the ways to its named poses, and its look."""
+    """What is wrong with its solver, channels, rest pose, and the ways to its named poses."""
     robot.inverse_kinematics  # noqa: B018
     board = board_type(robot.board)
     if robot.output_map is not None:
@@ -174,6 +186,10 @@ def _check_robot(robot: Robot) -> Iterator[Finding]:
             for finding in preflight(robot, PointToPoint.plan(robot, home, robot.pose(name))):
                 part = f"the way from home to {name}: {finding.part}"
                 yield replace(finding, part=part, severity="warning")
+
+
+def _check_look(robot: Robot) -> Iterator[Finding]:
+    """What is wrong with the look of its file."""
     for fault in faults(robot):
         part = "the look" if fault.row is None else called(fault.row, robot.look.rows[fault.row])
         yield Finding(Said(fault.what, fault.mend), part=part, severity="warning")
@@ -193,6 +209,7 @@ _LOOK_S = 0.01
 @click.option("--forever", is_flag=True, help="Until interrupted, instead of --loops.")
 @click.option("--speed", type=SPEED_PERCENT, default=100, show_default=True,
               help="Speed override, 5 … 100 percent.")  # fmt: skip
+@tool_option
 @pose_option
 @park_option
 @click.option("--quiet", is_flag=True, help="Do not tell the steps as they begin.")
@@ -203,6 +220,7 @@ def run(
     loops: int | None,
     forever: bool,
     speed: float,
+    tool: str | None,
     pose: str | list[float] | None,
     park: bool,
     quiet: bool,
@@ -217,9 +235,9 @@ def run(
     """
     if forever and loops is not None:
         raise click.UsageError(f"--loops {loops} or --forever, not both")
-    arm_robot = None if robot is None else load_whole(robot)
+    arm_robot = None if robot is None else load_whole(robot, tool)
     loaded = open_program(program, arm_robot)
-    arm_robot = arm_robot or load_whole(loaded.robot)
+    arm_robot = arm_robot or load_whole(loaded.robot, tool)
     findings = check_on_terminal(loaded, arm_robot)
     errors = [finding for finding in findings if finding.severity == "error"]
     if errors:
@@ -228,6 +246,8 @@ def run(
         click.echo(f"warning: {warning}", err=True)
     board = board_type(arm_robot.board)
     with log_files.begin("run"), ends_like_ctrl_c(), Arm.open(arm_robot, port, park=park) as arm:
+        if tool is not None:
+            arm.set_tool(tool)
         arm.set_speed(speed)
         if any(not axis.homed for axis in arm.snapshot.homing):
             click.echo("homing: axis by axis, the arm moves to its home switches; keep clear", err=True)
@@ -288,7 +308,8 @@ def _step_words(progress: ProgramProgress) -> str:
     help="The file to write, e.g. pick.html.",
 )
 @click.option("--robot", type=ROBOT, help="The robot (default: the one that the program names).")
-def twin(program: Path, output: Path, robot: str | None) -> int:
+@tool_option
+def twin(program: Path, output: Path, robot: str | None, tool: str | None) -> int:
     """Write PROGRAM as one HTML file that plays it: arm, graphs, and what the pre-flight found.
 
     The file opens in any browser, without armctl and without a network. No arm is driven. The program
@@ -299,9 +320,9 @@ def twin(program: Path, output: Path, robot: str | None) -> int:
     if not output.is_dir() and output.suffix.lower() not in (".html", ".htm"):
         raise click.UsageError(f"--output {output}: the file is a web page; let its name end in .html")
 
-    given = None if robot is None else load_whole(robot)
+    given = None if robot is None else load_whole(robot, tool)
     loaded = open_program(program, given)
-    arm = given or load_whole(loaded.robot)
+    arm = given or load_whole(loaded.robot, tool)
     plan = planned_for_file(arm, loaded, arm.first_pose, None)
     findings = check_on_terminal(loaded, arm)
     page = program_file(arm, loaded, plan, findings).encode()

@@ -62,6 +62,8 @@ def replay(
             f"{file}: its joints are {', '.join(recording.joints)}, those of {arm.name} are "
             f"{', '.join(arm.joint_names)}; name the robot that was recorded: --robot"
         )
+    if recording.tools and arm.tools:
+        arm = arm.with_tool(recording.tool)
     server = guarded_server(
         port=http_port, token=secrets.token_urlsafe(24), label="armctl replay", overlay=False
     )

@@ -53,7 +53,12 @@ from armctl.facts.reasons import (
     State,
     ToDo,
     TooFewJoints,
+    ToolGripsNot,
+    ToolHoldsPart,
+    ToolToConfirm,
+    ToolWhileMoving,
     Unanswered,
+    UnknownTool,
     UnmatchedBlock,
     WrongUnit,
     decimals_apart,
@@ -315,6 +320,19 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     StandsOutside: _stands,
     WrongUnit: lambda _: WRONG_UNIT,
     ToDo: lambda one: _TO_DO[one.what],
+    UnknownTool: lambda one: (
+        f"the arm has no tool {one.name!r}; it has {', '.join(map(repr, one.known)) or 'none in its file'}"
+    ),
+    ToolGripsNot: lambda one: f"nothing grips with the tool {one.tool!r} on; put another one on first",
+    ToolToConfirm: lambda one: (
+        f"nobody has said since the board was connected which tool is on; it was {one.tool!r} last: look at "
+        f"the arm, and choose one of {', '.join(map(repr, one.known))} (on the page, with arm.set_tool, with "
+        "--tool)"
+    ),
+    ToolWhileMoving: lambda one: (
+        f"a tool is changed only while the arm stands ({one.cause}); stop it, or wait"
+    ),
+    ToolHoldsPart: lambda one: f"the gripper holds a part of {one.size}; open it before the tool is changed",
     NotHomed: lambda _: f"the arm does not know where it is yet; {_HOME_FIRST}",
     OtherRobot: lambda one: f"it is for the robot {one.made_for!r}, this one is {one.this!r}",
     NoSteps: lambda _: "it has no steps",

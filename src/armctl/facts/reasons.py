@@ -150,6 +150,44 @@ class NotHomed(Reason):
 
 
 @dataclass(frozen=True, slots=True)
+class UnknownTool(Reason):
+    """A tool that the arm has not."""
+
+    name: str
+    known: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ToolGripsNot(Reason):
+    """A gripper that was to move with a tool on that does not grip."""
+
+    tool: str
+
+
+@dataclass(frozen=True, slots=True)
+class ToolToConfirm(Reason):
+    """An arm with several tools, of which nobody has said since the connection which one is on."""
+
+    tool: str
+    """which one was on last"""
+    known: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ToolWhileMoving(Reason):
+    """A tool that was to be changed while something moves: the ``cause``, in words."""
+
+    cause: str
+
+
+@dataclass(frozen=True, slots=True)
+class ToolHoldsPart(Reason):
+    """A tool that was to be changed while its gripper holds a part of a ``size``, in words."""
+
+    size: str
+
+
+@dataclass(frozen=True, slots=True)
 class OtherRobot(Reason):
     """A program that was made for another robot."""
 

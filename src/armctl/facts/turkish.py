@@ -53,7 +53,12 @@ from armctl.facts.reasons import (
     State,
     ToDo,
     TooFewJoints,
+    ToolGripsNot,
+    ToolHoldsPart,
+    ToolToConfirm,
+    ToolWhileMoving,
     Unanswered,
+    UnknownTool,
     UnmatchedBlock,
     WrongUnit,
     decimals_apart,
@@ -345,6 +350,22 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     StandsOutside: _stands,
     WrongUnit: lambda _: _WRONG_UNIT,
     ToDo: lambda one: _TO_DO[one.what],
+    UnknownTool: lambda one: (
+        f"kolun {one.name!r} adlı bir takımı yok; olanlar: "
+        f"{', '.join(map(repr, one.known)) or 'dosyasında hiç yok'}"
+    ),
+    ToolGripsNot: lambda one: f"{one.tool!r} takımıyla hiçbir şey tutulamaz; önce başka bir takım takın",
+    ToolToConfirm: lambda one: (
+        "kart bağlandığından beri hangi takımın takılı olduğunu kimse söylemedi; son takım "
+        f"{one.tool!r}: kola bakın ve birini seçin: {', '.join(map(repr, one.known))} (sayfada, arm.set_tool "
+        "ile, --tool ile)"
+    ),
+    ToolWhileMoving: lambda one: (
+        f"takım yalnız kol dururken değiştirilir ({one.cause}); durdurun ya da bekleyin"
+    ),
+    ToolHoldsPart: lambda one: (
+        f"tutucuda {one.size} boyutunda bir parça var; takım değişmeden önce tutucuyu açın"
+    ),
     NotHomed: lambda _: f"kol nerede olduğunu henüz bilmiyor; {_HOME_FIRST}",
     OtherRobot: lambda one: f"{one.made_for!r} robotu için yazılmış, bu ise {one.this!r}",
     NoSteps: lambda _: "hiç adımı yok",

@@ -123,9 +123,10 @@ def channel_settings(robot: Robot) -> list[ChannelSettings]:
         low, high, speed, acceleration = table[one.joint]
         low, high = sorted((one.output(low), one.output(high)))
         rows.append((one.channel, [low, high, abs(one.ratio) * speed, abs(one.ratio) * acceleration]))
-    if outputs.gripper_channel is not None and robot.gripper is not None:
+    gripper = (robot.flange or robot).gripper  # whichever tool is on
+    if outputs.gripper_channel is not None and gripper is not None:
         low, high = sorted((outputs.gripper_closed, outputs.gripper_open))
-        speed = robot.gripper.speed * (high - low) * _SPEED_MARGIN
+        speed = gripper.speed * (high - low) * _SPEED_MARGIN
         rows.append((outputs.gripper_channel, [low, high, speed, speed / _GRIPPER_UP_S]))
     return [
         ChannelSettings(channel, low, high, speed, acceleration if limited else None)

@@ -20,7 +20,7 @@ Verdict = Literal["singular", "near a singularity", "well away from singularitie
 NEAR = 0.05
 """smallest over largest singular value below which a direction counts as nearly lost, and is damped"""
 _SINGULAR = 1e-6
-_SAMPLES = 16
+_SAMPLES, _HELD_SAMPLES = 16, 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,6 +165,13 @@ def position_leaves_pitch(chain: Chain, limits: FloatArray) -> bool:
     rows = np.concatenate([J[:, :3] / max(lever, _SINGULAR), rise], axis=1)[:, :, limits[:, 0] < limits[:, 1]]
     sizes = np.linalg.svd(rows, compute_uv=False)
     return bool(sizes.shape[-1] == 4 and sizes[:, -1].max() > _SINGULAR)
+
+
+def position_is_held(chain: Chain, limits: FloatArray) -> bool:
+    """Whether the tool point is held to a line or a plane inside the limits (n, 2): no pose is special."""
+    J = chain.jacobian(joint_samples(limits, _HELD_SAMPLES))[:, :3, limits[:, 0] < limits[:, 1]]
+    squares = np.linalg.eigvalsh(J @ J.swapaxes(1, 2))
+    return bool((squares[:, 0] <= NEAR**2 * squares[:, 2]).all())
 
 
 def position_leaves_orientation(chain: Chain, limits: FloatArray) -> bool:

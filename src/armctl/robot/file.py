@@ -16,9 +16,10 @@ from armctl.documents import Document, DocumentKind
 from armctl.errors import Errors, RobotFileError
 from armctl.kinematics import Criterion
 from armctl.robot.look.rows import SOLIDS, AnyRow, MakeName, Material
-from armctl.robot.parts import MOST_JOINTS, Gripper, Hand, Look, Obstacle
+from armctl.robot.parts import MOST_JOINTS, Gripper, Hand, Look, Obstacle, spoken
 from armctl.robot.parts import Color as Rgb
 from armctl.robot.signals import MOST_SIGNALS, Input, InputKind, Output, OutputKind, Signals, Then
+from armctl.robot.tool_entries import MOST_TOOLS, ToolEntry
 
 T = TypeVar("T")
 
@@ -183,11 +184,6 @@ def signals_of(file: _WithSignals) -> Signals:
     return Signals(inputs, tuple(one.output() for one in known(file.outputs) if one is not REFUSED))
 
 
-def spoken(name: str) -> str:
-    """A name as people write it: ``wrist_roll`` is "Wrist roll"."""
-    return name.replace("_", " ").capitalize()
-
-
 class BodyEntry(Strict, frozen=True):
     """A mass that moves with a joint (or a named link); ``com_mm`` in the frame of that DH row."""
 
@@ -322,6 +318,8 @@ class RobotFile(Strict, frozen=True):
     """pins of the board that are read"""
     outputs: Annotated[tuple[OutputEntry, ...], Meta(max_length=MOST_SIGNALS)] = ()
     """pins of the board that are switched, beside the joints"""
+    tools: Annotated[tuple[ToolEntry, ...], Meta(max_length=MOST_TOOLS)] = ()
+    """what can be put on at the flange; the first one is on where nobody says another"""
     bodies: tuple[BodyEntry, ...] = ()
     """masses, for torques"""
     floor: FloorEntry = FloorEntry()

@@ -29,14 +29,14 @@ from armctl.robot.file import (
     JointEntry,
     RobotFile,
     signals_of,
-    spoken,
     without_board,
 )
 from armctl.robot.look.pieces import MASSES_ASSUMED, masses
 from armctl.robot.look_sound import check_look
 from armctl.robot.outputs import OutputMap
-from armctl.robot.parts import JERK_UP_S, Joint, Look
+from armctl.robot.parts import JERK_UP_S, Joint, Look, spoken
 from armctl.robot.robot import Robot
+from armctl.robot.tool_entries import with_tools
 
 _SIDE_SUFFIX = ".armctl.toml"
 _URDF = re.compile(
@@ -229,12 +229,12 @@ def robot_of(document: Document) -> Robot:
                 raise document.error(f"poses.{name}: {say(Several(beyond))}", ("poses", name))
     errors.raise_all()
     if robot.body_is_guessed:
-        return replace(robot, assumed=(*robot.assumed, BODY_GUESSED))
-    if not file.bodies and robot.look.rows:
+        robot = replace(robot, assumed=(*robot.assumed, BODY_GUESSED))
+    elif not file.bodies and robot.look.rows:
         bodies = masses(chain, robot.look.rows, robot.pieces, robot.look.material)
         gravity = replace(robot.gravity, bodies=bodies)
-        return replace(robot, gravity=gravity, assumed=(*robot.assumed, MASSES_ASSUMED))
-    return robot
+        robot = replace(robot, gravity=gravity, assumed=(*robot.assumed, MASSES_ASSUMED))
+    return with_tools(robot, file.tools, document)
 
 
 def _board(

@@ -70,6 +70,11 @@ def beyond_limits(joints: Sequence[Joint], q: FloatArray) -> tuple[AngleLimit, .
     )
 
 
+def spoken(name: str) -> str:
+    """A name as people write it: ``wrist_roll`` is "Wrist roll"."""
+    return name.replace("_", " ").capitalize()
+
+
 def shown_values(joints: Sequence[Joint], q: ArrayLike) -> FloatArray:
     """Values (..., n) of all joints, or how much they change, as people count them."""
     return np.degrees(q)

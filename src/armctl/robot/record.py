@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, cast, get_type_hints
 
 import msgspec
@@ -30,8 +30,13 @@ def robot_record(robot: Robot) -> dict[str, Any]:
             case _:
                 return plain(value)
 
-    names = [one.name for one in fields(robot) if one.init and one.name != "board_settings"]
-    return {name: msgspec.to_builtins(getattr(robot, name), enc_hook=described) for name in names}
+    without = ("board_settings", "flange")
+    names = [one.name for one in fields(robot) if one.init and one.name not in without]
+    held = {"tool": robot.tool, "openings": robot.openings, "part": robot.part}
+    arm = robot.flange or robot
+    return {
+        name: msgspec.to_builtins(held.get(name, getattr(arm, name)), enc_hook=described) for name in names
+    }
 
 
 def robot_of(record: dict[str, Any]) -> Robot:
@@ -55,9 +60,9 @@ def robot_of(record: dict[str, Any]) -> Robot:
 
     hints = get_type_hints(Robot)
     try:
-        return Robot(
-            **{name: msgspec.convert(one, hints[name], dec_hook=built) for name, one in record.items()}
-        )
+        says = {name: msgspec.convert(one, hints[name], dec_hook=built) for name, one in record.items()}
+        on, openings, part = says.pop("tool"), says.pop("openings"), says.pop("part")
+        return replace(Robot(**says).with_tool(on), openings=openings, part=part)
     except (msgspec.MsgspecError, KeyError, TypeError, ValueError) as cause:
         raise InputError(
             f"the arm is described in the words of another version of armctl: {cause}"

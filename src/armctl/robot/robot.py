@@ -27,9 +27,8 @@ from armctl.kinematics import (
     inverse_kinematics,
 )
 from armctl.kinematics.frames import LinkFrames
-from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.target import seem_degrees
-from armctl.kinematics.velocity import NEAR, position_leaves_orientation
+from armctl.kinematics.velocity import position_is_held, position_leaves_orientation
 from armctl.robot.body.arm_body import ANY_OPENING, BODY_ASSUMED, ArmBody, Capsule, CarriedPart, Openings
 from armctl.robot.body.bodies import Bodies, Underside, body_of_shapes, kept_body_of_shapes, leave_room
 from armctl.robot.body.collision import CollisionModel
@@ -37,9 +36,7 @@ from armctl.robot.look.pieces import Drawing, Piece
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
 from armctl.robot.parts import Gripper, Joint, Look, Obstacle, Shape, beyond_limits, read_values, shown_values
 from armctl.robot.signals import NO_SIGNALS, Signals
-
-_PROBES = 64
-_NO_OUTPUTS = "its file gives no servos, so nobody knows which output means which angle"
+from armctl.robot.tools import Tool, tool_of, with_tool
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -87,6 +84,12 @@ class Robot(ArrayRecord):
     """inputs and outputs of its board beside the joints"""
     part: CarriedPart | None = None
     """what its gripper carries while it moves, kept apart like a piece of the last link; None: nothing"""
+    tools: tuple[Tool, ...] = ()
+    """what can be put on at its flange; the first one is on where nobody says another"""
+    tool: str = ""
+    """name of the one that is on (``with_tool``); empty: none, and the tool point is at the flange"""
+    flange: Robot | None = None
+    """the same arm without its tool; None: it has none on"""
     limits: FloatArray = field(init=False)
     """(n, 2) lower and upper joint limits [rad]"""
     speed_limits: FloatArray = field(init=False)
@@ -148,12 +151,8 @@ class Robot(ArrayRecord):
     def energy(self) -> EnergyModel:
         """What the energy criteria need to know of this arm."""
         stall = [joint.stall_torque for joint in self.joints]
-        return EnergyModel(
-            speed_limits=self.speed_limits,
-            acceleration_limits=self.acceleration_limits,
-            gravity=self.gravity,
-            stall_torque=None if None in stall else np.array(stall, dtype=np.float64),
-        )
+        torque = None if None in stall else np.array(stall, dtype=np.float64)
+        return EnergyModel(self.speed_limits, self.acceleration_limits, self.gravity, torque)
 
     @property
     def drawing(self) -> Drawing:
@@ -168,21 +167,15 @@ class Robot(ArrayRecord):
     @property
     def body_is_guessed(self) -> bool:
         """Whether nothing says what its body is like: it has no look, no capsules and no shapes."""
-        return not self.look.rows and self.capsules is None and not self.shapes
+        arm = self.flange or self
+        return not arm.look.rows and arm.capsules is None and not arm.shapes
 
     @cached_property
     def _drawn(self) -> Bodies:
         """Its bodies; of an arm with shapes, what is drawn where a link has none."""
-        return Bodies(
-            self.chain,
-            self.link_names,
-            self.link_titles,
-            self.whole_look,
-            self.capsules,
-            self.limits,
-            np.array(self.resting).reshape(-1, self.n),
-            self.obstacles,
-        ).shared()
+        names, look, resting = self.link_names, self.whole_look, np.array(self.resting).reshape(-1, self.n)
+        body = self.link_titles, look, self.capsules, self.limits, resting, self.obstacles
+        return Bodies(self.chain, names, *body).shared()
 
     @cached_property
     def bodies(self) -> Bodies:
@@ -209,10 +202,9 @@ class Robot(ArrayRecord):
         return self.bodies.at(ANY_OPENING)
 
     def with_body(self, progress: Callable[[int, int], None] | None = None) -> Robot:
-        """The same arm with its body worked out, and what is to be said of it in ``assumed``.
+        """The same arm with its body worked out, once for all that is made of it, and its ``assumed``.
 
-        Reading the files of shapes takes seconds, the first time: then it is kept. It is done once, for all
-        that is made of this arm. ``progress`` is told how many of how many links are done.
+        Reading the files of shapes takes seconds, the first time. ``progress``: how many of how many links.
         """
         if not self.shapes or self.capsules is not None:
             return self
@@ -243,9 +235,24 @@ class Robot(ArrayRecord):
         return self._holding(self.openings, part)
 
     def allows_for(self, held: Robot) -> bool:
-        """Whether what is clear of it is clear of ``held``: the same arm and part, jaws no farther."""
+        """Whether what is clear of it is clear of ``held``: the same arm, tool and part, jaws no farther."""
         (low, high), (closed, opened) = self.openings, held.openings
-        return self.part == held.part and low <= closed and opened <= high
+        return (self.tool, self.part) == (held.tool, held.part) and low <= closed and opened <= high
+
+    def with_tool(self, name: str) -> Robot:
+        """The same arm with that of its tools on, jaws anywhere, nothing carried; ``InputError``: no such."""
+        if name == self.tool:
+            return self
+        if self.flange is not None:
+            return self.flange.with_tool(name)
+        if name not in (known := self._with_tools):
+            on = with_tool(self, self.whole_look, tool_of(self.tools, name))
+            known[name] = replace(self, tool=name, flange=self, **on._asdict())
+        return known[name]
+
+    @cached_property
+    def _with_tools(self) -> dict[str, Robot]:
+        return {}
 
     def _holding(self, openings: Openings, part: CarriedPart | None) -> Robot:
         if (openings, part) == (self.openings, self.part):
@@ -279,17 +286,11 @@ class Robot(ArrayRecord):
     @cached_property
     def always_singular(self) -> bool:
         """Whether the tool point is held to a line or a plane, so that no pose is special."""
-        turning = self.limits[:, 0] < self.limits[:, 1]
-        J = self.jacobian(joint_samples(self.limits, _PROBES))[:, :3, turning]
-        squares = np.linalg.eigvalsh(J @ J.swapaxes(1, 2))
-        return bool((squares[:, 0] <= NEAR**2 * squares[:, 2]).all())
+        return position_is_held(self.chain, self.limits)
 
     @cached_property
     def orients_tool(self) -> bool:
-        """Whether the tool can be turned every way while its point stays: then an orientation is asked for.
-
-        An arm with fewer than six joints that move has a pitch, and maybe a roll, at most.
-        """
+        """Whether the tool can be turned every way while its point stays, as six joints or more let it."""
         return position_leaves_orientation(self.chain, self.limits)
 
     def forward(self, q: ArrayLike) -> FloatArray:
@@ -317,8 +318,7 @@ class Robot(ArrayRecord):
     ) -> Solutions:
         """All configurations inside the limits that put the tool there.
 
-        Where there is none, ``reason`` of the answer says why, and ``nearest_m`` is the nearest point that
-        can be reached.
+        Where there is none, ``reason`` of the answer says why, and ``nearest_m`` is the nearest in reach.
 
         Args:
             position_m: (3,) tool point in the base frame [m]; or the whole pose ``T_base_tool`` (4, 4).
@@ -374,16 +374,13 @@ class Robot(ArrayRecord):
         """Every branch of many poses at once: a column a branch, as ``inverse`` lists them one by one.
 
         A pitch within ±90° is met by a tool that points outward and by one that points back at the base
-        (``tool-in``). Where a joint may turn more than once, the image nearest to zero is given; a branch
-        of an arm folded onto its own shoulder, where one joint is free, is given at one of its places.
-        ``InputError`` names a row that is not finite, or says that the arm's family has no such answer.
+        (``tool-in``). A joint that may turn more than once has the image nearest to zero; a branch with a
+        free joint is given at one of its places. ``InputError``: a row is not finite, or the arm's family
+        has no such answer.
 
-        Args:
-            position_m: (k, 3) tool points in the base frame [m].
-            pitch: (k,) or one for all: angle of the approach axis above the horizontal [rad]. An arm with
-                three pitch joints needs it; with two the position alone decides, and it is left out.
-            roll: (k,) or one for all: the roll joint's own angle [rad]; None: the one nearest to zero.
-            rotation: (k, 3, 3) ``R_base_tool`` instead of pitch and roll, for a spherical wrist.
+        ``position_m`` (k, 3) tool points, base frame [m]; the others as of ``inverse``, (k,) or one for all:
+        ``pitch`` [rad], needed with three pitch joints and left out with two; ``roll`` [rad], None: the one
+        nearest to zero; ``rotation`` (k, 3, 3) instead, for a spherical wrist.
         """
         return self.inverse_kinematics.solve_batch(position_m, pitch, roll, rotation)
 
@@ -397,19 +394,24 @@ class Robot(ArrayRecord):
 
     def pose(self, name: str) -> FloatArray:
         """A named configuration (n,) [rad]; ``InputError`` where there is none of that name."""
-        if not isinstance(name, str) or name not in self.poses:  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise InputError(f"{self.name} has no pose {name!r}; it has {', '.join(self.poses)}")
-        return self.poses[name].copy()
+        return self._named("pose", name, self.poses)
+
+    def _named(self, what: str, name: object, known: Mapping[str, FloatArray]) -> FloatArray:
+        if not isinstance(name, str) or name not in known:
+            raise InputError(f"{self.name} has no {what} {name!r}; it has {', '.join(known) or 'none'}")
+        return known[name].copy()
 
     @property
     def outputs(self) -> OutputMap:
         """Its output map; where its file gives none, one that only a simulated board may use."""
-        return self.output_map or OutputMap.stand_in(self.limits, gripper=self.gripper is not None)
+        gripper = (self.flange or self).gripper  # whichever tool is on
+        return self.output_map or OutputMap.stand_in(self.limits, gripper=gripper is not None)
 
     @property
     def simulated_only(self) -> str | None:
         """In few words, why only a simulated board may drive it; None: a real one may."""
-        return None if self.output_map is not None else self.no_board or _NO_OUTPUTS
+        unknown = "its file gives no servos, so nobody knows which output means which angle"
+        return None if self.output_map is not None else self.no_board or unknown
 
     @property
     def first_pose(self) -> FloatArray:
@@ -420,9 +422,7 @@ class Robot(ArrayRecord):
 
     def point(self, name: str) -> FloatArray:
         """A named tool point (3,) [m]; ``InputError`` where there is none of that name."""
-        if not isinstance(name, str) or name not in self.points:  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise InputError(f"{self.name} has no point {name!r}; it has {', '.join(self.points) or 'none'}")
-        return self.points[name].copy()
+        return self._named("point", name, self.points)
 
     def shown(self, q: ArrayLike) -> FloatArray:
         """Joint values (..., n), or how much they change, as people count them; see ``Joint.shown``."""
