@@ -46,12 +46,14 @@ from armctl.protocol import (
     Resume,
     SetOutput,
     SetSpeed,
+    SetTool,
     SimulateInput,
     Snapshot,
     StreamJoints,
     TakeControl,
     Ticket,
 )
+from armctl.robot import Robot
 
 ORIGIN = Origin("library")
 _UNANSWERED = 5
@@ -182,9 +184,27 @@ class ArmControls:
         """
         self.link, self.board = link, board
         self._park = park
-        self.robot = link.robot
         self._T_base_user: FloatArray | None = None
         """(4, 4) [mm] of the frame that points are given in; None: the base"""
+
+    @property
+    def robot(self) -> Robot:
+        """The arm as it is calibrated, with the tool that is on."""
+        return self.link.robot
+
+    @property
+    def tool(self) -> str:
+        """Name of the tool that is on; empty: the robot file names none."""
+        return self.snapshot.tool
+
+    def set_tool(self, name: str) -> None:
+        """Say that a tool of the robot file is on, another one or still the same; only while the arm stands.
+
+        It moves nothing. Its tip, weight, body and gripper count from then on. A real board needs it before
+        ``enable`` where the file names several. InputError: no such tool. StateError: something moves, or the
+        gripper holds a part.
+        """
+        self._do(SetTool(name))
 
     @property
     def snapshot(self) -> Snapshot:

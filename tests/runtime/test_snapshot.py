@@ -52,7 +52,7 @@ CHANGES: dict[str, Any] = {
     "control": Control(locked=True), "progress": 0.5, "busy": True,
     "levels": (LevelPassed("Elbow", "servo 3", "load", 0.9, 0.8, 0.8),),
     "inputs": {"door": 1.0}, "outputs": {"lamp": 1.0}, "edges": {"door": 1}, "limp": ("Elbow",),
-    "message": Message("Put a part in", 1, waits=True),
+    "message": Message("Put a part in", 1, waits=True), "tool": "pen", "tool_unconfirmed": True,
     "last_pose": LastPose(ROBOT.pose("home"), None, 0.0, ""),
 }  # fmt: skip
 

@@ -120,7 +120,7 @@ class Link:
             if not isinstance(welcome, Welcome):
                 raise ArmProcessError(f"the arm process refused: {getattr(welcome, 'error', welcome)}")
             self.id = welcome.you
-            self.robot = robot_of(welcome.robot) if robot is None else robot
+            self._arm = robot_of(welcome.robot) if robot is None else robot
             first: Snapshot | None = None
             while first is None:
                 first = self._take(self._codec.from_arm(line.receive()))
@@ -139,6 +139,11 @@ class Link:
         threading.Thread(target=self._write, name="armctl-link-out", daemon=True).start()
 
     @property
+    def robot(self) -> Robot:
+        """The arm, as it is calibrated, with the tool that is on."""
+        return self._arm.with_tool(self._snapshot.tool)
+
+    @property
     def snapshot(self) -> Snapshot:
         """The newest that is known; a fault where the arm process is gone, or is silent for a second."""
         lost, powered = self._lost, False
@@ -151,8 +156,8 @@ class Link:
                 f"the arm process has not answered for {silent:.0f} s: it may be frozen, and STOP does not "
                 "reach the arm; use the switch in its supply"
             )
-        unknown = np.full(self.robot.n, np.nan)
-        still = np.zeros(self.robot.n)
+        unknown = np.full(self._arm.n, np.nan)
+        still = np.zeros(self._arm.n)
         return replace(
             self._snapshot, state=State.FAULT, cause=lost, unreachable=True, powered=powered,
             q=unknown, commanded=False, program=None,
@@ -404,7 +409,7 @@ class Link:
         """What has become of the arm process, and what its board does now."""
         if self._closing:
             return "closed"
-        board = board_type(self.robot.board)
+        board = board_type(self._arm.board)
         if isinstance(cause, BoardError):
             what = str(cause)
         else:

@@ -71,7 +71,7 @@ class Start(msgspec.Struct, frozen=True):
         board = board_type(robot.board)
         kind = board.settings_type() or _class_of(board, self.settings_class)
         settings = None if kind is None else msgspec.convert(self.board_settings, kind | None)
-        return replace(robot, board_settings=settings)
+        return replace(robot.flange or robot, board_settings=settings).with_tool(robot.tool)
 
 
 # A board of an older package does not say of which class its settings are: it is its own, or a plain one.

@@ -111,6 +111,16 @@ class SimulateInput(Command, frozen=True):
     """0, 1, or a share"""
 
 
+class SetTool(Command, frozen=True):
+    """Say that a tool of the robot file is on, another one or still the same; only while the arm stands.
+
+    It moves and switches nothing. Where its tip is, what it weighs and its body count from then on.
+    """
+
+    name: str
+    """as ``Robot.tools`` has it"""
+
+
 class Pause(Command, frozen=True):
     """Slow down along the path and stand."""
 

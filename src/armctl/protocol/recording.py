@@ -12,7 +12,8 @@ than its period it came; ``took_s``; ``state``, an index into ``states``; ``spee
 0..1; ``step`` of the program that runs; ``setpoint NAME`` and ``readback NAME`` of each joint [rad]; then
 ``load NAME`` (a share of the largest), ``temperature_c NAME``, ``voltage_v NAME``, ``current_a NAME`` of each
 joint, and of the gripper as ``gripper``, where the board measures them; ``input NAME`` and ``output NAME`` of
-the robot file. NaN: there is none, or it is not known.
+the robot file; of an arm with several tools ``tool``, an index into ``tools``. NaN: there is none, or it is
+not known.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from armctl.errors import InputError
 PLAIN = ("time_s", "late_s", "took_s", "state", "speed", "gripper", "step")
 SETPOINT, READBACK = "setpoint ", "readback "
 INPUT, OUTPUT = "input ", "output "
+TOOL = "tool"
 _FOLDER = "black_box"
 _TEXT, _TICKS = "black_box.json", "ticks.npy"
 _FILES = DocumentKind(InputError, most_bytes=16 << 20)
@@ -97,6 +99,8 @@ class Story(msgspec.Struct, frozen=True, kw_only=True):
     warnings: tuple[WarningsLine, ...]
     states: tuple[str, ...]
     columns: tuple[str, ...]
+    tools: tuple[str, ...] = ()
+    """of the robot file; empty: it names none, or an older version wrote the file"""
 
 
 class Recording(Story, frozen=True, kw_only=True, eq=False):
@@ -108,6 +112,11 @@ class Recording(Story, frozen=True, kw_only=True, eq=False):
     def column(self, name: str) -> FloatArray:
         """(k,) one column."""
         return self.ticks[:, self.columns.index(name)]
+
+    @property
+    def tool(self) -> str:
+        """Name of the tool that was on last; empty: the arm had none."""
+        return self.tools[int(self.column(TOOL)[-1])] if self.tools and len(self.ticks) else ""
 
     @property
     def time_s(self) -> FloatArray:
@@ -195,6 +204,7 @@ def unpacked(content: bytes) -> Recording:
         raise InputError(f"{_TEXT}: {cause}") from cause
     n = len(story.joints)
     wanted = {*PLAIN, *(f"{head}{name}" for head in (SETPOINT, READBACK) for name in story.joints)}
+    wanted |= {TOOL} if story.tools else set()
     if story.format != 1 or n == 0 or len(story.titles) != n or not wanted <= set(story.columns):
         raise InputError(f"{_TEXT}: is of another version of armctl, or was changed")
     try:
@@ -207,8 +217,9 @@ def unpacked(content: bytes) -> Recording:
         np.isfinite(time).all()
         and (np.diff(time) > 0).all()
         and np.isin(state, range(len(story.states))).all()
+        and (not story.tools or np.isin(recording.column(TOOL), range(len(story.tools))).all())
     ):
-        raise InputError(f"{_TICKS}: its times do not ascend, or a state is none")
+        raise InputError(f"{_TICKS}: its times do not ascend, or a state is none, or a tool")
     return recording
 
 

@@ -181,13 +181,16 @@ class LastPose:
     """released, disconnected, closed or fault; enabling, moving, or "" at rest: it did not end in order"""
     moving: bool = False
     """it was moving when it was last seen, or its servos were coming on: it may stand elsewhere"""
+    tool: str = ""
+    """name of the tool that was on; empty: the arm had none"""
 
     def __str__(self) -> str:
         """In words, with the angles in degrees."""
         angles = ", ".join(f"{angle:.1f}" for angle in (to_degrees(self.q) + 0.0).tolist()).replace("-", "−")
         when = datetime.fromtimestamp(self.at).strftime("%Y-%m-%d %H:%M")
         moving = " while it was moving, so it may stand elsewhere" if self.moving else ""
-        return f"last seen at {angles}° on {when}{moving}; then {_ENDED.get(self.ended, self.ended)}"
+        tool = f", with the tool {self.tool}" if self.tool else ""
+        return f"last seen at {angles}° on {when}{tool}{moving}; then {_ENDED.get(self.ended, self.ended)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -343,6 +346,10 @@ class Snapshot:
     """titles of joints that were released by themselves, while the others hold"""
     message: Message | None = None
     """what a program has told last; None: nothing yet"""
+    tool: str = ""
+    """name of the tool that is on; empty: the robot file names none"""
+    tool_unconfirmed: bool = False
+    """nobody has said since the connection that it is this one: Enable waits for ``SetTool``"""
 
     def unmet(self, need: Need) -> NotNow | None:
         """Why what needs this of the arm would be refused now; None: it would not."""
@@ -358,7 +365,7 @@ class Snapshot:
 _TOLD = attrgetter(
     "state", "cause", "commanded", "source", "powered", "gripper", "part_mm", "speed", "progress", "board",
     "homing", "warnings", "levels", "control", "busy", "unreachable", "inputs", "outputs", "edges",
-    "limp", "message",
+    "limp", "message", "tool", "tool_unconfirmed",
 )  # fmt: skip
 _STILL_RAD = 1e-3
 """readings that differ by less are those of an arm that stands"""

@@ -30,6 +30,7 @@ from armctl.protocol.recording import (
     PLAIN,
     READBACK,
     SETPOINT,
+    TOOL,
     CommandLine,
     LogLine,
     WarningsLine,
@@ -63,10 +64,11 @@ class BlackBox:
     def __init__(self, robot: Robot, period_s: float, now: Callable[[], float], folder: Path | None) -> None:
         """Keep nothing yet; ``folder`` of saved ones, None: none is saved."""
         self._robot, self._period_s, self._now, self._folder = robot, period_s, now, folder
+        self._tools = tuple(tool.name for tool in robot.tools)
         self._measured = {joint.name: joint.title for joint in robot.joints}
         """titles by name of what may be measured besides its position"""
-        if robot.gripper is not None:
-            self._measured.setdefault("gripper", robot.gripper.title)
+        if (gripper := (robot.flange or robot).gripper) is not None:
+            self._measured.setdefault("gripper", gripper.title)
         self._columns = (
             *PLAIN,
             *(f"{SETPOINT}{name}" for name in robot.joint_names),
@@ -74,6 +76,7 @@ class BlackBox:
             *(f"{quantity} {name}" for quantity in NAMES for name in self._measured),
             *(f"{INPUT}{one.name}" for one in robot.signals.inputs),
             *(f"{OUTPUT}{one.name}" for one in robot.signals.outputs),
+            *((TOOL,) if robot.tools else ()),
         )
         self._rows = np.full((math.ceil(_ROWS_A_PERIOD * LENGTH_S / period_s), len(self._columns)), np.nan)
         self._count = 0
@@ -141,6 +144,7 @@ class BlackBox:
             row[quantities:] = [
                 *(snapshot.inputs.get(one.name, np.nan) for one in signals.inputs),
                 *(snapshot.outputs.get(one.name, np.nan) for one in signals.outputs),
+                *((self._tools.index(snapshot.tool),) if self._tools else ()),
             ]
             if before is None or snapshot.events is not before.events:
                 old = None if before is None or not before.events else before.events[-1]
@@ -186,6 +190,7 @@ class BlackBox:
             ),
             states=tuple(state.value for state in _STATES),
             columns=self._columns,
+            tools=self._tools,
             ticks=ticks[ticks[:, 0] >= first],
         )
 

@@ -78,13 +78,15 @@ class Board:
     def __init__(self, robot: Robot, open_driver: Callable[[str], Driver], port: str) -> None:
         """Open the line, set the channels; moves nothing. Without a servo map only a simulated board."""
         self.map = robot.outputs
+        """with the tool that is on"""
         self.unit_per_rad = np.abs(self.map.per_rad)
         """(n,) board units a radian"""
         self.power = board_type(robot.board).power
         """what is switched on and off, in words"""
         self._titles = dict(zip(self.map.channels, (joint.title for joint in robot.joints), strict=True))
-        if self.map.gripper_channel is not None and robot.gripper is not None:
-            self._titles[self.map.gripper_channel] = robot.gripper.title
+        own = (robot.flange or robot).gripper
+        if self.map.gripper_channel is not None and own is not None:
+            self._titles[self.map.gripper_channel] = own.title
         noun = self._noun = board_type(robot.board).scale.noun
         for one in self.map.mirrors:
             self._titles[one.channel] = f"{robot.joints[one.joint].title} ({noun} {one.channel})"
@@ -92,17 +94,13 @@ class Board:
         self._signals = robot.signals
         for one in robot.signals.inputs + robot.signals.outputs:
             self._titles[one.channel] = one.title
-        self._gripper_output = "" if robot.gripper is None else robot.gripper.output
-        self.grips = robot.gripper is not None and (
-            self.map.gripper_channel is not None or bool(self._gripper_output)
-        )
-        """whether it moves a gripper"""
-        self.switches_gripper = bool(self._gripper_output)
-        """whether that is an output: closed while it is on"""
+        self._gripper_output = ""
+        """name of the output that is the gripper of the tool that is on; empty: none, or a channel"""
         self._opening: float | None = None
         """where that one was told to go last"""
         self._closed: bool | None = None
         """whether its output is on"""
+        self.equip(robot)
         self._settings = channel_settings(robot)
         self._ranges = list(zip(self.map.low.tolist(), self.map.high.tolist(), strict=True))
         self.limp = np.zeros(robot.n, dtype=np.bool_)
@@ -125,6 +123,25 @@ class Board:
         except ArmctlError:
             self.close()
             raise
+
+    def equip(self, robot: Robot) -> bool:
+        """The same arm with another tool on; whether its gripper is at another output. Moves nothing."""
+        output = "" if robot.gripper is None else robot.gripper.output
+        changed = output != self._gripper_output
+        self.map, self._gripper_output = robot.outputs, output
+        if changed:
+            self._opening = self._closed = None
+        return changed
+
+    @property
+    def grips(self) -> bool:
+        """Whether it moves a gripper; that of the arm also where nothing grips with the tool that is on."""
+        return self.map.gripper_channel is not None or self.switches_gripper
+
+    @property
+    def switches_gripper(self) -> bool:
+        """Whether that is an output: closed while it is on."""
+        return bool(self._gripper_output)
 
     def configure(self) -> None:
         """Tell the board what each channel may do: one that started anew has forgotten. Moves nothing."""

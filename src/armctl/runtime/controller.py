@@ -74,7 +74,6 @@ class Controller:
         low, high = _RATES_HZ
         if not low <= rate_hz <= high:
             raise InputError(f"a rate of {rate_hz} Hz is outside {low:.0f} … {high:.0f} Hz")
-        self.robot = robot
         self._clock = clock
         self._period = 1.0 / rate_hz
         self._own_executor = executor is None
@@ -100,6 +99,11 @@ class Controller:
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
         self._publish(clock.now())
+
+    @property
+    def robot(self) -> Robot:
+        """The arm, with the tool that is on."""
+        return self._core.robot
 
     @property
     def snapshot(self) -> Snapshot:
@@ -286,6 +290,8 @@ class Controller:
             outputs=core.signals.outputs,
             limp=core.limp,
             message=core.messages.shown(None if core.activity is None else core.activity.awaits),
+            tool=core.robot.tool,
+            tool_unconfirmed=core.rack.unconfirmed,
             control=core.desk.control,
         )
 

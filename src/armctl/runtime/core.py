@@ -12,7 +12,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError, out_of_range
-from armctl.facts import Need, State
+from armctl.facts import Need, State, ToolHoldsPart, ToolWhileMoving
 from armctl.kinematics.target import checked_number
 from armctl.motion.preflight import require_gaps
 from armctl.protocol import Origin, Ticket
@@ -82,6 +82,7 @@ class Core(ArmState):
         if reading is not None:
             self.signals.take(reading, now)
         identity, power = board.identity, board.power
+        self.rack.connected(simulated=identity.simulated)
         for note in identity.notes:
             self.log.add(note)
         for words in identity.earlier:
@@ -113,6 +114,35 @@ class Core(ArmState):
             raise InputError(f"input {name}: {out_of_range(value, 0, 1)}")
         self.simulator(signal.channel, signal.value(value))
         self.log.add(f"simulated input {name}: {value:g} ({who})")
+
+    def set_tool(self, name: str, who: str, now: float) -> None:
+        """Somebody says which tool is on; refused while something moves."""
+        if self.busy:
+            raise StateError(ToolWhileMoving(self.cause))
+        self.equip(name, who, now)
+
+    def equip(self, name: str, who: str, now: float) -> None:
+        """A tool is on from now on, and counts in all that moves; the joints stand."""
+        part = self.gripper.part
+        if part is not None and name != self.robot.tool:
+            raise StateError(ToolHoldsPart(str(part)))
+        self.rack.change(name)
+        self._take_tool(now)
+        self.log.add(f"tool: {name} ({who})")
+
+    def _take_tool(self, now: float) -> None:
+        on, self._gripped = self.rack.on, ()
+        self.robot, self.around, self.clear = on.robot, on.around, on.clear
+        self.gate.equip(on.robot)
+        self.gripper.equip(on.robot.gripper)
+        if self.board is None or not self.board.equip(on.robot):
+            return
+        opening, reading = None, self.monitor.read(self.board, now)
+        if self.gate.q is not None and self.board.grips and reading is not None:
+            opening = reading.opening
+        self.gate.forget_opening()
+        if opening is not None:
+            self.gate.adopt_opening(opening, now)
 
     # What is done on other threads.
 
@@ -379,7 +409,9 @@ class Core(ArmState):
         """Have the pose kept for the next start; a disk that takes nothing is only a warning."""
         identity = None if self.board is None else self.board.identity
         moving = self.state is State.MOVING or self.gripper.goal is not None or bool(self.limp)
-        self.poses.note(identity, self.gate.q, self.gate.opening, self.state, moving, now)
+        self.poses.note(identity, self.gate.q, self.gate.opening, self.state, moving, now, self.robot.tool)
+        if self.poses.last is not None and self.rack.presume(self.poses.last.tool):
+            self._take_tool(now)
         if self.activity is None:
             self.presumed = self.robot.first_pose if self.poses.last is None else self.poses.last.q
         if self.poses.problem is None:

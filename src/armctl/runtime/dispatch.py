@@ -130,6 +130,8 @@ def _about_board(core: Core, order: Order, now: float) -> bool:
             limit_torque(core, share, joints, who)
         case c.SetOutput(name, value):
             set_output(core, name, value, who)
+        case c.SetTool(name):
+            core.set_tool(name, who, now)
         case c.SimulateInput(name, value):
             core.simulate(name, value, who)
         case c.ClearFault():
@@ -278,7 +280,9 @@ def _to_a_point(core: Core, order: Order, planned: tuple[Trajectory, MotionRefus
 def _move_gripper(core: Core, opening: float, part: CarriedPart | None, order: Order) -> None:
     gripper = core.robot.gripper
     if gripper is None or core.board is None or not core.board.grips:
-        what = "is not connected" if gripper is not None and core.board is None else "has no gripper"
+        tool = f" with the tool {core.robot.tool!r} on" if core.robot.tool else ""
+        nothing = f"has no gripper{tool}"
+        what = "is not connected" if gripper is not None and core.board is None else nothing
         raise StateError(f"{core.robot.name} {what}")
     opening = checked_number(opening, f"the opening of {gripper.title}")
     if not 0 <= opening <= 1:

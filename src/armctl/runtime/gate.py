@@ -31,9 +31,17 @@ class Gate:
         self._q_time = 0.0
         self._opening_time = 0.0
 
+    def equip(self, robot: Robot) -> None:
+        """The same arm with another tool on: the gripper may be another one."""
+        self._robot = robot
+
     def forget(self) -> None:
         """The pulses are off: the position is unknown."""
         self.q = None
+        self.opening = None
+
+    def forget_opening(self) -> None:
+        """Another gripper is on, and nobody knows how far it is open."""
         self.opening = None
 
     def jump(self, q: FloatArray, now: float) -> None:

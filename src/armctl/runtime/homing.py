@@ -22,6 +22,7 @@ def home(core: Core, order: Order, now: float) -> None:
             "the servos of this arm know their angles: there is nothing to home; to go to the "
             "pose that is called home, move there (go_pose)"
         )
+    core.rack.require_confirmed()
     who = order.origin.who
     instead = StateError(f"the arm is being homed ({who})")
     core.drop_motion(instead)

@@ -39,6 +39,7 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
     at: Annotated[float, msgspec.Meta(ge=0, le=1e11)]
     ended: str
     moving: bool = False
+    tool: str = ""
 
 
 class PoseFolder:
@@ -73,7 +74,7 @@ class PoseFolder:
         except (OSError, msgspec.DecodeError, ArmctlError):
             return None  # another version's, damaged, or of the arm before it was calibrated anew
         opening = None if record.gripper is None else min(max(record.gripper, 0.0), 1.0)
-        return LastPose(q, opening, record.at, record.ended, record.moving)
+        return LastPose(q, opening, record.at, record.ended, record.moving, record.tool)
 
     def save(self, board: BoardIdentity, pose: LastPose) -> int:
         """Keep a pose; never blocks. Its number: it is kept once ``written`` has come so far."""
@@ -85,6 +86,7 @@ class PoseFolder:
             pose.at,
             pose.ended,
             pose.moving,
+            pose.tool,
         )
         with self._changed:
             if self._closed:
@@ -164,6 +166,7 @@ class PoseWatch:
         self._board: BoardIdentity | None = None
         self._q: FloatArray | None = None
         self._opening: float | None = None
+        self._tool = ""
         self._comes_on = False
         """servos are being switched on, and nothing streams yet"""
         self._moving = False
@@ -186,13 +189,15 @@ class PoseWatch:
         state: State,
         moving: bool,
         now: float,
+        tool: str = "",
     ) -> None:
         """Take note of a tick; ``q`` (n,) [rad] is None where the arm is not held.
 
-        ``moving``: setpoints go out from the next tick on.
+        ``moving``: setpoints go out from the next tick on. ``tool``: name of the one that is on.
         """
         if self._folder is None:
             return
+        self._tool = tool
         if board is not None and board is not self._board:
             self._change_board(board, self._folder)
         if q is not None:
@@ -204,7 +209,7 @@ class PoseWatch:
         # What ends a motion without bringing it to rest leaves an arm that was seen moving.
         moving = self._moving = self._moving or moving
         ended = "moving" if state is State.MOVING else _ENDS.get(state, "")
-        kept = (self._q.tobytes(), self._opening, ended, moving)
+        kept = (self._q.tobytes(), self._opening, ended, moving, tool)
         if kept == self._kept or (
             moving and q is not None and self._moves is not None and now < self._kept_at + _MOVING_INTERVAL_S
         ):
@@ -245,7 +250,7 @@ class PoseWatch:
         self._moving, self._moves = False, None
 
     def _keep(self, folder: PoseFolder, board: BoardIdentity, q: FloatArray, ended: str, now: float) -> None:
-        self.last = LastPose(q, self._opening, wall_time(), ended, self._moving)
+        self.last = LastPose(q, self._opening, wall_time(), ended, self._moving, self._tool)
         number = folder.save(board, self.last)
         self._moves = (self._moves or (number, now)) if self._moving else None
 

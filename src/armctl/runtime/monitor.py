@@ -63,7 +63,8 @@ class Monitor:
 
     def __init__(self, robot: Robot, notices: Notices, interval_s: float) -> None:
         self._robot = robot
-        self._gripper = "gripper" if robot.gripper is None else robot.gripper.title
+        gripper = (robot.flange or robot).gripper or robot.gripper
+        self._gripper = "gripper" if gripper is None else gripper.title
         self._notices = notices
         self._interval_s = interval_s
         self._sag = board_type(robot.board).sag_deg * DEGREE

@@ -231,6 +231,10 @@ class GripperMover:
         self._ticket: Ticket | None = None
         self._held = False
 
+    def equip(self, gripper: Gripper | None) -> None:
+        """Another tool is on, with this gripper; it carries what it carried."""
+        self._gripper = gripper
+
     def move_to(
         self, goal: float, part: CarriedPart | None = None, ticket: Ticket | None = None, motion: str = ""
     ) -> None:

@@ -61,6 +61,7 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
     core.require(Need.OFF, "enable")
     if (board := core.board) is None:
         raise StateError("there is no board; connect first")
+    core.rack.require_confirmed()
     goal = core.robot.check_limits(core.robot.pose("rest") if wanted is None else wanted)
     if command.opening is not None and not 0 <= checked_number(command.opening, "the opening") <= 1:
         raise InputError(f"an opening of {out_of_range(100 * command.opening, 0, 100, '%')}")
@@ -113,7 +114,7 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
 
 def _opening_inside(core: Core, reading: Reading) -> float | None:
     """Where the gripper stands, 0 ... 1; refused where it is measured clearly outside: it would jump in."""
-    opening, gripper = reading.opening, core.robot.gripper
+    opening, gripper = reading.opening, core.rack.on.switched_gripper
     if opening is None or gripper is None:
         return opening
     if reading.source is Source.MEASURED and not -_GRIPPER_OUTSIDE <= opening <= 1 + _GRIPPER_OUTSIDE:
@@ -251,6 +252,7 @@ class Enabling(Activity):
     def advance(self, now: float, dt: float) -> Setpoint | None:
         """Switch the next servo on, or take the arm over."""
         robot, reading = self._core.robot, self._core.monitor.reading
+        gripper = self._core.rack.on.switched_gripper
         self._advanced_at = now
         if self._stopped:
             self._conclude()
@@ -271,11 +273,11 @@ class Enabling(Activity):
                 low, high = robot.limits.T
                 farthest = np.maximum(self._q - low, high - self._q)
                 self._wait(float((farthest / robot.speed_limits)[joint].item()), now)
-        elif not self._gripper_on and robot.gripper is not None and self._opening is not None:
+        elif not self._gripper_on and gripper is not None and self._opening is not None:
             if now >= self._next_at:
                 self._board.write(None, self._opening)
                 self._gripper_on = True
-                self._wait(max(self._opening, 1 - self._opening) / robot.gripper.speed, now)
+                self._wait(max(self._opening, 1 - self._opening) / gripper.speed, now)
         elif now >= self._arrived_at:
             self._core.adopt(self._q, self._opening, now)
             self._core.monitor.enabled()
@@ -326,8 +328,8 @@ class Enabling(Activity):
         if now - self._asked_at > _CONFIRMED_S:
             robot = self._core.robot
             titles = [robot.joints[i].title for i in np.flatnonzero(waiting)]
-            if grips and robot.gripper is not None:
-                titles.append(robot.gripper.title)
+            if grips and (gripper := self._core.rack.on.switched_gripper) is not None:
+                titles.append(gripper.title)
             self.error = EnableError(
                 f"enabling ended: the board has not confirmed within {_CONFIRMED_S:.0f} s that "
                 f"{', '.join(titles)} came on; check the line and the supply, then enable again"

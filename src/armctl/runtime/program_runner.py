@@ -43,6 +43,7 @@ class ProgramRunner(Activity):
         self._counters: dict[str, int] = {}
         """of the pass that runs"""
         self._set_output = partial(core.signals.set, core.board)
+        self._core, self._now = core, core.monitor.read_at
         self._log, self._tell = core.log, core.messages.tell
         self._early_s = starving_s(robot) + _EARLIER_S
         self._feed = ProgramFeed(robot, begun, core.submit, self._early_s)
@@ -136,7 +137,7 @@ class ProgramRunner(Activity):
 
     def advance(self, now: float, dt: float) -> Setpoint | None:
         """Go on by ``dt`` seconds; None where no joint moves."""
-        setpoint = None
+        setpoint, self._now = None, now
         if self._mover is not None:
             self._take_steps()
             setpoint = self._mover.advance(now, dt)
@@ -263,6 +264,9 @@ class ProgramRunner(Activity):
             self._feed.decide(holds)
         if effect.output is not None:
             self._set_output(*effect.output)
+        if effect.tool:
+            self._core.equip(effect.tool, self.label, self._now)
+            self._robot = self._core.robot
         if effect.wait_s is not None:
             self._wait_left = effect.wait_s
         self._until = effect.until

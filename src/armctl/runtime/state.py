@@ -16,20 +16,19 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, BoardError, InputError, StateError, StoppedError, out_of_range
 from armctl.facts import Need, State
 from armctl.hardware import Driver, Source
-from armctl.motion.clearance import kept_out
 from armctl.protocol import Command, Doing, Origin, Ticket, unmet
 from armctl.robot import Robot
 from armctl.runtime.activity import Activity, Order, Setpoint
 from armctl.runtime.board import Board, close_opened
 from armctl.runtime.control import ControlHandover
 from armctl.runtime.gate import Gate
-from armctl.runtime.joint_servo import KeepClear
 from armctl.runtime.last_pose import PoseFolder, PoseWatch
 from armctl.runtime.monitor import LONGEST_TICKS, Monitor, TickTime
 from armctl.runtime.mover import GripperMover
 from armctl.runtime.notices import EventLog, MessageBoard, Notices
 from armctl.runtime.planner import Grip, Pending, Submit
 from armctl.runtime.signals import SignalWatch
+from armctl.runtime.tool_rack import ToolRack
 
 SLOWEST, JOG_GAP_S = 0.05, 0.2
 """The smallest speed override. How long a jog held at a STOP must be let go before it moves again."""
@@ -52,14 +51,13 @@ class ArmState:
         open_line: Submit | None = None,
     ) -> None:
         """``submit`` has motions planned elsewhere, and ``open_line`` (None: the same) has lines opened."""
-        self.robot = robot
+        self.rack = ToolRack(robot)
+        self.robot, self.around, self.clear = robot, self.rack.on.around, self.rack.on.clear
         self.submit = submit
         self._open_line = submit if open_line is None else open_line
         self.log = EventLog()
         self.notices, self.messages = Notices(self.log), MessageBoard(self.log)
         self.desk = ControlHandover(self.log, pin)
-        self.around = kept_out(robot)
-        self.clear = KeepClear(robot)
         self.gate = Gate(robot, LONGEST_TICKS * period)
         self.gripper = GripperMover(robot.gripper)
         self.monitor = Monitor(robot, self.notices, max(period, _READ_INTERVAL_S))
