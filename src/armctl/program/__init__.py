@@ -27,7 +27,7 @@ from armctl.program.program import Blocks, CalledProgram, Cursor, Program
 from armctl.program.saved import SavedPrograms
 from armctl.program.scripts import write_script
 from armctl.program.signal_steps import SetStep, WaitForStep
-from armctl.program.standing_steps import GripperStep, SpeedStep, WaitStep
+from armctl.program.standing_steps import GripperStep, SpeedStep, ToolStep, WaitStep
 from armctl.program.steps import CommentStep
 
 __all__ = [
@@ -62,6 +62,7 @@ __all__ = [
     "SetStep",
     "SpeedStep",
     "Step",
+    "ToolStep",
     "Until",
     "UserFrame",
     "WaitForStep",

@@ -43,7 +43,7 @@ class Field:
     """what the form shows of a choice that is left open: what it means then"""
     turn: Literal["", "pitch", "orientation"] = ""
     """what of the tool's turn it is about; a step says something of its pitch or of its orientation"""
-    offers: Literal["", "programs", "inputs", "outputs"] = ""
+    offers: Literal["", "programs", "inputs", "outputs", "tools"] = ""
     """of a name: what the form offers, where there are any"""
 
 
@@ -216,6 +216,8 @@ class Effect:
     """which step comes next is decided when this one runs; the joints stand until then"""
     counts: Counting | None = None
     """the counter that changes"""
+    tool: str = ""
+    """name of the tool that is on from then on; the joints stand while it is changed; empty: as before"""
     message: str = ""
     """what the person is told when it begins: on all pages, on the terminal, in the log; empty: nothing"""
     says: str = ""
@@ -224,7 +226,7 @@ class Effect:
     @property
     def stands(self) -> bool:
         """The joints stand while it lasts."""
-        holding = (self.wait_s, self.opening, self.until, self.output, self.asks)
+        holding = (self.wait_s, self.opening, self.until, self.output, self.asks, self.tool or None)
         return any(one is not None for one in holding)
 
 

@@ -11,6 +11,7 @@ from armctl.decoding import must_be
 from armctl.errors import ProgramError
 from armctl.program.base_steps import Senses, literal
 from armctl.robot import Robot
+from armctl.robot.tools import grippers
 
 Comparison = Literal["equals", "above", "below"]
 Trigger = Literal["level", "edge"]
@@ -94,7 +95,7 @@ class Condition(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
             raise ProgramError(f"input {self.watch} is digital: it equals 0 or 1")
 
     def _check_quantity(self, robot: Robot) -> None:
-        names = [*robot.joint_names, *([GRIPPER] if robot.gripper is not None else [])]
+        names = [*robot.joint_names, *([GRIPPER] if grippers(robot) else [])]
         if self.joint not in names:
             raise ProgramError(f"{self.watch} of which joint? joint {must_be(names)}, not {self.joint!r}")
         if self.compare == "equals" or self.trigger == "edge":

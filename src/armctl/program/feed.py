@@ -10,12 +10,13 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, ProgramError
+from armctl.facts import ToolGripsNot, ToolHoldsPart
 from armctl.motion.blend import Entry, Leg, blend
 from armctl.motion.preflight import preflight
 from armctl.motion.profiles import stopping_s
 from armctl.motion.time_optimal import TooFastError
 from armctl.motion.trajectory import Trajectory
-from armctl.program.base_steps import MotionStep, Step
+from armctl.program.base_steps import Effect, MotionStep, Step
 from armctl.program.calls import ALL_OF_IT, StepPlace, WholeProgram
 from armctl.program.check import check_program
 from armctl.program.program import Cursor, Program
@@ -71,6 +72,8 @@ class PlanState:
     """of the gripper, 0..1; None: not known"""
     part: CarriedPart | None = None
     """what it carries; None: nothing"""
+    tool: str = ""
+    """name of the tool that is on; empty: the robot file names none"""
     entry: Entry | None = None
     """how the next leg is begun; None: from rest"""
     known: tuple[PlannedStep, ...] = ()
@@ -144,7 +147,7 @@ def begin_program(
         raise InputError(f"a program runs once or more often, not {loops} times")
     if count is not None and count < 1:
         raise InputError(f"a program runs one step or more, not {count}")
-    return PlanState(start, loops, count, first=first, opening=opening, part=robot.part)
+    return PlanState(start, loops, count, first=first, opening=opening, part=robot.part, tool=robot.tool)
 
 
 def whole_number(value: int, what: str) -> int:
@@ -169,6 +172,7 @@ def plan_next(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[li
     asks. What cannot be blended (a corner through the floor, the step after it refused) stops at its point. A
     step that cannot be run comes last, with its error.
     """
+    robot = robot.with_tool(state.tool)
     steps, closed = _draw(robot, source, state)
     moving = [k for k, step in enumerate(steps) if step.leg is not None]
     if not moving:
@@ -219,14 +223,28 @@ def _draw(robot: Robot, source: ProgramSource, state: PlanState) -> tuple[list[P
         else:
             effect = step.step.effect
             if not (effect.stands and times):
-                after = step.after
-                if effect.opening is not None:
-                    after = replace(after, opening=effect.opening, part=effect.part)
-                steps.append(replace(step, after=after))
-            if effect.stands:
+                try:
+                    step = replace(step, after=_handled(robot, effect, step.after))
+                except ArmctlError as cause:
+                    step = replace(step, error=cause)
+                steps.append(step)
+            if effect.stands or step.error is not None:
                 break
         state = steps[-1].after
     return steps, True
+
+
+def _handled(robot: Robot, effect: Effect, after: PlanState) -> PlanState:
+    """The state behind a step that moves the gripper, or changes the tool; ``ArmctlError``: it cannot."""
+    if effect.opening is not None:
+        if robot.gripper is None:
+            raise ProgramError(ToolGripsNot(robot.tool))
+        return replace(after, opening=effect.opening, part=effect.part)
+    if effect.tool and effect.tool != after.tool:
+        if after.part is not None:
+            raise ProgramError(ToolHoldsPart(str(after.part)))
+        return replace(after, opening=None, tool=robot.with_tool(effect.tool).tool)
+    return after
 
 
 def _next_step(source: ProgramSource, before: PlanState) -> PlannedStep | None:

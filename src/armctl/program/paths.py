@@ -11,7 +11,18 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
-from armctl.facts import NeverComes, NeverEnds, OnPath, PathsLeftOut, PathTurn, PathWay, Reason, Unbounded
+from armctl.facts import (
+    NeverComes,
+    NeverEnds,
+    OnPath,
+    PathsLeftOut,
+    PathTurn,
+    PathWay,
+    Reason,
+    ToolGripsNot,
+    ToolHoldsPart,
+    Unbounded,
+)
 from armctl.kinematics.velocity import NEAR
 from armctl.motion.clearance import sources
 from armctl.motion.preflight import Finding, Severity, isotropy_of, passes, preflight
@@ -31,7 +42,7 @@ MOST_VISITS = 200_000
 """steps that are walked, each pass and each branch anew; then the rest is left out, and that is said"""
 
 Cell = tuple[float, float, float] | None
-Key = tuple[bytes, Openings, CarriedPart | None, Cell, tuple[tuple[str, int], ...]]
+Key = tuple[bytes, str, Openings, CarriedPart | None, Cell, tuple[tuple[str, int], ...]]
 Path = tuple[PathTurn, ...]
 
 
@@ -42,7 +53,7 @@ class _PathPlace:
     q: FloatArray | None
     """(n,) [rad]; None: not known"""
     robot: Robot
-    """with its gripper as it is there"""
+    """with its tool and its gripper as they are there"""
     counters: Mapping[str, int]
     cell: Cell = None
     """of the grid around it"""
@@ -54,7 +65,9 @@ class _PathPlace:
     def __post_init__(self) -> None:
         place = b"" if self.q is None else (np.round(self.q, 7) + 0.0).tobytes()
         counters = tuple(sorted(self.counters.items()))
-        object.__setattr__(self, "key", (place, self.robot.openings, self.robot.part, self.cell, counters))
+        robot = self.robot
+        key = (place, robot.tool, robot.openings, robot.part, self.cell, counters)
+        object.__setattr__(self, "key", key)
 
 
 _Places = dict[Key, _PathPlace]
@@ -96,7 +109,7 @@ class PathWalk:
         """where a step ends that began somewhere"""
         self._left: dict[tuple[int, frozenset[Key]], _Places] = {}
         """where a block ends that was entered at some places"""
-        self._robots: dict[tuple[float, CarriedPart | None], Robot] = {}
+        self._robots: dict[tuple[str, float | None, CarriedPart | None], Robot] = {}
         self._reported: set[tuple[int, str, str]] = set()
         self._visits = 0
         self._at = 0
@@ -235,17 +248,30 @@ class PathWalk:
             count = effect.counts.after(place.counters.get(name, 0))
             return replace(place, counters={**place.counters, name: int(min(max(count, low), high))})
         if effect.opening is not None:
-            kept = (effect.opening, effect.part)
-            if kept not in self._robots:
-                self._robots[kept] = self._robot.gripping(effect.opening).carrying(effect.part)
-            return replace(place, robot=self._robots[kept])
+            if place.robot.gripper is None:
+                self._report(index, ToolGripsNot(place.robot.tool), place.path, "error")
+                return place
+            return self._held(place, place.robot.tool, effect.opening, effect.part)
+        if effect.tool and effect.tool != place.robot.tool:
+            if place.robot.part is not None:
+                self._report(index, ToolHoldsPart(str(place.robot.part)), place.path, "error")
+            return self._held(place, effect.tool, None, None)
         return place
+
+    def _held(
+        self, place: _PathPlace, tool: str, opening: float | None, part: CarriedPart | None
+    ) -> _PathPlace:
+        """The place with another tool, opening or part."""
+        kept = (tool, opening, part)
+        if kept not in self._robots:
+            self._robots[kept] = self._robot.with_tool(tool).gripping(opening).carrying(part)
+        return replace(place, robot=self._robots[kept])
 
     def _end(self, index: int, step: MotionStep, place: _PathPlace) -> FloatArray | None:
         """Where a moving step ends; None where that is not known."""
         if index in self._skipped:
             return None
-        key = (index, (*place.key[:3], place.cell if step.in_cell else None, ()))
+        key = (index, (*place.key[:4], place.cell if step.in_cell else None, ()))
         if key not in self._ends:
             self._ends[key] = None
             step = cast("MotionStep", self._placing.placed(index, step, place.cell))

@@ -38,6 +38,7 @@ from armctl.program.motion_steps import (
 from armctl.program.signal_steps import AtTimeout, LongestWait, SetStep, SignalNameOrNone, WaitForStep
 from armctl.program.standing_steps import EDGES, EdgeKey, GripperStep, WaitStep
 from armctl.robot import Robot
+from armctl.robot.tools import grippers
 
 FARTHEST_MM = 500.0
 Along = Literal["base", "tool"]
@@ -183,7 +184,7 @@ class _HandlingStep(Step, frozen=True, kw_only=True):
     def check(self, robot: Robot) -> None:
         """Refuse what is wrong with one of its parts, and an arm that has nothing to grip with."""
         self._point.check(robot)
-        if not self.output and robot.gripper is None:
+        if not self.output and not grippers(robot):
             raise ProgramError(f"{robot.name} has no gripper: say by which output it grips")
         if self.part_input and robot.signals.input(self.part_input) is None:
             names = [one.name for one in robot.signals.inputs]

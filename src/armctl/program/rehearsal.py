@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from armctl.errors import ArmctlError, ProgramError
 from armctl.motion.plan import plan_joints
 from armctl.motion.profiles import PointToPoint
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
-from armctl.program.base_steps import MotionStep, Question, Senses
+from armctl.program.base_steps import MotionStep, Question, Senses, Step
 from armctl.program.calls import ALL_OF_IT, StepPlace, WholeProgram
 from armctl.program.feed import PlannedStep, ProgramSource, begin_program, decided, plan_next
 from armctl.program.program import Program, in_first_cells
@@ -39,6 +39,8 @@ class RehearsedStep:
     """where in the step of the program it is"""
     grips: bool = False
     """it moves the gripper"""
+    tool: str = ""
+    """name of the tool that is on, from its begin; empty: the robot file names none"""
 
     @property
     def duration(self) -> float:
@@ -56,6 +58,8 @@ class RehearsedState:
     """of the step"""
     part: CarriedPart | None = None
     """what is between the jaws"""
+    tool: str = ""
+    """name of the tool that is on"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,11 +89,17 @@ class Rehearsal:
         (begin, end), opening = step.opening, step.opening[1]
         if begin is not None and end is not None and step.duration > 0:
             opening = begin + (end - begin) * passed / step.duration
-        return RehearsedState(step.trajectory.sample(passed).q, opening, step.index, step.part)
+        return RehearsedState(step.trajectory.sample(passed).q, opening, step.index, step.part, step.tool)
 
     def tool_path(self, robot: Robot, count: int = 400) -> FloatArray:
         """Tool points (count, 3) [m], evenly spaced in time."""
-        return robot.forward(self.trajectory.sample(np.linspace(0.0, self.duration, count)).q)[:, :3, 3]
+        times = np.linspace(0.0, self.duration, count)
+        q, points = self.trajectory.sample(times).q, np.empty((count, 3))
+        begins = np.array([step.begins for step in self.steps])
+        tools = np.array([step.tool for step in self.steps])[np.searchsorted(begins, times, "right") - 1]
+        for tool in set(tools.tolist()):  # each with the tool that is on then
+            points[tools == tool] = robot.with_tool(tool).forward(q[tools == tool])[:, :3, 3]
+        return points
 
 
 def pose_after(robot: Robot, program: Program, row: int, start: FloatArray) -> FloatArray | None:
@@ -103,18 +113,19 @@ def pose_after(robot: Robot, program: Program, row: int, start: FloatArray) -> F
     if not moves:
         return None
     steps = in_first_cells(whole.flat)
+    arms = _with_tools(robot, steps)
     led = [moves[-1]]
     for index in range(moves[-1] - 1, -1, -1):
         step = steps[index]
         if isinstance(step, MotionStep):
-            if (end := step.end(robot)) is not None:
+            if (end := step.end(arms[index])) is not None:
                 start = end
                 break
             led.append(index)
     for index in reversed(led):
         step, ahead = steps[index], whole.place(index).index
         try:
-            path = step.path(robot, start) if isinstance(step, MotionStep) else None
+            path = step.path(arms[index], start) if isinstance(step, MotionStep) else None
         except ArmctlError as cause:
             if ahead == row:
                 raise
@@ -123,10 +134,21 @@ def pose_after(robot: Robot, program: Program, row: int, start: FloatArray) -> F
     return start
 
 
+def _with_tools(robot: Robot, steps: Sequence[Step]) -> list[Robot]:
+    """The arm at each step, with the tool that the last step above it puts on."""
+    arms: list[Robot] = []
+    for step in steps:
+        tool = "" if isinstance(step, MotionStep) else step.effect.tool
+        if any(tool == one.name for one in robot.tools):
+            robot = robot.with_tool(tool)
+        arms.append(robot)
+    return arms
+
+
 def rehearse_pose(robot: Robot, start: FloatArray, end: FloatArray, opening: float | None) -> Rehearsal:
     """A planned movement to a pose (n,) [rad]; refused as in ``plan_joints``."""
     motion = plan_joints(robot, start, end)
-    return Rehearsal((RehearsedStep(0, 0.0, motion, (opening, opening), robot.part),))
+    return Rehearsal((RehearsedStep(0, 0.0, motion, (opening, opening), robot.part, tool=robot.tool),))
 
 
 def rehearse(
@@ -182,12 +204,18 @@ def _rehearsed(
         trajectory: Trajectory = step.trajectory
         if step.percent != 100.0:
             trajectory = SlowedTrajectory(trajectory, 100.0 / step.percent)
-        return RehearsedStep(step.index, at, trajectory, (opening, opening), step.before.part, step.place)
-    effect = step.step.effect
+        before = step.before
+        return RehearsedStep(
+            step.index, at, trajectory, (opening, opening), before.part, step.place, tool=before.tool
+        )
+    robot, effect = robot.with_tool(step.before.tool), step.step.effect
     goal, takes = opening, effect.wait_s or 0.0
     if effect.opening is not None:
         goal = effect.opening
         if opening is not None and robot.gripper is not None:
             takes += abs(goal - opening) / robot.gripper.speed
+    if step.after.tool != step.before.tool:
+        goal = None
     standing, grips = PointToPoint.lasting(q, q, takes), effect.opening is not None
-    return RehearsedStep(step.index, at, standing, (opening, goal), step.after.part, step.place, grips)
+    ends, after = (opening, goal), step.after
+    return RehearsedStep(step.index, at, standing, ends, after.part, step.place, grips, after.tool)

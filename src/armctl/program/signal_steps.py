@@ -10,6 +10,7 @@ from armctl.errors import ProgramError
 from armctl.program.base_steps import LONGEST_WAIT_S, Effect, Field, Step, Until, literal
 from armctl.program.conditions import Comparison, Condition, Otherwise, Trigger
 from armctl.robot import Robot
+from armctl.robot.tools import grippers
 
 SignalName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
 SignalNameOrNone = Annotated[str, Meta(pattern=r"^([a-z][a-z0-9_]*)?$")]
@@ -42,7 +43,7 @@ class SetStep(Step, frozen=True, kw_only=True, tag="set"):
         if found is None:
             known = ", ".join(one.name for one in robot.signals.outputs) or "none; the robot file tells them"
             raise ProgramError(f"{robot.name} has no output {self.output!r}; it has {known}")
-        if robot.gripper is not None and robot.gripper.output == self.output:
+        if any(one.output == self.output for one in grippers(robot)):
             raise ProgramError(f"output {self.output} is the gripper's: use a gripper step")
         if found.kind == "digital" and self.value not in (0, 1):
             raise ProgramError(f"output {self.output} is digital: 0 or 1, not {self.value:g}")

@@ -10,6 +10,7 @@ from armctl.errors import ProgramError
 from armctl.program.base_steps import Effect, Field, Seconds, Step
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.body.arm_body import LARGEST_PART_MM, THINNEST_PART_MM, edge_words
+from armctl.robot.tools import grippers, tool_of
 
 SLOWEST_PERCENT = 5
 _PART_HINT = (
@@ -74,10 +75,36 @@ class GripperStep(Step, frozen=True, kw_only=True, tag="gripper"):
 
     def check(self, robot: Robot) -> None:
         """Refuse an arm without a gripper, and a part of which not all edges are given."""
-        if robot.gripper is None:
+        if not grippers(robot):
             raise ProgramError(f"{robot.name} has no gripper; delete the step")
         if self.part_mm is not None and None in self.part_mm:
             raise ProgramError(f"the size of a part needs all of {', '.join(EDGES)}")
+
+
+class ToolStep(Step, frozen=True, kw_only=True, tag="tool"):
+    """Say that another tool is on: its tip, weight, body and gripper count in all that comes after it.
+
+    It moves and switches nothing: a changer (``set``) or a person (``message``) has put the tool on ahead of
+    it. It stays on as a thing does: in later passes, and behind a called program that has put it on.
+    """
+
+    words: ClassVar = "{0.tool} from here on"
+    call: ClassVar = ("set_tool", "tool")
+
+    tool: Annotated[
+        str,
+        Meta(pattern=r"^[a-z][a-z0-9_]*$"),
+        Field("Tool", "A tool of the robot file.", 42, head="tool_name", offers="tools"),
+    ]
+
+    @property
+    def effect(self) -> Effect:
+        """The tool."""
+        return Effect(tool=self.tool)
+
+    def check(self, robot: Robot) -> None:
+        """Refuse a tool that the arm has not."""
+        tool_of(robot.tools, self.tool)
 
 
 class SpeedStep(Step, frozen=True, kw_only=True, tag="speed"):

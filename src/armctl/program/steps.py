@@ -14,7 +14,7 @@ from armctl.program.message_step import MessageStep
 from armctl.program.motion_steps import ArcStep, LineStep, MoveStep, PointStep
 from armctl.program.pick_steps import PickStep, PlaceStep
 from armctl.program.signal_steps import SetStep, WaitForStep
-from armctl.program.standing_steps import GripperStep, SpeedStep, WaitStep
+from armctl.program.standing_steps import GripperStep, SpeedStep, ToolStep, WaitStep
 
 
 class CommentStep(Step, frozen=True, kw_only=True, tag="comment"):
@@ -38,6 +38,7 @@ KINDS: tuple[type[Step], ...] = (
     WaitForStep,
     MessageStep,
     SpeedStep,
+    ToolStep,
     FrameStep,
     RepeatStep,
     IfStep,
