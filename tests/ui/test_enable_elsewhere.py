@@ -80,7 +80,9 @@ def test_the_page_offers_it_in_one_press(robot: Robot) -> None:
 
     board = SimpleNamespace(simulated=True)
     session = SimpleNamespace(
-        snapshot=SimpleNamespace(board=board, state=None, limp=(), powered=False, unreachable=False),
+        snapshot=SimpleNamespace(
+            board=board, state=None, limp=(), powered=False, unreachable=False, tool_unconfirmed=False
+        ),
         submit=submit,
         why_not=lambda *_: None,
         console=SimpleNamespace(robot=robot),

@@ -20,7 +20,7 @@ from armctl.ui.console import Console, page_name
 from armctl.ui.control_return import ControlReturn
 from armctl.ui.guard import GuardedServer
 from armctl.ui.page import Page
-from armctl.ui.robot_switch import RESTARTED, RobotChange, RobotSwitch
+from armctl.ui.robot_switch import EQUIPPED, RESTARTED, RobotChange, RobotSwitch
 from armctl.ui.scene.arm_model import ARM, ArmFigure
 from armctl.ui.scene.stage import Stage, set_lights
 from armctl.ui.session import Session
@@ -153,7 +153,15 @@ class App:
     def _draw_arm(self) -> None:
         self._stage = Stage(self.server.scene, self._console.robot)
         self._figure = ArmFigure(self.server.scene, self._console.robot, ARM)
+        self._figure_tool = self._console.robot.tool
         self._drawn: Snapshot | None = None
+
+    def _draw_tool(self, tool: str) -> None:
+        """Draw the arm with another tool at once; its pages follow when nothing moves."""
+        with self.server.atomic():
+            self._figure.root.remove()
+            self._figure = ArmFigure(self.server.scene, self._console.robot.with_tool(tool), ARM)
+        self._figure_tool = tool
 
     def _changed(self, change: RobotChange) -> None:
         with self.server.atomic():
@@ -169,6 +177,8 @@ class App:
                     then = "Enable again" if change.not_connected is None else "Connect, then Enable"
                     text = f"A new arm process was started. Press {then}."
                     page.session.notify("Robot", text, "yellow")
+                elif change.did == EQUIPPED:
+                    page.session.notify("Tool", f"{change.title} is on: the page shows the arm with it now.")
                 elif not page.session.operates:
                     text = f"{change.who} {change.did} {change.title}: this page shows it now."
                     page.session.notify("Robot", text)
@@ -233,6 +243,7 @@ class App:
                     name = former.name
                 self._console.controller.submit(Arrive(name), self.robots.origin(back))
             try:
+                self.robots.follow_tool()
                 self._draw_frame()
             except Exception:
                 LOG.exception("a frame could not be drawn")
@@ -252,6 +263,8 @@ class App:
         if snapshot is self._drawn:
             return
         self._drawn = snapshot
+        if snapshot.tool != self._figure_tool:
+            self._draw_tool(snapshot.tool)
         console.last_known.note(snapshot)
         q = console.last_known.drawn(snapshot)
         with self.server.atomic():

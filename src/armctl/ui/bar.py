@@ -65,7 +65,7 @@ class ControlBar:
         self._operated: bool | None = None
         self._message_seen: int | None = None
         """number of the newest message that the page knows"""
-        self._where: tuple[FloatArray, FloatArray | None, str, str] | None = None
+        self._where: tuple[FloatArray, FloatArray | None, str, str, str] | None = None
         """what the numbers were written for"""
         self._darkened: list[viser.GridHandle | viser.MeshHandle] = []
         for do, label, action in (
@@ -106,9 +106,9 @@ class ControlBar:
         now = now if known else "now"  # "unknown; drawn where Enable would put it"
         before = self._where
         same = before is not None and _same(q, before[0]) and _same(then, before[1])
-        if before is None or not same or (now, kind) != before[2:]:
-            self._where = q, then, now, kind
-            session.parts.show(_WHERE, where_html(session.console.robot, q, then, now=now, kind=kind))
+        if before is None or not same or (now, kind, snapshot.tool) != before[2:]:
+            self._where = q, then, now, kind, snapshot.tool
+            session.parts.show(_WHERE, where_html(session.arm, q, then, now=now, kind=kind))
 
     # What it shows.
 

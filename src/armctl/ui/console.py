@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol, Self, TypeVar, cast
 
@@ -114,6 +115,12 @@ class CalibrationInForce:
             board = None
         return cls(robot, board, CalibrationStore() if store is None else store)
 
+    def equipped(self, tool: str) -> Self:
+        """The same with another tool on the arm."""
+        other = copy(self)
+        other.file_robot, other.robot = self.file_robot.with_tool(tool), self.robot.with_tool(tool)
+        return other
+
     def is_overtaken(self) -> bool:
         """Whether another program, or another page, has saved another calibration since. May block."""
         if self.board is None:
@@ -177,6 +184,12 @@ class Console:
     def robot(self) -> Robot:
         """The arm, as it is calibrated."""
         return self.calibration.robot
+
+    def equipped(self, tool: str) -> Console:
+        """The same arm with another tool on, and what its pages share of it."""
+        other = replace(self, calibration=self.calibration.equipped(tool))
+        other.carry_over(self)
+        return other
 
     def shared(self, kind: type[SharedT]) -> SharedT:
         """What all pages share of a kind."""

@@ -39,6 +39,7 @@ _LOST_NOTE = (
 _BACK_NOTE = "The board is plugged in again ({}). Press Connect in Main. Nothing moves by itself."
 _UNREACHABLE_NOTE = "The arm does not answer; the line above says what to do. Nothing goes on by itself."
 _MOTORS_HOLD = "The motors are on and hold the arm where it stands; Release switches them off."
+_TOOL_NOTE = "Look which tool is on, and say so in Main. Then press Enable."
 _UNHOMED_NOTE = (
     "The arm does not know where it is yet. Homing in Main moves every axis slowly to its home switch, one "
     "after the other: keep clear. STOP ends it."
@@ -51,6 +52,8 @@ def enable_note(snapshot: Snapshot, board: str, back_on: str | None = None) -> s
         return _UNREACHABLE_NOTE
     if snapshot.state is State.FAULT and snapshot.board is None:
         return _LOST_NOTE if back_on is None else _BACK_NOTE.format(back_on)
+    if snapshot.tool_unconfirmed and snapshot.board is not None:
+        return _TOOL_NOTE
     if not board_type(board).homing:
         if snapshot.limp:
             return f"{', '.join(snapshot.limp)}: off, the other joints hold. Enable switches on what is off."
@@ -106,13 +109,13 @@ class EnableControl:
         """where the arm may be enabled instead, and its angles in words"""
         self._question = EnableQuestion(session)
         command = session.command("Enable", self.enable, "Switch the outputs on")
-        session.needs(Need.OFF, command, also=_unhomed, told=False)
+        session.needs(Need.OFF, command, also=lambda now: _unhomed(now) or _untold(now), told=False)
 
     def why_not(self, snapshot: Snapshot) -> str | None:
         """Why Enable is refused now, and what to do; None: it is not."""
         if self._question.asked:
             return "answer the question “Is the arm here?” first"
-        return self._session.why_not(Need.OFF, snapshot) or _unhomed(snapshot)
+        return self._session.why_not(Need.OFF, snapshot) or _unhomed(snapshot) or _untold(snapshot)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Keep the question up to date; tell once when a board that was lost is there again."""
@@ -169,6 +172,10 @@ class EnableControl:
 def _unhomed(snapshot: Snapshot) -> str | None:
     homed = all(axis.homed for axis in snapshot.homing)
     return None if homed else "home the arm first"
+
+
+def _untold(snapshot: Snapshot) -> str | None:
+    return "say in Main which tool is on" if snapshot.tool_unconfirmed else None
 
 
 class EnableQuestion:

@@ -28,7 +28,7 @@ from armctl.protocol import (
 from armctl.ui.console import Console
 
 LOG = logging.getLogger("armctl.ui")
-RESTARTED = "started a new arm process for"
+RESTARTED, EQUIPPED = "started a new arm process for", "put on"
 _LOG_LINES = 200
 _REVIVED_AGAIN_S = 5.0
 
@@ -161,6 +161,16 @@ class RobotSwitch:
         await self._replace(self.present, port, origin, permit)
         if connect:
             await _finished(self.console, Connect(port), origin)
+
+    def follow_tool(self) -> None:
+        """Have the pages show the arm with the tool that is on, where it is another one and nothing moves."""
+        console, now = self.console, self.console.controller.snapshot
+        if now.tool == console.robot.tool or now.busy or now.unreachable or self.opening is not None:
+            return
+        self.console = console.equipped(now.tool)
+        if self._tell is not None:
+            title = next(tool.title for tool in self.console.robot.tools if tool.name == now.tool)
+            self._tell(RobotChange("", title, None, EQUIPPED))
 
     async def revive(self, who: str) -> None:
         """Start the process of the present arm again where it is gone, for ``who``: nothing is connected.

@@ -78,10 +78,15 @@ class Session:
         return self.console.controller.snapshot
 
     @property
+    def arm(self) -> Robot:
+        """The arm with the tool that is on, also while a program runs that has changed it."""
+        return self.console.robot.with_tool(self.snapshot.tool)
+
+    @property
     def held(self) -> Robot:
         """The arm with its jaws as far open as they are, and with what they carry: motions are checked so."""
         now = self.snapshot
-        return self.console.robot.gripping(now.gripper).carrying(CarriedPart.of(now.part_mm))
+        return self.arm.gripping(now.gripper).carrying(CarriedPart.of(now.part_mm))
 
     @property
     def origin(self) -> Origin:

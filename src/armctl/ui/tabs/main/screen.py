@@ -36,6 +36,7 @@ from armctl.ui.session import Session
 from armctl.ui.tabs.main.boards import RobotChooser, board_html, homing_html, of_own_arm, ports_html
 from armctl.ui.tabs.main.own_arm import OwnArm
 from armctl.ui.tabs.main.servos import Servos
+from armctl.ui.tabs.main.tool_choice import ToolChoice
 from armctl.ui.tabs.main.urdf_arm import UrdfArm
 from armctl.ui.widgets.html import GOOD, LiveHtml, muted, numbers
 
@@ -154,6 +155,7 @@ class MainScreen:
             self._line = gui.add_button_group("Board", tuple(_LINES))
             self._ports = LiveHtml(gui)
             self._board = LiveHtml(gui)
+            self._tool = ToolChoice(session)
             self._homing = gui.add_button("Homing", icon=viser.Icon.TARGET, visible=False)
             self._homed = LiveHtml(gui)
             home = gui.add_button("Home", icon=viser.Icon.HOME)
@@ -203,6 +205,7 @@ class MainScreen:
             self._servos.refresh(snapshot)
         self._line.options = tuple(one for one in _LINES if snapshot.state in _LINES[one])
         self._homing.visible = bool(snapshot.homing)
+        self._tool.refresh(snapshot)
         self._offer_board_again()
         if self._session.sees("Main"):
             self._homed.show(homing_html(snapshot))

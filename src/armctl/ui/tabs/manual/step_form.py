@@ -182,6 +182,7 @@ class StepEdit:
             "programs": self._saved,
             "inputs": [one.name for one in robot.signals.inputs],
             "outputs": [one.name for one in robot.signals.outputs if one.name != own],
+            "tools": [one.name for one in robot.tools],
         }.get(key.field.offers, ())
         if key.choices == (BASE,):
             return (BASE, *self._frames)
