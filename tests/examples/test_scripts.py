@@ -42,6 +42,10 @@ PRINTS = {
         r"(?s:.*)ends at x 180\.0, y -40\.0, z 100\.0 mm\n"
         r"(?s:.*)first corner again: \[180\.0, -40\.0, 120\.0\]$"
     ),
+    "19_two_tools.py": (
+        r"^the tip of the pen is 40 mm from that of the jaws\nchecked: 0 errors, \d+ s\n"
+        r"asks: Put the pen on; on is jaws\non is pen, its tip lifted at z = 40 mm$"
+    ),
     "14_button_and_lamp.py": r"^pressed\nlamp 1\nlet go: lamp 0$",
 }
 
