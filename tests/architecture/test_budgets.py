@@ -16,19 +16,19 @@ SOURCES = Path(armctl.__file__).parent
 MOST_LINES, MOST_OF_A_FUNCTION = 450, 60
 FOLDERS = {
     ".": (17, 3_500),  # points in a user frame
-    "calibration": (12, 2_670),  # touched points as a file, the tool point
+    "calibration": (12, 2_680),  # touched points as a file, the tool point
     "cli": (15, 3_175),
     "drawing": (11, 2_120),
-    "facts": (17, 3_345),
+    "facts": (17, 3_440),
     "hardware": (72, 15_000),  # inputs, outputs, torque limits and buses that are looked at
     "kinematics": (51, 12_800),
     "motion": (20, 5_850),
     "process": (14, 3_375),
-    "program": (25, 5_130),  # grids, a check of every path; calls, pick and place, messages, user frames
-    "protocol": (5, 1_200),
-    "robot": (42, 11_720),
-    "runtime": (26, 6_290),  # joints that are let down, messages
-    "ui": (95, 21_460),  # gamepads, user frames, the tool point, motors at a glance
+    "program": (25, 5_170),  # grids, a check of every path; calls, pick and place, messages, user frames
+    "protocol": (5, 1_230),
+    "robot": (44, 12_080),
+    "runtime": (27, 6_420),  # joints that are let down, messages
+    "ui": (96, 21_580),  # gamepads, user frames, the tool point, motors at a glance
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"
