@@ -166,6 +166,11 @@ def test_a_real_board_is_enabled_once_somebody_has_said_which_tool_is_on(
     assert again.now.tool == "pen" and again.now.tool_unconfirmed  # as it was last: to be confirmed
     assert again.now.last_pose is not None and "with the tool pen" in str(again.now.last_pose)
     again.refuses(Enable(start, 0.5), "it was 'pen' last", EnableError)
+    again.do(SetTool("cup")).result(0)
+    again.do(Disconnect()).result(0)
+    again.do(Connect("/dev/ttyACM0")).result(0)
+    again.tick()
+    assert again.now.tool == "cup" and again.now.tool_unconfirmed  # what was said is newer than the last pose
     again.do(SetTool("pen")).result(0)
     again.finishes(Enable(start, 0.5))
 

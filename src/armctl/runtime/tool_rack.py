@@ -44,11 +44,13 @@ class ToolRack:
         """the arm with the tool that is on"""
         self.unconfirmed = False
         """nobody has said since the connection that this one is on"""
+        self._said = False
+        """somebody has said so at some time: that is newer than where the arm was seen last"""
 
     def change(self, name: str) -> None:
         """Another tool is on from now on; ``InputError``: there is none of that name."""
         self.on = self._arms[self.on.robot.with_tool(name).tool]
-        self.unconfirmed = False
+        self.unconfirmed, self._said = False, True
 
     def connected(self, *, simulated: bool) -> None:
         """A board is connected: what is on its arm, nobody knows but by having looked."""
@@ -56,9 +58,10 @@ class ToolRack:
 
     def presume(self, name: str) -> bool:
         """A tool was on when the arm was seen last; whether that is another one than it was taken for."""
-        if not self.unconfirmed or name not in self._arms or self._arms[name] is self.on:
+        known = self._arms.get(name, self.on)
+        if not self.unconfirmed or self._said or known is self.on:
             return False
-        self.on = self._arms[name]
+        self.on = known
         return True
 
     def require_confirmed(self) -> None:
