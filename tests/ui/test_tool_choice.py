@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -9,13 +10,13 @@ from typing import Any, cast
 import pytest
 from tests.robot.test_tools import arm_with_tools
 from tests.ui.page_kit import FakePage, snapshot_of
-from tests.ui.test_robot_choice import SIMULATED, FakeController
+from tests.ui.test_robot_choice import PAGE, SIMULATED, FakeController, Rig
 
 from armctl.calibration import CalibrationStore
 from armctl.errors import StateError
 from armctl.program import Program, WaitStep
 from armctl.protocol import SetTool
-from armctl.robot import Robot
+from armctl.robot import Robot, load_robot
 from armctl.ui import CalibrationInForce, Console, RobotChoice, RobotSwitch
 from armctl.ui.enabling import enable_note
 from armctl.ui.guard import GuardedServer
@@ -59,6 +60,18 @@ def test_a_page_asks_which_tool_is_on(server: GuardedServer, robot: Robot) -> No
     assert vars(choice)["_on"].label == ON and "turned" in page.html and "grips: Cup" in page.html
     now = replace(snapshot_of(robot), board=SIMULATED, tool_unconfirmed=True)
     assert "say so in Main" in enable_note(now, robot.board)
+
+
+def test_an_arm_that_is_opened_anew_has_its_tool_on(tmp_path: Path, robot: Robot) -> None:
+    rig = Rig(tmp_path)
+    rig.robots["uzuner"] = robot
+    rig.arm(tool="pen")
+    asyncio.run(rig.desk.reopen(PAGE, lambda: None))
+    assert SetTool("pen") in rig.opened["uzuner"].commands
+    rig.robots["uzuner"] = load_robot("uzuner")  # its file was edited: there is no such tool any more
+    rig.arm(tool="pen")
+    asyncio.run(rig.desk.reopen(PAGE, lambda: None))
+    assert SetTool("pen") not in rig.opened["uzuner"].commands
 
 
 def test_the_pages_follow_the_tool_once_nothing_moves(tmp_path: Path, robot: Robot) -> None:

@@ -39,8 +39,8 @@ class Note(msgspec.Struct, frozen=True):
 
 
 def likeness(robot: Robot, board: str, rate_hz: float, pin: str) -> str:
-    """The same for arm processes that are started alike: robot with calibration, board, rate, PIN."""
-    told = (robot_record(robot), board, float(rate_hz), pin)
+    """The same for arm processes that are started alike, whichever tool is on: robot, board, rate, PIN."""
+    told = (robot_record(robot.flange or robot), board, float(rate_hz), pin)
     return hashlib.sha256(msgspec.msgpack.encode(told, order="deterministic")).hexdigest()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from armctl.boards import SIMULATED
@@ -22,6 +22,7 @@ from armctl.protocol import (
     Origin,
     RememberWrongPins,
     SetSpeed,
+    SetTool,
     Snapshot,
     wall_time,
 )
@@ -220,11 +221,10 @@ class RobotSwitch:
             try:
                 self._require_wanted()
                 await self._carry_control(opened, left)
-                speed = left.controller.snapshot.speed
-                if opened.controller.snapshot.speed != speed:
+                for command in _as_before(opened, left, reopen=reopen):
                     operator = opened.controller.snapshot.control.operator
                     by = origin if operator is None or operator.id == origin.who else Origin(operator.id)
-                    await _finished(opened, SetSpeed(speed), by)
+                    await _finished(opened, command, by)
                 if again:
                     title = opened.robot.title
                     not_connected = f"{title} is not connected, as its process was gone; press Connect"
@@ -283,6 +283,15 @@ class RobotSwitch:
             await _finished(opened, LockControl(True, pin), Origin(who))
         if control.wrong_pins:  # last: who is there already does not wait for others who guess
             await _finished(opened, RememberWrongPins(control.wrong_pins), Origin("console"))
+
+
+def _as_before(opened: Console, left: Console, *, reopen: bool) -> Iterator[Command]:
+    """What gives an arm the speed override of the one that is left and, where it is the same, its tool."""
+    now, before = opened.controller.snapshot, left.controller.snapshot
+    if now.speed != before.speed:
+        yield SetSpeed(before.speed)
+    if reopen and now.tool != before.tool and before.tool in [tool.name for tool in opened.robot.tools]:
+        yield SetTool(before.tool)
 
 
 async def _connect(opened: Console, left: Console, origin: Origin) -> str | None:
