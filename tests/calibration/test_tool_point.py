@@ -37,9 +37,7 @@ def sides(name: str, tip: tuple[float, ...] = tuple(TIP)) -> tuple[FloatArray, F
     inside = np.flatnonzero((tips[:, 2] > 0.03) & (np.linalg.norm(tips, axis=1) < 0.7 * arm.chain.length))
     best: tuple[float, FloatArray, FloatArray] | None = None
     for i in inside[:12].tolist():
-        found = np.array(
-            [one for start in q[::2] if (one := _led(arm, start, tips[i], np.array(tip))) is not None]
-        )
+        found = _led(arm, q[::2], tips[i], np.array(tip))
         if len(found) < LEAST_SIDES:
             continue
         spread = _spread(arm, found[apart(arm, found, LEAST_SIDES)])
@@ -49,21 +47,24 @@ def sides(name: str, tip: tuple[float, ...] = tuple(TIP)) -> tuple[FloatArray, F
     return best[1], best[2]
 
 
-def _led(arm: Robot, q: FloatArray, point: FloatArray, tip: FloatArray) -> FloatArray | None:
-    """Newton steps of the true tip onto a point, inside the limits."""
+def _led(arm: Robot, q: FloatArray, point: FloatArray, tip: FloatArray) -> FloatArray:
+    """Newton steps of the true tip onto a point, inside the limits, from each of (k, n): where that ends."""
     for _ in range(30):
-        T, J = arm.forward(q), arm.jacobian(q)
-        lever = T[:3, :3] @ tip
-        away = point - T[:3, 3] - lever
-        if np.linalg.norm(away) < 1e-9:
-            return q
-        q = np.clip(q + np.linalg.pinv(_of_tip(J, lever), rcond=1e-3) @ away, *arm.limits.T)
-    return None
+        away, J = _away(arm, q, point, tip)
+        q = np.clip(q + (np.linalg.pinv(J, rcond=1e-3) @ away[..., None])[..., 0], *arm.limits.T)
+    return q[np.linalg.norm(_away(arm, q, point, tip)[0], axis=1) < 1e-9]
+
+
+def _away(arm: Robot, q: FloatArray, point: FloatArray, tip: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """From the tip to the point (k, 3) [m], and the tip's Jacobian (k, 3, n)."""
+    T = arm.forward(q)
+    lever = T[:, :3, :3] @ tip
+    return point - T[:, :3, 3] - lever, _of_tip(arm.jacobian(q), lever)
 
 
 def _of_tip(J: FloatArray, lever: FloatArray) -> FloatArray:
-    """(3, n) of a point that is fixed to the tool."""
-    return J[:3] + np.cross(J[3:].T, lever).T
+    """(..., 3, n) of a point that is fixed to the tool."""
+    return J[..., :3, :] + np.cross(J[..., 3:, :], lever[..., None], axis=-2)
 
 
 def _spread(arm: Robot, q: FloatArray) -> float:
