@@ -85,13 +85,19 @@ class BusServo(ABC):
 
     def get(self, name: str) -> int:
         """A number of the table."""
-        number = self._numbers.get(name)
-        if number is None:
-            number = self._numbers[name] = self.table.decode(name, self.memory, 0)
-        return number
+        try:
+            return self._numbers[name]
+        except KeyError:  # since it was written
+            number = self._numbers[name] = self._decoded(name)
+            return number
+
+    def _decoded(self, name: str) -> int:
+        return self.table.decode(name, self.memory, 0)
 
     def put(self, name: str, number: int) -> None:
         """Set a number of the table, as its own electronics do."""
+        if self._numbers.get(name) == number:
+            return
         register = self.table[name]
         self.memory[register.address : register.end] = self.table.encode(name, number)
         self._numbers[name] = number

@@ -90,13 +90,8 @@ class SimulatedFeetech(BusServo):
         self._latched = 0
         self.sensor_fails = False
 
-    def get(self, name: str) -> int:
-        """A number of the table."""
-        number = self._numbers.get(name)
-        if number is None:
-            known = name in self.table
-            number = self._numbers[name] = super().get(name) if known else _ABSENT[name]
-        return number
+    def _decoded(self, name: str) -> int:
+        return super()._decoded(name) if name in self.table else _ABSENT[name]
 
     def power_up(self) -> None:
         """Torque off, goal 0, the torque limit from the EEPROM; that is locked, or open in some series."""
