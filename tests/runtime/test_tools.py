@@ -7,14 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.program.kit import program
 from tests.robot.test_tools import TOOLS, arm_with_tools
 from tests.runtime.kit import LateExecutor, Rig, make_rig
 from tests.runtime.signal_kit import PUMP, bench_of, high
 
+from armctl.calibration import Calibration, JointDeflection, calibrated
 from armctl.errors import EnableError, InputError, MotionRefusedError
 from armctl.facts import State
 from armctl.hardware import BoardIdentity
 from armctl.kinematics import Target
+from armctl.program import ToolStep, WaitStep
 from armctl.protocol import (
     Connect,
     Disconnect,
@@ -24,6 +27,7 @@ from armctl.protocol import (
     MoveGripper,
     MoveJoints,
     MoveTo,
+    RunProgram,
     SetTool,
 )
 from armctl.robot import Robot
@@ -126,6 +130,27 @@ def test_the_gripper_is_that_of_the_tool(tmp_path: Path) -> None:
     bench.do(MoveGripper(0.0))
     bench.run(2.0)
     assert bench.now.gripper == 0.0 and bench.now.state is State.HOLDING
+
+
+def test_a_soft_arm_stays_where_it_is_when_somebody_says_that_a_heavier_tool_is_on(robot: Robot) -> None:
+    soft = {"shoulder": JointDeflection(compliance=math.radians(2.0))}
+    arm = calibrated(robot, Calibration("uzuner", "7", "µs", {}, deflection=soft))
+    rig = make_rig(robot=arm).enable(over(robot, 120))
+    q, told = rig.now.q_command, dict(rig.driver.positions)
+    rig.do(SetTool("pen")).result(0)
+    rig.run(1.0)
+    assert rig.driver.positions == told and len(rig.driver.writes) == 1  # that of Enable
+    pen = arm.with_tool("pen").outputs
+    assert pen.outputs(rig.now.q_command) == pytest.approx({k: told[k] for k in pen.channels}, abs=1e-3)
+    sinks = np.degrees(q - rig.now.q_command)
+    assert 0.02 < sinks[1] < 1.0 and np.abs(np.delete(sinks, 1)).max() < 1e-6
+    assert rig.now.state is State.HOLDING and not rig.now.warnings
+    # a program goes on from where its last motion ended: there it lifts what the tool weighs down
+    q = rig.now.q_command
+    rig.finishes(RunProgram(program(ToolStep(tool="jaws"), WaitStep(seconds=0.5))))
+    assert rig.now.q_command == pytest.approx(q)
+    light = arm.with_tool("jaws").outputs.outputs(q)
+    assert {k: rig.driver.positions[k] for k in light} == pytest.approx(light) and not rig.now.warnings
 
 
 def on_a_real_board(folder: Path, robot: Robot) -> Rig:

@@ -116,19 +116,39 @@ class Core(ArmState):
         self.log.add(f"simulated input {name}: {value:g} ({who})")
 
     def set_tool(self, name: str, who: str, now: float) -> None:
-        """Somebody says which tool is on; refused while something moves."""
+        """Somebody says which tool is on; refused while something moves. Nothing moves by it.
+
+        An arm that gives way stands lower with a heavier tool: as its outputs stay, it is somewhere else.
+        """
         if self.busy:
             raise StateError(ToolWhileMoving(self.cause))
-        self.equip(name, who, now)
+        board, q = self.board, self.gate.q
+        told = None if board is None or q is None else board.map.outputs(q)
+        changed = self._put_on(name, who, now)
+        if changed and board is not None and told is not None and board.map.deflection is not None:
+            self.gate.jump(np.clip(board.map.angles(told), *self.robot.limits.T), now)
 
     def equip(self, name: str, who: str, now: float) -> None:
-        """A tool is on from now on, and counts in all that moves; the joints stand."""
+        """A program has another tool on from now on; the joints stand.
+
+        An arm that gives way is told anew where it stands, for the weight of that tool: so it was planned.
+        """
+        board, q = self.board, self.gate.q
+        changed = self._put_on(name, who, now)
+        if changed and board is not None and q is not None and board.map.deflection is not None:
+            board.write(q, None)
+            self._wrote_at = now
+
+    def _put_on(self, name: str, who: str, now: float) -> bool:
+        """A tool counts in all that moves from now on; whether it is another one."""
         part = self.gripper.part
         if part is not None and name != self.robot.tool:
             raise StateError(ToolHoldsPart(str(part)))
+        changed = name != self.robot.tool
         self.rack.change(name)
         self._take_tool(now)
         self.log.add(f"tool: {name} ({who})")
+        return changed
 
     def _take_tool(self, now: float) -> None:
         on, self._gripped = self.rack.on, ()
