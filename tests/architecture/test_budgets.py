@@ -27,7 +27,7 @@ FOLDERS = {
     "program": (25, 5_170),  # grids, a check of every path; calls, pick and place, messages, user frames
     "protocol": (5, 1_230),
     "robot": (44, 12_080),
-    "runtime": (27, 6_430),  # joints that are let down, messages
+    "runtime": (27, 6_450),  # joints that are let down, messages
     "ui": (96, 21_590),  # gamepads, user frames, the tool point, motors at a glance
 }
 """files and lines, at most"""
