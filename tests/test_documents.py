@@ -11,7 +11,7 @@ import msgspec
 import pytest
 from msgspec import Meta
 
-from armctl.decoding import line_of
+from armctl.decoding import line_of, refusal_of
 from armctl.documents import DocumentKind, claim, sweep_litter, write_atomically
 from armctl.errors import InputError
 
@@ -90,6 +90,24 @@ def test_a_refusal_says_where_what_and_what_is_allowed(text: str | bytes, says: 
     with pytest.raises(InputError) as refused:
         KIND.decode(text, File)
     assert says in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("record", "says"),
+    [
+        ({"one": {"share": 2}}, "must be more than 0 and at most 1, not 2"),
+        ({"named": {"k": {"way": 3}}}, "must be text, not 3"),
+        ({"colours": [{}]}, "the key 'kind' is missing"),
+        ({"pair": [1, "x"]}, "must be a number, not 'x'"),
+        ({"maybe": 1}, "unknown key 'maybe'; mistyped?"),
+    ],
+)
+def test_what_is_wrong_is_found_in_the_record_and_not_in_the_words_of_a_library(
+    record: dict[str, object], says: str
+) -> None:
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert(record, File)
+    assert refusal_of(msgspec.ValidationError("other words"), record, File).what == says
 
 
 def test_what_an_editor_puts_into_a_file_does_not_matter() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 import reprlib
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from types import NoneType, UnionType
@@ -67,8 +68,7 @@ class Decoder:
         found = self._parts(value, _type_of(model, value), place)
         if len(self.refusals) == before:  # each part of it is right
             if isinstance(refusal, msgspec.ValidationError):
-                inner = refusal_of(refusal, value, model)
-                refusal = inner._replace(place=(*place, *inner.place))
+                refusal = refusal_of(refusal, value, model, place)
             self.refusals.append(refusal)
             return REFUSED
         return found
@@ -119,7 +119,7 @@ class Decoder:
             elif key in mistyped:
                 entries[field.name] = REFUSED
             elif field.required:
-                self.refusals.append(Refusal(place, key, f"the key {key!r} is missing"))
+                self.refusals.append(_missing(key, place))
                 entries[field.name] = REFUSED
         return model(**entries)
 
@@ -174,26 +174,7 @@ def _plain(word: str) -> str:
     return re.sub(r"[-_ ]", "", word.casefold())
 
 
-# A refusal of msgspec in plain words.
-
-_UNKNOWN = re.compile(r"Object contains unknown field `(.+)`", re.DOTALL)
-_MISSING = re.compile(r"Object missing required field `(.+)`", re.DOTALL)
-_CHOICE = re.compile(r"Invalid (?:enum )?value (.+)", re.DOTALL)
-_BOUND = re.compile(r"Expected `(?:float|int)` (?:>=|<=|>|<) \S+")
-_LENGTH = re.compile(r"Expected `(array|str)` of length (?:(>=|<=) )?(\d+)(?:, got \d+)?")
-_PATTERN = re.compile(r"Expected `str` matching regex '(.*)'", re.DOTALL)
-_TYPE = re.compile(r"Expected `([a-z| ]+)`, got `\w+`")
-_TYPE_WORDS = {
-    "float": "a number",
-    "int": "a whole number",
-    "str": "text",
-    "array": "a list",
-    "object": "a table",
-    "null": "left out",
-    "bool": "true or false",
-}
-_LENGTH_WORDS = {None: "", ">=": "at least ", "<=": "at most "}
-_STEP = re.compile(r"\[(\d+|\.\.\.)\]|([^.\[]+)")
+# Why msgspec refuses a record: its words are not read, the record is looked at again.
 
 
 class Refusal(NamedTuple):
@@ -205,42 +186,144 @@ class Refusal(NamedTuple):
     what: str
 
 
-def refusal_of(error: msgspec.ValidationError, record: object, model: Any) -> Refusal:
-    """What the decoder raised on decoding ``record`` as a ``model``, in plain words."""
-    what, _, where = str(error).rpartition(" - at `")
-    if not what:
-        what, where = str(error), "$`"
-    where = where.removeprefix("key` in `").removesuffix("`").removeprefix("$")
-    steps = _STEP.findall(where)
-    place = tuple(int(index) if index.isdigit() else key or "*" for index, key in steps)
-    if match := _UNKNOWN.fullmatch(what):
-        return Refusal(place, match[1], f"unknown key {match[1]!r}; mistyped?")
-    if match := _MISSING.fullmatch(what):
-        return Refusal(place, match[1], f"the key {match[1]!r} is missing")
-    return Refusal(place, None, _plain_words(what, *_found(record, inspect.type_info(model), place)))
+def refusal_of(error: msgspec.ValidationError, record: object, model: Any, place: Place = ()) -> Refusal:
+    """The first thing that is wrong with a ``record`` at a place that the decoder refused as a ``model``."""
+    found = _wrong(record, inspect.type_info(model), place)
+    return found or Refusal(place, None, str(error.__cause__ or error))  # what a struct itself refuses
 
 
-def _plain_words(what: str, value: Any, node: inspect.Type) -> str:
-    """What is wrong with a value that should be of the type ``node``."""
-    got = "" if value is _LOST else f", not {reprlib.repr(value)}"
-    if _BOUND.fullmatch(what) and isinstance(node, inspect.FloatType | inspect.IntType):
-        return f"must be {range_words(node)}{got}"
-    if match := _CHOICE.fullmatch(what):
-        kinds = node.types if isinstance(node, inspect.UnionType) else (node,)
-        for kind in kinds:
-            if isinstance(kind, inspect.LiteralType):
-                other = " or a list" if len(kinds) > 1 else ""
-                return f"{must_be(kind.values)}{other}, not {match[1]}{did_you_mean(value, kind.values)}"
-    if match := _TYPE.fullmatch(what):
-        allowed = " or ".join(_TYPE_WORDS.get(name, name) for name in match[1].split(" | "))
-        return f"must be {allowed}{got}"
-    if match := _LENGTH.fullmatch(what):
-        count, unit = int(match[3]), "character" if match[1] == "str" else "value"
-        return f"must have {_LENGTH_WORDS[match[2]]}{count} {unit}{'' if count == 1 else 's'}{got}"
-    if match := _PATTERN.fullmatch(what):
-        return f"a name must match {match[1]}{got if isinstance(value, str) else ''}"
-    what = what.replace("`", "")
-    return f"{what[:1].lower()}{what[1:]}"
+_KIND_WORDS = {
+    "bool": "true or false", "int": "a whole number", "float": "a number", "str": "text",
+    "object": "a table", "array": "a list", "null": "left out",
+}  # fmt: skip
+_KINDS: dict[type[inspect.Type], str] = {
+    inspect.BoolType: "bool", inspect.IntType: "int", inspect.FloatType: "float", inspect.StrType: "str",
+    inspect.DictType: "object", inspect.StructType: "object", inspect.NoneType: "null",
+    inspect.ListType: "array", inspect.TupleType: "array", inspect.VarTupleType: "array",
+}  # fmt: skip
+_TAKEN_AS: dict[type, tuple[str, ...]] = {
+    bool: ("bool",), int: ("int", "float"), float: ("float",), str: ("str",),
+    dict: ("object",), list: ("array",), tuple: ("array",), NoneType: ("null",),
+}  # fmt: skip
+
+
+def _kinds(node: inspect.Type) -> set[str]:
+    """What may stand where such a type is asked for; empty: anything."""
+    if isinstance(node, inspect.UnionType):
+        each = [_kinds(one) for one in node.types]
+        return set[str]().union(*each) if all(each) else set()
+    if isinstance(node, inspect.LiteralType):
+        return {"int" if isinstance(value, int) else "str" for value in node.values}
+    return {_KINDS[type(node)]} if type(node) in _KINDS else set()
+
+
+def _wrong(value: object, node: inspect.Type, place: Place) -> Refusal | None:
+    """The first thing that is wrong with a value that should be of the type ``node``; None: not found."""
+    allowed = _kinds(node)
+    if allowed and allowed.isdisjoint(_TAKEN_AS.get(type(value), ())):
+        words = " or ".join(words for kind, words in _KIND_WORDS.items() if kind in allowed)
+        return Refusal(place, None, f"must be {words}, not {reprlib.repr(value)}")
+    node = _one_type(node, value)
+    if isinstance(value, dict):
+        return _wrong_table(cast("dict[str, Any]", value), node, place)
+    if isinstance(value, list | tuple):
+        return _wrong_list(cast("Sequence[Any]", value), node, place)
+    what = _wrong_choice(value, node) or _wrong_number(value, node) or _wrong_text(value, node)
+    return Refusal(place, None, what) if what else None
+
+
+def _wrong_choice(value: Any, node: inspect.Type) -> str:
+    """What is wrong with what should be one of some values; empty: nothing is."""
+    for kind in node.types if isinstance(node, inspect.UnionType) else (node,):
+        if isinstance(kind, inspect.LiteralType) and value not in (None, *kind.values):
+            other = "" if kind is node else " or a list"
+            return f"{must_be(kind.values)}{other}, not {value!r}{did_you_mean(value, kind.values)}"
+    return ""
+
+
+def _wrong_number(value: Any, node: inspect.Type) -> str:
+    """What is wrong with a number; empty: nothing is."""
+    if not isinstance(node, inspect.FloatType | inspect.IntType):
+        return ""
+    if isinstance(node, inspect.FloatType) and isinstance(value, int) and abs(value) > sys.float_info.max:
+        return "number out of range"
+    low = (node.ge is None or value >= node.ge) and (node.gt is None or value > node.gt)
+    high = (node.le is None or value <= node.le) and (node.lt is None or value < node.lt)
+    return "" if low and high else f"must be {range_words(node)}, not {reprlib.repr(value)}"
+
+
+def _wrong_text(value: Any, node: inspect.Type) -> str:
+    """What is wrong with a text; empty: nothing is."""
+    if not isinstance(node, inspect.StrType):
+        return ""
+    if what := _wrong_length(value, node, "character"):
+        return what
+    matches = node.pattern is None or re.search(node.pattern, value)
+    return "" if matches else f"a name must match {node.pattern}, not {reprlib.repr(value)}"
+
+
+def _wrong_length(value: Any, node: Any, unit: str) -> str:
+    """What is wrong with how much there is; empty: nothing is."""
+    if node.min_length is not None and len(value) < node.min_length:
+        return _must_have(f"at least {node.min_length}", node.min_length, unit, value)
+    if node.max_length is not None and len(value) > node.max_length:
+        return _must_have(f"at most {node.max_length}", node.max_length, unit, value)
+    return ""
+
+
+def _must_have(words: str, count: int, unit: str, value: object) -> str:
+    return f"must have {words} {unit}{'' if count == 1 else 's'}, not {reprlib.repr(value)}"
+
+
+def _wrong_list(value: Sequence[Any], node: inspect.Type, place: Place) -> Refusal | None:
+    """The first thing that is wrong with a list."""
+    match node:
+        case inspect.TupleType(item_types=inner):
+            if (count := len(inner)) != len(value):
+                return Refusal(place, None, _must_have(str(count), count, "value", value))
+        case inspect.ListType() | inspect.VarTupleType():
+            if what := _wrong_length(value, node, "value"):
+                return Refusal(place, None, what)
+            inner = (node.item_type,) * len(value)
+        case _:
+            return None
+    each = enumerate(zip(value, inner, strict=True))
+    return next(filter(None, (_wrong(one, kind, (*place, k)) for k, (one, kind) in each)), None)
+
+
+def _wrong_table(value: dict[str, Any], node: inspect.Type, place: Place) -> Refusal | None:
+    """The first thing that is wrong with a table."""
+    if isinstance(node, inspect.DictType):
+        if what := _wrong_length(value, node, "value"):
+            return Refusal(place, None, what)
+        for key, one in value.items():
+            for part, kind in ((key, node.key_type), (one, node.value_type)):
+                if found := _wrong(part, kind, (*place, key)):
+                    return found
+        return None
+    kinds = node.types if isinstance(node, inspect.UnionType) else (node,)
+    structs = [one for one in kinds if isinstance(one, inspect.StructType)]
+    tags = {one.tag_field: [other.tag for other in structs] for one in structs if one.tag_field is not None}
+    for key, allowed in tags.items():  # of structs, and no kind has the tag that stands there
+        if key in value and value[key] not in allowed:
+            return _wrong(value[key], inspect.LiteralType(tuple(allowed)), (*place, key))
+        if key not in value and len(structs) > 1:
+            return _missing(key, place)
+    if len(structs) != 1:
+        return None
+    fields = {one.encode_name: one for one in structs[0].fields}
+    for key, one in value.items():
+        if key in fields:
+            if found := _wrong(one, fields[key].type, (*place, key)):
+                return found
+        elif structs[0].forbid_unknown_fields and key not in tags:
+            return Refusal(place, key, f"unknown key {key!r}; mistyped?")
+    absent = [key for key, one in fields.items() if one.required and key not in value]
+    return _missing(absent[0], place) if absent else None
+
+
+def _missing(key: str, place: Place) -> Refusal:
+    return Refusal(place, key, f"the key {key!r} is missing")
 
 
 def must_be(choices: Sequence[object]) -> str:
@@ -257,42 +340,12 @@ def range_words(node: inspect.FloatType | inspect.IntType) -> str:
     return " and ".join(f"{word} {bound:.15g}" for word, bound in bounds if bound is not None)
 
 
-_LOST = object()
-"""a value below a key that the decoder does not name"""
-
-
-def _found(value: Any, node: inspect.Type, place: Place) -> tuple[Any, inspect.Type]:
-    """The value at a place of a record, and its type there."""
-    for part in place:
-        match _one_type(node, value):
-            case inspect.StructType(fields=fields):
-                node = next(one.type for one in fields if one.encode_name == part)
-            case inspect.UnionType(types=kinds):  # of structs, and no kind has the tag that stands there
-                node = inspect.LiteralType(
-                    tuple(one.tag for one in kinds if isinstance(one, inspect.StructType))
-                )
-            case (
-                inspect.DictType(value_type=inner)
-                | inspect.ListType(item_type=inner)
-                | inspect.VarTupleType(item_type=inner)
-            ):
-                node = inner
-            case inspect.TupleType(item_types=inners) if isinstance(part, int):
-                node = inners[part]
-            case _:
-                pass
-        try:
-            value = value[part]
-        except (KeyError, TypeError):
-            value = _LOST
-    return value, _one_type(node, value)
-
-
-def _one_type(node: inspect.Type, value: Any) -> inspect.Type:
+def _one_type(node: inspect.Type, value: object) -> inspect.Type:
     """A type that may also be None or several kinds of structs: the one that the value is of."""
     if not isinstance(node, inspect.UnionType):
         return node
-    kinds = [one for one in node.types if not isinstance(one, inspect.NoneType)]
+    fits = set(_KIND_WORDS if isinstance(value, str) else _TAKEN_AS.get(type(value), ()))
+    kinds = [one for one in node.types if not isinstance(one, inspect.NoneType) and _kinds(one) & fits]
     tags = cast("dict[object, object]", value) if isinstance(value, dict) else {}
     for one in kinds:
         if isinstance(one, inspect.StructType) and one.tag is not None and tags.get(one.tag_field) == one.tag:

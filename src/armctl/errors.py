@@ -12,6 +12,7 @@ from types import TracebackType
 from typing import ClassVar, Self
 
 from armctl.facts import About, Reason, Said, say
+from armctl.facts.reasons import range_texts
 
 DOCS = "https://armctl-console.readthedocs.io/en/latest/"
 """where the documentation is published: the same as in pyproject.toml"""
@@ -55,11 +56,9 @@ def with_help(error: ArmctlError) -> str:
 
 def out_of_range(value: float, low: float, high: float, unit: str = "") -> str:
     """Text for a number outside a range, with as many digits as tell it from both ends."""
-    ends = f"{low:g}", f"{high:g}"
-    texts = (f"{value:.{digits}g}" for digits in range(6, 17))
-    text = next((text for text in texts if text not in ends), repr(value))
+    text, least, most = range_texts(value, low, high)
     space = " " if unit else ""
-    return f"{text}{space}{unit} is outside {ends[0]} … {ends[1]}{space}{unit}"
+    return f"{text}{space}{unit} is outside {least} … {most}{space}{unit}"
 
 
 class RefusedBeforeError(Exception):

@@ -233,6 +233,10 @@ def test_what_the_board_reports_stops_the_motion_and_is_shown(holding: Rig) -> N
     assert "the board reports: serial overrun" in holding.now.warnings
     holding.rests(1)
     fails(motion.finished, "stopped by armctl: the board reports: serial overrun")
+    assert holding.now.more_warnings == (), "the cause tells it"
+    holding.do(MoveJoints(HOME))
+    assert holding.now.more_warnings == holding.now.warnings != ()
+    holding.rests(1)
     holding.run(11)
     assert holding.now.warnings == ()
 

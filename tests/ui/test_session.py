@@ -21,6 +21,7 @@ from armctl.apart import is_given_up
 from armctl.calibration import LEAST_POINTS, TouchFit, own_map
 from armctl.errors import InputError
 from armctl.facts import Need, State
+from armctl.facts.commands import NoBoard, Stopped
 from armctl.hardware import BoardIdentity
 from armctl.protocol import AxisHoming, Control, Doing, MoveJoints, Party, Snapshot, Ticket
 from armctl.robot import load_robot
@@ -420,7 +421,11 @@ def test_what_is_not_saved_is_saved_before_the_change_or_nothing_is_changed(serv
 
 def test_who_stopped_the_arm_is_told_as_this_page_knows_them(server: GuardedServer) -> None:
     told = Bench(server, control=Control((ME, replace(OTHER, operates=False)))).session.with_names
-    assert told("move was stopped by browser page 7") == "move was stopped by you"
-    assert told("stopped by browser page 8") == "stopped by Bob"
-    for other in ("stopped by browser page 78", "stopped by browser page 7: the page does not answer"):
+    assert told(Stopped("browser page 7", what="move")) == Stopped("", what="move")
+    assert told(Stopped("browser page 8")) == Stopped("Bob")
+    for other in (
+        Stopped("browser page 78"),
+        Stopped("browser page 7", "the page does not answer"),
+        NoBoard(),
+    ):
         assert told(other) == other

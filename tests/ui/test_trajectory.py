@@ -116,7 +116,7 @@ def test_the_tool_is_led_to_its_end_at_the_speed_that_is_asked_for(via: np.ndarr
 
 
 def test_a_line_that_ends_on_the_way_is_drawn_so_far_and_its_limit_told_once() -> None:
-    request = MotionRequest(TOOL_LINE, "Tool line, trapezoid", HOME, "trapezoid", end=STRETCHED)
+    request = MotionRequest(TOOL_LINE, "Tool line", HOME, "trapezoid", end=STRETCHED)
     found = plan_motion(ROBOT, request)
     assert found.title == "Tool line"  # it follows no profile
     assert found.refusal is not None
@@ -142,7 +142,7 @@ def test_a_line_that_cannot_keep_the_pitch_yields_it_or_knows_what_would_help() 
     assert free.refusal is None and free.freer is None
     assert free.motion.position[-1] == pytest.approx(end.point, abs=1e-5)
     assert "The tool pitch cannot be kept: the arm would get 5 % of the way." in free.note
-    asked = MotionRequest(TOOL_LINE, "Tool line, pitch kept, trapezoid", HOME, end=end, yields=True, **keep)
+    asked = MotionRequest(TOOL_LINE, "Tool line", HOME, end=end, yields=True, **keep)
     assert plan_motion(ROBOT, asked).title == "Tool line, pitch free, trapezoid"
     near = planned(TOOL_LINE, HOME, end=Target.of(TIP + np.array([0, 0.08, 0])), yields=True, **keep)
     assert near.note == "" and np.degrees(near.motion.pitch) == pytest.approx(-30.0, abs=0.02)

@@ -11,7 +11,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import CalibrationError
-from armctl.facts.reasons import decimals_apart
+from armctl.facts.causes import MarksNarrow, MarksTogether, TooFew
 from armctl.facts.servos import ServoSeam
 
 LEAST_MARKS = 3
@@ -167,37 +167,25 @@ def _wrong_mark(outputs: FloatArray, angles: FloatArray) -> tuple[int | None, bo
 def _require_places(marks: Sequence[Mark], unit: str) -> None:
     """Refuse marks that no line can be laid through."""
     if len(marks) < LEAST_MARKS:
-        raise CalibrationError(
-            f"{len(marks)} marks are too few: {LEAST_MARKS} are needed, far apart; with 4 or more a wrong "
-            "one is named"
-        )
+        raise CalibrationError(TooFew("marks", len(marks), LEAST_MARKS))
     for number, mark in enumerate(marks, 1):
         if not (math.isfinite(mark.output) and math.isfinite(mark.angle)):
             raise CalibrationError(f"mark {number} is no pair of finite numbers: {mark.text(unit)}")
     outputs = np.sort([mark.output for mark in marks])
     spread = float(np.ptp(outputs))
     if spread <= 0:
-        raise CalibrationError(
-            f"all marks are at one place, {outputs[0]:.1f} {unit}: move the joint between the marks"
-        )
+        raise CalibrationError(MarksTogether(1, LEAST_MARKS, float(outputs[0]), unit))
     found = 1 + int(np.sum(np.diff(outputs) > _SAME_PLACE * spread))
     if found < LEAST_MARKS:
-        raise CalibrationError(
-            f"the marks are at {found} places only: take them at {LEAST_MARKS} or more, spread over the "
-            "joint's range"
-        )
+        raise CalibrationError(MarksTogether(found, LEAST_MARKS))
     _require_spread(np.array([mark.angle for mark in marks]))
 
 
 def _require_spread(angles: FloatArray) -> None:
     """Refuse angles (n,) [rad] that lie too close together to say anything of the scale."""
-    spread, least = math.degrees(float(np.ptp(angles))), math.degrees(_LEAST_SPREAD)
-    if spread < least:
-        digits = decimals_apart(spread, least, least=1)
-        raise CalibrationError(
-            f"the angles of the marks spread over {spread:.{digits}f}° only: take them further apart, over "
-            f"{least:.0f}° at least, better over the whole range of the joint"
-        )
+    spread = float(np.ptp(angles))
+    if spread < _LEAST_SPREAD:
+        raise CalibrationError(MarksNarrow(spread, _LEAST_SPREAD))
 
 
 def _require_within_a_turn(outputs: FloatArray, angles: FloatArray, turn: float) -> None:

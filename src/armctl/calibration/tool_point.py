@@ -20,8 +20,7 @@ from numpy.typing import ArrayLike
 from armctl.arrays import FloatArray
 from armctl.errors import CalibrationError
 from armctl.facts import Reason
-from armctl.facts.angles import to_degrees
-from armctl.facts.causes import TaughtTip, TipAsBefore, TipUntold
+from armctl.facts.causes import TaughtTip, TipAsBefore, TipUntold, TooFew, ToolTurnedLittle
 from armctl.kinematics.target import as_numbers, require_finite
 from armctl.robot import Robot
 from armctl.robot.tools import tool_of
@@ -105,20 +104,14 @@ def teach_tool(robot: Robot, q: ArrayLike) -> ToolPoint:
         )
     require_finite(angles, "joint angles")
     if len(angles) < LEAST_SIDES:
-        raise CalibrationError(
-            f"{len(angles)} touches are too few: touch the point from {LEAST_SIDES} sides at least, the tool "
-            "turned as far as it can be in between"
-        )
+        raise CalibrationError(TooFew("touches", len(angles), LEAST_SIDES))
     T = robot.forward(angles)
     R, p = T[:, :3, :3], T[:, :3, 3]
     A, b = R - R.mean(axis=0), p.mean(axis=0) - p
     left, s, directions = np.linalg.svd(A.reshape(-1, 3), full_matrices=False)
     told = s >= _TOLD
     if not told.any():
-        raise CalibrationError(
-            f"the tool was turned by {_turned(R):.0f}° only from touch to touch: turn it by 60° or more, "
-            "else its tip cannot be told"
-        )
+        raise CalibrationError(ToolTurnedLittle(_turned(R)))
     along = np.where(told, (left.T @ b.ravel()) / np.where(told, s, 1.0), 0.0)
     offset: FloatArray = along @ directions
     tips = p + R @ offset
@@ -131,9 +124,9 @@ def teach_tool(robot: Robot, q: ArrayLike) -> ToolPoint:
 
 
 def _turned(R: FloatArray) -> float:
-    """Largest turn between two of rotations (k, 3, 3) [degrees]."""
+    """Largest turn between two of rotations (k, 3, 3) [rad]."""
     least = float(np.einsum("kij,lij->kl", R, R).min())
-    return to_degrees(math.acos(min(max((least - 1) / 2, -1.0), 1.0)))
+    return math.acos(min(max((least - 1) / 2, -1.0), 1.0))
 
 
 def _lines(found: ToolPoint) -> Iterator[str]:

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.arrays import FloatArray
 from armctl.errors import CalibrationError
 from armctl.facts.angles import DEGREE
+from armctl.facts.causes import PointsTogether, TooFew
 from armctl.kinematics.target import as_numbers
 from armctl.robot import Deflection, Robot
 
@@ -99,19 +100,13 @@ class Touches:
                 f"{angles.shape} and {points.shape}"
             )
         if k < LEAST_POINTS:
-            raise CalibrationError(
-                f"{k} points are too few: touch {LEAST_POINTS} at least, better 10, in different poses of "
-                "the arm"
-            )
+            raise CalibrationError(TooFew("points", k, LEAST_POINTS))
         rows = [angles, points, *(one for one in given if one is not None)]
         for number, row in enumerate(np.hstack(rows), 1):
             if not np.isfinite(row).all():
                 raise CalibrationError(f"point {number} holds a value that is not a finite number")
         if np.ptp(points, axis=0).max() < _LEAST_SPREAD_M:
-            raise CalibrationError(
-                f"the points are all within {1000 * _LEAST_SPREAD_M:.0f} mm of each other: spread them over "
-                "the arm's workspace"
-            )
+            raise CalibrationError(PointsTogether(_LEAST_SPREAD_M))
         return cls(angles, points, frame, *given)
 
 

@@ -14,6 +14,7 @@ from armctl.drawing.pen import pen_holds
 from armctl.drawing.plane import DrawingPlane
 from armctl.drawing.strokes import PenDrawing
 from armctl.errors import DrawingError
+from armctl.facts.causes import PlaneOutOfReach
 from armctl.robot import Robot
 
 _GRID = 15
@@ -74,9 +75,7 @@ def fit_drawing(
                 break
         if reached.any():  # a finer look, round the middle of what is in reach
             middle = grid[reached].mean(axis=0)
-    raise DrawingError(
-        "no size of it is wholly in reach on this plane; touch the plane where the arm reaches well"
-    )
+    raise DrawingError(PlaneOutOfReach())
 
 
 def _reached(

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import DrawingError
+from armctl.facts.causes import PlaneFromBelow, PlanePointOff, PlanePointsInLine, PlanePointsNear
 from armctl.kinematics.target import as_numbers
 
 NEAREST_MM = 5.0
@@ -59,34 +60,24 @@ class DrawingPlane:
         points = flat.reshape(-1, 3) / 1000
         for k in range(count):
             for j in range(k):
-                if (near := 1000 * float(np.linalg.norm(points[k] - points[j]))) < NEAREST_MM:
-                    raise DrawingError(
-                        f"touched points {j + 1} and {k + 1} are {near:.1f} mm apart; at least {NEAREST_MM:g}"
-                    )
+                if 1000 * (near := float(np.linalg.norm(points[k] - points[j]))) < NEAREST_MM:
+                    raise DrawingError(PlanePointsNear(j + 1, k + 1, near, NEAREST_MM / 1000))
         towards = points[2] - points[0]
         along: FloatArray = points[1] - points[0]
         x = along / float(np.linalg.norm(along))
         over = np.asarray(np.cross(x, towards), dtype=np.float64)
         size = float(np.linalg.norm(over))
         if size < _LEAST_SINE * float(np.linalg.norm(towards)):
-            raise DrawingError(
-                "the three touched points stand nearly in one line; touch the third aside of it"
-            )
+            raise DrawingError(PlanePointsInLine())
         normal = over / size
         if normal[2] < -_FROM_BELOW:
-            raise DrawingError(
-                "seen from above the third point lies to the right of the way from the first to the second, "
-                "so the pen would come from below; touch it on the other side"
-            )
+            raise DrawingError(PlaneFromBelow())
         y = np.asarray(np.cross(normal, x), dtype=np.float64)
         axes = np.stack([x, y, normal], axis=1)
         local = (points - points[0]) @ axes
         off = np.abs(local[:, 2])
         if 1000 * off.max() > HIGHEST_MM:
-            raise DrawingError(
-                f"touched point {int(off.argmax()) + 1} lies {1000 * off.max():.1f} mm off the plane of the "
-                f"first three; at most {HIGHEST_MM:g}"
-            )
+            raise DrawingError(PlanePointOff(int(off.argmax()) + 1, float(off.max()), HIGHEST_MM / 1000))
         if count == 3:
             return cls(points[0], axes, np.zeros((0, 2)), np.zeros(3))
         return cls(points[0], axes, local[:, :2], _plate(local[:, :2], local[:, 2]))

@@ -3,6 +3,7 @@
 The kinds of reasons why a target has no solution are in ``armctl.facts.targets``.
 """
 
+from armctl.facts.commands import UnknownName
 from armctl.facts.program_paths import (
     CallCircle,
     CalledStep,
@@ -130,6 +131,7 @@ __all__ = [
     "Unanswered",
     "Unbounded",
     "UnknownFrame",
+    "UnknownName",
     "UnknownTool",
     "UnmatchedBlock",
     "WrongUnit",

@@ -1,4 +1,6 @@
-"""What is to blame for a tool that is not where it should be: a frozen record each, in SI units and radians.
+"""What is to blame for a tool that is not where it should be, and why marks or touches do not tell it.
+
+A frozen record each, in SI units and radians.
 
 ``part`` is the title of a joint; ``sd`` the standard deviation of the number ahead of it.
 """
@@ -145,3 +147,82 @@ class TipUntold(Reason):
     """unit vector along the axes of the tool"""
     sd: float | None
     """how far it may be off there [m]; None: nothing is told"""
+
+
+@dataclass(frozen=True, slots=True)
+class TooFew(Reason):
+    """Marks of a joint, touches of one point, or points that are fewer than are needed."""
+
+    of: Literal["marks", "touches", "points"]
+    count: int
+    least: int
+
+
+@dataclass(frozen=True, slots=True)
+class MarksTogether(Reason):
+    """Marks of a joint that are at too few places of its output."""
+
+    places: int
+    least: int
+    output: float | None = None
+    """where all of them are [of the board]; None: at several places"""
+    unit: str = ""
+    """of the output"""
+
+
+@dataclass(frozen=True, slots=True)
+class MarksNarrow(Reason):
+    """Marks of a joint whose angles spread too little [rad]."""
+
+    spread: float
+    least: float
+
+
+@dataclass(frozen=True, slots=True)
+class PointsTogether(Reason):
+    """Touched points that lie too close to each other [m]."""
+
+    within: float
+
+
+@dataclass(frozen=True, slots=True)
+class ToolTurnedLittle(Reason):
+    """A tool that was turned too little [rad] from touch to touch."""
+
+    turn: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlanePointsNear(Reason):
+    """Two touched points of a plane that are too close to each other [m]."""
+
+    first: int
+    """from 1"""
+    second: int
+    apart: float
+    least: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlanePointsInLine(Reason):
+    """Three touched points that give no plane."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlaneFromBelow(Reason):
+    """Three touched points that give a plane which is seen from below."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlanePointOff(Reason):
+    """A touched point that lies off the plane of the first three [m]."""
+
+    number: int
+    """from 1"""
+    off: float
+    most: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlaneOutOfReach(Reason):
+    """A plane on which a drawing of no size is wholly in reach."""

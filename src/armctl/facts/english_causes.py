@@ -7,7 +7,7 @@ from typing import Any
 
 from armctl.facts import causes
 from armctl.facts.angles import in_degrees, to_degrees
-from armctl.facts.reasons import Reason, in_millimetres
+from armctl.facts.reasons import Reason, decimals_apart, in_millimetres
 
 _ALONG = 0.98
 """share of a direction that makes it that of an axis"""
@@ -16,6 +16,22 @@ _NUMBERS = {
     "d": "the length d_mm", "place": "the place of the points", "tilt": "the tilt of the points",
     "heading": "the heading of the points",
 }  # fmt: skip
+
+_TOO_FEW = {
+    "marks": "{} marks are too few: {} are needed, far apart; with 4 or more a wrong one is named",
+    "touches": "{} touches are too few: touch the point from {} sides at least, the tool turned as far as it "
+    "can be in between",
+    "points": "{} points are too few: touch {} at least, better 10, in different poses of the arm",
+}
+
+
+def _narrow(one: causes.MarksNarrow) -> str:
+    spread, least = to_degrees(one.spread), to_degrees(one.least)
+    angle = f"{spread:.{decimals_apart(spread, least, least=1)}f}°"
+    return (
+        f"the angles of the marks spread over {angle} only: take them "
+        f"further apart, over {least:.0f}° at least, better over the whole range of the joint"
+    )
 
 
 def _give(sd: float) -> str:
@@ -83,6 +99,40 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
         if one.sd is not None
         else f"where the tip is along {_axis(one.axis)} is not told: the tool was turned about that axis "
         "only; it stays as it is"
+    ),
+    causes.TooFew: lambda one: _TOO_FEW[one.of].format(one.count, one.least),
+    causes.MarksTogether: lambda one: (
+        f"the marks are at {one.places} places only: take them at {one.least} or more, spread over the "
+        "joint's range"
+        if one.output is None
+        else f"all marks are at one place, {one.output:.1f} {one.unit}: move the joint between the marks"
+    ),
+    causes.MarksNarrow: _narrow,
+    causes.PointsTogether: lambda one: (
+        f"the points are all within {1000 * one.within:.0f} mm of each other: spread them over the arm's "
+        "workspace"
+    ),
+    causes.ToolTurnedLittle: lambda one: (
+        f"the tool was turned by {in_degrees(one.turn, '.0f')} only from touch to touch: turn it by 60° or "
+        "more, else its tip cannot be told"
+    ),
+    causes.PlanePointsNear: lambda one: (
+        f"touched points {one.first} and {one.second} are {1000 * one.apart:.1f} mm apart; at least "
+        f"{1000 * one.least:g}"
+    ),
+    causes.PlanePointsInLine: lambda _: (
+        "the three touched points stand nearly in one line; touch the third aside of it"
+    ),
+    causes.PlaneFromBelow: lambda _: (
+        "seen from above the third point lies to the right of the way from the first to the second, so the "
+        "pen would come from below; touch it on the other side"
+    ),
+    causes.PlanePointOff: lambda one: (
+        f"touched point {one.number} lies {1000 * one.off:.1f} mm off the plane of the first three; at most "
+        f"{1000 * one.most:g}"
+    ),
+    causes.PlaneOutOfReach: lambda _: (
+        "no size of it is wholly in reach on this plane; touch the plane where the arm reaches well"
     ),
 }
 ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from armctl.facts import servos
+from armctl.facts.angles import in_degrees
 from armctl.facts.reasons import Reason
 
 _REGISTERS = {
@@ -13,6 +14,13 @@ _REGISTERS = {
     "lowest": "lowest position",
     "highest": "highest position",
     "mode": "operating mode",
+}
+
+_UNCONFIRMED = {
+    "told": "does not confirm what it is told",
+    "on": "did not switch its torque on",
+    "locked": "did not lock its EEPROM; try once more",
+    "open": "did not open its EEPROM; try once more",
 }
 
 
@@ -38,8 +46,16 @@ def _changed(one: servos.ServoChanged) -> str:
     )
 
 
+def _not_taken(one: servos.ServoNotTaken) -> str:
+    if one.register == "goal":
+        return f"servo {one.servo} did not take {one.number} steps as its goal, but {one.has}"
+    return f"servo {one.servo} did not take {one.number} as its {one.register}"
+
+
 WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
-    servos.ServoSilent: lambda one: f"servo {one.servo} ({one.joint}) does not answer",
+    servos.ServoSilent: lambda one: (
+        f"servo {one.servo}{f' ({one.joint})' if one.joint else ''} does not answer"
+    ),
     servos.ServoStranger: lambda one: f"servo {one.servo} is not one of this arm",
     servos.ServoAtBaud: lambda one: f"servo {one.servo} answers at {one.baud} baud",
     servos.ServoUnfit: lambda one: f"servo {one.servo}: {one.why}",
@@ -51,6 +67,25 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     ),
     servos.ServoTold: lambda one: f"servo {one.servo}: {one.words}",
     servos.ServoChanged: _changed,
+    servos.ServoUnconfirmed: lambda one: f"servo {one.servo} {_UNCONFIRMED[one.what]}",
+    servos.ServoNotTaken: _not_taken,
+    servos.ServoTorqueOn: lambda one: (
+        f"the torque of servo {one.servo} is on: release the arm before its EEPROM is written"
+    ),
+    servos.ServoTurned: lambda one: (
+        f"servo {one.servo} has turned by {in_degrees(one.turn, '.1f')} since it was looked at; "
+        "let the arm stand still, and enable again"
+    ),
+    servos.ServoTurning: lambda one: (
+        f"servo {one.servo} turns while its torque is switched on; hold the arm still"
+        if one.enabling
+        else f"servo {one.servo}: its readings differ, it turns: let it stand and try again"
+    ),
+    servos.ServoOutside: lambda one: (
+        f"servo {one.servo} stands at {one.place} steps, outside the limits {one.lowest} … {one.highest} of "
+        f"its own EEPROM: with torque on it would jump by {in_degrees(one.jump, '.1f')}. "
+        "Turn it back by hand, or set those limits anew"
+    ),
 }
 ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     servos.ServoSilent: _plug,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from armctl.facts.reasons import Reason
 
@@ -12,7 +13,8 @@ class ServoSilent(Reason):
     """A servo of the arm that does not answer."""
 
     servo: int
-    joint: str
+    joint: str = ""
+    """which it turns; empty: it is known from where it is said"""
     behind: int | None = None
     """the first of several that are silent up to the end of the chain"""
     stranger: int | None = None
@@ -91,3 +93,59 @@ class ServoChanged(Reason):
     """``offset``, ``lowest``, ``highest`` or ``mode``"""
     kept: int
     now: int
+
+
+@dataclass(frozen=True, slots=True)
+class ServoUnconfirmed(Reason):
+    """A servo that does not confirm what it was told."""
+
+    servo: int
+    what: Literal["told", "on", "locked", "open"]
+    """anything, its torque, or its EEPROM"""
+
+
+@dataclass(frozen=True, slots=True)
+class ServoNotTaken(Reason):
+    """A servo that was told a number, and has another one."""
+
+    servo: int
+    number: int
+    register: str
+    """its name, or "goal" [steps]"""
+    has: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ServoTorqueOn(Reason):
+    """A servo whose EEPROM cannot be written while its torque is on."""
+
+    servo: int
+
+
+@dataclass(frozen=True, slots=True)
+class ServoTurned(Reason):
+    """A servo that has turned [rad] since it was looked at, ahead of its torque."""
+
+    servo: int
+    turn: float
+
+
+@dataclass(frozen=True, slots=True)
+class ServoTurning(Reason):
+    """A servo that turns while it should stand."""
+
+    servo: int
+    enabling: bool = False
+    """while its torque is switched on"""
+
+
+@dataclass(frozen=True, slots=True)
+class ServoOutside(Reason):
+    """A servo outside the limits of its own EEPROM, into which torque would throw it."""
+
+    servo: int
+    place: int
+    lowest: int
+    highest: int
+    jump: float
+    """so far [rad]"""

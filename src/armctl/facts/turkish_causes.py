@@ -7,7 +7,7 @@ from typing import Any
 
 from armctl.facts import causes
 from armctl.facts.angles import in_degrees, to_degrees
-from armctl.facts.reasons import Reason, in_millimetres
+from armctl.facts.reasons import Reason, decimals_apart, in_millimetres
 
 _ALONG = 0.98
 """bir doğrultuyu eksen saydıran pay"""
@@ -16,6 +16,21 @@ _NUMBERS = {
     "d": "d_mm uzunluğunu", "place": "noktaların yerini", "tilt": "noktaların eğimini",
     "heading": "noktaların yönünü",
 }  # fmt: skip
+
+_TOO_FEW = {
+    "marks": "{} işaret çok az: birbirinden uzak {} tane gerekli; 4 ya da daha çoğuyla yanlış olan bulunur",
+    "touches": "{} dokunuş çok az: noktaya en az {} yandan dokunun, aralarda takımı olabildiğince döndürün",
+    "points": "{} nokta çok az: kolun farklı duruşlarında en az {}, daha iyisi 10 noktaya dokunun",
+}
+
+
+def _narrow(one: causes.MarksNarrow) -> str:
+    spread, least = to_degrees(one.spread), to_degrees(one.least)
+    angle = f"{spread:.{decimals_apart(spread, least, least=1)}f}°"
+    return (
+        f"işaretlerin açıları yalnız {angle} yayılıyor: daha uzak "
+        f"alın, en az {least:.0f}°, daha iyisi eklemin bütün aralığı"
+    )
 
 
 def _give(sd: float) -> str:
@@ -85,6 +100,38 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
         if one.sd is not None
         else f"ucun {_axis(one.axis)} boyunca yeri bilinmiyor: takım yalnız bu eksen çevresinde döndürüldü; "
         "olduğu gibi kalıyor"
+    ),
+    causes.TooFew: lambda one: _TOO_FEW[one.of].format(one.count, one.least),
+    causes.MarksTogether: lambda one: (
+        f"işaretler yalnız {one.places} yerde: eklemin aralığında {one.least} ya da daha çok yerde alın"
+        if one.output is None
+        else f"bütün işaretler aynı yerde, {one.output:.1f} {one.unit}: işaretler arasında eklemi oynatın"
+    ),
+    causes.MarksNarrow: _narrow,
+    causes.PointsTogether: lambda one: (
+        f"noktaların hepsi birbirine {1000 * one.within:.0f} mm'den yakın: kolun çalışma alanına yayın"
+    ),
+    causes.ToolTurnedLittle: lambda one: (
+        f"takım dokunuştan dokunuşa yalnız {in_degrees(one.turn, '.0f')} döndürüldü: 60° ya da daha çok "
+        "döndürün, yoksa ucu bilinemez"
+    ),
+    causes.PlanePointsNear: lambda one: (
+        f"dokunulan {one.first} ve {one.second} numaralı noktalar arası {1000 * one.apart:.1f} mm; en az "
+        f"{1000 * one.least:g}"
+    ),
+    causes.PlanePointsInLine: lambda _: (
+        "dokunulan üç nokta neredeyse tek doğru üzerinde; üçüncüye bu doğrunun yanında dokunun"
+    ),
+    causes.PlaneFromBelow: lambda _: (
+        "üçüncü nokta yukarıdan bakınca birinciden ikinciye giden yolun sağında kalıyor, kalem alttan "
+        "gelirdi; öbür yanda dokunun"
+    ),
+    causes.PlanePointOff: lambda one: (
+        f"dokunulan {one.number}. nokta ilk üçünün düzleminden {1000 * one.off:.1f} mm uzakta; en çok "
+        f"{1000 * one.most:g}"
+    ),
+    causes.PlaneOutOfReach: lambda _: (
+        "hiçbir boyutu bu düzlemde bütünüyle erişim içinde değil; düzleme kolun iyi eriştiği yerde dokunun"
     ),
 }
 ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from armctl.facts import servos
+from armctl.facts.angles import in_degrees
 from armctl.facts.reasons import Reason
 
 _REGISTERS = {
@@ -13,6 +14,13 @@ _REGISTERS = {
     "lowest": "en küçük konumu",
     "highest": "en büyük konumu",
     "mode": "çalışma kipi",
+}
+
+_UNCONFIRMED = {
+    "told": "kendisine söyleneni doğrulamıyor",
+    "on": "torkunu açmadı",
+    "locked": "EEPROM'unu kilitlemedi; bir kez daha deneyin",
+    "open": "EEPROM'unu açmadı; bir kez daha deneyin",
 }
 
 
@@ -38,8 +46,16 @@ def _changed(one: servos.ServoChanged) -> str:
     )
 
 
+def _not_taken(one: servos.ServoNotTaken) -> str:
+    if one.register == "goal":
+        return f"servo {one.servo} hedef olarak {one.number} adımı almadı, hedefi {one.has}"
+    return f"servo {one.servo} {one.register} olarak {one.number} değerini almadı"
+
+
 WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
-    servos.ServoSilent: lambda one: f"servo {one.servo} ({one.joint}) yanıt vermiyor",
+    servos.ServoSilent: lambda one: (
+        f"servo {one.servo}{f' ({one.joint})' if one.joint else ''} yanıt vermiyor"
+    ),
     servos.ServoStranger: lambda one: f"servo {one.servo} bu kolun değil",
     servos.ServoAtBaud: lambda one: f"servo {one.servo} {one.baud} baud hızında yanıt veriyor",
     servos.ServoUnfit: lambda one: f"servo {one.servo}: {one.why}",
@@ -51,6 +67,23 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     ),
     servos.ServoTold: lambda one: f"servo {one.servo}: {one.words}",
     servos.ServoChanged: _changed,
+    servos.ServoUnconfirmed: lambda one: f"servo {one.servo} {_UNCONFIRMED[one.what]}",
+    servos.ServoNotTaken: _not_taken,
+    servos.ServoTorqueOn: lambda one: f"servo {one.servo}: torku açık; EEPROM'u yazılmadan önce kolu bırakın",
+    servos.ServoTurned: lambda one: (
+        f"servo {one.servo} bakıldığından beri {in_degrees(one.turn, '.1f')} döndü; kolu kıpırdatmayın, yine "
+        "etkinleştirin"
+    ),
+    servos.ServoTurning: lambda one: (
+        f"servo {one.servo} torku açılırken dönüyor; kolu sabit tutun"
+        if one.enabling
+        else f"servo {one.servo}: okumaları farklı, dönüyor: durmasını bekleyip yine deneyin"
+    ),
+    servos.ServoOutside: lambda one: (
+        f"servo {one.servo} {one.place}. adımda, kendi EEPROM'undaki {one.lowest} … {one.highest} "
+        f"sınırlarının dışında: tork açılınca {in_degrees(one.jump, '.1f')} fırlar. Elle geri çevirin, ya da "
+        "o sınırları yeniden yazın"
+    ),
 }
 ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     servos.ServoSilent: _plug,

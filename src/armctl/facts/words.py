@@ -12,8 +12,10 @@ from typing import Any, NamedTuple, cast
 
 from armctl.facts import (
     causes,
+    commands,
     english,
     english_causes,
+    english_commands,
     english_servos,
     english_targets,
     program_paths,
@@ -23,6 +25,7 @@ from armctl.facts import (
     targets,
     turkish,
     turkish_causes,
+    turkish_commands,
     turkish_servos,
     turkish_targets,
 )
@@ -69,8 +72,8 @@ def _language(words: Any, *others: Any) -> Language:
 
 
 LANGUAGES = {
-    "en": _language(english, english_targets, english_servos, english_causes),
-    "tr": _language(turkish, turkish_targets, turkish_servos, turkish_causes),
+    "en": _language(english, english_targets, english_servos, english_causes, english_commands),
+    "tr": _language(turkish, turkish_targets, turkish_servos, turkish_causes, turkish_commands),
 }
 
 
@@ -211,7 +214,7 @@ def _kinds(*modules: ModuleType) -> dict[str, type[Reason]]:
     return {one.__name__: one for one in found if isinstance(one, type) and issubclass(one, Reason)}
 
 
-KINDS = _kinds(reasons, quantities, targets, servos, causes, program_paths)
+KINDS = _kinds(reasons, quantities, targets, servos, causes, commands, program_paths)
 _ENUMS = {"need": Need, "state": State}
 
 

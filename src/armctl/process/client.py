@@ -10,6 +10,7 @@ from concurrent.futures import Future
 from typing import Any, Protocol
 
 from armctl.errors import ArmctlError, InputError, StateError
+from armctl.facts import say
 from armctl.process.connections import Broadcast, Outbox, RecordConnection, nobody, nothing_large
 from armctl.process.limits import MOST_CONTROL_A_SECOND, Meter, most_bytes
 from armctl.process.records import (
@@ -205,7 +206,7 @@ class Client:
             words = f"a record of {size} bytes or more while a PIN of yours waits; wait for its answer first"
             raise InputError(words) from cause
         if (why := self._server.arm.snapshot.control.refusal(self.id)) is not None:
-            raise InputError(f"a record of {size} bytes or more; {MOST_ELSE} at most, as {why}")
+            raise InputError(f"a record of {size} bytes or more; {MOST_ELSE} at most, as {say(why)}")
         self._server.hold_large(self)
 
     def take(self, data: bytes) -> None:

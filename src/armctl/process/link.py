@@ -161,7 +161,8 @@ class Link:
         return replace(
             self._snapshot, state=State.FAULT, cause=lost, unreachable=True, powered=powered,
             q=unknown, commanded=False, program=None,
-            velocity_command=still, acceleration_command=still, homing=(), warnings=(),
+            velocity_command=still, acceleration_command=still, homing=(), warnings=(), told_by_cause=(),
+            stopped=None,
             measured={}, quantities={}, levels=(), inputs={}, outputs={}, edges={}, limp=(),
         )  # fmt: skip
 

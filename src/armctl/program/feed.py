@@ -11,6 +11,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, ProgramError
 from armctl.facts import ToolGripsNot, ToolHoldsPart
+from armctl.facts.commands import NoSuchStep
 from armctl.motion.blend import Entry, Leg, blend
 from armctl.motion.preflight import preflight
 from armctl.motion.profiles import stopping_s
@@ -142,7 +143,7 @@ def begin_program(
     count = None if count is None else whole_number(count, "how many steps to run")
     require_runnable(robot, program)
     if not 0 <= first < len(program.steps):
-        raise InputError(f"{program.name} has no step {first + 1}; it has {len(program.steps)}")
+        raise InputError(NoSuchStep(program.name, first + 1, len(program.steps)))
     if loops is not None and loops < 1:
         raise InputError(f"a program runs once or more often, not {loops} times")
     if count is not None and count < 1:

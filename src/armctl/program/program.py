@@ -15,6 +15,7 @@ from msgspec import Meta
 from armctl.documents import DocumentKind
 from armctl.errors import InputError, ProgramError
 from armctl.facts import UnmatchedBlock
+from armctl.facts.commands import NoSuchStep
 from armctl.program.base_steps import BlockStep, MotionStep, Step
 from armctl.program.frames import (
     BASE,
@@ -316,7 +317,7 @@ class Cursor:
         """
         steps = program.steps
         if not 0 <= first < max(len(steps), 1):
-            raise InputError(f"{program.name} has no step {first + 1}; it has {len(steps)}")
+            raise InputError(NoSuchStep(program.name, first + 1, len(steps)))
         self._steps = steps
         self._placing = Placing(steps, program.frames)
         self._blocks = Blocks.matched(steps)

@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar
 from msgspec import Meta
 
 from armctl.errors import ProgramError
+from armctl.facts.commands import NotDigital, UnknownName
 from armctl.program.base_steps import LONGEST_WAIT_S, Effect, Field, Step, Until, literal
 from armctl.program.conditions import Comparison, Condition, Otherwise, Trigger
 from armctl.robot import Robot
@@ -41,12 +42,12 @@ class SetStep(Step, frozen=True, kw_only=True, tag="set"):
         """Refuse an output that the arm has not, the gripper's own, and a share of a digital one."""
         found = robot.signals.output(self.output)
         if found is None:
-            known = ", ".join(one.name for one in robot.signals.outputs) or "none; the robot file tells them"
-            raise ProgramError(f"{robot.name} has no output {self.output!r}; it has {known}")
+            known = tuple(one.name for one in robot.signals.outputs)
+            raise ProgramError(UnknownName("output", self.output, known, robot.name))
         if any(one.output == self.output for one in grippers(robot)):
             raise ProgramError(f"output {self.output} is the gripper's: use a gripper step")
         if found.kind == "digital" and self.value not in (0, 1):
-            raise ProgramError(f"output {self.output} is digital: 0 or 1, not {self.value:g}")
+            raise ProgramError(NotDigital(self.output, self.value))
 
     def script(self) -> str:
         """``set_output``, which calls its first argument otherwise."""

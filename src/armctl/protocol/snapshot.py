@@ -23,6 +23,7 @@ from armctl.facts import (
     State,
 )
 from armctl.facts.angles import to_degrees
+from armctl.facts.commands import NotOperator, Stopped
 from armctl.facts.words import place
 from armctl.hardware import BoardIdentity, Source
 from armctl.kinematics.velocity import position_leaves_pitch
@@ -247,20 +248,13 @@ class Control:
         party = self.party(id)
         return party is not None and (party.operates or party.id == self.lent_to)
 
-    def refusal(self, id: str) -> str | None:
-        """Why this one may not command the arm, and what to do; None: it may."""
+    def refusal(self, id: str) -> NotOperator | None:
+        """Why this one may not command the arm; None: it may."""
         operator = self.operator
         if operator is not None:
-            return (
-                None
-                if id in (operator.id, self.lent_to)
-                else f"{operator.name} operates the arm; take control first"
-            )
-        if self.locked:
-            return "the teacher has locked control; give the teacher's PIN"
-        if self.party(id) is not None:  # it watches
-            return "nobody operates the arm; take control first"
-        return None
+            return None if id in (operator.id, self.lent_to) else NotOperator(operator.name)
+        watches = self.party(id) is not None
+        return NotOperator(locked=self.locked) if self.locked or watches else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,10 +266,6 @@ class Event:
     level: str
     """info, warning or error"""
     text: str
-
-
-BOARD_REPORTS = "the board reports: "
-"""before what the board says of itself"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -350,6 +340,10 @@ class Snapshot:
     """name of the tool that is on; empty: the robot file names none"""
     tool_unconfirmed: bool = False
     """nobody has said since the connection that it is this one: Enable waits for ``SetTool``"""
+    told_by_cause: tuple[int, ...] = ()
+    """indices of the ``warnings`` that ``cause`` tells, too"""
+    stopped: Stopped | None = None
+    """whose STOP is the cause of the state; None: nobody's"""
 
     def unmet(self, need: Need) -> NotNow | None:
         """Why what needs this of the arm would be refused now; None: it would not."""
@@ -359,13 +353,13 @@ class Snapshot:
     @property
     def more_warnings(self) -> tuple[str, ...]:
         """The warnings that ``cause`` does not tell already."""
-        return tuple([text for text in self.warnings if text.removeprefix(BOARD_REPORTS) not in self.cause])
+        return tuple([text for k, text in enumerate(self.warnings) if k not in self.told_by_cause])
 
 
 _TOLD = attrgetter(
     "state", "cause", "commanded", "source", "powered", "gripper", "part_mm", "speed", "progress", "board",
     "homing", "warnings", "levels", "control", "busy", "unreachable", "inputs", "outputs", "edges",
-    "limp", "message", "tool", "tool_unconfirmed",
+    "limp", "message", "tool", "tool_unconfirmed", "told_by_cause", "stopped",
 )  # fmt: skip
 _STILL_RAD = 1e-3
 """readings that differ by less are those of an arm that stands"""

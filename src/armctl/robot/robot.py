@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from armctl.arrays import ArrayRecord, FloatArray, content, read_only
 from armctl.errors import InputError, MotionRefusedError
-from armctl.facts import AngleLimit, Reason, Several, WrongUnit, say
+from armctl.facts import AngleLimit, Reason, Several, UnknownName, WrongUnit, say
 from armctl.kinematics import (
     DEFAULT_STEP,
     BatchSolutions,
@@ -396,9 +397,9 @@ class Robot(ArrayRecord):
         """A named configuration (n,) [rad]; ``InputError`` where there is none of that name."""
         return self._named("pose", name, self.poses)
 
-    def _named(self, what: str, name: object, known: Mapping[str, FloatArray]) -> FloatArray:
+    def _named(self, what: Literal[pose, point], name: object, known: Mapping[str, FloatArray]) -> FloatArray:
         if not isinstance(name, str) or name not in known:
-            raise InputError(f"{self.name} has no {what} {name!r}; it has {', '.join(known) or 'none'}")
+            raise InputError(UnknownName(what, name, tuple(known), self.name))
         return known[name].copy()
 
     @property

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from armctl.errors import StateError
+from armctl.facts.commands import ControlLocked
 from armctl.protocol import Control, Origin, Party, Ticket, WrongPins
 from armctl.protocol.commands import LONGEST_NAME
 from armctl.protocol.snapshot import printable
@@ -76,9 +77,8 @@ class ControlHandover:
             return False
         teacher = bool(pin)
         if control.locked and not teacher:
-            whom = "the teacher has" if control.by_teacher or before is None else f"{before.name} has"
-            pin_too = ", or give the teacher's PIN" if control.pin else ""
-            raise StateError(f"{whom} locked control; ask for it to be unlocked{pin_too}")
+            whom = "" if control.by_teacher or before is None else before.name
+            raise StateError(ControlLocked(whom, control.pin))
         parties = tuple(replace(one, operates=one is party) for one in control.parties)
         self.control = replace(control, parties=parties, lent_to="")
         lost = "" if before is None else f"; {before.name} watches now"

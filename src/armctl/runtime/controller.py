@@ -12,6 +12,7 @@ from typing import ParamSpec
 import numpy as np
 
 from armctl.errors import ArmctlError, InputError, StateError
+from armctl.facts.commands import Stopped
 from armctl.hardware import Driver
 from armctl.protocol import (
     AxisHoming,
@@ -240,7 +241,7 @@ class Controller:
     def _drop(self, order: Order, stops: list[Order]) -> None:
         """Refuse an order that was given before a stop of the same tick."""
         who = next(stop.origin.who for stop in stops if order.number < stop.number)
-        order.ticket.end(StateError(f"stopped by {who} before it began"))
+        order.ticket.end(StateError(Stopped(who, how="unbegun")))
         if isinstance(order.command, HeldCommand):
             self._core.still_held(order.given_at)  # its key is held: it must be let go first
 
@@ -257,6 +258,7 @@ class Controller:
                 AxisHoming(board.title(channel), homed, channel == running)
                 for channel, homed in reading.homing.homed.items()
             )
+        warnings, told = core.notices.current(now)
         self._snapshot = Snapshot(
             stamp=now,
             tick=self._tick,
@@ -278,7 +280,9 @@ class Controller:
             busy=core.busy,
             board=None if board is None else board.identity,
             homing=homing,
-            warnings=core.notices.current(now),
+            warnings=warnings,
+            told_by_cause=told,
+            stopped=core.stopped,
             events=core.log.events,
             last_pose=core.poses.last,
             measured={title: str(one) for title, one in reading.quantities.items()},

@@ -11,18 +11,28 @@ from typing import Any
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError, out_of_range
+from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError
 from armctl.facts import Need, State, ToolHoldsPart, ToolWhileMoving
+from armctl.facts.commands import (
+    AfterGap,
+    PlannedTooLong,
+    PlanningAlready,
+    ShareOutside,
+    StartLeft,
+    Stopped,
+    Superseded,
+    UnknownName,
+)
 from armctl.kinematics.target import checked_number
 from armctl.motion.preflight import require_gaps
 from armctl.protocol import Origin, Ticket
 from armctl.protocol.clock import AFTER_GAP_S
-from armctl.protocol.snapshot import BOARD_REPORTS, POWERED
+from armctl.protocol.snapshot import POWERED
 from armctl.robot import CarriedPart
 from armctl.robot.signals import ON
 from armctl.runtime.activity import Activity, Order
 from armctl.runtime.board import Board
-from armctl.runtime.monitor import LATE_SHOWN_S
+from armctl.runtime.monitor import BOARD_REPORTS, LATE_SHOWN_S, UNANSWERED, reported
 from armctl.runtime.mover import PathMover
 from armctl.runtime.planner import LONGEST_PLAN_S, Grip, Pending, result_of
 from armctl.runtime.state import ArmState
@@ -102,16 +112,45 @@ class Core(ArmState):
             self.disconnect(f"disconnected ({who})")
         return self.leaving is None
 
+    def cancel(self, motion: str, origin: Origin, ticket: Ticket) -> None:
+        """STOP for the motion of that name; one that is over changes nothing."""
+        if not motion:
+            raise InputError("which motion is to be cancelled? STOP stops them all")
+        by = Stopped(origin.who, origin.note)
+        error = StateError(replace(by, how="cancelled"))
+        if self._motion is not None and self._motion.order.motion == motion:
+            self.drop_motion(error)
+        if self._grip is not None and self._grip.order.motion == motion:
+            self._drop_grip(error)
+        if self.gripper.motion == motion:
+            self.gripper.stop(error)
+        if self.activity is None or self.motion != motion:
+            ticket.end()
+            return
+        self._stopping.append(ticket)
+        if self.stopped_by is None:
+            self.log.add(f"{self.activity.label} cancelled ({origin})")
+            self.stopped_motion, self.stopped_by, self._pausing = motion, by, False
+            try:
+                self.activity.stop()
+                self.signals.switch(self.board if self.activity.program is not None else None, "stop")
+            except ArmctlError as failure:
+                self.fault(failure)
+
+    def await_last(self, ticket: Ticket) -> None:
+        """Answer ``ticket`` when what runs has ended."""
+        self._ticket = ticket
+
     def simulate(self, name: str, value: float, who: str) -> None:
         """Put an input of the simulated board at a value, as if somebody pressed it."""
         signal = self.robot.signals.input(name)
         if self.simulator is None or self.board is None or not self.board.identity.simulated:
             raise StateError(f"input {name}: only those of a connected simulated board are set by hand")
         if signal is None:
-            every = ", ".join(one.name for one in self.robot.signals.inputs) or "none"
-            raise InputError(f"there is no input {name!r}; the robot file has {every}")
+            every = tuple(one.name for one in self.robot.signals.inputs)
+            raise InputError(UnknownName("input", name, every))
         if not 0 <= checked_number(value, f"input {name}") <= 1:
-            raise InputError(f"input {name}: {out_of_range(value, 0, 1)}")
+            raise InputError(ShareOutside("input", value, 0, 1, name))
         self.simulator(signal.channel, signal.value(value))
         self.log.add(f"simulated input {name}: {value:g} ({who})")
 
@@ -177,7 +216,7 @@ class Core(ArmState):
     ) -> None:
         """Plan from ``start`` (n,) [rad] off this thread; ``take`` makes an activity of it, None follows."""
         if self._motion is not None:
-            raise StateError("another motion is being planned; stop it first")
+            raise StateError(PlanningAlready())
         future = self.submit(plan, self.held, start, *args)
         self._motion = Pending(order, label, future, start, take)
 
@@ -187,7 +226,7 @@ class Core(ArmState):
         The rest of a motion that is under way is checked first, off this thread, with the jaws anywhere from
         where they are to ``opening``. While a motion is being planned, the gripper waits for it to begin.
         """
-        self._drop_grip(StateError("a newer gripper command took its place"))
+        self._drop_grip(StateError(Superseded("gripper")))
         self._grip = Grip(order, opening, part)
         self._take_grip()
 
@@ -219,7 +258,7 @@ class Core(ArmState):
 
     def await_edit(self, order: Order, label: str, future: Future[None], take: Callable[[Any], None]) -> None:
         """Take an edit over once it is checked; an earlier one that is still being checked is refused."""
-        self._drop_edit(StateError("another edit came after it"))
+        self._drop_edit(StateError(Superseded("edit")))
         self._edit = Pending(order, label, future, take=take)
 
     def take_planned(self, now: float) -> None:
@@ -235,9 +274,7 @@ class Core(ArmState):
                 q = self.gate.q
                 stands = q is not None and motion.start is not None and np.array_equal(q, motion.start)
                 if self.state is not State.HOLDING or self.limp or not stands:
-                    raise StateError(
-                        "the arm no longer stands where the motion was planned from; ask for it again"
-                    )
+                    raise StateError(StartLeft())
                 self._ticket = ticket  # a defect in what follows is a fault, which answers it
                 if motion.take is None:
                     activity: Activity = PathMover(self.robot, plan, self.speed, motion.label)
@@ -262,7 +299,7 @@ class Core(ArmState):
             if pending is None or pending.future.done():
                 continue
             if now - pending.order.given_at > LONGEST_PLAN_S:
-                error = StateError(f"planning took longer than {LONGEST_PLAN_S:.0f} s; make it smaller")
+                error = StateError(PlannedTooLong(LONGEST_PLAN_S))
                 drop(error)
                 self.refuse(pending.order, pending.label, error)
 
@@ -342,8 +379,7 @@ class Core(ArmState):
     def require_no_gap(self, now: float) -> None:
         """Refuse (``StateError``) what may have been asked for before a gap, and would move the arm now."""
         if now - self._gap_ended < AFTER_GAP_S:
-            words = f"nothing ran for {self._gap_s:.1f} s before it could begin; ask for it again"
-            raise StateError(words)
+            raise StateError(AfterGap(self._gap_s))
 
     def observe(self, now: float) -> None:
         """Read back where it is due, and compare."""
@@ -353,7 +389,7 @@ class Core(ArmState):
         reading = monitor.read(board, now)
         stoppable = self.activity is not None and not (self._stopping or self.activity.releasing)
         if monitor.unreliable is not None and stoppable:
-            self.stop(Origin("armctl", monitor.unreliable))
+            self.stop(Origin("armctl", monitor.unreliable), tells=(UNANSWERED,))
         if reading is None:
             return
         self.signals.take(reading, now)
@@ -366,14 +402,15 @@ class Core(ArmState):
             return
         self._dropped |= bool(monitor.take_dropped())
         if reading.errors and stoppable and not self._stopping:
-            self.stop(Origin("armctl", f"{BOARD_REPORTS}{'; '.join(reading.errors)}"))
+            told = Origin("armctl", f"{BOARD_REPORTS}{'; '.join(reading.errors)}")
+            self.stop(told, tells=list(map(reported, reading.errors)))
         standing = self.standing and self.gripper.goal is None
         grips = self.gate.opening is not None and board.grips
         lost = monitor.went_by_itself(board, q, standing, now, grips=grips)
         if lost is not None:
             self.forget()
             if self.state is not State.FAULT:  # a fault that is there already keeps its cause
-                self.fault(MotionRefusedError(lost))
+                self.fault(MotionRefusedError(lost.words), tells=list(map(reported, lost.errors)))
             return
         monitor.compare(board, q, standing, now)
 
@@ -415,7 +452,7 @@ class Core(ArmState):
                 self.notices.clear("activity")
             else:
                 self.notices.set("activity", activity.notice)
-            if activity.done and (self.stopped_by or self._on_the_wire(now)):
+            if activity.done and (self.stopped_by is not None or self._on_the_wire(now)):
                 self._end(activity)
             elif self._pausing and activity.standing and self.state is State.MOVING:
                 self._enter(State.PAUSED, f"{activity.label} paused")

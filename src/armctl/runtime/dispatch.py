@@ -12,9 +12,10 @@ import numpy as np
 import armctl.protocol.commands as c
 from armctl.arrays import FloatArray
 from armctl.decoding import must_be
-from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError, out_of_range
+from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError
 from armctl.facts import Need, State
 from armctl.facts.angles import to_degrees
+from armctl.facts.commands import ShareOutside
 from armctl.kinematics.target import as_numbers, checked_number
 from armctl.motion import Trajectory, plan_choice, plan_joints
 from armctl.motion.choices import not_the_best
@@ -193,7 +194,8 @@ def _jog(core: Core, command: c.Jog | c.JogTool, order: Order, now: float) -> No
 
 def _follow_target(core: Core, command: c.FollowTarget, order: Order, now: float) -> None:
     activity, leaves = core.led_by(command), command.target is None
-    if not leaves and (core.still_held(order.given_at) or (activity is not None and core.stopped_by)):
+    stopping = activity is not None and core.stopped_by is not None
+    if not leaves and (core.still_held(order.given_at) or stopping):
         raise StateError(_STOPPED_FOLLOWING)
     if activity is None:
         if leaves:
@@ -216,7 +218,7 @@ def _stream(core: Core, command: c.StreamJoints, order: Order, now: float) -> No
         core.begin(activity, order.origin.who, now, motion=motion)
     elif motion != core.motion:
         raise StateError("another setpoint stream runs; stop it first")
-    elif core.stopped_by:
+    elif core.stopped_by is not None:
         raise StateError("the arm is stopping; begin another stream once it stands")
     activity.lead(command, order.given_at + STREAM_EXPIRY_S)
     if command.last:
@@ -286,7 +288,7 @@ def _move_gripper(core: Core, opening: float, part: CarriedPart | None, order: O
         raise StateError(f"{core.robot.name} {what}")
     opening = checked_number(opening, f"the opening of {gripper.title}")
     if not 0 <= opening <= 1:
-        raise InputError(f"{gripper.title}: {out_of_range(100 * opening, 0, 100, '%')}")
+        raise InputError(ShareOutside("gripper", opening, 0, 1, gripper.title))
     core.require(Need.GRIPPER, "the gripper")
     core.move_gripper(order, opening, part)
 

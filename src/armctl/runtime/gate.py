@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.errors import MotionRefusedError, out_of_range
+from armctl.errors import MotionRefusedError
+from armctl.facts.commands import ShareOutside
 from armctl.robot import Robot
 
 _ROUNDING = 1e-9
@@ -92,7 +93,7 @@ class Gate:
         if gripper is None:
             raise MotionRefusedError(f"{self._robot.name} has no gripper")
         if not (math.isfinite(opening) and -_ROUNDING <= opening <= 1 + _ROUNDING):
-            raise MotionRefusedError(f"{gripper.title}: {out_of_range(100 * opening, 0, 100, '%')}")
+            raise MotionRefusedError(ShareOutside("gripper", opening, 0, 1, gripper.title))
         opening = min(max(opening, 0.0), 1.0)
         if self.opening is None:
             raise MotionRefusedError(f"{gripper.title}: nobody knows how far open it is; enable again")

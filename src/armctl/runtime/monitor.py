@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from armctl.facts import Unanswered, say
 from armctl.facts.angles import DEGREE
 from armctl.hardware import Source
 from armctl.hardware.boards import board_type
-from armctl.protocol.snapshot import BOARD_REPORTS
 from armctl.robot import Robot
 from armctl.runtime.board import Board, BoolArray, Reading
 from armctl.runtime.levels import Levels
@@ -56,6 +56,24 @@ _OUTAGE_OVER_S = 1.0
 _SEE_TO = "check its power and its errors, "
 _REPORTED = "board "
 """begins the names of what the board reports itself"""
+UNANSWERED = "unanswered"
+"""names the warning of a board that leaves too many questions unanswered"""
+BOARD_REPORTS = "the board reports: "
+"""before what the board says of itself"""
+
+
+class WentByItself(NamedTuple):
+    """A board that does not do what it was told."""
+
+    words: str
+    """what it did, and what to do"""
+    errors: tuple[str, ...] = ()
+    """of the board, that the words tell"""
+
+
+def reported(words: str) -> str:
+    """Names the warning of what the board reports itself."""
+    return f"{_REPORTED}{words}"
 
 
 class Monitor:
@@ -149,11 +167,10 @@ class Monitor:
             self._failures = 0
             self._notices.clear("read")
         for error in reading.errors:
-            words = f"{BOARD_REPORTS}{error}"
-            self._notices.set(f"{_REPORTED}{error}", words, until=now + _ERROR_SHOWN_S)
+            self._notices.set(reported(error), f"{BOARD_REPORTS}{error}", until=now + _ERROR_SHOWN_S)
         self.levels.take(reading.levels, now)
         for warning in reading.warnings:
-            self._notices.set(f"{_REPORTED}{warning}", warning, until=now + _ERROR_SHOWN_S)
+            self._notices.set(reported(warning), warning, until=now + _ERROR_SHOWN_S)
         return reading
 
     def _count_answers(self, now: float, asked: int, lost: int) -> None:
@@ -176,7 +193,7 @@ class Monitor:
             "baud rate"
         )
         if rate >= _RATE_SHOWN:
-            self._notices.set("unanswered", words, until=now + _RATE_S)
+            self._notices.set(UNANSWERED, words, until=now + _RATE_S)
         # What was lost in an outage that is over stops no motion.
         self.unreliable = words if rate >= _RATE_TOO_HIGH and lost else None
 
@@ -258,8 +275,8 @@ class Monitor:
 
     def went_by_itself(
         self, board: Board, q_command: FloatArray, standing: bool, now: float, *, grips: bool = False
-    ) -> str | None:
-        """In words, that the last reading does not fit (n,) [rad] the last setpoint; None while it does.
+    ) -> WentByItself | None:
+        """How the last reading does not fit (n,) [rad] the last setpoint; None while it does.
 
         ``grips``: the gripper was switched on, too.
 
@@ -282,9 +299,10 @@ class Monitor:
                 what = f"the board no longer says where the arm stands ({self._joints(lost)}; {why})"
             else:
                 return None
-            return f"{what}; {_SEE_TO}{_GO_HOMING if homes and lost.any() else _GO_ON}"
+            go_on = _GO_HOMING if homes and lost.any() else _GO_ON
+            return WentByItself(f"{what}; {_SEE_TO}{go_on}", reading.errors)
         if (gone := self.switched_off(off, gripper=grips and reading.opening is None)) is not None:
-            return gone
+            return WentByItself(gone)
         if reading.source is not Source.TRANSMITTED:
             return None
         if reading.errors:
@@ -296,8 +314,10 @@ class Monitor:
             self.doubt()
         if self._moved >= _SURE_READINGS:
             why = ", ".join(self._errors)
-            return f"the board moved the arm by itself ({self._joints(moved)}; {why}); {_SEE_TO}{_GO_ON}"
-        return self._moved_by_another(board, q_command) if standing else None
+            words = f"the board moved the arm by itself ({self._joints(moved)}; {why}); {_SEE_TO}{_GO_ON}"
+            return WentByItself(words, self._errors)
+        another = self._moved_by_another(board, q_command) if standing else None
+        return None if another is None else WentByItself(another)
 
     def switched_off(self, off: BoolArray, *, gripper: bool = False) -> str | None:
         """In words, that joints (n,) whose outputs the last reading shows off are off for certain.

@@ -11,6 +11,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
+from armctl.facts.commands import Superseded
 from armctl.motion import Sample, Trajectory, stopping_s
 from armctl.motion.trajectory import RestOfTrajectory
 from armctl.protocol import Ticket
@@ -242,7 +243,7 @@ class GripperMover:
 
         It carries ``part`` from now on: what it carried before is put down, or is named again.
         """
-        self._answer(StateError("a newer gripper command took its place"))
+        self._answer(StateError(Superseded("gripper")))
         self.goal, self.part, self._ticket, self.motion = goal, part, ticket, motion
 
     def forget(self) -> None:

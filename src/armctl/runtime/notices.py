@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Iterable
 
 from armctl.protocol import Event, Message, wall_time
 from armctl.protocol.snapshot import printable
@@ -70,6 +71,7 @@ class Notices:
     def __init__(self, log: EventLog) -> None:
         self._log = log
         self._texts: dict[str, tuple[str, float]] = {}
+        self._told = frozenset[str]()
 
     def set(self, key: str, text: str, until: float = math.inf) -> None:
         """Show ``text`` until the clock says ``until``; a new one is logged once."""
@@ -89,7 +91,13 @@ class Notices:
         """Clear all of them: nothing is known any more."""
         self._texts.clear()
 
-    def current(self, now: float) -> tuple[str, ...]:
-        """The texts to show at ``now``, oldest first."""
+    def told_by_cause(self, keys: Iterable[str]) -> None:
+        """The cause of the present state tells these, and no others, for as long as they are shown."""
+        self._told = frozenset(keys)
+
+    def current(self, now: float) -> tuple[tuple[str, ...], tuple[int, ...]]:
+        """The texts to show at ``now``, oldest first, and indices of those that the cause tells, too."""
         self._texts = {key: shown for key, shown in self._texts.items() if shown[1] >= now}
-        return tuple([text for text, _ in self._texts.values()])
+        self._told &= self._texts.keys()  # one that comes again is news
+        told = tuple([k for k, key in enumerate(self._texts) if key in self._told]) if self._told else ()
+        return tuple([text for text, _ in self._texts.values()]), told

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,10 +14,22 @@ from armctl.errors import (
     InputError,
     MotionRefusedError,
     StateError,
-    out_of_range,
 )
 from armctl.facts import Need, NotHomed, Several, StandsOutside, ToDo
 from armctl.facts.angles import DEGREE
+from armctl.facts.commands import (
+    LineSlow,
+    MotorsApart,
+    NoBoard,
+    NothingOn,
+    NothingTo,
+    OnUnconfirmed,
+    PoseUnknown,
+    ReadingsDiffer,
+    Released,
+    ShareOutside,
+    UnknownName,
+)
 from armctl.hardware import Source
 from armctl.hardware.boards import board_type
 from armctl.kinematics import Chain
@@ -34,10 +45,6 @@ ADOPT_TOLERANCE_RAD = 0.25 * DEGREE
 """how far outside a limit a joint may stand when it is taken over, and two readings may differ"""
 _ADOPT_TOLERANCE_STEPS = 1.5
 """the same in steps of the board, where these are coarser: an encoder at rest wavers by a count"""
-_SAY_WHERE = (
-    "Say where it stands: on the page, with armctl run --pose last (or a named pose, or joint angles "
-    'in degrees), or with arm.enable(pose="last")'
-)
 LEAST_TORQUE = 0.05
 """share of the torque that a limit leaves at least: with none the arm would drop, which is a release"""
 _INTERVAL_S = 0.3
@@ -60,21 +67,20 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         return True
     core.require(Need.OFF, "enable")
     if (board := core.board) is None:
-        raise StateError("there is no board; connect first")
+        raise StateError(NoBoard())
     core.rack.require_confirmed()
     goal = core.robot.check_limits(core.robot.pose("rest") if wanted is None else wanted)
     if command.opening is not None and not 0 <= checked_number(command.opening, "the opening") <= 1:
-        raise InputError(f"an opening of {out_of_range(100 * command.opening, 0, 100, '%')}")
+        raise InputError(ShareOutside("opening", command.opening, 0, 1))
     reading = _where_it_is(core, board, now)
     if reading.homing is not None and not reading.homing.done:
         raise EnableError(NotHomed())
     # Only what is measured says where a joint stands that is off.
     live = ~np.isnan(reading.q) & (reading.on | (reading.source is Source.MEASURED))
     if reading.source is Source.MEASURED and not live.all() and reading.errors:
-        raise EnableError(f"{'; '.join(reading.errors)}; nothing was switched on")
+        raise EnableError(NothingOn(reading.errors))
     if not (live.all() or wanted is not None or board.identity.simulated):
-        known = "" if core.poses.last is None else f" ({core.poses.last})"
-        raise EnableError(f"nobody knows where the arm is{known}: {board.power} are off. {_SAY_WHERE}")
+        raise EnableError(PoseUnknown(board.power, str(core.poses.last or "")))
     start = taken_over(core, board, np.where(live, reading.q, goal))
     led = bool(core.limp)  # by a hand, which may have led it into itself
     if (led or not live.all()) and (touch := touching(core.around, core.robot, start)) is not None:
@@ -83,7 +89,7 @@ def enable(core: Core, command: Enable, order: Order, now: float) -> bool:
         core.log.warn("enabled where the arm stands, not in the pose asked for: move there now")
     grips = board.grips
     if grips and reading.source is Source.MEASURED and reading.opening is None and reading.errors:
-        raise EnableError(f"{'; '.join(reading.errors)}; nothing was switched on")
+        raise EnableError(NothingOn(reading.errors))
     opening = _opening_inside(core, reading)
     if live.all() and (opening is not None or not grips):
         _retake(core, board)
@@ -132,10 +138,7 @@ def _require_on(core: Core, board: Board, now: float) -> None:
         if seen is not None and seen.on.all() and seen.gripper_on is not False:
             return
     core.forget()
-    raise EnableError(
-        f"the board has not confirmed that its {board.power} are on, and some may be: keep clear, see that "
-        "it has power, press Release, and try again"
-    )
+    raise EnableError(OnUnconfirmed(board.power))
 
 
 def _retake(core: Core, board: Board) -> None:
@@ -149,9 +152,9 @@ def _retake(core: Core, board: Board) -> None:
 def release(core: Core, who: str, names: Sequence[str] | None = None) -> None:
     """Outputs off: the arm drops. Of some joints only, by name: these go limp, the others hold."""
     if core.board is None:
-        raise StateError(f"nothing to release: {core.state.value}")
+        raise StateError(NothingTo("release", core.state))
     if names is not None:
-        core.drop_motion(StateError(f"joints were released ({who})"))
+        core.drop_motion(StateError(Released(who, joints=True)))
         core.board.release_joints(named_joints(core, names))
         core.log.warn(f"RELEASE ({who}): {', '.join(core.limp)}: {core.board.power} off")
         return
@@ -165,9 +168,9 @@ def limit_torque(core: Core, share: float, names: Sequence[str], who: str) -> No
     """How strong the motors of some joints (none named: of all) may be, 0 ... 1."""
     joints = named_joints(core, names)
     if not LEAST_TORQUE <= checked_number(share, "the torque limit") <= 1:
-        raise InputError(f"a torque limit of {out_of_range(100 * share, 100 * LEAST_TORQUE, 100, '%')}")
+        raise InputError(ShareOutside("torque limit", share, LEAST_TORQUE, 1))
     if core.board is None:
-        raise StateError("there is no board; connect first")
+        raise StateError(NoBoard())
     q, reading = core.gate.q, core.monitor.reading
     if q is not None and reading.source is Source.MEASURED:
         sag = board_type(core.robot.board).sag_deg * DEGREE
@@ -199,7 +202,7 @@ def named_joints(core: Core, names: Sequence[str]) -> BoolArray:
     known = core.robot.joint_names
     for name in names:
         if name not in known:
-            raise InputError(f"there is no joint {name!r}; there are {', '.join(known)}")
+            raise InputError(UnknownName("joint", name, tuple(known)))
     return np.array([not names or name in names for name in known])
 
 
@@ -373,22 +376,13 @@ def _where_it_is(core: Core, board: Board, now: float) -> Reading:
     slowest = board_type(core.robot.board).slowest_answer_s
     delay = core.monitor.slow_line(slowest)
     if delay is not None and not board.identity.simulated:
-        took = f"took up to {1000 * delay:.0f} ms" if math.isfinite(delay) else "did not all come in time"
-        raise EnableError(
-            f"the line is too slow: the board's answers {took}, at most {1000 * slowest:.0f} ms are safe; "
-            "nothing was switched on. Check USB hub, network and baud rate"
-        )
+        raise EnableError(LineSlow(delay, slowest))
     if (apart := second.apart > MOTORS_APART_RAD).any():
-        names = ", ".join(core.robot.joints[i].title for i in np.flatnonzero(apart))
-        raise EnableError(
-            f"the two motors of {names} stand apart, one of them would be driven to the other; release the "
-            "arm, put them right and enable again"
-        )
+        raise EnableError(MotorsApart(tuple(core.robot.joints[i].title for i in np.flatnonzero(apart))))
     differs = np.isnan(first.q) != np.isnan(second.q)
     differs |= np.nan_to_num(np.abs(first.q - second.q)) > _tolerance(board)
     if differs.any():
-        names = ", ".join(core.robot.joints[i].title for i in np.flatnonzero(differs))
-        raise EnableError(f"two readings of the board differ ({names}); let it stand and try again")
+        raise EnableError(ReadingsDiffer(tuple(core.robot.joints[i].title for i in np.flatnonzero(differs))))
     return second
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.facts import Need, State
+from armctl.facts.commands import Released
 from armctl.hardware import Source
 from armctl.protocol import Ticket
 from armctl.runtime.activity import Activity, Setpoint
@@ -45,10 +46,10 @@ def let_down(core: Core, ticket: Ticket, who: str, now: float, names: Sequence[s
     if board is None or not board.lets_down or not gently or core.gate.q is None:
         release(core, who, names)
         return True
-    what = "the arm was" if names is None else "joints were"
-    core.drop_motion(StateError(f"{what} released ({who})"))
+    released = StateError(Released(who, joints=names is not None))
+    core.drop_motion(released)
     if names is None:
-        core.gripper.stop(StateError(f"the arm was released ({who})"))
+        core.gripper.stop(released)
     of = "" if names is None else f" of {', '.join(names)}"
     core.log.warn(f"RELEASE ({who}): the torque{of} goes within {LETTING_DOWN_S:.0f} s")
     core.begin(LettingDown(core, board, ticket, who, now, names), who, now)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from armctl.errors import ArmctlError, InputError, StateError, out_of_range
+from armctl.errors import ArmctlError, InputError, StateError
+from armctl.facts.commands import NoBoard, NotDigital, ShareOutside, UnknownName
 from armctl.kinematics.target import checked_number
 from armctl.robot import Robot
 from armctl.robot.signals import ON, Input, Moment
@@ -56,17 +57,17 @@ class SignalWatch:
     def set(self, board: Board | None, name: str, value: float) -> None:
         """Switch an output; ``InputError``: there is none of that name, or it has no such value."""
         if board is None:
-            raise StateError("there is no board; connect first")
+            raise StateError(NoBoard())
         known = self.outputs
         if not known:
             raise StateError("this board has no outputs beside those of the joints")
         if name not in known:
-            raise InputError(f"there is no output {name!r}; there are {', '.join(known)}")
+            raise InputError(UnknownName("output", name, tuple(known)))
         if not 0 <= checked_number(value, f"output {name}") <= 1:
-            raise InputError(f"output {name}: {out_of_range(value, 0, 1)}")
+            raise InputError(ShareOutside("output", value, 0, 1, name))
         own = self._robot.signals.output(name)
         if own is not None and own.kind == "digital" and value not in (0, 1):
-            raise InputError(f"output {name} is digital: 0 or 1, not {value:g}")
+            raise InputError(NotDigital(name, value))
         self._put(board, name, value)
 
     def switch(self, board: Board | None, moment: Moment) -> None:

@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from dataclasses import replace
 
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError, BoardError, InputError, StateError, StoppedError, out_of_range
-from armctl.facts import Need, State
+from armctl.errors import ArmctlError, BoardError, InputError, StateError, StoppedError
+from armctl.facts import Need, State, say
+from armctl.facts.commands import Disconnected, NothingTo, ShareOutside, Stopped
 from armctl.hardware import Driver, Source
 from armctl.protocol import Command, Doing, Origin, Ticket, unmet
 from armctl.robot import Robot
@@ -67,8 +69,9 @@ class ArmState:
         self.state = State.DISCONNECTED
         self.cause = "not connected yet"
         self.activity: Activity | None = None
-        self.stopped_by = ""
-        """who stopped the activity that comes to rest now"""
+        self.stopped_by: Stopped | None = None  # whose STOP brings the activity to rest now
+        self.stopped: Stopped | None = None  # what ``cause`` tells, where it is somebody's STOP
+        self._stop_tells: Sequence[str] = ()  # names of the warnings that it tells
         self.motion = self.stopped_motion = ""
         """name of the motion that began last, and of the one that may not go on"""
         self.leaving: Ticket | None = None
@@ -107,7 +110,7 @@ class ArmState:
     @property
     def doing(self) -> Doing | None:
         """What moves the arm."""
-        return None if self.activity is None else self.activity.doing(bool(self.stopped_by))
+        return None if self.activity is None else self.activity.doing(self.stopped_by is not None)
 
     def led_by(self, command: Command) -> Activity | None:
         """What moves the arm, if it goes on by commands of this kind."""
@@ -171,7 +174,7 @@ class ArmState:
     ) -> None:
         """Begin a motion from standstill; ``motion`` is its name."""
         self.activity, self._ticket, self.motion = activity, ticket, motion
-        self._pausing, self._unsent_since = False, None
+        self._pausing, self._unsent_since, self._stop_tells = False, None, ()
         self._ticks.restart(now)
         self._enter(State.MOVING, f"{activity.label} ({who})")
 
@@ -205,9 +208,9 @@ class ArmState:
 
     def disconnect(self, cause: str) -> None:
         """Close the line; the outputs stay as they are."""
-        self._drop_all(StateError("disconnected"))
+        self._drop_all(StateError(Disconnected()))
         if self._opening is not None:
-            self._opening.order.ticket.end(StateError(f"disconnected while {self._port} was being opened"))
+            self._opening.order.ticket.end(StateError(Disconnected(self._port or "")))
             self._opening.future.add_done_callback(close_opened)
             self._opening = None
         self._close_board()
@@ -232,7 +235,7 @@ class ArmState:
     def resume(self, who: str) -> None:
         """Go on with a motion that was paused."""
         if self.activity is None or not self._pausing:
-            raise StateError(f"there is nothing to resume: {self.state.value}")
+            raise StateError(NothingTo("resume", self.state))
         self.activity.pause(False)
         self._pausing = False
         self._enter(State.MOVING, f"{self.activity.label} resumed ({who})")
@@ -240,7 +243,7 @@ class ArmState:
     def set_speed(self, fraction: float, who: str) -> None:
         """Speed override for everything that moves."""
         if not SLOWEST <= fraction <= 1:
-            raise InputError(f"a speed of {out_of_range(100 * fraction, 100 * SLOWEST, 100, '%')}")
+            raise InputError(ShareOutside("speed", fraction, SLOWEST, 1.0))
         self.speed = fraction
         if self.activity is not None:
             self.activity.set_speed(self.speed)
@@ -256,28 +259,29 @@ class ArmState:
 
     # Stop and fault.
 
-    def stop(self, origin: Origin, ticket: Ticket | None = None) -> None:
+    def stop(self, origin: Origin, ticket: Ticket | None = None, tells: Sequence[str] = ()) -> None:
         """Slow down along the path as hard as the limits allow, then hold; drop the rest.
 
         A board that moves the arm by itself is told to brake; if it does not confirm, that is a fault.
+        ``tells``: names of the warnings that ``origin`` tells.
         """
         ticket = Ticket.ended() if ticket is None else ticket
         ticket.accept()
         self._stopping.append(ticket)  # from here on settle answers it, or a fault
-        moving = self.busy
+        moving, by = self.busy, Stopped(origin.who, origin.note)
         if moving or self.monitor.homes or not origin.note:
-            fresh = moving and self.stopped_by != str(origin)
+            fresh = moving and self.stopped_by != by
             if fresh or not self.log.said(f"STOP ({origin})", _SAME_PRESS_S):  # a page sends each press twice
                 self.log.warn(f"STOP ({origin})")
         else:
             self.log.add(f"{origin}; nothing moved, {self.state.value} as before")
         self._held_locked, self.stopped_motion = True, self.motion
-        self.drop_motion(StateError(f"stopped by {origin}"))
-        self._drop_grip(StateError(f"stopped by {origin}"))
-        self.gripper.stop(StateError(f"stopped by {origin}"))
+        self.drop_motion(StateError(by))
+        self._drop_grip(StateError(by))
+        self.gripper.stop(StateError(by))
         try:
             if (activity := self.activity) is not None:
-                self.stopped_by, self._pausing = str(origin), False
+                self.stopped_by, self._stop_tells, self._pausing = by, tells, False
                 activity.stop()
             elif self.board is not None and self.monitor.homes:
                 self.board.hold()
@@ -290,49 +294,21 @@ class ArmState:
         self._stopping.remove(ticket)  # nothing moves; what is asked for next is not waited for
         ticket.end()
 
-    def cancel(self, motion: str, origin: Origin, ticket: Ticket) -> None:
-        """STOP for the motion of that name; one that is over changes nothing."""
-        if not motion:
-            raise InputError("which motion is to be cancelled? STOP stops them all")
-        error = StateError(f"cancelled by {origin}")
-        if self._motion is not None and self._motion.order.motion == motion:
-            self.drop_motion(error)
-        if self._grip is not None and self._grip.order.motion == motion:
-            self._drop_grip(error)
-        if self.gripper.motion == motion:
-            self.gripper.stop(error)
-        if self.activity is None or self.motion != motion:
-            ticket.end()
-            return
-        self._stopping.append(ticket)
-        if not self.stopped_by:
-            self.log.add(f"{self.activity.label} cancelled ({origin})")
-            self.stopped_motion, self.stopped_by, self._pausing = motion, str(origin), False
-            try:
-                self.activity.stop()
-                self.signals.switch(self.board if self.activity.program is not None else None, "stop")
-            except ArmctlError as failure:
-                self.fault(failure)
-
-    def await_last(self, ticket: Ticket) -> None:
-        """Answer ``ticket`` when what runs has ended."""
-        self._ticket = ticket
-
-    def fault(self, error: ArmctlError) -> None:
-        """Something broke: send nothing more, and say why."""
+    def fault(self, error: ArmctlError, tells: Sequence[str] = ()) -> None:
+        """Something broke: send nothing more, and say why. ``tells``: names of the warnings that it tells."""
         cause = str(error)
         goes_on = self._drop_all(error)
         self.signals.switch_if_possible(self.board, "fault")
-        if goes_on is not None and str(goes_on) != cause:
+        if goes_on is not None and goes_on.reason != error.reason:
             cause = f"{cause}; and {goes_on}"
         if isinstance(error, BoardError) or goes_on is not None:
             self._close_board()  # a board that moves its motors by itself ends that when no host talks to it
-        self._enter(State.FAULT, cause)
+        self._enter(State.FAULT, cause, tells)
 
     def clear_fault(self, who: str) -> None:
         """Leave fault for ``holding`` (outputs on) or ``off``."""
         if self.state is not State.FAULT:
-            raise StateError(f"there is no fault to clear: {self.state.value}")
+            raise StateError(NothingTo("clear", self.state))
         if self.board is None:
             raise StateError(f"the board is gone ({self.cause}); connect again")
         self.monitor.acknowledged()
@@ -375,33 +351,34 @@ class ArmState:
 
     # The transitions.
 
-    def _enter(self, state: State, cause: str) -> None:
-        """Change the state; every change is logged with its cause."""
+    def _enter(self, state: State, cause: str, tells: Sequence[str] = ()) -> None:
+        """Change the state; every change is logged with its cause, which ``tells`` some warnings, by name."""
         if state is not self.state:
             line = f"{self.state.value} → {state.value}: {cause}"
             self.log.add(line, "error" if state is State.FAULT else "info")
-        self.state, self.cause = state, cause
+        self.state, self.cause, self.stopped = state, cause, None
+        self.notices.told_by_cause(tells)
 
     def _end(self, activity: Activity) -> None:
         ticket, self._ticket, self.activity = self._ticket, None, None
         self._pausing, self._unsent_since = False, None
         self.notices.clear("activity")
-        stopped, self.stopped_by = self.stopped_by, ""
+        stopped, self.stopped_by = self.stopped_by, None
         error = activity.error
-        if stopped:
-            error = StoppedError(f"{activity.label} was stopped by {stopped}")
-            cause = f"stopped by {stopped}"
+        if stopped is not None:
+            error, cause = StoppedError(replace(stopped, what=activity.label)), say(stopped)
         elif error is not None:
             cause = str(error)
             self.log.add(cause, "error")
         else:
             cause = f"{activity.label} finished"
-        if activity.program is not None and not stopped:
+        if activity.program is not None and stopped is None:
             self.signals.switch_if_possible(self.board, "end")
         if ticket is not None:
             ticket.end(error)
         # Homing that was stopped or failed leaves an arm whose position is unknown.
-        self._enter(State.OFF if self.gate.q is None else State.HOLDING, cause)
+        self._enter(State.OFF if self.gate.q is None else State.HOLDING, cause, self._stop_tells)
+        self.stopped = stopped
 
     def _drop_all(self, error: ArmctlError) -> ArmctlError | None:
         """Drop all that runs or waits; why a board that moves by itself may go on, None: it does not."""
@@ -425,8 +402,7 @@ class ArmState:
             self._ticket = None
         self.gripper.stop(error)
         self._answer_stops()  # nothing moves any more: what STOP asked for
-        self.stopped_by = ""
-        self._pausing = False
+        self.stopped_by, self._pausing = None, False
         self.setpoint = None
         self.notices.clear("activity")
         return goes_on

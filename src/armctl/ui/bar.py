@@ -15,7 +15,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, out_of_range
-from armctl.facts import Need, State, state_words
+from armctl.facts import Need, State, say, state_words
 from armctl.facts.angles import to_degrees
 from armctl.facts.words import capitals
 from armctl.kinematics import roll_pitch_yaw
@@ -96,7 +96,9 @@ class ControlBar:
         self._tell_control()
         self._tell_message(snapshot.message)
         source = session.console.last_known.words(snapshot, session.console.robot.board)
-        cause = session.with_names(snapshot.cause)
+        cause = snapshot.cause
+        if snapshot.stopped is not None:
+            cause = say(session.with_names(snapshot.stopped))
         session.parts.show(_BAR, self._bar(snapshot, cause, source))
         session.parts.show(_ALERTS, self._alerts(snapshot, cause))
         q, then, kind = session.console.last_known.drawn(snapshot), session.next.q, "next"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import re
 from collections.abc import Awaitable, Callable, Coroutine, Generator, Iterable
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import replace
 from functools import cache, partial
 from itertools import count
 from typing import Any, TypeVar
@@ -16,6 +16,7 @@ import viser
 
 from armctl.errors import ArmctlError
 from armctl.facts import Need, Reason, say
+from armctl.facts.commands import Stopped
 from armctl.protocol import Command, ControlCommand, Origin, Snapshot, Ticket
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.look.rows import Theme
@@ -115,12 +116,13 @@ class Session:
         party = self.snapshot.control.operator
         return "nobody" if party is None else "you" if party.id == self.me else party.name
 
-    def with_names(self, text: str) -> str:
-        """A text of the arm ("stopped by browser page 2"), with "you" for this page, and others by name."""
-        for party in self.snapshot.control.parties:
-            name = "you" if party.id == self.me else party.name
-            text = re.sub(rf"\bby {re.escape(party.id)}(?![\w:])", lambda _, name=name: f"by {name}", text)
-        return text
+    def with_names(self, reason: Reason) -> Reason:
+        """A reason with who stopped the arm as this page knows them: itself as "you", others by name."""
+        if not isinstance(reason, Stopped) or reason.note:
+            return reason
+        party = self.snapshot.control.party(reason.by)
+        name = reason.by if party is None else party.name
+        return replace(reason, by="" if reason.by == self.me else name)
 
     def sees(self, tab: str) -> bool:
         """Whether the tab with this label is open, or nobody knows: what only tells need not be told else."""
@@ -384,7 +386,7 @@ class Session:
         try:
             await asyncio.wrap_future(ticket.finished)
         except ArmctlError as broken:
-            self.notify("Not finished", self.with_names(str(broken)), "yellow")
+            self.notify("Not finished", say(self.with_names(broken.reason)), "yellow")
 
     async def find_line(self, link: Callable[[str, Session], None], lost: Callable[[int], None]) -> None:
         """Ask the page which lines are its own: ``link(page, session)``, which then watches for its beats.

@@ -12,7 +12,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, UnreachableError
-from armctl.facts import Need, Reason, Said, Several, ToDo, say
+from armctl.facts import Need, Reason, Several, ToDo, say
 from armctl.facts.angles import from_degrees, to_degrees
 from armctl.facts.targets import PoseUnmet
 from armctl.kinematics import DEFAULT_STEP, Target
@@ -309,8 +309,8 @@ class CoupledJoints:
 def coupled_joints(robot: Robot, target: Target, before: FloatArray) -> CoupledJoints:
     """The solution of a pose that takes the least travel from joint angles ``before`` (n,) [rad]."""
     solutions = robot.inverse_kinematics.solve(target, DEFAULT_STEP, before)
-    if not solutions.success:
-        return CoupledJoints(None, solutions.refusal or Said("there is no solution"), solutions.nearest_q)
+    if (why := solutions.refusal) is not None:
+        return CoupledJoints(None, why, solutions.nearest_q)
     ways = [solutions]
     if solutions.free_joint is not None and target.rotation is None:
         # a sweep holds grid values only; the pitch before lies between them, and the same pose must come back

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Literal, get_args
 
@@ -13,6 +13,7 @@ import viser
 from armctl.errors import ArmctlError, InputError
 from armctl.facts import Need
 from armctl.facts.angles import DEGREE
+from armctl.program import UserFrame
 from armctl.protocol import Jog, JogTool, MonotonicClock, MoveGripper, Snapshot
 from armctl.protocol.snapshot import tool_turns
 from armctl.robot import CarriedPart, Robot
@@ -26,8 +27,6 @@ from armctl.ui.widgets.number_field import EditWatch, TextEntry, format_number, 
 
 Frame = Literal["base", "tool"]
 FRAMES: dict[str, Frame] = {"base axes": "base", "tool axes": "tool"}
-_AXES_OF = "axes of "
-"""ahead of the name of a user frame"""
 _TURN_DEG_PER_MM = 0.5
 _SPEED_HINT = "How fast the tool goes while a button is held. The joints' limits and Speed % slow it down."
 _NOTE = (
@@ -218,6 +217,9 @@ class ToolJog:
         gui, self._shared = session.gui, session.console.shared(SharedProgram)
         self.axes = tool_axes(session.console.robot)
         self._frame = gui.add_dropdown("Along the", tuple(FRAMES), initial_value="base axes")
+        self._offered: Mapping[str, UserFrame] = {}
+        self._names: dict[str, str] = {}
+        """of the user frames that are offered, by what is chosen"""
         self._speed = gui.add_slider("Tool mm/s", 1, 150, 1, initial_value=speed_mm_s, hint=_SPEED_HINT)
         jog = HeldJog(session)
         for axis in self.axes:
@@ -239,9 +241,12 @@ class ToolJog:
 
     def refresh(self) -> None:
         """Offer the axes of the frames of the program, too; the chosen ones may be gone."""
-        options = (*FRAMES, *(_AXES_OF + name for name in self._shared.program.frames))
+        frames = self._shared.program.frames
+        if frames is self._offered:
+            return
+        self._offered, self._names = frames, {f"axes of {name}": name for name in frames}
+        options, chosen = (*FRAMES, *self._names), self._frame.value
         if self._frame.options != options:
-            chosen = self._frame.value
             self._frame.options = options
             self._frame.value = chosen if chosen in options else options[0]
 
@@ -250,7 +255,7 @@ class ToolJog:
         chosen = self._frame.value
         if frame is not None or chosen in FRAMES:
             return tool_jog(axis, sign, self._speed.value, frame or FRAMES[chosen])
-        user = self._shared.program.frames.get(chosen.removeprefix(_AXES_OF))
+        user = self._shared.program.frames.get(self._names.get(chosen, ""))
         if user is None:
             raise InputError(f"the program has no such frame any more: {chosen}")
         return tool_jog(axis, sign, self._speed.value, "base").from_user_frame(user.matrix[:3, :3])

@@ -176,7 +176,7 @@ class MotionForm:
         shared = self._session.console.shared(SharedProgram)
         return MotionRequest(
             motion,
-            self._title(),
+            self._subject(),
             start,
             profile,
             duration,
@@ -243,16 +243,13 @@ class MotionForm:
         self._turn.value = "free" if pitch == "free" else kept
         self._show_fields()
 
-    def _title(self) -> str:
-        motion, profile = self._motion.value, self._profile.profile
+    def _subject(self) -> str:
+        motion = self._motion.value
         if motion == JOINTS:
-            return f"{self._from.title} to {self._to.title}, {profile}"
+            return f"{self._from.title} to {self._to.title}"
         if motion in TEST_PATHS:
-            shaped = "" if self._blend.visible else f", {profile}"
-            return f"{motion}, {self._passing.value}{shaped}"
-        pitch, orientation = self._asked_turn
-        turn = f"pitch {pitch}" if orientation is None else f"orientation {orientation}"
-        return f"{motion} from {self._from.title}, {turn}, {profile}"
+            return f"{motion}, {self._passing.value}"
+        return f"{motion} from {self._from.title}"
 
     async def _on_motion(self) -> None:
         motion, robot = self._motion.value, self._session.console.robot

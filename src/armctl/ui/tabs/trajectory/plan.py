@@ -11,7 +11,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError, ProgramError
-from armctl.facts import Said, say
+from armctl.facts import say
 from armctl.facts.targets import AtPoint
 from armctl.kinematics import Target
 from armctl.motion import (
@@ -80,7 +80,8 @@ class MotionRequest:
     """The motion that the fields ask for."""
 
     motion: str
-    title: str
+    subject: str
+    """what leads from where to where: begins its title"""
     start: FloatArray | Target
     """(n,) where it begins [rad], or where the tool is then"""
     profile: Profile = "cubic"
@@ -110,6 +111,19 @@ class MotionRequest:
     """of the gripper when the motion begins, 0..1; None: not known"""
     part: CarriedPart | None = None
     """what it carries then; None: nothing"""
+
+    @property
+    def turned(self) -> str:
+        """Its title without the profile: what moves, and how the tool is turned on the way."""
+        kept = f"pitch {self.pitch}" if self.orientation is None else f"orientation {self.orientation}"
+        is_led = self.motion in TOOL_PATHS and not (self.pitch is None and self.orientation is None)
+        return f"{self.subject}, {kept}" if is_led else self.subject
+
+    @property
+    def title(self) -> str:
+        """What people call it."""
+        has_profile = self.motion not in TEST_PATHS or self.passing != "blend"
+        return f"{self.turned}, {self.profile}" if has_profile else self.turned
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,8 +187,8 @@ def why_not(robot: Robot, points: FloatArray) -> str | None:
     """The first point of a path (k, 3) [m] that is out of reach, and why; None: all can be reached."""
     for number, point in enumerate(points, 1):
         solutions = robot.inverse(point, step=_COARSE_STEP)
-        if not solutions.success:
-            return say(AtPoint(number, len(points), Said(solutions.reason or "")))
+        if (why := solutions.why()) is not None:
+            return say(AtPoint(number, len(points), why))
     return None
 
 
@@ -193,17 +207,15 @@ def _tool_motion(robot: Robot, asked: MotionRequest, start: FloatArray, end: Tar
     note = ""
     if cut is not None and cut.freer is not None and asked.yields:
         note = yielded(robot, cut)
-        turn = f"pitch {asked.pitch}" if asked.orientation is None else f"orientation {asked.orientation}"
-        title = asked.title.replace(turn, f"pitch {cut.freer}")
-        asked = replace(asked, title=title, pitch=cut.freer, orientation=None)
+        asked = replace(asked, pitch=cut.freer, orientation=None)
         trajectory, cut = _led(robot, start, asked, end._replace(pitch=None, rotation=None))
     findings = _judged(robot, trajectory, cut)
     if cut is not None:
-        title, note = asked.title.removesuffix(f", {asked.profile}"), _CUT_SHORT
+        note = _CUT_SHORT
         if cut.freer is None and robot.inverse(end.position, step=_COARSE_STEP).success:
             note += f" {_JOINTS_DO}"
         return PlannedMotion(
-            robot, title, trajectory, findings, ideal, speed=asked.speed, note=note, freer=cut.freer
+            robot, asked.turned, trajectory, findings, ideal, speed=asked.speed, note=note, freer=cut.freer
         )
     points = ideal.positions(np.linspace(0.0, ideal.length, _POINTS)) if ideal.length > 0 else None
     return PlannedMotion(
