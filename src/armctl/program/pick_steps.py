@@ -36,7 +36,7 @@ from armctl.program.motion_steps import (
     place_words,
 )
 from armctl.program.signal_steps import AtTimeout, LongestWait, SetStep, SignalNameOrNone, WaitForStep
-from armctl.program.standing_steps import EDGES, EdgeKey, GripperStep, WaitStep
+from armctl.program.standing_steps import EDGES, EdgeKey, GripperStep, HoldsPart, WaitStep
 from armctl.robot import Robot
 from armctl.robot.tools import grippers
 
@@ -257,7 +257,7 @@ class _HandlingStep(Step, frozen=True, kw_only=True):
         return f"{where}, approach {self.approach_mm:g} mm{tool}, {hand}{asks}"
 
 
-class PickStep(_HandlingStep, frozen=True, kw_only=True, tag="pick"):
+class PickStep(HoldsPart, _HandlingStep, frozen=True, kw_only=True, tag="pick"):
     """Take a part: approach it, go straight to it, grip, see that it is held, go straight away."""
 
     call: ClassVar = ("pick", *END, *_CALL, "ready_percent", "close_percent", "part_mm", *_CALL_END)
@@ -270,12 +270,6 @@ class PickStep(_HandlingStep, frozen=True, kw_only=True, tag="pick"):
     part_x_mm: EdgeKey = None
     part_y_mm: EdgeKey = None
     part_z_mm: EdgeKey = None
-
-    @property
-    def part_mm(self) -> tuple[float | None, ...] | None:
-        """Edges of the part, as far as given; None: nothing is kept apart for it."""
-        edges = (self.part_x_mm, self.part_y_mm, self.part_z_mm)
-        return None if edges == (None, None, None) else edges
 
     def check(self, robot: Robot) -> None:
         """As of a place; and refuse the size of a part that no gripper holds."""

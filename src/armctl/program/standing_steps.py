@@ -24,6 +24,21 @@ EDGES = ("part_x_mm", "part_y_mm", "part_z_mm")
 """keys of what is between the jaws"""
 
 
+class HoldsPart:
+    """What steps with the size of a part share. No struct: each writes its keys in an order of its own."""
+
+    __slots__ = ()
+    part_x_mm: float | None
+    part_y_mm: float | None
+    part_z_mm: float | None
+
+    @property
+    def part_mm(self) -> tuple[float | None, ...] | None:
+        """Edges of what is between the jaws after it, as far as given (``CarriedPart``); None: nothing."""
+        edges = (self.part_x_mm, self.part_y_mm, self.part_z_mm)
+        return None if edges == (None, None, None) else edges
+
+
 class WaitStep(Step, frozen=True, kw_only=True, tag="wait"):
     """Stand still."""
 
@@ -38,7 +53,7 @@ class WaitStep(Step, frozen=True, kw_only=True, tag="wait"):
         return Effect(wait_s=self.seconds)
 
 
-class GripperStep(Step, frozen=True, kw_only=True, tag="gripper"):
+class GripperStep(HoldsPart, Step, frozen=True, kw_only=True, tag="gripper"):
     """Open the gripper to a percentage: 0 closed, 100 open.
 
     The steps after it are checked with the part that is between the jaws then.
@@ -54,12 +69,6 @@ class GripperStep(Step, frozen=True, kw_only=True, tag="gripper"):
     part_x_mm: EdgeKey = None
     part_y_mm: EdgeKey = None
     part_z_mm: EdgeKey = None
-
-    @property
-    def part_mm(self) -> tuple[float | None, ...] | None:
-        """Edges of what is between the jaws after it, as far as given (``CarriedPart``); None: nothing."""
-        edges = (self.part_x_mm, self.part_y_mm, self.part_z_mm)
-        return None if edges == (None, None, None) else edges
 
     @property
     def effect(self) -> Effect:
