@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import ClassVar, Self
 
 from armctl.facts import About, Reason, Said, say
-from armctl.facts.reasons import range_texts
+from armctl.facts.commands import range_texts
 
 DOCS = "https://armctl-console.readthedocs.io/en/latest/"
 """where the documentation is published: the same as in pyproject.toml"""

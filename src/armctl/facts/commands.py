@@ -8,6 +8,13 @@ from typing import Literal
 from armctl.facts.reasons import Reason, State
 
 
+def range_texts(value: float, low: float, high: float) -> tuple[str, str, str]:
+    """A number outside a range and its ends as texts, with as many digits as tell it from both ends."""
+    ends = f"{low:g}", f"{high:g}"
+    texts = (f"{value:.{digits}g}" for digits in range(6, 17))
+    return next((text for text in texts if text not in ends), repr(value)), *ends
+
+
 @dataclass(frozen=True, slots=True)
 class Stopped(Reason):
     """Somebody's STOP, or that of armctl itself."""
@@ -127,7 +134,8 @@ class NotDigital(Reason):
 class UnknownName(Reason):
     """A name that nothing of its kind has."""
 
-    kind: Literal["joint", "input", "output", "pose", "point"]
+    kind: str
+    """joint, input, output, pose or point"""
     name: str
     known: tuple[str, ...]
     robot: str = ""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from armctl.facts import commands
-from armctl.facts.reasons import Reason, numbered, range_texts
+from armctl.facts.commands import range_texts
+from armctl.facts.reasons import Reason
 
 _NOTHING = {
     "resume": "there is nothing to resume",
@@ -31,6 +32,12 @@ _SAY_WHERE = (
     "Say where it stands: on the page, with armctl run --pose last (or a named pose, or joint angles "
     'in degrees), or with arm.enable(pose="last")'
 )
+
+
+def numbered(noun: str, numbers: Sequence[int]) -> str:
+    """Channels, pins or servos as in an English sentence: "pin 3", "pins 3, 4"."""
+    listed = ", ".join(map(str, numbers))
+    return f"{noun} {listed}" if len(numbers) == 1 else f"{noun}s {listed}"
 
 
 def _took(one: commands.LineSlow) -> str:

@@ -56,19 +56,6 @@ def decimals_apart(value: float, *others: float, least: int = 2) -> int:
     return least
 
 
-def range_texts(value: float, low: float, high: float) -> tuple[str, str, str]:
-    """A number outside a range and its ends as texts, with as many digits as tell it from both ends."""
-    ends = f"{low:g}", f"{high:g}"
-    texts = (f"{value:.{digits}g}" for digits in range(6, 17))
-    return next((text for text in texts if text not in ends), repr(value)), *ends
-
-
-def numbered(noun: str, numbers: Sequence[int]) -> str:
-    """Channels, pins or servos as in an English sentence: "pin 3", "pins 3, 4"."""
-    listed = ", ".join(map(str, numbers))
-    return f"{noun} {listed}" if len(numbers) == 1 else f"{noun}s {listed}"
-
-
 def limits_apart(angles: Sequence[float], low: float, high: float) -> tuple[list[str], str, str]:
     """Each of some angles once, and limits, all [rad], as texts in degrees that read unlike each other."""
     least, most, *needed = (to_degrees(angle) + 0.0 for angle in (low, high, *angles))

@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from armctl.facts import commands
-from armctl.facts.reasons import Reason, range_texts
+from armctl.facts.commands import range_texts
+from armctl.facts.reasons import Reason
 from armctl.facts.turkish import STATES
 
 _NOTHING = {

@@ -6,10 +6,11 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import ParamSpec, Protocol, TypeVar
+from typing import Literal, ParamSpec, Protocol, TypeVar
 
-from armctl.errors import ArmctlError, BoardError, StateError, out_of_range
+from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, StateError, out_of_range
 from armctl.facts import QuantityLimits
+from armctl.facts.commands import ReleaseUnconfirmed
 from armctl.robot.signals import Signals
 
 P = ParamSpec("P")
@@ -259,10 +260,24 @@ class ChannelTable:
         return min(last, max(first, round(value * scale.steps)))
 
 
-def numbered(noun: str, numbers: Sequence[int]) -> str:
-    """Channels, pins or servos as in a sentence: "pin 3", "pins 3, 4"."""
-    listed = ", ".join(map(str, numbers))
-    return f"{noun} {listed}" if len(numbers) == 1 else f"{noun}s {listed}"
+def switch_off(
+    line: str,
+    board: str,
+    noun: Literal["channel", "pin"],
+    outputs: Sequence[int],
+    attempts: int,
+    attempt: Callable[[Sequence[int]], Sequence[int]],
+) -> None:
+    """Switch outputs off in some attempts. ``BoardTimeoutError``: the board does not confirm it.
+
+    ``attempt`` tells those that are on to go off, and gives those that do not say so.
+    """
+    on = outputs
+    for _ in range(attempts):
+        on = attempt(on)
+        if not on:
+            return
+    raise BoardTimeoutError(ReleaseUnconfirmed(line, board, noun, tuple(on)))
 
 
 def translated(doing: str, action: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -397,8 +396,8 @@ class Robot(ArrayRecord):
         """A named configuration (n,) [rad]; ``InputError`` where there is none of that name."""
         return self._named("pose", name, self.poses)
 
-    def _named(self, what: Literal[pose, point], name: object, known: Mapping[str, FloatArray]) -> FloatArray:
-        if not isinstance(name, str) or name not in known:
+    def _named(self, what: str, name: str, known: Mapping[str, FloatArray]) -> FloatArray:
+        if not isinstance(name, str) or name not in known:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(UnknownName(what, name, tuple(known), self.name))
         return known[name].copy()
 

@@ -12,17 +12,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError
-from armctl.facts import Need, State, ToolHoldsPart, ToolWhileMoving
-from armctl.facts.commands import (
-    AfterGap,
-    PlannedTooLong,
-    PlanningAlready,
-    ShareOutside,
-    StartLeft,
-    Stopped,
-    Superseded,
-    UnknownName,
-)
+from armctl.facts import Need, State, ToolHoldsPart, ToolWhileMoving, commands
 from armctl.kinematics.target import checked_number
 from armctl.motion.preflight import require_gaps
 from armctl.protocol import Origin, Ticket
@@ -116,7 +106,7 @@ class Core(ArmState):
         """STOP for the motion of that name; one that is over changes nothing."""
         if not motion:
             raise InputError("which motion is to be cancelled? STOP stops them all")
-        by = Stopped(origin.who, origin.note)
+        by = commands.Stopped(origin.who, origin.note)
         error = StateError(replace(by, how="cancelled"))
         if self._motion is not None and self._motion.order.motion == motion:
             self.drop_motion(error)
@@ -148,9 +138,9 @@ class Core(ArmState):
             raise StateError(f"input {name}: only those of a connected simulated board are set by hand")
         if signal is None:
             every = tuple(one.name for one in self.robot.signals.inputs)
-            raise InputError(UnknownName("input", name, every))
+            raise InputError(commands.UnknownName("input", name, every))
         if not 0 <= checked_number(value, f"input {name}") <= 1:
-            raise InputError(ShareOutside("input", value, 0, 1, name))
+            raise InputError(commands.ShareOutside("input", value, 0, 1, name))
         self.simulator(signal.channel, signal.value(value))
         self.log.add(f"simulated input {name}: {value:g} ({who})")
 
@@ -216,7 +206,7 @@ class Core(ArmState):
     ) -> None:
         """Plan from ``start`` (n,) [rad] off this thread; ``take`` makes an activity of it, None follows."""
         if self._motion is not None:
-            raise StateError(PlanningAlready())
+            raise StateError(commands.PlanningAlready())
         future = self.submit(plan, self.held, start, *args)
         self._motion = Pending(order, label, future, start, take)
 
@@ -226,7 +216,7 @@ class Core(ArmState):
         The rest of a motion that is under way is checked first, off this thread, with the jaws anywhere from
         where they are to ``opening``. While a motion is being planned, the gripper waits for it to begin.
         """
-        self._drop_grip(StateError(Superseded("gripper")))
+        self._drop_grip(StateError(commands.Superseded("gripper")))
         self._grip = Grip(order, opening, part)
         self._take_grip()
 
@@ -258,7 +248,7 @@ class Core(ArmState):
 
     def await_edit(self, order: Order, label: str, future: Future[None], take: Callable[[Any], None]) -> None:
         """Take an edit over once it is checked; an earlier one that is still being checked is refused."""
-        self._drop_edit(StateError(Superseded("edit")))
+        self._drop_edit(StateError(commands.Superseded("edit")))
         self._edit = Pending(order, label, future, take=take)
 
     def take_planned(self, now: float) -> None:
@@ -274,7 +264,7 @@ class Core(ArmState):
                 q = self.gate.q
                 stands = q is not None and motion.start is not None and np.array_equal(q, motion.start)
                 if self.state is not State.HOLDING or self.limp or not stands:
-                    raise StateError(StartLeft())
+                    raise StateError(commands.StartLeft())
                 self._ticket = ticket  # a defect in what follows is a fault, which answers it
                 if motion.take is None:
                     activity: Activity = PathMover(self.robot, plan, self.speed, motion.label)
@@ -299,7 +289,7 @@ class Core(ArmState):
             if pending is None or pending.future.done():
                 continue
             if now - pending.order.given_at > LONGEST_PLAN_S:
-                error = StateError(PlannedTooLong(LONGEST_PLAN_S))
+                error = StateError(commands.PlannedTooLong(LONGEST_PLAN_S))
                 drop(error)
                 self.refuse(pending.order, pending.label, error)
 
@@ -379,7 +369,7 @@ class Core(ArmState):
     def require_no_gap(self, now: float) -> None:
         """Refuse (``StateError``) what may have been asked for before a gap, and would move the arm now."""
         if now - self._gap_ended < AFTER_GAP_S:
-            raise StateError(AfterGap(self._gap_s))
+            raise StateError(commands.AfterGap(self._gap_s))
 
     def observe(self, now: float) -> None:
         """Read back where it is due, and compare."""

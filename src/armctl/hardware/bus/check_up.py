@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from armctl.errors import BoardTimeoutError
+from armctl.facts.english_commands import numbered
 from armctl.hardware.access import latency_timer_ms
 from armctl.hardware.board_type import CheckUp, Finding, failed, ok, round_trips, warning
 from armctl.hardware.bus import EEPROM_ADVICE
 from armctl.hardware.bus.line import BusLine
 from armctl.hardware.bus.make import ServoMake
 from armctl.hardware.bus.who import missing_words, nobody_words
-from armctl.hardware.driver import ChannelSettings, numbered
+from armctl.hardware.driver import ChannelSettings
 
 _LONG_WAIT_MS = 1.0
 """that servos may wait before their answers, all together"""

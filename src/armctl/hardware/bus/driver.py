@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, EnableError
+from armctl.facts.commands import ReleaseUnconfirmed
+from armctl.facts.english_commands import numbered
 from armctl.hardware.board_type import Kept, nothing_kept
 from armctl.hardware.bus import SCALE, BusSettings
 from armctl.hardware.bus.known import DOUBTED, KnownServo
@@ -18,7 +20,6 @@ from armctl.hardware.driver import (
     ChannelTable,
     Readback,
     Source,
-    numbered,
 )
 from armctl.hardware.transport import Connection
 
@@ -310,10 +311,7 @@ class BusDriver(Abilities):
             one.goal = one.wanted = None
             line.tell(self._make.form.write(one.id, *self._torque_off))
         if silent:
-            raise BoardTimeoutError(
-                f"{line.name}: {numbered('servo', silent)} did not confirm that the torque is off; cut the "
-                "power of the servos before you reach in"
-            )
+            raise BoardTimeoutError(ReleaseUnconfirmed(line.name, "", "servo", tuple(silent)))
 
     @property
     def _torque_off(self) -> tuple[int, bytes]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from armctl.errors import BoardTimeoutError
+from armctl.facts.servos import ServoSilent
 from armctl.hardware.bus.packets import BROADCAST, BusPacket, PacketForm, PacketReader
 from armctl.hardware.transport import Transport
 
@@ -135,7 +136,7 @@ class BusLine:
             answer = self.exchange(self.form.read(servo, address, wanted), [servo], wanted).get(servo)
             if answer is not None:
                 return BusPacket(servo, answer.code, answer.data[:size])
-        raise BoardTimeoutError(f"servo {servo} does not answer")
+        raise BoardTimeoutError(ServoSilent(servo))
 
     def read_all(self, servos: Sequence[int], address: int, size: int) -> dict[int, BusPacket]:
         """The same bytes of several servos, by id, at once where they can; who does not answer is missing."""

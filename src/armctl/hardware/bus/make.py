@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from armctl.errors import BoardError, BoardTimeoutError, EnableError, InputError
+from armctl.facts.servos import (
+    ServoNotTaken,
+    ServoOutside,
+    ServoTorqueOn,
+    ServoTurned,
+    ServoTurning,
+    ServoUnconfirmed,
+    ServoUnfit,
+)
 from armctl.hardware.bus.line import BusLine
 from armctl.hardware.bus.packets import BusPacket, PacketForm
 from armctl.hardware.bus.table import ControlTable
@@ -164,9 +174,7 @@ class ServoMake(ABC):
         """Refuse (``BoardError``) to write the EEPROM of a servo whose torque is on."""
         torque = self.table["torque"]
         if any(line.read(servo, torque.address, torque.size).data):
-            raise BoardError(
-                f"the torque of servo {servo} is on: release the arm before its EEPROM is written"
-            )
+            raise BoardError(ServoTorqueOn(servo))
 
     def write_kept(
         self, line: BusLine, servo: int, name: str, number: int, answers_as: int | None = None
@@ -191,14 +199,40 @@ class ServoMake(ABC):
             self.lock(line, after)
         kept = line.read(after, register.address, register.size, more=True).data
         if kept != data:
-            raise BoardError(f"servo {servo} did not take {number} as its {name}")
+            raise BoardError(ServoNotTaken(servo, number, name))
 
-    def require_taken(self, servo: int, seen: Telemetry, position: int) -> None:
-        """``EnableError``: what it tells after its goal was set to where it stands is not that."""
+    def put(self, line: BusLine, servo: int, name: str, number: int) -> BusPacket:
+        """Write a register; what the servo answers. ``BoardTimeoutError``: it does not confirm that."""
+        answer = line.write(servo, self.table[name].address, self.table.encode(name, number))
+        if answer is None:
+            raise BoardTimeoutError(ServoUnconfirmed(servo, "told"))
+        return answer
+
+    def sound(self, servo: int, answer: BusPacket) -> BusPacket:
+        """``answer``; ``EnableError`` where it tells of an error with which no torque may be on."""
+        return answer
+
+    def set_goal(self, line: BusLine, servo: int, position: int, *, more: bool = False) -> Telemetry:
+        """Make the place where it stands its goal, read back, with ``more`` as ``BusLine.read`` has it.
+
+        ``EnableError``: it did not take that, or turns.
+        """
+        self.put(line, servo, "goal_position", position)
+        block = self.telemetry
+        answer = self.sound(servo, line.read(servo, block.address, block.size, more=more))
+        seen = self.understood(answer, block)
         if seen.goal != position or seen.position is None:
-            raise EnableError(f"servo {servo} did not take {position} steps as its goal, but {seen.goal}")
+            raise EnableError(ServoNotTaken(servo, position, "goal", seen.goal))
         if abs(seen.position - position) > self.still_steps:
-            raise EnableError(f"servo {servo} turns while its torque is switched on; hold the arm still")
+            raise EnableError(ServoTurning(servo, enabling=True))
+        return seen
+
+    def require_on(self, line: BusLine, servo: int) -> BusPacket:
+        """What it answers once its torque is on; ``EnableError``: it is not."""
+        answer = self.sound(servo, line.read(servo, self.table["torque"].address, 1, more=True))
+        if answer.data[0] != 1:
+            raise EnableError(ServoUnconfirmed(servo, "on"))
+        return answer
 
     def clear(self, line: BusLine, servo: int) -> bool:
         """End what is latched of a limp servo; whether it starts anew for that, and is silent for a while."""
@@ -214,7 +248,7 @@ class ServoMake(ABC):
             if last is not None and abs(found - last) <= _AGREE_STEPS:
                 return found
             last = found
-        raise EnableError(f"servo {servo}: its readings differ, it turns: let it stand and try again")
+        raise EnableError(ServoTurning(servo))
 
 
 SAG_DEG = 4.0
@@ -288,11 +322,7 @@ def _require_still(
     """Where it stands [steps]; refused where it has turned, or torque would throw it."""
     place = make.position(line, servo)
     if abs(place - expected) > make.still_steps:
-        turned_deg = abs(place - expected) * 360 / make.steps_per_turn
-        raise EnableError(
-            f"servo {servo} has turned by {turned_deg:.1f}° since it was looked at; "
-            "let the arm stand still, and enable again"
-        )
+        raise EnableError(ServoTurned(servo, math.tau * abs(place - expected) / make.steps_per_turn))
     _require_fit(make, servo, settings, place)
     return place
 
@@ -300,11 +330,7 @@ def _require_still(
 def _require_fit(make: ServoMake, servo: int, settings: ServoSettings, place: int) -> None:
     """Refuse what its EEPROM makes dangerous: a goal outside of its own limits becomes another one."""
     if settings.unfit is not None:
-        raise EnableError(f"servo {servo}: {settings.unfit}")
+        raise EnableError(ServoUnfit(servo, settings.unfit))
     if not settings.lowest <= place <= settings.highest:
-        away_deg = max(settings.lowest - place, place - settings.highest) * 360 / make.steps_per_turn
-        raise EnableError(
-            f"servo {servo} stands at {place} steps, outside the limits {settings.lowest} … "
-            f"{settings.highest} of its own EEPROM: with torque on it would jump by {away_deg:.1f}°. "
-            "Turn it back by hand, or set those limits anew"
-        )
+        away = math.tau * max(settings.lowest - place, place - settings.highest) / make.steps_per_turn
+        raise EnableError(ServoOutside(servo, place, settings.lowest, settings.highest, away))

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from armctl.facts import say
+from armctl.facts.english_commands import numbered
 from armctl.hardware.bus import EEPROM_ADVICE
 from armctl.hardware.bus.line import BusLine
-from armctl.hardware.driver import numbered
 from armctl.hardware.servo_records import KeptSettings, changes
 from armctl.hardware.servos import ServoSettings
 

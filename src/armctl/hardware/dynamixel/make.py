@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 from armctl.errors import BoardTimeoutError, EnableError
 from armctl.facts import QuantityLimits
+from armctl.facts.servos import ServoUnconfirmed
 from armctl.hardware.bus.line import BusLine
 from armctl.hardware.bus.make import Block, Limits, ServoMake, Telemetry
 from armctl.hardware.bus.packets import BusPacket
@@ -243,27 +244,22 @@ class DynamixelMake(ServoMake):
         errors = _in_words(self.table.decode("hardware_error_status", state.data, _STATE.address))
         if errors:
             raise EnableError(f"servo {servo}: {'; '.join(errors)}. Release restarts it, then enable again")
-        self._write(line, servo, "profile_acceleration", 0)  # be they speeds or times: 0 is none
-        self._write(line, servo, "profile_velocity", 0)
-        self._write(line, servo, "bus_watchdog", 0)  # one that has tripped takes no limit either
-        self._write(line, servo, "goal_pwm", self._pwm(line, servo, limits.torque))
-        self._write(line, servo, "bus_watchdog", _WATCHDOG)
+        self.put(line, servo, "profile_acceleration", 0)  # be they speeds or times: 0 is none
+        self.put(line, servo, "profile_velocity", 0)
+        self.put(line, servo, "bus_watchdog", 0)  # one that has tripped takes no limit either
+        self.put(line, servo, "goal_pwm", self._pwm(line, servo, limits.torque))
+        self.put(line, servo, "bus_watchdog", _WATCHDOG)
 
     def on_at(self, line: BusLine, servo: int, position: int) -> None:
         """Goal, read back with the place, torque, read back, watchdog. Any error in an answer ends it.
 
         A servo that refuses a goal keeps the old one, and torque on would be a jump to that.
         """
-        self._write(line, servo, "bus_watchdog", 0)  # one that has tripped refuses goals
-        self._write(line, servo, "goal_position", position)
-        block = self.telemetry
-        answer = self._sound(servo, line.read(servo, block.address, block.size, more=True))
-        self.require_taken(servo, self.understood(answer, block), position)
-        self._write(line, servo, "torque", 1)
-        answer = self._sound(servo, line.read(servo, self.table["torque"].address, 1, more=True))
-        if answer.data[0] != 1:
-            raise EnableError(f"servo {servo} did not switch its torque on")
-        self._write(line, servo, "bus_watchdog", _WATCHDOG)
+        self.put(line, servo, "bus_watchdog", 0)  # one that has tripped refuses goals
+        self.set_goal(line, servo, position, more=True)
+        self.put(line, servo, "torque", 1)
+        self.require_on(line, servo)
+        self.put(line, servo, "bus_watchdog", _WATCHDOG)
 
     def off(self, line: BusLine, servo: int) -> bool:
         """Torque off, and the watchdog too, tripped or not; an alert says nothing against it."""
@@ -296,7 +292,7 @@ class DynamixelMake(ServoMake):
         if level == register.high:
             return None
         if line.write(servo, register.address, bytes((2,))) is None:
-            raise BoardTimeoutError(f"servo {servo} does not confirm what it is told")
+            raise BoardTimeoutError(ServoUnconfirmed(servo, "told"))
         return level
 
     def _pwm(self, line: BusLine, servo: int, share: float) -> int:
@@ -304,19 +300,18 @@ class DynamixelMake(ServoMake):
         data = line.read(servo, register.address, register.size, more=True).data
         return round(share * self.table.decode("pwm_limit", data, register.address))
 
-    def _write(self, line: BusLine, servo: int, name: str, number: int) -> None:
-        answer = line.write(servo, self.table[name].address, self.table.encode(name, number))
-        if answer is None:
-            raise BoardTimeoutError(f"servo {servo} does not confirm what it is told")
+    def put(self, line: BusLine, servo: int, name: str, number: int) -> BusPacket:
+        """As of any make; ``EnableError`` says which error the servo answers with."""
+        answer = super().put(line, servo, name, number)
         if code := answer.code & ~ALERT:
             words = REFUSALS.get(code, "an unknown error")
             raise EnableError(
                 f"servo {servo} refuses {number} as its {name.replace('_', ' ')} (error {code}: {words})"
             )
-        self._sound(servo, answer)
+        return self.sound(servo, answer)
 
-    def _sound(self, servo: int, answer: BusPacket) -> BusPacket:
-        """``answer``, unless it tells of any error."""
+    def sound(self, servo: int, answer: BusPacket) -> BusPacket:
+        """``answer``; ``EnableError`` where it tells of any error."""
         if answer.code:
             raise EnableError(f"servo {servo} reports a hardware error; release the arm and enable it again")
         return answer

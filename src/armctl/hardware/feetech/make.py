@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 from armctl.errors import BoardError, BoardTimeoutError, EnableError
 from armctl.facts import QuantityLimits
+from armctl.facts.servos import ServoTold, ServoUnconfirmed
 from armctl.hardware.bus.line import ATTEMPTS, BusLine
 from armctl.hardware.bus.make import Block, Limits, ServoMake, Telemetry
 from armctl.hardware.bus.packets import BusPacket
@@ -219,7 +220,7 @@ class FeetechMake(ServoMake):
         }
         for name, number in wanted.items():
             if name in self.table:
-                self._write(line, servo, name, number)
+                self.put(line, servo, name, number)
 
     def on_at(self, line: BusLine, servo: int, position: int) -> None:
         """Goal, read back with the place, torque, read back.
@@ -227,18 +228,12 @@ class FeetechMake(ServoMake):
         A goal that differs from the present position switches torque on by itself, so all else is done by
         now, and the goal is the place that has just been read.
         """
-        self._write(line, servo, "goal_position", position)
-        block = self.telemetry
-        seen = self.understood(line.read(servo, block.address, block.size), block)
-        self.require_taken(servo, seen, position)
-        if not seen.on:
-            self._write(line, servo, "torque", 1)
-        answer = line.read(servo, self.table["torque"].address, 1, more=True)
-        if answer.data[0] != 1:
-            raise EnableError(f"servo {servo} did not switch its torque on")
+        if not self.set_goal(line, servo, position).on:
+            self.put(line, servo, "torque", 1)
+        answer = self.require_on(line, servo)
         why = [words for bit, words in ERRORS.items() if answer.code & bit & ~OVERLOAD]
         if why:
-            raise EnableError(f"servo {servo}: {'; '.join(why)}")
+            raise EnableError(ServoTold(servo, "; ".join(why)))
 
     def off(self, line: BusLine, servo: int) -> bool:
         """Torque off, and read back: answers carry no number, a late one may be to something else.
@@ -273,16 +268,7 @@ class FeetechMake(ServoMake):
         address = self.table["lock"].address
         line.write(servo, address, bytes((lock,)))
         if line.read(servo, address, 1, more=True).data[0] != lock:
-            did = "lock" if lock else "open"
-            raise BoardError(f"servo {servo} did not {did} its EEPROM; try once more")
-
-    def _write(self, line: BusLine, servo: int, name: str, number: int) -> None:
-        data = self.table.encode(name, number)
-        self._confirmed(line, servo, line.write(servo, self.table[name].address, data))
-
-    def _confirmed(self, line: BusLine, servo: int, answer: BusPacket | None) -> None:
-        if answer is None:
-            raise BoardTimeoutError(f"servo {servo} does not confirm what it is told")
+            raise BoardError(ServoUnconfirmed(servo, "locked" if lock else "open"))
 
 
 FEETECH = FeetechMake(

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
 from armctl.facts import Unanswered
+from armctl.facts.english_commands import numbered
 from armctl.hardware.driver import (
     Abilities,
     BoardIdentity,
@@ -13,7 +14,7 @@ from armctl.hardware.driver import (
     ChannelTable,
     Readback,
     Source,
-    numbered,
+    switch_off,
 )
 from armctl.hardware.firmata import HOW_TO_LOAD, SCALE, codec, pin_table
 from armctl.hardware.firmata.codec import (
@@ -259,19 +260,15 @@ class FirmataDriver(Abilities):
         # A sketch from 2.5 on leaves a pin high that it frees in the middle of a pulse.
         pins = self._table.channels[::-1]
         request = b"".join(codec.pin_mode(pin, PinMode.OUTPUT) + codec.pin_low(pin) for pin in pins)
-        still_on: Sequence[int] = ()
-        for _ in range(_RELEASE_ATTEMPTS):
-            self._stream.send(request)
+
+        def off(_: Sequence[int]) -> Sequence[int]:
+            self._stream.send(request)  # all of them each time: their order counts
             states = self._sure_states(self._table.channels)
-            off = [pin for pin, state in states.items() if state.mode != PinMode.SERVO]
-            still_on = [pin for pin in self._table.channels if pin not in off]
-            if not still_on:
-                self._watch.released()
-                return
-        raise BoardTimeoutError(
-            f"{line.name}: the board did not confirm the release of {numbered('pin', still_on)}; the "
-            "arm may still be held. Cut the servos' supply before you reach in"
-        )
+            left = [pin for pin, state in states.items() if state.mode != PinMode.SERVO]
+            return [pin for pin in self._table.channels if pin not in left]
+
+        switch_off(line.name, "board", "pin", self._table.channels, _RELEASE_ATTEMPTS, off)
+        self._watch.released()
 
     def close(self) -> None:
         """Close the line; never raises. The servos go on with what they were sent last."""

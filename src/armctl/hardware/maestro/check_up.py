@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from armctl.facts.english_commands import numbered
 from armctl.hardware.board_type import (
     ChannelsToCheck,
     CheckUp,
@@ -12,7 +13,6 @@ from armctl.hardware.board_type import (
     round_trips,
     warning,
 )
-from armctl.hardware.driver import numbered
 from armctl.hardware.maestro import FACTORY_MAXIMUM_US, FACTORY_MINIMUM_US, MaestroModel
 from armctl.hardware.maestro.codec import error_words
 from armctl.hardware.maestro.driver import MaestroLine

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from armctl.errors import BoardError, BoardTimeoutError
+from armctl.facts.english_commands import numbered
 from armctl.hardware.board_type import (
     ChannelsToCheck,
     CheckUp,
@@ -16,7 +17,7 @@ from armctl.hardware.board_type import (
     round_trips,
     warning,
 )
-from armctl.hardware.driver import ChannelSettings, numbered
+from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.pca9685 import Pca9685Options, channel_table
 from armctl.hardware.pca9685.chip import (
     ArduinoLine,

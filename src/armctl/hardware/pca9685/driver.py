@@ -12,7 +12,7 @@ from armctl.hardware.driver import (
     ChannelTable,
     Readback,
     Source,
-    numbered,
+    switch_off,
 )
 from armctl.hardware.pca9685 import CHANNELS, SCALE, STEPS, Pca9685Options, channel_table
 from armctl.hardware.pca9685.chip import (
@@ -212,21 +212,17 @@ class Pca9685Driver(Abilities):
         line = self._chip
         self._outputs.released(channels)
         self._asked_at = None
-        still_on: Sequence[int] = channels
-        for _ in range(_ATTEMPTS):
-            self._transfer(dict.fromkeys(still_on, FULL_OFF))
-            try:
-                held = self._pulses(tuple(sorted(still_on)))
-            except BoardTimeoutError:
-                continue
-            self._outputs.read(held, {}, self._now())
-            still_on = [channel for channel in channels if held.get(channel) is not None]
-            if not still_on:
-                return
-        raise BoardTimeoutError(
-            f"{line.name}: the PCA9685 did not confirm the release of {numbered('channel', still_on)}; the "
-            "arm may still be held. Cut the servos' supply before you reach in"
-        )
+        switch_off(line.name, "PCA9685", "channel", channels, _ATTEMPTS, self._off)
+
+    def _off(self, channels: Sequence[int]) -> Sequence[int]:
+        """Switch channels off; those that are still on, as far as is known."""
+        self._transfer(dict.fromkeys(channels, FULL_OFF))
+        try:
+            held = self._pulses(tuple(sorted(channels)))
+        except BoardTimeoutError:
+            return channels
+        self._outputs.read(held, {}, self._now())
+        return [channel for channel in channels if held.get(channel) is not None]
 
     def close(self) -> None:
         """Close the line; never raises. The chip goes on sending what it was sent last."""
