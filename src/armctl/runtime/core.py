@@ -102,31 +102,6 @@ class Core(ArmState):
             self.disconnect(f"disconnected ({who})")
         return self.leaving is None
 
-    def cancel(self, motion: str, origin: Origin, ticket: Ticket) -> None:
-        """STOP for the motion of that name; one that is over changes nothing."""
-        if not motion:
-            raise InputError("which motion is to be cancelled? STOP stops them all")
-        by = commands.Stopped(origin.who, origin.note)
-        error = StateError(replace(by, how="cancelled"))
-        if self._motion is not None and self._motion.order.motion == motion:
-            self.drop_motion(error)
-        if self._grip is not None and self._grip.order.motion == motion:
-            self._drop_grip(error)
-        if self.gripper.motion == motion:
-            self.gripper.stop(error)
-        if self.activity is None or self.motion != motion:
-            ticket.end()
-            return
-        self._stopping.append(ticket)
-        if self.stopped_by is None:
-            self.log.add(f"{self.activity.label} cancelled ({origin})")
-            self.stopped_motion, self.stopped_by, self._pausing = motion, by, False
-            try:
-                self.activity.stop()
-                self.signals.switch(self.board if self.activity.program is not None else None, "stop")
-            except ArmctlError as failure:
-                self.fault(failure)
-
     def await_last(self, ticket: Ticket) -> None:
         """Answer ``ticket`` when what runs has ended."""
         self._ticket = ticket

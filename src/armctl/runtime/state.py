@@ -294,6 +294,31 @@ class ArmState:
         self._stopping.remove(ticket)  # nothing moves; what is asked for next is not waited for
         ticket.end()
 
+    def cancel(self, motion: str, origin: Origin, ticket: Ticket) -> None:
+        """STOP for the motion of that name; one that is over changes nothing."""
+        if not motion:
+            raise InputError("which motion is to be cancelled? STOP stops them all")
+        by = Stopped(origin.who, origin.note)
+        error = StateError(replace(by, how="cancelled"))
+        if self._motion is not None and self._motion.order.motion == motion:
+            self.drop_motion(error)
+        if self._grip is not None and self._grip.order.motion == motion:
+            self._drop_grip(error)
+        if self.gripper.motion == motion:
+            self.gripper.stop(error)
+        if self.activity is None or self.motion != motion:
+            ticket.end()
+            return
+        self._stopping.append(ticket)
+        if self.stopped_by is None:
+            self.log.add(f"{self.activity.label} cancelled ({origin})")
+            self.stopped_motion, self.stopped_by, self._pausing = motion, by, False
+            try:
+                self.activity.stop()
+                self.signals.switch(self.board if self.activity.program is not None else None, "stop")
+            except ArmctlError as failure:
+                self.fault(failure)
+
     def fault(self, error: ArmctlError, tells: Sequence[str] = ()) -> None:
         """Something broke: send nothing more, and say why. ``tells``: names of the warnings that it tells."""
         cause = str(error)
