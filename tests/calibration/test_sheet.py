@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from armctl.arrays import FloatArray
-from armctl.calibration import PAPERS_MM, Paper, touch_sheet
+from armctl.calibration import PAPERS_MM, Paper, Touches, TouchSheet, fit_touches, touch_sheet
 from armctl.cli.sheet import sheet as command
 from armctl.errors import CalibrationError
 from armctl.robot import load_robot
@@ -75,9 +77,43 @@ def test_what_is_printed_is_where_the_points_are(name: str, paper: Paper) -> Non
     assert re.findall(r"\((\d+)\) Tj", sheet.pdf().decode("latin-1")) == expected
 
 
-def test_an_arm_that_does_not_reach_the_paper_gets_none() -> None:
-    with pytest.raises(CalibrationError, match="reaches 0 points of a sheet on the floor"):
-        touch_sheet(load_robot("mearm"))
+@cache
+def sheet_of(name: str) -> TouchSheet:
+    return touch_sheet(load_robot(name))
+
+
+@pytest.mark.parametrize(("name", "height_mm"), [("mearm", 60), ("eezybotarm_mk2", 80), ("uarm", 0)])
+def test_an_arm_whose_hand_stays_level_gets_a_sheet_that_lies_higher(name: str, height_mm: int) -> None:
+    robot, sheet = load_robot(name), sheet_of(name)
+    assert 1000 * sheet.height_m == pytest.approx(height_mm)
+    assert sheet.place_m[2] == pytest.approx(robot.floor_z + sheet.height_m)
+    assert len(sheet.points_m) >= 10
+    for point in sheet.laid_m:
+        assert robot.inverse(point).success
+    assert (f"{height_mm} mm high" in sheet.svg()) is (height_mm > 0)
+
+
+def test_a_mearm_is_corrected_by_its_sheet() -> None:
+    robot, rng = load_robot("mearm"), np.random.default_rng(1)
+    off = np.radians([1.0, 2.5, -3.0])
+    sheet = sheet_of("mearm")
+    above = np.array([(x, y, 0.03) for x, y, _ in sheet.points_m[::3]])  # a block on some of them
+    points = np.vstack([sheet.points_m, above])
+    found = [robot.inverse(point + sheet.place_m + rng.normal(0.0, 0.0005, 3)) for point in points]
+    there = [bool(one.success) for one in found]
+    q = np.array([one.q[0] for one in found if one.success]) - off
+    fit = fit_touches(robot, Touches.checked(robot, q, points[there], "sheet"))
+    assert fit.correct and fit.after.rms < 0.0015 and fit.before.rms > 2 * fit.after.rms
+
+
+def test_an_arm_that_reaches_no_paper_at_any_height_gets_none() -> None:
+    robot = load_robot("uzuner")
+    still = replace(robot, joints=tuple(replace(one, lower=1.5, upper=1.55) for one in robot.joints))
+    with pytest.raises(
+        CalibrationError, match="reaches 0 points of a sheet that lies on the floor"
+    ) as refused:
+        touch_sheet(still)
+    assert "up to 200 mm above it" in str(refused.value) and "the top of a block" in str(refused.value)
 
 
 def test_the_command_writes_the_sheet_and_prints_its_places(tmp_path: Path) -> None:

@@ -30,6 +30,8 @@ _SHARES = (1.0, 0.8, 0.6, 0.45)
 _ENOUGH = 10
 _NEAREST_M = 0.04
 _LOOKED_AT = 24
+_HEIGHTS_M = tuple(round(0.02 * step, 2) for step in range(11))
+"""from the floor upwards: where a sheet is tried"""
 SCALE_BAR_MM = 100.0
 _BAR_MM = (30.0, 14.0)
 """where its left end is, from the lower left corner"""
@@ -47,6 +49,8 @@ class TouchSheet:
     """(k, 3) in the frame of the sheet, whole millimetres [m]"""
     place_m: FloatArray
     """(3,) where the middle lies as it is drawn, base frame [m]"""
+    height_m: float = 0.0
+    """how high over the floor it lies, on something flat [m]"""
 
     @property
     def laid_m(self) -> FloatArray:
@@ -57,6 +61,11 @@ class TouchSheet:
     def size_mm(self) -> tuple[float, float]:
         """Its width and its depth."""
         return PAPERS_MM[self.paper]
+
+    @property
+    def raised(self) -> str:
+        """How high it lies, in words; empty: on the floor."""
+        return f"about {1000 * self.height_m:.0f} mm high, such as books" if self.height_m else ""
 
     def svg(self) -> str:
         """The sheet as an SVG file, 1 unit = 1 mm."""
@@ -120,40 +129,53 @@ class TouchSheet:
         away = 1000 * float(self.place_m[0]) - depth / 2
         where = f"{abs(away):.0f} mm {'below' if away >= 0 else 'above'} this edge"
         yield _Text(middle + 4, 10, f"base of {self.title}: its first axis {where}, about", 3.2)
-        yield _Text(middle + 4, 5.5, "tape the sheet down; where it truly lies is found by touching", 3.2)
+        down = "tape the sheet down" if not self.height_m else f"lay it on something flat, {self.raised}"
+        yield _Text(middle + 4, 5.5, f"{down}; where it truly lies is found by touching", 3.2)
         yield _Text(left, depth - 14, f"{self.title}: {len(self.points_m)} crosshairs to touch", 4.5)
 
 
 def touch_sheet(robot: Robot, paper: Paper = "a4") -> TouchSheet:
     """The sheet for an arm: in the middle of its reach over the floor, with crosshairs that it can touch.
 
-    May take seconds. ``CalibrationError``: it reaches too few of them.
+    An arm whose hand stays level, or that is short, may touch no floor: its sheet lies on something flat, as
+    low as can be. May take seconds. ``CalibrationError``: it reaches too few crosshairs at any height.
     """
+    best = TouchSheet(robot.title, paper, np.empty((0, 3)), np.array((0.0, 0.0, robot.floor_z)))
+    for height in _HEIGHTS_M:
+        found = _sheet_at(robot, paper, height)
+        best = found if len(found.points_m) > len(best.points_m) else best
+        if len(best.points_m) >= _ENOUGH:
+            break
+    if len(best.points_m) < LEAST_POINTS:
+        raise CalibrationError(
+            f"{robot.title} reaches {len(best.points_m)} points of a sheet that lies on the floor "
+            f"(z = {1000 * robot.floor_z:.0f} mm) or up to {1000 * _HEIGHTS_M[-1]:.0f} mm above it; "
+            f"{LEAST_POINTS} are needed: use known places in the base frame, such as the top of a block"
+        )
+    return best
+
+
+def _sheet_at(robot: Robot, paper: Paper, height_m: float) -> TouchSheet:
+    """The sheet that lies so high over the floor, with as many crosshairs as the arm can touch there."""
     width, depth = PAPERS_MM[paper]
     away = np.linspace(_NEAREST_M, max(robot.chain.length, 2 * _NEAREST_M), _LOOKED_AT)
-    line = np.column_stack([away, np.zeros(_LOOKED_AT), np.full(_LOOKED_AT, robot.floor_z)])
+    line = np.column_stack([away, np.zeros(_LOOKED_AT), np.full(_LOOKED_AT, robot.floor_z + height_m)])
     reached = reachable_at(robot, line, line).points_m[:, 0]
-    best = np.empty((0, 3))
-    place = np.zeros(3)
-    if len(reached):
-        middle = max((reached.min() + reached.max()) / 2, _NEAREST_M + depth / 2000)
-        place = np.array([round(float(middle), 3), 0.0, robot.floor_z])
-        for share in _SHARES:
-            up = np.linspace(-1, 1, _ROWS) * np.floor(share * (depth / 2 - _BORDER_MM))
-            across = np.linspace(1, -1, _COLUMNS) * 2 * np.floor(share * (width / 2 - _BORDER_MM) / 2)
-            grid = np.array([(x, y, 0.0) for x in up for y in across]) / 1000
-            found = reachable_at(robot, grid, grid + place).points_m
-            kept = grid[[bool((found == point).all(axis=1).any()) for point in grid]]
-            best = kept if len(kept) > len(best) else best
-            if len(best) >= _ENOUGH:
-                break
-    if len(best) < LEAST_POINTS:
-        raise CalibrationError(
-            f"{robot.title} reaches {len(best)} points of a sheet on the floor "
-            f"(z = {1000 * robot.floor_z:.0f} mm) with its tool; {LEAST_POINTS} are needed: use known points "
-            "in the base frame"
-        )
-    return TouchSheet(robot.title, paper, best, place)
+    best, place = np.empty((0, 3)), np.array((0.0, 0.0, robot.floor_z + height_m))
+    if not len(reached):
+        return TouchSheet(robot.title, paper, best, place, height_m)
+    middle = max((reached.min() + reached.max()) / 2, _NEAREST_M + depth / 2000)
+    place[0] = round(float(middle), 3)
+    for share in _SHARES:
+        up = np.linspace(-1, 1, _ROWS) * np.floor(share * (depth / 2 - _BORDER_MM))
+        across = np.linspace(1, -1, _COLUMNS) * 2 * np.floor(share * (width / 2 - _BORDER_MM) / 2)
+        grid = np.array([(x, y, 0.0) for x in up for y in across]) / 1000
+        found = reachable_at(robot, grid, grid + place).points_m
+        kept = grid[[bool((found == point).all(axis=1).any()) for point in grid]]
+        best = kept if len(kept) > len(best) else best
+        if len(best) >= _ENOUGH:
+            break
+    return TouchSheet(robot.title, paper, best, place, height_m)
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,6 +35,7 @@ def sheet(robot: str, paper: Paper, out: Path | None) -> None:
         out.write_bytes(write(made))
     except OSError as cause:
         raise CalibrationError(not_written(out, cause)) from cause
-    click.echo(f"{out}: {len(made.points_m)} crosshairs; their places on the sheet [mm]")
+    lies = f"; lay it on something flat, {made.raised}" if made.raised else ""
+    click.echo(f"{out}: {len(made.points_m)} crosshairs{lies}; their places on the sheet [mm]")
     for number, (x, y, z) in enumerate((1000 * made.points_m).round(3).tolist(), 1):
         click.echo(f"{number:>4}   x {x:7.1f}   y {y:7.1f}   z {z:4.1f}")
