@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from tests.calibration.plant import Plant, Sheet, touch
 from tests.calibration.touch_kit import NOISE_M, Held, advised, missed, rms, touched, worn
 
@@ -44,35 +45,51 @@ def tell(text: str) -> None:
 
 
 def figures(robot: Robot, zero_deg: float, count: int, *, encoders: bool) -> FloatArray:
-    """(count, 3) how far other points are missed before and after ten touches, and what was told of that."""
-    rows: list[tuple[float, float, float]] = []
+    """(count, 5) how far other points are missed before and after ten touches, and what was told of that.
+
+    What is told: the RMS as it is most likely, and the ends of the interval in which it is in 90 of 100 fits.
+    """
+    rows: list[tuple[float, float, float, float, float]] = []
     for seed in range(count):
         plant, sheet, rng = worn(robot, seed, zero_deg, encoders=encoders)
         touches = advised(robot, touched(plant, robot, sheet, rng, (0.0, 0.08), 60), 10)
         fit = fit_touches(robot, touches)
         held = Held.of(plant, robot, sheet, rng)
-        rows.append((*missed(fit, robot, touches, held), fit.expected.rms))
+        told = fit.expected
+        rows.append((*missed(fit, robot, touches, held), told.rms, told.low, told.high))
     found = np.array(rows)
-    near = np.abs(found[:, 2] / found[:, 1] - 1) < 0.25
+    inside = within(found)
     tell(
-        f"{robot.name}: {count} arms, median {1000 * np.median(found, axis=0)} mm, ratio "
+        f"{robot.name}: {count} arms, median {1000 * np.median(found[:, :3], axis=0)} mm, ratio "
         f"{np.median(found[:, 1] / found[:, 0]):.3f}, <= 5 mm {np.mean(found[:, 1] <= 0.005):.2f}, "
-        f"told within a quarter {near.mean():.2f}"
+        f"{1000 * np.median(found[:, 3]):.1f} … {1000 * np.median(found[:, 4]):.1f} mm was told, right in "
+        f"{inside.mean():.2f}"
     )
     return found
 
 
+def within(found: FloatArray) -> NDArray[np.bool_]:
+    """(count,) of which arms the error that is left lies in the interval that was told."""
+    _, after, _, low, high = found.T
+    return (low <= after) & (after <= high)
+
+
 def test_ten_touches_take_an_so101_to_a_sixth_of_its_error() -> None:
-    before, after, told = figures(SO101, 3.0, 100 if LONG else 4, encoders=True).T
+    found = figures(SO101, 3.0, 100 if LONG else 4, encoders=True)
+    before, after, told, low, high = found.T
     assert np.mean(after <= 0.005) >= 0.9
     assert np.median(after / before) <= (1 / 6 if LONG else 1 / 4)
     assert np.median(told / after) == pytest.approx(1.0, abs=0.25)
+    assert within(found).mean() >= (0.9 if LONG else 0.75)
+    assert np.median(high / low) < 3.0  # whatever is wide enough holds, and says nothing
 
 
 def test_ten_touches_take_an_arm_that_measures_nothing_to_a_quarter() -> None:
-    before, after, told = figures(UZUNER, 1.5, 100 if LONG else 3, encoders=False).T
+    found = figures(UZUNER, 1.5, 100 if LONG else 3, encoders=False)
+    before, after, told, low, high = found.T
     assert np.median(after / before) <= 0.25
     assert np.median(told / after) == pytest.approx(1.0, abs=0.3)
+    assert within(found).mean() >= (0.9 if LONG else 0.6) and np.median(high / low) < 3.0
 
 
 def test_a_length_that_is_a_millimetre_off_is_found_by_twenty_points() -> None:

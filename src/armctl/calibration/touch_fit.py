@@ -15,7 +15,7 @@ from armctl.calibration.touch_model import Parameter, Touches, TouchModel, Value
 
 _TOUCH_M = 0.0005
 """standard deviation of a coordinate of a touch, before anything is measured [m]"""
-_TOUCH_WEIGHT = 5.0
+NOISE_WEIGHT = 5.0
 """how many coordinates that is worth"""
 _ROUNDS = 12
 """Gauss-Newton steps at most, with the noise and the weights from the one before"""
@@ -98,7 +98,7 @@ def solve(
         used = float(np.einsum("ip,pq,iq->", A, covariance, A))
         lengths = np.sum(errors**2, axis=1)
         free = max(3 * float(weights.sum()) - used, 1.0)
-        noise = math.sqrt((_TOUCH_WEIGHT * _TOUCH_M**2 + float(weights @ lengths)) / (_TOUCH_WEIGHT + free))
+        noise = math.sqrt((NOISE_WEIGHT * _TOUCH_M**2 + float(weights @ lengths)) / (NOISE_WEIGHT + free))
         if robust:
             weights = 1.0 / (1.0 + lengths / (_CAUCHY * noise) ** 2 / 3)
         if np.abs(step).max(initial=0.0) < _STILL:
@@ -147,8 +147,8 @@ _TRIED = 4
 def _criterion(one: Solved) -> float:
     """BIC: the logarithm of what is left, and a price for each number that is not the sheet's."""
     n = 3.0 * len(one.touches)
-    left = (one.squares + _TOUCH_WEIGHT * _TOUCH_M**2) / (n + _TOUCH_WEIGHT)
-    return (n + _TOUCH_WEIGHT) * math.log(left) + math.log(n) * len(one.parameters)
+    left = (one.squares + NOISE_WEIGHT * _TOUCH_M**2) / (n + NOISE_WEIGHT)
+    return (n + NOISE_WEIGHT) * math.log(left) + math.log(n) * len(one.parameters)
 
 
 def _promising(now: Solved, candidates: Sequence[Parameter]) -> list[tuple[float, Parameter]]:

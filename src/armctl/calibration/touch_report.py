@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.calibration.touch_fit import OF_SHEET, Solved, blame, solve
+from armctl.calibration.touch_fit import NOISE_WEIGHT, OF_SHEET, Solved, blame, solve
 from armctl.calibration.touch_model import LEAST_POINTS, Parameter, Touches, TouchModel, Values
 from armctl.facts import Reason, say_with_advice
 from armctl.facts.causes import (
@@ -53,6 +53,8 @@ _LAW = 0.05
 """share of sag and play that no fit of them foretells: weights and friction are known to that"""
 _GOOD_M = 0.001
 _SAMPLES, _NEAR_M, _LEAST_NEAR = 4000, 0.01, 20
+_DRAWN, _TAILS = 4000, (0.05, 0.95)
+"""arms that are drawn by what the points leave open, and the shares of them below and above what is told"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +71,20 @@ class Size:
         return cls(math.sqrt(np.mean(lengths**2)), float(lengths.max()))
 
 
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """How far the tool is off with a correction, at points that nobody has touched: RMS [m]."""
+
+    rms: float
+    """near the touched points, as it is most likely"""
+    low: float
+    """in 5 of 100 such fits it is less near them"""
+    high: float
+    """… and in 5 of 100 more"""
+    anywhere: float
+    """wherever the arm can go"""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TouchFit:
     """What touched points say about an arm."""
@@ -80,8 +96,8 @@ class TouchFit:
     """at points that were left out, by the robot's numbers"""
     after: Size
     """at points that were left out, with the correction"""
-    expected: Size
-    """RMS with the correction, over poses of the arm near the points, and (``largest``) wherever it can go"""
+    expected: Expected
+    """with the correction"""
     correct: bool
     """whether the correction is better than the robot's numbers by more than chance: then it may be used"""
     causes: tuple[Reason, ...]
@@ -107,7 +123,7 @@ class TouchFit:
         """Before and after, as a fact."""
         return FitFigures(
             self.count, self.before.rms, self.before.largest, self.after.rms, self.after.largest,
-            self.expected.rms, self.correct,
+            self.expected.low, self.expected.high, self.correct,
         )  # fmt: skip
 
     @property
@@ -247,8 +263,13 @@ def _untold(fit: Solved) -> list[Parameter]:
     return [one for one, told in pairs if told < _TOLD and one.kind not in OF_SHEET]
 
 
-def _expected(fit: Solved, touches: Touches) -> Size:
-    """RMS of the tool's error that is left, near the points and wherever the arm can go [m]."""
+def _expected(fit: Solved, touches: Touches) -> Expected:
+    """RMS of the tool's error that is left, and the interval in which it is in 90 of 100 such fits.
+
+    The mean square near the points is Σ λ z² with z ~ N(0, 1) for each way in which the numbers may still be
+    off (λ: eigenvalues), and what no fit foretells of each joint's sag and play. The noise by which all of it
+    is measured is itself known by a few touches only: χ² with as many degrees of freedom as it was fitted by.
+    """
     model, values = fit.model, fit.values
     q = joint_samples(model.robot.limits, _SAMPLES)
     tips = model.tips(values, q, np.zeros(q.shape))
@@ -263,11 +284,26 @@ def _expected(fit: Solved, touches: Touches) -> Size:
         near = np.append(near, np.ones(len(points), dtype=np.bool_))
     probes = Touches(q, own, model.frame)
     links = theta, torque = model.links(values, q, probes.senses)
-    spread = model.slopes(values, probes, fit.parameters, links)
-    squares = np.einsum("kip,pq,kiq->k", spread, fit.covariance, spread)
+    A = model.slopes(values, probes, fit.parameters, links)
+    root = np.linalg.cholesky(fit.covariance)
     bent = (_LAW * values.compliance * torque) ** 2 + (_LAW * values.play) ** 2
-    squares = squares + np.einsum("kij,kj->k", model.robot.jacobian(theta)[:, :3] ** 2, bent)
-    return Size(math.sqrt(squares[near].mean()), math.sqrt(squares.mean()))
+    by_joint = np.einsum("kij,kj->kj", model.robot.jacobian(theta)[:, :3] ** 2, bent)
+
+    def squares(some: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+        """By numbers that are fitted, and by the law of each joint, over some of the probes [m²]."""
+        near_to = np.einsum("kip,kiq->pq", A[some], A[some]) / len(A[some])
+        own = np.asarray(np.linalg.eigvalsh(root.T @ near_to @ root), dtype=np.float64)
+        return own, np.asarray(by_joint[some].mean(axis=0), dtype=np.float64)
+
+    told, law = squares(near)
+    rng = np.random.default_rng(0)
+    used = float(np.sum(1.0 - (1.0 - fit.told) ** 2))
+    free = max(3 * len(touches) - used, 1.0) + NOISE_WEIGHT
+    z = rng.chisquare(1.0, (_DRAWN, len(told) + len(law)))
+    sizes = z[:, : len(told)] @ told * (free / rng.chisquare(free, _DRAWN)) + z[:, len(told) :] @ law
+    five, most = np.quantile(np.sqrt(sizes), _TAILS).tolist()
+    over_all = float(sum(map(np.sum, squares(np.ones(len(q), dtype=np.bool_)))))
+    return Expected(math.sqrt(float(told.sum() + law.sum())), five, most, math.sqrt(over_all))
 
 
 # What is to blame.

@@ -46,7 +46,7 @@ def _figures(one: causes.FitFigures) -> str:
     if not one.corrected:
         return text
     after = f"with the correction {size(one.after, one.after_largest)}"
-    return f"{text}; {after}; to be expected nearby: {1000 * one.expected:.1f} mm"
+    return f"{text}; {after}; nearby {1000 * one.low:.1f} … {1000 * one.high:.1f} mm RMS (9 of 10)"
 
 
 def _length(one: causes.LengthOff) -> str:

@@ -46,7 +46,7 @@ def _figures(one: causes.FitFigures) -> str:
     if not one.corrected:
         return text
     after = f"düzeltmeyle {size(one.after, one.after_largest)}"
-    return f"{text}; {after}; yakında beklenen: {1000 * one.expected:.1f} mm"
+    return f"{text}; {after}; yakında RMS {1000 * one.low:.1f} … {1000 * one.high:.1f} mm (10'da 9)"
 
 
 def _length(one: causes.LengthOff) -> str:
