@@ -182,7 +182,9 @@ class Arm(ArmControls):
         solutions (k, n) [rad] and where the arm stands (n,) [rad], and returns k energies. The solution of
         least energy is sent, or where the arm may not go there, the best of those to which it may; the
         events say so, or the log where the criterion is your own. Infinity excludes a solution.
-        ``profile`` is the law over time. Without ``duration_s`` the motion is as fast as the limits allow.
+        ``profile`` is the law over time; "end-plus" comes to the end from one side, each joint turning up, so
+        that play is on the same side each time, "end-minus" from the other. Without ``duration_s`` the motion
+        is as fast as the limits allow.
         ``blend_mm`` matters only in a program: a call stops at its end.
         UnreachableError: no solution, or none with that orientation. MotionRefusedError: the way there would
         leave the limits.

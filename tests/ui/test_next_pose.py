@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from html import unescape
 
 import numpy as np
@@ -16,7 +17,7 @@ from armctl.errors import ArmctlError, InputError
 from armctl.facts import State
 from armctl.motion import plan_joints
 from armctl.protocol import MoveJoints, Party
-from armctl.robot import load_robot
+from armctl.robot import Deflection, load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.next_pose import End, NextPoses, PoseWriter
 from armctl.ui.tabs.forward.screen import ForwardScreen
@@ -103,6 +104,24 @@ def test_a_movement_that_cannot_be_had_is_told_in_the_line(page: FakePage) -> No
     page.go()
     command = page.sent[-1]
     assert isinstance(command, MoveJoints) and command.duration_s == 3.0
+
+
+def test_from_one_side_it_has_arrived_where_the_links_stand(server: GuardedServer) -> None:
+    """Half of the play ahead of the pose, if that is known."""
+    rigid = Deflection.of(ROBOT.gravity, ROBOT.gravity.heaviest(ROBOT.limits))
+    soft = replace(rigid, play=np.radians([2.0, 0.0, 0.0, 0.0, 0.0]))
+    page = FakePage(server, replace(ROBOT, output_map=replace(ROBOT.outputs, deflection=soft)), HOME)
+    writer = PoseWriter(page.session, "somebody", lambda: ("end-minus", None))
+    page.act(lambda: writer.show(THERE))
+    page.go()
+    command = page.sent[-1]
+    assert isinstance(command, MoveJoints) and command.profile == "end-minus"
+    assert np.array_equal(command.q, THERE)
+    planned = page.next.trajectory
+    assert planned is not None and planned.end[0] == pytest.approx(THERE[0] - np.radians(1.0))
+    page.snapshot.q_command = planned.end
+    page.next.refresh(page.session.snapshot)
+    assert page.next.q is None
 
 
 def test_it_outlives_a_stop_and_is_planned_anew_where_the_arm_is_moved_otherwise(page: FakePage) -> None:

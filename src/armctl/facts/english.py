@@ -36,6 +36,7 @@ from armctl.facts.reasons import (
     BranchEnds,
     MotionEndsMoving,
     Need,
+    NoRoomToTurn,
     NoSteps,
     NotHomed,
     NotNow,
@@ -317,6 +318,10 @@ def _state(one: NotNow) -> str:
 
 WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     AngleLimit: _angle,
+    NoRoomToTurn: lambda one: (
+        f"{in_degrees(one.room, '.1f')} from its limit, too near to come from that side; "
+        f"{in_degrees(one.needed, '.1f')} are needed"
+    ),
     StandsOutside: _stands,
     WrongUnit: lambda _: WRONG_UNIT,
     ToDo: lambda one: _TO_DO[one.what],
@@ -383,6 +388,7 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
 }
 ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     AngleLimit: _keep_away,
+    NoRoomToTurn: lambda _: "come from the other side, or choose a pose that is farther from this limit",
     RateLimit: _slower,
     SpeedJump: lambda _: "let a part end as fast as the next one begins, or let both be at rest there",
     MotionEndsMoving: lambda _: "let it start and end at rest",

@@ -36,6 +36,7 @@ from armctl.facts.reasons import (
     BranchEnds,
     MotionEndsMoving,
     Need,
+    NoRoomToTurn,
     NoSteps,
     NotHomed,
     NotNow,
@@ -347,6 +348,10 @@ _LEVEL_ADVICE = {
 
 WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     AngleLimit: _angle,
+    NoRoomToTurn: lambda one: (
+        f"sınırına {in_degrees(one.room, '.1f')} uzakta, o yandan gelmek için çok yakın; "
+        f"{in_degrees(one.needed, '.1f')} gerekir"
+    ),
     StandsOutside: _stands,
     WrongUnit: lambda _: _WRONG_UNIT,
     ToDo: lambda one: _TO_DO[one.what],
@@ -416,6 +421,7 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
 }
 ADVICE: Mapping[type[Reason], Callable[[Any], str]] = {
     AngleLimit: _keep_away,
+    NoRoomToTurn: lambda _: "öteki yandan gelin ya da bu sınırdan daha uzak bir duruş seçin",
     RateLimit: _slower,
     SpeedJump: lambda _: "bir parça, sonraki başladığı hızda bitsin, ya da ikisi de orada dursun",
     MotionEndsMoving: lambda _: "durgun başlasın ve durgun bitsin",

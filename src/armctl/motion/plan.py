@@ -20,6 +20,7 @@ from armctl.errors import InputError, MotionRefusedError, UnreachableError
 from armctl.facts import Freer
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion.blend import Leg, blend
+from armctl.motion.one_sided import ONE_SIDED, OneSided, commanded_end, turning_point
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.paths.tool_path import PitchMode, TurnMode, follow, led_at_once
@@ -31,8 +32,9 @@ from armctl.motion.timing import PathTrajectory, timed
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
 from armctl.robot import Robot
 
-Profile = ProfileName | Literal["normal"]
-"""A law for all joints together; or "normal": each joint at its own speed (takes no duration)."""
+Profile = ProfileName | OneSided | Literal["normal"]
+"""A law for all joints together; a cubic that comes to the end from one side; or "normal": each joint at its
+own speed (takes no duration)."""
 _FREER_STEPS = 20
 """for each of the questions whether a curve can be followed with less asked of the tool's turn"""
 _SLOWEST = 1e-6
@@ -50,12 +52,20 @@ def plan_joints(
 ) -> Trajectory:
     """Plan a motion to joint angles (n,) [rad] and check it; "normal" with a duration is a cubic.
 
+    From one side ("end-plus", "end-minus") the links come to stand there: what is commanded may be a little
+    ahead (``one_sided``).
+
     Raises ``InputError`` for what is no configuration, ``MotionRefusedError`` for one outside the joint
     limits, too short a duration, or what the pre-flight refuses.
     """
     require_robot(robot)
     end = robot.check_limits(end)
-    if str(profile) == "normal" and duration_s is None:
+    if profile in ONE_SIDED:
+        begin, end = robot.chain.checked(start), commanded_end(robot, end, profile)
+        via = turning_point(robot, begin, end, profile)
+        stops = [begin, end] if via is None else [begin, via, end]
+        trajectory: Trajectory = plan_through(robot, stops, duration_s)
+    elif str(profile) == "normal" and duration_s is None:
         trajectory = PointToPoint.each_for_itself(robot, start, end)
     else:
         law = "cubic" if str(profile) == "normal" else checked_profile(profile)
@@ -249,7 +259,10 @@ Passing = Literal["stop", "spline", "blend"]
 
 
 def plan_through(
-    robot: Robot, stops: Sequence[FloatArray], duration_s: float | None = None, profile: Profile = "cubic"
+    robot: Robot,
+    stops: Sequence[FloatArray],
+    duration_s: float | None = None,
+    profile: ProfileName | Literal["normal"] = "cubic",
 ) -> JoinedTrajectory:
     """Plan a motion through configurations (n,) [rad], at rest in each; no pre-flight.
 

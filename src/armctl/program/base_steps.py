@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Protocol, Self, cast, get_args, get_type_hints
 
@@ -17,8 +18,10 @@ from armctl.arrays import FloatArray
 from armctl.errors import ProgramError
 from armctl.facts import Part, Quantities, Reason
 from armctl.motion.blend import Leg
-from armctl.motion.plan import plan_joints, plan_path
+from armctl.motion.one_sided import ONE_SIDED, OneSided, turning_point
+from armctl.motion.plan import plan_joints, plan_path, plan_through
 from armctl.motion.polynomial import PiecewisePolynomial
+from armctl.motion.preflight import require_clear
 from armctl.motion.profiles import NOWHERE, PointToPoint, ProfileName
 from armctl.motion.trajectory import Trajectory
 from armctl.robot import CarriedPart, Robot
@@ -355,7 +358,7 @@ class MotionStep(Step, frozen=True, kw_only=True):
         return self
 
     @property
-    def _law(self) -> ProfileName:
+    def _law(self) -> ProfileName | OneSided:
         """Of a motion that leads each joint to its goal, over time."""
         return "cubic"
 
@@ -376,7 +379,7 @@ class MotionStep(Step, frozen=True, kw_only=True):
         return f"{self._goal()}{seconds}{law}{blend}"
 
     def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray | None:
-        """Where it ends, (n,) [rad], as far as that is known without ``path``; raises as that."""
+        """Where it ends, (n,) [rad], as it is commanded, as far as known without ``path``; raises as that."""
         return None
 
     def left_out(self, robot: Robot, start: FloatArray) -> Sequence[Reason]:
@@ -386,12 +389,16 @@ class MotionStep(Step, frozen=True, kw_only=True):
     def path(self, robot: Robot, start: FloatArray) -> PiecewisePolynomial | None:
         """The joints' path q(s) from ``start`` (n,) [rad], straight to the end; None where it goes nowhere.
 
+        What comes to the end from one side may turn round ahead of it: there the path has a corner.
         UnreachableError: no solution, or the arm cannot follow. MotionRefusedError: outside the limits.
         """
-        end = self.end(robot, start)
-        if end is None or np.abs(end - start).max() <= NOWHERE:
+        end, law = self.end(robot, start), self._law
+        via = turning_point(robot, start, end, law) if end is not None and law in ONE_SIDED else None
+        if end is None or (via is None and np.abs(end - start).max() <= NOWHERE):
             return None
-        return PiecewisePolynomial([0.0, 1.0], np.stack([start, end - start])[None])
+        stops = [start, end] if via is None else [start, via, end]
+        pieces = np.array([(here, there - here) for here, there in pairwise(stops)])
+        return PiecewisePolynomial(np.arange(float(len(stops))), pieces)
 
     def leg(self, robot: Robot, start: FloatArray) -> Leg | None:
         """It as a leg of a blend, in which it has no law of its own; None: nowhere. Raises as ``path``."""
@@ -409,7 +416,14 @@ class MotionStep(Step, frozen=True, kw_only=True):
         if self.leads_tool:
             speed = self._tool_speed
             return plan_path(robot, start, leg.path, speed=speed, duration_s=seconds, checked=checked)
-        return plan_joints(robot, start, leg.path(leg.path.high), seconds, self._law, checked=checked)
+        law = self._law
+        if law not in ONE_SIDED:
+            return plan_joints(robot, start, leg.path(leg.path.high), seconds, law, checked=checked)
+        stops = [leg.path(s) for s in range(int(leg.path.high) + 1)]
+        trajectory = plan_through(robot, stops, seconds)
+        if checked:
+            require_clear(robot, trajectory)
+        return trajectory
 
     def plan(self, robot: Robot, start: FloatArray, *, checked: bool = True) -> Trajectory:
         """Its motion by itself, from rest at ``start`` (n,) [rad] to rest; raises as ``path``."""

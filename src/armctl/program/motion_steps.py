@@ -13,6 +13,7 @@ from armctl.errors import ProgramError
 from armctl.facts.angles import from_degrees, to_degrees
 from armctl.kinematics import CRITERIA, FROM_START, Target, roll_pitch_yaw, rotation_from_rpy
 from armctl.motion.choices import choose_end, solve
+from armctl.motion.one_sided import ONE_SIDED, OneSided, commanded_end
 from armctl.motion.paths.tool_path import TURN_MODES, PitchMode, TurnMode
 from armctl.motion.plan import follow_tool
 from armctl.motion.polynomial import PiecewisePolynomial
@@ -46,7 +47,14 @@ RollKey = Annotated[
 CriterionKey = Annotated[
     str, Field("Choose by", "Which of the solutions is taken.", 6, choices=tuple(CRITERIA))
 ]
-_Profile = Annotated[ProfileName, Field("Profile", "Law of the motion over time.", 7)]
+_PROFILE_HINT = (
+    "Law of the motion over time. end-plus, end-minus: a cubic that comes to its end from one side, each "
+    "joint turning up, or down, so that its play is on the same side each time."
+)
+_Profile = Annotated[
+    Literal["cubic", "quintic", "trapezoid", "s-curve", "end-plus", "end-minus"],
+    Field("Profile", _PROFILE_HINT, 7),
+]
 ToolSpeedKey = Annotated[Annotated[float, Meta(gt=0)] | None, Field("Tool speed mm/s", FASTEST, 8)]
 FrameKey = Annotated[
     Literal["cell"] | None,
@@ -69,7 +77,7 @@ class MoveStep(MotionStep, frozen=True, kw_only=True, tag="move"):
     profile: _Profile = "cubic"
 
     @property
-    def _law(self) -> ProfileName:
+    def _law(self) -> ProfileName | OneSided:
         return self.profile
 
     def _goal(self) -> str:
@@ -81,7 +89,7 @@ class MoveStep(MotionStep, frozen=True, kw_only=True, tag="move"):
 
     def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray:
         """The angles [rad]."""
-        return robot.check_limits(robot.read(self.joints_deg))
+        return _as_commanded(robot, robot.check_limits(robot.read(self.joints_deg)), self.profile)
 
 
 class _Oriented:
@@ -145,7 +153,7 @@ class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
         return moved_step(self, (END,), T)
 
     @property
-    def _law(self) -> ProfileName:
+    def _law(self) -> ProfileName | OneSided:
         return self.profile
 
     def _goal(self) -> str:
@@ -169,11 +177,17 @@ class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
         """
         target = self._target()
         if start is not None:
-            return choose_end(robot, start, target, self.choose, self.duration_s, self._law)
+            q = choose_end(robot, start, target, self.choose, self.duration_s, self._law)
+            return _as_commanded(robot, q, self.profile)
         if self.choose in FROM_START:
             solve(robot, None, target, "least-rotation")  # whether there is any
             return None
-        return solve(robot, start, target, self.choose)
+        return _as_commanded(robot, solve(robot, start, target, self.choose), self.profile)
+
+
+def _as_commanded(robot: Robot, q: FloatArray, profile: ProfileName | OneSided) -> FloatArray:
+    """(n,) what a step commands so that the links come to ``q`` (n,) [rad]."""
+    return commanded_end(robot, q, profile) if profile in ONE_SIDED else q
 
 
 class _LeadsTool(_Oriented):

@@ -29,6 +29,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError
 from armctl.facts import Need
 from armctl.motion import Profile, Trajectory, plan_joints
+from armctl.motion.one_sided import ONE_SIDED, commanded_end
 from armctl.protocol import Command, MoveJoints, Snapshot
 from armctl.robot import Robot
 from armctl.ui.console import Console
@@ -301,7 +302,12 @@ class NextPose:
             self._theirs.show(q, label=f"next pose of {operator.name}")
 
     def _is_there(self, q: FloatArray, snapshot: Snapshot) -> bool:
-        return not snapshot.busy and float(np.abs(q - self.standing(snapshot)).max()) < SAME_RAD
+        """Also where it came to it from one side, half of the play ahead."""
+        if snapshot.busy:
+            return False
+        profile, standing = usual()[0] if self.movement is None else self.movement[0], self.standing(snapshot)
+        ends = [q] if profile not in ONE_SIDED else [q, commanded_end(self._robot, q, profile)]
+        return any(float(np.abs(end - standing).max()) < SAME_RAD for end in ends)
 
     def _ask(self, q: FloatArray, writer: PoseWriter, snapshot: Snapshot) -> None:
         """Have the motion planned, unless it is."""

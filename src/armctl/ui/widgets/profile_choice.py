@@ -19,9 +19,11 @@ ALL_PROFILES: Laws = (
 )
 MOVEMENTS: Laws = (
     "Movement",
-    {"Planned movement": "cubic", "Normal movement": "normal"},
+    {"Planned movement": "cubic", "Normal movement": "normal", "From one side": "end-plus"},
     "Planned: a third-order polynomial, all joints start and end together. "
-    "Normal: nothing is planned between the two poses, each joint goes at its own speed.",
+    "Normal: nothing is planned between the two poses, each joint goes at its own speed. "
+    "From one side: planned; each joint that has play and carries no weight ends turning up, so that it "
+    "stands on the same side of its play each time.",
 )
 _DURATION_HINT = "Seconds. 0 or empty: the shortest with this profile."
 
