@@ -16,19 +16,19 @@ SOURCES = Path(armctl.__file__).parent
 MOST_LINES, MOST_OF_A_FUNCTION = 450, 60
 FOLDERS = {
     ".": (17, 3_560),  # points in a user frame; what is wrong with a file, without a library's words
-    "calibration": (12, 2_680),  # touched points as a file, the tool point
+    "calibration": (13, 3_060),  # touched points as a file and over a restart, the tool point
     "cli": (15, 3_175),
     "drawing": (11, 2_120),
     "facts": (20, 4_280),  # who stopped, why a command, a servo or a touch is refused: as data, in Turkish
     "hardware": (72, 15_020),  # inputs, outputs, torque limits and buses that are looked at
     "kinematics": (51, 12_800),
-    "motion": (20, 5_850),
+    "motion": (21, 6_000),  # from one side
     "process": (14, 3_375),
-    "program": (25, 5_175),  # grids, a check of every path; calls, pick and place, messages, user frames
+    "program": (25, 5_220),  # grids, a check of every path; calls, pick and place, messages, user frames
     "protocol": (5, 1_230),
     "robot": (44, 12_080),
     "runtime": (27, 6_480),  # joints that are let down, messages; which warnings a cause tells
-    "ui": (96, 21_625),  # gamepads, user frames, the tool point, motors at a glance
+    "ui": (98, 22_050),  # gamepads, user frames, the tool point, motors at a glance
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

@@ -19,6 +19,7 @@ from armctl.calibration import (
     Calibration,
     CalibrationStore,
     JointCalibration,
+    TouchedPoint,
     TouchFit,
     calibrated,
     check_pose,
@@ -54,7 +55,7 @@ from armctl.ui.tabs.calibration.shared_calibration import (
     standing_gripper,
     standing_outputs,
 )
-from armctl.ui.tabs.calibration.touched_points import TouchedPoint, TouchedPoints
+from armctl.ui.tabs.calibration.touched_points import TouchedPoints
 
 ROBOT = load_robot("uzuner")
 FILE = own_calibration(ROBOT, "base")
@@ -385,8 +386,8 @@ def test_five_points_tell_nothing_and_six_name_the_joint() -> None:
     assert points.result.before.largest == pytest.approx(points.errors_m.max())
     assert "zero_us" in points.suggestion
     points, q = TouchedPoints(ROBOT), ROBOT.pose("home")
-    for _ in range(6):
-        points.add(touched(q, ROBOT.forward(q)[:3, 3]))
+    for i in range(6):
+        points.add(touched(q, ROBOT.forward(q)[:3, 3] + 0.0001 * i))
     asyncio.run(points.compute())
     assert "spread them over the arm's workspace" in str(points.result)
 

@@ -18,7 +18,7 @@ from tests.ui.page_kit import snapshot_of
 from viser import GuiEvent
 
 from armctl.apart import is_given_up
-from armctl.calibration import LEAST_POINTS, TouchFit, own_map
+from armctl.calibration import LEAST_POINTS, TouchedPoint, TouchFit, own_map
 from armctl.errors import InputError
 from armctl.facts import Need, State
 from armctl.facts.commands import NoBoard, Stopped
@@ -28,9 +28,9 @@ from armctl.robot import load_robot
 from armctl.ui import RobotChoice, events
 from armctl.ui.guard import GuardedServer
 from armctl.ui.session import Session
-from armctl.ui.tabs.calibration import touched_points
+from armctl.ui.tabs.calibration import touch_question
 from armctl.ui.tabs.calibration.points import CalibrationPoints
-from armctl.ui.tabs.calibration.touched_points import TouchedPoint, TouchedPoints
+from armctl.ui.tabs.calibration.touched_points import TouchedPoints
 from armctl.ui.tabs.main import urdf_arm
 from armctl.ui.tabs.main.urdf_arm import UrdfArm
 
@@ -331,17 +331,16 @@ def test_a_point_whose_comparison_is_cancelled_is_not_added(
     for x in range(LEAST_POINTS):
         points.add(TouchedPoint(outputs, (0.1 * x, 0.0, 0.0)))
     before, begun = points.touches, threading.Event()
-    compare = touched_points.fit_touches
+    compare = touch_question.fit_touches
 
-    def slowly(*given: Any) -> TouchFit:
+    def slowly(*given: Any, **how: Any) -> TouchFit:
         if len(given[1]) == LEAST_POINTS + 1:
             begun.set()
             wait_until_given_up()
-        return compare(*given)
+        return compare(*given, **how)
 
-    monkeypatch.setattr(touched_points, "fit_touches", slowly)
-    block = SimpleNamespace(within=lambda low, high: 0.0)
-    page: Any = SimpleNamespace(_session=session, _points=points, _block=block)
+    monkeypatch.setattr(touch_question, "fit_touches", slowly)
+    page: Any = SimpleNamespace(_session=session, _points=points, _given=lambda: (0.0, 0.0, 0.0))
 
     async def cancel() -> None:
         cancelling = asyncio.create_task(press_and_cancel(session, button, begun))

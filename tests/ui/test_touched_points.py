@@ -13,15 +13,28 @@ import pytest
 from tests.runtime.kit import make_rig
 
 from armctl.arrays import FloatArray
-from armctl.calibration import CalibrationStore, TouchFit, TouchSheet, calibrated, touch_sheet
-from armctl.errors import InputError, StateError
+from armctl.calibration import (
+    Calibration,
+    CalibrationStore,
+    JointDeflection,
+    LengthChange,
+    TouchedPoint,
+    TouchFit,
+    TouchSheet,
+    calibrated,
+    own_map,
+    touch_sheet,
+)
+from armctl.errors import CalibrationError, InputError, StateError
 from armctl.facts import State
 from armctl.hardware import Source
-from armctl.robot import load_robot
+from armctl.robot import OutputMap, load_robot
 from armctl.ui import CalibrationInForce
-from armctl.ui.tabs.calibration.points import next_html, points_html, result_html
+from armctl.ui.tabs.calibration.points import pose_above
+from armctl.ui.tabs.calibration.points_html import next_html, offered_html, points_html, result_html
+from armctl.ui.tabs.calibration.screen import load_html
 from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration, standing_touch
-from armctl.ui.tabs.calibration.touched_points import TouchedPoint, TouchedPoints
+from armctl.ui.tabs.calibration.touched_points import TouchedPoints
 
 ROBOT = load_robot("uzuner")
 OFF = np.radians([0.0, 0.0, 4.0, -2.0, 0.0])
@@ -114,8 +127,8 @@ def test_touches_of_a_sheet_that_lies_anywhere_are_corrected_applied_and_checked
 
 def test_with_a_block_some_points_are_proposed_on_it(desk: SharedCalibration) -> None:
     points = desk.points
-    points.use_block(0.08)
-    points.skip()  # it counts from the next change on
+    points.use(0.08, 0.0, 0.0)
+    assert points.unknown  # what is proposed counts it at once
     asyncio.run(points.compute())
     heights: list[float] = []
     while len(points.touches) < 8:
@@ -137,6 +150,19 @@ def test_with_a_block_some_points_are_proposed_on_it(desk: SharedCalibration) ->
     assert set(np.round(heights, 9)) == {0.0, 0.08}
     fit = points.result
     assert isinstance(fit, TouchFit) and fit.after.rms < 0.001 < 0.002 < fit.before.rms
+
+
+def test_a_sheet_that_lies_on_books_is_come_to_from_above_them(desk: SharedCalibration) -> None:
+    points = desk.points
+    assert points.use(0.0, 0.04, 0.0) and not points.use(0.0, 0.04, 0.0)
+    asyncio.run(points.compute())
+    proposed = points.next
+    assert proposed is not None
+    assert ROBOT.forward(proposed.q)[2, 3] == pytest.approx(ROBOT.floor_z + 0.04, abs=1e-6)
+    q, _ = pose_above(ROBOT, ROBOT.forward(proposed.q)[:3, 3], proposed.q, ROBOT.pose("home"))
+    assert ROBOT.forward(q)[2, 3] == pytest.approx(ROBOT.floor_z + 0.07, abs=1e-6)
+    kept = points.as_kept.sheet
+    assert kept is not None and kept.height_m == 0.04
 
 
 def test_what_was_touched_wrongly_is_marked_and_what_is_skipped_is_not_proposed(
@@ -161,6 +187,30 @@ def test_what_was_touched_wrongly_is_marked_and_what_is_skipped_is_not_proposed(
     assert "✗" not in points_html(points)
 
 
+def test_above_a_crosshair_the_arm_comes_from_the_side_that_is_proposed_where_it_may() -> None:
+    start = ROBOT.pose("home")
+    near = start + np.radians([25.0, 0.0, 0.0, 0.0, 0.0])
+    point = ROBOT.forward(near)[:3, 3] - (0.0, 0.0, 0.05)
+    for side in ("end-plus", "end-minus"):
+        q, how = pose_above(ROBOT, point, near, start, side)
+        assert how == side
+        assert ROBOT.forward(q)[2, 3] == pytest.approx(point[2] + 0.03, abs=1e-4)
+    no_room = replace(ROBOT.joints[0], upper=float(q[0]) + 0.001)
+    robot = replace(ROBOT, joints=(no_room, *ROBOT.joints[1:]))
+    assert pose_above(robot, point, near, start, "end-minus")[1] == "cubic"
+    assert pose_above(robot, point, near, start, "end-plus")[1] == "end-plus"
+
+
+def test_a_button_that_is_pressed_twice_makes_one_touch(desk: SharedCalibration) -> None:
+    points = desk.points
+    touch(points, 3)
+    with pytest.raises(InputError, match="the arm stands as in point 1"):
+        points.add(points.touches[0])
+    points.add(replace(points.touches[0], sense=(1.0, -1.0, 0.0, 0.0, 0.0)))  # from the other side
+    points.add(replace(points.touches[0], number=4, point_m=(0.05, 0.0, 0.0)))
+    assert len(points.touches) == 3
+
+
 def test_points_of_two_kinds_are_not_mixed() -> None:
     points = TouchedPoints(ROBOT)
     x, y, z = ROBOT.forward(ROBOT.pose("home"))[:3, 3].tolist()
@@ -173,6 +223,137 @@ def test_points_of_two_kinds_are_not_mixed() -> None:
     assert points.frame == "sheet"
     with pytest.raises(InputError, match="there is no crosshair 99"):
         points.crosshair(99)
+
+
+def test_the_correction_follows_the_load_that_is_set(tmp_path: Path) -> None:
+    """Touched with 0.3 kg in the gripper; at work the arm carries nothing, and then 0.1 kg."""
+    bends = {name: JointDeflection(np.radians(1.2)) for name in ("shoulder", "elbow")}
+
+    def truly(load_kg: float) -> OutputMap:
+        return own_map(calibrated(ROBOT, Calibration("uzuner", "77", "µs", {}, None, "", "", bends, load_kg)))
+
+    desk, rng = opened(tmp_path), np.random.default_rng(2)
+    low, high = ROBOT.limits.T
+    for q in rng.uniform(0.7 * low, 0.7 * high, (14, ROBOT.n)) + ROBOT.pose("home") * 0.3:
+        x, y, z = ROBOT.forward(q)[:3, 3].tolist()
+        desk.points.add(TouchedPoint(truly(0.3).outputs(q), (x, y, z)))
+    with pytest.raises(StateError, match="no joint is known to give way"):
+        desk.with_load(0.1)
+    desk.points.use(0.0, 0.0, 0.3)
+    asyncio.run(desk.points.compute())
+    fit = desk.points.result
+    assert isinstance(fit, TouchFit) and fit.correct and fit.after.rms < 0.0005
+    asyncio.run(desk.correct())
+    asyncio.run(desk.points.keep())
+
+    desk = opened(tmp_path)
+    assert desk.in_force is not None and desk.in_force.load_kg == 0.3
+    assert "a load of <b>0.3 kg</b>" in load_html(desk.in_force)
+    asyncio.run(desk.set_load(0.1))
+    desk = opened(tmp_path)
+    assert desk.in_force is not None
+    home = ROBOT.pose("home")
+    for load_kg in (0.1, 0.0):
+        drawn = desk.in_force if load_kg else desk.with_load(0.0)
+        told = own_map(calibrated(ROBOT, drawn)).outputs(home)
+        wanted, other = truly(load_kg).outputs(home), truly(0.3).outputs(home)
+        off, as_before = (max(abs(told[i] - one[i]) for i in told) for one in (wanted, other))
+        assert off < 0.4 < as_before  # µs; 0.04°
+    with pytest.raises(StateError, match=r"0.1 kg is in force already"):
+        desk.with_load(0.1)
+    with pytest.raises(CalibrationError, match="more than 10° is broken"):
+        desk.with_load(20.0)
+    desk.points.go_on()  # touched with another load than the one in force
+    asyncio.run(desk.points.compute())
+    assert desk.points.load_kg == 0.3 and desk.points.errors_m is not None
+    assert desk.points.errors_m.max() < 0.0005
+
+
+def opened(tmp_path: Path) -> SharedCalibration:
+    """As after a start of armctl."""
+    return SharedCalibration(CalibrationInForce(ROBOT, "77", CalibrationStore(tmp_path)), lambda: 1.7e9)
+
+
+def test_touches_are_offered_again_after_a_restart_and_lose_nothing(tmp_path: Path) -> None:
+    desk = opened(tmp_path)
+    desk.points.sheet = the_sheet()
+    asyncio.run(desk.points.compute())
+    touched(desk.points, 7)
+    asyncio.run(desk.points.keep())
+    before = desk.points.result
+    assert isinstance(before, TouchFit)
+
+    points = opened(tmp_path).points
+    assert points.offered is not None and points.touches == () and points.frame == "base"
+    assert "Kept from before: 7 points on a sheet, the last one " in plain(offered_html(points))
+    one = points.offered.touches[0]
+    for refused in (lambda: points.add(one), lambda: asyncio.run(points.use_sheet("a4"))):
+        with pytest.raises(StateError, match="7 points are kept from before; press 'Go on with them'"):
+            refused()
+    asyncio.run(points.keep())  # of another page: what is offered stays
+    points = opened(tmp_path).points
+    points.go_on()
+    asyncio.run(points.compute())
+    assert points.offered is None and offered_html(points) == ""
+    fit = points.result
+    assert isinstance(fit, TouchFit) and fit.after.rms == pytest.approx(before.after.rms)
+    touched(points, 1)
+    asyncio.run(points.keep())
+
+    desk = opened(tmp_path)
+    assert desk.points.offered is not None and len(desk.points.offered.touches) == 8
+    desk.points.forget()
+    asyncio.run(desk.points.keep())
+    assert opened(tmp_path).points.offered is None
+    with pytest.raises(StateError, match="no points are kept"):
+        desk.points.go_on()
+
+
+def test_a_check_of_a_correction_goes_on_after_a_restart(desk: SharedCalibration, tmp_path: Path) -> None:
+    touched(desk.points, 8)
+    asyncio.run(desk.correct())
+    points = opened(tmp_path).points
+    points.go_on()
+    asyncio.run(points.compute())
+    assert "Touch 3 more points to check it" in plain(result_html(points))
+    touched(points, 3)
+    assert "Checked by points touched since (3)" in plain(result_html(points))
+
+
+def test_kept_touches_that_cannot_be_read_stay_and_are_said(tmp_path: Path) -> None:
+    desk = opened(tmp_path)
+    desk.points.sheet = the_sheet()
+    touch(desk.points, 1)
+    asyncio.run(desk.points.keep())
+    (file,) = tmp_path.rglob("touched-points.toml")
+    file.write_text("format = 2")
+    points = opened(tmp_path).points
+    assert points.offered is None and str(file) in plain(offered_html(points))
+    points.sheet = the_sheet()
+    touch(points, 2)
+    asyncio.run(points.keep())
+    assert file.read_text() == "format = 2"
+
+
+def test_touches_that_cannot_be_kept_are_said_until_they_can(tmp_path: Path) -> None:
+    points = opened(tmp_path / "file").points
+    (tmp_path / "file").write_text("in the way")
+    points.sheet = the_sheet()
+    touch(points, 1)
+    asyncio.run(points.keep())
+    assert "would not survive a restart" in plain(offered_html(points)) and len(points.touches) == 1
+    (tmp_path / "file").unlink()
+    asyncio.run(points.keep())
+    assert offered_html(points) == ""
+
+
+def test_a_sheet_has_the_crosshairs_of_the_robot_file_whatever_is_calibrated() -> None:
+    """Else the one that lies there would have other numbers than the one that is proposed."""
+    longer = Calibration("uzuner", "1", "µs", {}, lengths=(LengthChange(4, "a", -0.05),))
+    points = TouchedPoints(calibrated(ROBOT, longer), file_robot=ROBOT)
+    asyncio.run(points.use_sheet("a4"))
+    assert points.sheet is not None
+    np.testing.assert_array_equal(points.sheet.points_m, the_sheet().points_m)
 
 
 def test_a_joint_stays_on_the_side_from_which_it_came() -> None:

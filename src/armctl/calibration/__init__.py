@@ -12,6 +12,7 @@ from armctl.calibration.apply import (
 )
 from armctl.calibration.correction import Change, changes, corrected, suggestion
 from armctl.calibration.fit import LEAST_MARKS, JointFit, Mark, fit_joint
+from armctl.calibration.kept_touches import MOST_TOUCHES, KeptTouches, TouchedPoint, TouchesFile
 from armctl.calibration.next_touch import next_touch, reachable, reachable_at
 from armctl.calibration.record import (
     Calibration,
@@ -36,6 +37,7 @@ __all__ = [
     "LEAST_MARKS",
     "LEAST_POINTS",
     "LEAST_SIDES",
+    "MOST_TOUCHES",
     "PAPERS_MM",
     "Calibration",
     "CalibrationStore",
@@ -45,13 +47,16 @@ __all__ = [
     "JointCalibration",
     "JointDeflection",
     "JointFit",
+    "KeptTouches",
     "LengthChange",
     "Mark",
     "Paper",
     "ToolPoint",
     "TouchFit",
     "TouchSheet",
+    "TouchedPoint",
     "Touches",
+    "TouchesFile",
     "Version",
     "calibrated",
     "changes",

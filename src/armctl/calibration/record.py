@@ -81,7 +81,7 @@ class Calibration(msgspec.Struct, frozen=True):
     deflection: Mapping[str, JointDeflection] = {}
     """by name, of the joints that give way"""
     load_kg: float = 0.0
-    """held at the tool point when that was measured"""
+    """held at the tool point: with it joints give way"""
     lengths: tuple[LengthChange, ...] = ()
 
     @property
@@ -271,7 +271,7 @@ class CalibrationStore:
 
     def load(self, robot: str, board: str) -> Calibration | None:
         """The calibration in force, or None; a refusal names its file, and how to go back."""
-        paths = _version_paths(self._place(robot, board))
+        paths = _version_paths(self.folder_of(robot, board))
         if not paths:
             return None
         version = _kept_version(paths[-1], (robot, board))
@@ -284,7 +284,7 @@ class CalibrationStore:
 
     def save(self, calibration: Calibration, again: int | None = None) -> Version:
         """Bring a calibration in force; the earlier ones stay. ``again``: the earlier version that it is."""
-        place = self._place(calibration.robot, calibration.board)
+        place = self.folder_of(calibration.robot, calibration.board)
         try:
             text = encode_calibration(calibration, again)
             place.mkdir(parents=True, exist_ok=True)
@@ -302,7 +302,7 @@ class CalibrationStore:
 
     def versions(self, robot: str, board: str) -> tuple[Version, ...]:
         """All versions that are kept, the newest, which is in force, first."""
-        paths = _version_paths(self._place(robot, board))
+        paths = _version_paths(self.folder_of(robot, board))
         return tuple(_kept_version(path, (robot, board)) for path in reversed(paths))
 
     def revert(self, robot: str, board: str, number: int | None = None) -> Version:
@@ -349,7 +349,8 @@ class CalibrationStore:
                 found.append(replace(newest, robot=robot, board=board))
         return tuple(sorted(found, key=lambda one: (one.robot, one.board)))
 
-    def _place(self, robot: str, board: str) -> Path:
+    def folder_of(self, robot: str, board: str) -> Path:
+        """Where what was measured of a robot on a board is kept; it may not be there yet."""
         return self.folder / safe_name(robot) / safe_name(board)
 
 

@@ -239,8 +239,9 @@ class TouchModel:
         return np.array([begin[one.kind][one.index] if one.kind in begin else 0.0 for one in parameters])
 
     def shaft(self, q: FloatArray) -> FloatArray:
-        """What was read (k, n) [rad] where the robot shows ``q`` (k, n)."""
-        return q if self.robot.outputs.deflection is None else self.deflection.shaft(q)
+        """What was read (k, n) [rad] where the robot shows ``q`` (k, n), by the load that it goes by."""
+        known = self.robot.outputs.deflection
+        return q if known is None else known.shaft(q)
 
     def links(self, values: Values, q: FloatArray, sense: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Link angles (k, n) [rad] at readings ``q`` (k, n), and the torques (k, n) there [N·m]."""

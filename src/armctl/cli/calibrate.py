@@ -309,6 +309,8 @@ def _touch_record(fit: TouchFit, found: tuple[Change, ...]) -> dict[str, object]
         "rms_after_mm": 1000 * fit.after.rms,
         "largest_after_mm": 1000 * fit.after.largest,
         "expected_mm": 1000 * fit.expected.rms,
+        "expected_low_mm": 1000 * fit.expected.low,
+        "expected_high_mm": 1000 * fit.expected.high,
         "better": fit.correct,
         "blamed": [fact_record(one) for one in fit.causes],
         "or_else": [fact_record(one) for one in fit.or_else],
@@ -408,6 +410,8 @@ def _lines(arm: Robot, calibration: Calibration) -> Iterator[str]:
     for name, one in calibration.deflection.items():
         soft = f"bends by {(one.compliance + one.drive) / DEGREE:.2f}°/(N·m)"
         yield f"{name}: {soft}, {to_degrees(one.play):.2f}° play"
+    if calibration.deflection:
+        yield f"load: {calibration.load_kg:g} kg at the tool point, which joints give way to"
     for one in calibration.lengths:
         yield f"{one.key}_mm of DH row {one.row + 1}: {1000 * one.off_m:+.2f} mm"
     if calibration.gripper is not None:
@@ -437,6 +441,7 @@ def _record(calibration: Calibration | None) -> dict[str, object] | None:
             }
             for name, one in calibration.deflection.items()
         },
+        "load_kg": calibration.load_kg,
         "lengths": [
             {"row": one.row + 1, "key": one.key, "longer_mm": 1000 * one.off_m} for one in calibration.lengths
         ],

@@ -38,7 +38,6 @@ from armctl.facts.reasons import (
     Freer,
     MotionEndsMoving,
     Need,
-    NoRoomToTurn,
     NoSteps,
     NotHomed,
     NotNow,
@@ -68,7 +67,7 @@ from armctl.facts.reasons import (
     UnmatchedBlock,
     WrongUnit,
 )
-from armctl.facts.targets import OtherConfiguration, StrokeLeftOut
+from armctl.facts.targets import NoRoomToTurn, OtherConfiguration, StrokeLeftOut
 from armctl.facts.words import advice, at, say, say_with_advice, state_words, what
 
 __all__ = [

@@ -36,7 +36,6 @@ from armctl.facts.reasons import (
     BranchEnds,
     MotionEndsMoving,
     Need,
-    NoRoomToTurn,
     NoSteps,
     NotHomed,
     NotNow,
@@ -65,6 +64,7 @@ from armctl.facts.reasons import (
     decimals_apart,
     limits_apart,
 )
+from armctl.facts.targets import NoRoomToTurn
 
 _BY_HULLS = ", by convex hulls"
 """what is said of parts that are fitted to shapes: the shapes themselves may be hollow there"""

@@ -226,15 +226,6 @@ class AngleLimit(Reason):
 
 
 @dataclass(frozen=True, slots=True)
-class NoRoomToTurn(Reason):
-    """A joint stands too near to its limit to come to a pose from that side [rad]."""
-
-    part: str
-    room: float
-    needed: float
-
-
-@dataclass(frozen=True, slots=True)
 class StandsOutside(Reason):
     """A joint of an arm whose servos are off, beyond its limits [rad]."""
 

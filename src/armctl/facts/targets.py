@@ -62,6 +62,15 @@ class OutOfReach(Reason):
 
 
 @dataclass(frozen=True, slots=True)
+class NoRoomToTurn(Reason):
+    """A joint stands too near to its limit to come to a pose from that side [rad]."""
+
+    part: str
+    room: float
+    needed: float
+
+
+@dataclass(frozen=True, slots=True)
 class OutOfBound(Reason):
     """A target too far or too near for the links, by a bound about a point of the first axis."""
 

@@ -1,23 +1,22 @@
-"""The Known points tab: points that the tool touches, how far it is off, what is to blame, and what to do."""
+"""The Known points tab: which point is touched next, Here, and the correction."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from html import escape
 from typing import Final
 
 import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
-from armctl.calibration import LEAST_POINTS, Paper, TouchFit
+from armctl.calibration import Paper, TouchedPoint, TouchFit
 from armctl.errors import ArmctlError, InputError
-from armctl.facts import say, say_with_advice
-from armctl.facts.causes import FitFigures, MistakenPoint
+from armctl.motion import Profile
 from armctl.motion.choices import first_possible, may_go_to
 from armctl.protocol import Snapshot
 from armctl.robot import Robot
+from armctl.ui.console import known
 from armctl.ui.dragged_tool import dragged_to
 from armctl.ui.events import GivenUpError
 from armctl.ui.next_pose import PoseWriter
@@ -25,26 +24,29 @@ from armctl.ui.offers import refused_by
 from armctl.ui.robot_switch import release_first
 from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.joint import numbered, show_numbers
+from armctl.ui.tabs.calibration.points_html import (
+    next_html,
+    offered_html,
+    points_html,
+    result_html,
+    sheet_html,
+    tip_html,
+)
 from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration, standing_touch
-from armctl.ui.tabs.calibration.touched_points import TouchedPoint, TouchedPoints
+from armctl.ui.tabs.calibration.touch_question import LEAST_PLACED, NextTouch
+from armctl.ui.tabs.calibration.touched_points import FORGET, GO_ON
 from armctl.ui.tabs.manual.jog import ToolJog
 from armctl.ui.widgets.html import (
     LiveHtml,
-    fixed,
-    folded,
-    heading,
     muted,
-    numbers,
-    refused,
-    sentence,
-    strong,
-    table,
 )
 from armctl.ui.widgets.number_field import EditWatch, NumberField
 
 _TYPED = "as typed below"
 _SLOW_MM_S = 5.0
 _ABOVE_M = (0.03, 0.06, 0.1)
+_FAR_ABOVE_M = (0.06, 0.1, 0.03)
+"""before it is known where the sheet lies for this arm: zeros by eye put a tip 25 mm off"""
 _ON: Final[dict[str, Paper | None]] = {
     "known places": None,
     "a printed sheet, A4": "a4",
@@ -52,17 +54,22 @@ _ON: Final[dict[str, Paper | None]] = {
 }
 _HOW = (
     "Bring the tip to a point and press Here: six points at least, ten are better, in poses that differ. "
-    "armctl then tells how far the tool is off, what is to blame, and corrects it."
-)
-_HOW_SHEET = (
-    "Print the sheet at 100 %, check its scale bar, and tape it down about where it says. Touch some "
-    "crosshairs again coming from the other side, as that tells play, and some on a block of known height."
+    "armctl then tells how far the tool is off, what is to blame, and corrects it. Where you know no places, "
+    "choose the printed sheet."
 )
 _ON_HINT = "Known places in the base frame, or crosshairs of a sheet that lies anywhere."
 _HEIGHT_HINT = "0 on the paper; else the height of a block that stands on the crosshair."
-_BLOCK_HINT = "How high a block is that you have to put on crosshairs; then some are proposed on it. 0: none."
+_BLOCK_HINT = "How high a block is that you can put on crosshairs; then some are proposed on it. 0: none."
+_LIES_HINT = (
+    "How high over the floor the sheet lies, such as on books. Where the arm stops above the paper because "
+    "of the floor, its zeros are off: lay the sheet higher, 40 mm or so. 0: on the floor."
+)
+_LOAD_HINT = (
+    "What the tool carries in all touches, such as a pen or a weight in the gripper. 0: nothing. It bends "
+    "the arm. The correction holds for it; 'Save & test' sets another one."
+)
 _HIGHEST_MM = 500.0
-_CHECK_POINTS = 3
+HEAVIEST_KG = 100.0
 
 
 class CalibrationPoints:
@@ -71,21 +78,28 @@ class CalibrationPoints:
     def __init__(self, session: Session) -> None:
         self._session, self._shared = session, session.console.shared(SharedCalibration)
         self._points, self._robot = self._shared.points, session.console.robot
-        self._writer = PoseWriter(session, "Known points")
+        self._profile: Profile = "cubic"
+        self._writer = PoseWriter(session, "Known points", lambda: (self._profile, None))
         self._drawn = -1
+        self._shown: NextTouch | None = None
+        """the proposal that the fields were filled with"""
         self._no_correction: str | None = None
         """why there is nothing to apply"""
         gui = session.gui
+        self._offered = LiveHtml(gui, visible=False)
+        self._offer = gui.add_button_group("Kept points", (GO_ON, FORGET), visible=False)
         LiveHtml(gui, muted(_HOW))
         self._on = gui.add_dropdown("Points", tuple(_ON), hint=_ON_HINT)
-        self._how = LiveHtml(gui, muted(_HOW_SHEET), visible=False)
+        self._how = LiveHtml(gui, visible=False)
         self._sheet = gui.add_button("Download the sheet", icon=viser.Icon.DOWNLOAD, visible=False)
+        self._lies = NumberField(gui, "Sheet high mm", 0.0, hint=_LIES_HINT, visible=False)
         self._known = gui.add_dropdown("Known point", (_TYPED, *self._robot.points))
         self._xyz = [NumberField(gui, f"{axis} mm", None) for axis in "XYZ"]
         self._next = LiveHtml(gui, visible=False)
         self._crosshair = gui.add_dropdown("Crosshair", numbered(0), visible=False)
         self._height = NumberField(gui, "Height mm", 0.0, hint=_HEIGHT_HINT, visible=False)
         self._block = NumberField(gui, "Block mm", 0.0, hint=_BLOCK_HINT, visible=False)
+        self._load = NumberField(gui, "Load kg", 0.0, hint=_LOAD_HINT)
         self._skip = gui.add_button("Propose another one", color="gray", visible=False)
         above = gui.add_button("Next pose above it", color="gray")
         self._tip = LiveHtml(gui)
@@ -93,27 +107,31 @@ class CalibrationPoints:
             ToolJog(session, _SLOW_MM_S)
         here = gui.add_button("Here", icon=viser.Icon.TARGET)
         session.needs(None, here, also=refused_by(self._touch))
+        self._result = LiveHtml(gui)
+        self._apply = gui.add_button("Apply the correction", icon=viser.Icon.DEVICE_FLOPPY, visible=False)
+        free = partial(release_first, reopen=True)
+        session.needs(None, self._apply, also=lambda snapshot: free(snapshot) or self._no_correction)
         self._table = LiveHtml(gui)
         self._which = gui.add_dropdown("Point", numbered(0))
         self._delete = gui.add_button("Delete point", color="gray")
         self._undo = gui.add_button("Undo the last", color="gray")
         self._clear = gui.add_button("Start anew", color="gray")
-        self._result = LiveHtml(gui)
-        self._apply = gui.add_button("Apply the correction", icon=viser.Icon.DEVICE_FLOPPY, visible=False)
-        free = partial(release_first, reopen=True)
-        session.needs(None, self._apply, also=lambda snapshot: free(snapshot) or self._no_correction)
         self._download = gui.add_button("Download the suggestion", color="gray", visible=False)
         self._keep = gui.add_button("Download the points", color="gray", visible=False)
-        self._watch = EditWatch([*self._xyz, self._height, self._block])
+        self._watch = EditWatch([*self._xyz, self._height, self._block, self._load, self._lies])
         session.spawn(self._points.compute())  # touches that were made before the arm was opened anew
         self._listen(above, here)
 
     def _listen(self, above: viser.GuiButtonHandle, here: viser.GuiButtonHandle) -> None:
         session, points = self._session, self._points
-        session.needs(None, self._delete, self._undo, self._clear, self._skip, self._on, above, told=False)
+        edits = (self._delete, self._undo, self._clear, self._skip, self._on, self._offer, above)
+        session.needs(None, *edits, told=False)
+        session.on(self._offer.on_click, self._on_offer)
         session.on(self._on.on_update, self._on_kind)
         session.on(self._sheet.on_click, self._on_sheet)
         session.on(self._known.on_update, self._on_known)
+        for field in (self._block, self._load, self._lies):
+            session.on(field.handle.on_update, self._on_given)
         session.on(self._skip.on_click, self._on_skip)
         session.on(above.on_click, self._show_above)
         session.on(here.on_click, self._on_here)
@@ -128,14 +146,20 @@ class CalibrationPoints:
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show where the tip is, and the points if they have changed."""
-        q = np.where(np.isnan(snapshot.q), snapshot.q_command, snapshot.q)
-        tip = numbers(1000 * self._robot.forward(q)[:3, 3], 1)
-        self._tip.show(f"<div>The tip, by the calibration in force: <b>{tip} mm</b></div>")
+        self._tip.show(tip_html(self._robot, known(snapshot)))
         points = self._points
         if self._drawn == points.version:
             return
         self._drawn = points.version
         self._show_kind()
+        lies = 0.0 if points.sheet is None else 1000 * points.sheet.height_m
+        shared = ((self._block, 1000 * points.block_m), (self._load, points.load_kg), (self._lies, lies))
+        for field, value in shared:
+            if not field.edited and field.value != value:  # another page, or touches that were kept
+                field.fill(value)
+        self._offered.show(offered_html(points))
+        self._offered.visible = points.offered is not None or points.not_kept is not None
+        self._offer.visible = points.offered is not None
         self._table.show(points_html(points))
         self._result.show(result_html(points))
         show_numbers(self._which, len(points.touches))
@@ -156,6 +180,7 @@ class CalibrationPoints:
         of_sheet = (
             self._how,
             self._sheet,
+            self._lies,
             self._next,
             self._crosshair,
             self._height,
@@ -171,9 +196,16 @@ class CalibrationPoints:
         options = numbered(len(sheet.points_m))
         if self._crosshair.options != options:
             self._crosshair.options = options
-        if points.next is not None:
-            self._crosshair.value = str(points.next.number)
+        self._how.show(sheet_html(sheet))
+        self._fill_next()
         self._next.show(next_html(points))
+
+    def _fill_next(self) -> None:
+        """Fill in what is proposed, once: the crosshair and the height, which go together."""
+        proposed = self._points.next
+        if proposed is not None and proposed is not self._shown:
+            self._shown, self._crosshair.value = proposed, str(proposed.number)
+            self._height.fill(1000 * proposed.height_m)
 
     # What is pressed.
 
@@ -190,6 +222,13 @@ class CalibrationPoints:
         await self._points.compute(self._session.work_out)
         await self._show_next()
 
+    async def _on_offer(self) -> None:
+        self._session.require_operator()
+        points = self._points
+        await self._change(points.go_on if self._offer.value == GO_ON else points.forget)
+        if points.touches:
+            await self._show_next()
+
     async def _on_sheet(self) -> None:
         if self._points.sheet is not None:
             self._session.download("sheet.pdf", self._points.sheet.pdf())
@@ -199,6 +238,22 @@ class CalibrationPoints:
             point = 1000 * self._robot.point(self._known.value)
             for field, value in zip(self._xyz, point.tolist(), strict=True):
                 field.fill(value)
+
+    async def _on_given(self) -> None:
+        """A block or a load is typed: what is proposed and told counts it at once."""
+        if not self._session.operates or self._points.offered is not None:
+            return
+        try:
+            given = self._given()
+        except InputError:  # half typed; whatever is pressed next says so
+            return
+        if self._points.use(*given):
+            await self._change(lambda: None)
+
+    def _given(self) -> tuple[float, float, float]:
+        """What is typed: how high a block is, and the sheet lies [m], and the load [kg]."""
+        block_m, lies_m = (round(one.within(0.0, _HIGHEST_MM) / 1000, 6) for one in (self._block, self._lies))
+        return block_m, lies_m, self._load.within(0.0, HEAVIEST_KG)
 
     async def _on_here(self) -> None:
         self._session.require_operator()
@@ -222,15 +277,18 @@ class CalibrationPoints:
     async def _change(self, change: Callable[[], None]) -> None:
         """Change the points, and compare them; where that is cancelled they are as before."""
         points, before = self._points, self._points.touches
-        block_m = self._block.within(0.0, _HIGHEST_MM) / 1000
+        given = self._given()
         change()
-        points.use_block(block_m)
+        if points.offered is None and change != points.go_on:  # else it has its own
+            points.use(*given)
         changed = points.touches
+        await points.keep()
         try:
             await points.compute(self._session.work_out)
         except GivenUpError as given_up:
             as_before = points.go_back(before, changed)
             self._session.spawn(points.compute())  # if nobody else compares those that are left
+            await points.keep()
             kept = "the points are as before" if as_before else "the points stay: others have changed since"
             raise GivenUpError(kept) from given_up
 
@@ -241,34 +299,44 @@ class CalibrationPoints:
             point = np.array([field.value for field in self._xyz]) / 1000
         else:
             number = int(self._crosshair.value)
-            point = self._points.crosshair(number) + np.array((0.0, 0.0, self._height.value / 1000))
+            height = self._height.within(0.0, _HIGHEST_MM) / 1000
+            point = self._points.crosshair(number) + np.array((0.0, 0.0, height))
         return standing_touch(self._robot, snapshot, point, number, self._points.sense)
 
     # The ghost above the point.
 
     async def _show_next(self) -> None:
-        if (proposed := self._points.next) is not None:
-            self._crosshair.value = str(proposed.number)
-            self._height.fill(1000 * proposed.height_m)
+        if self._points.next is not None:
+            self._fill_next()
             await self._show_above()
 
     async def _show_above(self) -> None:
         self._session.require_operator()
+        side: Profile = "cubic"
         if self._points.sheet is None:
             near = self._session.next.shown_in(self._session.snapshot)
             point = np.array([field.value for field in self._xyz]) / 1000
         else:
-            near, more = self._points.pose(int(self._crosshair.value), self._height.value / 1000)
+            number = int(self._crosshair.value)
+            near, more = self._points.pose(number, self._height.value / 1000)
+            if (proposed := self._points.next) is not None and proposed.number == number:
+                side = proposed.side
             point = self._robot.forward(near)[:3, 3] + more
         start = self._session.next.standing(self._session.snapshot)
-        above = await self._session.work_out(pose_above, self._session.held, point, near, start)
-        self._writer.show(above)
+        far = self._points.sheet is not None and len(self._points.touches) < LEAST_PLACED
+        lifts = _FAR_ABOVE_M if far else _ABOVE_M
+        above = await self._session.work_out(pose_above, self._session.held, point, near, start, side, lifts)
+        q, self._profile = above
+        self._writer.show(q)
 
     # The correction.
 
     async def _on_apply(self) -> None:
         self._session.require_operator()
         self._session.robots.require_reopenable()
+        if self._points.use(*self._given()):
+            await self._change(lambda: None)
+            raise InputError("what is typed has changed: look at what comes of it, then press again")
         saved = await self._shared.correct()
         self._writer.hide()
         await take_effect(self._session, "Correction applied", str(saved.path))
@@ -279,20 +347,32 @@ class CalibrationPoints:
         self._session.download("suggestion.toml", text)
 
 
-def pose_above(robot: Robot, point: FloatArray, near: FloatArray, start: FloatArray) -> FloatArray:
+def pose_above(
+    robot: Robot,
+    point: FloatArray,
+    near: FloatArray,
+    start: FloatArray,
+    side: Profile = "cubic",
+    lifts: Sequence[float] = _ABOVE_M,
+) -> tuple[FloatArray, Profile]:
     """A configuration (n,) [rad] to which the arm may go from ``start`` with the tool above a point (3,) [m].
 
-    The one nearest to ``near`` (n,), where that may be, else any. ``InputError``: there is none.
+    The one nearest to ``near`` (n,), where that may be, else any. And how it goes there: as ``side`` says,
+    where it may. ``lifts``: how far above [m], the first that can be had. ``InputError``: there is none.
     """
-    for lift in _ABOVE_M:
+
+    def how(q: FloatArray) -> tuple[FloatArray, Profile]:
+        return q, side if may_go_to(robot, start, q, None, side) else "cubic"
+
+    for lift in lifts:
         target = point + np.array((0.0, 0.0, lift))
         q = dragged_to(robot, target, near)
         if q is not None and may_go_to(robot, start, q):
-            return q
+            return how(q)
         others = robot.inverse(target, start=start).q
         found = first_possible(robot, start, others, partial(may_go_to, robot, start))
         if found is not None:
-            return others[found]
+            return how(others[found])
     raise InputError("the arm finds no free way above this point: jog it there, or choose another one")
 
 
@@ -300,93 +380,3 @@ async def take_effect(session: Session, title: str, text: str) -> None:
     """Have the arm opened anew by the calibration that was saved."""
     session.notify(title, f"{text}. The arm is opened anew with it: press Enable.")
     await session.reopen_arm()
-
-
-# The texts.
-
-
-def next_html(points: TouchedPoints) -> str:
-    """Which crosshair to touch next."""
-    if points.next is None:
-        return muted("Looking for the next one …" if points.unknown else "Choose a crosshair to touch.")
-    on = f", on the block ({fixed(1000 * points.next.height_m, 1)} mm)" if points.next.height_m else ""
-    told = strong(f"Touch crosshair {points.next.number} next{on}")
-    if len(points.touches) >= _CHECK_POINTS:
-        told += muted("It tells most of what is still uncertain, also where it was touched before.")
-    return told
-
-
-def points_html(points: TouchedPoints) -> str:
-    """The touched points, and how far the tool misses each as it is calibrated now; ✗: it does not fit."""
-    errors: list[float | None] = [None] * len(points.touches)
-    if points.errors_m is not None:
-        errors = list(points.errors_m.tolist())
-    result = points.result
-    wrong = {one.number for one in result.mistaken if isinstance(one, MistakenPoint)} if isinstance(
-        result, TouchFit
-    ) else set[int]()  # fmt: skip
-    rows = [
-        [
-            str(number),
-            *([] if points.sheet is None else [str(touch.number or "")]),
-            *(fixed(1000 * value, 1) for value in touch.point_m),
-            ("" if error is None else fixed(1000 * error, 2)) + (" ✗" if number in wrong else ""),
-        ]
-        for number, (touch, error) in enumerate(zip(points.touches, errors, strict=True), 1)
-    ]
-    cross = [] if points.sheet is None else ["cross-hair"]
-    head = ("point", *cross, "X mm", "Y mm", "Z mm", "off by mm")
-    return table(head, rows, words=()) if rows else ""
-
-
-def result_html(points: TouchedPoints) -> str:
-    """What was corrected, the tool error, what is to blame, and the suggested values."""
-    result, count = points.result, len(points.touches)
-    text = "" if points.corrected is None else _corrected_html(points, points.corrected)
-    if count < LEAST_POINTS:
-        left = LEAST_POINTS - count
-        so_far = _sizes_html("Tool error at these points", points.errors_m) if count >= _CHECK_POINTS else ""
-        more = muted(f"{left} more point{'' if left == 1 else 's'} needed for a correction.") if count else ""
-        return text + so_far + more
-    if result is None:
-        return text + muted("Comparing …")
-    if isinstance(result, str):
-        return text + refused(sentence(result))
-    text += strong(f"Tool error {_millimetres(result.before.rms)}")
-    if result.correct:
-        text += strong(f"with the correction {_millimetres(result.after.rms)}")
-        text += muted(
-            f"RMS at points that were left out of the fit; largest {_millimetres(result.before.largest)}, "
-            f"with the correction {_millimetres(result.after.largest)}; to be expected nearby "
-            f"{_millimetres(result.expected.rms)}."
-        )
-    told = [*result.mistaken, *result.causes, *(() if result.verdict is None else (result.verdict,))]
-    text += "".join(f"<div>{escape(sentence(say_with_advice(one)))}</div>" for one in told)
-    if result.held:
-        text += folded("What these points do not tell", [sentence(say(one)) for one in result.held])
-    if suggested := points.suggestion:
-        text += heading("Suggested values")
-        text += f"<pre style='margin:0;font-size:11.5px;user-select:text'>{escape(suggested)}</pre>"
-    return text
-
-
-def _corrected_html(points: TouchedPoints, figures: FitFigures) -> str:
-    before, after = _millimetres(figures.before), _millimetres(figures.after)
-    text = strong(f"Corrected: {before} before, {after} after")
-    since = None if points.errors_m is None else points.errors_m[points.used :]
-    left = _CHECK_POINTS - (len(points.touches) - points.used)
-    if left > 0:
-        return text + muted(f"Touch {left} more point{'' if left == 1 else 's'} to check it.")
-    return text + _sizes_html("Checked by points touched since", since)
-
-
-def _sizes_html(what: str, errors_m: FloatArray | None) -> str:
-    if errors_m is None:
-        return ""
-    rms = float(np.sqrt(np.mean(errors_m**2)))
-    sizes = f"{_millimetres(rms)} RMS, largest {_millimetres(float(errors_m.max()))}"
-    return f"<div>{what} ({len(errors_m)}): <b>{sizes}</b></div>"
-
-
-def _millimetres(length_m: float) -> str:
-    return f"{fixed(1000 * length_m, 2 if length_m < 0.001 else 1)} mm"

@@ -23,7 +23,7 @@ from armctl.ui.tabs.calibration.joint import (
     on_edit,
     slow_duration,
 )
-from armctl.ui.tabs.calibration.points import CalibrationPoints, take_effect
+from armctl.ui.tabs.calibration.points import HEAVIEST_KG, CalibrationPoints, take_effect
 from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork, SharedCalibration
 from armctl.ui.tabs.calibration.tool_tip import CalibrationTip
 from armctl.ui.widgets.html import (
@@ -39,6 +39,7 @@ from armctl.ui.widgets.html import (
     table,
     with_minus,
 )
+from armctl.ui.widgets.number_field import NumberField
 
 _NOTHING = "There is no output to calibrate."
 
@@ -88,6 +89,10 @@ _SAVE_NOTE = (
     "Saving closes the board and opens it again. If the Timeout of a Maestro ends meanwhile, its servos go "
     "off: keep clear."
 )
+_LOAD_HINT = (
+    "What the arm carries at the tool point while it works: the sag that it causes is corrected. Setting it "
+    "opens the board anew, as saving does."
+)
 _REVERT_NOTE = "Revert uses this version again. The present one stays in the list."
 
 
@@ -113,6 +118,8 @@ class CalibrationSave:
             go = gui.add_button("Go to test pose")
             session.needs(Need.HOLDING, go)
             LiveHtml(gui, muted(_TEST_NOTE))
+        if self._desk.in_force is not None and self._desk.in_force.deflection:
+            self._add_load(self._desk.in_force)
         with gui.add_folder("Earlier calibrations"):
             versions = self._desk.versions()
             self._versions = earlier_versions(versions)
@@ -127,6 +134,18 @@ class CalibrationSave:
         on_edit(session, clear, work.clear, lambda _: self._no_draft if work.is_empty else None)
         session.on(go.on_click, self._on_go)
         session.on(revert.on_click, self._on_revert)
+
+    def _add_load(self, now: Calibration) -> None:
+        """Where joints give way: what the arm carries at work."""
+        session, gui = self._session, self._session.gui
+        with gui.add_folder("Load"):
+            LiveHtml(gui, load_html(now))
+            self._load = NumberField(gui, "Load kg", now.load_kg, hint=_LOAD_HINT)
+            carry = gui.add_button("Set the load", color="gray")
+            other = refused_by(lambda _: self._desk.with_load(self._load.within(0.0, HEAVIEST_KG)))
+            free = partial(release_first, reopen=True)
+            session.needs(None, carry, also=lambda snapshot: free(snapshot) or other(snapshot))
+            session.on(carry.on_click, self._on_load)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show what was measured, if that has changed."""
@@ -153,12 +172,23 @@ class CalibrationSave:
         way = self._pose.q - session.snapshot.q_command
         await session.submit(MoveJoints(self._pose.q, slow_duration(session.console.robot, way)))
 
+    async def _on_load(self) -> None:
+        self._session.require_operator()
+        self._session.robots.require_reopenable()
+        saved = await self._desk.set_load(self._load.within(0.0, HEAVIEST_KG))
+        await take_effect(self._session, "Load set", str(saved.path))
+
     async def _on_revert(self) -> None:
         self._session.require_operator()
         self._session.robots.require_reopenable()
         label = self._version.value
         await self._desk.revert(self._versions[label])
         await take_effect(self._session, "Calibration reverted", label)
+
+
+def load_html(calibration: Calibration) -> str:
+    """What load the correction of sag counts."""
+    return f"<div>Sag is corrected for a load of <b>{calibration.load_kg:g} kg</b> at the tool point.</div>"
 
 
 def earlier_versions(versions: Sequence[Version]) -> dict[str, int | None]:

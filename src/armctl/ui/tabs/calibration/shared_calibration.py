@@ -21,6 +21,8 @@ from armctl.calibration import (
     JointCalibration,
     JointFit,
     Mark,
+    TouchedPoint,
+    TouchesFile,
     TouchFit,
     Version,
     check_pose,
@@ -39,7 +41,7 @@ from armctl.hardware import Source
 from armctl.protocol import Snapshot, wall_time
 from armctl.robot import OutputMap, Robot
 from armctl.ui.console import CalibrationInForce, Console
-from armctl.ui.tabs.calibration.touched_points import TouchedPoint, TouchedPoints, read_outputs
+from armctl.ui.tabs.calibration.touched_points import TouchedPoints, read_outputs
 
 _LARGEST_ANGLE = 720.0 * DEGREE
 _APART = 1.0
@@ -218,7 +220,16 @@ class SharedCalibration:
         self._kept, self._now = in_force, now
         self.board, self.in_force = in_force.board, in_force.calibration
         self.work = CalibrationWork(in_force.file_robot, self.in_force)
-        self.points = TouchedPoints(in_force.robot, self.in_force.joints if self.in_force else ())
+        file_robot, kept = in_force.file_robot, None
+        if self.board is not None and file_robot.output_map is not None:
+            kept = TouchesFile(in_force.store, file_robot, self.board)
+        self.points = TouchedPoints(
+            in_force.robot,
+            self.in_force.joints if self.in_force else (),
+            file_robot=file_robot,
+            file=kept,
+            stamp=lambda: iso_time(self._now()),
+        )
 
     @cached_property
     def check_pose(self) -> CheckPose:
@@ -291,7 +302,31 @@ class SharedCalibration:
         (fit, drawn), used = self.correction(), len(self.points.touches)
         saved = await asyncio.to_thread(self._save, drawn)
         self.points.applied(fit, used)
+        await self.points.keep()
         return saved
+
+    def with_load(self, load_kg: float, note: str = "") -> Calibration:
+        """The calibration in force for an arm that carries this at the tool point [kg].
+
+        ``StateError``: nothing of it depends on a load, or it is this one. ``CalibrationError``: a joint
+        would sag by more than is corrected.
+        """
+        self._require_board()
+        now = self.in_force
+        if now is None or not now.deflection:
+            raise StateError(
+                "no joint is known to give way, so a load changes nothing; 'Known points' measures that"
+            )
+        if load_kg == now.load_kg:
+            raise StateError(f"a load of {load_kg:g} kg is in force already")
+        note = note or f"a load of {load_kg:g} kg"
+        drawn = msgspec.structs.replace(now, load_kg=load_kg, made=iso_time(self._now()), note=note)
+        narrowed(self.work.robot, drawn)
+        return drawn
+
+    async def set_load(self, load_kg: float) -> Version:
+        """Save that the arm carries this [kg]; it goes by it once it is opened anew."""
+        return await asyncio.to_thread(self._save, self.with_load(load_kg))
 
     def versions(self) -> tuple[Version, ...]:
         """What was saved of this arm on this board, the newest first."""

@@ -3,176 +3,105 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Awaitable, Callable, Collection
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.calibration import (
-    LEAST_POINTS,
+    MOST_TOUCHES,
     Frame,
+    KeptTouches,
     Paper,
+    TouchedPoint,
     Touches,
+    TouchesFile,
     TouchFit,
     TouchSheet,
     changes,
-    fit_touches,
-    next_touch,
     own_map,
-    reachable,
-    reachable_at,
     suggestion,
-    touch_errors,
     touch_sheet,
     touches_csv,
 )
-from armctl.errors import ArmctlError, InputError, StateError
+from armctl.errors import CalibrationError, InputError, StateError
 from armctl.facts.angles import DEGREE
-from armctl.facts.causes import FitFigures
 from armctl.protocol import Snapshot
 from armctl.robot import Robot
+from armctl.ui.tabs.calibration.touch_question import (
+    LEAST_PLACED,
+    NextTouch,
+    TouchAnswer,
+    TouchQuestion,
+    crosshair_numbers,
+)
 
 _FARTHEST_M = 10.0
-_LEAST_PLACED, _LEAST_TOLD = 3, 4
-"""touches by which it is known where a sheet lies; and by which each is judged by the others"""
+_STILL = 0.1 * DEGREE
+"""an arm of which no joint has turned by more stands where it stood"""
+_SAME_M = 1e-6
 _TURNED = 0.2 * DEGREE
 """a joint that went back by less has not turned round"""
+GO_ON, FORGET = "Go on with them", "Forget them"
 WorkOut = Callable[..., Awaitable[Any]]
 """calls a function with arguments on a thread, as ``asyncio.to_thread`` does"""
-
-
-@dataclass(frozen=True, slots=True)
-class TouchedPoint:
-    """The tool stood on a point."""
-
-    outputs: Mapping[int, float]
-    """by channel, in the board's unit: they stay true when the calibration changes"""
-    point_m: tuple[float, float, float]
-    """in the frame of all points [m]"""
-    number: int | None = None
-    """of the crosshair, from 1; None: a place in the base frame"""
-    sense: tuple[float, ...] = ()
-    """(n,) in which sense each joint turned last: 1, -1, 0 not known; empty: nobody knows"""
-    measured: bool = False
-    """``outputs`` are what encoders read; else they are setpoints"""
-    sent: Mapping[int, float] | None = None
-    """the setpoints beside what encoders read; None: there are none, as where the arm is led by hand"""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NextTouch:
-    """The crosshair that tells most."""
-
-    number: int
-    """from 1"""
-    height_m: float
-    """0 on the paper, else on the block that stands on the crosshair [m]"""
-    q: FloatArray
-    """(n,) a configuration with the tool there [rad]"""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _TouchAnswer:
-    """What was worked out of some touches."""
-
-    errors_m: FloatArray | None = None
-    """(k,) by how much each is missed by the numbers in force [m]; None: not known yet"""
-    result: TouchFit | str | None = None
-    possible: Touches | None = None
-    following: NextTouch | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _TouchQuestion:
-    """What is worked out beside the event loop."""
-
-    robot: Robot
-    touches: Touches
-    sheet: TouchSheet | None
-    block_m: float
-    skipped: frozenset[int]
-    possible: Touches | None
-
-    def answer(self) -> _TouchAnswer:
-        """May take a second or two."""
-        errors: FloatArray | None = None
-        result: TouchFit | str | None = None
-        if len(self.touches) >= (1 if self.touches.frame == "base" else _LEAST_TOLD):
-            errors = np.linalg.norm(touch_errors(self.robot, self.touches), axis=1)
-        if len(self.touches) >= LEAST_POINTS:
-            one = self.touches
-            try:
-                checked = Touches.checked(
-                    self.robot, one.q, one.points_m, one.frame, one.sense, one.commanded
-                )
-                result = fit_touches(self.robot, checked)
-            except ArmctlError as error:
-                result = str(error)
-        return _TouchAnswer(errors, result, *self._next())
-
-    def _next(self) -> tuple[Touches | None, NextTouch | None]:
-        sheet, placed = self.sheet, len(self.touches) >= _LEAST_PLACED
-        if sheet is None:
-            return None, None
-        possible = self.possible
-        if possible is None and placed:
-            possible = reachable(self.robot, self.touches, _with_block(sheet.points_m, self.block_m))
-        elif possible is None:
-            points, laid = (_with_block(one, self.block_m) for one in (sheet.points_m, sheet.laid_m))
-            possible = reachable_at(self.robot, points, laid, "sheet")
-        numbers = _numbers(sheet, possible)
-        last = _numbers(sheet, self.touches)[-1:].tolist()  # the same again at once looks like a mistake
-        left = np.flatnonzero(~np.isin(numbers, [*self.skipped, *last]))
-        if not len(left):
-            return possible, None
-        if placed:
-            best = left[next_touch(self.robot, self.touches, possible.only(left))]
-        else:  # far from those before
-            done = np.vstack([self.touches.points_m, np.zeros((1, 3))])
-            apart = np.linalg.norm(possible.points_m[left][:, None] - done[None], axis=2)
-            best = left[np.argmax(apart.min(axis=1))]
-        height = float(possible.points_m[best][2] - sheet.points_m[numbers[best] - 1][2])
-        return possible, NextTouch(int(numbers[best]), height, possible.q[best])
-
-
-def _with_block(points_m: FloatArray, block_m: float) -> FloatArray:
-    """Points (k, 3), and those on a block that stands on them [m]; without one the points alone."""
-    return np.vstack([points_m, points_m + np.array((0.0, 0.0, block_m))]) if block_m else points_m
-
-
-def _numbers(sheet: TouchSheet, touches: Touches) -> NDArray[np.intp]:
-    """(k,) which crosshair each of some touches is, from 1."""
-    away = np.linalg.norm(touches.points_m[:, None, :2] - sheet.points_m[None, :, :2], axis=2)
-    return 1 + np.argmin(away, axis=1)
 
 
 class TouchedPoints:
     """The touches so far. Used on the web server's event loop only."""
 
-    def __init__(self, robot: Robot, calibrated: Collection[str] = ()) -> None:
-        """``robot``: as the arm runs; ``calibrated``: the joints that the calibration in force covers."""
+    def __init__(
+        self,
+        robot: Robot,
+        calibrated: Collection[str] = (),
+        *,
+        file_robot: Robot | None = None,
+        file: TouchesFile | None = None,
+        stamp: Callable[[], str] = str,
+    ) -> None:
+        """Begin without a touch; what ``file`` has of an earlier time is offered.
+
+        ``robot``: as the arm runs; ``calibrated``: the joints that the calibration in force covers;
+        ``file_robot``: without it; ``stamp`` gives the time (ISO 8601).
+        """
         self._robot, self._calibrated = robot, calibrated
+        self._file_robot = robot if file_robot is None else file_robot
+        self._file, self._stamp, self._writing = file, stamp, asyncio.Lock()
+        self.offered: KeptTouches | None = None
+        """what was touched before armctl was started; None: nothing, or it was taken or forgotten"""
+        self.not_kept: str | None = None
+        """why what is touched would not survive a restart; None: it does"""
+        self._unreadable = False
+        """what is kept of an earlier time stays as it is: somebody may mend it"""
         self.touches: tuple[TouchedPoint, ...] = ()
         """in the order in which they were made"""
         self.sheet: TouchSheet | None = None
         """None: the points are places in the base frame"""
-        self.block_m = 0.0
+        self.block_m: float = 0.0
         """the height of a block that may be put on a crosshair [m]; 0: there is none"""
+        self.load_kg: float = 0.0
+        """what the tool carries while points are touched, the same for all of them"""
+        self.made: str = ""
+        """when the last touch was made (ISO 8601)"""
         self.skipped: frozenset[int] = frozenset()
         """crosshairs that are not wanted next"""
-        self.corrected: FitFigures | None = None
-        """of the correction that these touches have led to; None: none was applied"""
+        self.corrected: tuple[float, float] | None = None
+        """RMS before and after the correction that they led to [m]; None: none was applied"""
         self.used = 0
         """touches before that; those behind check it"""
         self.version = 0
         """rises with every change, so that a page knows when to draw anew"""
-        self._found: _TouchAnswer | None = None
+        self._found: TouchAnswer | None = None
         self._possible: Touches | None = None
         """poses with the tool on the crosshairs, since it is known where the sheet lies"""
         self._sense, self._turned_at = np.zeros(robot.n), np.full(robot.n, np.nan)
+        if file is not None:
+            try:
+                self.offered = file.load()
+            except CalibrationError as refusal:
+                self.not_kept, self._unreadable = f"points of an earlier time: {refusal}", True
 
     @property
     def frame(self) -> Frame:
@@ -207,17 +136,32 @@ class TouchedPoints:
         if paper == (None if self.sheet is None else self.sheet.paper):
             return
         self._require_none()
-        sheet = None if paper is None else await work_out(touch_sheet, self._robot, paper)
+        sheet = None if paper is None else await work_out(touch_sheet, self._file_robot, paper)
         self._require_none()
         self.sheet = sheet
         self.clear()
 
-    def use_block(self, height_m: float) -> None:
-        """Propose points on a block of this height, too; 0: none. Counts from the next change on."""
-        if height_m != self.block_m:
-            self.block_m, self._possible = height_m, None
+    def use(self, block_m: float, lies_m: float, load_kg: float) -> bool:
+        """Say how high a block is that may be put on a crosshair, how high the sheet lies [m], and the load.
+
+        That is what the tool carried in all touches [kg]. Whether one of them is new: then all is compared
+        anew.
+        """
+        sheet = self.sheet
+        if sheet is not None and abs(lies_m - sheet.height_m) > _SAME_M:
+            x, y, _ = sheet.place_m.tolist()
+            place = np.array((x, y, self._file_robot.floor_z + lies_m))
+            sheet = replace(sheet, place_m=place, height_m=lies_m)
+        same = abs(block_m - self.block_m) < _SAME_M and load_kg == self.load_kg
+        if same and sheet is self.sheet:
+            return False
+        self.block_m, self.load_kg = block_m, load_kg
+        self.sheet, self._possible = sheet, None
+        self._set(self.touches)
+        return True
 
     def _require_none(self) -> None:
+        self._require_no_offer()
         if self.touches:
             raise StateError(
                 f"{len(self.touches)} points of another kind are touched; press 'Start anew' first"
@@ -255,7 +199,7 @@ class TouchedPoints:
             return proposed.q, above - (0.0, 0.0, proposed.height_m)
         possible = None if self._found is None else self._found.possible
         if self.sheet is not None and possible is not None:
-            there = np.flatnonzero(_numbers(self.sheet, possible) == number)
+            there = np.flatnonzero(crosshair_numbers(self.sheet, possible) == number)
             if len(there):
                 heights = possible.points_m[there, 2] - self.sheet.points_m[number - 1, 2]
                 best = int(np.argmin(np.abs(heights - height_m)))
@@ -264,12 +208,35 @@ class TouchedPoints:
             f"the arm does not reach crosshair {number} where the sheet lies; choose another one"
         )
 
+    def _require_no_offer(self) -> None:
+        if self.offered is not None:
+            raise StateError(
+                f"{len(self.offered.touches)} points are kept from before; press '{GO_ON}' or '{FORGET}' "
+                "first"
+            )
+
     def add(self, touch: TouchedPoint) -> None:
         """Note that the tool touches a point."""
+        self._require_no_offer()
+        if len(self.touches) >= MOST_TOUCHES:
+            raise InputError(f"{MOST_TOUCHES} points are enough; press 'Start anew' to begin again")
         point = np.array(touch.point_m)
         if not (np.isfinite(point).all() and np.linalg.norm(point) < _FARTHEST_M):
             raise InputError(f"a point is less than {_FARTHEST_M:.0f} m from the base; give X, Y, Z in mm")
+        if self.touches and self._is_same(touch, self.touches[-1]):
+            raise InputError(
+                f"the arm stands as in point {len(self.touches)}; bring the tip to another one, then press "
+                "again"
+            )
+        self.made = self._stamp()
         self._set((*self.touches, touch))
+
+    def _is_same(self, one: TouchedPoint, other: TouchedPoint) -> bool:
+        """Whether the button was pressed twice."""
+        outputs = own_map(self._robot)
+        q, before = (outputs.angles(each.outputs, measured=each.measured) for each in (one, other))
+        same = (one.point_m, one.sense) == (other.point_m, other.sense)
+        return same and bool(np.abs(q - before).max() < _STILL)
 
     def skip(self) -> None:
         """Another crosshair is wanted next."""
@@ -292,14 +259,59 @@ class TouchedPoints:
 
     def applied(self, fit: TouchFit, used: int) -> None:
         """A correction by the first ``used`` touches is in force: those behind check it."""
-        self.corrected, self.used = fit.figures, used
+        self.corrected, self.used = (fit.before.rms, fit.after.rms), used
         self.version += 1
 
     def take_over(self, other: TouchedPoints) -> None:
         """Go on with the touches of another one."""
-        self.sheet, self.block_m, self.skipped = other.sheet, other.block_m, other.skipped
-        self.corrected, self.used = other.corrected, other.used
-        self._set(other.touches)
+        self.offered, self.not_kept, self._unreadable = other.offered, other.not_kept, other._unreadable
+        self._resume(other.as_kept)
+
+    def go_on(self) -> None:
+        """Go on with what is offered. ``StateError``: nothing is, or other points are touched."""
+        offered = self._offer()
+        if self.touches:
+            raise StateError(f"{len(self.touches)} points are touched since; press 'Start anew' first")
+        self.offered = None
+        self._resume(offered)
+
+    def forget(self) -> None:
+        """Have nothing of what is offered. ``StateError``: nothing is."""
+        self._offer()
+        self.offered = None
+        self.version += 1
+
+    def _offer(self) -> KeptTouches:
+        if self.offered is None:
+            raise StateError("no points are kept from before")
+        return self.offered
+
+    @property
+    def as_kept(self) -> KeptTouches:
+        """All of it, as it is kept over a restart."""
+        return KeptTouches(
+            self.touches, self.sheet, self.block_m, self.load_kg, self.skipped, self.corrected, self.used,
+            self.made,
+        )  # fmt: skip
+
+    def _resume(self, kept: KeptTouches) -> None:
+        self.block_m, self.load_kg = kept.block_m, kept.load_kg
+        self.sheet = kept.sheet
+        self.skipped, self.corrected, self.used = kept.skipped, kept.corrected, kept.used
+        self.made, self._possible = kept.made, None
+        self._set(kept.touches)
+
+    async def keep(self) -> None:
+        """Have a restart find the touches as they are now; what is offered stays until that is decided."""
+        if self._file is None or self.offered is not None or self._unreadable:
+            return
+        async with self._writing:  # one after the other, and the newest last
+            before, self.not_kept = self.not_kept, None
+            try:
+                await asyncio.to_thread(self._file.save, self.as_kept)
+            except CalibrationError as refusal:
+                self.not_kept = str(refusal)
+            self.version += self.not_kept != before
 
     def go_back(self, touches: tuple[TouchedPoint, ...], now: tuple[TouchedPoint, ...]) -> bool:
         """Have ``touches`` again in place of ``now``; not where somebody has changed them since."""
@@ -327,11 +339,13 @@ class TouchedPoints:
         touches, skipped, sheet = self.touches, self.skipped, self.sheet
         if self._found is not None or not (touches or sheet):
             return
-        asked = _TouchQuestion(self._robot, self._given(), sheet, self.block_m, skipped, self._possible)
-        found: _TouchAnswer = await work_out(asked.answer)
+        asked = TouchQuestion(
+            self._robot, self._given(), self.load_kg, sheet, self.block_m, skipped, self._possible
+        )
+        found: TouchAnswer = await work_out(asked.answer)
         if self.touches is touches and self.sheet is sheet and self.skipped is skipped:
             self._found = found
-            self._possible = found.possible if len(touches) > _LEAST_PLACED else None
+            self._possible = found.possible if len(touches) > LEAST_PLACED else None
             self.version += 1  # else they have changed meanwhile, and are computed anew
 
     def _set(self, touches: tuple[TouchedPoint, ...]) -> None:
