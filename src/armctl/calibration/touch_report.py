@@ -302,6 +302,9 @@ def _expected(fit: Solved, touches: Touches) -> Expected:
     z = rng.chisquare(1.0, (_DRAWN, len(told) + len(law)))
     sizes = z[:, : len(told)] @ told * (free / rng.chisquare(free, _DRAWN)) + z[:, len(told) :] @ law
     five, most = np.quantile(np.sqrt(sizes), _TAILS).tolist()
+    most = max(
+        most, Size.of(fit.left_out).rms
+    )  # where the model does not fit, points that were left out say it
     over_all = float(sum(map(np.sum, squares(np.ones(len(q), dtype=np.bool_)))))
     return Expected(math.sqrt(float(told.sum() + law.sum())), five, most, math.sqrt(over_all))
 
