@@ -19,7 +19,7 @@ from armctl.robot.look.rows import SOLIDS, AnyRow, MakeName, Material
 from armctl.robot.parts import MOST_JOINTS, Gripper, Hand, Look, Obstacle, spoken
 from armctl.robot.parts import Color as Rgb
 from armctl.robot.signals import MOST_SIGNALS, Input, InputKind, Output, OutputKind, Signals, Then
-from armctl.robot.tool_entries import MOST_TOOLS, ToolEntry
+from armctl.robot.tool_entries import MOST_TOOLS, RobotToolEntry
 
 T = TypeVar("T")
 
@@ -318,7 +318,7 @@ class RobotFile(Strict, frozen=True):
     """pins of the board that are read"""
     outputs: Annotated[tuple[OutputEntry, ...], Meta(max_length=MOST_SIGNALS)] = ()
     """pins of the board that are switched, beside the joints"""
-    tools: Annotated[tuple[ToolEntry, ...], Meta(max_length=MOST_TOOLS)] = ()
+    tools: Annotated[tuple[RobotToolEntry, ...], Meta(max_length=MOST_TOOLS)] = ()
     """what can be put on at the flange; the first one is on where nobody says another"""
     bodies: tuple[BodyEntry, ...] = ()
     """masses, for torques"""

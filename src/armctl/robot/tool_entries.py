@@ -37,7 +37,7 @@ class ToolPieceEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     color: Paint = "graphite"
 
 
-class ToolEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class RobotToolEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A tool that can be put on at the flange: the frame behind the last DH row, where z points ahead."""
 
     name: LinkName
@@ -102,7 +102,7 @@ class ToolEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return "", ""
 
 
-def with_tools(robot: Robot, entries: Sequence[ToolEntry], document: Document) -> Robot:
+def with_tools(robot: Robot, entries: Sequence[RobotToolEntry], document: Document) -> Robot:
     """An arm with the tools of its file, the first of them on; ``RobotFileError``: all that cannot be.
 
     A tool with which no family solves the arm in closed form is refused where one does without it: all that
