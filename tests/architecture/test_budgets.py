@@ -27,7 +27,10 @@ FOLDERS = {
     "program": (25, 5_220),  # grids, a check of every path; calls, pick and place, messages, user frames
     "protocol": (5, 1_230),
     "robot": (44, 12_080),
-    "runtime": (27, 6_480),  # joints that are let down, messages; which warnings a cause tells
+    "runtime": (
+        27,
+        6_515,
+    ),  # joints let down, messages, which warnings a cause tells, tools
     "ui": (98, 22_050),  # gamepads, user frames, the tool point, motors at a glance
 }
 """files and lines, at most"""

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tests.program.kit import program
 from tests.robot.test_tools import TOOLS, arm_with_tools
-from tests.runtime.kit import LateExecutor, Rig, make_rig
+from tests.runtime.kit import ROBOT, TEST, LateExecutor, Rig, make_rig
 from tests.runtime.signal_kit import PUMP, bench_of, high
 
 from armctl.calibration import Calibration, JointDeflection, calibrated
@@ -17,7 +17,7 @@ from armctl.errors import EnableError, InputError, MotionRefusedError
 from armctl.facts import State
 from armctl.hardware import BoardIdentity
 from armctl.kinematics import Target
-from armctl.program import ToolStep, WaitStep
+from armctl.program import MoveStep, ToolStep, WaitStep
 from armctl.protocol import (
     Connect,
     Disconnect,
@@ -27,12 +27,16 @@ from armctl.protocol import (
     MoveGripper,
     MoveJoints,
     MoveTo,
+    Pause,
+    Resume,
     RunProgram,
     SetTool,
 )
 from armctl.robot import Robot
 from armctl.runtime import PoseFolder
 from armctl.runtime.joint_servo import KeepClear
+
+SOFT = {"shoulder": JointDeflection(compliance=math.radians(2.0))}
 
 
 @pytest.fixture(scope="module")
@@ -112,6 +116,75 @@ def test_it_is_changed_only_where_the_arm_stands_and_holds_nothing(robot: Robot)
     rig.do(SetTool("pen")).result(0)
 
 
+@pytest.mark.parametrize("name", ["", "saw"])
+def test_a_name_that_is_no_tool_is_refused(robot: Robot, name: str) -> None:
+    for arm in (robot, ROBOT):
+        rig = make_rig(robot=arm).enable()
+        rig.refuses(SetTool(name), f"no tool '{name}'", InputError)
+        assert rig.now.state is State.HOLDING and rig.now.tool == arm.tool
+
+
+@pytest.mark.parametrize("after", ["cup", "pen"])
+def test_a_program_changes_the_tool_when_the_gripper_stands(tmp_path: Path, after: str) -> None:
+    bench = bench_of(arm_with_tools(tmp_path))
+    bench.do(MoveGripper(0.0))
+    bench.run(3.0)
+    opening = bench.do(MoveGripper(1.0))
+    bench.run(0.1)
+    running = bench.controller.submit(RunProgram(program(ToolStep(tool=after))), TEST)
+    bench.run(0.1)
+    assert bench.now.tool == "jaws" and 0.0 < (bench.now.gripper or 0.0) < 1.0
+    bench.run(3.0)
+    opening.result(0)
+    running.result(0)
+    assert bench.now.tool == after and not bench.now.busy
+    assert high(bench, PUMP) == [False]  # on, as it was: nobody has asked the cup to let go
+    bench.do(SetTool("jaws"))
+    assert bench.now.gripper == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_heavy_tool_of_a_program_is_no_jerk_and_no_other_program(tmp_path: Path) -> None:
+    heavy = TOOLS[: TOOLS.index('[[tools]]\nname = "cup"')].replace("0.04", "0.3")
+    arm = calibrated(
+        arm_with_tools(tmp_path, heavy, ""), Calibration("uzuner", "7", "µs", {}, deflection=SOFT)
+    )
+    start = over(arm, 120)
+    rig = make_rig(robot=arm).enable(start)
+    pen = arm.with_tool("pen").outputs
+    shoulder, goal = pen.channels[1], pen.outputs(start)
+    turned = MoveStep(joints_deg=tuple(np.degrees(start + np.radians([20, 0, 0, 0, 0])).tolist()))
+    steps = WaitStep(seconds=1.0), ToolStep(tool="pen"), WaitStep(seconds=0.2), turned, WaitStep(seconds=1.0)
+    running = rig.do(RunProgram(program(*steps)))
+    before = rig.driver.positions[shoulder]
+    rig.until(lambda now: now.tool == "pen")
+    rig.do(Pause())
+    rig.sends_nothing(1.0)  # a pause is one
+    rig.do(Resume())
+    rig.until(lambda _: running.finished.done())
+    running.result(0)
+    sent = [values[shoulder] for _, values in rig.driver.writes if shoulder in values]
+    assert rig.driver.positions[shoulder] == pytest.approx(goal[shoulder])
+    assert abs(goal[shoulder] - before) > 10  # µs
+    assert np.abs(np.diff(sent)).max() < 0.6
+    assert rig.now.state is State.HOLDING and not rig.now.warnings
+    assert np.degrees(rig.now.q - start) == pytest.approx([20, 0, 0, 0, 0], abs=0.01)
+
+
+def test_a_tool_that_is_named_while_the_line_is_opened_is_on(robot: Robot) -> None:
+    arm = calibrated(robot, Calibration("uzuner", "7", "µs", {}, deflection=SOFT))
+    late = LateExecutor()
+    rig = make_rig(late, robot=arm)
+    rig.controller.submit(Connect("sim"), TEST)
+    rig.tick()
+    rig.do(SetTool("pen")).result(0)
+    late.work()
+    rig.tick()
+    start = over(robot, 120)
+    rig.finishes(Enable(start))
+    pen = arm.with_tool("pen").outputs.outputs(start)
+    assert {k: rig.driver.positions[k] for k in pen} == pytest.approx(pen)
+
+
 def test_the_gripper_is_that_of_the_tool(tmp_path: Path) -> None:
     bench = bench_of(arm_with_tools(tmp_path))
     bench.do(MoveGripper(0.5))
@@ -133,8 +206,7 @@ def test_the_gripper_is_that_of_the_tool(tmp_path: Path) -> None:
 
 
 def test_a_soft_arm_stays_where_it_is_when_somebody_says_that_a_heavier_tool_is_on(robot: Robot) -> None:
-    soft = {"shoulder": JointDeflection(compliance=math.radians(2.0))}
-    arm = calibrated(robot, Calibration("uzuner", "7", "µs", {}, deflection=soft))
+    arm = calibrated(robot, Calibration("uzuner", "7", "µs", {}, deflection=SOFT))
     rig = make_rig(robot=arm).enable(over(robot, 120))
     q, told = rig.now.q_command, dict(rig.driver.positions)
     rig.do(SetTool("pen")).result(0)

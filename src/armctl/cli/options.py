@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from armctl.errors import StoppedError
 from armctl.protocol import MonotonicClock
 from armctl.robot import Robot, load_robot
+from armctl.robot.tools import tool_of
 from armctl.system import ending_signals
 
 # Signals that end a command: Ctrl-C, a service manager, a terminal that is closed.
@@ -109,7 +110,7 @@ tool_option = click.option("--tool", metavar="NAME", help="The tool that is on, 
 def load_with(name: str | Path, tool: str | None) -> Robot:
     """As ``load_robot``, with one of its tools on; ``None``: as the file has it."""
     robot = load_robot(name)
-    return robot if tool is None else robot.with_tool(tool)
+    return robot if tool is None else robot.with_tool(tool_of(robot.tools, tool).name)
 
 
 def load_whole(name: str | Path, tool: str | None = None) -> Robot:

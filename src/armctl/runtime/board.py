@@ -25,6 +25,8 @@ from armctl.robot.signals import ON, Input, Output
 BoolArray = NDArray[np.bool_]
 MOTORS_APART_RAD = 2.0 * DEGREE
 """how far two motors of one joint may stand apart"""
+_CATCH_UP_RAD = 0.05 * DEGREE
+"""by how much a setpoint comes nearer to what the weight of another tool asks for: at 50 Hz 2.5°/s"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +102,8 @@ class Board:
         """where that one was told to go last"""
         self._closed: bool | None = None
         """whether its output is on"""
+        self._behind: dict[int, float] = {}
+        """by channel: how far outputs of joints are from what the map says, since another tool is on"""
         self.equip(robot)
         self._settings = channel_settings(robot)
         self._ranges = list(zip(self.map.low.tolist(), self.map.high.tolist(), strict=True))
@@ -124,14 +128,27 @@ class Board:
             self.close()
             raise
 
-    def equip(self, robot: Robot) -> bool:
-        """The same arm with another tool on; whether its gripper is at another output. Moves nothing."""
+    def equip(self, robot: Robot, q: FloatArray | None = None) -> bool:
+        """The same arm with another tool on; whether its gripper is at another output. Moves nothing.
+
+        ``q`` (n,) [rad]: where it is to be held. What another weight asks of its outputs there is made up for
+        bit by bit, by what is written next: all at once it would be a jerk.
+        """
         output = "" if robot.gripper is None else robot.gripper.output
         changed = output != self._gripper_output
+        if q is not None and robot.outputs is not self.map:
+            were, are = self.map.outputs(q), robot.outputs.outputs(q)
+            behind = {one: value - are[one] + self._behind.get(one, 0.0) for one, value in were.items()}
+            self._behind = behind if any(behind.values()) else {}
         self.map, self._gripper_output = robot.outputs, output
         if changed:
             self._opening = self._closed = None
         return changed
+
+    @property
+    def catching_up(self) -> bool:
+        """Whether outputs are not yet what the weight of the tool that is on asks for."""
+        return bool(self._behind)
 
     @property
     def grips(self) -> bool:
@@ -163,6 +180,10 @@ class Board:
         ``joints``: (n,) which of the angles are sent; None: all. Never those of limp joints.
         """
         sent = ~self.limp if joints is None else joints & ~self.limp
+        if q is not None and self._behind:
+            most = dict(zip(self.map.channels, (_CATCH_UP_RAD * self.unit_per_rad).tolist(), strict=True))
+            left = {one: away - min(max(away, -most[one]), most[one]) for one, away in self._behind.items()}
+            self._behind = left if any(left.values()) else {}
         if opening is not None and self._gripper_output:
             self._grip(opening)
         try:
@@ -179,7 +200,7 @@ class Board:
             rows = zip(self.map.outputs(q).items(), self._ranges, joints.tolist(), strict=True)
             for (channel, value), (low, high), wanted in rows:
                 if wanted:
-                    values[channel] = min(max(value, low), high)
+                    values[channel] = min(max(value + self._behind.get(channel, 0.0), low), high)
             values |= self.map.mirrored(values)
         if opening is not None and not self._gripper_output:
             values |= self.map.gripper_output(opening)
@@ -199,7 +220,7 @@ class Board:
 
     def _read(self) -> Reading:
         back = self._driver.read()
-        q = self.map.angles(back.positions, measured=back.source is Source.MEASURED)
+        q = self._angles(back)
         apart = np.zeros(len(q))
         for one in self.map.mirrors:
             if back.positions.get(one.channel) is None:
@@ -258,6 +279,14 @@ class Board:
             levels,
         )
 
+    def _angles(self, back: Readback) -> FloatArray:
+        """(n,) [rad] of what it reads; what is sent is read as if it had caught up."""
+        measured, told = back.source is Source.MEASURED, back.positions
+        if self._behind and not measured:
+            behind = self._behind
+            told = {k: None if one is None else one - behind.get(k, 0.0) for k, one in told.items()}
+        return self.map.angles(told, measured=measured)
+
     def _outputs_of(self, back: Readback) -> tuple[dict[str, float], float | None]:
         """Values of the outputs, and the opening of the gripper, which may be one of them."""
         levels = back.outputs.items()
@@ -290,6 +319,7 @@ class Board:
     def release(self) -> None:
         """Pulses or motors off: the arm drops."""
         translated(f"switching the {self.power} off", self._driver.release)
+        self._behind = {}
         self.take_back()
 
     def clear_faults(self) -> None:

@@ -67,6 +67,7 @@ class Core(ArmState):
         try:
             board: Board = result_of(opening.future, "opening the line")
             self.board = board
+            board.equip(self.robot)  # another tool may be on than when the line was asked for
             self._connected(board, opening.order.origin.who, now)
         except ArmctlError as error:
             if self.board is not None:
@@ -136,30 +137,27 @@ class Core(ArmState):
         """A program has another tool on from now on; the joints stand.
 
         An arm that gives way is told anew where it stands, for the weight of that tool: so it was planned.
+        That is done bit by bit (``Board.equip``), as somebody may have a hand there.
         """
-        board, q = self.board, self.gate.q
-        changed = self._put_on(name, who, now)
-        if changed and board is not None and q is not None and board.map.deflection is not None:
-            board.write(q, None)
-            self._wrote_at = now
+        self._put_on(name, who, now, self.gate.q)
 
-    def _put_on(self, name: str, who: str, now: float) -> bool:
+    def _put_on(self, name: str, who: str, now: float, q: FloatArray | None = None) -> bool:
         """A tool counts in all that moves from now on; whether it is another one."""
         part = self.gripper.part
         if part is not None and name != self.robot.tool:
             raise StateError(ToolHoldsPart(str(part)))
         changed = name != self.robot.tool
         self.rack.change(name)
-        self._take_tool(now)
+        self._take_tool(now, q)
         self.log.add(f"tool: {name} ({who})")
         return changed
 
-    def _take_tool(self, now: float) -> None:
+    def _take_tool(self, now: float, q: FloatArray | None = None) -> None:
         on, self._gripped = self.rack.on, ()
         self.robot, self.around, self.clear = on.robot, on.around, on.clear
         self.gate.equip(on.robot)
         self.gripper.equip(on.robot.gripper)
-        if self.board is None or not self.board.equip(on.robot):
+        if self.board is None or not self.board.equip(on.robot, q):
             return
         opening, reading = None, self.monitor.read(self.board, now)
         if self.gate.q is not None and self.board.grips and reading is not None:
@@ -306,6 +304,8 @@ class Core(ArmState):
         gripping = self.gripper.goal is not None
         opening = self.gripper.advance(self.gate.opening, dt, self.speed) if gripping else None
         q, opening = self.gate.admit(None if self.setpoint is None else self.setpoint.q, opening, now)
+        if q is None and self.board.catching_up and activity is not None and not self._pausing:
+            q = self.gate.q
         if q is not None or opening is not None:
             self.board.write(q, opening)
             self._wrote_at = now

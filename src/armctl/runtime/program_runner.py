@@ -212,7 +212,7 @@ class ProgramRunner(Activity):
         if self._paused or self._stopped or self._outdated is not None or self.error is not None:
             return
         try:
-            while (step := self._feed.peek()) is not None and self._due():
+            while (step := self._feed.peek()) is not None and self._due(step):
                 self._feed.take()
                 if not self._begin(step):
                     return
@@ -224,9 +224,11 @@ class ProgramRunner(Activity):
             error.__cause__ = cause
             self.error = error
 
-    def _due(self) -> bool:
+    def _due(self, step: PlannedStep) -> bool:
         if self._wait_left > 0 or self._gripping:
             return False
+        if step.step.effect.tool and self._gripper.goal is not None:
+            return False  # what somebody asked the gripper for before is not for that of another tool
         if self._mover is None:
             return True
         # What is begun at rest waits until the joints stand exactly where it begins. Where the motion

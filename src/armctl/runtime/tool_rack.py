@@ -9,6 +9,7 @@ from armctl.facts import ToolToConfirm
 from armctl.motion import Floor, Obstacles
 from armctl.motion.clearance import kept_out
 from armctl.robot import Gripper, Robot
+from armctl.robot.tools import tool_of
 from armctl.runtime.joint_servo import KeepClear
 
 Around = tuple[Floor | Obstacles, ...]
@@ -49,7 +50,7 @@ class ToolRack:
 
     def change(self, name: str) -> None:
         """Another tool is on from now on; ``InputError``: there is none of that name."""
-        self.on = self._arms[self.on.robot.with_tool(name).tool]
+        self.on = self._arms[tool_of(self.on.robot.tools, name).name]
         self.unconfirmed, self._said = False, True
 
     def connected(self, *, simulated: bool) -> None:
