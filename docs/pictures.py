@@ -152,7 +152,7 @@ def graphs(screen: Screen) -> FloatRect:
     screen.choose("Graph of", "Joints")
     screen.choose("Quantity", "Velocity")
     screen.wait_for_text("Joint velocity (°/s)")
-    plot = screen.page.locator(".uplot").locator("visible=true").first
+    plot = screen.page.locator("[name=graph]").locator("visible=true").first
     plot.evaluate("element => element.scrollIntoView({block: 'center'})")
     return box(plot.locator("xpath=ancestor::*[contains(@class, 'mantine-Paper-root')][1]"))
 

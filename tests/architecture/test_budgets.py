@@ -21,7 +21,7 @@ FOLDERS = {
     "drawing": (11, 2_120),
     "facts": (20, 4_280),  # who stopped, why a command, a servo or a touch is refused: as data, in Turkish
     "hardware": (72, 15_020),  # inputs, outputs, torque limits and buses that are looked at
-    "kinematics": (51, 12_800),
+    "kinematics": (51, 13_050),  # the workspace as a shell
     "motion": (21, 6_000),  # from one side
     "process": (14, 3_375),
     "program": (25, 5_220),  # grids, a check of every path; calls, pick and place, messages, user frames
@@ -31,7 +31,7 @@ FOLDERS = {
         27,
         6_515,
     ),  # joints let down, messages, which warnings a cause tells, tools
-    "ui": (98, 22_050),  # gamepads, user frames, the tool point, motors at a glance
+    "ui": (99, 22_470),  # gamepads, user frames, the tool point, motors at a glance, one graph, the shell
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"

@@ -19,6 +19,8 @@ from armctl.ui.tabs.manual import program_ahead
 from armctl.ui.tabs.manual.program_ahead import MOST_STEPS, ProgramAhead
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.timeline import QUANTITIES, Timeline, track
+from armctl.ui.widgets.graph import Bound, Curves, Graph, graph_html, legend
+from armctl.ui.widgets.plots import PlotLine
 
 UZUNER = load_robot("uzuner")
 HOME = UZUNER.pose("home")
@@ -189,7 +191,7 @@ def test_zoom_and_pan_keep_what_is_under_the_pointer(server: GuardedServer) -> N
     page = bench.page
 
     def window() -> tuple[float, float]:
-        return bench.line._window  # type: ignore[attr-defined]
+        return bench.line.graph.window
 
     def under(share: float) -> float:
         low, high = window()
@@ -231,7 +233,7 @@ def test_what_is_downloaded_is_what_is_drawn(server: GuardedServer, quantity: st
     table = np.array([[float(cell) for cell in row.split(",")] for row in rows])
     motion = bench.line._motion
     assert motion is not None
-    times = bench.line._times(motion)
+    times = bench.line.graph.times(motion.duration)
     assert table[:, 0] == pytest.approx(times, rel=1e-4)
     assert table[:, 1:] == pytest.approx(track(UZUNER, motion, quantity, times).values, rel=1e-4, abs=1e-4)
     assert len(head.split(",")) == table.shape[1]
@@ -248,3 +250,45 @@ def test_a_joint_that_comes_near_its_limit_has_it_drawn(server: GuardedServer) -
     bench.set(THERE)
     bench.do("timeline-shows", "Speed")
     assert shown(bench.page).count("<rect") == 2
+
+
+def test_the_numbers_beside_a_graph_stand_where_their_values_are(server: GuardedServer) -> None:
+    page = FakePage(server, UZUNER, HOME)
+    led: list[float] = []
+    graph = Graph(page.session, "one", led.append, lambda: None)
+    time = np.linspace(0.0, 4.0, 401)
+    ends = np.where(time <= 3.0, 10 * time, np.nan)
+    lines = PlotLine("<a>", 50 * time - 40, "#111"), PlotLine("b", ends, "#222", dash=(3.0, 3.0))
+    curves = Curves(time, lines, (Bound("a ≤ 120", 120.0, "#111", is_upper=True),))
+    for speed, window in ((1.0, (0.0, 1.0)), (0.5, (0.0, 1.0)), (1.0, (0.25, 0.5))):
+        graph.window = window
+        drawn = curves.at(graph.times(4.0))
+        html = graph.plot(drawn, "a motion", 4, speed)
+        levels = re.findall(r"<small style='top:([\d.]+)%'>(−?[\d.]+)</small>", html)
+        grid = [float(y) for y in re.findall(r"class='grid' d='M0,([\d.]+)H", html)]
+        assert [float(top) for top, _ in levels] == pytest.approx(grid, abs=0.1) and len(levels) >= 2
+        tops = np.array([float(top) for top, _ in levels])
+        values = np.array([float(text.replace("−", "-")) for _, text in levels])
+        first = re.search(r"stroke='#111' stroke-width='1\.6' d='M0,([\d.]+) ", html)
+        assert first is not None  # of the line that begins at −40, or later
+        beside = np.polyval(np.polyfit(tops, values, 1), float(first[1]))
+        assert beside == pytest.approx(float(drawn.lines[0].y[0]), abs=0.5)
+        for left, written in re.findall(r"<small style='left:([\d.]+)%'>([\d.]+) s</small>", html):
+            share = window[0] + 0.01 * float(left) * (window[1] - window[0])
+            assert float(written) * speed == pytest.approx(4.0 * share, abs=0.01)
+        assert html.count("<rect") == 1
+    graph.window = 0.75, 1.0
+    html = graph.plot(curves.at(graph.times(4.0)), "a motion", 4)
+    (ended,) = re.findall(r"stroke='#222'[^>]* d='M([^']*)'", html)
+    assert max(float(point.split(",")[0]) for point in ended.split()) < 20
+    page.act(lambda: page.parts.done("one-at", "", "500"))
+    assert led == [pytest.approx(0.875)]
+    assert "<a>" not in legend(curves.lines, [0.0, float("nan")], curves.bounds)
+
+
+def test_a_motion_that_ends_where_it_begins_has_no_graph(server: GuardedServer) -> None:
+    graph = Graph(FakePage(server, UZUNER, HOME).session, "one", lambda _: None, lambda: None)
+    still = Curves(np.zeros(5), (PlotLine("a", np.zeros(5), "#111"),))
+    assert "ends where it begins" in graph_html(graph, still, "Joint position (°)")
+    level = graph_html(graph, Curves(np.linspace(0, 1, 5), still.lines), "Joint position (°)")
+    assert "<svg" in level and "nan" not in level

@@ -28,7 +28,15 @@ from armctl.program import (
     WaitStep,
 )
 from armctl.robot import Robot, load_robot
-from armctl.ui.tabs.trajectory.graphs import OF, QUANTITIES, compare_html, cursor_html, graph, peaks_html
+from armctl.ui.tabs.trajectory.graphs import (
+    OF,
+    QUANTITIES,
+    compare_html,
+    cursor_html,
+    curves,
+    peaks_html,
+    title,
+)
 from armctl.ui.tabs.trajectory.plan import (
     ARC,
     JOINTS,
@@ -53,10 +61,10 @@ from armctl.ui.tabs.trajectory.study import (
     ShownStudy,
     fastest_words,
     make_study,
+    study_curves,
     study_html,
-    study_picture,
 )
-from armctl.ui.widgets.plots import PlotLine
+from armctl.ui.widgets.graph import Bound
 
 ROBOT = load_robot("uzuner")
 REST, HOME, ZERO = ROBOT.pose("rest"), ROBOT.pose("home"), ROBOT.pose("zero")
@@ -73,9 +81,9 @@ def of_program(*steps: Step) -> PlannedMotion:
     return planned(PROGRAM, program=Program(robot="uzuner", name="test", steps=steps))
 
 
-def lines_of(found: PlannedMotion, of: str, quantity: str, limits: str) -> list[PlotLine]:
-    """What is drawn beside the cursor."""
-    return list(graph(found, of, quantity, limits, 0.0, None).lines[:-1])
+def bounds_of(found: PlannedMotion, of: str, quantity: str, limits: str) -> tuple[Bound, ...]:
+    """What limits are drawn."""
+    return curves(found, of, quantity, limits, None).bounds
 
 
 def test_from_pose_to_pose_and_from_point_to_point() -> None:
@@ -243,13 +251,12 @@ def test_a_program_that_cannot_be_shown_says_why(steps: tuple[Step, ...], why: s
 def test_graphs_have_a_line_a_coordinate_and_dashed_limits_where_they_matter() -> None:
     found = planned(end=HOME)
     for of, quantity in itertools.product(OF, QUANTITIES):
-        picture = graph(found, of, quantity, "none", 0.3, None)
-        assert re.fullmatch(rf"(Tool|Joint) {quantity.lower()} \((mm|°)(/s[²³]?)?\)", picture.title)
-        *lines, cursor = picture.lines
-        assert len(lines) == (3 if of == "Tool" else 5)
-        assert all(len(line.y) == len(picture.x) and np.isfinite(line.y).all() for line in lines)
-        at = np.flatnonzero(np.isfinite(cursor.y))
-        assert cursor.name == "cursor" and picture.x[at] == pytest.approx([0.3, 0.3], abs=0.01)
+        drawn = curves(found, of, quantity, "none", None)
+        assert re.fullmatch(rf"(Tool|Joint) {quantity.lower()} \((mm|°)(/s[²³]?)?\)", title(of, quantity))
+        assert len(drawn.lines) == (3 if of == "Tool" else 5) and drawn.bounds == ()
+        assert all(len(line.y) == len(drawn.time) and np.isfinite(line.y).all() for line in drawn.lines)
+        values = drawn.at(np.array([0.3])).lines[0].y  # where the cursor stands
+        assert values == pytest.approx(np.interp(0.3, drawn.time, drawn.lines[0].y))
     html = peaks_html(found)
     duration = f"{found.trajectory.duration:.3f} s"
     assert all(word in html for word in (duration, "Shoulder", "speed °/s", ">360<", ">60<", "mm/s²"))
@@ -257,29 +264,31 @@ def test_graphs_have_a_line_a_coordinate_and_dashed_limits_where_they_matter() -
     assert "at 0.00 s: tool (<b>124.7, 3.6, 267.5</b>) mm, 0.0 mm/s" in numbers
     assert all(joint.title in numbers for joint in ROBOT.joints)
     fast = planned(end=ZERO, profile="trapezoid")
-    near = lines_of(fast, "Joints", "Velocity", "near")[5:]
-    assert {(line.name, float(line.y[0])) for line in near} == {("Shoulder ≥ −60", -60.0)}
-    shoulder = lines_of(fast, "Joints", "Position", "near")[1]
-    assert near[0].dash is not None and near[0].color == shoulder.color
-    every = lines_of(fast, "Joints", "Velocity", "all")[5:]
-    assert sorted(float(line.y[0]) for line in every) == pytest.approx([-120, -90, -60, 60, 90, 120])
-    assert "2 joints ≤ 120" in {line.name for line in every}
+    (near,) = bounds_of(fast, "Joints", "Velocity", "near")
+    assert (near.name, near.value, near.is_upper) == ("Shoulder ≥ −60", pytest.approx(-60.0), False)
+    assert near.color == curves(fast, "Joints", "Position", "near", None).lines[1].color
+    every = bounds_of(fast, "Joints", "Velocity", "all")
+    assert sorted(bound.value for bound in every) == pytest.approx([-120, -90, -60, 60, 90, 120])
+    assert all(bound.is_upper is (bound.value > 0) for bound in every)
+    assert "2 joints ≤ 120" in {bound.name for bound in every}
     low = planned(end=np.radians([0, 0, -40.0, 0, 0]))
     assert low.motion.position[-1, 2] < 0.105
-    floor = lines_of(low, "Tool", "Position", "all")[3]
-    assert floor.name == "floor" and float(floor.y[0]) == pytest.approx(1000 * ROBOT.floor_z)
+    (floor,) = bounds_of(low, "Tool", "Position", "all")
+    assert floor.name == "floor" and floor.value == pytest.approx(1000 * ROBOT.floor_z)
 
 
 def test_another_motion_is_drawn_beside_it_over_the_longer_time() -> None:
     a, b = planned(end=HOME, duration_s=6.0), planned(end=HOME, profile="trapezoid")
     for first, second in ((a, b), (b, a)):
-        picture = graph(second, "Joints", "Velocity", "none", 0.0, first)
-        assert [line.name[:2] for line in picture.lines] == ["B "] * 5 + ["A "] * 5 + ["cu"]
-        assert all(line.dash is not None for line in picture.lines[5:10])
-        assert picture.x[-1] == pytest.approx(6.0) and (np.diff(picture.x) > 0).all()
-        short = picture.lines[1 if second is b else 6].y
-        assert np.isnan(short[picture.x > b.trajectory.duration + 1e-9]).all()
-        assert np.isfinite(short[picture.x <= b.trajectory.duration]).all()
+        drawn = curves(second, "Joints", "Velocity", "none", first)
+        assert [line.name[:2] for line in drawn.lines] == ["B "] * 5 + ["A "] * 5
+        assert all(line.dash is not None for line in drawn.lines[5:])
+        assert drawn.time[-1] == pytest.approx(6.0) and (np.diff(drawn.time) > 0).all()
+        short = drawn.lines[1 if second is b else 6].y
+        assert np.isnan(short[drawn.time > b.trajectory.duration + 1e-9]).all()
+        assert np.isfinite(short[drawn.time <= b.trajectory.duration]).all()
+        looked_at = drawn.at(np.linspace(0.0, 6.0, 1000))  # another part of the time, or a zoom
+        assert np.isfinite(looked_at.lines[1 if second is a else 6].y).all()
     html = compare_html(a, b)
     assert all(part in html for part in ("6.000", f"{b.trajectory.duration:.3f}", "jerk A", "Shoulder"))
 
@@ -335,9 +344,8 @@ def test_the_plot_has_a_line_a_joint_in_millimetres_a_second(name: str) -> None:
     robot = load_robot(name)
     alone, together = studied(robot), studied(robot, "all at once")
     titles = [joint.title for joint in robot.joints if joint.upper > joint.lower]
-    assert [line.name for line in study_picture(alone).lines] == titles
-    picture = study_picture(together)
-    assert picture.title == "Tip speed by joint (mm/s)"
+    assert [line.name for line in study_curves(alone).lines] == titles
+    picture = study_curves(together)
     assert [line.name for line in picture.lines] == [*titles, "all together"]
     assert len({line.color for line in picture.lines}) == len(picture.lines)
     highest = max(float(np.nanmax(line.y)) for line in picture.lines[:-1])

@@ -9,7 +9,6 @@ from html import escape
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError
 from armctl.motion import Trajectory
 from armctl.motion.figure import color_of
 from armctl.protocol import Snapshot
@@ -18,26 +17,16 @@ from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_ahead import ProgramAhead
 from armctl.ui.tabs.manual.shared_program import SharedProgram
+from armctl.ui.widgets.graph import Bound, Curves, Graph, legend
 from armctl.ui.widgets.html import button, fixed, sentence
-from armctl.ui.widgets.number_field import parse_number, parse_numbers
+from armctl.ui.widgets.plots import PlotLine
 
-_PART, _SAMPLES, _WIDE, _HIGH = "timeline", 241, 1000, 100
+_PART, _TICKS = "timeline", 3
 QUANTITIES = {"Angle": "°", "Speed": "°/s", "Accel.": "°/s²", "Tool": "mm"}
 """what can be drawn, and its unit"""
 _NOTHING = "The motion to the next pose is drawn here."
 _MOTIONS = {"pose": "Next pose", "program": "Program"}
 """what motions can be drawn"""
-_NEAREST_ZOOM, _ZOOM = 0.002, 1.5
-"""the least share of the duration that is shown; by how much a press or a notch of the wheel changes it"""
-_NOTCHES = 5.0
-"""of a wheel at once, at most"""
-_TOOLS = (
-    ("timeline-zoom", "in", "+", "Zoom in (wheel)"),
-    ("timeline-zoom", "out", "−", "Zoom out (wheel)"),
-    ("timeline-zoom", "all", "All", "Show all of it"),
-    ("timeline-csv", "", "CSV", "Download what is drawn"),
-)
-"""what is done, to what, and in what words"""
 _BOUND_FROM = 0.7
 """a joint that comes so near to its limit has it drawn"""
 _OPEN, _FOLDED = "open", "folded"
@@ -56,6 +45,14 @@ class Track:
     """which of the lines that is"""
     bounds: tuple[float, float] | None = None
     """lower and upper limit of that joint; None: it stays far from them"""
+
+    def curves(self, times: FloatArray) -> Curves:
+        """It as it is drawn, at ``times`` (k,) [s]."""
+        colors = [color_of(i) for i in range(len(self.names))]
+        lines = tuple(map(PlotLine, self.names, self.values.T, colors))
+        sides = zip(self.bounds or (), (False, True), strict=False)
+        bounds = (Bound(self.nearest, value, colors[self.line], is_upper) for value, is_upper in sides)
+        return Curves(times, lines, tuple(bounds))
 
 
 def track(robot: Robot, motion: Trajectory, quantity: str, times: FloatArray) -> Track:
@@ -98,20 +95,14 @@ class Timeline:
         self._motion: Trajectory | None = None
         self._speed = 1.0
         """the override"""
-        self._share = 1.0
-        """where the cursor stands, of the duration"""
-        self._window = 0.0, 1.0
-        """what of the duration is in view"""
+        self.graph = Graph(session, _PART, self._on_cursor, self._draw)
         for do, action in {
             "timeline": self._on_fold,
             "timeline-of": self._on_motion,
             "timeline-shows": self._on_quantity,
-            "timeline-zoom": self._on_zoom,
             "timeline-csv": self._on_csv,
         }.items():
             session.on_part(do, action)
-        session.on_part_value("timeline-at", self._on_cursor)
-        session.on_part_value("timeline-wheel", self._on_wheel)
         session.parts.show(_PART, "")
         session.spawn(self._recall())
 
@@ -124,7 +115,8 @@ class Timeline:
         now = motion, snapshot.speed, self._running(snapshot), self._ahead.note if whole else ""
         if now != self._drawn:
             if motion is not self._motion:
-                self._motion, self._share, self._window = motion, 1.0, (0.0, 1.0)
+                self._motion = motion
+                self.graph.reset()
                 self._looked_at.hide()
             self._drawn, self._speed = now, snapshot.speed
             self._draw()
@@ -157,54 +149,13 @@ class Timeline:
             self._quantity = key
             self._draw()
 
-    def _on_zoom(self, key: str) -> None:
-        """About the cursor, where it is in view."""
-        low, high = self._window
-        middle = self._share if low <= self._share <= high else 0.5 * (low + high)
-        if key in ("in", "out"):
-            self._zoom(middle, 1 / _ZOOM if key == "in" else _ZOOM)
-        else:
-            self._window = 0.0, 1.0
-        self._draw()
-
-    def _on_wheel(self, _: str, value: str) -> None:
-        """``value``: where the wheel was turned, of the width, and its notches down and to the right."""
-        try:
-            at, down, right = parse_numbers(value, "the wheel", ("at", "down", "right"))
-        except ArmctlError:  # no page of armctl's
-            return
-        low, high = self._window
-        if right:
-            self._pan(min(max(right, -_NOTCHES), _NOTCHES) * 0.1 * (high - low))
-        if down:
-            self._zoom(
-                low + min(max(at, 0.0), 1.0) * (high - low), _ZOOM ** min(max(down, -_NOTCHES), _NOTCHES)
-            )
-        self._draw()
-
-    def _zoom(self, about: float, factor: float) -> None:
-        low, high = self._window
-        size = min(max(factor * (high - low), _NEAREST_ZOOM), 1.0)
-        low = about - size * (about - low) / (high - low)
-        low = min(max(low, 0.0), 1.0 - size)
-        self._window = low, low + size
-
-    def _pan(self, by: float) -> None:
-        low, high = self._window
-        by = min(max(by, -low), 1.0 - high)
-        self._window = low + by, high + by
-
-    def _on_cursor(self, _: str, value: str) -> None:
-        try:
-            share = parse_number(value, "the cursor") / _WIDE
-        except ArmctlError:  # no page of armctl's
-            return
-        motion, (low, high) = self._motion, self._window
+    def _on_cursor(self, share: float) -> None:
+        motion = self._motion
         if motion is None:
             return
-        self._share = low + min(max(share, 0.0), 1.0) * (high - low)
-        if self._share < 1.0:
-            q = motion.sample(self._share * motion.duration).q
+        self.graph.share = share
+        if share < 1.0:
+            q = motion.sample(share * motion.duration).q
             self._looked_at.show(q, self._session.snapshot.q_command)
         else:
             self._looked_at.hide()
@@ -215,7 +166,7 @@ class Timeline:
         motion = self._motion
         if motion is None:
             return
-        times = self._times(motion)
+        times = self.graph.times(motion.duration)
         drawn = track(self._robot, motion, self._quantity, times)
         unit = QUANTITIES[self._quantity]
         rows = [",".join(["time s", *(f"{name} {unit}" for name in drawn.names)])]
@@ -223,10 +174,6 @@ class Timeline:
             rows.append(",".join(f"{value:.6g}" for value in (t, *values)))
         name = f"{self._shows}-{self._quantity.lower().strip('.')}.csv"
         self._session.download(name, "\n".join(rows) + "\n")
-
-    def _times(self, motion: Trajectory) -> FloatArray:
-        low, high = self._window
-        return np.linspace(low * motion.duration, high * motion.duration, _SAMPLES)
 
     # What is shown.
 
@@ -244,43 +191,27 @@ class Timeline:
         if motion is None or motion.duration <= 0.0:
             why = sentence(self._ahead.note) if whole and self._ahead.note else _NOTHING
             return f"<header>{chips}{fold}</header><p class='plot'>{escape(why)}</p>"
-        drawn = track(self._robot, motion, self._quantity, self._times(motion))
-        at = self._share * motion.duration
-        here = track(self._robot, motion, self._quantity, np.array([at])).values[0]
-        unit = QUANTITIES[self._quantity]
-        legend = "".join(
-            f"<span><i style='background:{color_of(i)}'></i>{escape(name)} <b>{fixed(value, 1)}</b></span>"
-            for i, (name, value) in enumerate(zip(drawn.names, here.tolist(), strict=True))
-        )
+        times, unit = self.graph.times(motion.duration), QUANTITIES[self._quantity]
+        drawn = track(self._robot, motion, self._quantity, times)
+        curves, share = drawn.curves(times), self.graph.share
+        at = np.array([share * motion.duration])
+        here = track(self._robot, motion, self._quantity, at).values[0]
         end = motion.duration / self._speed
-        clock = f"<output>{fixed(self._share * end, 2)} / {fixed(end, 2)} s</output>"
+        clock = f"<output>{fixed(share * end, 2)} / {fixed(end, 2)} s</output>"
         note = self._ahead.note if whole else ""
         words = "".join(f"<span>{escape(text)}</span>" for text in (unit, drawn.nearest, note) if text)
-        all_in_view = "all of it is in view" if self._window == (0.0, 1.0) else None
-        tools = "".join(
-            button(
-                do,
-                label,
-                key=key,
-                title=title,
-                kind="chip",
-                why=all_in_view if key in ("out", "all") else None,
-            )
-            for do, key, label, title in _TOOLS
-        )
+        csv = button("timeline-csv", "CSV", title="Download what is drawn", kind="chip")
         clips = self._clips(motion) if whole else ""
+        plot = self.graph.plot(curves, _MOTIONS[self._shows], _TICKS, self._speed, clips)
         return (
-            f"<header>{chips}{tools}{fold}</header><p class='legend'>{legend}{words}{clock}</p>"
-            f"{_plot(drawn, self._window, self._share, _MOTIONS[self._shows])}{clips}"
+            f"<header>{chips}{self.graph.tools()}{csv}{fold}</header>"
+            f"<div class='legend'>{legend(curves.lines, here.tolist())}{words}{clock}</div>{plot}"
         )
 
     def _clips(self, motion: Trajectory) -> str:
         """The steps as they follow each other, in the part of the time that is in view."""
-        found, (low, high), running = (
-            self._ahead.rehearsal,
-            self._window,
-            self._running(self._session.snapshot),
-        )
+        found, (low, high) = self._ahead.rehearsal, self.graph.window
+        running = self._running(self._session.snapshot)
         if found is None:
             return ""
         clips: list[str] = []
@@ -308,43 +239,4 @@ def _chips(do: str, labels: Mapping[str, str | None], chosen: str) -> str:
     return "".join(
         button(do, label or key, key=key, kind="chip on" if key == chosen else "chip")
         for key, label in labels.items()
-    )
-
-
-def _plot(drawn: Track, window: tuple[float, float], share: float, of: str) -> str:
-    values, bounds = drawn.values, drawn.bounds
-    low, high = float(values.min()), float(values.max())
-    if bounds is not None:
-        low, high = min(low, bounds[0]), max(high, bounds[1])
-    if high - low < 1e-6:
-        low, high = low - 1.0, high + 1.0
-    edge = 0.04 * (high - low) if bounds is not None else 0.0
-    low, high = low - edge, high + edge
-
-    def up(value: FloatArray) -> FloatArray:
-        return _HIGH * (high - value) / (high - low)
-
-    bands = ""
-    if bounds is not None:  # what is beyond the limits of the joint that comes nearest to one
-        under, over = up(np.array(bounds)).tolist()
-        color = color_of(drawn.line)
-        bands = "".join(
-            f"<rect x='0' y='{y:.1f}' width='{_WIDE}' height='{height:.1f}' fill='{color}'/>"
-            for y, height in ((0.0, over), (under, _HIGH - under))
-        )
-    x = np.linspace(0.0, _WIDE, len(values))
-    y = up(values)
-    points = [[f"{a:.0f},{b:.1f}" for a, b in zip(x, line, strict=True)] for line in y.T]
-    paths = "".join(f"<path stroke='{color_of(i)}' d='M{' '.join(line)}'/>" for i, line in enumerate(points))
-    begin, end = window
-    here = (share - begin) / (end - begin)
-    cursor = f"<i class='cursor' style='left:{100 * here:.1f}%'></i>" if 0.0 <= here <= 1.0 else ""
-    at = round(_WIDE * min(max(here, 0.0), 1.0))
-    return (
-        f"<div class='plot' data-wheel='timeline-wheel'>"
-        f"<small>{fixed(high, 0)}</small><small>{fixed(low, 0)}</small>"
-        f"<svg viewBox='0 0 {_WIDE} {_HIGH}' preserveAspectRatio='none' aria-hidden='true'>"
-        f"{bands}{paths}</svg>"
-        f"{cursor}<input type='range' min='0' max='{_WIDE}' value='{at}' data-set='timeline-at' "
-        f"aria-label='Time of the motion: {of}'></div>"
     )

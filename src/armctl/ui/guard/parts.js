@@ -3,7 +3,7 @@
 // It knows no part:
 //   data-do      what a click does; data-key to what
 //   data-set     what a field does once something is typed or chosen there; data-enter what Enter does then, too
-//   data-wheel   what the wheel does over it
+//   data-wheel   what the wheel does over it; with data-held only while the focus is in it
 //   data-focus   what has the focus when it comes into a list that has it
 //   data-rows    a long list, whose rows come by key; its rows are what data-key is on
 //     data-keys  "chord:what chord:what": what keys do to the row that has the focus
@@ -276,7 +276,7 @@
   let turned = null;
   addEventListener("wheel", (event) => {
     const place = near(event, "armctl-part [data-wheel]");
-    if (!place) return;
+    if (!place || ("held" in place.dataset && !place.contains(document.activeElement))) return;
     event.preventDefault();
     const box = place.getBoundingClientRect();
     if (!turned) setTimeout(() => {

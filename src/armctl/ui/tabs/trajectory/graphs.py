@@ -18,8 +18,9 @@ from armctl.ui.events import Newest
 from armctl.ui.scene.ghost import Lines, Preview, played, segments
 from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.plan import PlannedMotion
+from armctl.ui.widgets.graph import Bound, Curves, Graph, graph_html
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, numbers, strong, table
-from armctl.ui.widgets.plots import LinePlot, Picture, PlotLine, span, thinned, upright
+from armctl.ui.widgets.plots import PlotLine
 
 OF = ("Tool", "Joints")
 QUANTITIES: dict[str, tuple[Derivative, str]] = {
@@ -30,9 +31,9 @@ QUANTITIES: dict[str, tuple[Derivative, str]] = {
 }
 """what they are derivatives of, and the end of their unit"""
 LIMITS = ("near", "all", "none")
-_LIMITS_HINT = "Dashed lines. near: those that the motion comes near to."
+_LIMITS_HINT = "Dashed lines, shaded beyond. near: those that the motion comes near to."
 _JERK_NOTE = "Where the acceleration jumps (cubic at its ends, trapezoid), the jerk there has no bound."
-_ZOOM_NOTE = "Drag across the plot to zoom, double-click to see all of it."
+_ZOOM_NOTE = "Click or drag in the graph to move the ghost; then the wheel zooms, with Shift it pans."
 _COMPARE_NOTE = "Keep the shown motion as A, then show another: A is drawn thin and dashed beside it."
 _FIGURE_FORMS: dict[str, FigureForm] = {"Figure (SVG)": "svg", "Figure (PNG)": "png"}
 _FRAME_S = 1 / 25
@@ -41,6 +42,7 @@ _SLIDER_S = 0.15
 _SPEEDS = 5, 400, 5
 """slowest, fastest, step"""
 _SPEED_HINT = "Of the ghost; the arm does not move."
+_PART = "graph"
 _PATH_POINTS, _PATH_COLOR = 400, (0, 140, 170)
 _PLAY, _PAUSE = ("Play", viser.Icon.PLAYER_PLAY), ("Pause", viser.Icon.PLAYER_PAUSE)
 
@@ -56,7 +58,9 @@ class GraphView:
         self._newest = Newest()
         self._playing = False
         gui = session.gui
-        self._plot = LinePlot(gui)
+        self._curves: Curves | None = None
+        self._graph = Graph(session, _PART, self._on_cursor, self._draw, scrolls=True)
+        session.parts.add(gui, _PART)
         self._note = LiveHtml(gui, muted("Nothing is shown yet: press Show."))
         self._of = gui.add_dropdown("Graph of", OF)
         self._quantity = gui.add_dropdown("Quantity", tuple(QUANTITIES))
@@ -77,7 +81,7 @@ class GraphView:
         # the reason stands above already
         session.needs(None, keep, csv, self._figure, also=self._not_shown, told=False, anyone=True)
         for group in (self._of, self._quantity, self._limits):
-            session.on(group.on_update, self._draw)
+            session.on(group.on_update, self._look)
         session.on(self._time.on_update, self._on_time)
         session.on(self._play.on_click, self._on_play)
         session.on(keep.on_click, lambda: self._keep(self._require_shown()))
@@ -93,6 +97,7 @@ class GraphView:
         """Show another motion: cursor and ghost stand at its end, the arm at its beginning."""
         self._halt()
         self._shown = shown
+        self._graph.reset()
         self._peaks.show(peaks_html(shown))
         self._compare()
         time = np.linspace(0.0, shown.trajectory.duration, _PATH_POINTS)
@@ -101,6 +106,7 @@ class GraphView:
         end = max(math.ceil(1000 * shown.trajectory.duration - 1e-9), 1) / 1000  # never before the true end
         self._time.max = self._time.value = end
         self._cursor_box.visible = True
+        self._look(draw=False)
         self._go(shown, self._time.value)
 
     @property
@@ -108,23 +114,47 @@ class GraphView:
         """A, where it is another motion than the one that is shown."""
         return None if self._a is self._shown else self._a
 
+    @property
+    def _longest_s(self) -> float:
+        """How long the longer of the drawn motions lasts."""
+        return max(one.trajectory.duration for one in (self._shown, self._beside) if one is not None)
+
+    def _look(self, *, draw: bool = True) -> None:
+        """Other curves."""
+        if self._shown is not None:
+            of, quantity, limits = self._of.value, self._quantity.value, self._limits.value
+            self._note.show(muted(_JERK_NOTE if quantity == "Jerk" else _ZOOM_NOTE))
+            self._curves = curves(self._shown, of, quantity, limits, self._beside)
+            if draw:
+                self._place_cursor(self._time.value)
+                self._draw()
+
+    def _place_cursor(self, time: float) -> None:
+        if (longest := self._longest_s) > 0.0:
+            self._graph.share = min(time / longest, 1.0)
+
     def _draw(self) -> None:
-        if self._shown is None:
-            return
-        of, quantity, limits = self._of.value, self._quantity.value, self._limits.value
-        self._note.show(muted(_JERK_NOTE if quantity == "Jerk" else _ZOOM_NOTE))
-        self._plot.show(graph(self._shown, of, quantity, limits, self._time.value, self._beside))
+        if self._curves is not None:
+            heading = title(self._of.value, self._quantity.value)
+            self._session.parts.show(_PART, graph_html(self._graph, self._curves, heading))
 
     def _go(self, shown: PlannedMotion, time: float, *, draw: bool = True) -> None:
         time = min(time, shown.trajectory.duration)
         self._preview.show(shown.trajectory.sample(time).q, self._session.snapshot.q_command)
         if draw:
             self._where.show(cursor_html(shown, time))
+            self._place_cursor(time)
             self._draw()
 
     def _on_time(self) -> None:
         self._halt()
         if self._shown is not None:
+            self._go(self._shown, self._time.value)
+
+    def _on_cursor(self, share: float) -> None:
+        if self._shown is not None:
+            self._halt()
+            self._time.value = min(round(share * self._longest_s, 3), self._time.max)
             self._go(self._shown, self._time.value)
 
     def _on_play(self) -> None:
@@ -161,7 +191,7 @@ class GraphView:
     def _keep(self, a: PlannedMotion | None) -> None:
         self._a = a
         self._compare()
-        self._draw()
+        self._look()
 
     def _compare(self) -> None:
         self._drop.visible = self._a is not None
@@ -198,33 +228,28 @@ class GraphView:
 
 # What is drawn and written.
 
-_PLOT_SAMPLES = 600
-_MANY, _CURSOR, _FLOOR = "#868e96", "#c2255c", "#846358"
-_LIMIT_DASH, _OTHER_DASH = (8.0, 5.0), (3.0, 3.0)
+_MANY, _FLOOR = "#868e96", "#846358"
+_OTHER_DASH = (3.0, 3.0)
 _FLOOR_NEAR_M = 0.05
 """the floor is drawn where the tool comes this near"""
 
 
-def graph(
-    shown: PlannedMotion, of: str, quantity: str, limits: str, cursor: float, beside: PlannedMotion | None
-) -> Picture:
-    """One quantity of tool (mm) or joints (°), a line at ``cursor`` [s]; ``beside`` is drawn dashed."""
-    time = shown.motion.time[thinned(len(shown.motion.time), _PLOT_SAMPLES)]
+def title(of: str, quantity: str) -> str:
+    """What is drawn, and its unit."""
+    who, unit = ("Joint", "°") if of == "Joints" else ("Tool", "mm")
+    return f"{who} {quantity.lower()} ({unit}{QUANTITIES[quantity][1]})"
+
+
+def curves(shown: PlannedMotion, of: str, quantity: str, limits: str, beside: PlannedMotion | None) -> Curves:
+    """One quantity of tool (mm) or joints (°); ``beside`` is drawn dashed."""
+    time = shown.motion.time
     if beside is not None and beside.motion.time[-1] > time[-1]:  # the other one takes longer
-        rest = np.linspace(float(time[-1]), float(beside.motion.time[-1]), _PLOT_SAMPLES // 2)
-        time = np.concatenate([time, rest[1:]])
+        time = np.concatenate([time, beside.motion.time[beside.motion.time > time[-1]]])
     lines = _lines(shown, of, quantity, time, "" if beside is None else "B ")
     if beside is not None:
         others = _lines(beside, of, quantity, time, "A ")
         lines += [PlotLine(line.name, line.y, line.color, dash=_OTHER_DASH, width=1.2) for line in others]
-    lines += [
-        PlotLine(name, np.full(len(time), value), color, dash=_LIMIT_DASH, width=1.2)
-        for name, value, color in _limits(shown, of, quantity, limits)
-    ]
-    lines.append(PlotLine("cursor", upright(time, cursor, *span(lines)), _CURSOR, width=1.2))
-    who, unit = ("Joint", "°") if of == "Joints" else ("Tool", "mm")
-    title = f"{who} {quantity.lower()} ({unit}{QUANTITIES[quantity][1]})"
-    return Picture(title, "time (s)", time, tuple(lines))
+    return Curves(time, tuple(lines), tuple(_limits(shown, of, quantity, limits)))
 
 
 def _lines(shown: PlannedMotion, of: str, quantity: str, time: FloatArray, mark: str) -> list[PlotLine]:
@@ -238,23 +263,25 @@ def _lines(shown: PlannedMotion, of: str, quantity: str, time: FloatArray, mark:
     ]
 
 
-def _limits(shown: PlannedMotion, of: str, quantity: str, limits: str) -> list[tuple[str, float, str]]:
+def _limits(shown: PlannedMotion, of: str, quantity: str, limits: str) -> list[Bound]:
     robot, every = shown.robot, limits == "all"
     if limits == "none":
         return []
     if of == "Tool":
         near = float(shown.motion.position[:, 2].min()) < robot.floor_z + _FLOOR_NEAR_M
-        return [("floor", 1000 * robot.floor_z, _FLOOR)] if quantity == "Position" and (near or every) else []
-    together: dict[float, list[Limit]] = {}  # equal limits of several joints are one line
+        if quantity != "Position" or not (near or every):
+            return []
+        return [Bound("floor", 1000 * robot.floor_z, _FLOOR, is_upper=False)]
+    together: dict[tuple[float, bool], list[Limit]] = {}  # equal limits of several joints are one line
     for limit in near_limits(robot, shown.motion, QUANTITIES[quantity][0], every=every):
-        together.setdefault(round(limit.value, 3), []).append(limit)
-    lines: list[tuple[str, float, str]] = []
-    for value, same in sorted(together.items(), reverse=True):
+        together.setdefault((round(limit.value, 3), limit.is_upper), []).append(limit)
+    bounds: list[Bound] = []
+    for (value, is_upper), same in sorted(together.items(), reverse=True):
         first, alone = same[0], len(same) == 1
         who = robot.joints[first.joint].title if alone else f"{len(same)} joints"
-        name = f"{who} {'≤' if first.is_upper else '≥'} {fixed(first.value, 1).removesuffix('.0')}"
-        lines.append((name, value, color_of(first.joint) if alone else _MANY))
-    return lines
+        name = f"{who} {'≤' if is_upper else '≥'} {fixed(first.value, 1).removesuffix('.0')}"
+        bounds.append(Bound(name, value, color_of(first.joint) if alone else _MANY, is_upper))
+    return bounds
 
 
 def peaks_html(planned: PlannedMotion) -> str:

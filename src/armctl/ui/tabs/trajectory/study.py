@@ -15,10 +15,13 @@ from armctl.motion.analysis import JointStudy, Turning, study_csv, study_joints
 from armctl.motion.figure import color_of
 from armctl.robot import Robot
 from armctl.ui.session import Session
+from armctl.ui.widgets.graph import Curves, Graph, graph_html
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, strong, table
-from armctl.ui.widgets.plots import LinePlot, Picture, PlotLine
+from armctl.ui.widgets.plots import PlotLine
 
 PAPER_DEG_S = 20.0
+_PART, _TITLE = "study", "Tip speed by joint (mm/s)"
+_TOGETHER = "#868e96"
 _NONE = "Nothing is shown yet: press Show. A study moves nothing."
 _PRINTED_M_S = {"abaas": 8.32}
 """tip speeds that a paper prints at 20 °/s and that cannot be [m/s]"""
@@ -44,7 +47,8 @@ class StudyView:
         self.box = gui.add_folder(None, visible=False)
         with self.box:
             self._note = LiveHtml(gui, muted(_NONE))
-            self._plot = LinePlot(gui)
+            self._graph = Graph(session, _PART, self._on_cursor, self._draw, scrolls=True)
+            session.parts.add(gui, _PART)
             self._figures = LiveHtml(gui)
             export = gui.add_button("Export study (CSV)", icon=viser.Icon.DOWNLOAD, color="gray")
         # the reason stands above already
@@ -63,8 +67,17 @@ class StudyView:
             )
         how = f"{turn} at {_deg_s(study.speed)} from {shown.start_name}, towards its farther limit."
         self._note.show(strong(fastest_words(shown)) + muted(f"{how} {then}"))
-        self._plot.show(study_picture(shown))
+        self._graph.reset()
+        self._draw()
         self._figures.show(study_html(shown))
+
+    def _on_cursor(self, share: float) -> None:
+        self._graph.share = share
+        self._draw()
+
+    def _draw(self) -> None:
+        if self.shown is not None:
+            self._session.parts.show(_PART, graph_html(self._graph, study_curves(self.shown), _TITLE))
 
     async def _on_export(self) -> None:
         if self.shown is None:
@@ -81,7 +94,7 @@ def make_study(
     return ShownStudy(robot, start_name, study, longest_levers(robot.chain, robot.limits))
 
 
-def study_picture(shown: ShownStudy) -> Picture:
+def study_curves(shown: ShownStudy) -> Curves:
     """Tip speed over time, one line a joint, in mm/s."""
     robot, study = shown.robot, shown.study
     speeds = 1000 * study.tip_speed
@@ -90,8 +103,8 @@ def study_picture(shown: ShownStudy) -> Picture:
         for i, joint in enumerate(study.moving)
     ]
     if study.total is not None:
-        lines.append(PlotLine("all together", 1000 * study.total, "#212529"))
-    return Picture("Tip speed by joint (mm/s)", "time (s)", study.time, tuple(lines))
+        lines.append(PlotLine("all together", 1000 * study.total, _TOGETHER))
+    return Curves(study.time, tuple(lines))
 
 
 def study_html(shown: ShownStudy) -> str:

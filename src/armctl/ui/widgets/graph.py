@@ -1,0 +1,266 @@
+"""The page's graph of a motion over time: lines, limits, legend, cursor, zoom and pan.
+
+Under the scene and in the Trajectory tab it is this one. It is a piece of HTML in a part of the page
+(``guard/parts.py``); what is done there comes back by the graph's name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from html import escape
+from typing import NamedTuple
+
+import numpy as np
+
+from armctl.arrays import FloatArray
+from armctl.errors import ArmctlError
+from armctl.ui.session import Session
+from armctl.ui.widgets.html import button, fixed
+from armctl.ui.widgets.number_field import parse_number, parse_numbers
+from armctl.ui.widgets.plots import PlotLine, span
+
+SAMPLES = 241
+"""of each line"""
+_WIDE, _HIGH = 1000, 100
+"""of the drawing, in its own units"""
+_NEAREST_ZOOM, _ZOOM = 0.002, 1.5
+"""the least share of the duration that is shown; by how much a press or a notch of the wheel changes it"""
+_NOTCHES = 5.0
+"""of a wheel at once, at most"""
+_TOOLS = (
+    ("in", "+", "Zoom in (wheel)"), ("out", "−", "Zoom out (wheel)"), ("all", "All", "Show all of it"),
+)  # fmt: skip
+_X_TICKS, _TALL_TICKS = 5, 5
+_LIMIT_DASH = "6 4"
+
+
+class Bound(NamedTuple):
+    """A limit, drawn as a dashed line with a band beyond it."""
+
+    name: str
+    value: float
+    color: str
+    is_upper: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curves:
+    """One quantity over time."""
+
+    time: FloatArray
+    """(k,) ascending [s]"""
+    lines: tuple[PlotLine, ...]
+    """``y`` is NaN where a line has ended"""
+    bounds: tuple[Bound, ...] = ()
+
+    def at(self, times: FloatArray) -> Curves:
+        """The same at other times (j,) [s], on straight lines between its own."""
+        lines = (replace(one, y=np.interp(times, self.time, one.y, right=np.nan)) for one in self.lines)
+        return Curves(times, tuple(lines), self.bounds)
+
+
+class Graph:
+    """What of the time is in view, and where the cursor stands, both as shares of the duration."""
+
+    def __init__(
+        self,
+        session: Session,
+        name: str,
+        on_cursor: Callable[[float], None],
+        draw: Callable[[], None],
+        *,
+        scrolls: bool = False,
+    ) -> None:
+        """``on_cursor``: the cursor was led to a share of the duration; ``draw``: something else changed.
+
+        ``scrolls``: it is in a panel that scrolls, so the wheel zooms only once somebody has clicked in it.
+        """
+        self._name, self._on_cursor, self._draw = name, on_cursor, draw
+        self._held = " data-held" if scrolls else ""
+        self.share = 1.0
+        """where the cursor stands"""
+        self.window = 0.0, 1.0
+        """what is in view"""
+        session.on_part(f"{name}-zoom", self._on_zoom)
+        session.on_part_value(f"{name}-wheel", self._on_wheel)
+        session.on_part_value(f"{name}-at", self._on_at)
+
+    def reset(self) -> None:
+        """Another motion: all of it is in view, the cursor stands at its end."""
+        self.share, self.window = 1.0, (0.0, 1.0)
+
+    def times(self, duration: float) -> FloatArray:
+        """(k,) of what is in view of a motion of ``duration`` [s]."""
+        low, high = self.window
+        return np.linspace(low * duration, high * duration, SAMPLES)
+
+    # What is done here.
+
+    def _on_zoom(self, key: str) -> None:
+        """About the cursor, where it is in view."""
+        low, high = self.window
+        middle = self.share if low <= self.share <= high else 0.5 * (low + high)
+        if key in ("in", "out"):
+            self._zoom(middle, 1 / _ZOOM if key == "in" else _ZOOM)
+        else:
+            self.window = 0.0, 1.0
+        self._draw()
+
+    def _on_wheel(self, _: str, value: str) -> None:
+        """``value``: where the wheel was turned, of the width, and its notches down and to the right."""
+        try:
+            at, down, right = parse_numbers(value, "the wheel", ("at", "down", "right"))
+        except ArmctlError:  # no page of armctl's
+            return
+        low, high = self.window
+        if right:
+            self._pan(min(max(right, -_NOTCHES), _NOTCHES) * 0.1 * (high - low))
+        if down:
+            notches = min(max(down, -_NOTCHES), _NOTCHES)
+            self._zoom(low + min(max(at, 0.0), 1.0) * (high - low), _ZOOM**notches)
+        self._draw()
+
+    def _zoom(self, about: float, factor: float) -> None:
+        low, high = self.window
+        size = min(max(factor * (high - low), _NEAREST_ZOOM), 1.0)
+        low = about - size * (about - low) / (high - low)
+        low = min(max(low, 0.0), 1.0 - size)
+        self.window = low, low + size
+
+    def _pan(self, by: float) -> None:
+        low, high = self.window
+        by = min(max(by, -low), 1.0 - high)
+        self.window = low + by, high + by
+
+    def _on_at(self, _: str, value: str) -> None:
+        try:
+            share = parse_number(value, "the cursor") / _WIDE
+        except ArmctlError:  # no page of armctl's
+            return
+        low, high = self.window
+        self._on_cursor(low + min(max(share, 0.0), 1.0) * (high - low))
+
+    # What is shown.
+
+    def tools(self) -> str:
+        """The buttons that zoom."""
+        why = "all of it is in view" if self.window == (0.0, 1.0) else None
+        return "".join(
+            button(
+                f"{self._name}-zoom",
+                label,
+                key=key,
+                title=title,
+                kind="chip",
+                why=None if key == "in" else why,
+            )
+            for key, label, title in _TOOLS
+        )
+
+    def plot(self, curves: Curves, of: str, ticks: int, speed: float = 1.0, under: str = "") -> str:
+        """The drawing, with about so many numbers at its side. ``of``: what the cursor is the time of.
+
+        ``speed``: the present override; the times that are written are those with it. ``under``: HTML
+        between drawing and times.
+        """
+        low, high = _range(curves)
+        levels = _ticks(low, high, ticks)
+        begin, end = self.window
+        here = (self.share - begin) / (end - begin)
+        cursor = f"<i class='cursor' style='left:{100 * here:.1f}%'></i>" if 0.0 <= here <= 1.0 else ""
+        at = round(_WIDE * min(max(here, 0.0), 1.0))
+        sides = "".join(
+            f"<small style='top:{100 * (high - level) / (high - low):.1f}%'>{text}</small>"
+            for level, text in levels
+        )
+        first, last = float(curves.time[0]), float(curves.time[-1])
+        below = "".join(
+            f"<small style='left:{100 * (time * speed - first) / (last - first):.1f}%'>{text} s</small>"
+            for time, text in _ticks(first / speed, last / speed, _X_TICKS)
+        )
+        return (
+            f"<div class='plot' data-wheel='{self._name}-wheel'{self._held}>{sides}"
+            f"<svg viewBox='0 0 {_WIDE} {_HIGH}' preserveAspectRatio='none' aria-hidden='true'>"
+            f"{_drawn(curves, low, high, [level for level, _ in levels])}</svg>"
+            f"{cursor}<input type='range' min='0' max='{_WIDE}' value='{at}' data-set='{self._name}-at' "
+            f"aria-label='Time of the motion: {escape(of)}'></div>{under}<div class='times'>{below}</div>"
+        )
+
+
+def graph_html(graph: Graph, curves: Curves, heading: str) -> str:
+    """A graph with its heading, zoom and legend. ``curves`` are of the whole time."""
+    begin, end = float(curves.time[0]), float(curves.time[-1])
+    if end <= begin:
+        return f"<p class='plot'>{escape(heading)}: the motion ends where it begins.</p>"
+    here = curves.at(np.array([begin + graph.share * (end - begin)]))
+    values = [float(line.y[0]) for line in here.lines]
+    return (
+        f"<header><b>{escape(heading)}</b>{graph.tools()}</header>"
+        f"<div class='legend'>{legend(curves.lines, values, curves.bounds)}</div>"
+        f"{graph.plot(curves.at(graph.times(end)), heading, _TALL_TICKS)}"
+    )
+
+
+def legend(lines: Sequence[PlotLine], here: Sequence[float], bounds: Sequence[Bound] = ()) -> str:
+    """What each line is, its value at the cursor, and what the limits are."""
+    names = "".join(
+        f"<span>{_swatch(line.color, dashed=line.dash is not None)}{escape(line.name)} "
+        f"<b>{fixed(value, 1)}</b></span>"
+        for line, value in zip(lines, here, strict=True)
+    )
+    return names + "".join(
+        f"<span>{_swatch(bound.color, dashed=True)}{escape(bound.name)}</span>" for bound in bounds
+    )
+
+
+def _swatch(color: str, *, dashed: bool) -> str:
+    return f"<i{' class=dashed' if dashed else ''} style='--of:{color}'></i>"
+
+
+def _range(curves: Curves) -> tuple[float, float]:
+    bounds = [PlotLine("", np.array([bound.value]), "") for bound in curves.bounds]
+    return span((*curves.lines, *bounds))
+
+
+def _drawn(curves: Curves, low: float, high: float, levels: Sequence[float]) -> str:
+    """Grid, bands beyond the limits, and lines."""
+
+    def up(value: FloatArray) -> FloatArray:
+        return _HIGH * (high - value) / (high - low)
+
+    grid = "".join(f"<path class='grid' d='M0,{y:.1f}H{_WIDE}'/>" for y in up(np.array(levels)).tolist())
+    bands = ""
+    for bound in curves.bounds:
+        y = float(up(np.array(bound.value)))
+        top, height = (0.0, y) if bound.is_upper else (y, _HIGH - y)
+        bands += (
+            f"<rect y='{top:.1f}' width='{_WIDE}' height='{height:.1f}' fill='{bound.color}'/>"
+            f"<path stroke='{bound.color}' stroke-width='1.2' stroke-dasharray='{_LIMIT_DASH}' "
+            f"d='M0,{y:.1f}H{_WIDE}'/>"
+        )
+    first, last = float(curves.time[0]), float(curves.time[-1])
+    x = _WIDE * (curves.time - first) / (last - first)
+    paths = ""
+    for line in curves.lines:
+        known = np.isfinite(line.y)
+        points = " ".join(f"{a:.0f},{b:.1f}" for a, b in zip(x[known], up(line.y[known]), strict=True))
+        if points:
+            dash = "" if line.dash is None else f" stroke-dasharray='{line.dash[0]:g} {line.dash[1]:g}'"
+            paths += f"<path stroke='{line.color}' stroke-width='{line.width:g}'{dash} d='M{points}'/>"
+    return grid + bands + paths
+
+
+def _ticks(low: float, high: float, count: int) -> list[tuple[float, str]]:
+    """About ``count`` round values between two, and how they are written."""
+    step = round_step((high - low) / count)
+    digits = max(0, -math.floor(math.log10(step) + 1e-9))
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return [(step * k, fixed(step * k, digits)) for k in range(first, last + 1)]
+
+
+def round_step(rough: float) -> float:
+    """The least of 1, 2, 5, 10, 20 … that is no less than ``rough``."""
+    power = 10.0 ** math.floor(math.log10(rough))
+    return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= rough)
