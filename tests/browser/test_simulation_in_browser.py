@@ -66,6 +66,28 @@ def test_the_twin_is_exported_and_runs_what_can_be_run_while_the_arm_stands_stil
     assert page.errors == []
 
 
+_PLACES = """() => {
+  const node = window.__viserMutable.nodeRefFromName["/shell"];
+  let places = [];
+  node?.traverse((one) => {
+    const found = one.geometry?.attributes.position;
+    if (found) places = Array.from(found.array);
+  });
+  return places;
+}"""
+
+
+def cut_at(page: Screen, served: ServedArm, degrees: float) -> bool:
+    """Whether the shell is drawn on the far side of the plane of the arm with its base at an angle only."""
+    places = np.array(page.page.evaluate(_PLACES)).reshape(-1, 3)
+    if len(places) < 1000:
+        return False
+    tip = served.robot.forward(np.radians([degrees, 90, -80, -40, 0]))[:2, 3]
+    left = np.array([-tip[1], tip[0]]) / np.linalg.norm(tip)
+    beside = places[:, :2] @ left
+    return bool(beside.min() > -1e-3 or beside.max() < 1e-3) and float(np.abs(beside).max()) > 0.2
+
+
 def test_the_arm_is_seen_in_trail_workspace_section_and_graph(page: Screen, served: ServedArm) -> None:
     assert page.node("/trail") is None
     served.go_deg(page, [20, 90, -80, -40, 0])
@@ -83,6 +105,15 @@ def test_the_arm_is_seen_in_trail_workspace_section_and_graph(page: Screen, serv
     page.tick("Workspace cloud", on=False)
     shown(page, "/workspace", False)
 
+    page.tick("Workspace")
+    for degrees in (20.0, -35.0):  # it is cut anew where the arm comes to rest
+        served.go_deg(page, [degrees, 90, -80, -40, 0])
+        page.wait_until(lambda degrees=degrees: cut_at(page, served, degrees), "it is cut in the arm's plane")
+    page.screenshot("simulation-shell")
+    page.tick("Workspace", on=False)
+    shown(page, "/shell", False)
+
+    served.go_deg(page, [20, 90, -80, -40, 0])
     page.tick("Section")
     dot = page.page.locator("svg.section-plot circle")
     dot.wait_for()

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
-from tests.kinematics.kit import plain_forward
+from scipy.spatial import cKDTree
+from tests.kinematics.kit import plain_forward, random_q
 
+from armctl.arrays import FloatArray
 from armctl.kinematics.samples import greatest, joint_samples
-from armctl.kinematics.workspace import longest_levers, sample_workspace, workspace_extent
-from armctl.robot import load_robot
+from armctl.kinematics.workspace import (
+    WorkspaceShell,
+    longest_levers,
+    sample_workspace,
+    workspace_extent,
+)
+from armctl.robot import Robot, load_robot
 
 NAMES = ("uzuner", "abaas", "scorbot", "mico", "humanoid")
 
@@ -87,3 +96,79 @@ def test_samples_stay_inside_reach_the_limits_and_hold_what_is_held() -> None:
     assert np.array_equal(q, joint_samples(limits, 999))
     assert not np.array_equal(q, joint_samples(limits, 999, seed=1))
     assert np.array_equal(joint_samples(limits[1:2], 3), np.full((3, 1), 0.3))
+
+
+# The shell.
+
+SHELLS = ("uzuner", "so101", "ur5", "humanoid", "mearm")
+
+
+@pytest.fixture(scope="module", params=SHELLS)
+def shelled(request: pytest.FixtureRequest) -> tuple[Robot, WorkspaceShell]:
+    robot = load_robot(request.param)
+    return robot, WorkspaceShell(robot.chain, robot.limits, robot.floor_z)
+
+
+def tips_of(robot: Robot, count: int, seed: int) -> FloatArray:
+    q = random_q(np.random.default_rng(seed), robot.limits, count)
+    return robot.forward(q[robot.chain.keeps_turns(q)])[:, :3, 3]
+
+
+def test_the_shell_holds_what_is_reached_and_nothing_else(shelled: tuple[Robot, WorkspaceShell]) -> None:
+    robot, shell = shelled
+    tips = tips_of(robot, 4000, 5)
+    assert shell.holds(tips[tips[:, 2] > robot.floor_z + shell.cell_m]).mean() > 0.995
+    assert not shell.holds(tips[tips[:, 2] < robot.floor_z - 1e-9]).any()
+    # What it holds is no farther than two cells from where the tool was in far more configurations.
+    low, high = tips.min(axis=0) - 0.05, tips.max(axis=0) + 0.05
+    tried = np.random.default_rng(6).uniform(low, high, (3000, 3))
+    held = tried[shell.holds(tried)]
+    assert 50 < len(held) < 2900
+    reached = cKDTree(tips_of(robot, 200_000, 7))
+    away = reached.query(held)[0]
+    assert np.quantile(away, 0.98) < 2 * shell.cell_m
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_the_shell_is_closed_but_where_it_is_cut_and_lies_behind_the_cut(
+    shelled: tuple[Robot, WorkspaceShell], side: Literal[-1, 1]
+) -> None:
+    robot, shell = shelled
+    q = robot.pose("home")
+    cut, plane, cell = shell.cut(q, side), shell.plane(q), shell.cell_m
+    local = (cut.vertices - plane[:3, 3]) @ plane[:3, :3]
+    assert (side * local[:, 1]).min() > -1e-9
+    tip = (robot.forward(q)[:3, 3] - plane[:3, 3]) @ plane[:3, :3]
+    assert tip[0] > 0 and tip[1] == pytest.approx(0.0, abs=1e-9)
+    # Sides of triangles that have one neighbour only: in the plane of the cut, on the floor, or on the axis.
+    sides = np.sort(
+        np.concatenate([cut.faces[:, [0, 1]], cut.faces[:, [1, 2]], cut.faces[:, [2, 0]]]), axis=1
+    )
+    sides, count = np.unique(sides, axis=0, return_counts=True)
+    assert count.max() <= 2 or (count > 2).mean() < 0.01  # where two parts of it touch
+    middle = local[sides[count == 1]].mean(axis=1)
+    floor = cut.vertices[sides[count == 1]].mean(axis=1)[:, 2] - robot.floor_z
+    in_plane, on_floor = np.abs(middle[:, 1]) < 1e-6, np.abs(floor) < 1e-6
+    on_axis = np.hypot(middle[:, 0], middle[:, 1]) < cell
+    assert (in_plane | on_floor | on_axis).all()
+    assert len(cut.edge) > 20
+    assert np.abs((cut.edge.reshape(-1, 3) - plane[:3, 3]) @ plane[:3, 1]).max() < 1e-6
+    # Outwards of its triangles nothing is held, inwards something is.
+    corners = cut.vertices[cut.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(normals, axis=1)
+    large = size > 0.1 * cell**2
+    centres, normals = corners[large].mean(axis=1), normals[large] / size[large, None]
+    inside, outside = shell.holds(centres - 1.5 * cell * normals), shell.holds(centres + 1.5 * cell * normals)
+    assert inside.mean() > 0.85 and outside.mean() < 0.15
+
+
+def test_the_shell_ends_where_the_first_joint_does() -> None:
+    robot = load_robot("abaas")
+    q = np.tile(robot.pose("home"), (4, 1))
+    for low, high in ((-30.0, 50.0), (20.0, 100.0)):  # too narrow for a way over the back
+        limits = robot.limits.copy()
+        limits[0] = np.radians([low, high])
+        shell = WorkspaceShell(robot.chain, limits)
+        q[:, 0] = np.radians([low - 4, low + 3, high - 3, high + 4])
+        assert shell.holds(robot.forward(q)[:, :3, 3]).tolist() == [False, True, True, False]

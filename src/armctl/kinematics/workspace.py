@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -203,38 +203,69 @@ class Section(Protocol):
         ...
 
 
+class FirstAxis:
+    """Cylindrical coordinates about the first joint's axis."""
+
+    def __init__(self, chain: Chain, sense: Literal[-1, 1] = 1) -> None:
+        """``sense`` −1: it is counted against the joint's own."""
+        self._chain = chain
+        points, axes = chain.axes()
+        self.origin, self.axis = points[0], sense * axes[0]
+        across = np.eye(3)[int(np.argmin(np.abs(axes[0])))]
+        ahead = np.cross(axes[0], across)
+        self.ahead = ahead / np.linalg.norm(ahead)
+        self.left = np.cross(self.axis, self.ahead)
+
+    def cylindrical(self, tips: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Distance from the axis, height along it, and direction about it [rad] of points (k, 3)."""
+        away = tips - self.origin
+        x, y = away @ self.ahead, away @ self.left
+        return np.hypot(x, y), away @ self.axis, np.arctan2(y, x)
+
+    def azimuth(self, q: FloatArray) -> float:
+        """The direction of the tool point at ``q`` (n,) [rad]."""
+        return float(self.cylindrical(self._chain.forward(q)[None, :3, 3])[2][0])
+
+    def plane(self, q: FloatArray) -> FloatArray:
+        """``T_base_plane`` (4, 4) [m]: x towards the tool point at ``q`` (n,) [rad], z along the axis."""
+        azimuth = self.azimuth(q)
+        forward = math.cos(azimuth) * self.ahead + math.sin(azimuth) * self.left
+        T = np.eye(4)
+        T[:3, :3] = np.column_stack([forward, np.cross(self.axis, forward), self.axis])
+        T[:3, 3] = self.origin
+        return T
+
+    def place(self, rho: FloatArray, z: FloatArray, azimuth: FloatArray) -> FloatArray:
+        """The points (k, 3) [m] of cylindrical coordinates (k,) each."""
+        x, y = rho * np.cos(azimuth), rho * np.sin(azimuth)
+        return self.origin + x[:, None] * self.ahead + y[:, None] * self.left + z[:, None] * self.axis
+
+
+def _held_samples(chain: Chain, limits: FloatArray) -> FloatArray:
+    """Tool points (k, 3) [m] of configurations with the first joint at zero."""
+    held = limits.copy()
+    held[0] = 0.0
+    q = joint_samples(held, _SAMPLES)
+    return chain.forward(q[chain.keeps_turns(q)])[:, :3, 3]
+
+
 class SampledSection:
     """Of any arm: the smoothed outline of cells that hold sampled poses, turned into the plane."""
 
     exact = False
 
     def __init__(self, chain: Chain, limits: FloatArray) -> None:
-        self._chain, self._limits = chain, limits
-        points, axes = chain.axes()
-        self._origin, self._axis = points[0], axes[0]
-        across = np.eye(3)[int(np.argmin(np.abs(axes[0])))]
-        ahead = np.cross(axes[0], across)
-        self._ahead = ahead / np.linalg.norm(ahead)
-        held = limits.copy()
-        held[0] = 0.0
-        q = joint_samples(held, _SAMPLES)
-        q = q[chain.keeps_turns(q)]
-        self._rho, self._z, self._azimuth = self._cylindrical(chain.forward(q)[:, :3, 3])
+        self._about, self._limits = FirstAxis(chain), limits
+        self._rho, self._z, self._azimuth = self._about.cylindrical(_held_samples(chain, limits))
         self.cell_m = 2.0 * max(float(self._rho.max()), float(np.ptp(self._z)) / 2) / _CELLS
 
     def plane(self, q: FloatArray) -> FloatArray:
         """See ``Section``; the tip is in front of the axis."""
-        _, _, azimuth = self._cylindrical(self._chain.forward(q)[None, :3, 3])
-        left = np.cross(self._axis, self._ahead)
-        forward = math.cos(azimuth[0]) * self._ahead + math.sin(azimuth[0]) * left
-        T = np.eye(4)
-        T[:3, :3] = np.column_stack([forward, np.cross(self._axis, forward), self._axis])
-        T[:3, 3] = self._origin
-        return T
+        return self._about.plane(q)
 
     def outline(self, q: FloatArray) -> tuple[FloatArray, ...]:
         """See ``Section``."""
-        _, _, (azimuth,) = self._cylindrical(self._chain.forward(q)[None, :3, 3])
+        azimuth = self._about.azimuth(q)
         low, high = self._limits[0].tolist()
         front = within(azimuth - self._azimuth, low, high)
         back = within(azimuth + math.pi - self._azimuth, low, high)
@@ -244,8 +275,174 @@ class SampledSection:
         smallest = _SMALLEST_CELLS * self.cell_m**2
         return tuple(smoothed(line) for line in lines if abs(enclosed_area(line)) > smallest)
 
-    def _cylindrical(self, tips: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Distance from the first axis, height along it, and direction about it of points (k, 3)."""
-        away = tips - self._origin
-        x, y = away @ self._ahead, away @ np.cross(self._axis, self._ahead)
-        return np.hypot(x, y), away @ self._axis, np.arctan2(y, x)
+
+# The workspace as a shell: cylindrical cells about the first joint's axis, and the surface between full and
+# empty ones.
+
+_SHELL_CELLS = 64
+"""across the workspace, sideways and along the axis"""
+_BINS = 360
+"""of the direction about the axis, in which the first joint's range is counted"""
+_SLICES = 36
+"""of the half that is drawn"""
+_UPRIGHT = math.cos(math.radians(2.0))
+"""so far an axis leans at most whose workspace is cut at the floor"""
+_HALF = 0.5
+"""of a cell: between what is reached and what is not"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CutShell:
+    """A half of the workspace's surface, in the base frame."""
+
+    vertices: FloatArray
+    """(k, 3) [m]"""
+    faces: NDArray[np.intp]
+    """(m, 3) indices of vertices; counter-clockwise from outside"""
+    edge: FloatArray
+    """(j, 2, 3) line segments along which it is cut open [m]"""
+
+
+class WorkspaceShell:
+    """Where the tool point can be, all about the first joint's axis. Immutable; safe in several threads.
+
+    It is sampled: a cell is full where most of its neighbours hold a tool point. For arms whose first joint
+    turns.
+    """
+
+    def __init__(self, chain: Chain, limits: FloatArray, floor_z: float = -math.inf) -> None:
+        """``limits`` (n, 2) [rad]; below ``floor_z`` [m] there is none where the axis stands upright."""
+        up = float(chain.axes()[1][0, 2])
+        sense = -1 if up < 0 else 1
+        self._about = FirstAxis(chain, sense)
+        rho, z, azimuth = self._about.cylindrical(_held_samples(chain, limits))
+        self.cell_m = max(2 * float(rho.max()), float(np.ptp(z))) / _SHELL_CELLS
+        floor = floor_z - float(self._about.origin[2]) if abs(up) > _UPRIGHT else -math.inf
+        self._is_cut_below = floor > float(z.min())
+        self._low_z = floor if self._is_cut_below else float(z.min()) - 2 * self.cell_m
+        above = z >= self._low_z
+        i, j, k = self._cells(rho[above], z[above], azimuth[above])
+        held = np.zeros((i.max(initial=0) + 3, j.max(initial=0) + 3, _BINS), dtype=np.bool_)
+        held[i, j, k] = True
+        full = _swept(held, *sorted((sense * limits[0]).tolist()))
+        self._full = _blurred(full.astype(np.float32), edge_below=self._is_cut_below)
+
+    def holds(self, points: FloatArray) -> BoolArray:
+        """Whether points (k, 3) [m] are inside, to within a cell: (k,)."""
+        i, j, k = self._cells(*self._about.cylindrical(points))
+        wide, high, _ = self._full.shape
+        known = (i < wide) & (j >= 0) & (j < high)
+        values = self._full[np.where(known, i, 0), np.where(known, j, 0), k]
+        return known & (values > _HALF)
+
+    def _cells(
+        self, rho: FloatArray, z: FloatArray, azimuth: FloatArray
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+        i, j = np.floor(rho / self.cell_m), np.floor((z - self._low_z) / self.cell_m)
+        k = (azimuth / (2 * math.pi) * _BINS).round().astype(np.intp) % _BINS
+        return i.astype(np.intp), j.astype(np.intp), k
+
+    def plane(self, q: FloatArray) -> FloatArray:
+        """``T_base_plane`` (4, 4) [m] in which it is cut with the arm at ``q`` (n,) [rad]; as a section's."""
+        return self._about.plane(q)
+
+    def cut(self, q: FloatArray, side: Literal[-1, 1]) -> CutShell:
+        """The half on one side of the plane of the axis and the tool point at ``q`` (n,) [rad].
+
+        ``side``: 1 is where y of the plane is positive.
+        """
+        azimuth = self._about.azimuth(q)
+        width = math.pi / _SLICES
+        centres = azimuth + side * width * (np.arange(_SLICES) + 0.5)
+        # The share of each slice that is reached, from finer bins; the ends are doubled, so it is open there.
+        fine = centres[:, None] + width * (np.arange(5) - 2) / 5
+        bins = (fine / (2 * math.pi) * _BINS).round().astype(np.intp) % _BINS
+        field = self._full[:, :, bins].mean(axis=-1)
+        field = np.concatenate([field[..., :1], field, field[..., -1:]], axis=-1)
+        field = np.concatenate([field[:1], field])  # the axis is no surface
+        if self._is_cut_below:
+            field = np.concatenate([field[:, :1], field], axis=1)
+        places, faces, cells = _surface(field - _HALF)
+        i, j, k = places.T
+        rho = self.cell_m * np.maximum(i - 0.5, 0.0)
+        z = self._low_z + self.cell_m * (j + (-0.5 if self._is_cut_below else 0.5))
+        turned = azimuth + side * width * (k - 0.5)
+        vertices = self._about.place(rho, z, turned)
+        is_cut = (cells[:, 2] == 0) | (cells[:, 2] == _SLICES)
+        if side > 0:  # across, along and around the axis are left-handed
+            faces = faces[:, ::-1]
+        return CutShell(vertices, faces, vertices[_open_edges(faces, is_cut)])
+
+
+def _swept(held: BoolArray, low: float, high: float) -> BoolArray:
+    """What cells (a, b, bins) are reached, once those that are held by the other joints are turned [rad]."""
+    bins = held.shape[2]
+    first, last = round(low / (2 * math.pi) * bins), round(high / (2 * math.pi) * bins)
+    width = min(last - first + 1, bins)
+    ring = np.concatenate([held, held], axis=2).cumsum(axis=2, dtype=np.int32)
+    ring = np.concatenate([np.zeros((*held.shape[:2], 1), dtype=np.int32), ring], axis=2)
+    begins = (np.arange(bins) - first - width + 1) % bins
+    return ring[:, :, begins + width] > ring[:, :, begins]
+
+
+def _blurred(full: NDArray[np.float32], *, edge_below: bool) -> NDArray[np.float32]:
+    """The mean of each cell and its neighbours sideways and along the axis: gaps in the samples close."""
+    high = full.shape[1]
+    inner = np.pad(full, ((1, 0), (0, 0), (0, 0)), mode="edge")  # the axis has no other side
+    across = (inner[:-1] + full + np.pad(full, ((0, 1), (0, 0), (0, 0)))[1:]) / 3
+    below = np.pad(across, ((0, 0), (1, 0), (0, 0)), mode="edge" if edge_below else "constant")
+    return (below[:, :high] + across + np.pad(across, ((0, 0), (0, 1), (0, 0)))[:, 1:]) / 3
+
+
+def _surface(field: FloatArray) -> tuple[FloatArray, NDArray[np.intp], NDArray[np.intp]]:
+    """Where a field (a, b, c) is zero: vertices (k, 3) in cells, triangles (m, 3), each vertex's cell (k, 3).
+
+    One vertex a cell of eight corners, at the mean of the crossings of its edges (naive surface nets, S. F.
+    Gibson, "Constrained elastic surface nets", 1998). Triangles are counter-clockwise from the negative side.
+    """
+    shape = tuple(size - 1 for size in field.shape)
+    total: FloatArray = np.zeros((*shape, 3))
+    count: FloatArray = np.zeros(shape)
+    crossings: list[BoolArray] = []
+    for axis in range(3):
+        here, there = (field.take(range(part, field.shape[axis] - 1 + part), axis=axis) for part in (0, 1))
+        crossed = (here > 0) != (there > 0)
+        crossings.append(crossed)
+        along = np.where(crossed, here / np.where(crossed, here - there, 1.0), 0.0)
+        place = np.moveaxis(np.indices(crossed.shape, dtype=np.float64), 0, -1)
+        place[..., axis] += along
+        place[~crossed] = 0.0
+        others = [one for one in range(3) if one != axis]
+        for first, second in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            part: list[slice] = [slice(None)] * 3
+            part[others[0]] = slice(first, first + shape[others[0]])
+            part[others[1]] = slice(second, second + shape[others[1]])
+            total += place[tuple(part)]
+            count += crossed[tuple(part)]
+    cells = np.argwhere(count > 0)
+    number = np.full(shape, -1, dtype=np.intp)
+    number[tuple(cells.T)] = np.arange(len(cells))
+    vertices: FloatArray = total[tuple(cells.T)] / count[tuple(cells.T)][:, None]
+    faces: list[NDArray[np.intp]] = []
+    for axis, crossed in enumerate(crossings):
+        b, c = (axis + 1) % 3, (axis + 2) % 3
+        at = np.argwhere(crossed)
+        at = at[(at[:, b] > 0) & (at[:, c] > 0) & (at[:, b] < shape[b]) & (at[:, c] < shape[c])]
+        corners: list[NDArray[np.intp]] = []
+        for back_b, back_c in ((1, 1), (0, 1), (0, 0), (1, 0)):
+            cell = at.copy()
+            cell[:, b] -= back_b
+            cell[:, c] -= back_c
+            corners.append(number[tuple(cell.T)])
+        quads = np.stack(corners, axis=1)
+        inward = field[tuple(at.T)] <= 0
+        quads[inward] = quads[inward, ::-1]
+        faces += [quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]
+    return vertices, np.concatenate(faces), cells
+
+
+def _open_edges(faces: NDArray[np.intp], is_cut: BoolArray) -> NDArray[np.intp]:
+    """(j, 2) vertices of the sides of triangles that belong to one only, and lie where it is cut."""
+    sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    sides, count = np.unique(sides, axis=0, return_counts=True)
+    return sides[(count == 1) & is_cut[sides].all(axis=1)]

@@ -263,8 +263,12 @@ def add_solid(
     opacity: float | None = None,
     *,
     flat: bool = False,
+    two_sided: bool = False,
 ) -> viser.MeshHandle:
-    """Draw a solid; ``flat``: with edges, as machines have. One that is seen through casts no shadow."""
+    """Draw a solid; ``flat``: with edges, as machines have. One that is seen through casts no shadow.
+
+    ``two_sided``: its inside is drawn, too.
+    """
     return scene.add_mesh_simple(
         name,
         solid.vertices,
@@ -272,6 +276,7 @@ def add_solid(
         color=color,
         opacity=opacity,
         flat_shading=flat,
+        side="double" if two_sided else "front",
         cast_shadow=opacity is None,
         receive_shadow=opacity is None,
     )

@@ -5,19 +5,29 @@ from __future__ import annotations
 import asyncio
 import math
 from dataclasses import dataclass
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 import viser
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
-from armctl.kinematics.workspace import Extent, Section, sample_workspace, workspace_extent
+from armctl.kinematics.workspace import (
+    CutShell,
+    Extent,
+    Section,
+    WorkspaceShell,
+    sample_workspace,
+    workspace_extent,
+)
 from armctl.protocol import Snapshot
 from armctl.robot import Robot
+from armctl.robot.solids import Solid
 from armctl.ui.console import Console
+from armctl.ui.scene.arm_model import add_solid
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.session import Session
+from armctl.ui.widgets.graph import round_step
 from armctl.ui.widgets.html import LiveHtml, fixed, muted
 
 _COLOURINGS = {
@@ -34,14 +44,21 @@ _SECTION_HINT = "The workspace cut open in the plane of the base axis and the to
 _TURNED_RAD = 0.01
 """how far the arm turns before a sampled section is made anew"""
 _SECTION_COLOR = (224, 49, 49)
+_SHELL_HINT = "All that the tool point can reach, cut open in the arm's plane on your side of it."
+_SHELL_COLOR, _SHELL_OPACITY = (25, 113, 194), 0.22
+_SHELL_TURNED_RAD = 0.02
+"""how far the tool turns about the base axis before the shell is cut anew"""
+_BESIDE = 0.1
+"""of its distance: so far a camera stands beside the arm's plane before the shell is cut from its side"""
 
 
 class CloudStore:
-    """Computes the cloud off the event loop, once, for whoever asks first."""
+    """Computes cloud and shell off the event loop, once, for whoever asks first."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._cloud: asyncio.Task[WorkspaceCloud] | None = None
+        self._shell: asyncio.Task[WorkspaceShell] | None = None
 
     @classmethod
     def of(cls, console: Console, before: Self | None) -> Self:
@@ -55,9 +72,84 @@ class CloudStore:
             self._cloud = asyncio.create_task(asyncio.to_thread(workspace_cloud, self._robot))
         return await asyncio.shield(self._cloud)
 
+    async def shell(self) -> WorkspaceShell:
+        """The shell of the arm, above the floor."""
+        if self._shell is None:
+            one = self._robot
+            self._shell = asyncio.create_task(
+                asyncio.to_thread(WorkspaceShell, one.chain, one.limits, one.floor_z)
+            )
+        return await asyncio.shield(self._shell)
+
+
+class ShellView:
+    """A checkbox, and the workspace as a translucent shell; it is cut open where the arm comes to rest."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._box = session.gui.add_checkbox("Workspace", initial_value=False, hint=_SHELL_HINT)
+        self._edge = Lines(session.client.scene, "/shell_edge", _SHELL_COLOR, 2.0)
+        self._mesh: viser.MeshHandle | None = None
+        self._shell: WorkspaceShell | None = None
+        self._cut: tuple[FloatArray, Literal[-1, 1]] | None = None
+        """the plane (4, 4) in which it is cut, and which half is drawn"""
+        self._cutting = False
+        session.on(self._box.on_update, self._on_box)
+
+    def _on_box(self) -> None:
+        if not self._box.value and self._mesh is not None:
+            self._mesh.remove()
+            self._edge.hide()
+            self._mesh = self._cut = None
+
+    def refresh(self, snapshot: Snapshot) -> None:
+        """Cut it anew where the arm has come to rest elsewhere, or is looked at from its other side."""
+        if not self._box.value or self._cutting or (self._cut is not None and snapshot.busy):
+            return
+        q = self._session.console.last_known.drawn(snapshot)
+        if self._shell is None or self._is_elsewhere(self._shell.plane(q)):
+            self._cutting = True
+            self._session.spawn(self._cut_at(q.copy()))
+
+    def _is_elsewhere(self, plane: FloatArray) -> bool:
+        if self._cut is None:
+            return True
+        before, side = self._cut
+        turned = math.acos(min(max(float(before[:3, 0] @ plane[:3, 0]), -1.0), 1.0))
+        return turned > _SHELL_TURNED_RAD or self._side(plane) != side
+
+    async def _cut_at(self, q: FloatArray) -> None:
+        try:
+            self._shell = await self._session.console.shared(CloudStore).shell()
+            plane = self._shell.plane(q)
+            side = self._side(plane)
+            cut = await asyncio.to_thread(self._shell.cut, q, side)
+            if self._box.value:  # not switched off meanwhile
+                self._cut = plane, side
+                self._show(cut)
+        finally:
+            self._cutting = False
+
+    def _side(self, plane: FloatArray) -> Literal[-1, 1]:
+        """Which half is drawn: the one behind the arm's plane (4, 4), as the page sees it."""
+        away = np.asarray(self._session.client.camera.position) - plane[:3, 3]
+        beside = float(away @ plane[:3, 1])
+        if self._cut is not None and abs(beside) < _BESIDE * float(np.linalg.norm(away)):
+            return self._cut[1]
+        return -1 if beside > 0 else 1
+
+    def _show(self, cut: CutShell) -> None:
+        scene = self._session.client.scene
+        with self._session.client.atomic():
+            if self._mesh is not None:
+                self._mesh.remove()
+            solid = Solid(cut.vertices, cut.faces)
+            self._mesh = add_solid(scene, "/shell", solid, _SHELL_COLOR, _SHELL_OPACITY, two_sided=True)
+            self._edge.show(cut.edge)
+
 
 class WorkspaceView:
-    """Two checkboxes, what they draw, and the figures; computed once for all pages."""
+    """Checkboxes, what they draw, and the figures; computed once for all pages."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -67,6 +159,7 @@ class WorkspaceView:
         self._outlined_at: FloatArray | None = None
         self._outlining = False
         gui = session.gui
+        self._shell = ShellView(session)
         self._cloud = gui.add_checkbox("Workspace cloud", initial_value=False, hint=_CLOUD_HINT)
         self._colour = gui.add_dropdown("Coloured by", tuple(_COLOURINGS), visible=False)
         self._cloud_text = LiveHtml(gui, visible=False)
@@ -79,7 +172,8 @@ class WorkspaceView:
         session.on(self._section.on_update, self._on_section)
 
     def refresh(self, snapshot: Snapshot) -> None:
-        """Let the section follow the arm."""
+        """Let shell and section follow the arm."""
+        self._shell.refresh(snapshot)
         model = self._model
         if model is None or not self._section.value:
             return
@@ -269,9 +363,7 @@ def section_svg(outline: tuple[FloatArray, ...], arm: FloatArray, floor: float |
 
 def _ticks(low: FloatArray, high: FloatArray, axis: int) -> list[float]:
     """Round values along an axis [mm], the same distance apart on both axes."""
-    rough = float((high - low).max()) / 8
-    power = 10.0 ** math.floor(math.log10(rough))
-    step = next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= rough)
+    step = round_step(float((high - low).max()) / 8)
     return [step * k for k in range(math.ceil(low[axis] / step), math.floor(high[axis] / step) + 1)]
 
 
