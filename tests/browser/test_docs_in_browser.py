@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 from tests.browser.kit import PATIENCE_MS, Screen
 from tests.browser.served_arm import ServedArm
 from tests.browser.serving import page_port
@@ -61,7 +61,7 @@ def test_the_search_works_by_the_keyboard_alone(page: Page, errors: list[str]) -
     page.keyboard.type("out of REACH target")
     rows = page.locator("#found a")
     best = rows.filter(has_text="Troubleshooting: The target is out of reach")
-    expect(best).to_have_count(1)
+    expect(best).to_have_count(1, timeout=PATIENCE_MS)  # every page is read for the first search
     expect(page.get_by_role("status")).to_contain_text("Found: ")
     assert rows.locator("mark").first.inner_text().lower() in ("out", "of", "reach", "target")
     assert violations(page) == []
@@ -118,6 +118,16 @@ def test_the_search_says_when_the_console_is_gone(page: Page) -> None:
     page.goto("/docs/")
     page.get_by_role("searchbox").fill("reach")
     expect(page.get_by_role("status")).to_have_text("The search needs the console: see that armctl runs.")
+
+
+def test_who_waits_for_the_first_search_is_told_so(page: Page) -> None:
+    held: list[Route] = []
+    page.route("**/search.json", held.append)
+    page.goto("/docs/")
+    page.get_by_role("searchbox").fill("reach")
+    expect(page.get_by_role("status")).to_have_text("Searching all pages …")
+    held[0].fulfill(json=[["/docs/#a", "A page", "A heading", "what is in reach"]])
+    expect(page.get_by_role("status")).to_have_text("Found: 1")
 
 
 def test_a_refusal_leads_to_its_section_in_a_tab_of_its_own(screen: Screen, served: ServedArm) -> None:

@@ -4,6 +4,7 @@
 (() => {
   "use strict";
   const MOST = 30;
+  const LATE_MS = 300; // after that the reader is told that it goes on
   const AROUND = 70; // letters of the text on each side of a word
   const form = document.getElementById("search");
   const field = document.getElementById("find");
@@ -89,6 +90,7 @@
     results.hidden = !words.length;
     if (!words.length) return;
     let known;
+    const late = setTimeout(() => (status.textContent = "Searching all pages …"), LATE_MS);
     try {
       known = await load();
     } catch {
@@ -96,6 +98,8 @@
       list.replaceChildren();
       status.textContent = "The search needs the console: see that armctl runs.";
       return;
+    } finally {
+      clearTimeout(late);
     }
     if (typed !== field.value) return; // newer letters are searched for
     const found = known.map((one) => [worth(one, words), one]).filter(([value]) => value);
