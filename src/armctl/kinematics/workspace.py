@@ -298,7 +298,7 @@ class CutShell:
     vertices: FloatArray
     """(k, 3) [m]"""
     faces: NDArray[np.intp]
-    """(m, 3) indices of vertices; counter-clockwise from outside"""
+    """(m, 3) indices of vertices; counter-clockwise from outside, those farthest behind the cut first"""
     edge: FloatArray
     """(j, 2, 3) line segments along which it is cut open [m]"""
 
@@ -371,6 +371,8 @@ class WorkspaceShell:
         is_cut = (cells[:, 2] == 0) | (cells[:, 2] == _SLICES)
         if side > 0:  # across, along and around the axis are left-handed
             faces = faces[:, ::-1]
+        away = -np.abs((vertices - self._about.origin) @ self.plane(q)[:3, 1])
+        faces = faces[np.argsort(away[faces].mean(axis=1))]
         return CutShell(vertices, faces, vertices[_open_edges(faces, is_cut)])
 
 

@@ -15,7 +15,8 @@ from armctl.arrays import FloatArray
 _HEIGHT, _LIVE_HEIGHT = 250, 200
 _PADDING = (10, 12, 0, 0)
 """top, right, bottom, left [px]: room for half of the outermost numbers"""
-_LABEL_FONT = "12px sans-serif"
+_FONT, _LABEL_FONT = "11px sans-serif", "12px sans-serif"
+"""as those of the graph (``graph.py``)"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,9 +50,11 @@ class LinePlot:
     def __init__(self, gui: viser.GuiApi, y_label: str | None = None) -> None:
         """With ``y_label`` it is live: small, fitted by the page, with neither title nor legend."""
         self._gui, self._live = gui, y_label is not None
-        self._y_axis: uplot.Axis = {"size": 54}
+        self._y_axis: uplot.Axis = {"size": 54, "font": _FONT}
         if y_label is not None:
-            self._y_axis = {"label": y_label, "size": 42, "labelSize": 18, "labelGap": 0}
+            self._y_axis |= {
+                "label": y_label, "size": 42, "labelSize": 18, "labelGap": 0, "labelFont": _LABEL_FONT,
+            }  # fmt: skip
         self._place = gui.add_folder(None)
         self._handle: viser.GuiUplotHandle | None = None
         self._heads: tuple[object, ...] = ()
@@ -71,7 +74,9 @@ class LinePlot:
             return
         self.clear()
         self._heads = key
-        x_axis: uplot.Axis = {"label": picture.x_label, "labelSize": 22, "labelFont": _LABEL_FONT, "size": 32}
+        x_axis: uplot.Axis = {
+            "label": picture.x_label, "labelSize": 22, "labelFont": _LABEL_FONT, "size": 32, "font": _FONT,
+        }  # fmt: skip
         with self._place:
             self._handle = self._gui.add_uplot(
                 data,
