@@ -84,7 +84,7 @@ def test_the_pages_follow_the_tool_once_nothing_moves(tmp_path: Path, robot: Rob
         close=lambda: None,
     )
     switch, told = (
-        RobotSwitch(console, RobotChoice("uzuner", "Uzuner"), [], lambda *_: console),
+        RobotSwitch(console, RobotChoice("uzuner", "Uzuner"), [], lambda name, port, progress: console),
         list[RobotChange](),
     )
     switch.on_change(told.append)
