@@ -70,6 +70,10 @@ class FakePage:
         return cast(Session, self)
 
     @property
+    def arm(self) -> Robot:
+        return self.console.robot.with_tool(getattr(self.snapshot, "tool", self.console.robot.tool))
+
+    @property
     def held(self) -> Robot:
         return cast(Robot, self.console.robot)
 

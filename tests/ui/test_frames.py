@@ -8,6 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from tests.robot.test_tools import arm_with_tools
 from tests.ui.page_kit import FakePage
 
 from armctl.errors import InputError, ProgramError
@@ -128,6 +129,18 @@ def test_nothing_is_touched_while_the_arm_moves_nor_for_the_base(page: FramesPag
     page.touch("On +x")
     with pytest.raises(InputError, match="base is the frame of the arm"):
         page.touch("On the +y side")
+
+
+def test_a_touch_is_that_of_the_tool_that_a_paused_program_has_put_on(
+    server: GuardedServer, tmp_path: Path
+) -> None:
+    page = FramesPage(server, tmp_path)
+    page.console.robot = arm_with_tools(tmp_path)  # the page follows once the program is over
+    page.snapshot.tool, page.snapshot.state = "pen", State.PAUSED
+    page.touch("Origin")
+    pen = page.console.robot.with_tool("pen")
+    x, y, z = (1000 * pen.forward(page.snapshot.q)[:3, 3]).tolist()
+    assert f"Origin ({x:.1f}, {y:.1f}, {z:.1f})".replace("-", "−") in page.html.replace("-", "−")
 
 
 def test_it_is_renamed_chosen_by_a_step_and_deleted(page: FramesPage) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.robot.test_tools import arm_with_tools
 from tests.runtime.kit import make_rig
 
 from armctl.arrays import FloatArray
@@ -307,6 +308,28 @@ def test_touches_are_offered_again_after_a_restart_and_lose_nothing(tmp_path: Pa
     assert opened(tmp_path).points.offered is None
     with pytest.raises(StateError, match="no points are kept"):
         desk.points.go_on()
+
+
+def test_points_of_one_tool_are_not_counted_for_another(tmp_path: Path) -> None:
+    arm, store = arm_with_tools(tmp_path), CalibrationStore(tmp_path / "calibrations")
+    desks = {
+        tool: SharedCalibration(CalibrationInForce(arm.with_tool(tool), "7", store))
+        for tool in ("jaws", "pen")
+    }
+    jaws = desks["jaws"].points
+    jaws.add(TouchedPoint(arm.outputs.outputs(arm.pose("home")), (0.2, 0.0, 0.0)))
+    asyncio.run(jaws.keep())
+    desks["pen"].adopt(desks["jaws"])
+    pen = desks["pen"].points
+    assert not pen.touches and pen.offered is not None and pen.offered.tool == "jaws"
+    with pytest.raises(StateError, match="touched with the tool 'jaws', and 'pen' is on"):
+        pen.go_on()
+    again = SharedCalibration(CalibrationInForce(arm.with_tool("pen"), "7", store)).points
+    assert again.offered is not None and again.offered.tool == "jaws"  # also over a restart
+    back = SharedCalibration(CalibrationInForce(arm, "7", store))
+    back.adopt(desks["pen"])
+    back.points.go_on()
+    assert back.points.touches == jaws.touches
 
 
 def test_a_check_of_a_correction_goes_on_after_a_restart(desk: SharedCalibration, tmp_path: Path) -> None:

@@ -63,6 +63,8 @@ class KeptTouches:
     """touches before that; those behind check it"""
     made: str = ""
     """when the last of them was made (ISO 8601)"""
+    tool: str = ""
+    """name of the tool that touched; empty: the robot file named none"""
 
 
 _Positive = Annotated[float, Meta(ge=0)]
@@ -97,6 +99,7 @@ class _TouchesFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
     skipped: list[int] = []
     corrected_mm: tuple[_Positive, _Positive] | None = None
     used: Annotated[int, Meta(ge=0)] = 0
+    tool: str = ""
 
 
 class TouchesFile:
@@ -156,6 +159,7 @@ class TouchesFile:
             skipped=sorted(kept.skipped),
             corrected_mm=kept.corrected and (1000 * kept.corrected[0], 1000 * kept.corrected[1]),
             used=kept.used,
+            tool=kept.tool,
         )
         return msgspec.to_builtins(file)
 
@@ -179,7 +183,7 @@ class TouchesFile:
         corrected = file.corrected_mm and (file.corrected_mm[0] / 1000, file.corrected_mm[1] / 1000)
         return KeptTouches(
             tuple(touches), sheet, file.block_mm / 1000, file.load_kg, frozenset(file.skipped), corrected,
-            file.used, file.made,
+            file.used, file.made, file.tool,
         )  # fmt: skip
 
     def _touch(self, number: int, one: _TouchEntry, sheet: TouchSheet | None) -> TouchedPoint:

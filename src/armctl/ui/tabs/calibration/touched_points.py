@@ -263,15 +263,23 @@ class TouchedPoints:
         self.version += 1
 
     def take_over(self, other: TouchedPoints) -> None:
-        """Go on with the touches of another one."""
+        """Go on with the touches of another one; those of another tool are offered."""
         self.offered, self.not_kept, self._unreadable = other.offered, other.not_kept, other._unreadable
-        self._resume(other.as_kept)
+        if other.touches and other._robot.tool != self._robot.tool:
+            self.offered = other.as_kept
+        else:
+            self._resume(other.as_kept)
 
     def go_on(self) -> None:
         """Go on with what is offered. ``StateError``: nothing is, or other points are touched."""
         offered = self._offer()
         if self.touches:
             raise StateError(f"{len(self.touches)} points are touched since; press 'Start anew' first")
+        if offered.tool not in ("", self._robot.tool):
+            raise StateError(
+                f"these points were touched with the tool {offered.tool!r}, and {self._robot.tool!r} is on: "
+                "put that one on, and say so in Main"
+            )
         self.offered = None
         self._resume(offered)
 
@@ -291,7 +299,7 @@ class TouchedPoints:
         """All of it, as it is kept over a restart."""
         return KeptTouches(
             self.touches, self.sheet, self.block_m, self.load_kg, self.skipped, self.corrected, self.used,
-            self.made,
+            self.made, self._robot.tool,
         )  # fmt: skip
 
     def _resume(self, kept: KeptTouches) -> None:

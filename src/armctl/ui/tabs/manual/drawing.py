@@ -91,7 +91,8 @@ class DrawingForm:
         self._session.require_operator()
         if self._session.snapshot.state is State.MOVING:
             raise StateError("the arm is moving; touch when it stands")
-        point = tool_point_mm(self._robot, present_pose_deg(self._robot, self._session.snapshot))
+        robot = self._session.arm
+        point = tool_point_mm(robot, present_pose_deg(robot, self._session.snapshot))
         if which == "More":
             if len(self._more) == _MOST_MORE:
                 raise InputError(

@@ -137,7 +137,7 @@ class FrameForm:
         session.require_operator()
         if session.snapshot.state is State.MOVING:
             raise StateError("the arm is moving; touch when it stands")
-        self._touched[which] = tool_point_mm(self._robot, present_pose_deg(self._robot, session.snapshot))
+        self._touched[which] = tool_point_mm(session.arm, present_pose_deg(session.arm, session.snapshot))
         try:
             if len(self._touched) == len(TOUCHES):
                 await self._teach(UserFrame.taught(*(self._touched[name] for name in TOUCHES)))

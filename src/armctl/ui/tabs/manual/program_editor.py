@@ -404,7 +404,7 @@ class ProgramRecord:
         await self._record(group.value)
 
     async def _record(self, label: str) -> None:
-        robot, snapshot = self._session.console.robot, self._session.snapshot
+        robot, snapshot = self._session.arm, self._session.snapshot
         if label == ADD_WAIT:
             await self._add(WaitStep(seconds=self._seconds.within(0, LONGEST_WAIT_S)))
         elif label == SET_VIA:
