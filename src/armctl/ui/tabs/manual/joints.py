@@ -59,11 +59,12 @@ class LiveReadout:
     def refresh(self, snapshot: Snapshot) -> None:
         """Show a snapshot, if it differs from the one before."""
         state = (snapshot.q_command, snapshot.velocity_command, snapshot.acceleration_command, snapshot.q)
-        key = (*(array.tobytes() for array in state), snapshot.source, snapshot.commanded)
+        key = (*(array.tobytes() for array in state), snapshot.source, snapshot.commanded, snapshot.tool)
         if key != self._shown:
             self._shown = key
-            content = tool_table(self._robot, snapshot) + joint_table(self._robot, snapshot)
-            content += rounding_note(self._robot, snapshot.q_command)
+            robot = self._robot.with_tool(snapshot.tool)
+            content = tool_table(robot, snapshot) + joint_table(robot, snapshot)
+            content += rounding_note(robot, snapshot.q_command)
             for block in self._blocks:
                 block.show(content)
 

@@ -109,7 +109,8 @@ class Trail:
 
         def follow(snapshot: Snapshot) -> None:
             is_known = not np.isnan(known(snapshot)).any()
-            tip = console.robot.forward(console.last_known.drawn(snapshot))[:3, 3]
+            arm = console.robot.with_tool(snapshot.tool)
+            tip = arm.forward(console.last_known.drawn(snapshot))[:3, 3]
             trail.add(tip if is_known else np.full(3, np.nan))
 
         console.frame_listeners.append(follow)
