@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,8 +9,20 @@ from tests.program.kit import program
 
 from armctl.errors import ProgramError
 from armctl.motion import stopping_s
-from armctl.program import CommentStep, GripperStep, LineStep, MoveStep, PointStep, Program, Step
+from armctl.program import (
+    CommentStep,
+    EndStep,
+    GripperStep,
+    LineStep,
+    MoveStep,
+    PointStep,
+    Program,
+    RepeatStep,
+    Step,
+)
 from armctl.program.feed import PlannedStep, ProgramSource, begin_program, plan_next
+from armctl.program.frames import Placing, UserFrame
+from armctl.program.program import Blocks
 from armctl.robot import CarriedPart, Robot, load_robot
 
 ROBOT = load_robot("uzuner")
@@ -133,3 +146,33 @@ def test_no_more_legs_are_solved_than_the_first_one_needs_behind_it() -> None:
     steps, after = plan_next(ROBOT, ProgramSource(long), begin_program(ROBOT, long, HOME))
     assert [(step.index, step.goes_on) for step in steps] == [(0, True)]
     assert [step.index for step in after.known] == [1]
+
+
+def test_frames_and_blocks_are_found_once_for_all_passes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found: list[str] = []
+    placed, blocked = Placing.__init__, Blocks.of
+
+    def placing(self: Placing, steps: Sequence[Step], frames: Mapping[str, UserFrame]) -> None:
+        found.append("frames")
+        placed(self, steps, frames)
+
+    def blocks(steps: Sequence[Step]) -> Blocks:
+        found.append("blocks")
+        return blocked(steps)
+
+    monkeypatch.setattr(Placing, "__init__", placing)
+    monkeypatch.setattr(Blocks, "of", blocks)
+    what = program(RepeatStep(times=2), to(0.1), to(-0.1), EndStep())
+    source = ProgramSource(what)
+    state = begin_program(ROBOT, what, HOME, loops=3, whole=source.whole())
+    moves = 0
+    while (planned := plan_next(ROBOT, source, state))[0]:
+        steps, state = planned
+        moves += sum(step.moves for step in steps)
+    assert moves == 12
+    assert sorted(found) == ["blocks", "frames"]
+    source.edit(program(to(0.2), EndStep()))  # a version that nobody has checked
+    with pytest.raises(ProgramError, match="step 2"):
+        plan_next(ROBOT, source, begin_program(ROBOT, what, HOME))

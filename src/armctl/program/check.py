@@ -14,7 +14,7 @@ from armctl.facts import FrameNamedBase, NoSteps, OtherRobot, Reason
 from armctl.motion.preflight import Finding
 from armctl.program.base_steps import Step
 from armctl.program.calls import WholeProgram
-from armctl.program.frames import BASE, Placing
+from armctl.program.frames import BASE
 from armctl.program.motion_steps import MoveStep
 from armctl.program.paths import PathWalk
 from armctl.program.program import PROGRAM_FILES, Blocks, Program
@@ -30,6 +30,7 @@ def check_program(
     start: ArrayLike | None = None,
     payload_kg: float | None = None,
     progress: Callable[[int, int], None] | None = None,
+    whole: WholeProgram | None = None,
 ) -> list[Finding]:
     """What is wrong with a program for an arm, in the order of the steps; without errors it may be run.
 
@@ -41,6 +42,7 @@ def check_program(
     ``robot`` is, and carries the same (``Robot.gripping``, ``Robot.carrying``).
     ``payload_kg``: None: as in the robot file.
     ``progress`` is called with the steps checked and all steps; what it raises ends the check.
+    ``whole``: the program taken apart, where it was before.
     """
     findings: list[Finding] = []
     if program.robot != robot.name:
@@ -48,7 +50,7 @@ def check_program(
     if not program.steps:
         findings.append(Finding(NoSteps()))
     findings += _frame_findings(program)
-    whole = WholeProgram.of(program)
+    whole = WholeProgram.of(program) if whole is None else whole
     wrong: dict[int, Reason] = {}
     """by index among the steps that run: what is wrong in itself"""
     in_steps: list[Finding] = []
@@ -60,8 +62,8 @@ def check_program(
             places = list(whole.where(called.file, index))
             in_steps.append(whole.called(places[0], why))
             wrong |= dict.fromkeys(places, why)
-    broken = Blocks.of(program.steps).findings
-    placing = Placing(whole.flat.steps, whole.flat.frames)
+    blocks, placing = whole.blocks if whole.flat is program else Blocks.of(program.steps), whole.placing
+    broken = blocks.findings
     for index, why in placing.unknown.items():
         in_steps.append(whole.told(Finding(why, step=index)))
         wrong[index] = why

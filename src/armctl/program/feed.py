@@ -133,15 +133,17 @@ def begin_program(
     first: int = 0,
     count: int | None = None,
     opening: float | None = None,
+    whole: WholeProgram | None = None,
 ) -> PlanState:
     """Check it, stand before step ``first`` at ``start`` (n,) [rad]. InputError: no such step or count.
 
-    ``opening`` of the gripper, 0..1; None: not known. ``robot`` carries what it does as it begins.
+    ``opening`` of the gripper, 0..1; None: not known. ``robot`` carries what it does as it begins. ``whole``:
+    the program taken apart, where it was before.
     """
     first = whole_number(first, "the first step")
     loops = None if loops is None else whole_number(loops, "how often a program runs")
     count = None if count is None else whole_number(count, "how many steps to run")
-    require_runnable(robot, program)
+    require_runnable(robot, program, whole)
     if not 0 <= first < len(program.steps):
         raise InputError(NoSuchStep(program.name, first + 1, len(program.steps)))
     if loops is not None and loops < 1:
@@ -159,9 +161,9 @@ def whole_number(value: int, what: str) -> int:
         raise InputError(f"{what} must be a whole number, got {value!r}") from cause
 
 
-def require_runnable(robot: Robot, program: Program) -> None:
+def require_runnable(robot: Robot, program: Program, whole: WholeProgram | None = None) -> None:
     """ProgramError: another robot's program, no steps, or a step that cannot be run: all without planning."""
-    for finding in check_program(program, robot, motions=False):
+    for finding in check_program(program, robot, motions=False, whole=whole):
         if finding.severity == "error":
             raise ProgramError(f"{program.name}: {finding}")
 
@@ -255,7 +257,8 @@ def _next_step(source: ProgramSource, before: PlanState) -> PlannedStep | None:
     state = before
     if state.program is None or state.whole is None or state.cursor is None:
         whole = source.whole()
-        program, cursor = whole.written, Cursor(whole.flat, whole.begins[state.first], whole.marks)
+        known = whole.placing, whole.blocks.required()
+        program, cursor = whole.written, Cursor(whole.flat, whole.begins[state.first], whole.marks, known)
         left = None if state.loops_left is None else state.loops_left - 1
         state = replace(state, program=program, whole=whole, loops_left=left, first=0)
     else:

@@ -30,8 +30,6 @@ from armctl.motion.trajectory import JoinedTrajectory, Trajectory
 from armctl.program.base_steps import BlockStep, MotionStep, Step
 from armctl.program.calls import WholeProgram
 from armctl.program.conditions import COUNTER
-from armctl.program.frames import Placing
-from armctl.program.program import Blocks
 from armctl.program.signal_steps import ConditionStep
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.body.arm_body import Openings
@@ -100,8 +98,7 @@ class PathWalk:
         steps = whole.flat.steps
         self._whole = whole
         self._steps, self._robot, self._skipped, self._payload_kg = steps, robot, skipped, payload_kg
-        self._blocks = Blocks.matched(steps)
-        self._placing = Placing(steps, whole.flat.frames)
+        self._blocks, self._placing = whole.blocks.required(), whole.placing
         self._ranges = _counter_ranges([step for k, step in enumerate(steps) if k not in skipped])
         self._planned: list[_PlannedMotion] = []
         """motions that the pre-flight has not seen yet, each from where the one before ends"""

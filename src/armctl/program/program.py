@@ -117,11 +117,14 @@ class Blocks:
 
     @classmethod
     def matched(cls, steps: Sequence[Step]) -> Self:
-        """The same; a ProgramError names the first marker without its other one."""
-        found = cls.of(steps)
-        for index, why in found.findings:
+        """The same, all of them ``required`` to match."""
+        return cls.of(steps).required()
+
+    def required(self) -> Self:
+        """These; a ProgramError names the first marker without its other one."""
+        for index, why in self.findings:
             raise ProgramError(why).about(f"step {index + 1}")
-        return found
+        return self
 
     def whole(self, index: int) -> tuple[int, int]:
         """First and last step of the block that a marker is of; of another step, the step itself."""
@@ -310,17 +313,23 @@ class Cursor:
     Behind a step that asks (``Effect.asks``) the answer is needed: ``decide``.
     """
 
-    def __init__(self, program: Program, first: int = 0, begins: Container[int] = ()) -> None:
+    def __init__(
+        self,
+        program: Program,
+        first: int = 0,
+        begins: Container[int] = (),
+        known: tuple[Placing, Blocks] | None = None,
+    ) -> None:
         """Stand before the step ``first``: in a block in its first pass, which its ``end`` ends at once.
 
         An ``if`` around it counts as answered. ``begins``: indices of the steps that ``begun`` counts.
+        ``known``: frames and blocks of the steps, where they were found before.
         """
         steps = program.steps
         if not 0 <= first < max(len(steps), 1):
             raise InputError(NoSuchStep(program.name, first + 1, len(steps)))
         self._steps = steps
-        self._placing = Placing(steps, program.frames)
-        self._blocks = Blocks.matched(steps)
+        self._placing, self._blocks = known or (Placing(steps, program.frames), Blocks.matched(steps))
         self._goals = _goals(steps, self._blocks)
         self._next = self._goals[first]
         self._open: list[tuple[int, int]] = []
@@ -423,6 +432,8 @@ def _goals(steps: Sequence[Step], blocks: Blocks) -> list[int]:
     acting = [0, *accumulate(step.acts for step in steps)]
     goals = [len(steps)] * (len(steps) + 1)
     for index in range(len(steps) - 1, -1, -1):
-        first, last = blocks.whole(index)
+        first = last = index
+        if index in blocks.partners or index in blocks.elses:
+            first, last = blocks.whole(index)
         goals[index] = index if acting[last + 1] > acting[first] else goals[index + 1]
     return goals

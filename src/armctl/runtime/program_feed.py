@@ -28,7 +28,9 @@ def begun_program(
     source = ProgramSource(program)
     closed, opened = robot.openings
     opening = closed if closed == opened else None
-    state = begin_program(robot, program, start, loops=loops, first=first, count=count, opening=opening)
+    state = begin_program(
+        robot, program, start, loops=loops, first=first, count=count, opening=opening, whole=source.whole()
+    )
     return (source, *plan_next(robot, source, state))
 
 
