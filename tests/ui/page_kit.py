@@ -17,6 +17,7 @@ from armctl.hardware import Driver
 from armctl.protocol import Command, Control, ManualClock, Snapshot
 from armctl.robot import Robot
 from armctl.runtime import Controller
+from armctl.ui.console import Precedence
 from armctl.ui.events import Action
 from armctl.ui.guard import GuardedServer
 from armctl.ui.guard.parts import Parts
@@ -51,7 +52,12 @@ class FakePage:
             progress=None, control=Control(), commanded=True,
         )  # fmt: skip
         last_known = SimpleNamespace(standing=lambda snapshot: snapshot.q_command)
-        self.console = SimpleNamespace(robot=robot, last_known=last_known, shared=cache(lambda kind: kind()))
+        self.console = SimpleNamespace(
+            robot=robot,
+            last_known=last_known,
+            shared=cache(lambda kind: kind()),
+            precedence=Precedence(),
+        )
         self.me, self.operates = "browser page 1", True
         self.ghost = Ghost(server.scene, robot)
         self.parts = Parts()

@@ -25,7 +25,8 @@ from armctl.facts.commands import NoBoard, Stopped
 from armctl.hardware import BoardIdentity
 from armctl.protocol import AxisHoming, Control, Doing, MoveJoints, Party, Snapshot, Ticket
 from armctl.robot import load_robot
-from armctl.ui import RobotChoice, events
+from armctl.ui import RobotChoice, console, events
+from armctl.ui.console import Precedence
 from armctl.ui.guard import GuardedServer
 from armctl.ui.session import Session
 from armctl.ui.tabs.calibration import touch_question
@@ -67,7 +68,9 @@ class Bench:
             gui=server.gui, scene=server.scene, client_id=6, add_notification=self._notify
         )
         controller = SimpleNamespace(snapshot=self.snapshot, ended=False, submit=lambda *_: self.ticket)
-        self.console = SimpleNamespace(robot=ROBOT, controller=controller, unsaved=[], savers=[])
+        self.console = SimpleNamespace(
+            robot=ROBOT, controller=controller, unsaved=[], savers=[], precedence=Precedence()
+        )
         self.console.shared = cache(lambda kind: kind())
 
         async def change(name: str, *_: object) -> None:
@@ -428,3 +431,51 @@ def test_who_stopped_the_arm_is_told_as_this_page_knows_them(server: GuardedServ
         NoBoard(),
     ):
         assert told(other) == other
+
+
+def test_pages_compute_one_after_the_other_and_behind_who_presses_go(server: GuardedServer) -> None:
+    """What is computed for pages shares the interpreter with the check of what is to go to the arm."""
+    bench, begun = Bench(server), list[str]()
+    held, ticket = threading.Event(), Ticket([])
+    bench.ticket = ticket
+
+    def first() -> None:
+        begun.append("first")
+        assert held.wait(10)
+
+    async def turns() -> None:
+        for _ in range(20):
+            await asyncio.sleep(0)
+
+    async def compute(*work: Any) -> None:
+        async with bench.console.precedence.turn():
+            await bench.session.work_out(*work)
+
+    async def press() -> None:
+        one = asyncio.create_task(compute(first))
+        two = asyncio.create_task(compute(begun.append, "second"))
+        await turns()
+        going = asyncio.create_task(bench.session.submit(MoveJoints(ROBOT.pose("home"))))
+        await turns()
+        held.set()
+        await one
+        await turns()
+        assert begun == ["first"] and not going.done()
+        ticket.accepted.set_result(None)
+        await going
+        await two
+        assert begun == ["first", "second"]
+
+    asyncio.run(press())
+
+
+def test_a_go_that_takes_long_is_waited_for_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(console, "_FIRST_S", 0.0)
+
+    async def wait() -> None:
+        precedence = Precedence()
+        with precedence.going(), precedence.going():
+            await asyncio.wait_for(precedence.give_way(), 10)
+        await asyncio.wait_for(precedence.give_way(), 10)
+
+    asyncio.run(wait())

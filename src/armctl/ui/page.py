@@ -66,9 +66,11 @@ class Page:
     async def build(self) -> None:
         """Fill the tabs one by one: what others ask for, STOP above all, waits for one tab at most.
 
-        The bar comes first: who presses Enable waits for no tab.
+        The bar comes first: who presses Enable waits for no tab. Who presses Go on another page waits for the
+        one that is begun.
         """
         while not (self.built or self.session.closed):
+            await self._robots.console.precedence.give_way()
             self._always.refresh(self.session.snapshot)
             for _ in range(_TURNS):
                 await asyncio.sleep(0)

@@ -302,8 +302,9 @@ class Session:
         """Submit, wait until accepted; refused where another page operates or the robot is being changed."""
         self.require_operator()
         self.robots.require_settled()
-        ticket = self.console.controller.submit(command, self.origin)
-        await asyncio.wrap_future(ticket.accepted)
+        with self.console.precedence.going():
+            ticket = self.console.controller.submit(command, self.origin)
+            await asyncio.wrap_future(ticket.accepted)
         label, at_work = _AT_WORK.get()
         if at_work is not None:  # from here on the arm itself shows it
             at_work.end()

@@ -201,7 +201,7 @@ class InverseScreen:
         is_newest, start = self._newest.begin(), self._session.snapshot.q_command
         criterion, profile = self._criterion.value, self._movement.profile
         held = self._session.held
-        async with self._one_at_a_time:
+        async with self._one_at_a_time, self._session.console.precedence.turn():
             if not is_newest():
                 return
             again = await self._session.work_out(answer, held, found.solutions, criterion, start, profile)
@@ -226,7 +226,7 @@ class InverseScreen:
             self._forget(refusal)
             raise
         criterion, profile, held = self._criterion.value, self._movement.profile, self._session.held
-        async with self._one_at_a_time:
+        async with self._one_at_a_time, self._session.console.precedence.turn():
             if not is_newest():
                 return None
             found = await self._session.work_out(solve, held, target, criterion, start, profile)

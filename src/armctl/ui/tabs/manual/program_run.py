@@ -260,7 +260,8 @@ class ProgramRun:
         program = await self._program()  # what it calls is read now: what is checked is what runs
         # Where another step comes first, it is not known where the arm would have come from.
         start = self._session.snapshot.q_command if first == 0 else None
-        findings = await self._check(program, start, to_run=True)
+        with self._session.console.precedence.going():
+            findings = await self._check(program, start, to_run=True)
         error = first_error(findings)
         if error is not None:
             raise ProgramError(f"{program.name}: {error}")

@@ -204,15 +204,16 @@ class GraphView:
 
     async def _on_csv(self) -> None:
         shown = self._require_shown()
-        self._session.download(
-            "motion.csv", await self._session.work_out(analysis_csv, shown.robot, shown.motion)
-        )
+        async with self._session.console.precedence.turn():
+            text = await self._session.work_out(analysis_csv, shown.robot, shown.motion)
+        self._session.download("motion.csv", text)
 
     async def _on_figure(self) -> None:
         shown = self._require_shown()
         drawn = [TitledMotion(one.title, one.motion) for one in (shown, self._beside) if one is not None]
         form = _FIGURE_FORMS[self._figure.value]
-        content = await self._session.work_out(figure_file, shown.robot, form, *drawn)
+        async with self._session.console.precedence.turn():
+            content = await self._session.work_out(figure_file, shown.robot, form, *drawn)
         if not self._session.closed:
             self._session.download(f"motion.{form}", content)
 
