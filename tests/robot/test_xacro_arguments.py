@@ -51,6 +51,10 @@ def test_what_is_needed_is_named_with_the_line_to_type(tmp_path: Path) -> None:
     assert refused.value.arguments == ["model", "length"]
     with pytest.raises(RobotFileError, match="no argument 'lenght'; did you mean 'length'"):
         load_robot(f"{file}#lenght:=0.1,length:=1,model:=x")
+    with pytest.raises(
+        UnclearArmError, match=r"'length' is needed, .* no default, 'lenght' was given; write"
+    ):
+        load_robot(f"{file}#lenght:=0.1,model:=x")
     for arguments in ({"length": None}, {"length": [1]}):
         with pytest.raises(RobotFileError, match="must be a text, a number or a bool"):
             load_robot(file, arguments)  # type: ignore[arg-type]

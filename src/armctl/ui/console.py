@@ -153,7 +153,7 @@ class Precedence:
 
     @contextmanager
     def going(self) -> Generator[None]:
-        """As long as what was pressed is on its way to the arm; what takes longer goes on beside the others."""
+        """As long as what was pressed is on its way to the arm; a longer one goes on beside others."""
         self._going += 1
         self._free.clear()
         late = asyncio.get_running_loop().call_later(_FIRST_S, self._free.set)

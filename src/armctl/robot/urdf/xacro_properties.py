@@ -261,9 +261,11 @@ class Texts:
         if value is None:
             needed = [*(one for one in self._defaults if one not in self._arguments and one != name), name]
             given = " ".join(f"{shown(one)}:=VALUE" for one in needed)
+            unknown = [one for one in self._given if one not in self._defaults and one not in self._used]
+            mistyped = f", {shown(unknown[0])!r} was given" if did_you_mean(name, unknown) else ""
             error = UnclearArmError(
-                f"the argument {shown(name)!r} is needed, and the file gives it no default; write it behind "
-                f"the file: armctl check {self._files.source.file.name} {given}"
+                f"the argument {shown(name)!r} is needed, and the file gives it no default{mistyped}; write "
+                f"it behind the file: armctl check {self._files.source.file.name} {given}"
             )
             error.arguments = needed
             raise error
