@@ -24,7 +24,7 @@ FOLDERS = {
     "kinematics": (51, 13_050),  # the workspace as a shell
     "motion": (21, 6_000),  # from one side
     "process": (14, 3_375),
-    "program": (25, 5_220),  # grids, a check of every path; calls, pick and place, messages, user frames
+    "program": (25, 5_270),  # grids, a check of every path; calls, pick and place, messages, user frames
     "protocol": (5, 1_230),
     "robot": (44, 12_080),
     "runtime": (
