@@ -10,13 +10,12 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from html import escape
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
-from armctl.ui.session import Session
 from armctl.ui.widgets.html import button, fixed
 from armctl.ui.widgets.number_field import parse_number, parse_numbers
 from armctl.ui.widgets.plots import PlotLine, span
@@ -61,12 +60,24 @@ class Curves:
         return Curves(times, tuple(lines), self.bounds)
 
 
+class PartsOfPage(Protocol):
+    """What tells of what is done on a page's parts: its session."""
+
+    def on_part(self, do: str, action: Callable[[str], None]) -> None:
+        """Run ``action(key)`` where this is done."""
+        ...
+
+    def on_part_value(self, do: str, action: Callable[[str, str], None]) -> None:
+        """Run ``action(key, value)`` where something is given a value."""
+        ...
+
+
 class Graph:
     """What of the time is in view, and where the cursor stands, both as shares of the duration."""
 
     def __init__(
         self,
-        session: Session,
+        session: PartsOfPage,
         name: str,
         on_cursor: Callable[[float], None],
         draw: Callable[[], None],
