@@ -197,6 +197,7 @@ def test_tools_cross_to_the_arm_process(tmp_path: Path) -> None:
     ("old", "new", "said"),
     [
         ('name = "pen"', 'name = "jaws"', "tools.jaws.name: two tools have it"),
+        ('title = "Felt pen"', 'title = "Jaws"', "tools.pen.title: two tools are shown by it"),
         ("offset_mm = [0, 0, 110]", "offset_mm = [0, 0, 2001]", "must be -2000 … 2000, not 2001"),
         (
             "to_mm = [0, 0, 110]",

@@ -113,6 +113,8 @@ def with_tools(robot: Robot, entries: Sequence[RobotToolEntry], document: Docume
         key, what = entry.wrong(robot)
         if any(entry.name == tool.name for tool in tools):
             key, what = "name", "two tools have it; each needs its own"
+        elif not what and any((entry.title or spoken(entry.name)) == tool.title for tool in tools):
+            key, what = "title", "two tools are shown by it; nobody could tell which one is chosen"
         with errors:
             if what:
                 raise document.error(f"tools.{entry.name}.{key}: {what}", ("tools", i, key))
