@@ -13,11 +13,11 @@ from armctl.facts import State
 from armctl.program import Program, Step, check_program, load_program, read_csv, save_program, write_csv
 from armctl.program import steps as registry
 from armctl.program.base_steps import Effect
+from armctl.program.edit import PLACES, add
 from armctl.program.motion_steps import MoveStep
-from armctl.program.program import PLACES, add
 from armctl.protocol import RunProgram
 from armctl.robot import load_robot
-from armctl.ui.tabs.manual.program_editor import recorded_kinds, step_here
+from armctl.ui.tabs.manual.new_step import recorded_kinds, step_here
 from armctl.ui.tabs.manual.program_list import row_html
 from armctl.ui.tabs.manual.step_form import by_label, edited, texts_of
 

@@ -190,6 +190,11 @@ class Screen:
             expect(self.tab(label)).to_have_attribute("aria-selected", "true", timeout=PATIENCE_MS)
             self.pause()
 
+    def add_step(self, group: str, label: str) -> None:
+        """Choose a kind of step from the menu of the program; the step's fields are open then."""
+        self.click("Add step ▾")
+        self.click(label, within=self.page.get_by_role("group", name=group, exact=True))
+
     def unfold(self, folder: str, button: str) -> None:
         """Open a folder, and wait until its ``button`` has come to rest."""
         self.press(self.page.get_by_text(folder, exact=True))

@@ -64,8 +64,8 @@ def in_a_number_field(screen: Screen) -> None:
 
 def in_a_text_field(screen: Screen) -> None:
     screen.open_tab("Manual", "Serial motion")
-    screen.unfold("Speed, comment, repeat", "Add comment")
-    screen.entry("Comment").click()
+    screen.unfold("Files", "Upload")
+    screen.entry("Name").click()
 
 
 def in_an_open_dropdown(screen: Screen) -> None:

@@ -47,8 +47,8 @@ from armctl.program import (
     write_csv,
     write_script,
 )
+from armctl.program.edit import PLACES, add, delete_frame, put_frame, rename_frame
 from armctl.program.frames import LEAST_SINE, Placing, turn_errors
-from armctl.program.program import PLACES, add, delete_frame, put_frame, rename_frame
 from armctl.program.rehearsal import pose_after, rehearse
 from armctl.protocol import RunProgram
 from armctl.robot import load_robot

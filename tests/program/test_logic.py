@@ -30,7 +30,7 @@ from armctl.program import (
     write_csv,
     write_script,
 )
-from armctl.program.program import delete, duplicate, repeat
+from armctl.program.edit import delete, duplicate, surround
 from armctl.program.rehearsal import rehearse
 from armctl.robot import load_robot
 
@@ -170,7 +170,7 @@ def test_a_marker_takes_the_others_with_it() -> None:
     assert delete(what, 3)[0].steps == (A, PRESSED, B, C, END)
     assert duplicate(what, 3)[0].steps == (A, *2 * what.steps[1:])
     with pytest.raises(ProgramError, match="cut the block of steps 2 … 6"):
-        repeat(what, "4-5", 3, 2)
+        surround(what, RepeatStep(times=2), "4-5", 3)
 
 
 def test_a_rehearsal_counts_and_takes_inputs_as_told(tmp_path: Path) -> None:

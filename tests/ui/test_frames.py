@@ -15,14 +15,14 @@ from armctl.errors import InputError, ProgramError
 from armctl.facts import State
 from armctl.kinematics import rotation_from_rpy
 from armctl.program import FrameStep, PointStep, Program, Step, UserFrame
-from armctl.program.program import PLACES, add
+from armctl.program.edit import PLACES, add
 from armctl.protocol import JogTool
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.manual.frames import ADD, DELETE, NEW, RENAME, FrameForm
 from armctl.ui.tabs.manual.jog import ToolJog
 from armctl.ui.tabs.manual.shared_program import SharedProgram
-from armctl.ui.tabs.manual.step_form import StepEdit
+from armctl.ui.tabs.manual.step_form import KnownNames, StepEdit
 
 ROBOT = load_robot("uzuner")
 TOUCHES = {"Origin": (180, -60, 60), "On +x": (180, 60, 60), "On the +y side": (120, 0, 60)}
@@ -192,7 +192,7 @@ def test_its_axes_stand_in_the_scene_where_it_is(page: FramesPage) -> None:
 
 
 def test_the_row_of_a_step_offers_the_frames_of_its_program() -> None:
-    html = StepEdit("1").html(FrameStep(frame="gone"), ROBOT, frames=("table", "<b>"))
+    html = StepEdit("1").html(FrameStep(frame="gone"), ROBOT, KnownNames(frames=("table", "<b>")))
     for name in ("base", "table", "&lt;b&gt;"):
         assert f"<option value='{name}'>{name}</option>" in html
     assert "<option value='gone' selected>gone</option>" in html

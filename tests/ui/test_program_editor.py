@@ -17,11 +17,28 @@ from armctl.errors import StateError
 from armctl.facts import State
 from armctl.hardware import Source
 from armctl.kinematics import rotation_from_rpy
-from armctl.program import ArcStep, GripperStep, LineStep, MoveStep, PickStep, PlaceStep, PointStep
+from armctl.program import (
+    ArcStep,
+    CallStep,
+    CountStep,
+    DrawStep,
+    EndStep,
+    GripperStep,
+    IfStep,
+    LineStep,
+    MoveStep,
+    PickStep,
+    PlaceStep,
+    PointStep,
+    WaitForStep,
+    WhileStep,
+)
+from armctl.program.steps import KINDS
 from armctl.protocol import MoveGripper
 from armctl.robot import Robot, load_robot
-from armctl.ui.tabs.manual.program_editor import (
+from armctl.ui.tabs.manual.new_step import (
     present_pose_deg,
+    quick_kinds,
     recorded_kinds,
     step_here,
     tool_point_mm,
@@ -84,10 +101,32 @@ def test_of_six_joints_the_whole_pose_of_the_tool_is_recorded(kind: type[PointSt
 def test_an_arm_without_a_gripper_has_no_button_for_it() -> None:
     tool = {"Point": PointStep, "Line": LineStep, "Arc": ArcStep}
     arm = {"Record pose": MoveStep, "Record gripper": GripperStep}
-    hand = {"Pick": PickStep, "Place": PlaceStep}
-    assert recorded_kinds(ROBOT) == {"Add step": arm, "Record tool": tool, "Pick and place": hand}
+    assert quick_kinds(ROBOT) == {"Record": arm, "Record tool": tool}
+    assert recorded_kinds(ROBOT)["Pick and place"] == {"Pick": PickStep, "Place": PlaceStep}
     bare = replace(ROBOT, gripper=None)
-    assert recorded_kinds(bare) == {"Add step": {"Record pose": MoveStep}, "Record tool": tool}
+    assert quick_kinds(bare) == {"Record": {"Record pose": MoveStep}, "Record tool": tool}
+    assert "Pick and place" not in recorded_kinds(bare)
+
+
+def test_every_kind_of_step_that_a_file_holds_can_be_put_on_the_list(tmp_path: Path) -> None:
+    """But an end, which comes with its block. What is made is right as it is, but for what it is about."""
+    robot, here = robot_with(tmp_path), standing(ROBOT, gripper=0.3)
+    offered = recorded_kinds(robot)
+    kinds = [kind for group in offered.values() for kind in group.values()]
+    assert set(kinds) == set(KINDS) - {EndStep} and "Set output" not in recorded_kinds(ROBOT)["In and out"]
+    names = {"program": "turn", "file": str(tmp_path / "name.svg"), "frame": "table", "counter": "cups"}
+    (tmp_path / "name.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg'><path d='M0 0h9'/></svg>")
+    made = {kind: step_here(kind, robot, here, (1.0, 2.0, 3.0), names) for kind in kinds}
+    for step in made.values():
+        step.check(robot)
+    assert made[IfStep] == IfStep(watch="button") and made[CountStep] == CountStep(counter="cups", add=1)
+    assert step_here(WhileStep, ROBOT, here) == WhileStep(
+        watch="counter", counter="parts", compare="below", value=3
+    )
+    step_here(WaitForStep, ROBOT, here).check(ROBOT)
+    for kind, why in ((CallStep, "no other program is saved"), (DrawStep, "there is no drawing yet")):
+        with pytest.raises(StateError, match=why):
+            step_here(kind, ROBOT, here)
 
 
 def test_a_pick_is_recorded_at_the_part_with_the_gripper_as_it_holds_it(tmp_path: Path) -> None:

@@ -14,13 +14,29 @@ from tests.ui.page_kit import FakePage
 from armctl.errors import ArmctlError, ProgramError
 from armctl.facts import Said
 from armctl.motion import Finding
-from armctl.program import EndStep, MoveStep, PointStep, Program, RepeatStep, Step, WaitStep
+from armctl.program import (
+    CountStep,
+    ElseStep,
+    EndStep,
+    GridStep,
+    IfStep,
+    MoveStep,
+    PlaceStep,
+    PointStep,
+    Program,
+    RepeatStep,
+    Step,
+    WaitStep,
+    WhileStep,
+)
+from armctl.program.edit import PLACES
 from armctl.protocol import MoveJoints, Party, ProgramProgress
 from armctl.robot import load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.manual.program_editor import ProgramEditor
 from armctl.ui.tabs.manual.program_list import PART, ProgramList, row_html
 from armctl.ui.tabs.manual.shared_program import SharedProgram
+from armctl.ui.tabs.manual.step_form import texts_of
 
 ROBOT = load_robot("uzuner")
 
@@ -101,6 +117,98 @@ def test_a_row_says_its_step_escapes_its_note_and_is_indented_in_a_block(page: L
     assert "Record pose" not in page.parts[PART]
     page.put()
     assert "Record pose" in page.parts[PART] and "role=grid" not in page.parts[PART]
+
+
+def test_the_end_of_a_block_says_whose_it_is(page: ListPage) -> None:
+    page.put(IfStep(watch="button"), RepeatStep(times=2), *waits(3), EndStep(), ElseStep(), EndStep())
+    does = [re.findall("class=does[^>]*>(.*?)</span>", row)[0] for row in page.rows]
+    assert does == [
+        "button = 1",
+        "2 times",
+        "3 s",
+        "of repeat 2 times",
+        "of if button = 1",
+        "of if button = 1",
+    ]
+    page.do("step-delete", 1)
+    does = [re.findall("class=does[^>]*>(.*?)</span>", row)[0] for row in page.rows]
+    assert does == ["button = 1", "3 s", "of if button = 1", "of if button = 1"]
+
+
+def add_from_menu(page: ListPage, group: str, label: str) -> None:
+    page.do("step-menu", "")
+    assert "aria-expanded=true" in page.parts[PART]
+    assert f"data-key='{group}.{label}'" in page.parts[PART]
+    page.do("step-add", f"{group}.{label}")
+    assert "aria-expanded=false" in page.parts[PART]
+
+
+def test_steps_are_added_from_a_menu_nested_and_opened_to_be_edited(page: ListPage) -> None:
+    assert "role=group" not in page.parts[PART]
+    add_from_menu(page, "Decide and repeat", "While")
+    add_from_menu(page, "Decide and repeat", "If")
+    add_from_menu(page, "Wait and tell", "Pause")
+    assert page.marked("armctl-fields") == [2] and "data-focus" in page.rows[2]
+    page.do("step-set", f"{page.shared.keys[2]}.0", "2.5")
+    add_from_menu(page, "Decide and repeat", "Else")
+    add_from_menu(page, "Decide and repeat", "Count")
+    kinds = [WhileStep, IfStep, WaitStep, ElseStep, CountStep, EndStep, EndStep]
+    assert [type(step) for step in page.shared.program.steps] == kinds and page.seconds == [2.5]
+    assert [row.count("--in:2") for row in page.rows] == [0, 0, 1, 0, 1, 0, 0]
+    with pytest.raises(ProgramError, match="else"):
+        add_from_menu(page, "Decide and repeat", "Else")
+    page.do("step-undo", "")
+    assert CountStep not in map(type, page.shared.program.steps)
+    page.do("step-menu", "")
+    page.do("step-menu", "")
+    assert "aria-expanded=false" in page.parts[PART]
+    page.do("step-add", "Program.Sing")  # of another version of the page
+    page.watches = True
+    page.draw()
+    assert "step-menu" not in page.parts[PART]
+    with pytest.raises(ArmctlError, match="watching"):
+        page.do("step-add", "Wait and tell.Pause")
+
+
+def test_the_fields_of_a_new_step_open_wherever_it_goes(page: ListPage) -> None:
+    page.put(*waits(1, 2, 3))
+    page.do("step", 1)
+    page.editor.where = PLACES[1]
+    add_from_menu(page, "Wait and tell", "Message")
+    assert page.marked("armctl-fields") == page.marked("<b role=gridcell>message") == [1]
+    assert page.editor.selected == 2  # what is put before it keeps its order
+    page.do("step-done", page.shared.keys[1])
+    page.do("step", 1)
+    page.editor.where = PLACES[3]
+    add_from_menu(page, "Wait and tell", "Pause")
+    assert page.seconds == [1, 1, 2, 3] and page.marked("armctl-fields") == [1]
+
+
+def test_rows_go_into_the_block_that_is_added(page: ListPage) -> None:
+    page.put(*waits(1, 2, 3))
+    page.editor.rows_inside = "2-3"
+    add_from_menu(page, "Decide and repeat", "Repeat")
+    assert page.shared.program.steps == (*waits(1), RepeatStep(times=2), *waits(2, 3), EndStep())
+
+
+def test_a_place_is_touched_in_its_field(page: ListPage) -> None:
+    add_from_menu(page, "Decide and repeat", "Grid")
+    page.snapshot.q_command = ROBOT.read((20.0, 90, -80, -40, 0))
+    x, y, z = (1000 * ROBOT.forward(page.snapshot.q_command)[:3, 3]).tolist()
+    page.do("step-touch", f"{page.shared.keys[0]}.1")
+    (grid, _) = page.shared.program.steps
+    assert isinstance(grid, GridStep)
+    assert (grid.row_x_mm, grid.row_y_mm, grid.row_z_mm) == pytest.approx((x, y, z), abs=1e-3)
+    add_from_menu(page, "Pick and place", "Place")
+    number = [*texts_of(page.shared.program.steps[1], ROBOT)].index("Frame")
+    page.do("step-set", f"{page.shared.keys[1]}.{number}", "cell")
+    place = page.shared.program.steps[1]
+    assert isinstance(place, PlaceStep) and place.in_cell
+    assert place.x_mm == pytest.approx(x - grid.x_mm, abs=2e-3)
+    page.do("step-touch", f"{page.shared.keys[1]}.0")
+    assert page.shared.program.steps[1] == place
+    page.do("step-touch", f"{page.shared.keys[0]}.1")  # of a row that is not edited
+    page.do("step-touch", f"{page.shared.keys[1]}.90")
 
 
 def test_one_row_is_selected_and_the_only_stop_of_the_tab_key(page: ListPage) -> None:

@@ -3,6 +3,8 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import msgspec
 import pytest
@@ -16,8 +18,11 @@ from armctl.kinematics import CRITERIA
 from armctl.program import (
     ArcStep,
     CallStep,
+    DrawStep,
     EndStep,
+    GridStep,
     GripperStep,
+    IfStep,
     LineStep,
     MessageStep,
     MoveStep,
@@ -29,9 +34,12 @@ from armctl.program import (
     WaitStep,
 )
 from armctl.program.base_steps import keys_of
+from armctl.protocol import Snapshot
 from armctl.robot import load_robot
-from armctl.ui.tabs.manual.step_form import StepEdit, by_label, edited, texts_of
+from armctl.ui.tabs.manual.new_step import step_here
+from armctl.ui.tabs.manual.step_form import KnownNames, StepEdit, by_label, edited, texts_of
 
+HERE = SimpleNamespace(commanded=True, q_command=load_robot("uzuner").pose("home"), gripper=0.3, part_mm=None)
 MOVE = MoveStep(joints_deg=(0.12345, 90, -80, -40, 0), duration_s=2)
 POINT = PointStep(x_mm=200, y_mm=0, z_mm=85)
 LINE = LineStep(x_mm=200, y_mm=0, z_mm=85)
@@ -170,7 +178,7 @@ def offered(html: str, label: str) -> list[str]:
 
 def test_names_are_offered_where_there_are_any(tmp_path: Path) -> None:
     robot, call, pick = robot_with(tmp_path), CallStep(program="gone"), PickStep(x_mm=1, y_mm=2, z_mm=3)
-    html = StepEdit("1").html(call, robot, ["grip", "turn"])
+    html = StepEdit("1").html(call, robot, KnownNames(saved=["grip", "turn"]))
     assert offered(html, "Program") == ["grip", "turn", "gone"]
     assert "<select" not in StepEdit("1").html(call, robot)
     html = StepEdit("1").html(pick, robot)
@@ -181,3 +189,32 @@ def test_names_are_offered_where_there_are_any(tmp_path: Path) -> None:
     assert isinstance(taken, PickStep) and taken.output == "pump"
     html = StepEdit("1").html(MessageStep(text="<b>Ready?</b>"), robot)
     assert "<b>" not in html and offered(html, "Goes on") == ["at OK", "at once"]
+
+
+def test_what_is_wrong_with_the_step_is_said_below_its_fields(tmp_path: Path) -> None:
+    robot, edit = robot_with(tmp_path), StepEdit("1")
+    step = IfStep(watch="load")
+    assert "Load of which joint?" in edit.html(step, robot)
+    assert offered(edit.html(step, robot), "Watch")[:4] == ["button", "door", "knob", "load"]
+    assert list(texts_of(IfStep(watch="button")))[:3] == ["Watch", "Compare", "Value"]
+    assert "Counter" in texts_of(IfStep(watch="counter")) and "Counter" not in texts_of(step)
+    step = edit.take(step, "Joint", "elbow")
+    assert "Joint" in texts_of(msgspec.structs.replace(step, watch="button"))  # it is wrong there
+    assert "compare it above or below" in edit.html(step, robot)
+    step = edit.take(step, "Compare", "above")
+    assert "<em" not in edit.html(step, robot)
+    assert edit.take(step, "Value", "much") is step
+    assert edit.html(step, robot).count("<em") == 1  # only the field's own
+
+
+def test_a_place_has_a_button_that_puts_the_tool_there(tmp_path: Path) -> None:
+    robot, grid = robot_with(tmp_path), step_here(GridStep, load_robot("uzuner"), cast(Snapshot, HERE))
+    html = StepEdit("7").html(grid, robot)
+    assert re.findall("aria-label='(.*?): where the tool is now'", html) == [
+        "First cell mm", "Row end mm", "Column end mm"
+    ]  # fmt: skip
+    assert "data-do=step-touch data-key=7.0 " in html
+    drawn = StepEdit("7").html(
+        DrawStep(file="/p/b.svg", plane_mm=(0.0,) * 9), robot, KnownNames(drawings=["/p/a.svg", "/p/b.svg"])
+    )
+    assert offered(drawn, "File") == ["a.svg", "b.svg"] and "<option value='/p/a.svg'>" in drawn

@@ -46,8 +46,14 @@ class Field:
     """what the form shows of a choice that is left open: what it means then"""
     turn: Literal["", "pitch", "orientation"] = ""
     """what of the tool's turn it is about; a step says something of its pitch or of its orientation"""
-    offers: Literal["", "programs", "inputs", "outputs", "tools"] = ""
+    offers: Literal[
+        "", "programs", "drawings", "inputs", "outputs", "watched", "joints", "tools"
+    ] = ""
     """of a name: what the form offers, where there are any"""
+    of_watched: tuple[str, ...] = ()
+    """what a step has to watch for the form to show the field; empty: it is always shown"""
+    touched: bool = False
+    """of X, Y and Z: the form can put the place there at which the tool is"""
 
 
 KeyForm = Literal["number", "integer", "numbers", "text", "choice"]
@@ -89,6 +95,15 @@ def keys_of(kind: type[msgspec.Struct]) -> tuple[Key, ...]:
         choices = shown.choices or (get_args(plain) if form == "choice" else ())
         keys.append(Key(one.name, shown, form, choices, optional, one.default, shown.head or one.name))
     return tuple(sorted(keys, key=lambda key: key.field.place))
+
+
+def places_of(step: Step) -> dict[str, tuple[str, ...]]:
+    """The labels of the fields of a step that are a place, and the keys of its X, Y and Z."""
+    found: dict[str, tuple[str, ...]] = {}
+    for key in keys_of(type(step)):
+        if key.field.touched:
+            found[key.field.label] = (*found.get(key.field.label, ()), key.name)
+    return found
 
 
 def literal(value: object) -> str:
@@ -249,7 +264,7 @@ class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="d
     call: ClassVar[tuple[str, ...]] = ()
     """the method of ``Arm`` that does the same, and the keys that are its arguments"""
     button: ClassVar[tuple[str, ...]] = ()
-    """row and label of the button that records one where the arm stands, and the keys that it records"""
+    """group and name by which it is put on the list, and the keys that need a value then; empty: not alone"""
 
     handles: ClassVar[bool] = False
     """it takes a part, or lets it go: by the gripper, or by an output"""

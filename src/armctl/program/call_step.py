@@ -20,6 +20,7 @@ class CallStep(Step, frozen=True, kw_only=True, tag="call"):
     """
 
     words: ClassVar = "{0.program}"
+    button: ClassVar = ("Program", "Call", "program")
 
     program: Annotated[
         str,

@@ -53,8 +53,11 @@ class DrawStep(MotionStep, frozen=True, kw_only=True, tag="draw"):
     """Draw an SVG or G-code file on a plane; what is out of reach is named before, and left out."""
 
     leads_tool: ClassVar[bool] = True
+    button: ClassVar = ("Record tool", "Drawing", "file", "plane_mm")
 
-    file: Annotated[str, Meta(min_length=1, max_length=1000), Field("File", _FILE_HINT, 40)]
+    file: Annotated[
+        str, Meta(min_length=1, max_length=1000), Field("File", _FILE_HINT, 40, offers="drawings")
+    ]
     plane_mm: Annotated[tuple[float, ...], Field("Plane mm", _PLANE_HINT, 41)]
     width_mm: Annotated[
         Annotated[float, Meta(gt=0, le=WIDEST_MM)] | None, Field("Width mm", _WIDTH_HINT, 42)

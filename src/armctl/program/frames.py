@@ -134,6 +134,7 @@ class FrameStep(Step, frozen=True, kw_only=True, tag="frame"):
     """
 
     acts: ClassVar[bool] = False
+    button: ClassVar = ("Program", "Frame", "frame")
 
     frame: Annotated[str, Field("Frame", "A frame of the program, or base.", 11, choices=(BASE,))] = BASE
 

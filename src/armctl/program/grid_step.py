@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
+import msgspec
 import numpy as np
 from msgspec import Meta
 
@@ -16,9 +17,16 @@ from armctl.robot import Robot
 MOST_CELLS = 10_000
 Order = Literal["rows", "columns", "snake"]
 _Count = Annotated[int, Meta(ge=1, le=MOST_CELLS)]
-_First = Annotated[float, Field("Point mm", "X, Y, Z of the first cell.", 1)]
-_RowEnd = Annotated[float, Field("Row end mm", "X, Y, Z of the last cell of the first row.", 70)]
-_ColumnEnd = Annotated[float, Field("Column end mm", "X, Y, Z of the last cell of the first column.", 71)]
+_First = Annotated[float, Field("First cell mm", "X, Y, Z of the first cell.", 1, touched=True)]
+_RowEnd = Annotated[
+    float, Field("Row end mm", "X, Y, Z of the last cell of the first row.", 70, touched=True)
+]
+_ColumnEnd = Annotated[
+    float, Field("Column end mm", "X, Y, Z of the last cell of the first column.", 71, touched=True)
+]
+_CORNERS = tuple(tuple(f"{end}{axis}_mm" for axis in "xyz") for end in ("", "row_", "column_"))
+_PLACES = tuple(key for keys in _CORNERS for key in keys)
+"""keys of the three corners, each of three, and all of them"""
 
 
 class GridStep(BlockStep, frozen=True, kw_only=True, tag="grid"):
@@ -29,6 +37,7 @@ class GridStep(BlockStep, frozen=True, kw_only=True, tag="grid"):
     """
 
     acts: ClassVar[bool] = False
+    button: ClassVar = ("Decide and repeat", "Grid", *_PLACES, "rows", "columns")
 
     x_mm: _First
     y_mm: _First
@@ -51,6 +60,11 @@ class GridStep(BlockStep, frozen=True, kw_only=True, tag="grid"):
     def passes(self) -> int:
         """The cells."""
         return self.rows * self.columns * self.layers
+
+    def moved(self, T: FloatArray) -> Self:
+        """Its corners in another frame, as of any step."""
+        corners = np.stack(self._corners()) @ T[:3, :3].T + T[:3, 3]
+        return msgspec.structs.replace(self, **dict(zip(_PLACES, corners.ravel().tolist(), strict=True)))
 
     def describe(self) -> str:
         """How many cells, and their order."""
@@ -91,8 +105,4 @@ class GridStep(BlockStep, frozen=True, kw_only=True, tag="grid"):
         return x, y, z + layer * self.layer_mm
 
     def _corners(self) -> Sequence[FloatArray]:
-        return (
-            np.array([self.x_mm, self.y_mm, self.z_mm]),
-            np.array([self.row_x_mm, self.row_y_mm, self.row_z_mm]),
-            np.array([self.column_x_mm, self.column_y_mm, self.column_z_mm]),
-        )
+        return [np.array([getattr(self, key) for key in keys]) for keys in _CORNERS]

@@ -8,7 +8,7 @@ from msgspec import Meta
 
 from armctl.errors import ProgramError
 from armctl.program.base_steps import BlockStep, Effect, Field, Step
-from armctl.program.signal_steps import ConditionStep
+from armctl.program.signal_steps import CONDITION, ConditionStep
 
 MOST_REPEATS = 1_000_000
 LARGEST_COUNT = 1_000_000_000
@@ -21,6 +21,7 @@ class RepeatStep(BlockStep, frozen=True, kw_only=True, tag="repeat"):
 
     acts: ClassVar[bool] = False
     words: ClassVar = "{0.times} times"
+    button: ClassVar = ("Decide and repeat", "Repeat", "times")
 
     times: Annotated[int, Meta(ge=1, le=MOST_REPEATS), Field("Times")]
 
@@ -51,6 +52,7 @@ class IfStep(_AskingStep, frozen=True, kw_only=True, tag="if"):
     """Run the steps as far as ``else`` or ``end`` if something holds; those behind ``else`` if not."""
 
     again: ClassVar[bool] = False
+    button: ClassVar = ("Decide and repeat", "If", *CONDITION)
 
     @property
     def passes(self) -> int:
@@ -67,10 +69,13 @@ class ElseStep(Step, frozen=True, kw_only=True, tag="else"):
 
     acts: ClassVar[bool] = False
     divides: ClassVar[bool] = True
+    button: ClassVar = ("Decide and repeat", "Else")
 
 
 class WhileStep(_AskingStep, frozen=True, kw_only=True, tag="while"):
     """Run the steps as far as ``end`` again and again, as long as something holds ahead of each pass."""
+
+    button: ClassVar = ("Decide and repeat", "While", *CONDITION)
 
     most: Annotated[
         Annotated[int, Meta(ge=1, le=MOST_REPEATS)] | None,
@@ -104,6 +109,8 @@ class EndStep(Step, frozen=True, kw_only=True, tag="end"):
 
 class CountStep(Step, frozen=True, kw_only=True, tag="count"):
     """Add to a counter, or set it. Each pass of a program begins with all counters at 0."""
+
+    button: ClassVar = ("Decide and repeat", "Count", "counter", "add")
 
     counter: Annotated[_CounterName, Field("Counter", "Its name: any word.", 60)]
     add: Annotated[_Count | None, Field("Add", "What is added to it.", 61)] = None

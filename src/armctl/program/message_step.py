@@ -19,6 +19,7 @@ class MessageStep(Step, frozen=True, kw_only=True, tag="message"):
     """Tell the person something, on all pages, on the terminal and in the log; stand until OK."""
 
     call: ClassVar = ("message", "text", "goes_on", "timeout_s", "otherwise")
+    button: ClassVar = ("Wait and tell", "Message", "text")
 
     text: Annotated[str, Meta(min_length=1, max_length=LONGEST_MESSAGE), Field("Text", "What is told.", 40)]
     goes_on: Annotated[GoesOn, Field("Goes on", _GOES_ON_HINT, 63)] = "at OK"

@@ -29,8 +29,8 @@ _RPY_HINT = (
     "The tool's orientation at the end, Rz(yaw)·Ry(pitch)·Rx(roll); "
     "of a line or an arc with 'interpolated' only."
 )
-PointKey = Annotated[float, Field("Point mm", _POINT_HINT, 1)]
-_ViaPoint = Annotated[float, Field("Via mm", _VIA_HINT, 2)]
+PointKey = Annotated[float, Field("Point mm", _POINT_HINT, 1, touched=True)]
+_ViaPoint = Annotated[float, Field("Via mm", _VIA_HINT, 2, touched=True)]
 _Mode = Annotated[
     PitchMode | None,
     Field("Tool pitch", "Tool pitch on the way.", 3, "pitch_mode", TURN_MODES, "kept", "pitch"),
@@ -71,7 +71,7 @@ class MoveStep(MotionStep, frozen=True, kw_only=True, tag="move"):
 
     title: ClassVar = "pose"
     call: ClassVar = ("go_joints", "joints_deg", "duration_s", "profile", "blend_mm")
-    button: ClassVar = ("Add step", "Record pose", "joints_deg")
+    button: ClassVar = ("Record", "Record pose", "joints_deg")
 
     joints_deg: Annotated[tuple[float, ...], Field("Angles °", "One angle a joint, separated by commas.", 0)]
     profile: _Profile = "cubic"

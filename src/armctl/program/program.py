@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,15 +17,12 @@ from armctl.facts import UnmatchedBlock
 from armctl.facts.commands import NoSuchStep
 from armctl.program.base_steps import BlockStep, MotionStep, Step
 from armctl.program.frames import (
-    BASE,
     MOST_FRAMES,
-    NAME_OF_FRAME,
     FrameName,
-    FrameStep,
     Placing,
     UserFrame,
 )
-from armctl.program.logic_steps import MOST_REPEATS, EndStep, IfStep, RepeatStep
+from armctl.program.logic_steps import IfStep
 from armctl.program.steps import AnyStep
 
 PROGRAM_FILES = DocumentKind(ProgramError, most_bytes=1024 * 1024, entries={"steps": "step"})
@@ -134,116 +130,6 @@ class Blocks:
         return first, last
 
 
-# Editing a program: each function gives a new program and the index of the row to select in it.
-
-PLACES: tuple[str, ...] = (
-    "at the end",
-    "before the selected row",
-    "after the selected row",
-    "in place of the selected row",
-)
-Change = tuple[Program, int]
-_RANGE = re.compile(r"\s*(\d{1,6})\s*(?:(?:-|–|…|to)\s*(\d{1,6})\s*)?")
-
-
-def add(program: Program, step: Step, where: str, selected: int) -> Change:
-    """A step goes to one of the ``PLACES``; several put before or after the selected row keep their order.
-
-    Its points are in the base frame. In the list they are given in the user frame that counts there.
-    """
-    count = len(program.steps)
-    spans = ((count, 0), (selected, 0), (selected + 1, 0), (selected, 1))
-    at, removed = dict(zip(PLACES, spans, strict=True))[where] if count else (0, 0)
-    row = selected + 1 if where == PLACES[1] and count else at
-    changed = _spliced(program, at, removed, (step,))
-    if program.frames:
-        step = Placing(changed.steps, program.frames).given(at, step)
-    return _spliced(program, at, removed, (step,)), row
-
-
-def replace(program: Program, row: int, step: Step) -> Change:
-    """``step`` instead of the one in a row."""
-    return _spliced(program, row, 1, (step,)), row
-
-
-def delete(program: Program, row: int) -> Change:
-    """Without a row; a marker of a block takes the others with it, but ``else`` goes alone.
-
-    The next row is selected, or the last.
-    """
-    _require_row(program, row)
-    blocks = Blocks.of(program.steps)
-    first, last = blocks.whole(row)
-    gone = (first, last, blocks.elses.get(first, first))
-    if program.steps[row].divides:
-        first, gone = row, (row,)
-    steps = tuple(step for i, step in enumerate(program.steps) if i not in gone)
-    selected = row - 1 if first < row else row
-    return _with(program, steps), max(min(selected, len(steps) - 1), 0)
-
-
-def move(program: Program, row: int, by: int) -> Change:
-    """A row up (-1) or down (+1); a ProgramError where it is the first or the last already."""
-    _require_row(program, row)
-    if not 0 <= row + by < len(program.steps):
-        raise ProgramError(f"row {row + 1} is the {'first' if by < 0 else 'last'} one already")
-    steps = list(program.steps)
-    steps.insert(row + by, steps.pop(row))
-    return _with(program, tuple(steps)), row + by
-
-
-def duplicate(program: Program, row: int) -> Change:
-    """A copy of a row behind it, or of the whole block that it begins or ends; the copy is selected.
-
-    Its steps are objects of their own, so that they can be told from those that were copied.
-    """
-    _require_row(program, row)
-    first, last = Blocks.of(program.steps).whole(row)
-    copied = tuple(msgspec.structs.replace(step) for step in program.steps[first : last + 1])
-    return _spliced(program, last + 1, 0, copied), row + len(copied)
-
-
-def repeat(program: Program, rows: str, selected: int, times: int) -> Change:
-    """The rows of a range, e.g. ``2-5``, in a block that runs ``times`` times; empty: the selected row."""
-    first = last = selected
-    if rows.strip():
-        match = _RANGE.fullmatch(rows)
-        if match is None:
-            raise InputError(f"rows to repeat: {rows.strip()[:40]!r} is no range of rows; write e.g. 2-5")
-        first, last = int(match[1]) - 1, int(match[2] or match[1]) - 1
-    for row in (selected, first, last):
-        _require_row(program, row)
-    if last < first:
-        raise ProgramError(f"a block cannot go from step {first + 1} back to step {last + 1}")
-    if not 1 <= times <= MOST_REPEATS:
-        raise ProgramError(f"a block repeats 1 … {MOST_REPEATS} times, not {times}")
-    blocks = Blocks.matched(program.steps)
-    for row in range(first, last + 1):
-        begin, end = blocks.whole(row)
-        if begin < first or last < end:
-            raise ProgramError(
-                f"steps {first + 1} … {last + 1} cut the block of steps {begin + 1} … {end + 1}; "
-                "take all of it, or none"
-            )
-    inside = program.steps[first : last + 1]
-    return _spliced(program, first, len(inside), (RepeatStep(times=times), *inside, EndStep())), first
-
-
-def _require_row(program: Program, row: int) -> None:
-    if not program.steps:
-        raise ProgramError("the list is empty; record a pose first")
-    if not 0 <= row < len(program.steps):
-        raise ProgramError(f"there is no row {row + 1}; the program has {len(program.steps)}")
-
-
-def _spliced(program: Program, at: int, removed: int, steps: tuple[Step, ...]) -> Program:
-    return _with(program, (*program.steps[:at], *steps, *program.steps[at + removed :]))
-
-
-def _with(program: Program, steps: tuple[Step, ...]) -> Program:
-    return msgspec.structs.replace(program, steps=steps)
-
-
 def in_first_cells(program: Program) -> list[Step]:
     """The steps with their points in the base frame, those in a grid as its first pass runs them."""
     placing = Placing(program.steps, program.frames)
@@ -256,52 +142,6 @@ def in_first_cells(program: Program) -> list[Step]:
             cells.pop()
         placed.append(placing.placed(index, step, cells[-1]))
     return placed
-
-
-# User frames of a program: each function gives a new program.
-
-
-def put_frame(program: Program, name: str, frame: UserFrame) -> Program:
-    """With a frame, new or in place of that with its name: what is given in it moves with it."""
-    if name not in program.frames:
-        _require_free(program, name)
-    return msgspec.structs.replace(program, frames={**program.frames, name: frame})
-
-
-def rename_frame(program: Program, name: str, to: str) -> Program:
-    """With another name for a frame, also in the steps that choose it."""
-    _require_free(program, to)
-    frames = {to if one == name else one: frame for one, frame in program.frames.items()}
-    steps = tuple(
-        msgspec.structs.replace(step, frame=to)
-        if isinstance(step, FrameStep) and step.frame == name
-        else step
-        for step in program.steps
-    )
-    return msgspec.structs.replace(program, frames=frames, steps=steps)
-
-
-def delete_frame(program: Program, name: str) -> Program:
-    """Without a frame; a ProgramError where a step chooses it."""
-    for index, step in enumerate(program.steps):
-        if isinstance(step, FrameStep) and step.frame == name:
-            raise ProgramError(f"step {index + 1} chooses the frame {name!r}; delete that step first")
-    frames = {one: frame for one, frame in program.frames.items() if one != name}
-    return msgspec.structs.replace(program, frames=frames)
-
-
-def _require_free(program: Program, name: str) -> None:
-    if NAME_OF_FRAME.fullmatch(name) is None:
-        raise InputError(
-            f"{name[:60]!r} is no name of a frame: 1 … 40 letters, digits, spaces, '_', '.', '+' and '-', "
-            "beginning with none of the last four"
-        )
-    if name == BASE:
-        raise InputError("'base' is the frame of the arm; take another name")
-    if name in program.frames:
-        raise InputError(f"there is a frame {name!r} already; take another name")
-    if len(program.frames) >= MOST_FRAMES:
-        raise InputError(f"a program has {MOST_FRAMES} frames at most")
 
 
 # The steps of a program in the order in which they are executed.

@@ -9,13 +9,14 @@ from msgspec import Meta
 from armctl.errors import ProgramError
 from armctl.facts.commands import NotDigital, UnknownName
 from armctl.program.base_steps import LONGEST_WAIT_S, Effect, Field, Step, Until, literal
-from armctl.program.conditions import Comparison, Condition, Otherwise, Trigger
+from armctl.program.conditions import COUNTER, MEASURED, Comparison, Condition, Otherwise, Trigger
 from armctl.robot import Robot
 from armctl.robot.tools import grippers
 
 SignalName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$")]
 SignalNameOrNone = Annotated[str, Meta(pattern=r"^([a-z][a-z0-9_]*)?$")]
 _VALUE = Field("Value", "Of an input or output: 0 or 1, or a share.", 62)
+_WATCH_HINT = "An input, load, temperature, voltage or current of a joint, or counter."
 LongestWait = Annotated[float, Meta(gt=0, le=LONGEST_WAIT_S)]
 AtTimeout = Annotated[Otherwise, Field("At time-out", "What the program does then.", 65)]
 """of every step that waits for something that may not come"""
@@ -54,19 +55,24 @@ class SetStep(Step, frozen=True, kw_only=True, tag="set"):
         return f"set_output({literal(self.output)}, {literal(self.value)})"
 
 
+CONDITION = ("watch", "joint", "counter", "compare", "value")
+"""keys of a condition that need a value as it is put on the list"""
+
+
 class ConditionStep(Step, frozen=True, kw_only=True):
     """What steps with a condition share: its keys."""
 
     watch: Annotated[
         SignalName,
-        Field("Watch", "An input, load, temperature, voltage or current of a joint, or counter.", 60),
+        Field("Watch", _WATCH_HINT, 60, offers="watched"),
     ]
     """name of an input; ``load`` [%], ``temperature`` [°C], ``voltage`` [V], ``current`` [A]; ``counter``"""
     joint: Annotated[
-        SignalNameOrNone, Field("Joint", "Whose load, temperature …; empty for an input.", 61)
+        SignalNameOrNone,
+        Field("Joint", "Whose load, temperature …", 61, offers="joints", of_watched=MEASURED),
     ] = ""
     """name of the joint, or ``gripper``; of a quantity only"""
-    counter: Annotated[SignalNameOrNone, Field("Counter", "Its name; empty for an input.", 60)] = ""
+    counter: Annotated[SignalNameOrNone, Field("Counter", "Its name.", 60, of_watched=(COUNTER,))] = ""
     """name of the counter that a ``count`` step changes; with watch = "counter" only"""
     compare: Annotated[Comparison, Field("Compare", "Above or below: of numbers.", 61)] = "equals"
     value: Annotated[float, _VALUE] = 1.0
@@ -91,7 +97,7 @@ class WaitForStep(ConditionStep, frozen=True, kw_only=True, tag="wait-for"):
     """Stand until an input has a value, or a quantity of a joint is above or below one."""
 
     call: ClassVar = ("wait_for", "watch", "value", "timeout_s", "joint", "compare", "trigger", "otherwise")
-    button: ClassVar = ("In and out", "Wait for input", "watch", "timeout_s")
+    button: ClassVar = ("In and out", "Wait until", *CONDITION, "timeout_s")
 
     timeout_s: Annotated[LongestWait, Field("Time-out s", "At most so long.", 64)]
     otherwise: AtTimeout = "stop"

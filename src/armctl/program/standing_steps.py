@@ -44,6 +44,7 @@ class WaitStep(Step, frozen=True, kw_only=True, tag="wait"):
 
     words: ClassVar = "{0.seconds:g} s"
     call: ClassVar = ("wait", "seconds")
+    button: ClassVar = ("Wait and tell", "Pause", "seconds")
 
     seconds: Annotated[Seconds, Field("Wait time s", head="wait_s")]
 
@@ -60,7 +61,7 @@ class GripperStep(HoldsPart, Step, frozen=True, kw_only=True, tag="gripper"):
     """
 
     call: ClassVar = ("gripper", "open_percent", "part_mm")
-    button: ClassVar = ("Add step", "Record gripper", "open_percent", *EDGES)
+    button: ClassVar = ("Record", "Record gripper", "open_percent", *EDGES)
 
     open_percent: Annotated[
         float, Meta(ge=0, le=100), Field("Open %", "0 closed, 100 open.", head="gripper_percent")
@@ -121,6 +122,7 @@ class SpeedStep(Step, frozen=True, kw_only=True, tag="speed"):
 
     words: ClassVar = "{0.percent:g} % from here on"
     call: ClassVar = ("set_speed", "percent")
+    button: ClassVar = ("Program", "Speed", "percent")
 
     percent: Annotated[
         float,

@@ -22,6 +22,7 @@ class CommentStep(Step, frozen=True, kw_only=True, tag="comment"):
 
     title: ClassVar = "#"
     acts: ClassVar[bool] = False
+    button: ClassVar = ("Program", "Comment")
 
 
 KINDS: tuple[type[Step], ...] = (
@@ -37,9 +38,6 @@ KINDS: tuple[type[Step], ...] = (
     SetStep,
     WaitForStep,
     MessageStep,
-    SpeedStep,
-    ToolStep,
-    FrameStep,
     RepeatStep,
     IfStep,
     ElseStep,
@@ -47,6 +45,9 @@ KINDS: tuple[type[Step], ...] = (
     GridStep,
     EndStep,
     CountStep,
+    SpeedStep,
+    ToolStep,
+    FrameStep,
     CallStep,
     CommentStep,
 )

@@ -159,7 +159,7 @@
       number(wanted, row.querySelector("[data-nth]")?.textContent ?? "");
       renew(row, wanted);
     }
-    if (focused) keepFocus(place, focused);
+    if (focused || document.activeElement === document.body) keepFocus(place, focused);
     keepInView(place);
   }
   // Without its losing the focus, where the browser can.
@@ -184,6 +184,7 @@
       view(place, asks.closest("[data-rows] > *"));
       return;
     }
+    if (!focused) return;
     const stays = focused.isConnected && (unanswered > 0 || focused.parentElement !== place);
     const to = stays ? focused : place.querySelector(":scope > [tabindex='0']");
     if (to && to !== document.activeElement) to.focus({ preventScroll: true });

@@ -16,11 +16,12 @@ from armctl.errors import DrawingError, InputError, StateError
 from armctl.facts import Need, State, say
 from armctl.program import DrawStep, Program
 from armctl.program.draw_step import FASTEST_MM_S, HIGHEST_LIFT_MM, WIDEST_MM
-from armctl.program.program import PLACES, add
+from armctl.program.edit import PLACES, add
 from armctl.protocol import RunProgram
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.session import Session
-from armctl.ui.tabs.manual.program_editor import Point, ProgramEditor, present_pose_deg, tool_point_mm
+from armctl.ui.tabs.manual.new_step import Point, present_pose_deg, tool_point_mm
+from armctl.ui.tabs.manual.program_editor import ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, escape, fixed, folded, muted, numbers
 from armctl.ui.widgets.number_field import NumberField
@@ -77,6 +78,7 @@ class DrawingForm:
         drawing = await self._session.work_out(parse_drawing, name, content)
         self._file = await asyncio.to_thread(_kept, self._shared.folder, name, content)
         low, high = drawing.box
+        self._shared.file_came()
         self._shift = (0.0, 0.0)
         width, height = (high - low).tolist()
         self._width.fill(round(width, 1))

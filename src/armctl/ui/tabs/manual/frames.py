@@ -11,10 +11,11 @@ from armctl.facts import State
 from armctl.facts.angles import to_degrees
 from armctl.kinematics import quaternion_wxyz
 from armctl.program import FrameStep, Program, UserFrame
+from armctl.program.edit import PLACES, add, delete_frame, put_frame, rename_frame
 from armctl.program.frames import BASE, turn_errors
-from armctl.program.program import PLACES, add, delete_frame, put_frame, rename_frame
 from armctl.ui.session import Session
-from armctl.ui.tabs.manual.program_editor import Point, ProgramEditor, present_pose_deg, tool_point_mm
+from armctl.ui.tabs.manual.new_step import Point, present_pose_deg, tool_point_mm
+from armctl.ui.tabs.manual.program_editor import ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, numbers, table
 

@@ -3,45 +3,34 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
-from typing import Any, get_args
 
-import numpy as np
 import viser
 
-from armctl.errors import ArmctlError, InputError, StateError
-from armctl.motion import usual_pitch
+from armctl.errors import ArmctlError, StateError
 from armctl.process.heavy_work import check_program_apart
-from armctl.program import (
-    CalledProgram,
-    CallStep,
-    CommentStep,
-    MessageStep,
-    MoveStep,
-    Program,
-    SpeedStep,
-    Step,
-    WaitStep,
-)
-from armctl.program import steps as registry
-from armctl.program.base_steps import LONGEST_WAIT_S
-from armctl.program.logic_steps import MOST_REPEATS
-from armctl.program.message_step import LONGEST_MESSAGE, GoesOn
-from armctl.program.motion_steps import tool_turn
-from armctl.program.program import PLACES, Change, add, delete, duplicate, move, repeat
+from armctl.program import CalledProgram, MoveStep, Program, Step
+from armctl.program.base_steps import BlockStep
+from armctl.program.edit import PLACES, Change, add, delete, duplicate, move, surround
 from armctl.program.rehearsal import pose_after
-from armctl.program.standing_steps import EDGES, SLOWEST_PERCENT
 from armctl.protocol import Party, Snapshot, UpdateProgram
-from armctl.robot import Robot
 from armctl.ui.events import OneAtATime
 from armctl.ui.next_pose import PoseWriter
 from armctl.ui.offers import refused_by
 from armctl.ui.session import Session
+from armctl.ui.tabs.manual.new_step import (
+    ARC,
+    SET_VIA,
+    Point,
+    present_pose_deg,
+    quick_kinds,
+    step_here,
+    tool_point_mm,
+)
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.angle_fields import slider_degrees
 from armctl.ui.widgets.html import LiveHtml, muted, numbers
-from armctl.ui.widgets.number_field import NumberField
 
 EMPTY = "the list is empty; record a pose first"
 EDIT_WAITS = "the edit takes effect at the next pass"
@@ -61,6 +50,10 @@ class ProgramEditor:
         self._asked = self._shown = ""
         """keys of the step whose end is to be the next pose, and of the one whose end was made it last"""
         self._showing = OneAtATime(self._show_end)
+        self.where = PLACES[2]
+        """where new steps go"""
+        self.rows_inside = ""
+        """rows that go into the next block that is added, e.g. 2-5; empty: none"""
 
     @property
     def selected(self) -> int:
@@ -146,6 +139,27 @@ class ProgramEditor:
             text = f"{error}; edit it, or Undo"
             self._session.notify("The next pass would stop there", text, "yellow")
 
+    async def add(self, step: Step) -> None:
+        """Put a step on the list where new steps go; a block round the rows that are to be inside."""
+        rows, where, at = self.rows_inside, self.where, self.selected
+        if rows.strip() and isinstance(step, BlockStep):
+            await self.change(lambda program: surround(program, step, rows, at))
+        else:
+            await self.change(lambda program: add(program, step, where, at))
+
+    async def add_kind(self, kind: type[Step]) -> None:
+        """Put a step of a kind on the list, made where the arm is; refused where something is not known."""
+        self._session.require_operator()
+        shared = self._shared
+        names = {
+            "program": shared.callable,
+            "file": shared.drawings,
+            "frame": tuple(shared.program.frames),
+            "counter": shared.counters,
+        }
+        first = {key: known[0] for key, known in names.items() if known}
+        await self.add(step_here(kind, self._session.console.robot, self._session.snapshot, names=first))
+
     def _running_called(self) -> tuple[CalledProgram, ...]:
         """What the program that runs calls was read when it began: that runs, whatever its files say now."""
         progress = self._session.snapshot.program
@@ -175,112 +189,13 @@ class ProgramEditor:
         return runs
 
 
-# Steps made of where the arm is.
-
-SET_VIA, ADD_WAIT = "Set via", "Add wait"
-_ARC = "Arc"
-Point = tuple[float, float, float]
-_END, _VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
-_RPY = ("rx_deg", "ry_deg", "rz_deg")
-_DIGITS = 3
-_SIGNAL_KEYS, _TIMEOUT_S = ("output", "watch", "timeout_s"), 10.0
-_NOT_KNOWN = {
-    "open_percent": "the gripper has not been told to move yet; press 'Set gripper' first",
-    _VIA[0]: f"an arc needs a point on its way: bring the tool there and press {SET_VIA!r}, "
-    f"then go on to its end and press {_ARC!r}",
-}
-
-
-def recorded_kinds(robot: Robot) -> dict[str, dict[str, type[Step]]]:
-    """Rows of buttons: the label of each, and the kind of step that it records of an arm."""
-    rows: dict[str, dict[str, type[Step]]] = {}
-    there = {"open_percent"} if robot.gripper is not None else set[str]()
-    there |= _signals_here(robot).keys()
-    hand = robot.gripper is not None or "output" in there
-    for kind in registry.KINDS:
-        if kind.handles and not hand:
-            continue
-        if kind.button and not {"open_percent", *_SIGNAL_KEYS}.intersection(kind.button) - there:
-            row, label, *_ = kind.button
-            rows.setdefault(row, {})[label] = kind
-    return rows
-
-
-def step_here(kind: type[Step], robot: Robot, snapshot: Snapshot, via_mm: Point | None = None) -> Step:
-    """A step made where the arm is; ``via_mm``: on an arc. ``StateError``: something is not known."""
-    keys = kind.button[2:]
-    here: dict[str, Any] = dict(zip(EDGES, snapshot.part_mm or (None, None, None), strict=True))
-    here |= _signals_here(robot)
-    if snapshot.gripper is not None:
-        here["open_percent"] = here["close_percent"] = round(100 * snapshot.gripper, 1)
-    elif kind.handles:  # closed, until it is edited in the row
-        here["close_percent"] = 0.0
-    if set(keys) - {"open_percent", "close_percent", *EDGES, *_SIGNAL_KEYS}:
-        here |= _tool_here(robot, present_pose_deg(robot, snapshot))
-    if via_mm is not None:
-        here |= zip(_VIA, via_mm, strict=True)
-    for key in keys:
-        if key not in here:
-            raise StateError(_NOT_KNOWN[key])
-    if kind.handles and robot.gripper is None:
-        keys = (*keys, "output")
-    return kind(**{key: here[key] for key in keys})
-
-
-def _signals_here(robot: Robot) -> dict[str, Any]:
-    """Keys of steps about inputs and outputs: the first of each, to be edited in the row."""
-    own = "" if robot.gripper is None else robot.gripper.output
-    here: dict[str, Any] = {"timeout_s": _TIMEOUT_S}
-    if outputs := [one.name for one in robot.signals.outputs if one.name != own]:
-        here["output"] = outputs[0]
-    if robot.signals.inputs:
-        here["watch"] = robot.signals.inputs[0].name
-    return here
-
-
-def _tool_here(robot: Robot, pose_deg: tuple[float, ...]) -> Mapping[str, Any]:
-    """Keys of steps and their values at a pose.
-
-    Of an arm that can turn its tool about any axis, its orientation; else its pitch and roll, but no pitch
-    where the place of the tool decides about it.
-    """
-    q = robot.read(pose_deg)
-    angles: dict[str, float | None] = dict.fromkeys(("pitch_deg", "roll_deg", *_RPY))
-    angles |= tool_turn(robot, q, _DIGITS)
-    if robot.orients_tool:
-        modes = {"pitch": None, "orientation": "interpolated"}
-    else:
-        modes = {"pitch": "free" if usual_pitch(robot) == "free" else None, "orientation": None}
-        if modes["pitch"] is not None:
-            angles["pitch_deg"] = None
-    point = dict(zip(_END, tool_point_mm(robot, pose_deg), strict=True))
-    return {"joints_deg": pose_deg, **point, **modes, **angles}
-
-
-def tool_point_mm(robot: Robot, pose_deg: tuple[float, ...]) -> Point:
-    """Where the tool is at a pose [mm], to a micrometre."""
-    x, y, z = (np.round(1000 * robot.forward(robot.read(pose_deg))[:3, 3], _DIGITS) + 0.0).tolist()
-    return x, y, z
-
-
-def present_pose_deg(robot: Robot, snapshot: Snapshot) -> tuple[float, ...]:
-    """The pose to record, in degrees: commanded, else as the board reports it; ``StateError``: not known."""
-    q = snapshot.q_command if snapshot.commanded else snapshot.q
-    if np.isfinite(q).all():
-        return tuple(slider_degrees(robot, q))
-    raise StateError(
-        f"the arm is {snapshot.state.value}, so nobody knows where it stands; connect and enable it first"
-    )
-
-
 _EDITS: dict[str, Callable[[Program, int], Change]] = {
     "Up": lambda program, row: move(program, row, -1),
     "Down": lambda program, row: move(program, row, 1),
     "Duplicate": duplicate,
     "Delete": delete,
 }
-_MESSAGE_HINT = "What all pages, the terminal and the log show when the program comes there."
-_NONE_SAVED = "no other program is saved yet; Save one in Files"
+_ROWS_HINT = "Of a block that you add: the rows that go into it, e.g. 2-5. Empty: it is empty at first."
 _TOOL_HINT = "Where the tool is: as a point, or as the end of a straight line or of an arc through 'via'."
 
 
@@ -292,21 +207,20 @@ class ProgramRecord:
         self._via_mm: Point | None = None
         self._kinds: dict[str, type[Step]] = {}
         gui = session.gui
-        self._where = gui.add_dropdown("New steps go", PLACES, initial_value=PLACES[0])
+        where = gui.add_dropdown("New steps go", PLACES, initial_value=editor.where)
+        rows = gui.add_text("Rows inside", "", hint=_ROWS_HINT)
+        session.on(where.on_update, partial(self._on_where, where))
+        session.on(rows.on_update, partial(self._on_rows, rows))
         groups: list[viser.GuiButtonGroupHandle] = []
-        for row, kinds in recorded_kinds(session.console.robot).items():
+        for row, kinds in quick_kinds(session.console.robot).items():
             self._kinds |= kinds
             labels = [*kinds]
-            if _ARC in labels:
-                labels.insert(labels.index(_ARC), SET_VIA)
-            group = gui.add_button_group(row, labels, hint=_TOOL_HINT if _ARC in labels else None)
+            if ARC in labels:
+                labels.insert(labels.index(ARC), SET_VIA)
+            group = gui.add_button_group(row, labels, hint=_TOOL_HINT if ARC in labels else None)
             session.on(group.on_click, partial(self._on_group, group))
             groups.append(group)
         session.needs(None, *groups, also=refused_by(self._require_known))
-        self._seconds = NumberField(gui, "Wait s", 1.0)
-        wait = gui.add_button_group("Add a pause", (ADD_WAIT,))
-        session.needs(None, wait, told=False)
-        session.on(wait.on_click, partial(self._on_group, wait))
         pose = partial(self._record, next(iter(self._kinds)))
         command = session.command("Record pose", pose, "Put the present pose on the list of Serial motion")
         session.needs(None, command, also=refused_by(self._require_known), told=False)
@@ -325,67 +239,14 @@ class ProgramRecord:
         session.on(undo.on_click, editor.undo)
         session.on(redo.on_click, partial(editor.undo, redo=True))
 
-    def add_extras(self) -> None:
-        """Add speed, comment and repeat, which are not recorded from the arm, to the present container."""
-        gui = self._session.gui
-        percent = NumberField(gui, "Step speed %", 50)
-        comment = gui.add_text("Comment", "")
-        rows = gui.add_text("Rows to repeat", "", hint="E.g. 2-5. Empty: the selected row.")
-        times = NumberField(gui, "How often", 2)
-        group = gui.add_button_group("Add", ("Add speed", "Add comment", "Add repeat"))
-
-        async def on_add() -> None:
-            match group.value:
-                case "Add speed":
-                    await self._add(SpeedStep(percent=percent.within(SLOWEST_PERCENT, 100)))
-                case "Add comment":
-                    if not comment.value.strip():
-                        raise InputError("Comment is empty; type it first")
-                    await self._add(CommentStep(note=comment.value.strip()))
-                case _:
-                    often = times.whole(1, MOST_REPEATS)
-                    await self._edit(lambda program, row: repeat(program, rows.value, row, often))
-
-        self._session.on(group.on_click, on_add)
-
-    def add_messages(self) -> None:
-        """Add what tells the person something, and what runs a saved program, to the present container."""
-        gui = self._session.gui
-        text = gui.add_text("Message", "", hint=_MESSAGE_HINT)
-        waits = gui.add_dropdown("Goes on", get_args(GoesOn))
-        message = gui.add_button_group("Tell the person", ("Add message",))
-        self._saved = gui.add_dropdown("Saved program", self._callable())
-        call = gui.add_button_group("Run it there", ("Add call",))
-        self._session.needs(None, message, told=False)
-        self._session.needs(None, call, also=lambda _: None if self._shared.callable else _NONE_SAVED)
-
-        async def on_message() -> None:
-            if not text.value.strip():
-                raise InputError("Message is empty; type it first")
-            if len(text.value) > LONGEST_MESSAGE:
-                raise InputError(f"Message: at most {LONGEST_MESSAGE} letters")
-            await self._add(MessageStep(text=text.value.strip(), goes_on=waits.value))
-
-        async def on_call() -> None:
-            await self._add(CallStep(program=self._saved.value))
-
-        self._session.on(message.on_click, on_message)
-        self._session.on(call.on_click, on_call)
-
-    def refresh(self) -> None:
-        """Offer the programs that are saved now."""
-        if self._saved.options != (names := self._callable()):
-            self._saved.options = names
-
-    def _callable(self) -> tuple[str, ...]:
-        return tuple(self._shared.callable) or ("–",)
-
     def _require_known(self, snapshot: Snapshot) -> None:
         present_pose_deg(self._session.console.robot, snapshot)
 
-    async def _add(self, step: Step) -> None:
-        where = self._where.value
-        await self._edit(lambda program, row: add(program, step, where, row))
+    def _on_where(self, where: viser.GuiDropdownHandle[str]) -> None:
+        self._editor.where = where.value
+
+    def _on_rows(self, rows: viser.GuiInputHandle[str]) -> None:
+        self._editor.rows_inside = rows.value
 
     async def _edit(self, edit: Callable[[Program, int], Change]) -> None:
         row = self._editor.selected
@@ -398,22 +259,20 @@ class ProgramRecord:
         if q is None:
             await self._record(next(iter(self._kinds)))
         else:
-            await self._add(MoveStep(joints_deg=tuple(slider_degrees(self._session.console.robot, q))))
+            await self._editor.add(MoveStep(joints_deg=tuple(slider_degrees(self._session.console.robot, q))))
 
     async def _on_group(self, group: viser.GuiButtonGroupHandle) -> None:
         await self._record(group.value)
 
     async def _record(self, label: str) -> None:
         robot, snapshot = self._session.arm, self._session.snapshot
-        if label == ADD_WAIT:
-            await self._add(WaitStep(seconds=self._seconds.within(0, LONGEST_WAIT_S)))
-        elif label == SET_VIA:
+        if label == SET_VIA:
             self._session.require_operator()
             self._via_mm = tool_point_mm(robot, present_pose_deg(robot, snapshot))
             where = numbers(self._via_mm, 1)
             self._via.show(muted(f"Arc via ({where}) mm. Bring the tool to the arc's end, then press Arc."))
         else:
-            await self._add(step_here(self._kinds[label], robot, snapshot, self._via_mm))
-            if label == _ARC:
+            await self._editor.add(step_here(self._kinds[label], robot, snapshot, self._via_mm))
+            if label == ARC:
                 self._via_mm = None
         self._via.visible = self._via_mm is not None

@@ -11,14 +11,19 @@ from dataclasses import dataclass
 from functools import partial
 from html import escape
 
+import msgspec
+
 from armctl.motion.preflight import Finding
 from armctl.program import Program, Step
-from armctl.program.program import Change, delete, duplicate, move, replace
+from armctl.program.base_steps import places_of
+from armctl.program.edit import Change, delete, duplicate, move, move_before, point_in, replace
 from armctl.protocol import Snapshot
 from armctl.ui.session import Session
+from armctl.ui.tabs.manual.new_step import present_pose_deg, recorded_kinds, tool_point_mm
 from armctl.ui.tabs.manual.program_editor import EDIT_WAITS, ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
-from armctl.ui.tabs.manual.step_form import StepEdit, texts_of
+from armctl.ui.tabs.manual.step_form import KnownNames, StepEdit, texts_of
+from armctl.ui.widgets import html
 from armctl.ui.widgets.html import GOOD, WARNING, sentence, with_minus
 
 PART = "program"
@@ -30,7 +35,7 @@ _TENTHS = 10
 """how finely the progress of a step is shown"""
 _EMPTY = (
     "<p>No steps yet. Bring the arm somewhere (Joints, Jog), then press <b>Record pose</b>; repeat; "
-    "press <b>Run once</b>.</p>"
+    "press <b>Run once</b>. All other steps are in <b>Add step</b>.</p>"
 )
 _KEYS = (
     "Enter:step-edit Delete:step-delete Alt+ArrowUp:step-up Alt+ArrowDown:step-down Ctrl+d:step-copy "
@@ -72,8 +77,11 @@ class ProgramList:
         self._session, self._editor, self._findings = session, editor, findings
         self._shared = session.console.shared(SharedProgram)
         self._edit: StepEdit | None = None
-        self._plain: dict[str, tuple[Step, int, str]] = {}
-        """rows as they are where nothing is said of them, by key: step, depth, HTML"""
+        self._adding = False
+        """the menu of new steps is open"""
+        self._kinds = recorded_kinds(session.console.robot)
+        self._plain: dict[str, tuple[Step, int, str, str]] = {}
+        """rows as they are where nothing is said of them, by key: step, depth, what it is of, HTML"""
         self._version = -1
         self._states: dict[str, RowState] = {}
         """of the rows that are not plain, as drawn"""
@@ -95,6 +103,9 @@ class ProgramList:
             "step-down": partial(change, lambda program, row: move(program, row, 1)),
             "step-copy": partial(change, duplicate),
             "step-delete": partial(change, delete),
+            "step-menu": lambda _: self._show_menu(not self._adding),
+            "step-add": self._on_add,
+            "step-touch": self._on_touch,
             "step-undo": lambda _: editor.undo(),
             "step-redo": lambda _: editor.undo(redo=True),
         }
@@ -130,8 +141,49 @@ class ProgramList:
         row = self._shared.row(key)
         if row is not None:
             self._editor.select(row)
-            if self._edit is None or (self._edit.key != key and not self._edit.refusals):
-                self._edit = StepEdit(key)
+            self._open(key)
+
+    def _open(self, key: str) -> None:
+        """Open the fields of a row, unless one that is refused is open."""
+        if self._edit is None or (self._edit.key != key and not self._edit.refusals):
+            self._edit = StepEdit(key)
+
+    def _show_menu(self, adding: bool) -> None:
+        self._adding = adding
+
+    async def _on_add(self, key: str) -> None:
+        """Put a step of a kind on the list, and open its fields."""
+        group, _, label = key.partition(".")
+        kind = self._kinds.get(group, {}).get(label)
+        if kind is not None:
+            self._show_menu(False)
+            before = set(self._shared.keys)
+            await self._editor.add_kind(kind)
+            replaced = self._shared.keys[self._editor.selected]
+            self._open(next((key for key in self._shared.keys if key not in before), replaced))
+
+    async def _on_touch(self, key: str) -> None:
+        """Put the place of the tool into a field."""
+        row, label = self._field(key)
+        if row is None:
+            return
+        session, robot = self._session, self._session.console.robot
+        session.require_operator()
+        tip = tool_point_mm(robot, present_pose_deg(robot, session.snapshot))
+        step = self._shared.program.steps[row]
+        places = dict(zip(places_of(step)[label], point_in(self._shared.program, row, tip), strict=True))
+        await self._editor.change(
+            lambda program: replace(program, row, msgspec.structs.replace(step, **places))
+        )
+
+    def _field(self, key: str) -> tuple[int | None, str]:
+        """Row and label of a field of the row that is edited; None: it is there no more."""
+        key, _, number = key.partition(".")
+        row, edit = self._shared.row(key), self._edit
+        if row is None or edit is None or edit.key != key or not number.isdecimal():
+            return None, ""
+        labels = [*texts_of(self._shared.program.steps[row], self._session.console.robot)]
+        return (row, labels[int(number)]) if int(number) < len(labels) else (None, "")
 
     def _on_done(self, key: str) -> None:
         edit = self._edit
@@ -142,27 +194,23 @@ class ProgramList:
         self._edit = None
 
     async def _on_set(self, key: str, text: str) -> None:
-        key, _, number = key.partition(".")
-        row, edit = self._shared.row(key), self._edit
-        if row is None or edit is None or edit.key != key or not number.isdecimal():
+        (row, label), edit = self._field(key), self._edit
+        if row is None or edit is None:
             return
         edit.answers += 1  # the field shows what counts, also where the change is refused
         self._session.require_operator()
         step = self._shared.program.steps[row]
-        labels = [*texts_of(step, self._session.console.robot)]
-        if int(number) < len(labels):
-            taken = edit.take(step, labels[int(number)], text)
-            if taken != step:
-                await self._editor.change(lambda program: replace(program, row, taken))
+        taken = edit.take(step, label, text)
+        if taken != step:
+            await self._editor.change(lambda program: replace(program, row, taken))
 
     async def _on_move(self, key: str, before: str) -> None:
         row, at = self._shared.row(key), self._shared.row(before)
         if row is None or (at is None and before):
             return
         to = len(self._shared.keys) if at is None else at
-        by = to - row - (to > row)
-        if by:
-            await self._change(lambda program, row: move(program, row, by), key)
+        if to not in (row, row + 1):
+            await self._change(lambda program, row: move_before(program, row, to), key)
 
     # What is shown.
 
@@ -209,9 +257,8 @@ class ProgramList:
             done = running[1] if running is not None and running[0] == row else None
             fields = ""
             if edit is not None and edit.key == keys[row]:
-                fields = edit.html(
-                    steps[row], self._session.console.robot, shared.callable, tuple(shared.program.frames)
-                )
+                names = KnownNames(shared.callable, tuple(shared.program.frames), shared.drawings)
+                fields = edit.html(steps[row], self._session.console.robot, names)
             inside = snapshot.program.inside if done is not None and snapshot.program is not None else ""
             states[keys[row]] = RowState(selected, selected and may, done, severity, finding, fields, inside)
         return states
@@ -221,17 +268,27 @@ class ProgramList:
         shared = self._shared
         for row, (key, step) in enumerate(zip(shared.keys, shared.program.steps, strict=True)):
             plain = before.get(key)
-            if plain is not None and plain[0] is step and plain[1] == shared.blocks.depths[row]:
+            now = shared.blocks.depths[row], self._of(row)
+            if plain is not None and plain[0] is step and plain[1:3] == now:
                 self._plain[key] = plain
             yield key, self._row(key, row, states.get(key, _PLAIN))
 
     def _row(self, key: str, row: int, state: RowState) -> str:
         step, depth = self._shared.program.steps[row], self._shared.blocks.depths[row]
+        of = self._of(row)
         if state is not _PLAIN:
-            return row_html(key, row, step, depth, state)
+            return row_html(key, row, step, depth, state, of)
         if key not in self._plain:
-            self._plain[key] = step, depth, row_html(key, row, step, depth, state)
-        return self._plain[key][2]
+            self._plain[key] = step, depth, of, row_html(key, row, step, depth, state, of)
+        return self._plain[key][3]
+
+    def _of(self, row: int) -> str:
+        """What an ``end`` or an ``else`` is of, in words; of other steps empty."""
+        steps, blocks = self._shared.program.steps, self._shared.blocks
+        if not (steps[row].closes or steps[row].divides):
+            return ""
+        begin = steps[blocks.whole(row)[0]]
+        return f"of {begin.title or begin.kind} {begin.describe()}"
 
     def _html(self, snapshot: Snapshot, *, running: bool, may: bool) -> str:
         head = f"<div class=armctl-head>{self._headline(snapshot, running=running)}</div>"
@@ -240,7 +297,7 @@ class ProgramList:
             said = f"{escape(edit.by.name)} edited row {edit.row + 1}"
         if self._editor.leads_nowhere:
             said = escape(sentence(self._editor.leads_nowhere))
-        head += f"<p role=status>{said}</p>"
+        head += f"<p role=status>{said}</p>{self._menu() if may else ''}"
         if not self._shared.keys:
             return head + _EMPTY
         does = f" data-twice=step-edit data-moves=step-move data-keys='{_KEYS}'" if may else ""
@@ -248,6 +305,20 @@ class ProgramList:
             f"{head}<div class=armctl-steps role=grid aria-label='Steps of the program' data-rows={PART} "
             f"data-view={self._view}{does}{' data-long' * (len(self._shared.keys) > _LONG)}></div>"
         )
+
+    def _menu(self) -> str:
+        """What puts a new step on the list: all kinds, by group."""
+        shown = "true" if self._adding else "false"
+        button = f"<button type=button data-do=step-menu aria-expanded={shown}>Add step ▾</button>"
+        if not self._adding:
+            return f"<div class=armctl-add>{button}</div>"
+        groups = "".join(
+            f"<div role=group aria-label='{escape(group)}'><small>{escape(group)}</small>"
+            + "".join(html.button("step-add", label, key=f"{group}.{label}", kind="chip") for label in kinds)
+            + "</div>"
+            for group, kinds in self._kinds.items()
+        )
+        return f"<div class=armctl-add>{button}{groups}</div>"
 
     def _headline(self, snapshot: Snapshot, *, running: bool) -> str:
         program, progress = self._shared.program, snapshot.program
@@ -287,16 +358,19 @@ def _by_step(findings: Sequence[Finding]) -> dict[int, tuple[str, str]]:
     return said
 
 
-def row_html(key: str, row: int, step: Step, depth: int, state: RowState = _PLAIN) -> str:
+def row_html(key: str, row: int, step: Step, depth: int, state: RowState = _PLAIN, of: str = "") -> str:
     """A step as a row of the list; ``depth``: how many blocks are around it. The script writes its number.
+
+    ``of``: the block that it ends or divides, in words.
 
     It is no ``div``: styles of the page ask of each of those what is in it. In a list of 2,000 that made a
     change five times as slow.
     """
-    words = escape(with_minus(step.describe()))
+    said = with_minus(of or step.describe())
+    words = escape(said)
     note = f" <small>{escape(step.note)}</small>" if step.note else ""
     note += f" <small class=inside>▸ {escape(state.inside)}</small>" if state.inside else ""
-    mark, title = "", escape(" · ".join(text for text in (with_minus(step.describe()), step.note) if text))
+    mark, title = "", escape(" · ".join(text for text in (said, step.note) if text))
     style = f"--in:{min(depth, _DEEPEST_SHOWN)};" if depth else ""
     if state.done is not None:
         style += f"--done:{100 * state.done // _TENTHS}%"

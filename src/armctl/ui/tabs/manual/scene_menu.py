@@ -11,7 +11,7 @@ from armctl.errors import InputError
 from armctl.kinematics import Target
 from armctl.motion.choices import solve
 from armctl.program import LineStep, PointStep, Step
-from armctl.program.program import PLACES, add
+from armctl.program.edit import PLACES, add
 from armctl.protocol import Snapshot
 from armctl.robot import Robot
 from armctl.ui.dragged_tool import dragged_to

@@ -44,11 +44,7 @@ class SerialMotion:
         with gui.add_folder("Run"):
             self._run = ProgramRun(session, self._editor, verdict)
         with gui.add_folder("Record and edit"):
-            self._record = record = ProgramRecord(session, self._editor)
-        with gui.add_folder("Speed, comment, repeat", expand_by_default=False):
-            record.add_extras()
-        with gui.add_folder("Message, call", expand_by_default=False):
-            record.add_messages()
+            ProgramRecord(session, self._editor)
         with gui.add_folder("Files", expand_by_default=False):
             self._files = ProgramFiles(session, self._run.check)
         self._session = session
@@ -57,7 +53,6 @@ class SerialMotion:
     def refresh(self, snapshot: Snapshot) -> None:
         """Draw what has changed."""
         self._files.refresh()
-        self._record.refresh()
         self._run.refresh(snapshot)
         self._show_kept()
         self._list.refresh(snapshot)

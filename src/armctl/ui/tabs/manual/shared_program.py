@@ -20,6 +20,7 @@ from typing import Literal, Self
 import msgspec
 
 from armctl.documents import has_ended, not_written, write_atomically
+from armctl.drawing import DRAWING_SUFFIXES
 from armctl.errors import ProgramError
 from armctl.program import (
     Blocks,
@@ -72,6 +73,8 @@ class SharedProgram:
         self._filed: Program | None = None
         """as it was saved or loaded last, from a file or as a sample"""
         self._callable: tuple[int, Sequence[str]] | None = None
+        """of a version of the program"""
+        self._drawings: tuple[int, Sequence[str]] | None = None
         """of a version of the program"""
         self._relation: tuple[tuple[Program, Program, Program], Relation] | None = None
         """the last answer, and what it is about: to compare 20,000 steps takes 5 ms"""
@@ -159,6 +162,25 @@ class SharedProgram:
             names = [name for name in self.saved() if name != self.program.name]
             self._callable = self.version, names
         return self._callable[1]
+
+    @property
+    def drawings(self) -> Sequence[str]:
+        """Files beside the saved programs that can be drawn, the newest first. Read when it is edited."""
+        if self._drawings is None or self._drawings[0] != self.version:
+            found = [path for path in self.folder.glob("*") if path.suffix.lower() in DRAWING_SUFFIXES]
+            found.sort(key=lambda path: path.stat().st_mtime, reverse=True)
+            self._drawings = self.version, [str(path) for path in found]
+        return self._drawings[1]
+
+    @property
+    def counters(self) -> Sequence[str]:
+        """Names that steps of the program count by, in their order."""
+        named = (step.effect.counts for step in self.program.steps)
+        return [*dict.fromkeys(one.counter for one in named if one is not None)]
+
+    def file_came(self) -> None:
+        """A file was put beside the saved programs, which a step may be about."""
+        self.version += 1
 
     async def linked(self, known: Iterable[CalledProgram] = ()) -> Program:
         """The program with the saved ones that it calls, each read once; those of ``known`` are not again."""

@@ -6,18 +6,20 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from html import escape
+from pathlib import PurePath
 
 import msgspec
 
 from armctl.decoding import refusal_of
-from armctl.errors import InputError
+from armctl.errors import ArmctlError, InputError
 from armctl.kinematics import CRITERIA
 from armctl.program import Step
 from armctl.program.base_steps import Key, keys_of
+from armctl.program.conditions import COUNTER, GRIPPER, MEASURED
 from armctl.program.frames import BASE
 from armctl.robot import Robot
 from armctl.ui.guard.parts import MOST_TYPED
-from armctl.ui.widgets.html import with_minus
+from armctl.ui.widgets.html import sentence, with_minus
 from armctl.ui.widgets.number_field import format_number, number_texts, parse_number
 
 
@@ -38,8 +40,14 @@ def texts_of(step: Step, robot: Robot | None = None) -> dict[str, str]:
     return {
         label: _shown(step, keys)
         for label, keys in by_label(keys_of(type(step))).items()
-        if keys[0].field.turn in ("", keeps) or any(getattr(step, key.name) is not None for key in keys)
+        if _belongs(step, keys[0], keeps) or any(getattr(step, key.name) != key.default for key in keys)
     }
+
+
+def _belongs(step: Step, key: Key, keeps: str) -> bool:
+    """The step has a use for the key's field; else it is shown only where something stands in it."""
+    of_watched = key.field.of_watched
+    return key.field.turn in ("", keeps) and (not of_watched or getattr(step, "watch", "") in of_watched)
 
 
 def _shown(step: Step, keys: Sequence[Key]) -> str:
@@ -101,6 +109,17 @@ def _number(key: Key, text: str) -> float | int | None:
     return value
 
 
+@dataclass(frozen=True, slots=True)
+class KnownNames:
+    """What a step may be about, as far as the program and its folder tell."""
+
+    saved: Sequence[str] = ()
+    """programs that it may call"""
+    frames: Sequence[str] = ()
+    drawings: Sequence[str] = ()
+    """files"""
+
+
 @dataclass
 class StepEdit:
     """A step that is being edited in its row: what is typed and refused stays there until it is mended."""
@@ -111,8 +130,7 @@ class StepEdit:
     """by label, what was refused"""
     refusals: dict[str, str] = field(default_factory=dict[str, str])
     """by label, why"""
-    _saved: Sequence[str] = ()
-    _frames: Sequence[str] = ()
+    _names: KnownNames = field(default_factory=lambda: KnownNames())
     answers: int = 0
     """how often something was typed: each time the fields show what counts now"""
 
@@ -133,12 +151,12 @@ class StepEdit:
             self.refusals[label] = str(refusal)
         return step
 
-    def html(self, step: Step, robot: Robot, saved: Sequence[str] = (), frames: Sequence[str] = ()) -> str:
+    def html(self, step: Step, robot: Robot, names: KnownNames | None = None) -> str:
         """The fields of the step, each with its label, its hint, and why it is refused.
 
-        ``saved``: names of the programs that it may call; ``frames``: of those of its own.
+        Below them what is wrong with the step, as far as that is known without planning.
         """
-        self._saved, self._frames = saved, frames
+        self._names = names or KnownNames()
         texts = texts_of(step, robot) | self.typed
         fields = by_label(keys_of(type(step)))
         inside = "".join(
@@ -148,7 +166,7 @@ class StepEdit:
         end = f"<button type=button data-do=step-done data-key={self.key}>Done</button>"
         if self.refusals:
             end = f"<button type=button data-do=step-discard data-key={self.key}>Discard</button>"
-        return f"{inside}<div class=armctl-end>{end}</div>"
+        return f"{inside}{'' if self.refusals else _wrong(step, robot)}<div class=armctl-end>{end}</div>"
 
     def _field(self, number: int, label: str, key: Key, text: str, robot: Robot) -> str:
         why, place = self.refusals.get(label, ""), f"armctl-step-{self.key}-{number}"
@@ -160,9 +178,10 @@ class StepEdit:
         choices = self._offered(key, robot)
         if choices:
             offered = choices if text in choices else (*choices, text)  # a file may name what is not offered
+            shown = {one: PurePath(one).name if key.field.offers == "drawings" else one for one in offered}
             options = "".join(
-                f"<option value='{escape(one)}'{' selected' * (one == text)}>{escape(one) or '–'}</option>"
-                for one in offered
+                f"<option value='{escape(one)}'{' selected' * (one == text)}>{escape(name) or '–'}</option>"
+                for one, name in shown.items()
             )
             box = f"<select id={place} {does}>{options}</select>"
         else:
@@ -170,7 +189,9 @@ class StepEdit:
                 f"<input id={place} {does} data-enter=step-done value='{escape(text)}' autocomplete=off "
                 f"spellcheck=false maxlength={MOST_TYPED}>"
             )
-        wide = " class=wide" * (key.form in ("numbers", "text") or len(text) > _WIDE)
+        if key.field.touched:
+            box = f"<span class=touch>{box}{_touch_button(self.key, number, label)}</span>"
+        wide = " class=wide" * (key.form in ("numbers", "text") or len(text) > _WIDE or key.field.touched)
         said = f"<em id={place}-why>{escape(with_minus(why))}</em>" if why else ""
         named = f"<label for={place}>{escape(label)}</label>"
         return f"<div{wide} title='{escape(key.field.hint)}'>{named}{box}{said}</div>"
@@ -178,17 +199,41 @@ class StepEdit:
     def _offered(self, key: Key, robot: Robot) -> Sequence[str]:
         """What may be chosen; nothing: it is typed."""
         own = "" if robot.gripper is None else robot.gripper.output
+        inputs = [one.name for one in robot.signals.inputs]
         names = {
-            "programs": self._saved,
-            "inputs": [one.name for one in robot.signals.inputs],
+            "programs": self._names.saved,
+            "drawings": self._names.drawings,
+            "inputs": inputs,
             "outputs": [one.name for one in robot.signals.outputs if one.name != own],
+            "watched": [*inputs, *MEASURED, COUNTER],
+            "joints": [*robot.joint_names, *([GRIPPER] if robot.gripper is not None else [])],
             "tools": [one.name for one in robot.tools],
         }.get(key.field.offers, ())
         if key.choices == (BASE,):
-            return (BASE, *self._frames)
+            return (BASE, *self._names.frames)
         if names:
             return ("", *names) if key.default == "" else names
         return robot.energy.criteria if key.choices == CRITERIA else key.choices
+
+
+def _touch_button(key: str, number: int, label: str) -> str:
+    """It puts the place of the tool into a field."""
+    name = f"{escape(label)}: where the tool is now"
+    return (
+        f"<button type=button data-do=step-touch data-key={key}.{number} aria-label='{name}' title='{name}'>"
+        "Here</button>"
+    )
+
+
+def _wrong(step: Step, robot: Robot) -> str:
+    """What the step itself says is wrong with it. One about a file is not asked: that takes long."""
+    if any(key.field.offers == "drawings" for key in keys_of(type(step))):
+        return ""
+    try:
+        step.check(robot)
+    except ArmctlError as refusal:
+        return f"<em class=wide role=status>{escape(with_minus(sentence(str(refusal))))}</em>"
+    return ""
 
 
 _WIDE = 12
