@@ -13,6 +13,7 @@ from armctl.errors import InputError, OtherBoardError, PortError, StateError
 from armctl.hardware import BoardType, ByteModel, Driver, Setup
 from armctl.hardware.board_type import SimulatedPins
 from armctl.hardware.boards import board_of_address, board_type, channel_settings, find_board_type
+from armctl.hardware.input_script import InputPlayer, InputScript
 from armctl.hardware.ports import boards_listed_as, find_board, list_ports
 from armctl.hardware.servo_records import KeptSettings, ServoRecords
 from armctl.hardware.servos import ServoSetup
@@ -101,8 +102,8 @@ class Boards:
             if self._simulated is None:
                 board = board_type(self._robot.board)
                 model = board.simulated(setup_of(self._robot), {})
-                if isinstance(model, SimulatedPins):  # at first nobody presses anything
-                    model.levels |= {one.channel: one.value(0.0) for one in self._robot.signals.inputs}
+                if isinstance(model, SimulatedPins):
+                    model.levels |= self._robot.signals.at_rest
                 tick_s = TICK_S if board.listener() is not None else _SILENT_TICK_S
                 server = BoardServer(model, self._now, tick_s=tick_s)
                 server.__enter__()
@@ -115,6 +116,19 @@ class Boards:
             if not isinstance(model, SimulatedPins):
                 raise StateError("this simulated board has no inputs")
             model.levels[channel] = level
+
+    def play(self, script: InputScript | None) -> None:
+        """Have the inputs of the simulated board follow a script from now on; None: they stay as they are.
+
+        ``StateError``: it has no pins.
+        """
+        server, player = self.simulated(), None
+        if script is not None:
+            with server.inspect() as model:
+                if not isinstance(model, SimulatedPins):
+                    raise StateError("this simulated board has no inputs")
+                player = InputPlayer(script, self._robot.signals, model.levels)
+        server.play(player)
 
     def close(self) -> None:
         """Take the simulated board off its line. May be called more than once."""

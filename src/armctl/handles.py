@@ -42,6 +42,7 @@ from armctl.protocol import (
     MovingCommand,
     Origin,
     Pause,
+    PlayInputs,
     Release,
     Resume,
     SetOutput,
@@ -287,6 +288,14 @@ class ArmControls:
     def simulate_input(self, name: str, value: float) -> None:
         """Put an input of the simulated board at a value, as if somebody pressed it."""
         self._do(SimulateInput(name, value))
+
+    def play_inputs(self, script: str) -> None:
+        """Have the inputs of the simulated board follow a script from now on; empty: they stay as they are.
+
+        ``at 2 s part = on; every 5 s part on for 200 ms``, or a table (CSV) with ``time_s`` and inputs as its
+        columns. InputError: the line, and what is wrong there.
+        """
+        self._do(PlayInputs(script))
 
     def set_frame(self, frame: UserFrame | None = None) -> None:
         """Give the points of what follows in a user frame (``armctl.program.UserFrame``); None: in the base.

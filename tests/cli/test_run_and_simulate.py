@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import serial
 from tests.cli.simulating import simulated
+from tests.runtime.signal_kit import BUTTON, KNOB, robot_with
 
 from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
 from armctl.hardware.boards import channel_settings
@@ -75,6 +76,22 @@ def test_a_board_that_is_unplugged_says_so_and_comes_back(tmp_path: Path) -> Non
             "simulated board unplugged",
             f"simulated board on {tmp_path / 'mega'}",
         ]
+
+
+def test_its_inputs_follow_a_script(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    robot_with(tmp_path)
+    link, script = tmp_path / "maestro", tmp_path / "inputs.txt"
+    words = ("--robot", str(tmp_path / "uzuner.toml"), "--inputs", str(script))
+    script.write_text("at 0 s knob = 60 %; at 50 ms button on")
+    with simulated("maestro", "--link", str(link), *words), serial.Serial(str(link), timeout=10) as port:
+        button = 1023  # to ground where it is pressed
+        while button:
+            port.write(bytes([0x90, KNOB, 0x90, BUTTON]))
+            knob, button = (int.from_bytes(port.read(2), "little") for _ in range(2))
+            assert knob == round(0.6 * 1023)
+    script.write_text("at 0 s horn on")
+    assert run(["simulate", "maestro", *words]) == REFUSED
+    assert "inputs.txt: line 1: there is no input 'horn'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from tests.runtime.board_bench import BoardBench
 from armctl.facts import State
 from armctl.hardware.boards import channel_settings
 from armctl.hardware.faults import Trouble
+from armctl.hardware.input_script import InputPlayer, InputScript
 from armctl.hardware.maestro import MaestroModel
 from armctl.hardware.maestro.driver import MaestroDriver
 from armctl.hardware.maestro.simulated import SimulatedMaestro, simulated_maestro
@@ -72,6 +73,30 @@ def robot_with(folder: Path, more: str = SIGNALS, gripper: str | None = None) ->
     return load_robot(path)
 
 
+class BenchInputs:
+    """What is connected to the board's inputs; time passes for the board as a script says."""
+
+    def __init__(self, robot: Robot, board: SimulatedMaestro) -> None:
+        self._robot, self._board = robot, board
+        self._player: InputPlayer | None = None
+
+    def simulate(self, channel: int, level: float) -> None:
+        self._board.levels[channel] = level
+
+    def play(self, script: InputScript | None) -> None:
+        signals, levels = self._robot.signals, self._board.levels
+        self._player = None if script is None else InputPlayer(script, signals, levels)
+
+    def feed(self, data: bytes) -> bytes:
+        return self._board.feed(data)
+
+    def advance(self, now: float) -> bytes:
+        return self._board.advance(now) if self._player is None else self._player.advance(self._board, now)
+
+    def reset(self) -> None:
+        self._board.reset()
+
+
 def bench_of(robot: Robot, *troubles: Trouble, enabled: bool = True) -> BoardBench[SimulatedMaestro]:
     """The arm on its board, connected; holding where it is enabled. Its button is not pressed."""
     model = MaestroModel.MINI_12
@@ -83,7 +108,8 @@ def bench_of(robot: Robot, *troubles: Trouble, enabled: bool = True) -> BoardBen
         lambda line, now: MaestroDriver(Connection(line, now, simulated=True), model=model),
         troubles=troubles,
     )
-    bench.controller._core.simulator = board.levels.__setitem__
+    world = BenchInputs(robot, board)
+    bench.line.inner = bench.controller._core.simulator = world
     bench.do(Connect("sim"))
     if enabled:
         bench.do(Enable())

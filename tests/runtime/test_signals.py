@@ -34,6 +34,7 @@ from armctl.protocol import (
     Disconnect,
     MoveGripper,
     MoveJoints,
+    PlayInputs,
     Release,
     RunProgram,
     SetOutput,
@@ -314,6 +315,43 @@ def test_inputs_of_a_simulated_board_are_set_by_hand(bench: Bench) -> None:
     refused(bench, SimulateInput("button", 2.0), InputError, "input button: 2 .* outside 0")
     plain = make_rig().enable()
     plain.refuses(SimulateInput("button", 1.0), "only those of a connected simulated board")
+
+
+def test_inputs_of_a_simulated_board_follow_a_script_on_the_boards_clock(bench: Bench) -> None:
+    bench.do(PlayInputs("at 1 s button on; every 2 s door on for 300 ms"))
+    began, seen = bench.clock.now(), dict[float, tuple[float, float]]()
+    assert bench.now.scripted == ("button", "door")
+    while (since := bench.clock.now() - began) < 5.0:
+        now = bench.run(TICK)
+        seen[round(since + TICK, 2)] = now.inputs["button"], now.inputs["door"]
+    button = [time for time, (on, _) in seen.items() if on]
+    door = [time for time, (_, on) in seen.items() if on]
+    assert min(button) == pytest.approx(1.0, abs=2 * TICK) and len(button) > 190
+    assert [t for t in door if t < 3] == pytest.approx([2.06 + 0.02 * k for k in range(15)], abs=2 * TICK)
+    assert bench.now.edges["door"] == 4 and bench.now.edges["button"] == 1
+    bench.do(SimulateInput("door", 1.0))
+    assert bench.run(0.5).inputs["door"] == 1.0  # pressed by hand, until the script says otherwise
+    assert bench.run(0.9).inputs["door"] == 0.0
+    bench.do(PlayInputs(" "))
+    assert bench.now.scripted == () and bench.run(4.0).inputs["door"] == 0.0
+
+
+def test_a_program_waits_for_what_a_script_does(bench: Bench) -> None:
+    bench.do(PlayInputs("time_s,button,knob\n1,on,\n1.5,off,0.25\n"))
+    began = bench.clock.now()
+    wait = WaitForStep(watch="knob", compare="above", value=0.2, timeout_s=5)
+    ticket = runs(bench, WaitForStep(watch="button", timeout_s=5), wait)
+    bench.until(State.HOLDING)
+    ticket.finished.result(0)
+    assert bench.clock.now() - began == pytest.approx(1.5, abs=4 * TICK)
+
+
+@pytest.mark.parametrize("text", ["at 1 s horn on", "nonsense"])
+def test_a_script_that_cannot_be_is_refused_and_the_last_one_goes_on(bench: Bench, text: str) -> None:
+    bench.do(PlayInputs("at 1 s door on"))
+    refused(bench, PlayInputs(text), InputError, "line 1: ")
+    assert bench.now.scripted == ("door",) and bench.run(1.2).inputs["door"] == 1.0
+    make_rig().enable().refuses(PlayInputs(text), "only those of a connected simulated board")
 
 
 def test_a_board_without_pins_is_not_connected_to_an_arm_that_needs_them(tmp_path: Path) -> None:

@@ -10,14 +10,15 @@ import pytest
 from tests.runtime.signal_kit import SIGNALS, VACUUM, robot_with
 from tests.ui.page_kit import FakePage
 
+from armctl.errors import InputError
 from armctl.facts import State
 from armctl.hardware import BoardIdentity, Source
-from armctl.protocol import SetOutput, SimulateInput
+from armctl.protocol import PlayInputs, SetOutput, SimulateInput
 from armctl.robot import Robot, load_robot
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.manual.screen import ManualScreen
 from armctl.ui.tabs.manual.shared_program import SharedProgram
-from armctl.ui.tabs.manual.signals import SignalPanel, said
+from armctl.ui.tabs.manual.signals import PLAY, STOP_SCRIPT, InputScriptText, SignalPanel, said
 
 SIMULATED, REAL = BoardIdentity("Maestro", "sim", simulated=True), BoardIdentity("Maestro", "/dev/ttyACM0")
 PWM = """
@@ -28,8 +29,14 @@ kind = "firmata"
 
 def page_of(server: GuardedServer, robot: Robot) -> FakePage:
     page = FakePage(server, robot, np.zeros(robot.n))
+    script = InputScriptText(robot.signals.inputs)
+    vars(page.session.console).update(shared=lambda _: script)
+    page.require_operator = lambda: None  # type: ignore[attr-defined]
     vars(page.snapshot).update(
-        board=SIMULATED, inputs={"button": 1.0, "door": 0.0, "knob": 0.25}, outputs={"lamp": 0.0, "pump": 1.0}
+        scripted=(),
+        board=SIMULATED,
+        inputs={"button": 1.0, "door": 0.0, "knob": 0.25},
+        outputs={"lamp": 0.0, "pump": 1.0},
     )
     return page
 
@@ -69,6 +76,28 @@ def test_inputs_are_set_on_a_simulated_board_only(page: FakePage) -> None:
     vars(page.snapshot).update(board=REAL)
     page.refresh(panel)
     assert not vars(panel)["_simulated"].visible
+
+
+def test_a_script_is_typed_or_chosen_and_played(page: FakePage) -> None:
+    panel = SignalPanel(page.session)
+    page.press("Inputs over time", PLAY)  # the example that stands there at first
+    assert page.sent == [PlayInputs("every 5 s button on for 1 s")]
+    vars(page.snapshot).update(scripted=("button",))
+    page.refresh(panel)
+    assert "A script sets button." in page.html
+    text = vars(panel)["_text"]
+    text.value = "at 2 s horn = on"
+    with pytest.raises(InputError, match="line 1: there is no input 'horn'"):
+        page.press("Inputs over time", PLAY)
+    for content, why in ((b"\xff", "not a text file"), (b"time_s,door\n1,much\n", "line 2: input door")):
+        with pytest.raises(InputError, match=f"day.csv: .*{why}"):
+            page.act(lambda content=content: panel._on_upload("day.csv", content))
+    page.act(lambda: panel._on_upload("day.csv", b"time_s,door\n1,on\n"))
+    page.press("Inputs over time", PLAY)
+    page.press("Inputs over time", STOP_SCRIPT)
+    assert page.sent[1:] == [PlayInputs("time_s,door\n1,on"), PlayInputs("")]
+    again = SignalPanel(page.session)  # another page
+    assert vars(again)["_text"].value == "time_s,door\n1,on\n"
 
 
 def test_the_grippers_output_is_left_to_the_gripper(server: GuardedServer, tmp_path: Path) -> None:

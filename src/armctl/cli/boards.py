@@ -13,15 +13,24 @@ import click
 
 from armctl.boards import AUTOMATIC, SIMULATED, Boards, require_kind, setup_of, split_kind
 from armctl.cli.main import DONE, REFUSED
-from armctl.cli.options import ROBOT, Number, end_event, json_option, named_port_option, print_json
+from armctl.cli.options import (
+    INPUTS,
+    ROBOT,
+    Number,
+    end_event,
+    json_option,
+    named_port_option,
+    print_json,
+)
 from armctl.documents import shipped_folder, write_atomically
 from armctl.errors import ArmctlError, InputError
 from armctl.hardware import BoardType, Setup, SimulatorOption
 from armctl.hardware.access import udev_rules
-from armctl.hardware.board_type import Finding, Verdict, failed
+from armctl.hardware.board_type import ByteModel, Finding, SimulatedPins, Verdict, failed
 from armctl.hardware.boards import board_type, board_types, channel_settings, find_board_type
 from armctl.hardware.doctor import Patient, examine
 from armctl.hardware.faults import FAULT_HELP, FaultyModel, Trouble, trouble
+from armctl.hardware.input_script import InputPlayer, load_script, read_script
 from armctl.hardware.ports import approach, find_board, list_ports, open_line, probe
 from armctl.hardware.simulation import BoardServer
 from armctl.hardware.transport import PortInfo, describe_port
@@ -223,6 +232,8 @@ def _command(board: BoardType) -> click.Command:
         whose = "Whose channels the board is set up with."
         params.append(click.Option(["--robot"], default=board.simulator_robot, show_default=True, help=whose))
     params += [_option(one) for one in board.simulator_options]
+    if board.inputs:
+        params.append(click.Option(["--inputs"], **INPUTS))
     params.append(click.Option(["--fault", "faults"], type=_Fault(), multiple=True, help=FAULT_HELP))
     whose = "Another number, another sequence of faults."
     params.append(click.Option(["--seed"], type=int, default=0, show_default=True, help=whose))
@@ -232,12 +243,16 @@ def _command(board: BoardType) -> click.Command:
         faults: Sequence[Trouble],
         seed: int,
         robot: str | None = None,
+        inputs: Path | None = None,
         **options: str | float | bool | None,
     ) -> None:
         setup = Setup() if robot is None else _setup(board, robot)
         ended = end_event()
-        model = FaultyModel(board.simulated(setup, options), seed, faults)
+        plain = board.simulated(setup, options)
+        player = None if inputs is None else _player(plain, setup, inputs)
+        model = FaultyModel(plain, seed, faults)
         with BoardServer(model, MonotonicClock().now, link=link) as server:
+            server.play(player)
             told = ""
             while not (told and ended.wait(_LOOK_S)):
                 port = server.address
@@ -248,6 +263,15 @@ def _command(board: BoardType) -> click.Command:
 
     about = board.simulator_help or f"Serve a simulated {board.title} until interrupted."
     return click.Command(board.kind, params=params, callback=serve, help=about)
+
+
+def _player(model: ByteModel, setup: Setup, inputs: Path) -> InputPlayer:
+    signals = setup.signals
+    script = read_script(load_script(inputs, signals), signals)
+    if not isinstance(model, SimulatedPins):
+        raise InputError(f"--inputs {inputs}: this simulated board has no inputs")
+    model.levels |= signals.at_rest
+    return InputPlayer(script, signals, model.levels)
 
 
 def _option(one: SimulatorOption) -> click.Option:

@@ -263,6 +263,15 @@ ROBOT = RobotName()
 SPEED_PERCENT = Number(between=(5, 100))
 
 
+INPUTS: dict[str, Any] = {
+    "type": click.Path(path_type=Path),
+    "metavar": "FILE",
+    "help": "What the inputs of the simulated board see over time: a script, e.g. 'every 5 s part on for "
+    "200 ms', or a table (CSV) with time_s and the inputs as its columns.",
+}
+inputs_option = click.option("--inputs", **INPUTS)
+
+
 def print_json(record: object) -> None:
     """One JSON document; arrays as lists, NaN refused (it is no JSON)."""
     click.echo(json.dumps(record, default=_plain, allow_nan=False, ensure_ascii=False))

@@ -20,16 +20,26 @@ from platformdirs import user_data_path, user_state_path
 from armctl import log_files
 from armctl.boards import AUTOMATIC, NO_BOARD, SIMULATED, only_simulated
 from armctl.calibration import CalibrationStore
-from armctl.cli.options import ROBOT, EndEvent, MeshProgress, end_event, has_display, park_option, port_option
+from armctl.cli.options import (
+    ROBOT,
+    EndEvent,
+    MeshProgress,
+    end_event,
+    has_display,
+    inputs_option,
+    park_option,
+    port_option,
+)
 from armctl.cli.reference import commands
 from armctl.documents import sweep_litter, write_atomically
 from armctl.errors import ArmctlError, ServerError, StoppedError, with_help
 from armctl.handles import bring_to_rest
 from armctl.hardware.boards import board_type
+from armctl.hardware.input_script import load_script
 from armctl.hardware.ports import list_ports
 from armctl.process import start_arm
 from armctl.process.heavy_work import Progress, worked_out
-from armctl.protocol import ArmLink, Connect, Event, Origin, wall_time
+from armctl.protocol import ArmLink, Connect, Event, Origin, PlayInputs, wall_time
 from armctl.robot import (
     Robot,
     hidden_robots,
@@ -87,6 +97,7 @@ _TAKEN_OVER = (
               help="A teacher's PIN: who gives it in the page can always take and lock control. Set it as "
                    "ARMCTL_PIN, as others can see a command line.")  # fmt: skip
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
+@inputs_option
 @park_option
 def serve(
     robot: str,
@@ -100,6 +111,7 @@ def serve(
     new_link: bool,
     pin: str,
     no_browser: bool,
+    inputs: Path | None,
     park: bool,
 ) -> None:
     """Serve the console until interrupted (Ctrl-C)."""
@@ -136,7 +148,7 @@ def serve(
     try:
         app = App(robots, server)
         try:
-            where = _connect(console, port)
+            where = _connect(console, port, inputs)
             with _kept_link(server, token if http_port else None):
                 click.echo(f"armctl: {present.title} {where}: {server.links[0]}  (Ctrl-C ends)")
                 _say_more(server)
@@ -300,11 +312,17 @@ def _robot_choices(present: RobotChoice) -> list[RobotChoice]:
     return choices if present in choices else [*choices, present]
 
 
-def _connect(console: Console, port: str) -> str:
-    """Connect, and say on what; where that fails the page says why and offers the other ports."""
+def _connect(console: Console, port: str, inputs: Path | None) -> str:
+    """Connect, and say on what; where that fails the page says why and offers the other ports.
+
+    InputError: the inputs of the simulated board cannot follow what is in the file ``inputs``.
+    """
+    script = None if inputs is None else load_script(inputs, console.robot.signals)
     try:
         if console.controller.snapshot.board is None:  # else it was taken over
             console.controller.submit(Connect(port), Origin("start")).result()
+        if script is not None:
+            console.controller.submit(PlayInputs(script), Origin("start")).result()
     except ArmctlError as refusal:
         click.echo(f"armctl: not connected: {with_help(refusal)}", err=True)
         return "(not connected)"

@@ -54,6 +54,14 @@ class _SimulatorLine(Protocol):
         ...
 
 
+class Player(Protocol):
+    """Something that goes on in the world around a simulated board."""
+
+    def advance(self, model: ByteModel, now: float) -> bytes:
+        """Let the board's time pass up to ``now`` [s]; what the board sends unasked meanwhile."""
+        ...
+
+
 class _PseudoTerminal:
     """A line on a pty: any program takes it for a serial port."""
 
@@ -160,6 +168,16 @@ class BoardServer(Generic[Model]):
         self._wake: socket.socket
         self._waker: socket.socket
         self._backlog = bytearray()
+        self._player: Player | None = None
+
+    def play(self, player: Player | None) -> None:
+        """Have the board's time pass by ``player`` from now on, which may press its inputs; None: plainly."""
+        with self._lock:
+            self._player = player
+
+    def _advance(self) -> bytes:
+        now = self._now()
+        return self._model.advance(now) if self._player is None else self._player.advance(self._model, now)
 
     @property
     def port(self) -> str:
@@ -181,7 +199,7 @@ class BoardServer(Generic[Model]):
         with self._lock:
             # A board that has left the line can still be looked at.
             with suppress(BoardError):
-                self._backlog += self._model.advance(self._now())
+                self._backlog += self._advance()
             yield self._model
 
     def __enter__(self) -> Self:
@@ -238,7 +256,7 @@ class BoardServer(Generic[Model]):
 
     def _pump(self) -> None:
         data = b"" if self._line is None else self._line.receive()
-        self._backlog += self._model.advance(self._now())
+        self._backlog += self._advance()
         if data:
             self._backlog += self._model.feed(data)
         if self._backlog and self._line is not None:

@@ -41,7 +41,7 @@ class Host:
         self._controller = Controller(
             robot, self.boards.driver, clock, rate_hz,
             published=published, pin=pin, black_boxes=black_boxes(), poses=PoseFolder.of_user(robot),
-            simulate=self.boards.simulate,
+            simulate=self.boards,
         )  # fmt: skip
         self._controller.start()
 

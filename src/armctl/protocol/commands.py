@@ -111,6 +111,13 @@ class SimulateInput(Command, frozen=True):
     """0, 1, or a share"""
 
 
+class PlayInputs(Command, frozen=True):
+    """Have the inputs of the simulated board follow a script from now on, on the board's clock."""
+
+    script: str
+    """as ``armctl.hardware.input_script`` reads it; empty: they stay as they are"""
+
+
 class SetTool(Command, frozen=True):
     """Say that a tool of the robot file is on, another one or still the same; only while the arm stands.
 

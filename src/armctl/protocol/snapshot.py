@@ -332,6 +332,8 @@ class Snapshot:
     """what it drives beside the joints, likewise"""
     edges: Mapping[str, int] = field(default_factory=dict[str, int])
     """how often each digital input has changed since the board was connected"""
+    scripted: tuple[str, ...] = ()
+    """names of the inputs of a simulated board that follow a script"""
     limp: tuple[str, ...] = ()
     """titles of joints that were released by themselves, while the others hold"""
     message: Message | None = None
@@ -359,7 +361,7 @@ class Snapshot:
 _TOLD = attrgetter(
     "state", "cause", "commanded", "source", "powered", "gripper", "part_mm", "speed", "progress", "board",
     "homing", "warnings", "levels", "control", "busy", "unreachable", "inputs", "outputs", "edges",
-    "limp", "message", "tool", "tool_unconfirmed", "told_by_cause", "stopped",
+    "limp", "message", "tool", "tool_unconfirmed", "told_by_cause", "stopped", "scripted",
 )  # fmt: skip
 _STILL_RAD = 1e-3
 """readings that differ by less are those of an arm that stands"""

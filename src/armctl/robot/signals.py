@@ -75,6 +75,11 @@ class Signals:
     def __bool__(self) -> bool:
         return bool(self.inputs or self.outputs)
 
+    @property
+    def at_rest(self) -> dict[int, float]:
+        """By channel, the level 0 ... 1 of each input while nobody presses anything."""
+        return {one.channel: one.value(0.0) for one in self.inputs}
+
     def input(self, name: str) -> Input | None:
         """The input of a name; None: there is none."""
         return next((one for one in self.inputs if one.name == name), None)

@@ -30,7 +30,7 @@ from armctl.protocol.commands import Answer, give
 from armctl.robot import Robot
 from armctl.runtime.activity import Order
 from armctl.runtime.black_box import BlackBox
-from armctl.runtime.core import Core
+from armctl.runtime.core import Core, InputSimulator
 from armctl.runtime.dispatch import dispatch
 from armctl.runtime.last_pose import PoseFolder
 from armctl.runtime.planner import Openers, Planner, planner
@@ -60,7 +60,7 @@ class Controller:
         pin: str = "",
         black_boxes: Path | None = None,
         poses: PoseFolder | None = None,
-        simulate: Callable[[int, float], None] | None = None,
+        simulate: InputSimulator | None = None,
     ) -> None:
         """Wire it up; it runs once it is started.
 
@@ -70,7 +70,7 @@ class Controller:
         ``pin``: the teacher's, see ``ControlDesk``.
         ``black_boxes``: the folder where the last minute is saved at every fault; None: it is not.
         ``poses`` keeps where the arm was seen last; None: nothing is kept.
-        ``simulate`` puts an input of the simulated board at a level, by channel; None: there is no such one.
+        ``simulate``: what is connected to the inputs of the simulated board; None: there is no such one.
         """
         low, high = _RATES_HZ
         if not low <= rate_hz <= high:
@@ -293,6 +293,7 @@ class Controller:
             edges=core.signals.edges,
             outputs=core.signals.outputs,
             limp=core.limp,
+            scripted=core.scripted if board is not None and board.identity.simulated else (),
             message=core.messages.shown(None if core.activity is None else core.activity.awaits),
             tool=core.robot.tool,
             tool_unconfirmed=core.rack.unconfirmed,

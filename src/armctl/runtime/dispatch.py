@@ -135,6 +135,8 @@ def _about_board(core: Core, order: Order, now: float) -> bool:
             core.set_tool(name, who, now)
         case c.SimulateInput(name, value):
             core.simulate(name, value, who)
+        case c.PlayInputs(script):
+            core.play(script, who)
         case c.ClearFault():
             core.clear_fault(who)
         case _:
