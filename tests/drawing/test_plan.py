@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import msgspec
@@ -14,7 +15,7 @@ from tests.runtime.kit import make_rig
 from armctl.arrays import FloatArray
 from armctl.drawing import DrawingPlane, PenDrawing
 from armctl.drawing.pen_path import pen_paths, stroke_line
-from armctl.drawing.plan import DrawingPlan, distances, plan_drawing
+from armctl.drawing.plan import DrawingPlan, DrawnPart, distances, plan_drawing
 from armctl.drawing.strokes import ordered, pen_up_mm
 from armctl.drawing.svg import read_svg
 from armctl.errors import DrawingError, MotionRefusedError, ProgramError
@@ -25,7 +26,7 @@ from armctl.motion.trajectory import Trajectory
 from armctl.program import DrawStep, Program, check_program, load_program, read_csv, save_program, write_csv
 from armctl.program.scripts import write_script
 from armctl.protocol import RunProgram
-from armctl.robot import load_robot
+from armctl.robot import load_robot, robots_folder
 
 UZUNER = load_robot("uzuner")
 PLANE = (190.0, 30.0, 30.0, 190.0, -70.0, 30.0, 260.0, 30.0, 30.0)
@@ -70,6 +71,43 @@ def test_outside_corners_the_pen_has_its_speed(plan: DrawingPlan) -> None:
     inside = (times[1:] > 0.15) & (times[1:] < times[-1] - 0.15)
     assert np.abs(speeds[inside] / SPEED - 1.0).max() < 0.05
     assert plan.at_speed > 0.85
+
+
+def test_a_jerk_limit_of_the_robot_file_holds_and_the_pen_keeps_its_speed(
+    plan: DrawingPlan, tmp_path: Path
+) -> None:
+    text = (robots_folder() / "uzuner.toml").read_text(encoding="utf-8")
+    text, count = re.subn(r"(?m)^(acceleration_deg_s2 = .*)$", r"\1\njerk_deg_s3 = 20000", text)
+    assert count == 5
+    (tmp_path / "uzuner.toml").write_text(text, encoding="utf-8")
+    soft, plane = load_robot(tmp_path / "uzuner.toml"), DrawingPlane.touched(PLANE)
+    softly = plan_drawing(soft, soft.first_pose, name(), plane, speed=SPEED, lift=0.01)
+    limit = np.radians(20_000)
+    assert [part.kind for part in softly.parts] == [part.kind for part in plan.parts]
+    assert largest_jerk(plan) > 1.5 * limit
+    assert 0.8 * limit < largest_jerk(softly) <= limit * 1.001
+    assert softly.at_speed > 0.85 and softly.line_error_m < LINE_ERROR_M
+    lasts = softly.trajectory.duration / plan.trajectory.duration
+    assert 0.95 < lasts < 1.1  # joint by joint it is even faster than the plain law
+    fastest = [drawn_speed(softly, part) for part in softly.parts if part.kind == "draw"]
+    assert max(fastest) == pytest.approx(SPEED, rel=0.01)
+
+
+def drawn_speed(plan: DrawingPlan, part: DrawnPart) -> float:
+    """The largest of the pen [m/s]."""
+    times = np.linspace(0.0, part.trajectory.duration, 400)
+    tool = plan.hold.robot.forward(part.trajectory.sample(times).q)[:, :3, 3]
+    return float(np.linalg.norm(np.diff(tool, axis=0), axis=1).max() / (times[1] - times[0]))
+
+
+def largest_jerk(plan: DrawingPlan) -> float:
+    """Of all joints, by the differences of accelerations 1 ms apart [rad/s³]."""
+    found = 0.0
+    for part in plan.parts:
+        times = np.arange(0.0, part.trajectory.duration, 1e-3)
+        pushes = part.trajectory.sample(times).acceleration
+        found = max(found, float(np.abs(np.diff(pushes, axis=0)).max()) / 1e-3)
+    return found
 
 
 def test_all_of_it_passes_the_pre_flight_and_the_pen_is_lifted_between(plan: DrawingPlan) -> None:

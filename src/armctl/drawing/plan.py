@@ -20,7 +20,7 @@ from armctl.motion.paths.tool_curve import ToolLine, ToolSpline
 from armctl.motion.plan import plan_joints
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import preflight
-from armctl.motion.timing import PathTrajectory
+from armctl.motion.timing import timed
 from armctl.motion.trajectory import JoinedTrajectory, Trajectory
 from armctl.robot import Robot
 
@@ -379,14 +379,15 @@ class _Planner:
         if path is None or reach < way.length:
             raise _RefusedError(self._why(way.positions(reach) if reach else end, q))
         cap = self._speed if kind == "down" else np.inf
-        made = DrawnPart(kind, PathTrajectory.fastest(self._robot, path, cap), path)
+        made = DrawnPart(kind, self._timed(path, cap), path)
         if kind == "go":
             self._check([made.trajectory])
         return made
 
     def _turn(self, q: FloatArray) -> DrawnPart:
         """To a configuration, joint by joint."""
-        trajectory = plan_joints(self._robot, self._q, q)
+        told = any(joint.jerk_told for joint in self._robot.joints)
+        trajectory = plan_joints(self._robot, self._q, q, profile="s-curve" if told else "cubic")
         way = float(np.linalg.norm(self._robot.forward(q)[:3, 3] - self._robot.forward(self._q)[:3, 3]))
         coefficients = np.stack([self._q, (q - self._q) / max(way, 1e-3)])[None]
         return DrawnPart("go", trajectory, PiecewisePolynomial([0.0, max(way, 1e-3)], coefficients))
@@ -397,7 +398,12 @@ class _Planner:
             path = path.cut(np.append(path.breaks[path.breaks < end], end))
         count = max(int(np.ceil(end / _SAMPLE_M)), 4)
         line = piece.curve(np.linspace(0.0, end, count + 1))
-        return DrawnPart("draw", PathTrajectory.fastest(self._robot, path, self._speed), path, line)
+        return DrawnPart("draw", self._timed(path, self._speed), path, line)
+
+    def _timed(self, path: PiecewisePolynomial, cap: float) -> Trajectory:
+        """As fast as ``cap`` [m/s] and the limits allow; that of jerk where the arm's file gives one."""
+        told = any(joint.jerk_told for joint in self._robot.joints) and not path.slope_jumps().any()
+        return timed(self._robot, path, profile="s-curve" if told else "trapezoid", rate_cap=cap)
 
     def _check(self, trajectories: Sequence[Trajectory]) -> None:
         """Refuse what the pre-flight refuses."""

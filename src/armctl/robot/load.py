@@ -372,6 +372,7 @@ def _joint(entry: JointEntry) -> Joint:
         speed=math.radians(entry.speed_deg_s),
         acceleration=math.radians(entry.acceleration_deg_s2),
         jerk=math.radians(jerk),
+        jerk_told=entry.jerk_deg_s3 is not None,
         stall_torque=entry.stall_torque_nm,
     )
 

@@ -45,6 +45,8 @@ class Joint:
     """largest jerk [rad/s³]; kept by the profiles that know one (s-curve, quintic)"""
     stall_torque: float | None
     """[N·m]; None where the source gives none"""
+    jerk_told: bool = False
+    """its file gives the jerk: a pen keeps to it, too; else it is taken from the acceleration"""
     torque_is_effort: bool = False
     """True: that is the ``effort`` of a URDF file, which often is a placeholder and forbids nothing"""
 

@@ -246,6 +246,7 @@ def _joint(joint: Joint, entry: SideJointEntry, endless: bool) -> Joint:
         speed=speed,
         acceleration=acceleration,
         jerk=jerk if entry.jerk_deg_s3 is None else math.radians(entry.jerk_deg_s3),
+        jerk_told=entry.jerk_deg_s3 is not None,
         stall_torque=entry.stall_torque_nm or joint.stall_torque,
         torque_is_effort=joint.torque_is_effort and entry.stall_torque_nm is None,
     )
