@@ -350,3 +350,26 @@ def test_joints_that_brake_unequally_keep_the_angle_between_links(factor: float)
             assert rig.now.state is not State.FAULT, rig.now.cause
             at_limit += any("is at its limit" in text for text in rig.now.warnings)
     assert at_limit > 0
+
+
+PAGE_SHARE = 0.25
+"""of the joints' speeds: what the page offers at first"""
+
+
+@pytest.mark.parametrize("share", [PAGE_SHARE, 1.0])
+@pytest.mark.parametrize("name", ["uzuner", "so101", "ur5", "ar4"])
+def test_once_it_is_let_go_each_joint_brakes_from_the_next_tick_as_hard_as_it_may(
+    name: str, share: float
+) -> None:
+    rig = enabled(load_robot(name))
+    hold(rig, Jog(share * np.resize([1.0, -1.0], rig.robot.n)), 0.5)
+    before, let_go = np.abs(rig.now.velocity_command), rig.now.stamp
+    rig.do(Jog(np.zeros(rig.robot.n)), TICK)
+    rig.run(TICK)  # it is taken at one tick, and obeyed at the next
+    slower = np.maximum(before - rig.robot.acceleration_limits * TICK, 0.0)
+    assert before.any() and (np.abs(rig.now.velocity_command) <= slower + 1e-9).all()
+    while rig.now.velocity_command.any():
+        rig.run(TICK)
+    stands_s = rig.now.stamp - let_go
+    assert stands_s <= (before / rig.robot.acceleration_limits).max() + 2 * TICK + 1e-9
+    assert share > PAGE_SHARE or stands_s <= 0.1 + 1e-9, stands_s
