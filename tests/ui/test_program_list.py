@@ -20,6 +20,7 @@ from armctl.program import (
     EndStep,
     GridStep,
     IfStep,
+    LineStep,
     MoveStep,
     PlaceStep,
     PointStep,
@@ -209,6 +210,21 @@ def test_a_place_is_touched_in_its_field(page: ListPage) -> None:
     assert page.shared.program.steps[1] == place
     page.do("step-touch", f"{page.shared.keys[0]}.1")  # of a row that is not edited
     page.do("step-touch", f"{page.shared.keys[1]}.90")
+
+
+def test_in_a_grid_steps_are_offered_at_its_cells(page: ListPage) -> None:
+    page.do("step-menu", "")
+    assert "In each cell" not in page.parts[PART]
+    page.do("step-menu", "")
+    add_from_menu(page, "Decide and repeat", "Grid")
+    add_from_menu(page, "In each cell", "Place")
+    add_from_menu(page, "In each cell", "Line")
+    _, place, line, _ = page.shared.program.steps
+    assert place == PlaceStep(x_mm=0, y_mm=0, z_mm=0, frame="cell")
+    assert isinstance(line, LineStep) and line.in_cell and line.pitch_deg is None
+    page.do("step", 3)
+    page.do("step-menu", "")
+    assert "In each cell" not in page.parts[PART]  # behind its end
 
 
 def test_one_row_is_selected_and_the_only_stop_of_the_tab_key(page: ListPage) -> None:

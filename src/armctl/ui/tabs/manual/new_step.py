@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from armctl.errors import StateError
 from armctl.motion import usual_pitch
 from armctl.program import Step
 from armctl.program import steps as registry
+from armctl.program.base_steps import keys_of
 from armctl.program.conditions import COUNTER
 from armctl.program.frames import BASE
 from armctl.program.motion_steps import tool_turn
@@ -90,6 +92,25 @@ def quick_kinds(robot: Robot) -> dict[str, dict[str, type[Step]]]:
         for group, kinds in recorded_kinds(robot).items()
     }
     return {group: kinds for group, kinds in quick.items() if kinds}
+
+
+CELL_GROUP = "In each cell"
+
+
+def cell_kinds(robot: Robot) -> dict[str, type[Step]]:
+    """Those that can be put at the cell of a grid around them: they have one place."""
+    kinds = [kind for group in recorded_kinds(robot).values() for kind in group.values()]
+    named = [(kind.button[1], kind) for kind in kinds if any(key.name == "frame" for key in keys_of(kind))]
+    return {
+        label: kind for label, kind in named if set(_END) < set(kind.button) and _VIA[0] not in kind.button
+    }
+
+
+def in_each_cell(step: Step) -> Step:
+    """The same at the cell itself, with the pitch that comes of the place."""
+    names = {key.name for key in keys_of(type(step))}
+    turn = dict.fromkeys(names & {"pitch_deg", "roll_deg", *_RPY})
+    return msgspec.structs.replace(step, **dict.fromkeys(_END, 0.0), **turn, frame="cell")
 
 
 def step_here(

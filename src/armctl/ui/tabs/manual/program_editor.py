@@ -12,7 +12,7 @@ from armctl.errors import ArmctlError, StateError
 from armctl.process.heavy_work import check_program_apart
 from armctl.program import CalledProgram, MoveStep, Program, Step
 from armctl.program.base_steps import BlockStep
-from armctl.program.edit import PLACES, Change, add, delete, duplicate, move, surround
+from armctl.program.edit import PLACES, Change, add, delete, duplicate, grid_around, move, surround
 from armctl.program.rehearsal import pose_after
 from armctl.protocol import Party, Snapshot, UpdateProgram
 from armctl.ui.events import OneAtATime
@@ -23,6 +23,7 @@ from armctl.ui.tabs.manual.new_step import (
     ARC,
     SET_VIA,
     Point,
+    in_each_cell,
     present_pose_deg,
     quick_kinds,
     step_here,
@@ -147,8 +148,18 @@ class ProgramEditor:
         else:
             await self.change(lambda program: add(program, step, where, at))
 
-    async def add_kind(self, kind: type[Step]) -> None:
-        """Put a step of a kind on the list, made where the arm is; refused where something is not known."""
+    @property
+    def adds_in_grid(self) -> bool:
+        """A new step goes into a grid."""
+        program, row = self._shared.program, self.selected
+        at = {PLACES[0]: len(program.steps), PLACES[2]: row + 1}.get(self.where, row)
+        return grid_around(program, at) is not None
+
+    async def add_kind(self, kind: type[Step], *, cell: bool = False) -> None:
+        """Put a step of a kind on the list, made where the arm is; refused where something is not known.
+
+        ``cell``: at the cell of the grid around it.
+        """
         self._session.require_operator()
         shared = self._shared
         names = {
@@ -158,7 +169,8 @@ class ProgramEditor:
             "counter": shared.counters,
         }
         first = {key: known[0] for key, known in names.items() if known}
-        await self.add(step_here(kind, self._session.console.robot, self._session.snapshot, names=first))
+        step = step_here(kind, self._session.console.robot, self._session.snapshot, names=first)
+        await self.add(in_each_cell(step) if cell else step)
 
     def _running_called(self) -> tuple[CalledProgram, ...]:
         """What the program that runs calls was read when it began: that runs, whatever its files say now."""

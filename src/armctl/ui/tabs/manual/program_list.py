@@ -19,7 +19,13 @@ from armctl.program.base_steps import places_of
 from armctl.program.edit import Change, delete, duplicate, move, move_before, point_in, replace
 from armctl.protocol import Snapshot
 from armctl.ui.session import Session
-from armctl.ui.tabs.manual.new_step import present_pose_deg, recorded_kinds, tool_point_mm
+from armctl.ui.tabs.manual.new_step import (
+    CELL_GROUP,
+    cell_kinds,
+    present_pose_deg,
+    recorded_kinds,
+    tool_point_mm,
+)
 from armctl.ui.tabs.manual.program_editor import EDIT_WAITS, ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.tabs.manual.step_form import KnownNames, StepEdit, texts_of
@@ -80,6 +86,7 @@ class ProgramList:
         self._adding = False
         """the menu of new steps is open"""
         self._kinds = recorded_kinds(session.console.robot)
+        self._cell_kinds = cell_kinds(session.console.robot)
         self._plain: dict[str, tuple[Step, int, str, str]] = {}
         """rows as they are where nothing is said of them, by key: step, depth, what it is of, HTML"""
         self._version = -1
@@ -154,11 +161,12 @@ class ProgramList:
     async def _on_add(self, key: str) -> None:
         """Put a step of a kind on the list, and open its fields."""
         group, _, label = key.partition(".")
-        kind = self._kinds.get(group, {}).get(label)
+        cell = group == CELL_GROUP
+        kind = (self._cell_kinds if cell else self._kinds.get(group, {})).get(label)
         if kind is not None:
             self._show_menu(False)
             before = set(self._shared.keys)
-            await self._editor.add_kind(kind)
+            await self._editor.add_kind(kind, cell=cell)
             replaced = self._shared.keys[self._editor.selected]
             self._open(next((key for key in self._shared.keys if key not in before), replaced))
 
@@ -312,11 +320,13 @@ class ProgramList:
         button = f"<button type=button data-do=step-menu aria-expanded={shown}>Add step ▾</button>"
         if not self._adding:
             return f"<div class=armctl-add>{button}</div>"
+        here = {CELL_GROUP: self._cell_kinds} if self._editor.adds_in_grid else {}
+        offered = here | self._kinds
         groups = "".join(
             f"<div role=group aria-label='{escape(group)}'><small>{escape(group)}</small>"
             + "".join(html.button("step-add", label, key=f"{group}.{label}", kind="chip") for label in kinds)
             + "</div>"
-            for group, kinds in self._kinds.items()
+            for group, kinds in offered.items()
         )
         return f"<div class=armctl-add>{button}{groups}</div>"
 
