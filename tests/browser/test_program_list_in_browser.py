@@ -257,6 +257,41 @@ def test_buttons_in_the_selected_row_do_what_keys_do(page: Screen, served: Serve
     expect(page.entry("Wait time s")).to_have_value("2")
 
 
+def test_a_block_is_added_filled_and_moved_by_keyboard_alone(page: Screen, served: ServedArm) -> None:
+    keyboard, one = page.page.keyboard, WaitStep(seconds=1)
+    show(page, served, one)
+    menu = page.button("Add step ▾")
+    menu.focus()
+    keyboard.press("Enter")
+    expect(menu).to_have_attribute("aria-expanded", "true")
+    page.screenshot("program-menu")
+    kinds = page.page.get_by_role("group", name="Decide and repeat", exact=True)
+    for _ in range(30):
+        keyboard.press("Tab")
+        if kinds.get_by_role("button", name="Repeat", exact=True).evaluate(
+            "it => it === document.activeElement"
+        ):
+            break
+    keyboard.press("Enter")
+    times = steps_list(page).get_by_label("Times")
+    expect(times).to_be_focused()
+    keyboard.insert_text("3")
+    keyboard.press("Enter")
+    block = RepeatStep(times=3), EndStep()
+    page.wait_until(lambda: served.steps == (one, *block), "the block is there, as often as was typed")
+    expect(rows(page).nth(1)).to_be_focused()
+    expect(rows(page).nth(2)).to_contain_text("of repeat 3 times")
+    keyboard.press("Alt+ArrowUp")
+    page.wait_until(lambda: served.steps == (*block, one), "it is moved whole")
+    keyboard.press("ArrowDown")
+    keyboard.press("Alt+ArrowDown")
+    page.wait_until(lambda: served.steps == (block[0], one, block[1]), "its end alone")
+    keyboard.press("Control+z")
+    keyboard.press("Control+z")
+    page.wait_until(lambda: served.steps == (one, *block), "both are taken back")
+    assert page.notifications() == [] and page.errors == []
+
+
 def test_focus_scroll_and_what_is_being_typed_survive_what_others_change(
     page: Screen, served: ServedArm
 ) -> None:
