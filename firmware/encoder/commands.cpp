@@ -30,6 +30,31 @@ bool read_axis(Scanner &words, uint8_t &axis, Writer &answer) {
     return true;
 }
 
+// Reads the number of a spare pin; refuses anything else.
+bool read_pin(Scanner &words, uint8_t &index, Writer &answer) {
+    int32_t number;
+    if (!words.next() || !words.number(number)) {
+        refuse(answer, PSTR("ARGS pin missing"));
+        return false;
+    }
+    if (number < FIRST_PIN || number >= FIRST_PIN + PINS) {
+        refuse(answer, PSTR("RANGE pin 42 49"));
+        return false;
+    }
+    index = static_cast<uint8_t>(number - FIRST_PIN);
+    return true;
+}
+
+// The place of a word in a list; the length of the list where it is none of them.
+uint8_t place_of(const Scanner &words, const char (*list)[5], uint8_t length) {
+    uint8_t place = 0;
+    while (place < length && !words.is(list[place])) ++place;
+    return place;
+}
+
+const char USES[][5] PROGMEM = {"off", "in", "up", "out"};
+const char LOSSES[][5] PROGMEM = {"keep", "low", "high"};
+
 bool at_end(Scanner &words, Writer &answer) {
     if (!words.next()) return true;
     refuse(answer, PSTR("ARGS too many"));
@@ -52,7 +77,8 @@ struct Commands::Entry {
 const Commands::Entry Commands::TABLE[] PROGMEM = {
     {"P", &Commands::p},       {"PING", &Commands::ping}, {"GET", &Commands::get},   {"EN", &Commands::en},
     {"HOME", &Commands::home}, {"CLR", &Commands::clr},   {"CFG", &Commands::cfg},   {"SHOW", &Commands::show},
-    {"PAIR", &Commands::pair}, {"WD", &Commands::wd},     {"HELLO", &Commands::hello},
+    {"PAIR", &Commands::pair}, {"WD", &Commands::wd},     {"HELLO", &Commands::hello}, {"PIN", &Commands::pin},
+    {"SET", &Commands::set},
 };
 
 void Commands::run(Scanner &words, Writer &answer) {
@@ -279,4 +305,38 @@ void Commands::clr(Scanner &words, Writer &answer) {
 
 void Commands::ping(Scanner &words, Writer &answer) {
     if (at_end(words, answer)) ok(answer);
+}
+
+void Commands::pin(Scanner &words, Writer &answer) {
+    uint8_t index;
+    if (!read_pin(words, index, answer)) return;
+    if (!words.next()) return refuse(answer, PSTR("ARGS off in up out"));
+    const uint8_t use = place_of(words, USES, 4);
+    if (use == 4) return refuse(answer, PSTR("ARGS off in up out"));
+    uint8_t loss = 0;
+    int32_t high = 0;
+    if (words.next()) {
+        loss = place_of(words, LOSSES, 3);
+        if (loss == 3 || use != static_cast<uint8_t>(PinUse::OUT)) {
+            return refuse(answer, PSTR("ARGS keep low high, of an output"));
+        }
+        if (words.next() && !words.number_in(0, 1, high)) return refuse(answer, PSTR("RANGE 0 1"));
+    }
+    if (!at_end(words, answer)) return;
+    const TickLock lock;
+    controller_.pins().use(index, static_cast<PinUse>(use), static_cast<PinLoss>(loss), high != 0);
+    ok(answer);
+}
+
+void Commands::set(Scanner &words, Writer &answer) {
+    uint8_t index;
+    if (!read_pin(words, index, answer)) return;
+    int32_t level;
+    if (!words.next() || !words.number(level)) return refuse(answer, PSTR("ARGS 0 or 1 missing"));
+    if (!at_end(words, answer)) return;
+    if (level < 0 || level > 1) return refuse(answer, PSTR("RANGE 0 1"));
+    const TickLock lock;
+    if (!controller_.pins().is_output(index)) return refuse(answer, PSTR("NOTOUT"));
+    controller_.pins().set(index, level != 0);
+    ok(answer);
 }

@@ -23,6 +23,8 @@ private:
     void get(Scanner &words, Writer &answer);
     void clr(Scanner &words, Writer &answer);
     void ping(Scanner &words, Writer &answer);
+    void pin(Scanner &words, Writer &answer);
+    void set(Scanner &words, Writer &answer);
 
     struct Entry;
     static const Entry TABLE[];

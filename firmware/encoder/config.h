@@ -13,6 +13,7 @@
 //   motors on (relay, or all enables)    9   PH6, high = on; pull it down with 10 kOhm
 //   lamp: motors are on                13   PB7, the lamp of the board
 //   control tick, for an oscilloscope  12   PB6, high while the control of all axes runs
+//   spare, named by the host     42 ... 49   PL7 ... PL0: inputs and outputs, see pins.h
 //
 // Encoders of axes 0 and 1 are on PD0 ... PD3 (external interrupts INT0 ... INT3), those of axes 2 ... 5
 // on PK0 ... PK7 (pin-change interrupts PCINT16 ... 23): whole ports, so that one read gives both
@@ -25,8 +26,8 @@
 #pragma GCC optimize("O2")
 
 // PROTOCOL_VERSION goes up with whatever a host has to know of: a key, a command, a field of the status.
-#define FIRMWARE_VERSION "1.2.0"
-#define PROTOCOL_VERSION "3"
+#define FIRMWARE_VERSION "1.3.0"
+#define PROTOCOL_VERSION "4"
 #define BANNER_HEAD "armctl-encoder " FIRMWARE_VERSION " proto=" PROTOCOL_VERSION " axes=6 reset="
 
 constexpr uint8_t AXES = 6;

@@ -18,7 +18,7 @@ static_assert(TICK_HZ == 512, "64 ticks are 125 ms");
 
 void Controller::begin(uint8_t flags) {
     axes_.begin();
-    watchdog_.set_ms(WATCHDOG_DEFAULT_MS);
+    set_watchdog_ms(WATCHDOG_DEFAULT_MS);
     global_ = flags;
 }
 
@@ -28,6 +28,7 @@ void Controller::tick() {
     const uint8_t ticks = left_out == 255 ? 255 : static_cast<uint8_t>(left_out + 1);
     axes_.measure();
     switches_.sample(switches_open_);
+    pins_.sample(ticks);
     obey_requests();
     watch_counts();
     if (powered()) control(ticks);

@@ -9,6 +9,7 @@
 #include "events.h"
 #include "homing.h"
 #include "host_watchdog.h"
+#include "pins.h"
 #include "switches.h"
 #include "ticker.h"
 
@@ -32,8 +33,14 @@ public:
     void tick();
 
     // The host was heard.
-    void feed_watchdog() { watchdog_.feed(); }
-    void set_watchdog_ms(uint16_t ms) { watchdog_.set_ms(ms); }
+    void feed_watchdog() {
+        watchdog_.feed();
+        pins_.feed();
+    }
+    void set_watchdog_ms(uint16_t ms) {
+        watchdog_.set_ms(ms);
+        pins_.set_watchdog_ticks(ms_to_ticks(ms));
+    }
 
     // Do now what single bytes have asked for; see ControlLock.
     void obey_requests();
@@ -64,6 +71,7 @@ public:
     uint32_t ticks() const { return ticks_; }
     uint32_t milliseconds() const { return milliseconds_ + (((ticks_ & 63) * 125) >> 6); }
     EventQueue &events() { return events_; }
+    Pins &pins() { return pins_; }
 
 private:
     void pass_time(uint8_t ticks);
@@ -88,6 +96,7 @@ private:
     Switches switches_;
     Homing homing_;
     HostWatchdog watchdog_;
+    Pins pins_;
     EventQueue events_;
     Mode mode_ = Mode::OFF;
     uint8_t homed_ = 0;

@@ -26,6 +26,7 @@ void Protocol::begin() {
 
 void Protocol::turn() {
     send_events();
+    send_pins();
     send_status();
     take_lines();
 }
@@ -40,6 +41,21 @@ void Protocol::send_events() {
         write_event(line, events.take());
         send(line);
     }
+}
+
+// An input has changed: told at once, not with the next status.
+void Protocol::send_pins() {
+    if (serial_port::room() < EVENT_MAX) return;
+    {
+        const TickLock lock;
+        if (!controller_.pins().take_news()) return;
+    }
+    char bytes[EVENT_MAX];
+    Writer line(bytes, sizeof bytes);
+    line.text(PSTR("! pins "));
+    write_pins(line, controller_);
+    line.seal();
+    send(line);
 }
 
 void Protocol::send_status() {

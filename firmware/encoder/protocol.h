@@ -19,6 +19,7 @@ public:
 
 private:
     void send_events();
+    void send_pins();
     void send_status();
     void take_lines();
     void handle(const char *line, uint8_t length);

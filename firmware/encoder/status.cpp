@@ -1,5 +1,15 @@
 #include "status.h"
 
+// How often each spare pin has changed, and by that its level.
+void write_pins(Writer &line, Controller &controller) {
+    uint8_t pins[PINS];
+    {
+        const TickLock lock;
+        for (uint8_t index = 0; index < PINS; ++index) pins[index] = controller.pins().changes(index);
+    }
+    for (const uint8_t changes : pins) line.hex1(changes);
+}
+
 void write_status(Writer &line, Controller &controller) {
     // Copied under the lock and written after it: digits take long.
     int32_t positions[AXES];
@@ -33,5 +43,7 @@ void write_status(Writer &line, Controller &controller) {
     for (const uint8_t bits : faults) line.hex2(bits);
     line.put(' ');
     for (const uint8_t edges : lost) line.hex1(edges < 15 ? edges : 15);
+    line.put(' ');
+    write_pins(line, controller);
     for (const int32_t position : positions) line.next_number(position);
 }

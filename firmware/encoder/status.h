@@ -5,4 +5,5 @@
 #include "text.h"
 
 // The fields without "@ " before and CRC after them. What was lost on the line is told once.
+void write_pins(Writer &line, Controller &controller);
 void write_status(Writer &line, Controller &controller);

@@ -33,12 +33,14 @@ class Status:
     flags: int
     faults: tuple[int, ...]
     lost: tuple[int, ...]
+    changes: tuple[int, ...]
+    """of pins 42 ... 49, modulo 16"""
     counts: tuple[int, ...]
 
     @classmethod
     def of(cls, fields: str) -> Status:
         """Read the fields behind ``@``."""
-        ms, mode, homed, switches, flags, faults, lost, *counts = fields.split()
+        ms, mode, homed, switches, flags, faults, lost, changes, *counts = fields.split()
         return cls(
             ms=int(ms),
             mode=mode,
@@ -47,6 +49,7 @@ class Status:
             flags=int(flags, 16),
             faults=tuple(bytes.fromhex(faults)),
             lost=tuple(int(digit, 16) for digit in lost),
+            changes=tuple(int(digit, 16) for digit in changes),
             counts=tuple(map(int, counts)),
         )
 

@@ -15,7 +15,8 @@ from tests.avr.conformance import Line, checks
 START_S = 0.3
 TURN_S = 0.06
 STATUS = re.compile(
-    r"@ \d+ [ONHBT] [0-9a-f]{2} [0-9a-f]{2} [0-9a-f]{2} [0-9a-f]{12} [0-9a-f]{6}(?: -?\d+){6}", re.ASCII
+    r"@ \d+ [ONHBT] [0-9a-f]{2} [0-9a-f]{2} [0-9a-f]{2} [0-9a-f]{12} [0-9a-f]{6} [0-9a-f]{8}(?: -?\d+){6}",
+    re.ASCII,
 )
 LONGEST_FROM_BOARD = 127
 
@@ -101,14 +102,14 @@ def it_introduces_itself(line: Line) -> None:
     banners = [one for one in host.unasked if one.startswith("# ")]
     assert len(banners) == 1
     assert re.fullmatch(
-        r"# armctl-encoder \d+\.\d+\.\d+ proto=3 axes=6 reset=(power|external)", banners[0]
+        r"# armctl-encoder \d+\.\d+\.\d+ proto=4 axes=6 reset=(power|external)", banners[0]
     ), banners
     assert host.ask("HELLO") == f"ok {banners[0][2:]}"
 
 
 def it_starts_off_and_knows_nothing(line: Line) -> None:
-    _, mode, homed, _, flags, faults, lost, *counts = Host(line).status()
-    assert (mode, homed, flags, faults, lost) == ("O", "00", "00", "0" * 12, "0" * 6)
+    _, mode, homed, _, flags, faults, lost, changes, *counts = Host(line).status()
+    assert (mode, homed, flags, faults, lost, changes) == ("O", "00", "00", "0" * 12, "0" * 6, "0" * 8)
     assert len(counts) == 6
 
 
@@ -531,6 +532,56 @@ def answers_to_the_letter(line: Line) -> None:
     assert host.ask("CFG 5 hv=1 stall=5000 kp=0 brk=0") == "ok"
     assert host.ask("HOME 5") == "ok"
     assert host.ask("HOME") == host.ask("EN 1") == host.ask("P 0 0 0 0 0 0") == "err BUSY homing"
+
+
+def spare_pins_are_named_and_switched(line: Line) -> None:
+    host = Host(line)
+    for text, answer in (
+        ("PIN", "err ARGS pin missing"),
+        ("PIN 41 in", "err RANGE pin 42 49"),
+        ("PIN 50 in", "err RANGE pin 42 49"),
+        ("PIN 42", "err ARGS off in up out"),
+        ("PIN 42 inn", "err ARGS off in up out"),
+        ("PIN 42 in low", "err ARGS keep low high, of an output"),
+        ("PIN 42 out lo", "err ARGS keep low high, of an output"),
+        ("PIN 42 out low 2", "err RANGE 0 1"),
+        ("PIN 42 out low 1 1", "err ARGS too many"),
+        ("PIN 42 in 1", "err ARGS keep low high, of an output"),
+        ("SET 42 1", "err NOTOUT"),
+        ("PIN 42 up", "ok"),
+        ("SET 42 1", "err NOTOUT"),
+        ("PIN 45 out", "ok"),
+        ("SET 45", "err ARGS 0 or 1 missing"),
+        ("SET 45 2", "err RANGE 0 1"),
+        ("SET 45 1 1", "err ARGS too many"),
+        ("SET 45 1", "ok"),
+        ("PIN 49 out", "ok"),
+        ("SET 49 1", "ok"),
+        ("SET 49 0", "ok"),
+    ):
+        assert host.ask(text) == answer, text
+    assert host.status()[7] == "10010002"
+    assert host.ask("PIN 45 out high") == "ok"  # it is one already, and stays on
+    assert host.status()[7] == "10010002"
+    assert host.ask("EN 1") == host.ask("PIN 45 off") == "ok"  # also with the motors on
+    assert host.status()[7] == "10000002"
+    assert host.ask("PIN 46 out keep 1") == host.ask("PIN 49 out keep 1") == "ok"  # the second is one already
+    assert host.status()[7] == "10001002"
+
+
+def what_outputs_do_when_the_host_is_lost(line: Line) -> None:
+    host = Host(line)
+    for pin, word in ((45, "low"), (46, "keep"), (47, "high")):
+        assert host.ask(f"PIN {pin} out {word}") == host.ask(f"SET {pin} 1") == "ok"
+    assert host.ask("SET 47 0") == "ok"
+    host.send(b"", 0.35)
+    assert host.status()[7] == "00011200"
+    host.send(b"", 0.25)
+    assert host.status()[7] == "00021300"
+    assert host.ask("SET 45 1") == "ok"
+    assert host.status()[7] == "00031300"  # what is set later stays
+    host.send(b"", 0.6)
+    assert host.status()[7] == "00041300"
 
 
 CONFORMANCE = checks(globals())

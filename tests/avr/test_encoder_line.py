@@ -63,7 +63,7 @@ def test_a_reset_forgets_the_last_line(make_arm: MakeArm) -> None:
 
 def test_the_banner_says_why_it_started(make_arm: MakeArm) -> None:
     arm = make_arm()
-    assert arm.banners == ["armctl-encoder 1.2.0 proto=3 axes=6 reset=power"]
+    assert arm.banners == ["armctl-encoder 1.3.0 proto=4 axes=6 reset=power"]
     arm.reset()
     assert arm.banners[-1].endswith(" reset=external")
     assert arm.ask("HELLO").endswith(" reset=external")

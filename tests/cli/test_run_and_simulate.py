@@ -179,7 +179,7 @@ def test_the_driver_opens_a_simulated_encoder_board(tmp_path: Path) -> None:
         driver = EncoderDriver(
             Connection(str(link), MonotonicClock().now, ports=list), robot.board_settings, timeout_s=10.0
         )
-        assert driver.open().kind == "armctl encoder board, firmware 1.2.0"
+        assert driver.open().kind == "armctl encoder board, firmware 1.3.0"
         driver.configure(channel_settings(robot))
         driver.home()
         readback = driver.read()

@@ -179,7 +179,7 @@ def test_a_healthy_encoder_board(clock: ManualClock, device: str):
     board = SimulatedEncoderBoard()
     findings = report(encoder_patient(device), board, clock)
     assert failures(findings) == []
-    assert findings["firmware"].seen == "armctl-encoder 1.2.0, protocol 3"
+    assert findings["firmware"].seen == "armctl-encoder 1.3.0, protocol 4"
     assert findings["channels"].seen == "axes 0, 1, 2, 3, 4, 5: the board has them"
     assert findings["outputs"].seen.startswith("motors off; homed axes: none")
     assert findings["watchdog"].verdict is Verdict.OK
@@ -222,7 +222,7 @@ class OldEncoderBoard:
     ("board", "seen", "advice"),
     [
         (OldEncoderBoard(), "armctl-encoder 0.9.0, protocol 0; this", "flash the board again, with the"),
-        (SimulatedEncoderBoard(protocol=4), "protocol 4; this armctl needs protocol 3", ": update armctl"),
+        (SimulatedEncoderBoard(protocol=5), "protocol 5; this armctl needs protocol 4", ": update armctl"),
     ],
 )
 def test_a_firmware_of_another_protocol(clock: ManualClock, device: str, board, seen, advice):

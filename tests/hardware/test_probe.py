@@ -26,8 +26,8 @@ from armctl.protocol import ManualClock
 
 MICRO = MaestroModel.MICRO_6.label
 PTY = None
-BANNER = seal("# armctl-encoder 1.2.0 proto=3 axes=6 reset=external")
-STATUS = seal("@ 20 O 00 00 00 000000000000 000000 0 0 0 0 0 0")
+BANNER = seal("# armctl-encoder 1.3.0 proto=4 axes=6 reset=external")
+STATUS = seal("@ 20 O 00 00 00 000000000000 000000 00000000 0 0 0 0 0 0")
 INTRODUCTION = bytes.fromhex("f9 02 05 f0 79 02 05 53 00 74 00 64 00 2e 00 69 00 6e 00 6f 00 f7")  # "Std.ino"
 
 
@@ -118,7 +118,7 @@ def test_an_arduino_introduces_itself_after_the_reset_and_is_sent_nothing(clock:
     encoder = Talker(115_200, {1.0: BANNER, 1.02: STATUS})
     details = ("6 axes", "last started by: external")
     found = asked(encoder, clock, approach(label))
-    assert found == Probed("port", "encoder", "armctl-encoder", "1.2.0", details)
+    assert found == Probed("port", "encoder", "armctl-encoder", "1.3.0", details)
     assert (firmata.opened, encoder.opened) == ([57_600], [57_600, 115_200])
     assert firmata.received == encoder.received == b""
     encoder.opened.clear()  # opened, and reset, once where it is expected

@@ -54,7 +54,7 @@ def test_plain_serial_clients(clock: ManualClock, tmp_path: Path):
         answer = port.readline()
         while not answer.startswith(b"1 "):
             answer = port.readline()
-        assert answer.startswith(b"1 ok armctl-encoder 1.2.0 proto=3 axes=6 reset=power*")
+        assert answer.startswith(b"1 ok armctl-encoder 1.3.0 proto=4 axes=6 reset=power*")
     with (
         BoardServer(simulated_maestro(), clock.now) as server,
         serial.Serial(server.port, timeout=5.0) as port,

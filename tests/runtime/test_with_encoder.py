@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from tests.runtime.board_bench import BoardBench
@@ -16,8 +18,19 @@ from armctl.hardware.encoder.messages import Mode
 from armctl.hardware.encoder.simulated import SimulatedEncoderBoard, simulated_encoder_board
 from armctl.hardware.faults import Fault
 from armctl.hardware.transport import Connection
-from armctl.protocol import ClearFault, Connect, Enable, HomeAxes, MoveGripper, MoveJoints, Release
-from armctl.robot import load_robot
+from armctl.program import Program, WaitForStep, WaitStep
+from armctl.protocol import (
+    ClearFault,
+    Connect,
+    Enable,
+    HomeAxes,
+    MoveGripper,
+    MoveJoints,
+    Release,
+    RunProgram,
+    SetOutput,
+)
+from armctl.robot import load_robot, robots_folder
 
 SCORBOT = load_robot("scorbot")
 HOMING_S = 180.0
@@ -70,6 +83,75 @@ def test_home_move_grip_and_release(homed: Bench) -> None:
     homed.run(0.2)
     assert homed.board.mode is Mode.ON
     assert homed.now.state is State.HOLDING
+
+
+PINS = """
+[[inputs]]
+name = "door"
+channel = 43
+
+[[inputs]]
+name = "bouncy"
+channel = 44
+debounce_ms = 40
+
+[[outputs]]
+name = "lamp"
+channel = 45
+at_stop = "off"
+
+[[outputs]]
+name = "pump"
+channel = 46
+at_fault = "off"
+"""
+
+
+@pytest.fixture
+def with_pins(tmp_path: Path) -> Bench:
+    """Homed, both outputs on."""
+    path = tmp_path / "scorbot.toml"
+    text = (robots_folder() / "scorbot.toml").read_text(encoding="utf-8")
+    path.write_text(f"{text}\n{PINS}", encoding="utf-8")
+    robot = load_robot(path)
+    bench = BoardBench.of(
+        robot,
+        simulated_encoder_board(channel_settings(robot), robot.board_settings.axes),
+        lambda line, now: EncoderDriver(Connection(line, now, simulated=True), robot.board_settings),
+    )
+    bench.do(Connect("sim"))
+    home(bench)
+    for name in ("lamp", "pump"):
+        bench.do(SetOutput(name, 1.0))
+    assert bench.run(2 * TICK).outputs == {"lamp": 1.0, "pump": 1.0}
+    return bench
+
+
+def test_a_pulse_of_5_ms_between_two_ticks_is_an_edge_but_for_an_input_that_is_debounced(
+    with_pins: Bench,
+) -> None:
+    bench = with_pins
+    wait = WaitForStep(watch="door", trigger="edge", timeout_s=5)
+    ticket = bench.do(RunProgram(Program(robot="scorbot", steps=(WaitStep(seconds=0.5), wait))))
+    bench.run(0.1)
+    for pin in (43, 44):
+        bench.board.levels[pin] = 1.0
+    bench.clock.advance(0.005)
+    bench.line.advance(bench.clock.now())
+    bench.board.levels.clear()
+    assert bench.run(2 * TICK).edges == {"door": 2, "bouncy": 0} and bench.now.inputs["door"] == 0.0
+    bench.until(State.HOLDING)
+    ticket.finished.result(0)  # the edge came while the program did something else
+
+
+def test_outputs_at_stop_and_at_a_fault_that_the_board_has_found(with_pins: Bench) -> None:
+    bench = with_pins
+    bench.controller.stop(TEST)
+    assert bench.run(2 * TICK).outputs == {"lamp": 0.0, "pump": 1.0}
+    bench.do(SetOutput("lamp", 1.0))
+    bench.board.axes[1].lose_edges(6)
+    bench.until(State.FAULT)
+    assert bench.run(2 * TICK).outputs == {"lamp": 1.0, "pump": 0.0}
 
 
 def test_stop_ends_homing_and_it_can_be_begun_again(bench: Bench) -> None:

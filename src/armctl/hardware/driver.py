@@ -100,6 +100,9 @@ class Readback:
     # ``Signals`` these are the levels of the pins: the runtime knows which are active low.
     inputs: Mapping[str, float] = field(default_factory=dict[str, float])
     outputs: Mapping[str, float] = field(default_factory=dict[str, float])
+    # By name, how often an input has changed since the last reading, of a board that counts: a pulse between
+    # two readings is seen.
+    changes: Mapping[str, int] = field(default_factory=dict[str, int])
     home_again: bool = False  # ``errors`` or ``faults`` tell already to home the arm
 
 

@@ -72,6 +72,8 @@ class Reading:
     """by title: what the quantities may come to"""
     levels: tuple[LevelPassed, ...] = ()
     """which of them are beyond what is warned of, at this moment"""
+    changes: Mapping[str, int] = field(default_factory=dict[str, int])
+    """by name of an input, how often it has changed since the last reading, where the board counts that"""
 
 
 class Board:
@@ -277,6 +279,7 @@ class Board:
             back.home_again,
             {self.title(channel): limits for channel, limits in back.limits.items()},
             levels,
+            back.changes,
         )
 
     def _angles(self, back: Readback) -> FloatArray:

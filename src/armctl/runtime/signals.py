@@ -42,6 +42,8 @@ class SignalWatch:
                 inputs[name] = value
                 continue
             edges.setdefault(name, 0)
+            if name in inputs and not known.debounce_s:  # pulses between two readings: pairs of changes
+                edges[name] += reading.changes.get(name, 0) // 2 * 2
             if inputs.setdefault(name, value) == value:
                 self._changing.pop(name, None)
                 continue

@@ -17,7 +17,7 @@ from armctl.protocol import ManualClock
 
 def test_identity(clock: ManualClock):
     identity = Bench(clock).driver.open()
-    assert identity.kind == "armctl encoder board, firmware 1.2.0"
+    assert identity.kind == "armctl encoder board, firmware 1.3.0"
     assert (identity.port, identity.simulated, identity.notes) == ("loop", False, (SILENCE_NOTE,))
     assert Bench(clock, simulated=True).driver.open().notes == ()
 

@@ -38,8 +38,9 @@ STATUS = Status(
     faults=(FaultKind(0), FaultKind.STALL | FaultKind.HOMING, FaultKind.LIMIT, *[FaultKind(0)] * 3),
     lost=(0, 4, 0, 15, 0, 0),
     counts=(0, -120, 4000, 7, 8, -2147483648),
+    changes=(1, 0, 0, 15, 0, 0, 0, 2),
 )
-BANNER = Banner("armctl-encoder", "1.2.0", 3, 6, "external")
+BANNER = Banner("armctl-encoder", "1.3.0", 4, 6, "external")
 
 
 def said(text: str):
@@ -54,8 +55,8 @@ def said(text: str):
         ("9 err LIMIT 2 600 -500 500", LineReply(9, "2 600 -500 500", "LIMIT")),
         ("0 err CRC", LineReply(0, "", "CRC")),
         ("! home failed 3 notfound", ("home", "failed", "3", "notfound")),
-        ("# armctl-encoder 1.2.0 proto=3 axes=6 reset=external", BANNER),
-        ("@ 12340 T 23 02 09 000910000000 040f00 0 -120 4000 7 8 -2147483648", STATUS),
+        ("# armctl-encoder 1.3.0 proto=4 axes=6 reset=external", BANNER),
+        ("@ 12340 T 23 02 09 000910000000 040f00 100f0002 0 -120 4000 7 8 -2147483648", STATUS),
     ],
 )
 def test_what_the_board_says(text, message):
@@ -86,14 +87,17 @@ def test_every_status_both_ways(status):
     [
         "",
         "@ ",
-        "@ 1 O 00 00 00 000000000000 000000 1 2 3 4 5",  # five counts, six faults
-        "@ 1 X 00 00 00 000000000000 000000 1 2 3 4 5 6",
-        "@ 1 O 40 00 00 000000000000 000000 1 2 3 4 5 6",  # a seventh axis
-        "@ 1 O 00 00 40 000000000000 000000 1 2 3 4 5 6",  # an unknown flag
+        "@ 1 O 00 00 00 000000000000 000000 00000000 1 2 3 4 5",  # five counts, six faults
+        "@ 1 X 00 00 00 000000000000 000000 00000000 1 2 3 4 5 6",
+        "@ 1 O 40 00 00 000000000000 000000 00000000 1 2 3 4 5 6",  # a seventh axis
+        "@ 1 O 00 00 40 000000000000 000000 00000000 1 2 3 4 5 6",  # an unknown flag
         "@ 1 O 00 00 00 400000000000 000000 1 2 3 4 5 6",
-        "@ 1 O 00 00 00 000000000000 000000 1 2 3 4 5 x",
+        "@ 1 O 00 00 00 000000000000 000000 00000000 1 2 3 4 5 x",
         "@ 1 O 00 00 00 000000000000 00000 1 2 3 4 5 6",
         "@ 1 O 00 00 00 000000000000 1 2 3 4 5 6",  # protocol 2
+        "@ 1 O 00 00 00 000000000000 000000 1 2 3 4 5 6",  # protocol 3
+        "! pins 0000000",
+        "! pins",
         "# grbl 1.1",
         "hello",
         "7 OK",

@@ -16,11 +16,11 @@ from armctl.hardware.encoder.simulated import SimulatedEncoderBoard
 from armctl.protocol import ManualClock
 
 HELLO, EN_1 = b"1 HELLO*7DF0\n", b"2 EN 1*5689\n"
-BANNER = Banner("armctl-encoder", "1.2.0", 3, 6, "power")
+BANNER = Banner("armctl-encoder", "1.3.0", 4, 6, "power")
 
 
 def status(ms: int, count: int = 0) -> bytes:
-    return seal(f"@ {ms} O 00 00 00 000000000000 000000 {count} 0 0 0 0 0")
+    return seal(f"@ {ms} O 00 00 00 000000000000 000000 00000000 {count} 0 0 0 0 0")
 
 
 class Wire:
@@ -222,7 +222,7 @@ def test_a_clock_that_goes_back_is_a_restart(
 
 
 def test_a_banner_is_one_restart(wire: Wire, session: EncoderSession):
-    wire.incoming = status(5000) + seal("# armctl-encoder 1.2.0 proto=3 axes=6 reset=brownout")
+    wire.incoming = status(5000) + seal("# armctl-encoder 1.3.0 proto=4 axes=6 reset=brownout")
     wire.incoming += status(20) + status(40)
     session.drain()
     assert (session.restarted, session.restarts) == ("brownout", 1)
@@ -310,14 +310,14 @@ def test_another_board(clock: ManualClock, words, resets):
 @pytest.mark.parametrize(
     ("protocol", "words"),
     [
-        (2, r"speaks protocol 2, this armctl needs protocol 3; flash the board again.*under Flashing"),
-        (4, "speaks protocol 4, this armctl needs protocol 3; this armctl is older .*update"),
+        (3, r"speaks protocol 3, this armctl needs protocol 4; flash the board again.*under Flashing"),
+        (5, "speaks protocol 5, this armctl needs protocol 4; this armctl is older .*update"),
     ],
 )
 def test_a_board_of_another_protocol_is_refused_and_its_line_closed(clock: ManualClock, protocol, words):
     board = SimulatedEncoderBoard(protocol=protocol)
     bench = Bench(clock, board)
-    with pytest.raises(BoardProtocolError, match=rf"loop: the board's firmware 1\.2\.0 {words}"):
+    with pytest.raises(BoardProtocolError, match=rf"loop: the board's firmware 1\.3\.0 {words}"):
         bench.driver.open()
     assert set(board.log) == {"HELLO"}
     with pytest.raises(BoardError, match="not connected"):

@@ -63,6 +63,8 @@ class EncoderBoard(BoardType):
     power = "motors"
     off_when_left = True
     limits_acceleration = True
+    inputs = ("digital", "pull-up")
+    outputs = ("digital",)
     advice = FLASH_IT
     simulator_robot = "scorbot"
     simulator_help = """Serve a simulated Mega with armctl's encoder firmware and an arm until interrupted.
@@ -102,8 +104,10 @@ class EncoderBoard(BoardType):
     def check(self, setup: Setup) -> None:
         """Refuse what the board would refuse."""
         from armctl.hardware.encoder.axes import AxisTable
+        from armctl.hardware.encoder.pins import check_pins
 
         AxisTable(setup.channels, _settings(setup), _MOST_AXES)
+        check_pins(setup.signals)
 
     def listener(self) -> Listener:
         """Recognises the banner, and the status line that comes 50 times a second."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, StateError
@@ -16,7 +17,7 @@ from armctl.hardware.board_type import (
     round_trips,
     warning,
 )
-from armctl.hardware.driver import BoardIdentity, ChannelSettings, HomingState, Readback, Source
+from armctl.hardware.driver import Abilities, BoardIdentity, ChannelSettings, HomingState, Readback, Source
 from armctl.hardware.encoder.axes import AxisTable, EncoderSettings
 from armctl.hardware.encoder.messages import (
     HOMED_AGAIN,
@@ -32,8 +33,10 @@ from armctl.hardware.encoder.messages import (
     flag_words,
     lost_words,
 )
+from armctl.hardware.encoder.pins import SparePins, check_pins
 from armctl.hardware.encoder.session import UNKNOWN_RESET, EncoderSession, protocol_advice
 from armctl.hardware.transport import Connection
+from armctl.robot.signals import Signals
 
 WATCHDOG_MS = 500
 SILENCE_NOTE = (
@@ -58,7 +61,7 @@ _RESETS = {
 }
 
 
-class EncoderDriver:
+class EncoderDriver(Abilities):
     """An encoder board behind the ``Driver`` protocol. A channel is an axis; units are joint counts.
 
     ``stop`` sets the board's hold, which refuses setpoints; the next ``write`` releases it. Motors that
@@ -112,6 +115,26 @@ class EncoderDriver:
         table = AxisTable(channels, self._arm, self._count)
         self._send_settings(session, table)
         self._table = table
+
+    def use_signals(self, signals: Signals) -> None:
+        """Name the spare pins that are inputs and outputs; an output that is one already stays as it is."""
+        check_pins(signals)
+        self._pins = SparePins(signals)
+        self._send_pins(self._board)
+
+    def set_output(self, name: str, value: float) -> None:
+        """Switch a spare pin; the board answers. ``BoardTimeoutError`` where it does not."""
+        session = self._board
+        self._send_pins(session)
+        session.command(self._pins.request(name, value))
+
+    def _send_pins(self, session: EncoderSession) -> None:
+        """Tell the board what its pins are, which it forgets when it starts anew."""
+        if self._pins.sent_at == session.restarts:
+            return
+        for line in self._pins.configuration:
+            session.command(line)
+        self._pins.sent_at = session.restarts
 
     def write(self, setpoints: Mapping[int, float]) -> None:
         """Send setpoints [joint counts] in one line, whose answer is not waited for: ``read`` takes it.
@@ -188,6 +211,7 @@ class EncoderDriver:
             lost=lost,
             delay_s=delay_s,
             home_again=reset is not None or any(fault & HOMED_AGAIN for fault in status.faults),
+            **self._pins.read(session.changes, known=self._pins.sent_at == session.restarts),
         )
 
     def stop(self) -> None:
@@ -235,8 +259,14 @@ class EncoderDriver:
         self._acknowledge(session, on=False)
 
     def close(self) -> None:
-        """Close the line; never raises. The board switches its motors off when it hears nothing more."""
+        """Close the line; never raises. The board switches its motors off when it hears nothing more.
+
+        Its outputs do then what the robot file says for a fault; here they are told to stay as they are.
+        """
         if self._opened is not None:
+            with suppress(ArmctlError):  # the line may be broken
+                for line in self._pins.kept if self._pins.sent_at is not None else ():
+                    self._opened.command(line)
             self._opened.close()
             self._opened = None
 
@@ -257,6 +287,7 @@ class EncoderDriver:
         self._went_off = False
         """the board has switched them off by itself; until the user has taken note they stay off"""
         self._seen: Status | None = None
+        self._pins = SparePins(Signals())
 
     def _send_settings(self, session: EncoderSession, table: AxisTable) -> None:
         """Send the settings unless the board has them: it forgets them when it starts anew."""
@@ -308,6 +339,7 @@ class EncoderDriver:
         session.acknowledge()
         self._on = on
         self._went_off = False
+        self._send_pins(session)
         self._seen = session.fresh_status()
 
 

@@ -170,6 +170,12 @@ def flag_words(flags: BoardFlag) -> tuple[str, ...]:
 
 # The status line: what the board says 50 times a second of itself and its axes.
 
+SPARE_PINS = tuple(range(42, 50))
+"""pins of the Mega that a host may name as inputs and outputs"""
+CHANGES = 16
+"""the board counts changes of a pin modulo this"""
+NO_CHANGES = (0,) * len(SPARE_PINS)
+
 _ALL_FAULTS = sum(FaultKind)
 _ALL_FLAGS = sum(BoardFlag)
 
@@ -201,6 +207,8 @@ class Status:
     faults: tuple[FaultKind, ...]
     lost: tuple[int, ...]  # edges that its encoders have lost since homing; 15: or more
     counts: tuple[int, ...]  # joint counts
+    changes: tuple[int, ...] = NO_CHANGES
+    """of each spare pin modulo 16 since it is in use; odd: it is high now"""
 
     @property
     def latched(self) -> bool:
@@ -215,10 +223,10 @@ class Status:
     def encode(self) -> str:
         """The fields as the board sends them, without the ``@``."""
         faults = "".join(f"{fault:02x}" for fault in self.faults)
-        lost = "".join(f"{edges:x}" for edges in self.lost)
+        lost, changes = ("".join(f"{one:x}" for one in several) for several in (self.lost, self.changes))
         return (
             f"{self.time_ms} {self.mode.value} {_bits(self.homed):02x} {_bits(self.switches):02x} "
-            f"{self.flags:02x} {faults} {lost} {' '.join(map(str, self.counts))}"
+            f"{self.flags:02x} {faults} {lost} {changes} {' '.join(map(str, self.counts))}"
         )
 
 
@@ -226,7 +234,7 @@ def decode_status(text: str) -> Status:
     """The status in ``text``, the fields without the ``@``; ``BoardProtocolError`` where it is none."""
     fields = text.split(" ")
     try:
-        time_ms, mode, homed, switches, flags, faults, lost, *counts = fields
+        time_ms, mode, homed, switches, flags, faults, lost, changes, *counts = fields
         bits = bytes.fromhex(faults)
         if not counts or not len(bits) == len(lost) == len(counts):
             raise ValueError("as many faults and lost edges as counts, and at least one")
@@ -239,11 +247,19 @@ def decode_status(text: str) -> Status:
             faults=tuple(FaultKind(_known(one, _ALL_FAULTS)) for one in bits),
             lost=tuple(int(digit, 16) for digit in lost),
             counts=tuple(map(int, counts)),
+            changes=decode_changes(changes),
         )
-    except ValueError as error:
+    except (ValueError, BoardProtocolError) as error:
         raise BoardProtocolError(
             f"{text!r} is no status of an armctl encoder board ({error}); its firmware is another one"
         ) from error
+
+
+def decode_changes(digits: str) -> tuple[int, ...]:
+    """Of each spare pin; ``BoardProtocolError`` where that is not a digit a pin."""
+    if len(digits) != len(SPARE_PINS) or not set(digits) <= set("0123456789abcdef"):
+        raise BoardProtocolError(f"{digits!r} is not a digit for each of {len(SPARE_PINS)} spare pins")
+    return tuple(int(digit, 16) for digit in digits)
 
 
 def _bits(flags: tuple[bool, ...]) -> int:
@@ -262,7 +278,7 @@ def _known(bits: int, all_known: int) -> int:
 
 
 FIRMWARE = "armctl-encoder"
-PROTOCOL = 3
+PROTOCOL = 4
 
 _ANSWER = re.compile(r"(\d{1,5}) (?:ok(?: (.*))?|err ([A-Z]+)(?: (.*))?)")
 _BANNER = re.compile(r"(\S+) (\S+) proto=(\d{1,4}) axes=(\d{1,2}) reset=([a-z]+)")
@@ -274,6 +290,7 @@ _WHY = {
     "FAULT": "a fault is latched; see to it and release, which clears it",
     "BUSY": "the board is homing; wait until it is done, or stop it",
     "LIMIT": "outside the soft limits",
+    "NOTOUT": "the pin is no output of this board now",
 }
 
 
@@ -325,7 +342,10 @@ def decode(line: bytes) -> Message:
     if kind == "@ ":
         return decode_status(rest)
     if kind == "! ":
-        return tuple(rest.split(" "))
+        words = tuple(rest.split(" "))
+        if words[0] == "pins":
+            decode_changes(" ".join(words[1:]))
+        return words
     if kind == "# ":
         return decode_banner(rest)
     found = _ANSWER.fullmatch(text)

@@ -14,6 +14,7 @@ from armctl.hardware.encoder.messages import (
     FIRMWARE,
     LARGEST_SEQUENCE,
     LONGEST_MESSAGE,
+    NO_CHANGES,
     PROTOCOL,
     Banner,
     LineReader,
@@ -23,6 +24,7 @@ from armctl.hardware.encoder.messages import (
     Status,
     decode,
     decode_banner,
+    decode_changes,
     request,
     unseal,
 )
@@ -92,6 +94,8 @@ class EncoderSession:
         self._board_ms: int | None = None
         self.status: Status | None = None
         """the newest; None where none shows yet what has just been asked for"""
+        self.changes = NO_CHANGES
+        """of the spare pins, as the board has told it last"""
         self.homing_failures: dict[int, str] = {}  # why homing failed, by axis
         self.restarted: str | None = None
         """why the board has started anew, in its own word; None: it has not, or that is settled"""
@@ -283,8 +287,11 @@ class EncoderSession:
                         self._note_restart(UNKNOWN_RESET)
                     self._board_ms = now
                     self.status, self._status_at = message, self._now()
+                    self.changes = message.changes
                 case Banner():
                     self._note_restart(message.reset)
+                case ("pins", digits):
+                    self.changes = decode_changes(digits)
                 case ("home", "failed", axis, *reason) if axis.isdecimal():
                     said = " ".join(reason)
                     self.homing_failures[int(axis)] = _HOMING_FAILURES.get(said, said)

@@ -6,6 +6,7 @@ import re
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 
+from armctl.hardware.board_type import SimulatedPins
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.encoder.axes import EncoderAxis
 from armctl.hardware.encoder.messages import (
@@ -36,9 +37,10 @@ from armctl.hardware.encoder.simulated_axis import (
     Trouble,
     plant_of,
 )
+from armctl.hardware.encoder.simulated_pins import SpareBank
 
 AXES = len(FIRMWARE_DEFAULTS)
-VERSION = "1.2.0"
+VERSION = "1.3.0"
 
 _TICKS_PER_STATUS = 4
 _SLACK_S = 1e-9
@@ -57,7 +59,7 @@ _KEPT_FLAGS = BoardFlag.BROWN_OUT | BoardFlag.INTERRUPTED
 _REFUSALS = {Mode.TRIPPED: "FAULT latched", Mode.OFF: "OFF", Mode.HOMING: "BUSY homing", Mode.HELD: "HOLD"}
 
 
-class SimulatedEncoderBoard:
+class SimulatedEncoderBoard(SimulatedPins):
     """An Arduino Mega with armctl's encoder firmware, and an arm on it.
 
     ``plants``: the mechanics by axis, plain ones for those not named; ``boot_s``: for how long it says and
@@ -67,6 +69,7 @@ class SimulatedEncoderBoard:
     def __init__(
         self, plants: Mapping[int, AxisPlant] | None = None, *, boot_s: float = 0.0, protocol: int = PROTOCOL
     ) -> None:
+        super().__init__()
         known = plants or {}
         self.axes = [
             SimulatedAxis(known.get(axis, AxisPlant()), defaults)
@@ -93,6 +96,7 @@ class SimulatedEncoderBoard:
             axis.restart()
         self._banner = Banner(FIRMWARE, VERSION, self._protocol, AXES, cause)
         self.mode = Mode.OFF  # what the motors do
+        self.pins = SpareBank(self.levels)
         self._pair: tuple[int, ...] = _PAIR
         kept = BoardFlag(0) if cause == "power" else self._flags & _KEPT_FLAGS
         self._flags = kept | RESET_FLAGS.get(cause, BoardFlag(0))
@@ -125,6 +129,8 @@ class SimulatedEncoderBoard:
             if not self.mode.powered:
                 self._ticks = max(self._ticks, due - _LONGEST_CATCH_UP)
             self._ticks += 1
+            if self.pins.sample(lost=self._time_s - self._fed_s >= self._watchdog_s - _SLACK_S):
+                self._say(f"! pins {self.pins}")
             for number, axis in enumerate(self.axes):
                 if axis.homed and axis.lost > MOST_LOST_EDGES:
                     self._trip(number, FaultKind.LOST)
@@ -208,7 +214,9 @@ class SimulatedEncoderBoard:
             case "CFG":
                 self._configure(words)
             case "SHOW":
-                return self._show(words)
+                return self.axes[self._axis_number(words)].shown_settings(words)
+            case "PIN" | "SET":
+                self.pins.obey(command, words)
             case _:
                 raise RefusedRequest("UNKNOWN command")
         return ""
@@ -305,16 +313,6 @@ class SimulatedEncoderBoard:
                 self.axes[axis].homed = False
         own.configure(settings)
 
-    def _show(self, words: RequestWords) -> str:
-        own = self.axes[self._axis_number(words)]
-        part = 1
-        if words.rest:
-            part = within(words.number_or(words.take()), (1, 2), "RANGE part 1 2")
-        words.end()
-        shown = [f"{key}={value}" for key, value in own.settings.items()]
-        half = len(shown) // 2
-        return " ".join(shown[:half] if part == 1 else shown[half:])
-
     def _axis_number(self, words: RequestWords) -> int:
         return within(words.number("ARGS axis missing"), (0, AXES - 1), "RANGE axis 0 5")
 
@@ -343,6 +341,7 @@ class SimulatedEncoderBoard:
             faults=tuple(axis.fault for axis in self.axes),
             lost=tuple(min(axis.lost, _MOST_LOST_SHOWN) for axis in self.axes),
             counts=tuple(axis.count for axis in self.axes),
+            changes=self.pins.changes,
         )
         self._flags &= ~BoardFlag.LINE_LOST
         return told.encode()

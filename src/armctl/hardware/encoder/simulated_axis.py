@@ -9,7 +9,13 @@ from typing import Literal
 
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.encoder.axes import WIRE, EncoderAxis
-from armctl.hardware.encoder.messages import COUNTS_OF_AN_EDGE, FaultKind, RefusedRequest, RequestWords
+from armctl.hardware.encoder.messages import (
+    COUNTS_OF_AN_EDGE,
+    FaultKind,
+    RefusedRequest,
+    RequestWords,
+    within,
+)
 
 TICK_S = 0.005  # the firmware's control period
 SWITCH_WIDTH = 200.0  # counts over which the home switch of a Scorbot stays closed
@@ -118,6 +124,16 @@ class SimulatedAxis:
         """Take these settings; some make the zero worthless."""
         self.homed &= all(self.settings[key] == settings[key] for key in _UNHOMING) and settings["hord"] > 0
         self.settings = dict(settings)
+
+    def shown_settings(self, words: RequestWords) -> str:
+        """What a ``SHOW`` line is answered with, its first or second half."""
+        part = 1
+        if words.rest:
+            part = within(words.number_or(words.take()), (1, 2), "RANGE part 1 2")
+        words.end()
+        shown = [f"{key}={value}" for key, value in self.settings.items()]
+        half = len(shown) // 2
+        return " ".join(shown[:half] if part == 1 else shown[half:])
 
     def asked_settings(self, words: RequestWords) -> dict[str, int]:
         """Its settings with the changes that a line asks for; refuses all of them where one is wrong."""
