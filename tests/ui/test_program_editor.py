@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from tests.arms import FIVE
+from tests.robot.test_tools import arm_with_tools
 from tests.runtime.kit import make_rig
 from tests.runtime.signal_kit import robot_with
 
@@ -110,8 +111,9 @@ def test_an_arm_without_a_gripper_has_no_button_for_it() -> None:
 
 def test_every_kind_of_step_that_a_file_holds_can_be_put_on_the_list(tmp_path: Path) -> None:
     """But an end, which comes with its block. What is made is right as it is, but for what it is about."""
-    robot, here = robot_with(tmp_path), standing(ROBOT, gripper=0.3)
+    robot, here = arm_with_tools(tmp_path), standing(ROBOT, gripper=0.3)
     offered = recorded_kinds(robot)
+    assert "Tool" not in recorded_kinds(ROBOT)["Program"]
     kinds = [kind for group in offered.values() for kind in group.values()]
     assert set(kinds) == set(KINDS) - {EndStep} and "Set output" not in recorded_kinds(ROBOT)["In and out"]
     names = {"program": "turn", "file": str(tmp_path / "name.svg"), "frame": "table", "counter": "cups"}

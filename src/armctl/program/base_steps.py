@@ -46,9 +46,7 @@ class Field:
     """what the form shows of a choice that is left open: what it means then"""
     turn: Literal["", "pitch", "orientation"] = ""
     """what of the tool's turn it is about; a step says something of its pitch or of its orientation"""
-    offers: Literal[
-        "", "programs", "drawings", "inputs", "outputs", "watched", "joints", "tools"
-    ] = ""
+    offers: Literal["", "programs", "drawings", "inputs", "outputs", "watched", "joints", "tools"] = ""
     """of a name: what the form offers, where there are any"""
     of_watched: tuple[str, ...] = ()
     """what a step has to watch for the form to show the field; empty: it is always shown"""

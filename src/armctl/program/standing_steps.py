@@ -100,6 +100,7 @@ class ToolStep(Step, frozen=True, kw_only=True, tag="tool"):
 
     words: ClassVar = "{0.tool} from here on"
     call: ClassVar = ("set_tool", "tool")
+    button: ClassVar = ("Program", "Tool", "tool")
 
     tool: Annotated[
         str,

@@ -73,9 +73,12 @@ def recorded_kinds(robot: Robot) -> dict[str, dict[str, type[Step]]]:
         if not kind.button or (kind.handles and not hand):
             continue
         group, label, *keys = kind.button
-        if ("open_percent" in keys and robot.gripper is None) or (
-            "output" in keys and "output" not in signals
-        ):
+        lacks = {
+            "open_percent": robot.gripper is None,
+            "output": "output" not in signals,
+            "tool": not robot.tools,
+        }
+        if any(lacks.get(key) for key in keys):
             continue
         rows.setdefault(group, {})[label] = kind
     return rows
@@ -126,7 +129,14 @@ def step_here(
     """
     keys = kind.button[2:]
     here: dict[str, Any] = dict(zip(EDGES, snapshot.part_mm or (None, None, None), strict=True))
-    here |= {**_FIRST, "counter": "parts", "frame": BASE, **(names or {}), **_signals_here(robot)}
+    here |= {
+        **_FIRST,
+        "tool": robot.tool,
+        "counter": "parts",
+        "frame": BASE,
+        **(names or {}),
+        **_signals_here(robot),
+    }
     if "watch" in keys:
         here |= _condition_here(robot, waits="timeout_s" in keys, counter=here["counter"])
     if snapshot.gripper is not None:
