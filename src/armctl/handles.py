@@ -290,11 +290,7 @@ class ArmControls:
         self._do(SimulateInput(name, value))
 
     def play_inputs(self, script: str) -> None:
-        """Have the inputs of the simulated board follow a script from now on; empty: they stay as they are.
-
-        ``at 2 s part = on; every 5 s part on for 200 ms``, or a table (CSV) with ``time_s`` and inputs as its
-        columns. InputError: the line, and what is wrong there.
-        """
+        """Have simulated inputs follow a script (docs/pins.md) from now on; empty: they stay as they are."""
         self._do(PlayInputs(script))
 
     def set_frame(self, frame: UserFrame | None = None) -> None:

@@ -234,11 +234,10 @@ class Board:
             on = np.array([all(back.on.get(one, False) for one in every) for every in self._channels_of])
         else:
             on = ~np.isnan(q) if back.powered is None else np.full(q.shape, back.powered)
-        errors = tuple(f"{self.title(channel)}: {fault}" for channel, fault in (back.faults or {}).items())
+        faults = (f"{self.title(channel)}: {fault}" for channel, fault in (back.faults or {}).items())
         outputs, opening = self._outputs_of(back)
-        errors += back.errors
-        warned = (back.warnings or {}).items()
-        warnings = tuple(f"{self.title(channel)}: {words}" for channel, words in warned)
+        errors = (*faults, *back.errors)
+        warnings = tuple(f"{self.title(one)}: {words}" for one, words in (back.warnings or {}).items())
         if back.source is Source.MEASURED:
             warnings += tuple(
                 f"the two motors of {joint} stand apart and work against each other; release the arm and put "

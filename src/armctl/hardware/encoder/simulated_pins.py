@@ -15,7 +15,7 @@ _NEWS_TICKS = round(0.01 / TICK_S)
 
 
 @dataclass
-class _Pin:
+class _SparePin:
     use: str = "off"
     at_loss: str = "keep"
     level: int = 0
@@ -39,7 +39,7 @@ class SpareBank:
     def __init__(self, levels: Mapping[int, float]) -> None:
         """``levels``: what is connected, by pin."""
         self._levels = levels
-        self._pins = {number: _Pin() for number in SPARE_PINS}
+        self._pins = {number: _SparePin() for number in SPARE_PINS}
         self._lost = self._news = False
         self._told_ago = 0
 
@@ -66,7 +66,7 @@ class SpareBank:
             raise RefusedRequest("NOTOUT")
         pin.level = level
 
-    def _use(self, pin: _Pin, number: int, words: RequestWords) -> None:
+    def _use(self, pin: _SparePin, number: int, words: RequestWords) -> None:
         use = words.take()
         if use not in ("off", "in", "up", "out"):
             raise RefusedRequest("ARGS off in up out")
