@@ -109,7 +109,7 @@ def bench_of(robot: Robot, *troubles: Trouble, enabled: bool = True) -> BoardBen
         troubles=troubles,
     )
     world = BenchInputs(robot, board)
-    bench.line.inner = bench.controller._core.simulator = world
+    bench.line.inner = bench.controller._core.signals.simulator = world
     bench.do(Connect("sim"))
     if enabled:
         bench.do(Enable())

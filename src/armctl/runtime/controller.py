@@ -30,10 +30,11 @@ from armctl.protocol.commands import Answer, give
 from armctl.robot import Robot
 from armctl.runtime.activity import Order
 from armctl.runtime.black_box import BlackBox
-from armctl.runtime.core import Core, InputSimulator
+from armctl.runtime.core import Core
 from armctl.runtime.dispatch import dispatch
 from armctl.runtime.last_pose import PoseFolder
 from armctl.runtime.planner import Openers, Planner, planner
+from armctl.runtime.signals import InputSimulator
 
 P = ParamSpec("P")
 _LOGGER = logging.getLogger("armctl.runtime")
@@ -84,7 +85,7 @@ class Controller:
         plan = planner(self._executor, self._wake.set)
         open_line = planner(executor or Openers(), self._wake.set)
         self._core = Core(robot, open_driver, plan, self._period, pin, poses, open_line)
-        self._core.simulate_with(simulate)
+        self._core.signals.simulator = simulate
         self._black_box = BlackBox(robot, self._period, clock.now, black_boxes)
         self._recording = True
         self._lock = threading.Lock()
@@ -293,7 +294,7 @@ class Controller:
             edges=core.signals.edges,
             outputs=core.signals.outputs,
             limp=core.limp,
-            scripted=core.scripted if board is not None and board.identity.simulated else (),
+            scripted=core.signals.scripted if board is not None and board.identity.simulated else (),
             message=core.messages.shown(None if core.activity is None else core.activity.awaits),
             tool=core.robot.tool,
             tool_unconfirmed=core.rack.unconfirmed,

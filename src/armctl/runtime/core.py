@@ -6,15 +6,13 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.errors import ArmctlError, BoardError, InputError, MotionRefusedError, StateError
+from armctl.errors import ArmctlError, BoardError, MotionRefusedError, StateError
 from armctl.facts import Need, State, ToolHoldsPart, ToolWhileMoving, commands
-from armctl.hardware.input_script import InputScript, read_script
-from armctl.kinematics.target import checked_number
 from armctl.motion.preflight import require_gaps
 from armctl.protocol import Origin, Ticket
 from armctl.protocol.clock import AFTER_GAP_S
@@ -32,28 +30,8 @@ _UNSENT_S = 1.0
 """so long the end of a motion waits for the line"""
 
 
-class InputSimulator(Protocol):
-    """What is connected to the inputs of a simulated board."""
-
-    def simulate(self, channel: int, level: float) -> None:
-        """Put an input at a level 0 ... 1."""
-        ...
-
-    def play(self, script: InputScript | None) -> None:
-        """Have the inputs follow a script from now on; None: they stay as they are."""
-        ...
-
-
 class Core(ArmState):
     """The arm as the controller runs it. Only one thread at a time may use it; nothing else writes to it."""
-
-    simulator: InputSimulator | None = None
-    scripted: tuple[str, ...] = ()
-    """names of the inputs that follow a script"""
-
-    def simulate_with(self, simulator: InputSimulator | None) -> None:
-        """``simulator`` stands for what is connected to a simulated board; None: there is none."""
-        self.simulator = simulator
 
     # Connecting.
 
@@ -121,31 +99,6 @@ class Core(ArmState):
     def await_last(self, ticket: Ticket) -> None:
         """Answer ``ticket`` when what runs has ended."""
         self._ticket = ticket
-
-    def simulate(self, name: str, value: float, who: str) -> None:
-        """Put an input of the simulated board at a value, as if somebody pressed it."""
-        signal, simulator = self.robot.signals.input(name), self._simulated(f"input {name}")
-        if signal is None:
-            every = tuple(one.name for one in self.robot.signals.inputs)
-            raise InputError(commands.UnknownName("input", name, every))
-        if not 0 <= checked_number(value, f"input {name}") <= 1:
-            raise InputError(commands.ShareOutside("input", value, 0, 1, name))
-        simulator.simulate(signal.channel, signal.value(value))
-        self.log.add(f"simulated input {name}: {value:g} ({who})")
-
-    def play(self, text: str, who: str) -> None:
-        """Have the inputs of the simulated board follow a script; an empty one: they stay as they are."""
-        simulator = self._simulated("a script of inputs")
-        script = read_script(text, self.robot.signals) if text.strip() else None
-        simulator.play(script)
-        self.scripted = () if script is None else script.names
-        what = f"a script sets {', '.join(self.scripted)}" if self.scripted else "no script sets them"
-        self.log.add(f"simulated inputs: {what} ({who})")
-
-    def _simulated(self, what: str) -> InputSimulator:
-        if self.simulator is None or self.board is None or not self.board.identity.simulated:
-            raise StateError(f"{what}: only those of a connected simulated board are set by hand")
-        return self.simulator
 
     def set_tool(self, name: str, who: str, now: float) -> None:
         """Somebody says which tool is on; refused while something moves. Nothing moves by it.

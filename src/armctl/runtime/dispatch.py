@@ -134,9 +134,9 @@ def _about_board(core: Core, order: Order, now: float) -> bool:
         case c.SetTool(name):
             core.set_tool(name, who, now)
         case c.SimulateInput(name, value):
-            core.simulate(name, value, who)
+            core.signals.simulate(core.board, name, value, who)
         case c.PlayInputs(script):
-            core.play(script, who)
+            core.signals.play(core.board, script, who)
         case c.ClearFault():
             core.clear_fault(who)
         case _:

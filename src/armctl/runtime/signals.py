@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Protocol
 
 from armctl.errors import ArmctlError, InputError, StateError
 from armctl.facts.commands import NoBoard, NotDigital, ShareOutside, UnknownName
+from armctl.hardware.input_script import InputScript, read_script
 from armctl.kinematics.target import checked_number
 from armctl.robot import Robot
 from armctl.robot.signals import ON, Input, Moment
@@ -15,11 +17,26 @@ from armctl.runtime.notices import EventLog
 _ROUNDING_S = 1e-6
 
 
+class InputSimulator(Protocol):
+    """What is connected to the inputs of a simulated board."""
+
+    def simulate(self, channel: int, level: float) -> None:
+        """Put an input at a level 0 ... 1."""
+        ...
+
+    def play(self, script: InputScript | None) -> None:
+        """Have the inputs follow a script from now on; None: they stay as they are."""
+        ...
+
+
 class SignalWatch:
     """What the inputs of a board are at, and what its outputs do when something ends."""
 
     def __init__(self, robot: Robot, log: EventLog) -> None:
         self._robot, self._log = robot, log
+        self.simulator: InputSimulator | None = None
+        self.scripted: tuple[str, ...] = ()
+        """names of the inputs that follow a script"""
         self.reset()
 
     def reset(self) -> None:
@@ -55,6 +72,35 @@ class SignalWatch:
                 inputs[name] = value
                 edges[name] += 1
         self.inputs, self.edges, self.outputs = inputs, edges, reading.outputs
+
+    # Of a simulated board.
+
+    def simulate(self, board: Board | None, name: str, value: float, who: str) -> None:
+        """Put an input of the simulated board at a value, as if somebody pressed it."""
+        signal, simulator = self._robot.signals.input(name), self._simulated(board, f"input {name}")
+        if signal is None:
+            every = tuple(one.name for one in self._robot.signals.inputs)
+            raise InputError(UnknownName("input", name, every))
+        if not 0 <= checked_number(value, f"input {name}") <= 1:
+            raise InputError(ShareOutside("input", value, 0, 1, name))
+        simulator.simulate(signal.channel, signal.value(value))
+        self._log.add(f"simulated input {name}: {value:g} ({who})")
+
+    def play(self, board: Board | None, text: str, who: str) -> None:
+        """Have the inputs of the simulated board follow a script; an empty one: they stay as they are."""
+        simulator = self._simulated(board, "a script of inputs")
+        script = read_script(text, self._robot.signals) if text.strip() else None
+        simulator.play(script)
+        self.scripted = () if script is None else script.names
+        what = f"a script sets {', '.join(self.scripted)}" if self.scripted else "no script sets them"
+        self._log.add(f"simulated inputs: {what} ({who})")
+
+    def _simulated(self, board: Board | None, what: str) -> InputSimulator:
+        if self.simulator is None or board is None or not board.identity.simulated:
+            raise StateError(f"{what}: only those of a connected simulated board are set by hand")
+        return self.simulator
+
+    # Outputs.
 
     def set(self, board: Board | None, name: str, value: float) -> None:
         """Switch an output; ``InputError``: there is none of that name, or it has no such value."""
