@@ -697,6 +697,7 @@ CALLS: dict[type[Command], Callable[[armctl.Arm], object]] = {
     commands.SetOutput: lambda arm: arm.set_output("lamp", 1.0),
     commands.SimulateInput: lambda arm: arm.simulate_input("door", 1.0),
     commands.PlayInputs: lambda arm: arm.play_inputs("at 1 s door on"),
+    commands.SetTool: lambda arm: arm.set_tool("cup"),
     commands.LendControl: lambda arm: arm.lend_control("pad"),
     commands.RunProgram: lambda arm: arm.wait(0.1),
     commands.ConfirmMessage: lambda arm: arm.confirm(),
