@@ -169,7 +169,7 @@ class ProgramEditor:
             "counter": shared.counters,
         }
         first = {key: known[0] for key, known in names.items() if known}
-        step = step_here(kind, self._session.console.robot, self._session.snapshot, names=first)
+        step = step_here(kind, self._session.arm, self._session.snapshot, names=first)
         await self.add(in_each_cell(step) if cell else step)
 
     def _running_called(self) -> tuple[CalledProgram, ...]:

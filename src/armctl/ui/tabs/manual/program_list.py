@@ -175,7 +175,7 @@ class ProgramList:
         row, label = self._field(key)
         if row is None:
             return
-        session, robot = self._session, self._session.console.robot
+        session, robot = self._session, self._session.arm
         session.require_operator()
         tip = tool_point_mm(robot, present_pose_deg(robot, session.snapshot))
         step = self._shared.program.steps[row]
