@@ -15,23 +15,20 @@ import armctl
 SOURCES = Path(armctl.__file__).parent
 MOST_LINES, MOST_OF_A_FUNCTION = 450, 60
 FOLDERS = {
-    ".": (17, 3_560),  # points in a user frame; what is wrong with a file, without a library's words
+    ".": (17, 3_580),  # points in a user frame; what is wrong with a file, without a library's words
     "calibration": (13, 3_060),  # touched points as a file and over a restart, the tool point
-    "cli": (15, 3_175),
+    "cli": (15, 3_200),
     "drawing": (11, 2_120),
     "facts": (20, 4_280),  # who stopped, why a command, a servo or a touch is refused: as data, in Turkish
-    "hardware": (72, 15_020),  # inputs, outputs, torque limits and buses that are looked at
+    "hardware": (75, 15_560),  # pins of the encoder board, scripts for inputs, buses
     "kinematics": (51, 13_050),  # the workspace as a shell
     "motion": (21, 6_000),  # from one side
     "process": (14, 3_375),
-    "program": (25, 5_270),  # grids, a check of every path; calls, pick and place, messages, user frames
-    "protocol": (5, 1_230),
-    "robot": (44, 12_080),
-    "runtime": (
-        27,
-        6_515,
-    ),  # joints let down, messages, which warnings a cause tells, tools
-    "ui": (99, 22_470),  # gamepads, user frames, the tool point, motors at a glance, one graph, the shell
+    "program": (26, 5_370),  # grids, a check of every path; calls, pick and place, messages, user frames
+    "protocol": (5, 1_250),
+    "robot": (44, 12_100),
+    "runtime": (27, 6_560),  # joints let down, messages, which warnings a cause tells, tools
+    "ui": (100, 22_640),  # gamepads, user frames, the tool point, motors at a glance, one graph, the shell
 }
 """files and lines, at most"""
 _HOW = "make it smaller, or raise its number in test_budgets.py and say in the commit what a user got for it"
