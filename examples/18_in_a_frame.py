@@ -2,8 +2,8 @@
 
 import armctl
 from armctl.program import FrameStep, LineStep, PointStep, Program, UserFrame, check_program
+from armctl.program.edit import put_frame
 from armctl.program.frames import turn_errors
-from armctl.program.program import put_frame
 
 # Where the tool stood at three touches: the origin, a point on +x, a point on the side of +y.
 touches = (180, -60, 60), (180, 40, 60), (110, 0, 60)

@@ -29,7 +29,7 @@ from armctl.program import (
     WaitStep,
     WhileStep,
 )
-from armctl.program.program import put_frame
+from armctl.program.edit import put_frame
 from armctl.ui.guard import GuardedServer
 from armctl.ui.tabs.manual import program_run
 from armctl.ui.tabs.manual.program_run import ProgramRun

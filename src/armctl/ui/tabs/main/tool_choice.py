@@ -8,7 +8,7 @@ import numpy as np
 
 from armctl.errors import StateError
 from armctl.program import ToolStep
-from armctl.program.program import PLACES, add
+from armctl.program.edit import PLACES, add
 from armctl.protocol import SetTool, Snapshot
 from armctl.robot import Robot
 from armctl.ui.session import Session
