@@ -96,10 +96,10 @@ def let_go(served: ServedArm) -> None:
         bus.plant.joints[PAN].hand = None
 
 
-def blocked_below(served: ServedArm, angle_deg: float) -> bool:
-    """Hold the pan joint fast if it is below an angle now; whether it is held."""
+def blocked_below(served: ServedArm, angle_deg: float, place: int = PAN) -> bool:
+    """Hold a joint fast if it is below an angle now; whether it is held."""
     with bus_of(served) as bus:
-        joint = bus.plant.joints[PAN]
+        joint = bus.plant.joints[place]
         joint.blocked = bool(np.degrees(joint.angle) < angle_deg)
         return joint.blocked
 
@@ -186,7 +186,7 @@ def test_a_dynamixel_in_overload_is_named_restarted_and_the_loop_goes_on(
     screen: Screen, tmp_path: Path
 ) -> None:
     with served_arm(tmp_path / "files", "open_manipulator_x") as served:
-        elbow, far, near = 2, (0.0, -40.0, 40.0, 0.0), (0.0, -40.0, 0.0, 0.0)
+        elbow, far, near = 2, (0.0, -40.0, 50.0, 0.0), (0.0, -40.0, 0.0, 0.0)
         clicks = Clicks(screen)
         screen.open(served.url, until="STOP")
         served.put(far, near)
@@ -194,8 +194,11 @@ def test_a_dynamixel_in_overload_is_named_restarted_and_the_loop_goes_on(
         screen.click("Loop")
         screen.wait_until(lambda: len(served.steps_run) > 2, "the loop begins anew")
         clicks.begin("overload")
-        with bus_of(served) as bus:
-            bus.plant.joints[elbow].blocked = True
+        screen.wait_until(lambda: blocked_below(served, 8.0, elbow), "something is in the way of the joint")
+        screen.wait_until(
+            lambda: np.degrees(served.now.q_command[elbow]) > 30, "the arm is told to be far away"
+        )
+        screen.click("STOP")
         screen.wait_for_text(re.compile(r"Joint 3: servo 13 has switched its torque off \(overload"))
         screen.screenshot("servos_restart")
         with bus_of(served) as bus:
@@ -213,4 +216,4 @@ def test_a_dynamixel_in_overload_is_named_restarted_and_the_loop_goes_on(
         clicks.begin("")
         screen.click("STOP")
         served.wait_for(screen, State.HOLDING)
-        assert screen.errors == [] and clicks.counted["overload"] == 3
+        assert screen.errors == [] and clicks.counted["overload"] == 4
