@@ -13,7 +13,7 @@ from tests.runtime.kit import TEST
 import armctl
 from armctl.errors import BoardTimeoutError, EnableError
 from armctl.facts import State
-from armctl.hardware.bus.packets import Instruction
+from armctl.hardware.bus.packets import BusPacket, Instruction
 from armctl.hardware.dynamixel.make import HEAT, OVERLOAD, VOLTAGE, WATCHDOG_MS
 from armctl.hardware.dynamixel.simulated import SimulatedX
 from armctl.protocol import ClearFault, Enable, Release
@@ -115,6 +115,28 @@ def test_one_motor_in_overload_is_named_the_others_hold_and_clear_fault_restarts
     arm.enable().go(HOME)
     arm.bench.until(State.HOLDING)
     assert arm.bench.now.cause == "move finished"
+
+
+@pytest.mark.parametrize("lost", ["the command", "the answer"])
+def test_a_restart_of_which_a_packet_is_lost_is_done_all_the_same(lost: str, monkeypatch: pytest.MonkeyPatch):
+    arm = bench().open()
+    assert arm.enable() is None
+    one = servo(arm)
+    one.fail(OVERLOAD)
+    assert "switched its torque off" in arm.ticks(20).faults[ELBOW]
+    other, asked = one.other, list[int]()
+
+    def bad_line(packet: BusPacket) -> BusPacket | None:
+        asked.append(packet.code)
+        heard = len(asked) > 1 or lost == "the answer"
+        answer = other(packet) if heard else None
+        return answer if len(asked) > 1 else None
+
+    monkeypatch.setattr(one, "other", bad_line)
+    arm.driver.clear_faults()
+    back = arm.ticks(100)
+    assert one.get("hardware_error_status") == 0 and ELBOW not in back.faults
+    assert arm.enable() is None
 
 
 @pytest.mark.parametrize(("error", "words"), [(OVERLOAD, "overload"), (HEAT, "too hot")])

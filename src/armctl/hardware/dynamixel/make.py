@@ -11,7 +11,7 @@ from types import MappingProxyType
 from armctl.errors import BoardTimeoutError, EnableError
 from armctl.facts import QuantityLimits
 from armctl.facts.servos import ServoUnconfirmed
-from armctl.hardware.bus.line import BusLine
+from armctl.hardware.bus.line import ATTEMPTS, BusLine
 from armctl.hardware.bus.make import Block, Limits, ServoMake, Telemetry
 from armctl.hardware.bus.packets import BusPacket
 from armctl.hardware.bus.table import ControlTable, Register, Sign
@@ -279,8 +279,14 @@ class DynamixelMake(ServoMake):
         return answer is not None and not answer.code & ~ALERT
 
     def clear(self, line: BusLine, servo: int) -> bool:
-        """Restart it: nothing else brings its torque back after a hardware error."""
-        return servo in line.exchange(self.form.reboot(servo), [servo], 0)
+        """Restart it: nothing else brings its torque back after a hardware error.
+
+        It is silent while it starts, so one whose answer was lost is silent, too; the next readings tell.
+        """
+        for _ in range(ATTEMPTS):
+            if servo in line.exchange(self.form.reboot(servo), [servo], 0):
+                break
+        return True
 
     def _answering(self, line: BusLine, servo: int) -> int | None:
         """See to it that it confirms what is written; the status level that it had, None: it did."""
