@@ -378,12 +378,12 @@ class WorkspaceShell:
 
 def _swept(held: BoolArray, low: float, high: float) -> BoolArray:
     """What cells (a, b, bins) are reached, once those that are held by the other joints are turned [rad]."""
-    bins = held.shape[2]
+    bins = int(held.shape[2])
     first, last = round(low / (2 * math.pi) * bins), round(high / (2 * math.pi) * bins)
     width = min(last - first + 1, bins)
     ring = np.concatenate([held, held], axis=2).cumsum(axis=2, dtype=np.int32)
     ring = np.concatenate([np.zeros((*held.shape[:2], 1), dtype=np.int32), ring], axis=2)
-    begins = (np.arange(bins) - first - width + 1) % bins
+    begins = np.roll(np.arange(bins), first + width - 1)
     return ring[:, :, begins + width] > ring[:, :, begins]
 
 
@@ -391,9 +391,10 @@ def _blurred(full: NDArray[np.float32], *, edge_below: bool) -> NDArray[np.float
     """The mean of each cell and its neighbours sideways and along the axis: gaps in the samples close."""
     high = full.shape[1]
     inner = np.pad(full, ((1, 0), (0, 0), (0, 0)), mode="edge")  # the axis has no other side
-    across = (inner[:-1] + full + np.pad(full, ((0, 1), (0, 0), (0, 0)))[1:]) / 3
+    across = (inner[:-1] + full + np.pad(full, ((0, 1), (0, 0), (0, 0)))[1:]) / np.float32(3)
     below = np.pad(across, ((0, 0), (1, 0), (0, 0)), mode="edge" if edge_below else "constant")
-    return (below[:, :high] + across + np.pad(across, ((0, 0), (0, 1), (0, 0)))[:, 1:]) / 3
+    mean = (below[:, :high] + across + np.pad(across, ((0, 0), (0, 1), (0, 0)))[:, 1:]) / np.float32(3)
+    return mean.astype(np.float32, copy=False)
 
 
 def _surface(field: FloatArray) -> tuple[FloatArray, NDArray[np.intp], NDArray[np.intp]]:
@@ -411,7 +412,8 @@ def _surface(field: FloatArray) -> tuple[FloatArray, NDArray[np.intp], NDArray[n
         crossed = (here > 0) != (there > 0)
         crossings.append(crossed)
         along = np.where(crossed, here / np.where(crossed, here - there, 1.0), 0.0)
-        place = np.moveaxis(np.indices(crossed.shape, dtype=np.float64), 0, -1)
+        ticks = (np.arange(size, dtype=np.float64) for size in crossed.shape)
+        place = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1)
         place[..., axis] += along
         place[~crossed] = 0.0
         others = [one for one in range(3) if one != axis]

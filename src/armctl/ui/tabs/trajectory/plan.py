@@ -15,6 +15,7 @@ from armctl.facts import say
 from armctl.facts.targets import AtPoint
 from armctl.kinematics import Target
 from armctl.motion import (
+    PROFILES,
     Finding,
     Kind,
     PitchMode,
@@ -241,7 +242,8 @@ def _test_path(robot: Robot, asked: MotionRequest, start: FloatArray) -> Planned
     cut: Cut | None = None
     match asked.passing:
         case "stop":
-            trajectory = plan_through(robot, list(solved), asked.duration_s, asked.profile)
+            law = "normal" if asked.profile == "normal" else _path_profile(asked.profile)
+            trajectory = plan_through(robot, list(solved), asked.duration_s, law)
         case "spline":
             law = _path_profile(asked.profile)
             trajectory = plan_spline(robot, solved, duration_s=asked.duration_s, profile=law, checked=False)
@@ -293,9 +295,10 @@ def _led(robot: Robot, start: FloatArray, asked: MotionRequest, end: Target) -> 
 
 
 def _path_profile(profile: Profile) -> ProfileName:
-    if profile == "normal":
-        raise InputError("normal leads each joint for itself, off the path; choose another profile")
-    return profile
+    for known in PROFILES:
+        if profile == known:
+            return known
+    raise InputError(f"{profile} leads each joint for itself, off the path; choose another profile")
 
 
 def _ends_here(
