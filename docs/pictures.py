@@ -223,18 +223,25 @@ def by_hand(screen: Screen) -> None:
     screen.button("Let ticked joints go limp").scroll_into_view_if_needed()
 
 
-def new_servo(screen: Screen) -> FloatRect:
+def disconnected(screen: Screen) -> None:
+    """The tab of the servos, whoever let go of the arm before."""
     screen.open_tab("Main", "Servos")
-    screen.click("Disconnect the arm")
+    on, off = screen.button("Disconnect the arm"), screen.button("Connect the arm")
+    expect(on.or_(off).locator("visible=true")).to_have_count(1, timeout=PATIENCE_MS)
+    if on.is_visible():
+        screen.press(on)
+    expect(off).to_be_visible(timeout=PATIENCE_MS)
+
+
+def new_servo(screen: Screen) -> FloatRect:
+    disconnected(screen)
     screen.unfold("A new servo", "Give it this id")
     screen.button("Give it this id").scroll_into_view_if_needed()
     return box(screen.panel("Main"))
 
 
 def servos(screen: Screen) -> FloatRect:
-    screen.open_tab("Main", "Servos")
-    if not screen.button("Connect the arm").is_visible():
-        screen.click("Disconnect the arm")
+    disconnected(screen)
     screen.click("Look for the servos")
     screen.wait_for_text(re.compile("as the arm needs them"))
     screen.press(screen.page.get_by_role("button", name="Id …").last)
@@ -260,10 +267,11 @@ PICTURES = {
     "simulation": Picture(("Simulation",), simulation),
     "workspace": Picture(("Simulation",), workspace),
     "calibration": Picture(("Calibration",), calibration),
-    "exact-point": Picture(("Inverse",), exact_point, robot=BUS_ARM, tabs_of=BUS_ARM),
-    "by-hand": Picture(("Manual",), by_hand, robot=BUS_ARM, tabs_of=BUS_ARM),
+    # Ids are written while the servos are limp, so before an arm is enabled.
     "new-servo": Picture(("Main",), new_servo, enabled=False, robot=BUS_ARM, tabs_of=BUS_ARM),
     "servos": Picture(("Main",), servos, enabled=False, robot=BUS_ARM, tabs_of=BUS_ARM),
+    "exact-point": Picture(("Inverse",), exact_point, robot=BUS_ARM, tabs_of=BUS_ARM),
+    "by-hand": Picture(("Manual",), by_hand, robot=BUS_ARM, tabs_of=BUS_ARM),
 }
 FILM = "armctl"
 FILM_TABS = ("Control", "Serial motion", "Inverse")

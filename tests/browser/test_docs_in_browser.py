@@ -122,7 +122,7 @@ def test_the_search_says_when_the_console_is_gone(page: Page) -> None:
 
 def test_who_waits_for_the_first_search_is_told_so(page: Page) -> None:
     held: list[Route] = []
-    page.route("**/search.json", held.append)
+    page.route("**/search.json", lambda route: held.append(route))
     page.goto("/docs/")
     page.get_by_role("searchbox").fill("reach")
     expect(page.get_by_role("status")).to_have_text("Searching all pages …")
