@@ -12,8 +12,7 @@ from armctl.hardware.board_type import NEEDED, BoardType
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.dynamixel.board import DynamixelBoard
 from armctl.hardware.encoder.board import EncoderBoard
-from armctl.hardware.feetech.board import FeetechBoard
-from armctl.hardware.feetech.scs import ScsBoard
+from armctl.hardware.feetech.board import FeetechBoard, ScsBoard
 from armctl.hardware.firmata.board import FirmataBoard
 from armctl.hardware.maestro.board import MaestroBoard
 from armctl.hardware.pca9685.board import Pca9685Board

@@ -8,24 +8,16 @@ Sources: Feetech's memory table of the SCS series; the vendor's SDK (``scscl``).
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
-from armctl.hardware.board_type import ByteModel, Setup, SimulatorOptions
-from armctl.hardware.bus import SCALE, BusEntries
-from armctl.hardware.bus.board import BusBoard
 from armctl.hardware.bus.driver import BusDriver
 from armctl.hardware.bus.make import Block
 from armctl.hardware.bus.table import ControlTable, Register, Sign
-from armctl.hardware.driver import Abilities, ChannelSettings
+from armctl.hardware.driver import Abilities
+from armctl.hardware.feetech.board import SCS_STEPS as STEPS
 from armctl.hardware.feetech.make import FeetechMake
 
-if TYPE_CHECKING:
-    from armctl.hardware.bus.plant import PlantJoint
-    from armctl.hardware.bus.simulated import BusServo, Gear, Supply
-
-STEPS, RANGE_DEG = 1024, 300.0
+RANGE_DEG = 300.0
 _MAGNITUDE = Sign.MAGNITUDE
 TABLE = ControlTable(
     (
@@ -115,40 +107,3 @@ class ScsDriver(BusDriver):
 
     limit_torque = Abilities.limit_torque
     scale_torque = Abilities.scale_torque
-
-
-class ScsBoard(BusBoard):
-    """SCS servos, on a bus of their own."""
-
-    kind = "feetech_scs"
-    title = "Feetech SCS servo bus"
-    plugged_in = "servo bus adapter"
-    scale = SCALE
-    entries = BusEntries("steps", "steps", "range_steps", 0.0, STEPS - 1.0, limited=False)
-    baud = 1_000_000
-    notes = (
-        "Feetech servos hold their last goal when this program ends or its cable is pulled: they have no "
-        "watchdog. Release switches their torque off at once: support the arm",
-    )
-    simulator_help = "Serve a simulated bus of four Feetech SCS0009 servos, until interrupted."
-
-    def make(self) -> FeetechMake:
-        """Packets and control table."""
-        return SCS
-
-    def driver_type(self) -> type[BusDriver]:
-        """Without limits of the torque."""
-        return ScsDriver
-
-    def servo(self, number: int, joint: PlantJoint, gear: Gear, supply: Supply) -> BusServo:
-        """A simulated servo, as it comes, with all of its range."""
-        from armctl.hardware.feetech.simulated import SimulatedFeetech, factory_memory
-
-        memory = factory_memory(TABLE, FACTORY, id=number)
-        return SimulatedFeetech(SCS, joint, gear, supply, memory)
-
-    def simulated(self, setup: Setup, options: SimulatorOptions) -> ByteModel:
-        """Four servos on free shafts where no robot is named; they are fed with 7.4 V."""
-        if not setup.channels:
-            setup = replace(setup, channels=[ChannelSettings(one, 0.0, STEPS - 1.0) for one in range(1, 5)])
-        return super().simulated(setup, {"volts": 7.4, **{k: v for k, v in options.items() if v is not None}})
