@@ -144,6 +144,7 @@ def test_a_list_is_recorded_reordered_undone_run_paged_and_inserted_into(
     page.page.keyboard.press("Enter")
     page.wait_until(lambda: len(served.steps) == 3, "the wait is inserted")
     page.wait_until(lambda: served.steps[1] == WaitStep(seconds=2.5), "as long as was typed")
+    select(page, 3)
     page.choose("New steps go", "in place of the selected row")
     served.arm.gripper(40)
     page.click("Record gripper")

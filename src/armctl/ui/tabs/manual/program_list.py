@@ -39,9 +39,10 @@ _LONG = 20
 """rows, from which on the list has its greatest height"""
 _TENTHS = 10
 """how finely the progress of a step is shown"""
+_ADD = "Add step"
 _EMPTY = (
     "<p>No steps yet. Bring the arm somewhere (Joints, Jog), then press <b>Record pose</b>; repeat; "
-    "press <b>Run once</b>. All other steps are in <b>Add step</b>.</p>"
+    f"press <b>Run once</b>. All other steps are in <b>{_ADD}</b>.</p>"
 )
 _KEYS = (
     "Enter:step-edit Delete:step-delete Alt+ArrowUp:step-up Alt+ArrowDown:step-down Ctrl+d:step-copy "
@@ -317,7 +318,7 @@ class ProgramList:
     def _menu(self) -> str:
         """What puts a new step on the list: all kinds, by group."""
         shown = "true" if self._adding else "false"
-        button = f"<button type=button data-do=step-menu aria-expanded={shown}>Add step ▾</button>"
+        button = f"<button type=button data-do=step-menu aria-expanded={shown}>{_ADD} ▾</button>"
         if not self._adding:
             return f"<div class=armctl-add>{button}</div>"
         here = {CELL_GROUP: self._cell_kinds} if self._editor.adds_in_grid else {}
