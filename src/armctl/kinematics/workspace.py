@@ -379,7 +379,7 @@ class WorkspaceShell:
 def _swept(held: BoolArray, low: float, high: float) -> BoolArray:
     """What cells (a, b, bins) are reached, once those that are held by the other joints are turned [rad]."""
     bins = int(held.shape[2])
-    first, last = round(low / (2 * math.pi) * bins), round(high / (2 * math.pi) * bins)
+    first, last = (round(end / (2 * math.pi) * bins) for end in (low, high))
     width = min(last - first + 1, bins)
     ring = np.concatenate([held, held], axis=2).cumsum(axis=2, dtype=np.int32)
     ring = np.concatenate([np.zeros((*held.shape[:2], 1), dtype=np.int32), ring], axis=2)
@@ -389,12 +389,11 @@ def _swept(held: BoolArray, low: float, high: float) -> BoolArray:
 
 def _blurred(full: NDArray[np.float32], *, edge_below: bool) -> NDArray[np.float32]:
     """The mean of each cell and its neighbours sideways and along the axis: gaps in the samples close."""
-    high = full.shape[1]
     inner = np.pad(full, ((1, 0), (0, 0), (0, 0)), mode="edge")  # the axis has no other side
-    across = (inner[:-1] + full + np.pad(full, ((0, 1), (0, 0), (0, 0)))[1:]) / np.float32(3)
+    across = np.divide(inner[:-1] + full + np.pad(full, ((0, 1), (0, 0), (0, 0)))[1:], 3, dtype=np.float32)
     below = np.pad(across, ((0, 0), (1, 0), (0, 0)), mode="edge" if edge_below else "constant")
-    mean = (below[:, :high] + across + np.pad(across, ((0, 0), (0, 1), (0, 0)))[:, 1:]) / np.float32(3)
-    return mean.astype(np.float32, copy=False)
+    both = below[:, :-1] + np.pad(across, ((0, 0), (0, 1), (0, 0)))[:, 1:]
+    return np.divide(both + across, 3, dtype=np.float32)
 
 
 def _surface(field: FloatArray) -> tuple[FloatArray, NDArray[np.intp], NDArray[np.intp]]:
@@ -412,8 +411,7 @@ def _surface(field: FloatArray) -> tuple[FloatArray, NDArray[np.intp], NDArray[n
         crossed = (here > 0) != (there > 0)
         crossings.append(crossed)
         along = np.where(crossed, here / np.where(crossed, here - there, 1.0), 0.0)
-        ticks = (np.arange(size, dtype=np.float64) for size in crossed.shape)
-        place = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1)
+        place = np.stack(np.meshgrid(*(np.arange(float(n)) for n in crossed.shape), indexing="ij"), axis=-1)
         place[..., axis] += along
         place[~crossed] = 0.0
         others = [one for one in range(3) if one != axis]
