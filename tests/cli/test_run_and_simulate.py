@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 import serial
 from tests.cli.simulating import simulated
+from tests.robot.test_tools import arm_with_tools
 from tests.runtime.signal_kit import BUTTON, KNOB, robot_with
 
+from armctl import Arm
 from armctl.cli.main import DONE, REFUSED, WRONG_USAGE, run
+from armctl.facts import State
 from armctl.hardware.boards import channel_settings
 from armctl.hardware.encoder.driver import EncoderDriver
 from armctl.hardware.maestro.codec import crc7
@@ -164,6 +168,23 @@ def test_run_refuses_a_program_with_an_unreachable_step_before_anything_moves(
     assert run(["run", str(program)]) == REFUSED
     error = capsys.readouterr().err
     assert "step 1" in error and "too far" in error and error.count("\n") == 1
+
+
+def test_run_refuses_another_tool_than_the_program_was_checked_with(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An arm that runs already has the tool on that somebody said."""
+    robot = arm_with_tools(tmp_path)
+    program = tmp_path / "wait.toml"
+    program.write_text(f'format = 1\nrobot = "{robot.name}"\n[[steps]]\ndo = "wait"\nseconds = 0\n')
+    with Arm.open(robot, "sim") as arm:
+        arm.set_tool("pen")
+        monkeypatch.setattr(Arm, "open", lambda *_, **__: nullcontext(arm))
+        words = ["run", str(program), "--robot", str(tmp_path / "uzuner.toml"), "--port", "sim"]
+        assert run(words) == REFUSED
+        assert "the tool 'pen' is on, and the program was checked with 'jaws'" in capsys.readouterr().err
+        assert arm.snapshot.state is State.OFF
+        assert run([*words, "--tool", "pen"]) == DONE
 
 
 def test_run_says_what_is_wrong_with_the_port(capsys: pytest.CaptureFixture[str]) -> None:

@@ -248,6 +248,11 @@ def run(
     with log_files.begin("run"), ends_like_ctrl_c(), Arm.open(arm_robot, port, park=park) as arm:
         if tool is not None:
             arm.set_tool(tool)
+        elif arm.tool != arm_robot.tool:  # of an arm that ran already
+            raise ProgramError(
+                f"the tool {arm.tool!r} is on, and the program was checked with {arm_robot.tool!r}; say "
+                "with --tool which one is on"
+            )
         arm.set_speed(speed)
         if any(not axis.homed for axis in arm.snapshot.homing):
             click.echo("homing: axis by axis, the arm moves to its home switches; keep clear", err=True)
