@@ -64,6 +64,13 @@ def test_a_marker_takes_the_other_with_it() -> None:
     assert [delete(BLOCK, marker) for marker in (1, 3)] == [change(1, A, B, C), change(2, A, B, C)]
     assert delete(BLOCK, 2) == change(2, A, TWICE, END, C)
     assert delete(program(A, END), 1) == change(0, A)
+    assert delete(program(A, ELSE, B), 1) == change(1, A, B)
+
+
+def test_two_branches_never_become_one_after_the_other() -> None:
+    assert delete(BRANCH, 1) == change(1, A, B, D)
+    assert delete(BRANCH, 3) == change(3, A, IF, B, END, D)
+    assert delete(BRANCH, 5) == change(2, A, B, D)
 
 
 def test_a_block_is_copied_whole_and_the_copy_is_selected() -> None:

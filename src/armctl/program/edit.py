@@ -103,18 +103,19 @@ def replace(program: Program, row: int, step: Step) -> Change:
 
 
 def delete(program: Program, row: int) -> Change:
-    """Without a row; a marker of a block takes the others with it, but ``else`` goes alone.
+    """Without a row; a marker of a block takes the others with it, and leaves what is in the block.
 
-    The next row is selected, or the last.
+    What is behind ``else`` goes with any of them: two branches never become one after the other. The next row
+    is selected, or the last.
     """
     _require_row(program, row)
     blocks = Blocks.of(program.steps)
     first, last = blocks.whole(row)
-    gone = (first, last, blocks.elses.get(first, first))
+    gone = {first, last, *range(blocks.elses.get(first, last), last)}
     if program.steps[row].divides:
-        first, gone = row, (row,)
+        gone = set(range(row, last)) or {row}
     steps = tuple(step for i, step in enumerate(program.steps) if i not in gone)
-    selected = row - 1 if first < row else row
+    selected = sum(i not in gone for i in range(row))
     return _with(program, steps), max(min(selected, len(steps) - 1), 0)
 
 
