@@ -122,7 +122,7 @@ def test_a_copy_keeps_what_is_not_edited_and_wrong_rows_are_not_saved(
     page.click("New arm")
     page.wait_for_text("every solution in closed form")
     page.choose("Begin with", "DH rows")
-    rows = page.page.get_by_role("textbox", name="Rows").or_(page.entry("Rows")).first
+    rows = page.page.get_by_role("textbox", name="Rows", exact=True).or_(page.entry("Rows")).first
     rows.fill("0 90 80 0 base\n120 0 0 zero shoulder")
     page.wait_for_text("row 2, theta_deg: 'zero' is not a number")
     page.open_tab("3 Save")

@@ -166,8 +166,8 @@ def test_what_a_condition_may_not_say() -> None:
 
 def test_a_marker_takes_the_others_with_it() -> None:
     what = program(A, PRESSED, B, ELSE, C, END)
-    assert delete(what, 1)[0].steps == delete(what, 5)[0].steps == (A, B, C)
-    assert delete(what, 3)[0].steps == (A, PRESSED, B, C, END)
+    assert delete(what, 1)[0].steps == delete(what, 5)[0].steps == (A, B)
+    assert delete(what, 3)[0].steps == (A, PRESSED, B, END)
     assert duplicate(what, 3)[0].steps == (A, *2 * what.steps[1:])
     with pytest.raises(ProgramError, match="cut the block of steps 2 … 6"):
         surround(what, RepeatStep(times=2), "4-5", 3)
