@@ -153,7 +153,8 @@ def test_the_page_asks_for_what_an_uploaded_file_needs_and_keeps_it(tmp_path: Pa
     choice = _installed("arm.urdf.xacro", upload, robots, {"arguments": {"length": "0.12"}})
     assert height(choice.name) == 0.35
     present = _Present.of(choice.name)
-    assert [(one.name, one.value, one.default) for one in present.arguments] == [("tall", "no", "no")]
+    asked = [(one.name, one.value, one.default) for one in present.arguments]
+    assert asked == [("tall", "no", "no"), ("length", "0.12", None)]
     _saved(present, {"arguments": {"length": "0.2", "tall": None}}, robots)
     assert height(choice.name) == 0.51
     with pytest.raises(RobotFileError, match="must be 3 numbers"):
