@@ -6,12 +6,13 @@ from itertools import groupby
 from pathlib import Path
 from random import Random
 
+import msgspec
 import numpy as np
 import pytest
 from tests.program.kit import program
 from tests.runtime.kit import ROBOT, TICK, Rig, make_rig
 from tests.runtime.signal_kit import bench_of, robot_with
-from tests.runtime.test_logic_programs import generated
+from tests.runtime.test_logic_programs import CALLED, generated
 
 from armctl.errors import ProgramError
 from armctl.facts import CalledStep, State
@@ -82,6 +83,7 @@ def test_what_the_check_foretold_is_what_runs(seed: int, tmp_path: Path) -> None
     main = calling(
         HOME, *twice, RIGHT, *generated(rng), CALL, HOME, a=inside, b=(RIGHT, WaitStep(seconds=0.3))
     )
+    main = msgspec.structs.replace(main, called=(*main.called, *CALLED))
     start = bench.now.q_command
     assert [one for one in check_program(main, robot, start=start) if one.severity == "error"] == []
 

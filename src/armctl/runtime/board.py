@@ -89,6 +89,7 @@ class Board:
         """what is switched on and off, in words"""
         self._titles = dict(zip(self.map.channels, (joint.title for joint in robot.joints), strict=True))
         own = (robot.flange or robot).gripper
+        self._drives_gripper = self.map.gripper_channel is not None and own is not None
         if self.map.gripper_channel is not None and own is not None:
             self._titles[self.map.gripper_channel] = own.title
         noun = self._noun = board_type(robot.board).scale.noun
@@ -155,7 +156,7 @@ class Board:
     @property
     def grips(self) -> bool:
         """Whether it moves a gripper; that of the arm also where nothing grips with the tool that is on."""
-        return self.map.gripper_channel is not None or self.switches_gripper
+        return self._drives_gripper or self.switches_gripper
 
     @property
     def switches_gripper(self) -> bool:
