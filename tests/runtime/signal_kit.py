@@ -109,7 +109,8 @@ def bench_of(robot: Robot, *troubles: Trouble, enabled: bool = True) -> BoardBen
         troubles=troubles,
     )
     world = BenchInputs(robot, board)
-    bench.line.inner = bench.controller._core.signals.simulator = world
+    bench.line.inner = world
+    bench.controller._core.signals.let_simulate(world)
     bench.do(Connect("sim"))
     if enabled:
         bench.do(Enable())

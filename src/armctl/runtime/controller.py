@@ -85,7 +85,7 @@ class Controller:
         plan = planner(self._executor, self._wake.set)
         open_line = planner(executor or Openers(), self._wake.set)
         self._core = Core(robot, open_driver, plan, self._period, pin, poses, open_line)
-        self._core.signals.simulator = simulate
+        self._core.signals.let_simulate(simulate)
         self._black_box = BlackBox(robot, self._period, clock.now, black_boxes)
         self._recording = True
         self._lock = threading.Lock()

@@ -34,7 +34,7 @@ class SignalWatch:
 
     def __init__(self, robot: Robot, log: EventLog) -> None:
         self._robot, self._log = robot, log
-        self.simulator: InputSimulator | None = None
+        self._simulator: InputSimulator | None = None
         self.scripted: tuple[str, ...] = ()
         """names of the inputs that follow a script"""
         self.reset()
@@ -75,6 +75,10 @@ class SignalWatch:
 
     # Of a simulated board.
 
+    def let_simulate(self, simulator: InputSimulator | None) -> None:
+        """Who sets them where the board is simulated; None: nobody."""
+        self._simulator = simulator
+
     def simulate(self, board: Board | None, name: str, value: float, who: str) -> None:
         """Put an input of the simulated board at a value, as if somebody pressed it."""
         signal, simulator = self._robot.signals.input(name), self._simulated(board, f"input {name}")
@@ -96,9 +100,9 @@ class SignalWatch:
         self._log.add(f"simulated inputs: {what} ({who})")
 
     def _simulated(self, board: Board | None, what: str) -> InputSimulator:
-        if self.simulator is None or board is None or not board.identity.simulated:
+        if self._simulator is None or board is None or not board.identity.simulated:
             raise StateError(f"{what}: only those of a connected simulated board are set by hand")
-        return self.simulator
+        return self._simulator
 
     # Outputs.
 
