@@ -24,6 +24,8 @@ public:
     void feed() { silent_ = 0; }
     void set_watchdog_ticks(uint16_t ticks) { patience_ = ticks; }
 
+    // Whether there may be news; a byte, which needs no lock.
+    bool has_news() const { return *static_cast<const volatile bool *>(&news_); }
     // Whether an input has changed since the last call; true at most every 10 ms.
     bool take_news();
 

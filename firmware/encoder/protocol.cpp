@@ -45,7 +45,7 @@ void Protocol::send_events() {
 
 // An input has changed: told at once, not with the next status.
 void Protocol::send_pins() {
-    if (serial_port::room() < EVENT_MAX) return;
+    if (!controller_.pins().has_news() || serial_port::room() < EVENT_MAX) return;
     {
         const TickLock lock;
         if (!controller_.pins().take_news()) return;
