@@ -21,8 +21,11 @@ from armctl.hardware.feetech.packets import FeetechForm
 from armctl.hardware.servos import ServoSettings
 
 _MAGNITUDE = Sign.MAGNITUDE
-TABLE = ControlTable(
-    (
+
+
+def kept_settings(last_step: int) -> tuple[Register, ...]:
+    """What all series keep alike at the addresses 0 … 27; ``last_step``: the last of a shaft's turn."""
+    return (
         Register("firmware_major", 0, 1, kept=True, writable=False),
         Register("firmware_minor", 1, 1, kept=True, writable=False),
         Register("big_endian", 2, 1, kept=True, writable=False),
@@ -31,8 +34,8 @@ TABLE = ControlTable(
         Register("baud", 6, 1, kept=True, high=7),
         Register("return_delay", 7, 1, kept=True, high=254, unit="µs", scale=2.0),
         Register("status_level", 8, 1, kept=True, high=1),
-        Register("lowest", 9, 2, kept=True, high=4095, unit="steps"),
-        Register("highest", 11, 2, kept=True, high=4095, unit="steps"),
+        Register("lowest", 9, 2, kept=True, high=last_step, unit="steps"),
+        Register("highest", 11, 2, kept=True, high=last_step, unit="steps"),
         Register("hottest", 13, 1, kept=True, high=100, unit="°C"),
         Register("most_voltage", 14, 1, kept=True, unit="V", scale=0.1),
         Register("least_voltage", 15, 1, kept=True, unit="V", scale=0.1),
@@ -46,6 +49,21 @@ TABLE = ControlTable(
         Register("start_force", 24, 2, kept=True, high=1000, unit="%", scale=0.1),
         Register("forward_dead_zone", 26, 1, kept=True, high=32, unit="steps"),
         Register("backward_dead_zone", 27, 1, kept=True, high=32, unit="steps"),
+    )
+
+
+TELEMETRY = (
+    Register("present_load", 60, 2, unit="%", scale=0.1, sign=_MAGNITUDE, sign_bit=10, writable=False),
+    Register("present_voltage", 62, 1, unit="V", scale=0.1, writable=False),
+    Register("present_temperature", 63, 1, unit="°C", writable=False),
+    Register("put_off", 64, 1, writable=False),
+    Register("status", 65, 1, writable=False),
+    Register("moving", 66, 1, writable=False),
+)
+"""what all series measure alike, beside position and speed"""
+TABLE = ControlTable(
+    (
+        *kept_settings(4095),
         Register("protection_current", 28, 2, kept=True, high=511, unit="A", scale=0.0065),
         Register("resolution", 30, 1, kept=True, low=1, high=3),
         Register("offset", 31, 2, kept=True, unit="steps", sign=_MAGNITUDE, sign_bit=11),
@@ -65,12 +83,7 @@ TABLE = ControlTable(
         Register("lock", 55, 1, high=1),
         Register("present_position", 56, 2, unit="steps", sign=_MAGNITUDE, sign_bit=15, writable=False),
         Register("present_speed", 58, 2, unit="steps/s", sign=_MAGNITUDE, sign_bit=15, writable=False),
-        Register("present_load", 60, 2, unit="%", scale=0.1, sign=_MAGNITUDE, sign_bit=10, writable=False),
-        Register("present_voltage", 62, 1, unit="V", scale=0.1, writable=False),
-        Register("present_temperature", 63, 1, unit="°C", writable=False),
-        Register("put_off", 64, 1, writable=False),
-        Register("status", 65, 1, writable=False),
-        Register("moving", 66, 1, writable=False),
+        *TELEMETRY,
         Register("present_current", 69, 2, unit="A", scale=0.0065, sign=_MAGNITUDE, writable=False),
     )
 )

@@ -15,35 +15,13 @@ from armctl.hardware.bus.make import Block
 from armctl.hardware.bus.table import ControlTable, Register, Sign
 from armctl.hardware.driver import Abilities
 from armctl.hardware.feetech.board import SCS_STEPS as STEPS
-from armctl.hardware.feetech.make import FeetechMake
+from armctl.hardware.feetech.make import TELEMETRY, FeetechMake, kept_settings
 
 RANGE_DEG = 300.0
 _MAGNITUDE = Sign.MAGNITUDE
 TABLE = ControlTable(
     (
-        Register("firmware_major", 0, 1, kept=True, writable=False),
-        Register("firmware_minor", 1, 1, kept=True, writable=False),
-        Register("big_endian", 2, 1, kept=True, writable=False),
-        Register("model", 3, 2, kept=True, writable=False),
-        Register("id", 5, 1, kept=True, high=253),
-        Register("baud", 6, 1, kept=True, high=7),
-        Register("return_delay", 7, 1, kept=True, high=254, unit="µs", scale=2.0),
-        Register("status_level", 8, 1, kept=True, high=1),
-        Register("lowest", 9, 2, kept=True, high=STEPS - 1, unit="steps"),
-        Register("highest", 11, 2, kept=True, high=STEPS - 1, unit="steps"),
-        Register("hottest", 13, 1, kept=True, high=100, unit="°C"),
-        Register("most_voltage", 14, 1, kept=True, unit="V", scale=0.1),
-        Register("least_voltage", 15, 1, kept=True, unit="V", scale=0.1),
-        Register("most_torque", 16, 2, kept=True, high=1000, unit="%", scale=0.1),
-        Register("phase", 18, 1, kept=True),
-        Register("unloading", 19, 1, kept=True),
-        Register("led_alarm", 20, 1, kept=True),
-        Register("p_gain", 21, 1, kept=True),
-        Register("d_gain", 22, 1, kept=True),
-        Register("i_gain", 23, 1, kept=True),
-        Register("start_force", 24, 2, kept=True, high=1000, unit="%", scale=0.1),
-        Register("forward_dead_zone", 26, 1, kept=True, high=32, unit="steps"),
-        Register("backward_dead_zone", 27, 1, kept=True, high=32, unit="steps"),
+        *kept_settings(STEPS - 1),
         Register("protection_torque", 37, 1, kept=True, high=100, unit="%"),
         Register("protection_time", 38, 1, kept=True, high=254, unit="s", scale=0.04),
         Register("overload_torque", 39, 1, kept=True, high=100, unit="%"),
@@ -54,12 +32,7 @@ TABLE = ControlTable(
         Register("lock", 48, 1, high=1),
         Register("present_position", 56, 2, unit="steps", writable=False),
         Register("present_speed", 58, 2, unit="steps/s", sign=_MAGNITUDE, writable=False),
-        Register("present_load", 60, 2, unit="%", scale=0.1, sign=_MAGNITUDE, sign_bit=10, writable=False),
-        Register("present_voltage", 62, 1, unit="V", scale=0.1, writable=False),
-        Register("present_temperature", 63, 1, unit="°C", writable=False),
-        Register("put_off", 64, 1, writable=False),
-        Register("status", 65, 1, writable=False),
-        Register("moving", 66, 1, writable=False),
+        *TELEMETRY,
     ),
     "big",
 )
