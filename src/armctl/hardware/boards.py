@@ -18,6 +18,7 @@ from armctl.hardware.maestro.board import MaestroBoard
 from armctl.hardware.pca9685.board import Pca9685Board
 from armctl.robot import Robot
 from armctl.robot.board_entries import BoardEntries, SignalKinds
+from armctl.robot.tools import own_gripper
 
 SHIPPED: tuple[BoardType, ...] = (
     MaestroBoard(),
@@ -122,7 +123,7 @@ def channel_settings(robot: Robot) -> list[ChannelSettings]:
         low, high, speed, acceleration = table[one.joint]
         low, high = sorted((one.output(low), one.output(high)))
         rows.append((one.channel, [low, high, abs(one.ratio) * speed, abs(one.ratio) * acceleration]))
-    gripper = (robot.flange or robot).gripper  # whichever tool is on
+    gripper = own_gripper(robot)
     if outputs.gripper_channel is not None and gripper is not None:
         low, high = sorted((outputs.gripper_closed, outputs.gripper_open))
         speed = gripper.speed * (high - low) * _SPEED_MARGIN

@@ -36,7 +36,7 @@ from armctl.robot.look.pieces import Drawing, Piece
 from armctl.robot.outputs import DEFAULT_BOARD, OutputMap
 from armctl.robot.parts import Gripper, Joint, Look, Obstacle, Shape, beyond_limits, read_values, shown_values
 from armctl.robot.signals import NO_SIGNALS, Signals
-from armctl.robot.tools import Tool, tool_of, with_tool
+from armctl.robot.tools import Tool, own_gripper, tool_of, with_tool
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -404,8 +404,7 @@ class Robot(ArrayRecord):
     @property
     def outputs(self) -> OutputMap:
         """Its output map; where its file gives none, one that only a simulated board may use."""
-        gripper = (self.flange or self).gripper  # whichever tool is on
-        return self.output_map or OutputMap.stand_in(self.limits, gripper=gripper is not None)
+        return self.output_map or OutputMap.stand_in(self.limits, gripper=own_gripper(self) is not None)
 
     @property
     def simulated_only(self) -> str | None:

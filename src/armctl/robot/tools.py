@@ -72,6 +72,18 @@ class _Equipped(Protocol):
     def tools(self) -> tuple[Tool, ...]: ...
 
 
+class _Own(Protocol):
+    @property
+    def gripper(self) -> Gripper | None: ...
+    @property
+    def flange(self) -> _Own | None: ...
+
+
+def own_gripper(arm: _Own) -> Gripper | None:
+    """What the arm itself grips with, whichever tool is on; None: nothing."""
+    return (arm.flange or arm).gripper
+
+
 def grippers(arm: _Equipped) -> tuple[Gripper, ...]:
     """What grips with the tool that is on, and with the others."""
     every = [arm.gripper, *(tool.gripper for tool in arm.tools)]

@@ -38,6 +38,7 @@ from armctl.protocol.recording import (
     saved_recordings,
 )
 from armctl.robot import Robot
+from armctl.robot.tools import own_gripper
 from armctl.system import private_folder
 
 LENGTH_S = 60.0
@@ -67,7 +68,7 @@ class BlackBox:
         self._tools = tuple(tool.name for tool in robot.tools)
         self._measured = {joint.name: joint.title for joint in robot.joints}
         """titles by name of what may be measured besides its position"""
-        if (gripper := (robot.flange or robot).gripper) is not None:
+        if (gripper := own_gripper(robot)) is not None:
             self._measured.setdefault("gripper", gripper.title)
         self._columns = (
             *PLAIN,

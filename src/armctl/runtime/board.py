@@ -21,6 +21,7 @@ from armctl.hardware.boards import board_type, channel_settings
 from armctl.hardware.driver import abilities_of, translated
 from armctl.robot import Robot
 from armctl.robot.signals import ON, Input, Output
+from armctl.robot.tools import own_gripper
 
 BoolArray = NDArray[np.bool_]
 MOTORS_APART_RAD = 2.0 * DEGREE
@@ -88,7 +89,7 @@ class Board:
         self.power = board_type(robot.board).power
         """what is switched on and off, in words"""
         self._titles = dict(zip(self.map.channels, (joint.title for joint in robot.joints), strict=True))
-        own = (robot.flange or robot).gripper
+        own = own_gripper(robot)
         self._drives_gripper = self.map.gripper_channel is not None and own is not None
         if self.map.gripper_channel is not None and own is not None:
             self._titles[self.map.gripper_channel] = own.title

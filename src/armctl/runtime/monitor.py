@@ -15,6 +15,7 @@ from armctl.facts.angles import DEGREE
 from armctl.hardware import Source
 from armctl.hardware.boards import board_type
 from armctl.robot import Robot
+from armctl.robot.tools import own_gripper
 from armctl.runtime.board import Board, BoolArray, Reading
 from armctl.runtime.levels import Levels
 from armctl.runtime.notices import Notices
@@ -81,7 +82,7 @@ class Monitor:
 
     def __init__(self, robot: Robot, notices: Notices, interval_s: float) -> None:
         self._robot = robot
-        gripper = (robot.flange or robot).gripper or robot.gripper
+        gripper = own_gripper(robot) or robot.gripper
         self._gripper = "gripper" if gripper is None else gripper.title
         self._notices = notices
         self._interval_s = interval_s

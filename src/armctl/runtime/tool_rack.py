@@ -9,7 +9,7 @@ from armctl.facts import ToolToConfirm
 from armctl.motion import Floor, Obstacles
 from armctl.motion.clearance import kept_out
 from armctl.robot import Gripper, Robot
-from armctl.robot.tools import tool_of
+from armctl.robot.tools import own_gripper, tool_of
 from armctl.runtime.joint_servo import KeepClear
 
 Around = tuple[Floor | Obstacles, ...]
@@ -28,7 +28,7 @@ class EquippedArm:
     @property
     def switched_gripper(self) -> Gripper | None:
         """What comes on with the arm: what grips with this tool, or else the arm's own gripper."""
-        return self.robot.gripper or (self.robot.flange or self.robot).gripper
+        return self.robot.gripper or own_gripper(self.robot)
 
 
 class ToolRack:
