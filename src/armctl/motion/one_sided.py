@@ -65,6 +65,12 @@ def turning_point(robot: Robot, start: FloatArray, end: FloatArray, profile: One
     return np.where(turns, end - sense * np.minimum(back, room), end)
 
 
+def one_sided_stops(robot: Robot, start: FloatArray, end: FloatArray, profile: OneSided) -> list[FloatArray]:
+    """Where the joints stand at the begin, where they turn round, if they have to, and at the end."""
+    via = turning_point(robot, start, end, profile)
+    return [start, end] if via is None else [start, via, end]
+
+
 def _sense(profile: OneSided) -> float:
     return 1.0 if profile == "end-plus" else -1.0
 

@@ -20,7 +20,7 @@ from armctl.errors import InputError, MotionRefusedError, UnreachableError
 from armctl.facts import Freer
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
 from armctl.motion.blend import Leg, blend
-from armctl.motion.one_sided import ONE_SIDED, OneSided, commanded_end, turning_point
+from armctl.motion.one_sided import ONE_SIDED, OneSided, commanded_end, one_sided_stops
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
 from armctl.motion.paths.tool_curve import ToolArc, ToolCurve, ToolLine
 from armctl.motion.paths.tool_path import PitchMode, TurnMode, follow, led_at_once
@@ -62,8 +62,7 @@ def plan_joints(
     end = robot.check_limits(end)
     if profile in ONE_SIDED:
         begin, end = robot.chain.checked(start), commanded_end(robot, end, profile)
-        via = turning_point(robot, begin, end, profile)
-        stops = [begin, end] if via is None else [begin, via, end]
+        stops = one_sided_stops(robot, begin, end, profile)
         trajectory: Trajectory = plan_through(robot, stops, duration_s)
     elif str(profile) == "normal" and duration_s is None:
         trajectory = PointToPoint.each_for_itself(robot, start, end)

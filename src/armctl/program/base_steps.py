@@ -18,7 +18,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import ProgramError
 from armctl.facts import Part, Quantities, Reason
 from armctl.motion.blend import Leg
-from armctl.motion.one_sided import ONE_SIDED, OneSided, turning_point
+from armctl.motion.one_sided import ONE_SIDED, OneSided, one_sided_stops
 from armctl.motion.plan import plan_joints, plan_path, plan_through
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import require_clear
@@ -406,10 +406,11 @@ class MotionStep(Step, frozen=True, kw_only=True):
         UnreachableError: no solution, or the arm cannot follow. MotionRefusedError: outside the limits.
         """
         end, law = self.end(robot, start), self._law
-        via = turning_point(robot, start, end, law) if end is not None and law in ONE_SIDED else None
-        if end is None or (via is None and np.abs(end - start).max() <= NOWHERE):
+        if end is None:
             return None
-        stops = [start, end] if via is None else [start, via, end]
+        stops = one_sided_stops(robot, start, end, law) if law in ONE_SIDED else [start, end]
+        if len(stops) == 2 and np.abs(end - start).max() <= NOWHERE:
+            return None
         pieces = np.array([(here, there - here) for here, there in pairwise(stops)])
         return PiecewisePolynomial(np.arange(float(len(stops))), pieces)
 

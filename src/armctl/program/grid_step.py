@@ -24,8 +24,8 @@ _RowEnd = Annotated[
 _ColumnEnd = Annotated[
     float, Field("Column end mm", "X, Y, Z of the last cell of the first column.", 71, touched=True)
 ]
-_CORNERS = tuple(tuple(f"{end}{axis}_mm" for axis in "xyz") for end in ("", "row_", "column_"))
-_PLACES = tuple(key for keys in _CORNERS for key in keys)
+CORNERS = tuple(tuple(f"{end}{axis}_mm" for axis in "xyz") for end in ("", "row_", "column_"))
+_PLACES = tuple(key for keys in CORNERS for key in keys)
 """keys of the three corners, each of three, and all of them"""
 
 
@@ -105,4 +105,4 @@ class GridStep(BlockStep, frozen=True, kw_only=True, tag="grid"):
         return x, y, z + layer * self.layer_mm
 
     def _corners(self) -> Sequence[FloatArray]:
-        return [np.array([getattr(self, key) for key in keys]) for keys in _CORNERS]
+        return [np.array([getattr(self, key) for key in keys]) for keys in CORNERS]

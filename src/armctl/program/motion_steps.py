@@ -52,7 +52,7 @@ _PROFILE_HINT = (
     "joint turning up, or down, so that its play is on the same side each time."
 )
 _Profile = Annotated[
-    Literal["cubic", "quintic", "trapezoid", "s-curve", "end-plus", "end-minus"],
+    Literal[ProfileName, OneSided],
     Field("Profile", _PROFILE_HINT, 7),
 ]
 ToolSpeedKey = Annotated[Annotated[float, Meta(gt=0)] | None, Field("Tool speed mm/s", FASTEST, 8)]
@@ -60,7 +60,7 @@ FrameKey = Annotated[
     Literal["cell"] | None,
     Field("Frame", "cell: points begin at the cell of the grid around it.", 11, "frame", ("cell",), "base"),
 ]
-END, _VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
+END, VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
 RPY = ("rx_deg", "ry_deg", "rz_deg")
 _LED = ("pitch", "pitch_deg", "orientation", "rpy_deg", "speed_mm_s", "duration_s", "blend_mm")
 """arguments of ``Arm.line`` and ``Arm.arc`` beside the points"""
@@ -278,8 +278,8 @@ class LineStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="line"):
 class ArcStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="arc"):
     """Lead the tool along a circular arc through a point to another [mm]; the rest as in a line."""
 
-    button: ClassVar = ("Record tool", "Arc", *_VIA, *END, "pitch", "orientation", *RPY)
-    points: ClassVar = (_VIA, END)
+    button: ClassVar = ("Record tool", "Arc", *VIA, *END, "pitch", "orientation", *RPY)
+    points: ClassVar = (VIA, END)
 
     via_x_mm: _ViaPoint
     via_y_mm: _ViaPoint
@@ -298,7 +298,7 @@ class ArcStep(_LeadsTool, MotionStep, frozen=True, kw_only=True, tag="arc"):
 
     def script(self) -> str:
         """``arc``; its points are tuples there."""
-        numbers = map(literal, _values(self, (*_VIA, *END)))
+        numbers = map(literal, _values(self, (*VIA, *END)))
         points = "via_mm=({}, {}, {}), to_mm=({}, {}, {})".format(*numbers)
         return f"arc({', '.join(filter(None, (points, self._arguments(_LED))))})"
 

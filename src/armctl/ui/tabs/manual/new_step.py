@@ -15,7 +15,8 @@ from armctl.program import steps as registry
 from armctl.program.base_steps import keys_of
 from armctl.program.conditions import COUNTER
 from armctl.program.frames import BASE
-from armctl.program.motion_steps import tool_turn
+from armctl.program.grid_step import CORNERS
+from armctl.program.motion_steps import END, RPY, VIA, tool_turn
 from armctl.program.standing_steps import EDGES
 from armctl.protocol import Snapshot
 from armctl.robot import Robot
@@ -23,15 +24,13 @@ from armctl.ui.widgets.angle_fields import slider_degrees
 
 Point = tuple[float, float, float]
 SET_VIA, ARC = "Set via", "Arc"
-_END, _VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
-_ROW, _COLUMN = ("row_x_mm", "row_y_mm", "row_z_mm"), ("column_x_mm", "column_y_mm", "column_z_mm")
-_RPY = ("rx_deg", "ry_deg", "rz_deg")
+_, _ROW, _COLUMN = CORNERS
 _TOOL_KEYS = {
-    *_END,
-    *_VIA,
+    *END,
+    *VIA,
     *_ROW,
     *_COLUMN,
-    *_RPY,
+    *RPY,
     "joints_deg",
     "pitch_deg",
     "roll_deg",
@@ -57,7 +56,7 @@ _FIRST: Mapping[str, Any] = {
 """what stands in the fields of a new step at first"""
 _NOT_KNOWN = {
     "open_percent": "the gripper has not been told to move yet; press 'Set gripper' first",
-    _VIA[0]: f"an arc needs a point on its way: bring the tool there and press {SET_VIA!r}, "
+    VIA[0]: f"an arc needs a point on its way: bring the tool there and press {SET_VIA!r}, "
     f"then go on to its end and press {ARC!r}",
     "program": "no other program is saved yet; Save one in Files",
     "file": "there is no drawing yet; choose a file in Manual → Drawing",
@@ -104,16 +103,14 @@ def cell_kinds(robot: Robot) -> dict[str, type[Step]]:
     """Those that can be put at the cell of a grid around them: they have one place."""
     kinds = [kind for group in recorded_kinds(robot).values() for kind in group.values()]
     named = [(kind.button[1], kind) for kind in kinds if any(key.name == "frame" for key in keys_of(kind))]
-    return {
-        label: kind for label, kind in named if set(_END) < set(kind.button) and _VIA[0] not in kind.button
-    }
+    return {label: kind for label, kind in named if set(END) < set(kind.button) and VIA[0] not in kind.button}
 
 
 def in_each_cell(step: Step) -> Step:
     """The same at the cell itself, with the pitch that comes of the place."""
     names = {key.name for key in keys_of(type(step))}
-    turn = dict.fromkeys(names & {"pitch_deg", "roll_deg", *_RPY})
-    return msgspec.structs.replace(step, **dict.fromkeys(_END, 0.0), **turn, frame="cell")
+    turn = dict.fromkeys(names & {"pitch_deg", "roll_deg", *RPY})
+    return msgspec.structs.replace(step, **dict.fromkeys(END, 0.0), **turn, frame="cell")
 
 
 def step_here(
@@ -146,7 +143,7 @@ def step_here(
     if _TOOL_KEYS.intersection(keys):
         here |= _tool_here(robot, present_pose_deg(robot, snapshot))
     if via_mm is not None:
-        here |= zip(_VIA, via_mm, strict=True)
+        here |= zip(VIA, via_mm, strict=True)
     for key in keys:
         if key not in here:
             raise StateError(_NOT_KNOWN[key])
@@ -181,7 +178,7 @@ def _tool_here(robot: Robot, pose_deg: tuple[float, ...]) -> Mapping[str, Any]:
     where the place of the tool decides about it.
     """
     q = robot.read(pose_deg)
-    angles: dict[str, float | None] = dict.fromkeys(("pitch_deg", "roll_deg", *_RPY))
+    angles: dict[str, float | None] = dict.fromkeys(("pitch_deg", "roll_deg", *RPY))
     angles |= tool_turn(robot, q, _DIGITS)
     if robot.orients_tool:
         modes = {"pitch": None, "orientation": "interpolated"}
@@ -193,7 +190,7 @@ def _tool_here(robot: Robot, pose_deg: tuple[float, ...]) -> Mapping[str, Any]:
     to_x, to_y = (round(one + _SIDE_MM, _DIGITS) for one in (x, y))
     corners = {
         key: value
-        for keys, point in ((_END, (x, y, z)), (_ROW, (x, to_y, z)), (_COLUMN, (to_x, y, z)))
+        for keys, point in ((END, (x, y, z)), (_ROW, (x, to_y, z)), (_COLUMN, (to_x, y, z)))
         for key, value in zip(keys, point, strict=True)
     }
     plane = (x, y, z, to_x, y, z, x, to_y, z)
