@@ -26,6 +26,7 @@ from armctl.protocol import (
     Snapshot,
     wall_time,
 )
+from armctl.robot.tools import tool_of
 from armctl.ui.console import Console
 
 LOG = logging.getLogger("armctl.ui")
@@ -170,7 +171,7 @@ class RobotSwitch:
             return
         self.console = console.equipped(now.tool)
         if self._tell is not None:
-            title = next(tool.title for tool in self.console.robot.tools if tool.name == now.tool)
+            title = tool_of(self.console.robot.tools, now.tool).title
             self._tell(RobotChange("", title, None, EQUIPPED))
 
     async def revive(self, who: str) -> None:

@@ -11,6 +11,7 @@ from armctl.program import ToolStep
 from armctl.program.edit import PLACES, add
 from armctl.protocol import SetTool, Snapshot
 from armctl.robot import Robot
+from armctl.robot.tools import tool_of
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_editor import ProgramEditor
 from armctl.ui.widgets.html import LiveHtml, fixed, warned
@@ -20,6 +21,7 @@ _UNCONFIRMED = (
     "Look at the arm: which tool is on? Say so before Enable. With another tool the tip is elsewhere, and "
     "may hit the table."
 )
+_STANDS = "a tool is changed only while the arm stands"
 
 
 class ToolChoice:
@@ -52,14 +54,14 @@ class ToolChoice:
 
     def _why_not(self, snapshot: Snapshot) -> str | None:
         if snapshot.busy:
-            return "a tool is changed only while the arm stands"
+            return _STANDS
         if self._names[self._list.value] == snapshot.tool and not snapshot.tool_unconfirmed:
             return "it is on; choose the one that you have put on"
         return None
 
     async def _say(self) -> None:
         if self._session.snapshot.busy:
-            raise StateError("a tool is changed only while the arm stands")
+            raise StateError(_STANDS)
         await self._session.submit(SetTool(self._names[self._list.value]))
 
     async def _add_step(self) -> None:
@@ -74,7 +76,7 @@ def title_of(robot: Robot, name: str) -> str:
 
 def tool_html(robot: Robot, chosen: str, snapshot: Snapshot) -> str:
     """Where the tip of a tool is, what it weighs and whether it grips; and which one is on, if not this."""
-    tool = next(one for one in robot.tools if one.name == chosen)
+    tool = tool_of(robot.tools, chosen)
     x, y, z = (fixed(value, 1) for value in (1000 * tool.T_flange_tip[:3, 3]).tolist())
     facts = [f"tip {x}, {y}, {z} mm from the flange"]
     if not np.array_equal(tool.T_flange_tip[:3, :3], np.eye(3)):
