@@ -54,8 +54,10 @@ void Pins::sample(uint8_t ticks) {
     else if (!lost_) lose_host();
 }
 
+bool Pins::has_news() const { return news_ && told_ago_ >= NEWS_TICKS; }
+
 bool Pins::take_news() {
-    if (!news_ || told_ago_ < NEWS_TICKS) return false;
+    if (!has_news()) return false;
     news_ = false;
     told_ago_ = 0;
     return true;

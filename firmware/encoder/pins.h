@@ -24,8 +24,9 @@ public:
     void feed() { silent_ = 0; }
     void set_watchdog_ticks(uint16_t ticks) { patience_ = ticks; }
 
-    // Whether there may be news; a byte, which needs no lock.
-    bool has_news() const { return *static_cast<const volatile bool *>(&news_); }
+    // Whether take_news() would say so. It reads bytes, so it needs no lock: one each turn of the main loop would
+    // keep the control tick, and with it counts, waiting.
+    bool has_news() const;
     // Whether an input has changed since the last call; true at most every 10 ms.
     bool take_news();
 
@@ -44,6 +45,6 @@ private:
     uint16_t patience_ = 0xFFFF;
     bool lost_ = false;
     uint8_t inputs_ = 0;
-    bool news_ = false;
-    uint8_t told_ago_ = 0; // ticks
+    volatile bool news_ = false;
+    volatile uint8_t told_ago_ = 0; // ticks
 };

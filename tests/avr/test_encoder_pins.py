@@ -7,9 +7,11 @@ from random import Random
 
 import numpy as np
 import pytest
+from tests.avr.avr import Edge
 from tests.avr.conftest import MakeArm
 from tests.avr.encoder_arm import EncoderArm
 from tests.avr.mega import PINS
+from tests.avr.test_encoder_counts import spin
 from tests.avr.test_encoder_driver import PERIOD_S, Session
 
 from armctl.errors import BoardError, BoardTimeoutError
@@ -75,6 +77,21 @@ def test_an_edge_is_told_within_20_ms_while_setpoints_are_streamed(make_arm: Mak
     told = 1000 * np.percentile(took, (50, 99, 100))
     assert told[1] <= 1000 * SEEN_S, told
     assert not arm.status[-1].flags
+
+
+def test_an_input_that_bounces_costs_no_counts(make_arm: MakeArm) -> None:
+    """News that waits to be told delays no encoder, however fast that is spun."""
+    arm = make_arm()
+    arm.avr.set_pin(PINS[43], 0)
+    assert arm.ask("CFG 0 kp=0 ki=0 kd=100 brk=0 ferr=30000 inv=0 minv=0") == "ok"
+    assert arm.ask("PIN 43 in") == "ok"
+    assert arm.ask("EN 1") == "ok"
+    every = round(0.003 * arm.avr.clock_hz)
+    bounces = [Edge(arm.avr.cycle + every * k, PINS[43], k % 2) for k in range(1, 100)]
+    arm.avr.schedule(sorted(spin(arm, 0, 40_000, 0.3) + bounces))
+    arm.run(0.4)
+    assert arm.now().counts[0] == 12_000
+    assert sum(event.startswith("pins ") for event in arm.events) >= 20
 
 
 def test_pulses_of_5_ms_are_counted_whenever_they_come(rig: Rig) -> None:
