@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import ClassVar, Self
 
 from armctl.facts import About, Reason, Said, say
-from armctl.facts.commands import range_texts
+from armctl.facts.english_commands import out_of_range as out_of_range
 
 DOCS = "https://armctl-console.readthedocs.io/en/latest/"
 """where the documentation is published: the same as in pyproject.toml"""
@@ -52,13 +52,6 @@ class ArmctlError(Exception):
 def with_help(error: ArmctlError) -> str:
     """The text for a user: the message, and the address of the section that helps."""
     return f"{error} – see {error.help}" if error.help else str(error)
-
-
-def out_of_range(value: float, low: float, high: float, unit: str = "") -> str:
-    """Text for a number outside a range, with as many digits as tell it from both ends."""
-    text, least, most = range_texts(value, low, high)
-    space = " " if unit else ""
-    return f"{text}{space}{unit} is outside {least} … {most}{space}{unit}"
 
 
 class RefusedBeforeError(Exception):

@@ -249,6 +249,7 @@ class _Planner:
     ) -> None:
         self._hold, self._robot, self._plane = hold, hold.robot, plane
         self._speed, self._height = speed, height
+        self._keeps_jerk = any(joint.jerk_told for joint in self._robot.joints)
         self._q, self._lifted = start, False
         self.parts: list[DrawnPart] = []
         self.left_out: list[LeftOut] = []
@@ -386,8 +387,7 @@ class _Planner:
 
     def _turn(self, q: FloatArray) -> DrawnPart:
         """To a configuration, joint by joint."""
-        told = any(joint.jerk_told for joint in self._robot.joints)
-        trajectory = plan_joints(self._robot, self._q, q, profile="s-curve" if told else "cubic")
+        trajectory = plan_joints(self._robot, self._q, q, profile="s-curve" if self._keeps_jerk else "cubic")
         way = float(np.linalg.norm(self._robot.forward(q)[:3, 3] - self._robot.forward(self._q)[:3, 3]))
         coefficients = np.stack([self._q, (q - self._q) / max(way, 1e-3)])[None]
         return DrawnPart("go", trajectory, PiecewisePolynomial([0.0, max(way, 1e-3)], coefficients))
@@ -402,8 +402,8 @@ class _Planner:
 
     def _timed(self, path: PiecewisePolynomial, cap: float) -> Trajectory:
         """As fast as ``cap`` [m/s] and the limits allow; that of jerk where the arm's file gives one."""
-        told = any(joint.jerk_told for joint in self._robot.joints) and not path.slope_jumps().any()
-        return timed(self._robot, path, profile="s-curve" if told else "trapezoid", rate_cap=cap)
+        limited = self._keeps_jerk and not path.slope_jumps().any()
+        return timed(self._robot, path, profile="s-curve" if limited else "trapezoid", rate_cap=cap)
 
     def _check(self, trajectories: Sequence[Trajectory]) -> None:
         """Refuse what the pre-flight refuses."""

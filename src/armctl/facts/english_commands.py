@@ -40,6 +40,13 @@ def numbered(noun: str, numbers: Sequence[int]) -> str:
     return f"{noun} {listed}" if len(numbers) == 1 else f"{noun}s {listed}"
 
 
+def out_of_range(value: float, low: float, high: float, unit: str = "") -> str:
+    """English text for a number outside a range, with as many digits as tell it from both ends."""
+    text, least, most = range_texts(value, low, high)
+    space = " " if unit else ""
+    return f"{text}{space}{unit} is outside {least} … {most}{space}{unit}"
+
+
 def _took(one: commands.LineSlow) -> str:
     return f"took up to {1000 * one.took:.0f} ms" if math.isfinite(one.took) else "did not all come in time"
 
@@ -66,9 +73,9 @@ def _locked(one: commands.ControlLocked) -> str:
 
 
 def _share(one: commands.ShareOutside) -> str:
-    scale, unit = (1, "") if one.of in ("input", "output") else (100, " %")
-    text, least, most = range_texts(scale * one.share, scale * one.low, scale * one.high)
-    return f"{_SHARES[one.of].format(one.name)} {text}{unit} is outside {least} … {most}{unit}"
+    scale, unit = (1, "") if one.of in ("input", "output") else (100, "%")
+    outside = out_of_range(scale * one.share, scale * one.low, scale * one.high, unit)
+    return f"{_SHARES[one.of].format(one.name)} {outside}"
 
 
 def _unknown(one: commands.UnknownName) -> str:
