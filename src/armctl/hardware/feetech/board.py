@@ -9,15 +9,13 @@ from armctl.hardware.board_type import ByteModel, Setup, SimulatorOptions
 from armctl.hardware.bus import SCALE, BusEntries
 from armctl.hardware.bus.board import BusBoard
 from armctl.hardware.driver import ChannelSettings
+from armctl.hardware.feetech import SCS_STEPS
 
 if TYPE_CHECKING:
     from armctl.hardware.bus.driver import BusDriver
     from armctl.hardware.bus.make import ServoMake
     from armctl.hardware.bus.plant import PlantJoint
     from armctl.hardware.bus.simulated import BusServo, Gear, Supply
-
-SCS_STEPS = 1024
-"""of a servo of the SCS series, over its range"""
 
 
 class FeetechBoard(BusBoard):

@@ -14,7 +14,7 @@ from armctl.hardware.bus.driver import BusDriver
 from armctl.hardware.bus.make import Block
 from armctl.hardware.bus.table import ControlTable, Register, Sign
 from armctl.hardware.driver import Abilities
-from armctl.hardware.feetech.board import SCS_STEPS as STEPS
+from armctl.hardware.feetech import SCS_STEPS as STEPS
 from armctl.hardware.feetech.make import TELEMETRY, FeetechMake, kept_settings
 
 RANGE_DEG = 300.0
