@@ -50,6 +50,9 @@ _FIND = """
 """
 
 
+_PLACE = "const place = arguments[0].getBoundingClientRect(); return [place.x, place.y]"
+
+
 class Automation(Protocol):
     """What both browsers' drivers can do."""
 
@@ -228,8 +231,15 @@ class OtherScreen:
         self._browser.open("about:blank")
 
     def click(self, label: str) -> None:
-        """Press the button with this label once it may be pressed."""
+        """Press the button with this label once it may be pressed, and no longer moves."""
         self.wait_until(lambda: self.is_enabled(label), f"the button {label!r} can be pressed")
+        places: list[Any] = []
+
+        def rests() -> bool:
+            places.append(self._browser.run(_PLACE, self._find("button", label)))
+            return places[-1] == places[-2:][0] and len(places) > 1
+
+        self.wait_until(rests, f"the button {label!r} rests where it is")
         self._browser.click(self._find("button", label))
 
     def is_enabled(self, label: str) -> bool:

@@ -64,6 +64,7 @@ def test_steps_are_recorded_duplicated_deleted_and_brought_back(page: OtherScree
     page.pick_row(0)
     page.click("Duplicate")
     page.wait_until(lambda: len(served.steps) == 3, "three steps")
+    page.wait_for_text("3 steps")
     page.click("Delete")
     page.wait_until(lambda: len(served.steps) == 2, "two again")
     page.wait_for_text("2 steps")

@@ -58,8 +58,6 @@ _SET_UP_ANEW = "another program has set the PCA9685 up in another way; close it,
 
 _LATE_S = 0.05
 """an answer behind an Arduino takes 10 … 20 ms; after so long it is lost"""
-_SILENT_S = 0.1
-"""after so long without an answer no setpoint is sent"""
 _ATTEMPTS = 2
 _SURE = 3
 """answers have no checksum: so many in a row that say the same are believed"""
@@ -79,7 +77,8 @@ class Pca9685Driver(Abilities):
     Over a bus of this computer it is read and written at once. Behind an Arduino one question a tick is on
     the line, and what it says is a few ticks old; a setpoint that got lost is written again.
 
-    ``timeout_s``: how long an answer may take that is waited for.
+    ``timeout_s``: how long an answer may take that is waited for, and how long the line may be silent until no
+    setpoint is sent.
     """
 
     def __init__(
@@ -352,7 +351,7 @@ class Pca9685Driver(Abilities):
         elif self._questions:
             self._ask(self._questions[0])
             self._questions = [*self._questions[1:], self._questions[0]]
-        if now - self._heard_at > _SILENT_S:
+        if now - self._heard_at > self._timeout_s:
             raise unanswered(self._chip, self._answer)
 
 
