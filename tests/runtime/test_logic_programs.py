@@ -171,7 +171,6 @@ def test_a_sound_one_runs_as_was_foretold(seed: int, tmp_path: Path) -> None:
     order = [step.index for step in ran.foretold.steps]
     was, should = ([k for k, _ in groupby(filter(lasting.__contains__, some))] for some in (ran.seen, order))
     assert was == should
-    # A step is begun at a tick: each may take up to two more than it lasts.
-    longer, duration = ran.took - ran.foretold.duration, ran.foretold.duration
-    assert -TICK <= longer <= 0.02 * duration + 2 * TICK * len(order)
+    # the command comes at one tick, and the end is seen at the next
+    assert ran.took == pytest.approx(ran.foretold.duration, rel=0.02, abs=3 * TICK)
     np.testing.assert_allclose(ran.end, ran.foretold.trajectory.end, atol=1e-9)

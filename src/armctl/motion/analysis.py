@@ -360,7 +360,7 @@ def report_csv(theoretical: ErrorReport, applied: ErrorReport | None) -> str:
 # How far the tool strays from a line or an arc, between points as well.
 
 TICK_S = 0.02
-"""one setpoint of the default rate"""
+"""a tick of the default rate [s]"""
 _MOST_TICKS = 100_000
 
 

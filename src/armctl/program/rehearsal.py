@@ -11,6 +11,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, ProgramError
+from armctl.motion.analysis import TICK_S
 from armctl.motion.plan import plan_joints
 from armctl.motion.profiles import PointToPoint
 from armctl.motion.trajectory import JoinedTrajectory, SlowedTrajectory, Trajectory
@@ -19,6 +20,10 @@ from armctl.program.calls import ALL_OF_IT, StepPlace, WholeProgram
 from armctl.program.feed import PlannedStep, ProgramSource, begin_program, decided, plan_next
 from armctl.program.program import Program, in_first_cells
 from armctl.robot import CarriedPart, Robot
+
+
+_SAME_S = 1e-9
+"""two times that are as close are the same [s]"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +85,15 @@ class Rehearsal:
     @property
     def trajectory(self) -> JoinedTrajectory:
         """All of it as one motion."""
-        return JoinedTrajectory([step.trajectory for step in self.steps])
+        parts: list[Trajectory] = []
+        at = 0.0
+        for step in self.steps:
+            if step.begins - at > _SAME_S:  # it stands until a tick
+                here = step.trajectory.start
+                parts.append(PointToPoint.lasting(here, here, step.begins - at))
+            parts.append(step.trajectory)
+            at = step.begins + step.duration
+        return JoinedTrajectory(parts)
 
     def sample(self, t: float) -> RehearsedState:
         """State at ``t`` [s]; outside the duration it holds the nearer end."""
@@ -160,12 +173,15 @@ def rehearse(
     longest_s: float = math.inf,
     most_steps: int = 100_000,
     as_far: bool = False,
+    tick_s: float = TICK_S,
     go_on: Callable[[], bool] = lambda: True,
     answer: Callable[[Question, Senses], bool] = lambda question, senses: question.holds(senses),
 ) -> Rehearsal:
     """One pass of a program from ``start`` (n,) [rad] at an ``opening`` 0..1, cut at ``longest_s`` [s].
 
     A step that cannot be run is a ProgramError; with ``as_far`` it ends the rehearsal, but for the first.
+    What begins from rest begins at a tick of the arm, ``tick_s`` [s] apart, and one step a tick: thirty short
+    steps last half a second longer than their motions.
     ``go_on`` is asked before each step after the first: where it says no, the rehearsal is cut there.
     ``answer``: what steps that ask are told; as it is, counters are counted, and no input is known, so that
     nothing that is asked of one holds.
@@ -174,6 +190,7 @@ def rehearse(
     state = begin_program(robot, program, start, opening=opening)
     steps: list[RehearsedStep] = []
     counters: dict[str, int] = {}
+    goes_on = False
     while at < longest_s and len(steps) < most_steps and (not steps or go_on()):
         planned, state = plan_next(robot, source, state)
         if not planned:
@@ -188,13 +205,20 @@ def rehearse(
                 raise ProgramError(f"{who}{step.error}") from step.error
             done = _rehearsed(robot, step, start, opening, at)
             steps.append(done)
-            start, opening, at = done.trajectory.end, done.opening[1], at + done.duration
+            start, opening, over = done.trajectory.end, done.opening[1], at + done.duration
+            goes_on = step.goes_on if step.moves else goes_on
+            at = over if goes_on else _tick_behind(at, over, tick_s)
             effect = step.step.effect
             if effect.counts is not None:
                 counters[effect.counts.counter] = effect.counts.after(counters.get(effect.counts.counter, 0))
             if effect.asks is not None:
                 state = decided(state, answer(effect.asks, Senses({}, {}, counters=counters)))
     return Rehearsal(tuple(steps), cut=True)
+
+
+def _tick_behind(begun: float, over: float, tick_s: float) -> float:
+    """The tick at which what follows begins [s]: the first when this is over, and a later one than its own."""
+    return tick_s * max(math.ceil((over - _SAME_S) / tick_s), math.floor((begun + _SAME_S) / tick_s) + 1)
 
 
 def _rehearsed(

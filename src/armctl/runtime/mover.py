@@ -24,6 +24,8 @@ _TOLERANCE = 1e-6
 _STARVING_S = 0.4
 _STOPS = 2.4
 """times what the slowest joint needs to stand"""
+_SAME_OPENING = 1e-9
+"""as close to its goal by rounding a gripper is there"""
 _OVERRUN = (
     "the arm was stopped harder than its acceleration limits allow: what comes next was not planned "
     "in time, and there was no room left to slow down"
@@ -278,9 +280,10 @@ class GripperMover:
         most = self._gripper.speed * speed * dt
         # where it is not known the gate says so
         opening = goal if opening is None else opening + min(max(goal - opening, -most), most)
-        if opening == goal:
-            self.goal = None
-        return opening
+        if abs(opening - goal) > _SAME_OPENING:
+            return opening
+        self.goal = None
+        return goal
 
     def _answer(self, error: ArmctlError | None) -> None:
         if self._ticket is not None:

@@ -21,6 +21,8 @@ _EARLIER_S = 0.6
 """What is begun without a stop is taken this long before the arm would slow down for want of it."""
 _HELD_S = 2.0
 """so long after it has closed a gripper may take to hold a part, as a vacuum does"""
+_NO_TIME_S = 1e-9
+"""what is left of a wait by rounding"""
 
 
 class ProgramRunner(Activity):
@@ -149,7 +151,8 @@ class ProgramRunner(Activity):
                     self._feed.begin_pass_at(q, self._outdated.passes)
                     self._outdated = None
         elif self._wait_left > 0 and not self._paused:
-            self._wait_left -= dt
+            left = self._wait_left - dt
+            self._wait_left = left if left > _NO_TIME_S else 0.0
             if self._until is not None:
                 self._look(self._until)
         if self._gripping and self._gripper.goal is None:
