@@ -21,7 +21,6 @@ from armctl.program.feed import PlannedStep, ProgramSource, begin_program, decid
 from armctl.program.program import Program, in_first_cells
 from armctl.robot import CarriedPart, Robot
 
-
 _SAME_S = 1e-9
 """two times that are as close are the same [s]"""
 
@@ -217,7 +216,7 @@ def rehearse(
 
 
 def _tick_behind(begun: float, over: float, tick_s: float) -> float:
-    """The tick at which what follows begins [s]: the first when this is over, and a later one than its own."""
+    """The tick [s] at which what follows begins: the first when this is over, and later than its own."""
     return tick_s * max(math.ceil((over - _SAME_S) / tick_s), math.floor((begun + _SAME_S) / tick_s) + 1)
 
 

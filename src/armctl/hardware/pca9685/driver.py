@@ -77,8 +77,8 @@ class Pca9685Driver(Abilities):
     Over a bus of this computer it is read and written at once. Behind an Arduino one question a tick is on
     the line, and what it says is a few ticks old; a setpoint that got lost is written again.
 
-    ``timeout_s``: how long an answer may take that is waited for, and how long the line may be silent until no
-    setpoint is sent.
+    ``timeout_s``: how long an answer may take that is waited for, and the line be silent until no setpoint is
+    sent.
     """
 
     def __init__(
