@@ -11,6 +11,7 @@ from tests.program.kit import program
 from tests.runtime.signal_kit import robot_with
 
 from armctl.errors import ProgramError
+from armctl.motion.analysis import TICK_S
 from armctl.program import (
     Blocks,
     CountStep,
@@ -176,12 +177,13 @@ def test_a_marker_takes_the_others_with_it() -> None:
 def test_a_rehearsal_counts_and_takes_inputs_as_told(tmp_path: Path) -> None:
     robot = robot_with(tmp_path)
     what = program(FEW, ONE_MORE, A, END, PRESSED, B, ELSE, C, END)
-    assert rehearse(robot, what, robot.pose("home")).duration == pytest.approx(3 * 1 + 3)
+    # what asks or counts takes a tick
+    assert rehearse(robot, what, robot.pose("home")).duration == pytest.approx(3 * 1 + 3 + 8 * TICK_S)
     told = rehearse(
         robot, what, robot.pose("home"),
         answer=lambda question, senses: question.uses == "button" or question.holds(senses),
     )  # fmt: skip
-    assert told.duration == pytest.approx(3 * 1 + 2)
+    assert told.duration == pytest.approx(3 * 1 + 2 + 8 * TICK_S)
     assert [step.index for step in told.steps] == [*(0, 1, 2) * 3, 0, 4, 5]
 
 

@@ -135,7 +135,9 @@ class WholeProgram:
     def of(cls, program: Program) -> Self:
         """Take a program apart; what cannot be called stays as it is, and is a finding."""
         steps = program.steps
-        if not any(step.calls or step.parts for step in steps):
+        neither = Step.calls, Step.parts  # as most kinds have it
+        made = {kind for kind in {type(step) for step in steps} if (kind.calls, kind.parts) != neither}
+        if not any(step.calls or step.parts for step in steps if type(step) in made):
             return cls(program, program, range(len(steps) + 1), marks=frozenset(range(len(steps))))
         taken = _Taking(program)
         begins: list[int] = []

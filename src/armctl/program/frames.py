@@ -17,7 +17,7 @@ from armctl.facts import CellOutsideGrid, Reason, UnknownFrame
 from armctl.facts.angles import from_degrees, to_degrees
 from armctl.kinematics import roll_pitch_yaw, rotation_from_rpy
 from armctl.kinematics.target import as_numbers
-from armctl.program.base_steps import BlockStep, Field, Step
+from armctl.program.base_steps import BlockStep, Field, Step, markers_of
 
 BASE = "base"
 MOST_FRAMES, FARTHEST_MM = 100, 100_000.0
@@ -155,8 +155,12 @@ class Placing:
         """steps in a cell without a grid around them"""
         self._frames = {name: frame.matrix for name, frame in frames.items()}
         around: list[tuple[str, str | None]] = [(BASE, None)]
+        markers = {*markers_of(steps), FrameStep}
         for index, step in enumerate(steps):
             name, grid = around[-1]
+            if type(step) not in markers and not step.in_cell:
+                self.names.append(name)
+                continue
             if isinstance(step, FrameStep):
                 name, around[-1] = step.frame, (step.frame, grid)
                 if name != BASE and name not in frames:

@@ -62,6 +62,7 @@ FrameKey = Annotated[
 ]
 END, VIA = ("x_mm", "y_mm", "z_mm"), ("via_x_mm", "via_y_mm", "via_z_mm")
 RPY = ("rx_deg", "ry_deg", "rz_deg")
+_RPY_KEYS = ", ".join(RPY)
 _LED = ("pitch", "pitch_deg", "orientation", "rpy_deg", "speed_mm_s", "duration_s", "blend_mm")
 """arguments of ``Arm.line`` and ``Arm.arc`` beside the points"""
 
@@ -118,7 +119,7 @@ class _Oriented:
         if self.rpy_deg is None:
             return None
         if roll is None or pitch is None or yaw is None:
-            raise ProgramError(f"an orientation needs all of {', '.join(RPY)}")
+            raise ProgramError(f"an orientation needs all of {_RPY_KEYS}")
         return rotation_from_rpy(*map(from_degrees, (roll, pitch, yaw)))
 
 
@@ -190,6 +191,15 @@ def _as_commanded(robot: Robot, q: FloatArray, profile: ProfileName | OneSided) 
     return commanded_end(robot, q, profile) if profile in ONE_SIDED else q
 
 
+def _require_together(name: str, keys: str, mode: str | None, end: object) -> None:
+    """Refuse (``ProgramError``) an end that its mode does not take, and the lack of one that it does."""
+    if (end is not None) != (mode == "interpolated"):
+        raise ProgramError(
+            f'{name} = "{mode or "kept"}" and {keys} = {end} do not go together: "interpolated" '
+            f"needs the {name} at the end, the others take none"
+        )
+
+
 class _LeadsTool(_Oriented):
     """What a line and an arc share."""
 
@@ -225,15 +235,8 @@ class _LeadsTool(_Oriented):
                 "one of them out"
             )
         self._rotation  # noqa: B018  # refused where it is not whole
-        for name, keys, mode, end in (
-            ("pitch", "pitch_deg", self.pitch, self.pitch_deg),
-            ("orientation", ", ".join(RPY), self.orientation, self.rpy_deg),
-        ):
-            if (end is not None) != (mode == "interpolated"):
-                raise ProgramError(
-                    f'{name} = "{mode or "kept"}" and {keys} = {end} do not go together: "interpolated" '
-                    f"needs the {name} at the end, the others take none"
-                )
+        _require_together("pitch", "pitch_deg", self.pitch, self.pitch_deg)
+        _require_together("orientation", _RPY_KEYS, self.orientation, self.rpy_deg)
 
     @property
     def in_cell(self) -> bool:

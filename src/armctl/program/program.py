@@ -15,7 +15,7 @@ from armctl.documents import DocumentKind
 from armctl.errors import InputError, ProgramError
 from armctl.facts import UnmatchedBlock
 from armctl.facts.commands import NoSuchStep
-from armctl.program.base_steps import BlockStep, MotionStep, Step
+from armctl.program.base_steps import BlockStep, MotionStep, Step, markers_of
 from armctl.program.frames import (
     MOST_FRAMES,
     FrameName,
@@ -93,7 +93,11 @@ class Blocks:
         depths: list[int] = []
         findings: list[tuple[int, UnmatchedBlock]] = []
         begun: list[int] = []
+        markers = markers_of(steps)
         for index, step in enumerate(steps):
+            if type(step) not in markers:
+                depths.append(len(begun))
+                continue
             if step.divides:
                 if begun and isinstance(steps[begun[-1]], IfStep) and begun[-1] not in elses:
                     elses[begun[-1]], elses[index] = index, begun[-1]
