@@ -292,7 +292,7 @@ async def served(wire: Wire, *, split: bool, started: Times, opened: Times) -> A
             while "connected to" not in log.read_text():
                 await asyncio.sleep(0.05)
             await asyncio.sleep(_SETTLED_S)
-            await page.press("Enable")
+            await page.do("enable")
             await console.until(bool, "Enable")
             yield console
             await page.close()
@@ -416,7 +416,7 @@ async def measure(split: bool, options: argparse.Namespace) -> Run:
             await console.put(SWING)
             ways: dict[str, Callable[[], object]] = {
                 "the page": console.page.stop,
-                "viser's button": partial(console.page.press, "STOP"),
+                "the bar's line": partial(console.page.do, "stop"),
             }
             if split:
                 arm = stack.enter_context(Arm.connect(f"http://127.0.0.1:{console.port}", watch=True))

@@ -90,6 +90,12 @@ class Page:
         uuid = self._button(label, value)
         await self._say("GuiUpdateMessage", uuid=uuid, updates={"value": value})
 
+    async def do(self, what: str) -> None:
+        """Press a button of what armctl draws itself, as the bar."""
+        if self._parts is None:
+            raise RuntimeError("this console draws nothing itself")
+        await self._parts.send(json.dumps({"do": what}))
+
     async def type_target(self, label: str, text: str) -> None:
         """Type into a field of Inverse; Forward has some of the same names before."""
         uuid = self._widgets["GuiTextMessage", label][-1]
@@ -195,7 +201,7 @@ async def _listen(line: ClientConnection) -> None:
 async def _part_line(here: str, origin: Origin) -> ClientConnection | None:
     """A line for what armctl draws of the page itself; None: an earlier version, which has none."""
     try:
-        return await connect(f"ws://{here}/page", origin=origin, compression=None)
+        return await connect(f"ws://{here}/page", origin=origin, max_size=None, compression=None)
     except InvalidStatus:
         return None
 
