@@ -350,9 +350,9 @@ def test_a_real_board_is_not_driven_for_an_arm_without_servos(tmp_path: Path) ->
 AWAY = [40, 100, -80, -60, 0]
 
 
-def until(condition: Callable[[], bool], seconds: float = 10.0) -> None:
+def until(condition: Callable[[], bool]) -> None:
     pause = threading.Event()
-    for _ in range(round(seconds / 0.005)):
+    for _ in range(4000):
         if condition():
             return
         pause.wait(0.005)
@@ -360,14 +360,14 @@ def until(condition: Callable[[], bool], seconds: float = 10.0) -> None:
 
 
 def test_a_motion_that_is_not_waited_for_gives_a_handle(arm: armctl.Arm) -> None:
-    nothing = Program(robot="uzuner", steps=(WaitStep(seconds=0.05),))
+    nothing = Program(robot="uzuner", steps=(WaitStep(seconds=0.3),))
     begins: list[Callable[[], Motion]] = [
         lambda: arm.go_joints([3, 100, -80, -60, 0], wait=False),
         lambda: arm.go(210, 5, 110, wait=False),
         lambda: arm.line(205, 10, 115, pitch="free", wait=False),
         lambda: arm.arc((205, 15, 115), (205, 20, 110), pitch="free", wait=False),
         lambda: arm.follow(Sway(np.radians(arm.joints_deg), 0.01), wait=False),
-        lambda: arm.wait(0.05, wait=False),
+        lambda: arm.wait(0.3, wait=False),
         lambda: arm.run(nothing, wait=False),
         lambda: arm.gripper(40, wait=False),
         lambda: arm.go_pose("home", wait=False),

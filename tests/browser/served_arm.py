@@ -28,6 +28,7 @@ from armctl.ui.tabs.manual.shared_program import SharedProgram
 
 HOME = [0.0, 90.0, -80.0, -40.0, 0.0]
 """the joint angles [degrees] at which a served Uzuner arm begins"""
+SIMULATED = PortChoice("sim", "Simulated board")
 _SILENCE_S = 30.0
 """a browser may hang for seconds on a test's loaded machine; ``test_stop_in_browser`` sets the real limit"""
 
@@ -133,10 +134,12 @@ class TestHost(Host):
 
 
 @contextmanager
-def served_arm(folder: Path, robot: str = "uzuner", pin: str = "") -> Iterator[ServedArm]:
+def served_arm(
+    folder: Path, robot: str = "uzuner", pin: str = "", port: PortChoice = SIMULATED
+) -> Iterator[ServedArm]:
     """An enabled arm at its home pose, and its console; the page can change it for any shipped robot.
 
-    ``pin``: the teacher's.
+    ``pin``: the teacher's. On another ``port`` than the simulated board's own the arm is not enabled.
     """
 
     store = CalibrationStore(folder / "calibrations")
@@ -145,7 +148,7 @@ def served_arm(folder: Path, robot: str = "uzuner", pin: str = "") -> Iterator[S
         return Console(
             calibration=calibration,
             controller=arm.link,
-            list_ports=lambda: [PortChoice("sim", "Simulated board")],
+            list_ports=lambda: [port],
             files=folder,
             close=arm.close,
             state=folder / "state",
@@ -159,7 +162,7 @@ def served_arm(folder: Path, robot: str = "uzuner", pin: str = "") -> Iterator[S
     choices = [RobotChoice(name, load_robot(name).title) for name in {robot: None, **dict.fromkeys(FIVE)}]
     begun = CalibrationInForce.of(load_robot(robot), "sim", store)
     arm = Arm(TestHost(begun.robot, pin=pin))
-    arm.link.submit(Connect("sim")).result(10)
+    arm.link.submit(Connect(port.port)).result(10)
     robots = RobotSwitch(
         console(arm, begun),
         next(choice for choice in choices if choice.name == robot),
@@ -170,7 +173,8 @@ def served_arm(folder: Path, robot: str = "uzuner", pin: str = "") -> Iterator[S
         server = guarded_server(port=page_port(), docs=ServedDocs(), label="armctl")
         app = App(robots, server, silence_s=_SILENCE_S)
         try:
-            arm.link.submit(Enable(arm.robot.pose("home")), Origin("test")).result(10)
+            if port is SIMULATED:
+                arm.link.submit(Enable(arm.robot.pose("home")), Origin("test")).result(10)
             yield ServedArm(arm, app)
         finally:
             app.close()

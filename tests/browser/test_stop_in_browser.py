@@ -39,8 +39,14 @@ def set_off(served: ServedArm, screen: Screen) -> None:
     """Begin a motion that takes a minute."""
     served.order(SetSpeed(0.05))
     there = served.robot.pose("home") + np.array([1.2 if served.now.q_command[0] < 0.6 else 0.0, 0, 0, 0, 0])
-    served.order(MoveJoints(there))
-    served.wait_for(screen, State.MOVING)
+    asked = [served.order(MoveJoints(there))]
+
+    def moves() -> bool:
+        if asked[-1].finished.done():  # stopped: on a busy computer the page may seem to hang
+            asked.append(served.order(MoveJoints(there)))
+        return served.now.state is State.MOVING
+
+    screen.wait_until(moves, "the arm moves")
 
 
 def stops(screen: Screen) -> Locator:

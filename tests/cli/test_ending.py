@@ -114,17 +114,20 @@ def speed(targets: list[tuple[float, int]], at: float, over_s: float) -> float:
     ],
 )
 def test_a_run_that_is_ended_slows_down_first(tmp_path: Path, numbers: tuple[signal.Signals, ...]) -> None:
-    """A computer that stands still for 60 ms breaks the stream off by itself: hence up to three runs."""
-    for attempt in range(3):
+    """A computer that stands still for 60 ms breaks the stream off by itself: hence several runs."""
+    for attempt in range(5):
         targets = ended_run(tmp_path / f"board{attempt}", tmp_path / "swing.toml", numbers)
-        fastest = max(speed(targets, time, 0.2) for time, _ in targets[1:])
-        if speed(targets, targets[-1][0], 0.04) < fastest / 3:
+        fastest = max((speed(targets, time, 0.2) for time, _ in targets[1:]), default=0.0)
+        if targets and speed(targets, targets[-1][0], 0.04) < fastest / 3:
             return
-    pytest.fail(f"three runs ended abruptly, the last with {targets[-10:]}")
+    pytest.fail(f"five runs ended abruptly, the last with {targets[-10:]}")
 
 
 def ended_run(link: Path, program: Path, numbers: tuple[signal.Signals, ...]) -> list[tuple[float, int]]:
-    """What the board was told by an endless run that was ended in the middle of a motion."""
+    """What the board was told by an endless run that was ended in the middle of a motion.
+
+    Nothing where the computer was so busy that the run rightly refused to begin.
+    """
     robot = load_robot("uzuner")
     there, back = (MoveStep(joints_deg=(angle, 90, -80, -40, 0)) for angle in (90, -90))
     save_program(Program(robot="uzuner", steps=(there, back)), program)
@@ -151,5 +154,7 @@ def ended_run(link: Path, program: Path, numbers: tuple[signal.Signals, ...]) ->
             finally:
                 process.kill()
         targets = base_targets(server)
+    if "the line is too slow" in said:
+        return []
     assert (process.returncode, said.splitlines()[-1]) == (REFUSED, "armctl: interrupted")
     return targets

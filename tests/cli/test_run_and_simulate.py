@@ -121,6 +121,7 @@ def test_run_drives_a_program_on_a_device(
     program = tmp_path / "short.toml"
     program.write_text(
         'format = 1\nrobot = "uzuner"\nname = "short"\n'
+        '[[steps]]\ndo = "move"\njoints_deg = [15, 100, -80, -60, 10]\n'  # long enough to be told each time
         '[[steps]]\ndo = "move"\njoints_deg = [5, 100, -80, -60, 10]\n'
         '[[steps]]\ndo = "gripper"\nopen_percent = 25\n'
     )
@@ -141,9 +142,9 @@ def test_run_drives_a_program_on_a_device(
     pulses = [1479.93 + 9 * 5, 781.795 + 1000, 1446.45 - 800, 1482.95 - 600, 1501.6 + 100, 1250]
     assert held == pytest.approx(pulses, abs=0.126)
     said = capsys.readouterr()
-    assert "short, 2 steps" in said.out
+    assert "short, 3 steps" in said.out
     for number in (1, 2):
-        assert said.err.count(f"pass {number}, step 1 of 2: pose 5, 100, ") == 1  # once, as it begins
+        assert said.err.count(f"pass {number}, step 1 of 3: pose 15, 100, ") == 1  # once, as it begins
 
 
 @pytest.mark.parametrize(

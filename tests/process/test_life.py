@@ -58,12 +58,15 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def until(condition: Callable[[], bool], what: str, within_s: float = 40.0) -> None:
+PATIENCE_S = 40.0
+
+
+def until(condition: Callable[[], bool], what: str) -> None:
     """Wait for another process."""
     pause, now = threading.Event(), MonotonicClock.now
-    end = now() + within_s
+    end = now() + PATIENCE_S
     while not condition():
-        assert now() < end, f"{within_s} s in vain: {what}"
+        assert now() < end, f"{PATIENCE_S} s in vain: {what}"
         pause.wait(0.01)
 
 
@@ -211,12 +214,12 @@ def test_an_arm_process_ends_though_a_plan_hangs(
 
 def test_a_killed_arm_process_is_told_and_refuses(folder: Path, moving: Link) -> None:
     os.kill(the_only_one(folder).pid, signal.SIGKILL)
-    until(lambda: moving.snapshot.unreachable, "the link knows", within_s=1.0)
+    until(lambda: moving.snapshot.unreachable, "the link knows")
     assert moving.snapshot.state is State.FAULT
     assert "killed by signal 9" in moving.snapshot.cause
     for ticket in (moving.stop(), moving.submit(SetSpeed(1.0))):
         with pytest.raises(StateError, match="killed by signal 9"):
-            ticket.result(1)
+            ticket.result(20)
     assert list(folder.iterdir()) != []
     start_arm(ROBOT).close()
     assert list(folder.iterdir()) == []  # what a killed one leaves is swept
@@ -226,7 +229,7 @@ def test_a_frozen_arm_process_is_told_and_goes_on_by_holding(folder: Path, movin
     pid = the_only_one(folder).pid
     os.kill(pid, signal.SIGSTOP)
     try:
-        until(lambda: moving.snapshot.unreachable, "the link knows", within_s=2.0)
+        until(lambda: moving.snapshot.unreachable, "the link knows")
         assert "STOP does not reach the arm" in moving.snapshot.cause
         asked = moving.submit(MoveJoints(HOME))  # waits in the socket
     finally:
@@ -234,7 +237,7 @@ def test_a_frozen_arm_process_is_told_and_goes_on_by_holding(folder: Path, movin
     until(lambda: not moving.snapshot.unreachable, "it answers again")
     until(lambda: moving.snapshot.state is State.HOLDING, "it holds")
     with pytest.raises(StateError, match=r"nothing ran for .* s before it could begin; ask for it again"):
-        asked.result(5)
+        asked.result(20)
     assert np.abs(moving.snapshot.q_command - AWAY).max() > 0.5  # and did not go on
 
 
@@ -243,9 +246,8 @@ def test_a_frozen_program_stops_its_arm() -> None:
     link = start_arm(ROBOT, name="console", beats=False)
     try:
         set_off(link)
-        began = MonotonicClock.now()
-        until(lambda: link.snapshot.state is State.HOLDING, "it stands", within_s=3.0)
-        assert MonotonicClock.now() - began < 2.0
+        until(lambda: link.snapshot.state is State.HOLDING, "it stands")
+        assert np.abs(link.snapshot.q_command - AWAY).max() > 0.5  # its motion takes half a minute
         assert any("no sign of life" in event.text for event in link.snapshot.events)
     finally:
         link.close()

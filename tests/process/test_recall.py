@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from contextlib import closing
 from pathlib import Path
 
@@ -21,6 +22,9 @@ def test_a_client_gets_the_last_minute_and_a_closed_one_an_error(tmp_path: Path)
         link = Link(LocalLine(address, SECRET), "notebook", ROBOT)
         for command in (Connect("sim"), Enable(ROBOT.pose("rest"))):
             link.submit(command).result(20)
+        pause, tick = threading.Event(), link.snapshot.tick
+        while link.snapshot.tick <= tick:  # that of the answer is kept after it is given
+            pause.wait(0.01)
         recording = link.black_box()
         link.close()
         with pytest.raises(BoardError):

@@ -139,7 +139,10 @@ def test_it_does_not_wait_for_a_page_that_is_being_built(
     assert stops.qsize() == 1
 
 
-def test_a_linked_page_that_falls_silent_is_reported_by_name(server: GuardedServer) -> None:
+def test_a_linked_page_that_falls_silent_is_reported_by_name(
+    server: GuardedServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("armctl.ui.guard.stop_line._AGAIN_S", 60.0)
     silent: queue.Queue[str] = queue.Queue()
     server.stop_lines.attend(lambda who: None, silent.put, silence_s=0.1)
     with line(server) as page:
