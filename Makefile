@@ -99,14 +99,14 @@ $(BENCH)/.installed: pyproject.toml benchmarks/peers.txt | $(BIN)/python
 
 # What the tests need and pip does not have: browsers (playwright's downloads are not needed), what its driver and
 # other wheels with node inside are linked with, and simavr with compilers for real firmware on a simulated CPU.
-BROWSER := chromium fonts-dejavu-core fonts-liberation libatomic1
+BROWSER := chromium-headless-shell fonts-dejavu-core fonts-liberation libatomic1
 OTHERS := firefox-esr webkit2gtk-driver xvfb
 AVR := simavr libsimavr-dev libelf-dev gcc libc6-dev gcc-avr avr-libc arduino-core-avr pkg-config make
 .PHONY: packages
 packages:
 	@missing=; \
-	 command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null \
-	   || missing='$(BROWSER)'; \
+	 for one in chromium-headless-shell chromium chromium-browser google-chrome; do \
+	   command -v $$one >/dev/null && break; done || missing='$(BROWSER)'; \
 	 { command -v firefox-esr && command -v WebKitWebDriver && command -v Xvfb; } >/dev/null \
 	   || missing="$$missing $(OTHERS)"; \
 	 { command -v gcc && command -v avr-gcc && command -v pkg-config && pkg-config --cflags --libs simavr \

@@ -54,11 +54,14 @@ _ARGUMENTS = (
 
 
 def find_chromium() -> str:
-    """The browser to drive; without one the browser tests fail, they are never skipped."""
-    for name in ("/usr/bin/chromium", "chromium", "chromium-browser", "google-chrome"):
+    """The browser to drive, without its own window if there is one: that saves a sixth of the processor.
+
+    Without a browser the tests fail, they are never skipped.
+    """
+    for name in ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome"):
         if path := shutil.which(name):
             return path
-    raise FileNotFoundError("the browser tests need Chromium: install it (Debian: apt-get install chromium)")
+    raise FileNotFoundError("the browser tests need Chromium: `make packages` installs it")
 
 
 def launch(playwright: Playwright) -> Browser:
