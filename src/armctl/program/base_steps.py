@@ -355,12 +355,6 @@ class BlockStep(Step, frozen=True, kw_only=True):
         raise NotImplementedError
 
 
-def markers_of(steps: Sequence[Step]) -> set[type[Step]]:
-    """The kinds among some steps that begin, divide or close a block: few of 10,000 steps are of one."""
-    kinds = {type(step) for step in steps}
-    return {kind for kind in kinds if issubclass(kind, BlockStep) or kind.divides or kind.closes}
-
-
 class MotionStep(Step, frozen=True, kw_only=True):
     """What all moving steps share: each has a path of the joints, planned alone or as a leg of a blend."""
 

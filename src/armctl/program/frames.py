@@ -17,7 +17,7 @@ from armctl.facts import CellOutsideGrid, Reason, UnknownFrame
 from armctl.facts.angles import from_degrees, to_degrees
 from armctl.kinematics import roll_pitch_yaw, rotation_from_rpy
 from armctl.kinematics.target import as_numbers
-from armctl.program.base_steps import BlockStep, Field, Step, markers_of
+from armctl.program.base_steps import BlockStep, Field, Step
 
 BASE = "base"
 MOST_FRAMES, FARTHEST_MM = 100, 100_000.0
@@ -141,6 +141,12 @@ class FrameStep(Step, frozen=True, kw_only=True, tag="frame"):
     def describe(self) -> str:
         """Its name."""
         return self.frame
+
+
+def markers_of(steps: Sequence[Step]) -> set[type[Step]]:
+    """The kinds among some steps that begin, divide or close a block: few of 10,000 steps are of one."""
+    kinds = {type(step) for step in steps}
+    return {kind for kind in kinds if issubclass(kind, BlockStep) or kind.divides or kind.closes}
 
 
 class Placing:

@@ -15,12 +15,13 @@ from armctl.documents import DocumentKind
 from armctl.errors import InputError, ProgramError
 from armctl.facts import UnmatchedBlock
 from armctl.facts.commands import NoSuchStep
-from armctl.program.base_steps import BlockStep, MotionStep, Step, markers_of
+from armctl.program.base_steps import BlockStep, MotionStep, Step
 from armctl.program.frames import (
     MOST_FRAMES,
     FrameName,
     Placing,
     UserFrame,
+    markers_of,
 )
 from armctl.program.logic_steps import IfStep
 from armctl.program.steps import AnyStep
