@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.robot.plain_arm import plain_arm
 from tests.runtime.signal_kit import SIGNALS
 
 from armctl.arrays import FloatArray
@@ -24,6 +25,7 @@ from armctl.motion.profiles import PointToPoint
 from armctl.robot import Robot, load_robot, robots_folder
 from armctl.robot.record import robot_of, robot_record
 from armctl.robot.tools import Tool, ToolPiece
+from armctl.robot.urdf.side_file import changed_side_file
 
 TOOLS = """
 [[tools]]
@@ -183,6 +185,68 @@ def test_a_file_with_capsules_has_the_tool_among_them() -> None:
     with_bar = robot.with_tool("bar")
     assert with_bar.capsules is not None and robot.capsules is not None
     assert with_bar.capsules[:-1] == robot.capsules and with_bar.capsules[-1].part == "the bar"
+
+
+JAW = 'hinge_mm = [26, 9, 0], mirror = "y"'
+"""of the jaws' row in its look"""
+
+
+def without_jaws(folder: Path, names: str = '["jaws"]') -> Path:
+    """The file of an arm whose jaws are taken off for other tools than these."""
+    text = (robots_folder() / "uzuner.toml").read_text(encoding="utf-8")
+    assert JAW in text
+    path = folder / "uzuner.toml"
+    path.write_text(f"{text.replace(JAW, f'{JAW}, tools = {names}')}\n{SIGNALS}\n{TOOLS}", encoding="utf-8")
+    return path
+
+
+def test_jaws_that_are_taken_off_are_neither_drawn_nor_in_the_way(tmp_path: Path) -> None:
+    robot = load_robot(without_jaws(tmp_path))
+    pen, cup = robot.with_tool("pen"), robot.with_tool("cup")
+    assert any(piece.jaw is not None for piece in robot.pieces) and robot.bodies.opens
+    for arm in (pen, cup):
+        assert not any(piece.jaw is not None for piece in arm.pieces) and not arm.bodies.opens
+        assert not any("jaw" in one.part for one in arm.collision.capsules)
+    assert any("jaw" in one.part for one in robot.collision.capsules)
+    again = robot_of(msgspec.msgpack.decode(msgspec.msgpack.encode(robot_record(pen))))
+    assert again == pen and again.with_tool("jaws") == robot
+    with pytest.raises(RobotFileError, match="tools: must be one of 'jaws', 'pen', 'cup', not 'saw'"):
+        load_robot(without_jaws(tmp_path, '["saw"]'))
+
+
+PEN = {
+    "name": "pen", "offset_mm": [0, 0, 120], "mass_kg": 0.05,
+    "pieces": [{"from_mm": [0, 0, 80], "to_mm": [0, 0, 120], "radius_mm": 4, "color": "blue"}],
+}  # fmt: skip
+
+
+def urdf_with_tools(folder: Path) -> Path:
+    """An arm with shapes; its side file has a tool that is nothing, and a pen."""
+    path = folder / "arm.urdf"
+    path.write_text(plain_arm(), encoding="utf-8")
+    changed_side_file(folder / "arm.armctl.toml", {"tools": [{"name": "bare"}, PEN]})
+    return path
+
+
+def test_an_arm_from_a_urdf_file_has_tools_in_its_side_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    loaded = load_robot(urdf_with_tools(tmp_path))
+    robot = loaded.with_body()
+    pen = robot.with_tool("pen")
+    assert robot.tool == "bare" and robot.capsules is not None and pen.capsules is not None
+    assert pen.capsules[:-1] == robot.capsules and pen.capsules[-1].part == "the pen"
+    q = robot.limits @ [0.4, 0.6]
+    assert pen.forward(q) == pytest.approx(robot.forward(q) @ placed(0, 0, 120, 0, 0, 0), abs=1e-12)
+    assert np.abs(pen.gravity.torque(q)).sum() > np.abs(robot.gravity.torque(q)).sum()
+    late = loaded.with_tool("pen")  # its body is worked out with the tool on
+    assert late.capsules is None and late.with_body() == pen == late.with_known_body()
+    assert late.collision.capsules == pen.collision.capsules
+    assert robot_of(msgspec.msgpack.decode(msgspec.msgpack.encode(robot_record(pen)))) == pen
+    with pytest.raises(RobotFileError, match=r"tools\.pen\.gripper: the arm has no"):
+        changed_side_file(tmp_path / "arm.armctl.toml", {"tools": [{**PEN, "gripper": True}]})
+        load_robot(tmp_path / "arm.urdf")
 
 
 def test_tools_cross_to_the_arm_process(tmp_path: Path) -> None:

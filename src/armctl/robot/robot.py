@@ -157,12 +157,12 @@ class Robot(ArrayRecord):
     @property
     def drawing(self) -> Drawing:
         """The arm as it stands while its look is described."""
-        return self._drawn.drawing
+        return self.drawn.drawing
 
     @property
     def pieces(self) -> tuple[Piece, ...]:
         """What its look says, or one that is guessed: to draw and to keep apart, of links without shapes."""
-        return self._drawn.pieces
+        return self.drawn.pieces
 
     @property
     def body_is_guessed(self) -> bool:
@@ -171,7 +171,7 @@ class Robot(ArrayRecord):
         return not arm.look.rows and arm.capsules is None and not arm.shapes
 
     @cached_property
-    def _drawn(self) -> Bodies:
+    def drawn(self) -> Bodies:
         """Its bodies; of an arm with shapes, what is drawn where a link has none."""
         names, look, resting = self.link_names, self.whole_look, np.array(self.resting).reshape(-1, self.n)
         body = self.link_titles, look, self.capsules, self.limits, resting, self.obstacles
@@ -180,9 +180,7 @@ class Robot(ArrayRecord):
     @cached_property
     def bodies(self) -> Bodies:
         """Its body at each opening of the gripper; reading the files of shapes may take seconds."""
-        if self.capsules is not None or not self.shapes:
-            return self._drawn
-        return replace(self._drawn, given=body_of_shapes(self._drawn, self.shapes).capsules).shared()
+        return self.with_body().drawn
 
     @cached_property
     def whole_look(self) -> Look:
@@ -208,14 +206,16 @@ class Robot(ArrayRecord):
         """
         if not self.shapes or self.capsules is not None:
             return self
-        return self._with(body_of_shapes(self._drawn, self.shapes, progress))
+        if self.flange is not None:
+            return self.flange.with_body(progress).with_tool(self.tool).carrying(self.part)
+        return self._with(body_of_shapes(self.drawn, self.shapes, progress))
 
     def with_known_body(self) -> Robot | None:
         """The same, where it takes no time, because the body is kept; else None."""
         if not self.shapes or self.capsules is not None:
             return self
-        known = kept_body_of_shapes(self._drawn, self.shapes)
-        return None if known is None else self._with(known)
+        known = kept_body_of_shapes((self.flange or self).drawn, self.shapes)
+        return None if known is None else self.with_body()
 
     def _with(self, body: ArmBody) -> Robot:
         assumed = tuple(text for text in self.assumed if text != BODY_ASSUMED)

@@ -15,7 +15,7 @@ from armctl.decoding import must_be
 from armctl.documents import Document
 from armctl.errors import Errors, InputError
 from armctl.kinematics import rotation_from_rpy
-from armctl.robot.look.rows import Length, LinkName, Paint
+from armctl.robot.look.rows import Length, LinkName, Paint, called
 from armctl.robot.parts import Gripper, spoken
 from armctl.robot.robot import Robot
 from armctl.robot.tools import Tool, ToolPiece
@@ -119,6 +119,15 @@ def with_tools(robot: Robot, entries: Sequence[RobotToolEntry], document: Docume
             if what:
                 raise document.error(f"tools.{entry.name}.{key}: {what}", ("tools", i, key))
             tools.append(entry.tool(robot.gripper))
+    known = [tool.name for tool in tools]
+    for i, row in enumerate(robot.look.rows):
+        for name in row.tools or ():
+            with errors:
+                if name not in known:
+                    must = must_be(known) if known else "left out: the file has no [[tools]]"
+                    raise document.error(
+                        f"{called(i, row)}: tools: {must}, not {name!r}", ("look", "solids", i, "tools")
+                    )
     errors.raise_all()
     if not tools:
         return robot

@@ -203,19 +203,28 @@ def _bending(arm: _Flange, chain: Chain, tool: Tool) -> OutputMap | None:
 # Its body.
 
 
+def tool_rows(tool: Tool) -> int:
+    """How many of the last rows of the look of an arm with this tool on are the tool's own."""
+    return sum(map(_has_length, tool.pieces))
+
+
+def _has_length(piece: ToolPiece) -> bool:
+    return float(np.linalg.norm(piece.end - piece.start)) > 0
+
+
 def _rows(flange: _Flange, look: Look, tool: Tool) -> tuple[AnyRow, ...]:
     """The look of an arm, which ends at the flange, and its tool as rows of the same."""
-    rows = [_ending_at_flange(row, flange.drawing) for row in look.rows]
+    there = [row for row in look.rows if row.tools is None or tool.name in row.tools]
+    rows = [_ending_at_flange(row, flange.drawing) for row in there]
     link, T_link_flange = flange.chain.places[-1]
     name = flange.link_names[link]
     R = flange.drawing.links.pose(link)[0][..., 0]
-    for piece in tool.pieces:
+    for piece in filter(_has_length, tool.pieces):
         ends = [1000 * R @ moved(T_link_flange, end) for end in (piece.start, piece.end)]
-        if float(np.linalg.norm(ends[1] - ends[0])) > 0:
-            first, last = (tuple(end.tolist()) for end in ends)
-            tube = Tube(joint=name, from_mm=first, to_mm=last, width_mm=2000 * piece.radius, ends="round",
-                        color=piece.color, name=f"the {tool.title.lower()}")  # fmt: skip
-            rows.append(tube)
+        first, last = (tuple(end.tolist()) for end in ends)
+        tube = Tube(joint=name, from_mm=first, to_mm=last, width_mm=2000 * piece.radius, ends="round",
+                    color=piece.color, name=f"the {tool.title.lower()}")  # fmt: skip
+        rows.append(tube)
     return tuple(rows)
 
 

@@ -156,6 +156,8 @@ class Row(
     """what it is made of, for its mass; left out: as the look says"""
     body: bool = True
     """false: it is drawn, but not kept apart from anything"""
+    tools: tuple[LinkName, ...] | None = None
+    """names of the tools with which it is there, as jaws that are taken off; left out: with every one"""
 
 
 class Painted(Row, frozen=True, kw_only=True):

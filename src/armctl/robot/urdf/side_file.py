@@ -46,6 +46,7 @@ from armctl.robot.look_sound import check_look
 from armctl.robot.parts import MOST_JOINTS, Joint
 from armctl.robot.robot import Robot
 from armctl.robot.signals import MOST_SIGNALS
+from armctl.robot.tool_entries import MOST_TOOLS, RobotToolEntry, with_tools
 
 SIDE_SUFFIX = ".armctl.toml"
 """Beside ``arm.urdf`` stands ``arm.armctl.toml``."""
@@ -110,6 +111,8 @@ class SideFile(Strict, frozen=True):
     gripper: GripperEntry | None = None
     inputs: Annotated[tuple[InputEntry, ...], Meta(max_length=MOST_SIGNALS)] = ()
     outputs: Annotated[tuple[OutputEntry, ...], Meta(max_length=MOST_SIGNALS)] = ()
+    tools: Annotated[tuple[RobotToolEntry, ...], Meta(max_length=MOST_TOOLS)] = ()
+    """what can be put on at the end of the chain, in the frame of ``tool``"""
     floor: FloorEntry | None = None
     obstacles: Annotated[tuple[ObstacleEntry, ...], Meta(max_length=4 * MOST_JOINTS)] = ()
     look: LookEntry | None = None
@@ -215,7 +218,7 @@ def applied(robot: Robot, side: SideFile, document: Document, endless: Sequence[
     )
     check_look(applied, document, errors)
     errors.raise_all()
-    return applied
+    return with_tools(applied, side.tools, document)
 
 
 def _joint(joint: Joint, entry: SideJointEntry, endless: bool) -> Joint:
