@@ -6,10 +6,12 @@ import asyncio
 import math
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import viser
+from tests.robot.test_tools import arm_with_tools, urdf_with_tools
 from tests.ui.page_kit import snapshot_of
 from tests.ui.test_scene import without_look
 
@@ -42,6 +44,38 @@ def in_base(server: GuardedServer, name: str) -> np.ndarray:
         T = np.block([[R, node.position[:, None]], [np.zeros(3), 1.0]]) @ T
         name = name.rpartition("/")[0]
     return T
+
+
+def test_a_figure_puts_another_tool_on_where_it_stands(server: GuardedServer, tmp_path: Path) -> None:
+    robot = arm_with_tools(tmp_path)
+    figure = ArmFigure(server.scene, robot, "/arm", color=(1, 2, 3), opacity=0.5)
+    q = robot.pose("rest")
+    figure.pose(q, 0.9)
+    assert figure.wearing(robot.with_tool("jaws")) is figure
+    figure.root.visible = False
+    pen = figure.wearing(robot.with_tool("pen"))
+    assert pen is not figure and not pen.root.visible
+    pen.pose(q)  # its jaws are open as far
+    tip = robot.with_tool("pen").forward(q)[:3, 3]
+    assert in_base(server, "/arm/tool")[:3, 3] == pytest.approx(tip, abs=1e-6)
+    other = ArmFigure(server.scene, robot.with_tool("pen"), "/other")
+    other.pose(q, 0.9)
+    jaws = [
+        name for name in nodes(server) if "/jaw" in name and name.startswith("/arm/") and name[-1].isdigit()
+    ]
+    assert jaws and all(
+        np.allclose(nodes(server)[name].position, nodes(server)[name.replace("/arm/", "/other/")].position)
+        for name in jaws
+    )
+
+
+def test_a_tool_is_drawn_on_a_link_that_has_shapes_of_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    robot = load_robot(urdf_with_tools(tmp_path))
+    bare, pen = (arm_model(robot.with_tool(name)).meshes for name in ("bare", "pen"))
+    assert {mesh.name for mesh in pen} - {mesh.name for mesh in bare} == {"link4/blue"}
 
 
 @pytest.mark.parametrize("name", ARMS)

@@ -6,10 +6,12 @@ import base64
 import json
 import re
 import zlib
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.robot.test_tools import arm_with_tools
 
 from armctl.errors import ArmctlError, ProgramError
 from armctl.facts import Said
@@ -24,6 +26,7 @@ from armctl.program import (
     RepeatStep,
     SpeedStep,
     Step,
+    ToolStep,
     WaitStep,
     check_program,
 )
@@ -92,6 +95,27 @@ def test_what_is_carried_is_shown_from_when_it_is_gripped() -> None:
     plan = rehearse_pose(held, ROBOT.pose("home"), ROBOT.pose("rest"), 0.5)
     carried = twin_file(ROBOT, "to rest", plan, ())
     assert re.search(r'"parts":\[\[0\.0,""\],\[0\.0,"/arm/tool/part0"\]\]', carried)
+
+
+def test_each_tool_is_drawn_while_it_is_on(tmp_path: Path) -> None:
+    robot = arm_with_tools(tmp_path)
+    part = GripperStep(open_percent=30, part_x_mm=20, part_y_mm=20, part_z_mm=20)
+    pump = GripperStep(open_percent=0, part_x_mm=20, part_y_mm=20, part_z_mm=20)
+    steps = (part, MOVES[0], GripperStep(open_percent=100), ToolStep(tool="cup"), pump, MOVES[0], LINE)
+    plan, _, data = page_of(program(*steps), robot)
+    begins = [step.begins for step in plan.steps]
+    assert data["tools"] == [[0.0, "/arm"], [begins[3], "/arm1"]]
+    assert [name for _, name in data["parts"]] == ["", "/arm/tool/part0", "", "/arm1/tool/part1"]
+    columns, times = columns_of(data), np.linspace(0, plan.duration, data["frames"])
+    state = plan.trajectory.sample(times)
+    for name, tool in (("/arm", "jaws"), ("/arm1", "cup")):
+        first = dict(data["tracks"])[f"{name}/tool"]
+        tips = robot.with_tool(tool).forward(state.q)[:, :3, 3]
+        assert np.abs(columns[first : first + 3].T - tips).max() < 1e-5
+    late = times > begins[-1]
+    cup = robot.with_tool("cup")
+    speed = np.einsum("kij,kj->ki", cup.jacobian(state.q)[:, :3], state.velocity)
+    assert np.abs(columns[-1] - 1000 * np.linalg.norm(speed, axis=1))[late].max() < 0.1
 
 
 def test_two_minutes_fit_into_two_megabytes_and_nothing_may_be_fetched() -> None:

@@ -62,8 +62,9 @@ def replay(
             f"{file}: its joints are {', '.join(recording.joints)}, those of {arm.name} are "
             f"{', '.join(arm.joint_names)}; name the robot that was recorded: --robot"
         )
-    if recording.tools and arm.tools:
-        arm = arm.with_tool(recording.tool)
+    if arm.tools:
+        for tool in recording.tools_on:
+            arm = arm.with_tool(tool)  # one that it does not have is refused here
     server = guarded_server(
         port=http_port, token=secrets.token_urlsafe(24), label="armctl replay", overlay=False
     )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, ProgramError
@@ -103,14 +104,19 @@ class Rehearsal:
             opening = begin + (end - begin) * passed / step.duration
         return RehearsedState(step.trajectory.sample(passed).q, opening, step.index, step.part, step.tool)
 
+    def by_tool(self, robot: Robot, times: FloatArray) -> Iterator[tuple[Robot, NDArray[np.bool_]]]:
+        """The arm with each tool that is on at some of ``times`` (k,) [s], and (k,) at which of them."""
+        begins = np.array([step.begins for step in self.steps])
+        tools = np.array([step.tool for step in self.steps])[np.searchsorted(begins, times, "right") - 1]
+        for tool in dict.fromkeys(tools.tolist()):
+            yield robot.with_tool(tool), tools == tool
+
     def tool_path(self, robot: Robot, count: int = 400) -> FloatArray:
         """Tool points (count, 3) [m], evenly spaced in time."""
         times = np.linspace(0.0, self.duration, count)
         q, points = self.trajectory.sample(times).q, np.empty((count, 3))
-        begins = np.array([step.begins for step in self.steps])
-        tools = np.array([step.tool for step in self.steps])[np.searchsorted(begins, times, "right") - 1]
-        for tool in set(tools.tolist()):  # each with the tool that is on then
-            points[tools == tool] = robot.with_tool(tool).forward(q[tools == tool])[:, :3, 3]
+        for arm, then in self.by_tool(robot, times):
+            points[then] = arm.forward(q[then])[:, :3, 3]
         return points
 
 

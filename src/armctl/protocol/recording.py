@@ -113,10 +113,14 @@ class Recording(Story, frozen=True, kw_only=True, eq=False):
         """(k,) one column."""
         return self.ticks[:, self.columns.index(name)]
 
+    def tool_at(self, k: int) -> str:
+        """Name of the tool that was on at tick ``k``; empty: the arm had none, or the file is older."""
+        return self.tools[int(self.column(TOOL)[k])] if self.tools else ""
+
     @property
-    def tool(self) -> str:
-        """Name of the tool that was on last; empty: the arm had none."""
-        return self.tools[int(self.column(TOOL)[-1])] if self.tools and len(self.ticks) else ""
+    def tools_on(self) -> tuple[str, ...]:
+        """Names of the tools that were on, in the order of ``tools``; empty: as of ``tool_at``."""
+        return tuple(self.tools[int(one)] for one in np.unique(self.column(TOOL))) if self.tools else ()
 
     @property
     def time_s(self) -> FloatArray:

@@ -153,15 +153,7 @@ class App:
     def _draw_arm(self) -> None:
         self._stage = Stage(self.server.scene, self._console.robot)
         self._figure = ArmFigure(self.server.scene, self._console.robot, ARM)
-        self._figure_tool = self._console.robot.tool
         self._drawn: Snapshot | None = None
-
-    def _draw_tool(self, tool: str) -> None:
-        """Draw the arm with another tool at once; its pages follow when nothing moves."""
-        with self.server.atomic():
-            self._figure.root.remove()
-            self._figure = ArmFigure(self.server.scene, self._console.robot.with_tool(tool), ARM)
-        self._figure_tool = tool
 
     def _changed(self, change: RobotChange) -> None:
         with self.server.atomic():
@@ -263,11 +255,10 @@ class App:
         if snapshot is self._drawn:
             return
         self._drawn = snapshot
-        if snapshot.tool != self._figure_tool:
-            self._draw_tool(snapshot.tool)
         console.last_known.note(snapshot)
         q = console.last_known.drawn(snapshot)
-        with self.server.atomic():
+        with self.server.atomic():  # another tool is drawn at once; the pages follow when nothing moves
+            self._figure = self._figure.wearing(console.robot.with_tool(snapshot.tool))
             self._figure.pose(q, snapshot.gripper)
             self._figure.carry(CarriedPart.of(snapshot.part_mm))
             self._figure.say("last known" if console.last_known.remembers(snapshot) else None)

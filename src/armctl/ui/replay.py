@@ -146,6 +146,9 @@ class ReplayPage:
         k = self._index
         with self._client.atomic():
             gripper = self._recording.column("gripper")[k]
+            if self._recording.tools and self._robot.tools:
+                robot = self._robot.with_tool(self._recording.tool_at(k))
+                self._arm, self._twin = self._arm.wearing(robot), self._twin.wearing(robot)
             self._arm.pose(self._read[k], None if np.isnan(gripper) else float(gripper))
             self._twin.pose(self._sent[k])
             self._twin.root.visible = bool(np.isfinite(self._recording.setpoint[k]).all())
@@ -210,12 +213,13 @@ def _head(recording: Recording) -> str:
 
 
 def _signals(recording: Recording, k: int) -> str:
-    """What inputs and outputs were at tick ``k``; empty where there are none."""
+    """What inputs and outputs were at tick ``k``, and which tool was on; empty where there are none."""
     rows = [
         [name, f"{recording.ticks[k, i]:g}"]
         for i, name in enumerate(recording.columns)
         if name.startswith((INPUT, OUTPUT)) and np.isfinite(recording.ticks[k, i])
     ]
+    rows += [["tool", recording.tool_at(k)]] if recording.tools else []
     return table(("", "was"), rows) if rows else ""
 
 

@@ -34,8 +34,10 @@
       const length = Math.hypot(...turn);
       scene.pose(name, [x, y, z], turn.map((part) => part / length));
     }
-    const carried = twin.parts.findLast(([begins]) => begins <= time + 1e-9)[1];
-    for (const [, name] of twin.parts) if (name) scene.show(name, name === carried);
+    for (const nodes of [twin.tools, twin.parts]) {
+      const shown = nodes.findLast(([begins]) => begins <= time + 1e-9)[1];
+      for (const [, name] of nodes) if (name) scene.show(name, name === shown);
+    }
     scene.draw();
   }
 

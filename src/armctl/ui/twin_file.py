@@ -11,7 +11,7 @@ import base64
 import json
 import math
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from html import escape
 from importlib import resources
 from typing import Any
@@ -93,8 +93,8 @@ def twin_file(
     frames = min(math.ceil(plan.duration * FRAMES_A_S), _MOST_FRAMES - 1) + 1
     time = np.linspace(0.0, plan.duration, frames)
     scene = KeptScene()
-    figure = _draw(scene, robot, plan)
-    tracks, columns = _columns(robot, plan, time, figure, progress or (lambda share: None))
+    figures = _draw(scene, robot, plan)
+    tracks, columns = _columns(robot, plan, time, figures, progress or (lambda share: None))
     said = [
         (one.begins, f"Step {one.index + 1} of {len(steps)}: {one.place.words}{steps[one.index]}")
         for one in plan.steps
@@ -113,40 +113,52 @@ def twin_file(
         "root": ARM,
         "tracks": tracks,
         "steps": said,
-        "parts": _parts(plan, figure),
+        "tools": _shown((step.begins, figures[step.tool].root.name) for step in plan.steps),
+        "parts": _shown(_parts(plan, figures)),
         **_packed(columns),
     }
     return _page(scene.html(), title, side, data)
 
 
-def _draw(scene: KeptScene, robot: Robot, plan: Rehearsal) -> ArmFigure:
-    """The stage, the tool's way, and the arm where the plan begins."""
+def _draw(scene: KeptScene, robot: Robot, plan: Rehearsal) -> dict[str, ArmFigure]:
+    """The stage, the tool's way, and the arm where the plan begins: a figure with each tool, by its name."""
     set_lights(scene.api)
     Stage(scene.api, robot)
-    Lines(scene.api, "/path", _PATH).show(segments(plan.tool_path(robot, _PATH_POINTS)))
-    figure = ArmFigure(scene.api, robot, ARM)
-    state = plan.sample(0.0)
-    figure.pose(state.q, state.opening)
+    path = plan.tool_path(robot, _PATH_POINTS)
+    Lines(scene.api, "/path", _PATH).show(segments(path))
+    figures, state = dict[str, ArmFigure](), plan.sample(0.0)
+    for tool in dict.fromkeys(step.tool for step in plan.steps):
+        name = f"{ARM}{len(figures)}" if figures else ARM
+        figures[tool] = figure = ArmFigure(scene.api, robot.with_tool(tool), name)
+        figure.pose(state.q, state.opening)
+        figure.root.visible = tool == state.tool
     scene.camera.fov = _VIEW
     way = plan.trajectory.sample(np.linspace(0.0, plan.duration, _SEEN)).q
     frames = robot.frames(way)[..., :3, 3].reshape(-1, 3)
     room = _ROOM * robot.chain.length
-    points = np.vstack([frames - room, frames + room, [0.0, 0.0, robot.floor_z]])
+    points = np.vstack([frames - room, frames + room, path, [0.0, 0.0, robot.floor_z]])
     scene.camera.position, scene.camera.look_at = first_view(robot, points, _VIEW, _ASPECT)
-    return figure
+    return figures
 
 
-def _parts(plan: Rehearsal, figure: ArmFigure) -> list[tuple[float, str]]:
+def _parts(plan: Rehearsal, figures: Mapping[str, ArmFigure]) -> Iterator[tuple[float, str]]:
     """Draw all that is carried. From when [s] which node is shown; "": nothing is carried."""
-    nodes, shown = dict[CarriedPart, str](), [(0.0, "")]
+    nodes = dict[tuple[str, CarriedPart], str]()
+    yield 0.0, ""
     for step in plan.steps:
-        if step.part is not None and step.part not in nodes:
-            drawn = figure.add_part(step.part, f"part{len(nodes)}")
+        if step.part is not None and (step.tool, step.part) not in nodes:
+            drawn = figures[step.tool].add_part(step.part, f"part{len(nodes)}")
             drawn.visible = False  # until the player shows it
-            nodes[step.part] = drawn.name
-        node = "" if step.part is None else nodes[step.part]
-        if node != shown[-1][1]:
-            shown.append((step.begins, node))
+            nodes[step.tool, step.part] = drawn.name
+        yield step.begins, "" if step.part is None else nodes[step.tool, step.part]
+
+
+def _shown(nodes: Iterable[tuple[float, str]]) -> list[tuple[float, str]]:
+    """Without those that show what is shown already."""
+    shown: list[tuple[float, str]] = []
+    for begins, node in nodes:
+        if not shown or node != shown[-1][1]:
+            shown.append((begins, node))
     return shown
 
 
@@ -154,27 +166,35 @@ def _parts(plan: Rehearsal, figure: ArmFigure) -> list[tuple[float, str]]:
 
 
 def _columns(
-    robot: Robot, plan: Rehearsal, time: FloatArray, figure: ArmFigure, progress: Callable[[float], object]
+    robot: Robot,
+    plan: Rehearsal,
+    time: FloatArray,
+    figures: Mapping[str, ArmFigure],
+    progress: Callable[[float], object],
 ) -> tuple[list[tuple[str, int]], FloatArray]:
     """The first column of each part that moves, and (columns, k): parts, angles, speeds, the tool's speed.
 
     Angles and speeds in degrees and seconds, the tool's in mm/s.
     """
     parts: list[dict[str, FloatArray]] = []
-    figures: list[FloatArray] = []
+    curves: list[FloatArray] = []
     trajectory = plan.trajectory
     for first in range(0, len(time), _CHUNK):
         progress(first / len(time))
         at = time[first : first + _CHUNK]
         state = trajectory.sample(at)
         opening = np.array([plan.sample(t).opening for t in at.tolist()], dtype=np.float64)
-        parts.append(figure.tracks(state.q, opening))
-        tool = np.einsum("kij,kj->ki", robot.jacobian(state.q)[:, :3], state.velocity)
-        speed = 1000 * np.linalg.norm(tool, axis=1)
-        figures.append(np.vstack([robot.shown(state.q).T, robot.shown(state.velocity).T, speed]))
+        parts.append({})
+        for figure in figures.values():
+            parts[-1] |= figure.tracks(state.q, opening)
+        speed = np.empty(len(at))
+        for arm, then in plan.by_tool(robot, at):
+            tool = np.einsum("kij,kj->ki", arm.jacobian(state.q[then])[:, :3], state.velocity[then])
+            speed[then] = 1000 * np.linalg.norm(tool, axis=1)
+        curves.append(np.vstack([robot.shown(state.q).T, robot.shown(state.velocity).T, speed]))
     tracks = {name: np.concatenate([part[name] for part in parts]).T for name in parts[0]}
     moving = [name for name, track in tracks.items() if np.ptp(track, axis=1).max() > 1e-9]
-    shown = [*(tracks[name] for name in moving), np.hstack(figures)]
+    shown = [*(tracks[name] for name in moving), np.hstack(curves)]
     return [(name, 7 * i) for i, name in enumerate(moving)], np.vstack(shown)
 
 

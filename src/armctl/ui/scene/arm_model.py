@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import viser
@@ -22,6 +22,7 @@ from armctl.robot.look.pieces import Jaw, Mount, Piece
 from armctl.robot.look.rows import Paint, Theme, paint
 from armctl.robot.parts import Color, Shape
 from armctl.robot.solids import Solid, creased, grown, joined
+from armctl.robot.tools import tool_of, tool_rows
 
 # The shapes of an arm's files as they are drawn, kept for all pages.
 
@@ -171,12 +172,18 @@ def arm_model(robot: Robot, thicker: float = 1.0, *, ghostly: bool = False) -> A
 
 @lru_cache(_FIGURES)
 def _look_model(robot: Robot, out: float, ghostly: bool, shown: frozenset[int]) -> ArmModel:
-    """A frame for all that moves as one, and there a mesh a colour, but of links that are ``shown``."""
+    """A frame for all that moves as one, and there a mesh a colour, but of links that are ``shown``.
+
+    The tool that is on is none of its link's shapes.
+    """
     frames = _Frames(robot.chain)
     groups: dict[tuple[str, str], list[Piece]] = {}
+    own = len(robot.whole_look.rows)
+    if robot.tool:
+        own -= tool_rows(tool_of(robot.tools, robot.tool))
     for piece in robot.pieces:
         link = max(piece.mount.links)
-        if link not in shown and not (link < 0 and (ghostly or shown)):
+        if piece.row >= own or (link not in shown and not (link < 0 and (ghostly or shown))):
             groups.setdefault((frames.of(piece), "solid" if ghostly else piece.color), []).append(piece)
     meshes = [
         Mesh(f"{frame}/{color}", _surface(pieces, out), pieces[0].color)
@@ -307,19 +314,23 @@ class ArmFigure:
         opacity: float | None = None,
         thicker: float = 1.0,
         theme: Theme = "light",
+        opening: float = HALF_OPEN,
     ) -> None:
         """Draw the arm as it looks; ``color`` and ``opacity`` replace its own.
 
         ``thicker``: so many times as wide as the arm. Equal surfaces of two in one place would flicker.
+        ``opening``: of the jaws 0..1, until a pose says it.
         """
-        self._scene, self._name = scene, name
+        self._scene, self._name, self._robot = scene, name, robot
         self._part_color, self._opacity = color or _PART, opacity
+        self._again = partial(ArmFigure, scene, name=name, color=color, opacity=opacity, thicker=thicker,
+                              theme=theme)  # fmt: skip
         self._grown = 0.5 * (thicker - 1.0) * width(robot.chain, robot.look)
         self._model = arm_model(robot, thicker, ghostly=color is not None)
         self.root = scene.add_frame(name, show_axes=False)
         self._frames = [scene.add_frame(f"{name}/{frame}", show_axes=False) for frame in self._model.frames]
         self._q: FloatArray | None = None
-        self._opening = HALF_OPEN
+        self._opening = opening
         self._shown: FloatArray | None = None
         for frame in self._frames:
             send_pose(frame)
@@ -333,6 +344,19 @@ class ArmFigure:
             size = width(robot.chain, robot.look)
             axes = scene.add_frame(f"{name}/{TOOL}/axes", axes_length=size, axes_radius=0.04 * size)
             send_pose(axes)
+
+    def wearing(self, robot: Robot) -> ArmFigure:
+        """The figure of the same arm with a tool on: itself, or one in its place with that of ``robot``.
+
+        Its jaws are open as far, and it is shown if this one is; what it carries and says is to be told anew.
+        """
+        if robot.tool == self._robot.tool:
+            return self
+        visible = self.root.visible
+        self.root.remove()
+        figure = self._again(robot, opening=self._opening)
+        figure.root.visible = visible
+        return figure
 
     def pose(self, q: FloatArray, opening: float | None = None) -> None:
         """Move the figure to joint angles ``q`` (n,) [rad] and a gripper opening 0..1 (None: as it is)."""

@@ -34,10 +34,9 @@ _NO_TWIN = "no twin moves"
 _IDLE = "The orange twin rehearses <b>without the arm</b>."
 
 
-def twin_figure(session: Session, name: str, tool: str | None = None) -> ArmFigure:
-    """An orange arm in the page's view, with a tool; None: with that of the page."""
+def twin_figure(session: Session, name: str) -> ArmFigure:
+    """An orange arm in the page's view."""
     scene, robot = session.client.scene, session.console.robot
-    robot = robot if tool is None else robot.with_tool(tool)
     return ArmFigure(scene, robot, name, color=_COLOR, opacity=0.55, thicker=THICKER)
 
 
@@ -49,8 +48,6 @@ class TwinControl:
         self._robot = session.console.robot
         self._shared = session.console.shared(SharedProgram)
         self._figure: ArmFigure | None = None
-        self._tool = ""
-        """the one that it is drawn with"""
         self._path = Lines(session.client.scene, "/twin_path", _COLOR)
         self._plan: Rehearsal | None = None
         self._steps: tuple[str, ...] = ()
@@ -185,12 +182,9 @@ class TwinControl:
 
     def _pose(self, plan: Rehearsal) -> None:
         state = plan.sample(self._elapsed_s)
-        if self._figure is not None and state.tool != self._tool:
-            self._figure.root.remove()
-            self._figure = None
-        if self._figure is None:
-            self._figure, self._tool = twin_figure(self._session, "/twin", state.tool), state.tool
         with self._session.client.atomic():
+            figure = self._figure or twin_figure(self._session, "/twin")
+            self._figure = figure.wearing(self._robot.with_tool(state.tool))
             self._figure.pose(state.q, state.opening)
             self._figure.carry(state.part)
             self._figure.root.visible = True
