@@ -14,7 +14,9 @@ from tests.runtime.signal_kit import BELL, DOOR, bench_of, robot_with
 
 from armctl.errors import ProgramError
 from armctl.facts import CalledStep, InStep, OnPath, PathTurn, State
-from armctl.motion import Finding
+from armctl.motion import Finding, plan
+from armctl.motion.paths import tool_path
+from armctl.motion.paths.tool_walk import StepBudget, Walk
 from armctl.program import (
     CalledProgram,
     CallStep,
@@ -253,3 +255,27 @@ def test_the_part_counts_until_it_is_put_down() -> None:
     low = PlaceStep(**{**THERE, "z_mm": 20})
     (one,) = errors(ROBOT, PickStep(**HERE, **part), low)[:1]
     assert one.step == 1 and isinstance(one.reason, InStep) and "carried part" in str(one)
+
+
+@pytest.mark.parametrize(
+    "pick",
+    [
+        PickStep(x_mm=200, y_mm=0, z_mm=60, approach_mm=400),
+        PickStep(x_mm=220, y_mm=-60, z_mm=30, approach_mm=350, along="tool"),
+    ],
+)
+def test_of_all_ways_that_cannot_be_one_is_explained(pick: PickStep, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Why a way cannot be takes twenty times as long to say as whether it can."""
+    explained, walked = list[object](), list[int]()
+    follow, walk = tool_path.follow, tool_path.walk
+
+    def counted(*given: Any, effort: StepBudget | None = None, **more: Any) -> Walk:
+        found = walk(*given, effort=effort, **more)
+        walked.append(sum(found.tries))
+        return found
+
+    monkeypatch.setattr(plan, "follow", lambda *given: explained.append(given) or follow(*given))
+    monkeypatch.setattr(tool_path, "walk", counted)
+    (error,) = errors(ROBOT, pick)
+    assert "of the line" in error.what and len(explained) == 1
+    assert sum(walked) < 4000  # a millisecond each

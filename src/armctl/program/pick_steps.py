@@ -14,7 +14,8 @@ from armctl.facts import Part
 from armctl.kinematics import Target
 from armctl.motion.choices import choose_end, different_ends, may_go_to, solve
 from armctl.motion.paths.refusals import ToolPathRefusedError, ToolPathUnreachableError
-from armctl.motion.plan import follow_tool, plan_path
+from armctl.motion.paths.tool_walk import StepBudget
+from armctl.motion.plan import follow_tool, plan_path, straight_way
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.preflight import passes
 from armctl.program.base_steps import Field, MotionStep, Seconds, Step
@@ -41,6 +42,8 @@ from armctl.robot import Robot
 from armctl.robot.tools import grippers
 
 FARTHEST_MM = 500.0
+_TRIED_STEPS = 2000
+"""of walks along the way, for all configurations at a point that are tried for one with a way"""
 Along = Literal["base", "tool"]
 _Way = Annotated[float, Meta(gt=0, le=FARTHEST_MM)]
 _ALONG_HINT = "base: from above, along Z; tool: along the axis of the tool."
@@ -87,32 +90,36 @@ class ApproachStep(PointStep, frozen=True, kw_only=True, tag="approach"):
 
     def _chosen(self, robot: Robot, start: FloatArray, target: Target) -> FloatArray:
         """At the point: the best that may be gone to; else one with a way, so that what blocks it is told."""
-        q = choose_end(robot, start, target, self.choose, may_go=lambda q: self._may_take(robot, start, q))
-        if self._may_take(robot, start, q):
-            return q
-        ends = different_ends(robot, start, target, self.choose)
-        return next((end for end in ends if self._has_way(robot, end)), q)
+        effort, possible = StepBudget(_TRIED_STEPS), list[FloatArray]()
 
-    def _has_way(self, robot: Robot, q: FloatArray) -> bool:
-        try:
-            self._way(robot, q)
-        except ArmctlError:
-            return False
-        return True
+        def may_take(q: FloatArray) -> bool:
+            taken = self._may_take(robot, start, q, effort)
+            possible.extend([q] * taken)
+            return taken
+
+        q = choose_end(robot, start, target, self.choose, may_go=may_take)
+        if possible:
+            return q
+        ends, effort = different_ends(robot, start, target, self.choose), StepBudget(_TRIED_STEPS // 4)
+        led = (end for end in ends if straight_way(robot, end, self._high(robot, end), effort) is not None)
+        return next(led, q)
+
+    def _high(self, robot: Robot, q: FloatArray) -> FloatArray:
+        """Where the way begins (3,) [m], of one that leads to the point at ``q`` (n,) [rad]."""
+        if not self.back_mm:
+            return metres(self, _HIGH)
+        T = robot.forward(q)
+        return T[:3, 3] - self.back_mm / 1000 * T[:3, 2]
 
     def _way(self, robot: Robot, q: FloatArray) -> PiecewisePolynomial | None:
         """From the point, at ``q`` (n,) [rad], to the begin."""
-        high = metres(self, _HIGH)
-        if self.back_mm:
-            T = robot.forward(q)
-            high = T[:3, 3] - self.back_mm / 1000 * T[:3, 2]
-        return follow_tool(robot, q, None, high)
+        return follow_tool(robot, q, None, self._high(robot, q))
 
-    def _may_take(self, robot: Robot, start: FloatArray, q: FloatArray) -> bool:
+    def _may_take(self, robot: Robot, start: FloatArray, q: FloatArray, effort: StepBudget) -> bool:
+        way = straight_way(robot, q, self._high(robot, q), effort)
+        if way is None:
+            return False
         try:
-            way = self._way(robot, q)
-            if way is None:
-                return may_go_to(robot, start, q)
             line = plan_path(robot, q, way, checked=False)
         except ArmctlError:
             return False

@@ -145,6 +145,27 @@ def led_at_once(
     return None
 
 
+def led_within(
+    robot: Robot, q: FloatArray, curve: ToolCurve, effort: StepBudget
+) -> PiecewisePolynomial | None:
+    """As ``follow`` with what the arm usually keeps, as long as an ``effort`` lasts that several share.
+
+    None where it leads to no end inside the limits, or nowhere: why is not asked, which takes longest.
+    """
+    if curve.length == 0.0 or effort.left <= 0:
+        return None
+    turn = _checked_turn(robot, None, None, None, None)
+    task, pitch_asked = _task(robot, q, robot.forward(q), curve, turn)
+    own = StepBudget(min(effort.left, _TRIED_STEPS)) if task.redundant else StepBudget(effort.left, SHORTEST)
+    most, path = own.left, None
+    for tried in _tasks(robot, task, q):
+        path = _whole(robot, walk(tried, q, only_inside=True, effort=own), pitch_asked, curve)
+        if path is not None or own.left <= 0:
+            break
+    effort.left -= most - own.left
+    return path
+
+
 def led_far(
     robot: Robot,
     q: FloatArray,
