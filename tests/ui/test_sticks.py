@@ -201,6 +201,30 @@ def test_a_refusal_is_raised(pushing: Pushing) -> None:
         pushing.says(1.0)
 
 
+def test_it_says_how_soon_the_arm_rests(pushing: Pushing) -> None:
+    page, sticks = pushing.page, pushing.sticks
+    page.act(lambda: sticks.refresh(page.snapshot))  # type: ignore[arg-type]
+    assert "At this speed it rests within 0." in page.parts["sticks"]
+    page.put("Sticks move", "Joints")
+    page.act(lambda: sticks.refresh(page.snapshot))  # type: ignore[arg-type]
+    assert "rests within 0.09 s of letting go" in page.parts["sticks"]  # 60 °/s, 360 °/s²: 0.04 + 0.25 / 6
+    page.snapshot.commanded = False
+    page.act(lambda: sticks.refresh(page.snapshot))  # type: ignore[arg-type]
+    assert "At this speed" not in page.parts["sticks"]
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_tool_that_is_let_go_rests_as_soon_as_it_was_said(axis: int) -> None:
+    aim, arm = StickAim(UZUNER), Led()
+    said_s = aim.rests_s(RATES, arm.q, 1.0)
+    for _ in range(20):
+        arm.lead(JogTool(RATES[0] * np.eye(3)[axis]), ticks=3)
+    arm.jogger.lead(Jog(np.zeros(5)), arm.now + JOG_EXPIRY_S)
+    for _ in range(int(np.ceil(said_s / TICK))):
+        arm.tick()
+    assert not arm.v.any()
+
+
 AXIS = st.sampled_from([0.0, 0.0, 0.0, 0.3, -0.7, 1.0, -1.0])
 HANDS = st.lists(
     st.tuples(st.booleans(), st.lists(AXIS, min_size=6, max_size=6), st.integers(1, 8)),

@@ -50,6 +50,8 @@ _NOTE = (
     "Hold a shoulder button (L1 or R1; the left button of a 3D mouse), then push a stick. Letting go stops "
     "the arm. A and B close and open the gripper. The buttons in the middle are STOP."
 )
+_TAKEN_S = 0.04
+"""after which the arm brakes: it takes what is said at one tick, and obeys at the next"""
 _THUMBS = "Or push with one or two thumbs here; lifting them stops the arm."
 
 Send = Callable[[Callable[[], Jog | JogTool]], Awaitable[None]]
@@ -98,6 +100,29 @@ class StickAim:
             direction = self._direction = _DIRECTIONS[int(np.argmax(_DIRECTIONS @ linear))]
         return JogTool(min(size, 1.0) * speed * direction, frame=frame)
 
+    def rests_s(self, rates: tuple[float, float] | float, q: FloatArray, speed: float) -> float:
+        """Within what time of letting go the arm rests [s]: each joint brakes as hard as it may.
+
+        ``rates``: the share of their speed at which joints turn, or the tool's [m/s], [rad/s], at the
+        override ``speed``; ``q`` (n,) [rad]: where the arm is. Of the tool: along an axis from there.
+        """
+        robot = self._robot
+        fastest = robot.speed_limits * (1.0 if isinstance(rates, tuple) else rates)
+        if isinstance(rates, tuple):
+            fastest = np.minimum(fastest, self._along(q, rates[0]))
+        return _TAKEN_S + float((speed * fastest / robot.acceleration_limits)[self._turns].max())
+
+    def _along(self, q: FloatArray, speed_m_s: float) -> FloatArray:
+        """The fastest that joints (n,) turn [rad/s] while the tool moves along an axis of the base."""
+        robot, J = self._robot, self._robot.jacobian(q)
+        level = np.cross((0.0, 0.0, 1.0), robot.forward(q)[:3, 2])[None]
+        held = J[3:] if robot.orients_tool else level @ J[3:]
+        rows = np.vstack([J[:3], held]) if self._pitches else J[:3].copy()
+        roll = robot.inverse_kinematics.roll_joint
+        if roll is not None and not robot.orients_tool:
+            rows[:, roll] = 0.0
+        return np.abs(np.linalg.pinv(rows)[:, :3]).max(axis=1) * speed_m_s
+
     def moved(self, *, joints: bool) -> list[tuple[str, str]]:
         """What each stick moves, and how it is called."""
         if joints:
@@ -129,7 +154,7 @@ class StickJog:
             "Joints": None,
         }
         self._on = self._pushing = self._held_back = False
-        self._seen = ""
+        self._seen = self._rests = ""
         self._fastest = math.inf
         """[ms] of what is said since it is held, how long the fastest was on its way, but for a constant"""
         gui = session.gui
@@ -150,9 +175,18 @@ class StickJog:
         if self._on and not self._session.operates:
             self._set(on=False)
         held_back = self._pushing and snapshot.doing is not None and snapshot.doing.notice is not None
-        if held_back is not self._held_back:
-            self._held_back = held_back
+        rests = self._rests if self._pushing else self._rests_words(snapshot)
+        if (held_back, rests) != (self._held_back, self._rests):
+            self._held_back, self._rests = held_back, rests
             self._draw()
+
+    def _rests_words(self, snapshot: Snapshot) -> str:
+        """How soon the arm would rest; empty where nobody knows where it stands."""
+        if not self._on or not snapshot.commanded:
+            return ""
+        rates = self._joint_share() if self._moves[self._choice.value] is None else self._tool_rates()
+        rests_s = self._aim.rests_s(rates, snapshot.q_command, snapshot.speed)
+        return f"At this speed it rests within {math.ceil(100 * rests_s - 1e-6) / 100:.2f} s of letting go."
 
     def _on_switch(self) -> None:
         self._session.require_operator()
@@ -167,7 +201,7 @@ class StickJog:
     def _draw(self) -> None:
         moved = self._aim.moved(joints=self._moves[self._choice.value] is None)
         self._session.parts.show(
-            _PART, _html(moved, self._seen, held_back=self._held_back) if self._on else ""
+            _PART, _html(moved, self._seen, self._rests, held_back=self._held_back) if self._on else ""
         )
 
     async def _on_seen(self, _: str, name: str) -> None:
@@ -215,7 +249,7 @@ class StickJog:
             await self._send(partial(Jog, np.zeros(self._session.console.robot.n)))
 
 
-def _html(moved: list[tuple[str, str]], seen: str, *, held_back: bool) -> str:
+def _html(moved: list[tuple[str, str]], seen: str, rests: str, *, held_back: bool) -> str:
     state = strong(seen) if seen else muted(_UNSEEN)
     pads = "".join(
         f"<div role='img' data-thumb='{across} {upwards}' aria-label='Thumb pad: {escape(name)}'></div>"
@@ -223,6 +257,6 @@ def _html(moved: list[tuple[str, str]], seen: str, *, held_back: bool) -> str:
     )
     legend = table(("Push", "moves"), [list(one) for one in moved], words=(0, 1))
     return (
-        f"<div data-sticks='{'held' if held_back else ''}'>{state}{muted(_NOTE)}{legend}{muted(_THUMBS)}"
-        f"<div class='armctl-thumbs'>{pads}</div></div>"
+        f"<div data-sticks='{'held' if held_back else ''}'>{state}{muted(f'{_NOTE} {rests}')}{legend}"
+        f"{muted(_THUMBS)}<div class='armctl-thumbs'>{pads}</div></div>"
     )
