@@ -31,7 +31,7 @@ from armctl.facts import State
 from armctl.hardware import Source
 from armctl.robot import OutputMap, load_robot
 from armctl.ui import CalibrationInForce
-from armctl.ui.tabs.calibration.points import pose_above
+from armctl.ui.tabs.calibration.points import pose_above, sheet_lines
 from armctl.ui.tabs.calibration.points_html import next_html, offered_html, points_html, result_html
 from armctl.ui.tabs.calibration.screen import load_html
 from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration, standing_touch
@@ -377,6 +377,15 @@ def test_a_sheet_has_the_crosshairs_of_the_robot_file_whatever_is_calibrated() -
     asyncio.run(points.use_sheet("a4"))
     assert points.sheet is not None
     np.testing.assert_array_equal(points.sheet.points_m, the_sheet().points_m)
+
+
+def test_the_sheet_stands_in_the_scene_where_it_should_lie() -> None:
+    lies = the_sheet()
+    lines = sheet_lines(lies)
+    edge, crosses = lines[:4].reshape(-1, 3), lines[4:].reshape(-1, 2, 2, 3)
+    assert np.ptp(edge, axis=0) == pytest.approx([0.21, 0.297, 0.0])
+    assert edge.mean(axis=0) == pytest.approx(lies.place_m)
+    assert crosses.mean(axis=(1, 2)) == pytest.approx(lies.laid_m)
 
 
 def test_a_joint_stays_on_the_side_from_which_it_came() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
-from armctl.calibration import Paper, TouchedPoint, TouchFit
+from armctl.calibration import Paper, TouchedPoint, TouchFit, TouchSheet
 from armctl.errors import ArmctlError, InputError
 from armctl.motion import Profile
 from armctl.motion.choices import first_possible, may_go_to
@@ -22,6 +22,7 @@ from armctl.ui.events import GivenUpError
 from armctl.ui.next_pose import PoseWriter
 from armctl.ui.offers import refused_by
 from armctl.ui.robot_switch import release_first
+from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.joint import numbered, show_numbers
 from armctl.ui.tabs.calibration.points_html import (
@@ -68,8 +69,44 @@ _LOAD_HINT = (
     "What the tool carries in all touches, such as a pen or a weight in the gripper. 0: nothing. It bends "
     "the arm. The correction holds for it; 'Save & test' sets another one."
 )
+_SHEET, _CROSS_M = (73, 80, 87), 0.005
 _HIGHEST_MM = 500.0
 HEAVIEST_KG = 100.0
+
+
+class SheetInScene:
+    """The sheet where it should lie, in the view of one page, while its tab is open."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._lines = Lines(session.client.scene, "/sheet/lines", _SHEET)
+        self._label: viser.LabelHandle | None = None
+        self._drawn: tuple[TouchSheet | None, int | None] = (None, None)
+
+    def refresh(self, sheet: TouchSheet | None, number: int | None) -> None:
+        """Draw its crosshairs and its edge, and the ``number`` of the one that is next."""
+        sheet = sheet if self._session.sees("Calibration") else None
+        number = None if sheet is None else number
+        if self._drawn[0] is sheet and self._drawn[1] == number:
+            return
+        if self._drawn[0] is not sheet:
+            self._lines.show(np.zeros((0, 2, 3)) if sheet is None else sheet_lines(sheet))
+        self._drawn = sheet, number
+        if self._label is not None:
+            self._label.remove()
+        self._label = None
+        if sheet is not None and number is not None:
+            at = tuple(sheet.laid_m[number - 1].tolist())
+            self._label = self._session.client.scene.add_label("/sheet/next", str(number), position=at)
+
+
+def sheet_lines(sheet: TouchSheet) -> FloatArray:
+    """The edge of a sheet and its crosshairs, where it lies as it is drawn: (k, 2, 3), base frame [m]."""
+    y, x = 0.0005 * np.array(sheet.size_mm)  # its long side is across
+    corners = sheet.place_m + np.array([(-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)])
+    arms = _CROSS_M * np.array([[(-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)], [(0.0, -1.0, 0.0), (0.0, 1.0, 0.0)]])
+    crosses = (sheet.laid_m[:, None, None] + arms).reshape(-1, 2, 3)
+    return np.concatenate([segments(np.vstack([corners, corners[:1]])), crosses])
 
 
 class CalibrationPoints:
@@ -80,6 +117,7 @@ class CalibrationPoints:
         self._points, self._robot = self._shared.points, session.console.robot
         self._profile: Profile = "cubic"
         self._writer = PoseWriter(session, "Known points", lambda: (self._profile, None))
+        self._in_scene = SheetInScene(session)
         self._drawn = -1
         self._shown: NextTouch | None = None
         """the proposal that the fields were filled with"""
@@ -148,6 +186,8 @@ class CalibrationPoints:
         """Show where the tip is, and the points if they have changed."""
         self._tip.show(tip_html(self._robot, known(snapshot)))
         points = self._points
+        chosen = None if points.sheet is None else int(self._crosshair.value)
+        self._in_scene.refresh(points.sheet, chosen)
         if self._drawn == points.version:
             return
         self._drawn = points.version
