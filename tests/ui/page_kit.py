@@ -22,6 +22,7 @@ from armctl.ui.events import Action
 from armctl.ui.guard import GuardedServer
 from armctl.ui.guard.parts import Parts
 from armctl.ui.next_pose import NextPose
+from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.scene.ghost import Ghost
 from armctl.ui.session import Session
 
@@ -58,6 +59,7 @@ class FakePage:
             shared=cache(lambda kind: kind()),
             precedence=Precedence(),
         )
+        self.robots = SimpleNamespace(present=RobotChoice(robot.name, robot.title))
         self.me, self.operates = "browser page 1", True
         self.ghost = Ghost(server.scene, robot)
         self.parts = Parts()

@@ -64,7 +64,7 @@ class DrawingForm:
         self._plane = Lines(scene, "/drawing/plane", _PLANE, 2.0)
         session.needs(None, self._upload, touch, told=False)
         session.needs(None, look, told=False, anyone=True)
-        session.needs(Need.HOLDING, use, told=False)
+        session.needs(Need.HOLDING, use)
         session.on(self._upload.on_upload, self._on_upload)
         session.on(touch.on_click, lambda: self._on_touch(touch.value))
         session.on(look.on_click, lambda: self._on_fit() if look.value == _FIT else self._show())

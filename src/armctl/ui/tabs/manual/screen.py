@@ -16,7 +16,7 @@ from armctl.ui.tabs.manual.program_pins import ProgramPins
 from armctl.ui.tabs.manual.program_run import ProgramFiles, ProgramRun
 from armctl.ui.tabs.manual.scene_menu import SceneMenu
 from armctl.ui.tabs.manual.shared_program import SharedProgram
-from armctl.ui.tabs.manual.signals import SignalPanel
+from armctl.ui.tabs.manual.signals import SignalPanel, kinds_of
 from armctl.ui.widgets.html import LiveHtml, muted, strong
 
 # Serial motion: a list of recorded steps, edited and run once, several times or for ever.
@@ -96,7 +96,7 @@ class ManualScreen:
             self._readout.add_to(session.gui)
             self._jog = JogControl(session)
         self._signals: SignalPanel | None = None
-        if session.console.robot.signals:
+        if session.console.robot.signals or kinds_of(session.console.robot):
             with tabs.add_tab("In & out"):
                 self._signals = SignalPanel(session)
         with tabs.add_tab("Frames"):
