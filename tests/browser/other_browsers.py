@@ -29,28 +29,41 @@ _GLANCE_S = 0.05
 _ELEMENT = "element-6066-11e4-a52e-4f735466cecf"
 """the key of an element's id (W3C WebDriver, 11)"""
 _MINI_BROWSERS = ("/usr/lib/*/webkit2gtk-4.1/MiniBrowser", "/usr/lib/*/webkit2gtk-4.0/MiniBrowser")
-_FIND = """
+_FIND = """// one script finds and looks: the page may draw an element anew in between
   const [what, label] = arguments;
-  const seen = (one) => one.checkVisibility() && one.getBoundingClientRect().width > 0;
-  const name = (one) => (one.getAttribute("aria-label") ?? one.innerText).trim();
-  const all = (selector) => Array.from(document.querySelectorAll(selector)).filter(seen);
-  switch (what) {
-    case "button": return all("button").find((one) => name(one) === label) ?? null;
-    case "tab": return all("[role=tab]").find((one) => one.title === label) ?? null;
-    case "row": return all("[role=grid] [role=row]")[Number(label)] ?? null;
-    case "field": {
-      const head = all("label[for]").find((one) => one.innerText.trim() === label);
-      for (let at = head; at; at = at.parentElement) {
-        const box = at.querySelector("input:not([type=hidden]), textarea");
-        if (box) return box;
+  const found = () => {
+    const seen = (one) => one.checkVisibility() && one.getBoundingClientRect().width > 0;
+    const name = (one) => (one.getAttribute("aria-label") ?? one.innerText).trim();
+    const all = (selector) => Array.from(document.querySelectorAll(selector)).filter(seen);
+    switch (what) {
+      case "button": return all("button").find((one) => name(one) === label) ?? null;
+      case "tab": return all("[role=tab]").find((one) => one.title === label) ?? null;
+      case "row": return all("[role=grid] [role=row]")[Number(label)] ?? null;
+      case "field": {
+        const head = all("label[for]").find((one) => one.innerText.trim() === label);
+        for (let at = head; at; at = at.parentElement) {
+          const box = at.querySelector("input:not([type=hidden]), textarea");
+          if (box) return box;
+        }
+        return null;
       }
-      return null;
     }
-  }
+  };
 """
 
 
-_PLACE = "const place = arguments[0].getBoundingClientRect(); return [place.x, place.y]"
+_WATCH_CLICKS = """
+  window.armctlPressed = arguments[0];
+  if (!window.armctlClicked) {
+    window.armctlClicked = [];
+    addEventListener("click", (event) => { window.armctlClicked.push(event.target); }, { capture: true });
+  }
+  window.armctlClicked.length = 0;
+"""
+_WAS_CLICKED = """
+  const element = window.armctlPressed;
+  return !element.isConnected || window.armctlClicked.some((clicked) => element.contains(clicked));
+"""
 
 
 class Automation(Protocol):
@@ -231,26 +244,26 @@ class OtherScreen:
         self._browser.open("about:blank")
 
     def click(self, label: str) -> None:
-        """Press the button with this label once it may be pressed, and no longer moves."""
+        """Press the button with this label once it may be pressed, and again where it moved away meanwhile.
+
+        See ``kit.Screen.press``.
+        """
         self.wait_until(lambda: self.is_enabled(label), f"the button {label!r} can be pressed")
-        places: list[Any] = []
-
-        def rests() -> bool:
-            places.append(self._browser.run(_PLACE, self._find("button", label)))
-            return places[-1] == places[-2:][0] and len(places) > 1
-
-        self.wait_until(rests, f"the button {label!r} rests where it is")
-        self._browser.click(self._find("button", label))
+        for _ in range(5):
+            button = self._find("button", label)
+            self._browser.run(_WATCH_CLICKS, button)
+            self._browser.click(button)
+            if self._browser.run(_WAS_CLICKED):
+                return
+        raise AssertionError(f"the button {label!r} moves away from each click")
 
     def is_enabled(self, label: str) -> bool:
-        return self._browser.run("return !arguments[0].disabled", self._find("button", label))
+        return self._browser.run(f"{_FIND} return found()?.disabled === false", "button", label)
 
     def open_tab(self, *labels: str) -> None:
         for label in labels:
             self._browser.click(self._find("tab", label))
-            self.wait_until(
-                lambda label=label: self._is("aria-selected", self._find("tab", label)), f"{label} is open"
-            )
+            self.wait_until(lambda label=label: self._is_selected("tab", label), f"{label} is open")
 
     def type_into(self, label: str, text: str) -> None:
         """Replace what a field holds, and leave it."""
@@ -264,9 +277,7 @@ class OtherScreen:
     def pick_row(self, row: int) -> None:
         """Click a row of the list of steps."""
         self._browser.click(self._find("row", str(row)))
-        self.wait_until(
-            lambda: self._is("aria-selected", self._find("row", str(row))), f"row {row} is selected"
-        )
+        self.wait_until(lambda: self._is_selected("row", str(row)), f"row {row} is selected")
 
     def shows(self, text: str) -> bool:
         return text in self._browser.run("return document.body.innerText")
@@ -300,16 +311,15 @@ class OtherScreen:
         found: list[Any] = []
 
         def there() -> bool:
-            found[:] = [self._browser.run(_FIND, what, label)]
+            found[:] = [self._browser.run(f"{_FIND} return found()", what, label)]
             return found[0] is not None
 
         self.wait_until(there, f"there is a {what} {label!r}")
         return found[0]
 
-    def _is(self, attribute: str, element: Any) -> bool:
-        return (
-            self._browser.run("return arguments[0].getAttribute(arguments[1])", element, attribute) == "true"
-        )
+    def _is_selected(self, what: str, label: str) -> bool:
+        script = f'{_FIND} return found()?.getAttribute("aria-selected")'
+        return self._browser.run(script, what, label) == "true"
 
 
 def free_port() -> int:
