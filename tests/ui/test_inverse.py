@@ -21,8 +21,8 @@ from armctl.ui.tabs.inverse.answer import RankedSolutions, answer, short_branch,
 from armctl.ui.tabs.inverse.answer_html import comparison_html, list_row, result_html
 from armctl.ui.tabs.inverse.branches import branches_html, same_place
 from armctl.ui.tabs.inverse.screen import InverseScreen
+from armctl.ui.widgets.graph import Curves
 from armctl.ui.widgets.html import Pager
-from armctl.ui.widgets.plots import Picture
 
 ROBOT, MICO = load_robot("uzuner"), load_robot("mico")
 HOME = ROBOT.pose("home")
@@ -104,7 +104,7 @@ def test_a_few_rows_stand_for_all_and_what_they_save_is_true(criterion: str) -> 
         )
         assert int(percent) == round(100 * (1 - best / getattr(first.costs, of[what])))
     curve = found.curve
-    assert isinstance(curve, Picture)
+    assert isinstance(curve, Curves)
     angle = float(curve.x[len(curve.x) // 3])
     row = found.row_at(np.radians(angle))
     assert np.degrees(found.q(row)[1]) == pytest.approx(angle, abs=0.006)
@@ -232,6 +232,13 @@ def test_a_chosen_representative_and_a_place_on_the_curve_are_what_is_sent(serve
     assert page.next.q is not None and np.degrees(page.next.q[1]) == pytest.approx(5.0, abs=0.006)
     page.press("Back to the least")
     assert page.next.q == pytest.approx(solved(220, -196, 85).q(1))
+    curve = solved(220, -196, 85).curve
+    assert not isinstance(curve, str)
+    page.act(lambda: page.parts.done("curve-at", "", "250"))
+    assert page.next.q is not None
+    a_quarter = 0.75 * curve.x[0] + 0.25 * curve.x[-1]
+    assert np.degrees(page.next.q[1]) == pytest.approx(a_quarter, abs=0.006)
+    assert page.reads("On the curve °") == pytest.approx(a_quarter, abs=0.006)
 
 
 def test_targets_that_are_overtaken_while_they_wait_are_not_solved(
@@ -318,17 +325,14 @@ def test_another_criterion_needs_no_new_solving() -> None:
 def test_the_curve_is_small_and_its_mark_is_its_lowest_point(criterion: str) -> None:
     found = solved(220, -196, 85, criterion)
     curve = found.curve
-    assert isinstance(curve, Picture)
+    assert isinstance(curve, Curves)
     assert len(curve.x) <= 1001
     assert (np.diff(curve.x) > 0).all()
-    *branches, mark = curve.lines
-    assert np.isfinite(mark.y).sum() == 1
-    lowest = min(np.nanmin(line.y) for line in branches)
-    assert np.nanmin(mark.y) == pytest.approx(lowest, rel=2e-3)
+    (least,) = curve.marks
+    lowest = min(np.nanmin(line.y) for line in curve.lines)
+    assert lowest * (1 - 2e-3) <= least.y <= lowest + 1e-9
     assert found.best is not None
-    at = curve.x[np.isfinite(mark.y)][0]
-    between_rows = 0.01 if criterion == "shortest-time" else 0.006
-    assert at == pytest.approx(np.degrees(found.best[1]), abs=between_rows)
+    assert least.x == pytest.approx(np.degrees(found.best[1]))
 
 
 def answered(*point_mm: float) -> RankedSolutions:

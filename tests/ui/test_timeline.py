@@ -19,8 +19,16 @@ from armctl.ui.tabs.manual import program_ahead
 from armctl.ui.tabs.manual.program_ahead import MOST_STEPS, ProgramAhead
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.timeline import QUANTITIES, Timeline, track
-from armctl.ui.widgets.graph import Bound, Curves, Graph, graph_html, legend
-from armctl.ui.widgets.plots import PlotLine
+from armctl.ui.widgets.graph import (
+    Bound,
+    Curves,
+    Graph,
+    Mark,
+    PlotLine,
+    graph_html,
+    legend,
+    plot_html,
+)
 
 UZUNER = load_robot("uzuner")
 HOME = UZUNER.pose("home")
@@ -284,6 +292,28 @@ def test_the_numbers_beside_a_graph_stand_where_their_values_are(server: Guarded
     page.act(lambda: page.parts.done("one-at", "", "500"))
     assert led == [pytest.approx(0.875)]
     assert "<a>" not in legend(curves.lines, [0.0, float("nan")], curves.bounds)
+
+
+def test_a_line_has_gaps_where_it_has_no_value_and_a_mark_stands_where_it_is() -> None:
+    x = np.linspace(-10.0, 10.0, 5)
+    broken = PlotLine("a", np.array([0.0, 5.0, np.nan, 5.0, 0.0]), "#111")
+    unknown = PlotLine("b", np.full(5, np.nan), "#222")
+    html = plot_html(
+        Curves(x, (broken, unknown), marks=(Mark("least", 5.0, 10.0, "#333"),), unit="°"), 4, 0.25
+    )
+    (drawn,) = re.findall(r"stroke='#111'[^>]* d='M([^']*)'", html)
+    assert [[point.split(",")[0] for point in run.split()] for run in drawn.split("M")] == [
+        ["0", "250"],
+        ["750", "1000"],
+    ]
+    assert "#222" not in html and "style='left:25.0%'" in html
+    (mark,) = re.findall(r"class='mark' stroke='#333' d='M([\d.]+),([\d.]+)h", html)
+    assert float(mark[0]) == 750.0
+    tops = dict((text, float(top)) for top, text in re.findall(r"top:([\d.]+)%'>([\d.]+)<", html))
+    assert float(mark[1]) == pytest.approx(tops["10"], abs=0.1)  # it is in view
+    assert "−10°</small>" in html
+    nothing = plot_html(Curves(x, (unknown,)), 4)
+    assert "nan" not in nothing and "<svg" in nothing
 
 
 def test_a_motion_that_ends_where_it_begins_has_no_graph(server: GuardedServer) -> None:

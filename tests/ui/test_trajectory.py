@@ -254,9 +254,9 @@ def test_graphs_have_a_line_a_coordinate_and_dashed_limits_where_they_matter() -
         drawn = curves(found, of, quantity, "none", None)
         assert re.fullmatch(rf"(Tool|Joint) {quantity.lower()} \((mm|°)(/s[²³]?)?\)", title(of, quantity))
         assert len(drawn.lines) == (3 if of == "Tool" else 5) and drawn.bounds == ()
-        assert all(len(line.y) == len(drawn.time) and np.isfinite(line.y).all() for line in drawn.lines)
+        assert all(len(line.y) == len(drawn.x) and np.isfinite(line.y).all() for line in drawn.lines)
         values = drawn.at(np.array([0.3])).lines[0].y  # where the cursor stands
-        assert values == pytest.approx(np.interp(0.3, drawn.time, drawn.lines[0].y))
+        assert values == pytest.approx(np.interp(0.3, drawn.x, drawn.lines[0].y))
     html = peaks_html(found)
     duration = f"{found.trajectory.duration:.3f} s"
     assert all(word in html for word in (duration, "Shoulder", "speed °/s", ">360<", ">60<", "mm/s²"))
@@ -283,10 +283,10 @@ def test_another_motion_is_drawn_beside_it_over_the_longer_time() -> None:
         drawn = curves(second, "Joints", "Velocity", "none", first)
         assert [line.name[:2] for line in drawn.lines] == ["B "] * 5 + ["A "] * 5
         assert all(line.dash is not None for line in drawn.lines[5:])
-        assert drawn.time[-1] == pytest.approx(6.0) and (np.diff(drawn.time) > 0).all()
+        assert drawn.x[-1] == pytest.approx(6.0) and (np.diff(drawn.x) > 0).all()
         short = drawn.lines[1 if second is b else 6].y
-        assert np.isnan(short[drawn.time > b.trajectory.duration + 1e-9]).all()
-        assert np.isfinite(short[drawn.time <= b.trajectory.duration]).all()
+        assert np.isnan(short[drawn.x > b.trajectory.duration + 1e-9]).all()
+        assert np.isfinite(short[drawn.x <= b.trajectory.duration]).all()
         looked_at = drawn.at(np.linspace(0.0, 6.0, 1000))  # another part of the time, or a zoom
         assert np.isfinite(looked_at.lines[1 if second is a else 6].y).all()
     html = compare_html(a, b)

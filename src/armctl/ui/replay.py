@@ -18,8 +18,8 @@ from armctl.ui.guard import GuardedServer
 from armctl.ui.scene.arm_model import ARM, ArmFigure
 from armctl.ui.scene.ghost import THICKER, played
 from armctl.ui.scene.stage import Stage, look_at_arm, set_lights
+from armctl.ui.widgets.graph import TALL_TICKS, Curves, PlotLine, legend, plot_html, thinned
 from armctl.ui.widgets.html import ERROR, WARNING, LiveHtml, fixed, heading, muted, table
-from armctl.ui.widgets.plots import LinePlot, Picture, PlotLine, thinned, upright
 
 LOG = logging.getLogger("armctl.ui")
 _WIDTH = 460
@@ -28,7 +28,7 @@ _FRAMES_A_TEXT = 4
 _SPEEDS = {"1/10": 0.1, "1/4": 0.25, "1/1": 1.0, "4/1": 4.0}
 _TWIN = (240, 140, 0)
 _LINES_SHOWN = 12
-_MOST_POINTS = 1500
+_MOST_POINTS = 600
 _COLOR = {"warning": WARNING, "error": ERROR}
 
 
@@ -88,7 +88,7 @@ class ReplayPage:
         self._step = gui.add_button_group("One tick", ("Back", "Forward"))
         self._state = LiveHtml(gui)
         self._joint = gui.add_dropdown("Joint", recording.titles, initial_value=recording.titles[0])
-        self._plot = LinePlot(gui)
+        self._plot = LiveHtml(gui)
         self._story = LiveHtml(gui)
         self._now, self._run = last, 0
         self._on(self._play.on_click, self._on_play)
@@ -182,16 +182,20 @@ class ReplayPage:
 
     def _draw_plot(self) -> None:
         recording, joint = self._recording, self._recording.titles.index(self._joint.value)
-        keep = thinned(len(self._time), _MOST_POINTS)
+        sent, read = (self._robot.shown(one)[:, joint] for one in (recording.setpoint, recording.readback))
+        looks = ("setpoint", sent, "#e8590c", None, 1.6), ("reading", read, "#1971c2", (3.0, 4.0), 2.2)
+        keep, here = thinned(len(self._time), _MOST_POINTS), self._index
+        lines = tuple(PlotLine(name, y[keep], *look) for name, y, *look in looks)
         x = self._time[keep]
-        sent, read = (self._robot.shown(one)[keep, joint] for one in (recording.setpoint, recording.readback))
-        known = [one for one in (sent, read) if np.isfinite(one).any()]
-        low = min((float(np.nanmin(one)) for one in known), default=0.0)
-        high = max((float(np.nanmax(one)) for one in known), default=1.0)
-        lines = [PlotLine("setpoint", sent, "#e8590c"), PlotLine("reading", read, "#1971c2", (3, 4), 2.2)]
-        if len(x) > 1:
-            lines.append(PlotLine("shown", upright(x, self._now, low, high), "#495057"))
-        self._plot.show(Picture(f"{self._joint.value} °", "s before the end", x, tuple(lines)))
+        if x[0] < x[-1]:
+            values = [float(sent[here]), float(read[here])]
+            share = (self._now - float(x[0])) / float(x[-1] - x[0])
+            # no script of the console is here, so it is no part of the page, and has its looks alone
+            self._plot.show(
+                f"<armctl-part><header><b>{escape(self._joint.value)} (°)</b></header>"
+                f"<div class='legend'>{legend(lines, values)}</div>"
+                f"{plot_html(Curves(x, lines), TALL_TICKS, share)}</armctl-part>"
+            )
 
 
 def _filled(q: FloatArray, robot: Robot, other: FloatArray | None = None) -> FloatArray:

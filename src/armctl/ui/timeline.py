@@ -17,9 +17,8 @@ from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
 from armctl.ui.tabs.manual.program_ahead import ProgramAhead
 from armctl.ui.tabs.manual.shared_program import SharedProgram
-from armctl.ui.widgets.graph import Bound, Curves, Graph, legend
+from armctl.ui.widgets.graph import Bound, Curves, Graph, PlotLine, legend
 from armctl.ui.widgets.html import button, fixed, sentence
-from armctl.ui.widgets.plots import PlotLine
 
 _PART, _TICKS = "timeline", 3
 QUANTITIES = {"Angle": "°", "Speed": "°/s", "Accel.": "°/s²", "Tool": "mm"}

@@ -97,22 +97,6 @@ const armctlViser = (() => {
     nameIcons();
   }
 
-  // viser's plots give no clicks: `clicked(value, near)` gets where on its x axis a plot was clicked, and the
-  // first element that a selector finds among the controls around it. A drag zooms.
-  function onPlotClick(clicked) {
-    let pointerDown = null;
-    addEventListener("pointerdown", (event) => (pointerDown = event), true);
-    addEventListener("click", (event) => {
-      const over = event.target.closest?.(".u-over");
-      if (!over || Math.hypot(event.clientX - pointerDown.clientX, event.clientY - pointerDown.clientY) > 4) return;
-      const place = over.closest(".mantine-ScrollArea-content");
-      const plot = Object.values(window.__viserTestpoints?.uplots ?? {}).find(({ chart }) => chart.over === over);
-      if (!place || !plot) return;
-      const value = plot.chart.posToVal(event.clientX - over.getBoundingClientRect().left, "x");
-      clicked(value, (selector) => place.querySelector(selector));
-    }, true);
-  }
-
   // Fill a field of viser's as typing there would: React hears no other event.
   function type(input, text) {
     Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(input, text);
@@ -323,7 +307,7 @@ const armctlViser = (() => {
   }
 
   return {
-    answer, openTabs, tabsInView, openAgain, keepTabs, typedFields, typeAgain, name, furnishNotifications, onPlotClick, type,
+    answer, openTabs, tabsInView, openAgain, keepTabs, typedFields, typeAgain, name, furnishNotifications,
     letGoOfLists, drawNothing, onSceneEdges, onScenePress, scene,
   };
 })();

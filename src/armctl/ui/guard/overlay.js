@@ -261,12 +261,6 @@
     element.hidden = !text;
   }
 
-  // A click on a plot fills the field that the words above the plot name.
-  viser("onPlotClick", (value, near) => {
-    const field = near("[data-armctl-click-fills]")?.dataset.armctlClickFills;
-    const input = field && near(`input[aria-label="${CSS.escape(field)}"]`);
-    if (input) viser("type", input, value.toFixed(2));
-  });
   viser("onScenePress", (long, ray, left, top) => {
     const value = [...ray, left, top].map((one) => one.toFixed(5)).join(" ");
     globalThis.armctlTell?.({ do: long ? "scene-press" : "scene-click", value });

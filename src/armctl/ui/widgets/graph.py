@@ -1,7 +1,7 @@
-"""The page's graph of a motion over time: lines, limits, legend, cursor, zoom and pan.
+"""The page's graph: lines, limits, marks, legend, cursor, zoom and pan. There is no other one.
 
-Under the scene and in the Trajectory tab it is this one. It is a piece of HTML in a part of the page
-(``guard/parts.py``); what is done there comes back by the graph's name.
+It is a piece of HTML in a part of the page (``guard/parts.py``); what is done there comes back by the graph's
+name. ``plot_html`` alone is one that only shows.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from html import escape
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.ui.widgets.html import button, fixed
 from armctl.ui.widgets.number_field import parse_number, parse_numbers
-from armctl.ui.widgets.plots import PlotLine, span
 
 SAMPLES = 241
 """of each line"""
@@ -31,8 +31,21 @@ _NOTCHES = 5.0
 _TOOLS = (
     ("in", "+", "Zoom in (wheel)"), ("out", "−", "Zoom out (wheel)"), ("all", "All", "Show all of it"),
 )  # fmt: skip
-_X_TICKS, _TALL_TICKS = 5, 5
+_X_TICKS, TALL_TICKS = 5, 5
 _LIMIT_DASH = "6 4"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlotLine:
+    """One line: ``y`` (k,), NaN where it has no value."""
+
+    name: str
+    y: FloatArray
+    color: str
+    dash: tuple[float, float] | None = None
+    """lengths of dash and gap [px]; None: drawn through"""
+    width: float = 1.6
+    """[px]"""
 
 
 class Bound(NamedTuple):
@@ -44,20 +57,31 @@ class Bound(NamedTuple):
     is_upper: bool
 
 
+class Mark(NamedTuple):
+    """A point, drawn as a dot."""
+
+    name: str
+    x: float
+    y: float
+    color: str
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Curves:
-    """One quantity over time."""
+    """One quantity, mostly over time."""
 
-    time: FloatArray
-    """(k,) ascending [s]"""
+    x: FloatArray
+    """(k,) ascending; a time [s], or in ``unit``"""
     lines: tuple[PlotLine, ...]
-    """``y`` is NaN where a line has ended"""
     bounds: tuple[Bound, ...] = ()
+    marks: tuple[Mark, ...] = ()
+    unit: str = " s"
+    """behind the numbers below"""
 
-    def at(self, times: FloatArray) -> Curves:
-        """The same at other times (j,) [s], on straight lines between its own."""
-        lines = (replace(one, y=np.interp(times, self.time, one.y, right=np.nan)) for one in self.lines)
-        return Curves(times, tuple(lines), self.bounds)
+    def at(self, x: FloatArray) -> Curves:
+        """The same at other places (j,), on straight lines between its own."""
+        lines = (replace(one, y=np.interp(x, self.x, one.y, right=np.nan)) for one in self.lines)
+        return replace(self, x=x, lines=tuple(lines))
 
 
 class PartsOfPage(Protocol):
@@ -83,12 +107,14 @@ class Graph:
         draw: Callable[[], None],
         *,
         scrolls: bool = False,
+        cursor: str = "Time of the motion",
     ) -> None:
         """``on_cursor``: the cursor was led to a share of the duration; ``draw``: something else changed.
 
         ``scrolls``: it is in a panel that scrolls, so the wheel zooms only once somebody has clicked in it.
+        ``cursor``: what it chooses, for those who have it read aloud.
         """
-        self._name, self._on_cursor, self._draw = name, on_cursor, draw
+        self._name, self._on_cursor, self._draw, self._cursor = name, on_cursor, draw, cursor
         self._held = " data-held" if scrolls else ""
         self.share = 1.0
         """where the cursor stands"""
@@ -171,68 +197,112 @@ class Graph:
         )
 
     def plot(self, curves: Curves, of: str, ticks: int, speed: float = 1.0, under: str = "") -> str:
-        """The drawing, with about so many numbers at its side. ``of``: what the cursor is the time of.
+        """What is in view, with about so many numbers at its side. ``of``: what it is the graph of.
 
-        ``speed``: the present override; the times that are written are those with it. ``under``: HTML
-        between drawing and times.
+        ``speed`` and ``under`` as in ``plot_html``.
         """
-        low, high = _range(curves)
-        levels = _ticks(low, high, ticks)
         begin, end = self.window
         here = (self.share - begin) / (end - begin)
-        cursor = f"<i class='cursor' style='left:{100 * here:.1f}%'></i>" if 0.0 <= here <= 1.0 else ""
         at = round(_WIDE * min(max(here, 0.0), 1.0))
-        sides = "".join(
-            f"<small style='top:{100 * (high - level) / (high - low):.1f}%'>{text}</small>"
-            for level, text in levels
+        over = (
+            f"<input type='range' min='0' max='{_WIDE}' value='{at}' data-set='{self._name}-at' "
+            f"aria-label='{escape(self._cursor)}: {escape(of)}'>"
         )
-        first, last = float(curves.time[0]), float(curves.time[-1])
-        below = "".join(
-            f"<small style='left:{100 * (time * speed - first) / (last - first):.1f}%'>{text} s</small>"
-            for time, text in _ticks(first / speed, last / speed, _X_TICKS)
-        )
-        return (
-            f"<div class='plot' data-wheel='{self._name}-wheel'{self._held}>{sides}"
-            f"<svg viewBox='0 0 {_WIDE} {_HIGH}' preserveAspectRatio='none' aria-hidden='true'>"
-            f"{_drawn(curves, low, high, [level for level, _ in levels])}</svg>"
-            f"{cursor}<input type='range' min='0' max='{_WIDE}' value='{at}' data-set='{self._name}-at' "
-            f"aria-label='Time of the motion: {escape(of)}'></div>{under}<div class='times'>{below}</div>"
-        )
+        wheel = f" data-wheel='{self._name}-wheel'{self._held}"
+        return plot_html(curves, ticks, here, speed=speed, wheel=wheel, over=over, under=under)
 
 
 def graph_html(graph: Graph, curves: Curves, heading: str) -> str:
-    """A graph with its heading, zoom and legend. ``curves`` are of the whole time."""
-    begin, end = float(curves.time[0]), float(curves.time[-1])
+    """A graph with its heading, zoom and legend. ``curves`` are all that there is."""
+    begin, end = float(curves.x[0]), float(curves.x[-1])
     if end <= begin:
         return f"<p class='plot'>{escape(heading)}: the motion ends where it begins.</p>"
     here = curves.at(np.array([begin + graph.share * (end - begin)]))
     values = [float(line.y[0]) for line in here.lines]
+    low, high = graph.window
+    view = curves.at(begin + np.linspace(low, high, SAMPLES) * (end - begin))
     return (
         f"<header><b>{escape(heading)}</b>{graph.tools()}</header>"
-        f"<div class='legend'>{legend(curves.lines, values, curves.bounds)}</div>"
-        f"{graph.plot(curves.at(graph.times(end)), heading, _TALL_TICKS)}"
+        f"<div class='legend'>{legend(curves.lines, values, curves.bounds, curves.marks)}</div>"
+        f"{graph.plot(view, heading, TALL_TICKS)}"
     )
 
 
-def legend(lines: Sequence[PlotLine], here: Sequence[float], bounds: Sequence[Bound] = ()) -> str:
-    """What each line is, its value at the cursor, and what the limits are."""
+def plot_html(
+    curves: Curves,
+    ticks: int,
+    cursor: float | None = None,
+    *,
+    speed: float = 1.0,
+    wheel: str = "",
+    over: str = "",
+    under: str = "",
+) -> str:
+    """The drawing, with about so many numbers at its side; the ends of x have to be apart.
+
+    ``cursor``: where it stands, as a share of the width. ``speed``: the present override; the times that are
+    written are those with it. ``wheel``: attributes of what the wheel turns. ``over``, ``under``: HTML over
+    the drawing, and between drawing and numbers.
+    """
+    low, high = _range(curves)
+    levels = _ticks(low, high, ticks)
+    hidden = cursor is None or not 0.0 <= cursor <= 1.0
+    line = "" if hidden else f"<i class='cursor' style='left:{100 * cursor:.1f}%'></i>"
+    sides = "".join(
+        f"<small style='top:{100 * (high - level) / (high - low):.1f}%'>{text}</small>"
+        for level, text in levels
+    )
+    first, last = float(curves.x[0]), float(curves.x[-1])
+    below = "".join(
+        f"<small style='left:{100 * (x * speed - first) / (last - first):.1f}%'>{text}{curves.unit}</small>"
+        for x, text in _ticks(first / speed, last / speed, _X_TICKS)
+    )
+    return (
+        f"<div class='plot'{wheel}>{sides}"
+        f"<svg viewBox='0 0 {_WIDE} {_HIGH}' preserveAspectRatio='none' aria-hidden='true'>"
+        f"{_drawn(curves, low, high, [level for level, _ in levels])}</svg>"
+        f"{line}{over}</div>{under}<div class='times'>{below}</div>"
+    )
+
+
+def legend(
+    lines: Sequence[PlotLine],
+    here: Sequence[float],
+    bounds: Sequence[Bound] = (),
+    marks: Sequence[Mark] = (),
+) -> str:
+    """What each line is, its value at the cursor, and what limits and marks are."""
     names = "".join(
-        f"<span>{_swatch(line.color, dashed=line.dash is not None)}{escape(line.name)} "
+        f"<span>{_swatch(line.color, '' if line.dash is None else 'dashed')}{escape(line.name)} "
         f"<b>{fixed(value, 1)}</b></span>"
         for line, value in zip(lines, here, strict=True)
     )
-    return names + "".join(
-        f"<span>{_swatch(bound.color, dashed=True)}{escape(bound.name)}</span>" for bound in bounds
-    )
+    limits = (f"<span>{_swatch(one.color, 'dashed')}{escape(one.name)}</span>" for one in bounds)
+    dots = (f"<span>{_swatch(one.color, 'dot')}{escape(one.name)}</span>" for one in marks)
+    return names + "".join([*limits, *dots])
 
 
-def _swatch(color: str, *, dashed: bool) -> str:
-    return f"<i{' class=dashed' if dashed else ''} style='--of:{color}'></i>"
+def _swatch(color: str, kind: str = "") -> str:
+    return f"<i{f' class={kind}' if kind else ''} style='--of:{color}'></i>"
+
+
+def thinned(count: int, most: int) -> NDArray[np.int64]:
+    """At most ``most`` indices of ``count`` points: evenly spread, with both ends."""
+    return np.linspace(0, count - 1, min(count, most)).round().astype(np.int64)
 
 
 def _range(curves: Curves) -> tuple[float, float]:
-    bounds = [PlotLine("", np.array([bound.value]), "") for bound in curves.bounds]
-    return span((*curves.lines, *bounds))
+    """Bottom and top of a drawing, with a margin."""
+    first, last = float(curves.x[0]), float(curves.x[-1])
+    values = [bound.value for bound in curves.bounds]
+    values += [mark.y for mark in curves.marks if first <= mark.x <= last]
+    known = np.concatenate([values, *(line.y for line in curves.lines)])
+    known = known[np.isfinite(known)]
+    if len(known) == 0:
+        return 0.0, 1.0
+    low, high = float(known.min()), float(known.max())
+    margin = 0.06 * (high - low) or max(0.05 * abs(high), 1e-3)
+    return low - margin, high + margin
 
 
 def _drawn(curves: Curves, low: float, high: float, levels: Sequence[float]) -> str:
@@ -251,15 +321,21 @@ def _drawn(curves: Curves, low: float, high: float, levels: Sequence[float]) -> 
             f"<path stroke='{bound.color}' stroke-width='1.2' stroke-dasharray='{_LIMIT_DASH}' "
             f"d='M0,{y:.1f}H{_WIDE}'/>"
         )
-    first, last = float(curves.time[0]), float(curves.time[-1])
-    x = _WIDE * (curves.time - first) / (last - first)
+    first, last = float(curves.x[0]), float(curves.x[-1])
+    x = _WIDE * (curves.x - first) / (last - first)
     paths = ""
     for line in curves.lines:
-        known = np.isfinite(line.y)
-        points = " ".join(f"{a:.0f},{b:.1f}" for a, b in zip(x[known], up(line.y[known]), strict=True))
+        dash = "" if line.dash is None else f" stroke-dasharray='{line.dash[0]:g} {line.dash[1]:g}'"
+        known = np.flatnonzero(np.isfinite(line.y))
+        runs = np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(known) else []
+        points = "M".join(
+            " ".join(f"{a:.0f},{b:.1f}" for a, b in zip(x[run], up(line.y[run]), strict=True)) for run in runs
+        )
         if points:
-            dash = "" if line.dash is None else f" stroke-dasharray='{line.dash[0]:g} {line.dash[1]:g}'"
             paths += f"<path stroke='{line.color}' stroke-width='{line.width:g}'{dash} d='M{points}'/>"
+    for mark in curves.marks:
+        at, y = _WIDE * (mark.x - first) / (last - first), float(up(np.array(mark.y)))
+        paths += f"<path class='mark' stroke='{mark.color}' d='M{at:.1f},{y:.1f}h.01'/>"
     return grid + bands + paths
 
 

@@ -187,6 +187,17 @@ class NumbersField(TextEntry):
         return ", ".join(format_number(value, self._digits) for value in (self._scale * array).tolist())
 
 
+def field_grid(gui: viser.GuiApi) -> viser.GuiFormHandle:
+    """A container in which number fields stand three in a row, with their labels above.
+
+    Enter in a field is its ``on_submit``.
+    """
+    grid = gui.add_form(None)
+    with grid:
+        gui.add_html("<i hidden data-armctl-grid></i>")  # for viser_console.css
+    return grid
+
+
 DEGREES, MILLIMETRES = to_degrees(1.0), 1000.0
 """what a field shows for 1 rad and 1 m"""
 

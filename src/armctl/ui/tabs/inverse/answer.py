@@ -21,8 +21,8 @@ from armctl.motion import Profile
 from armctl.motion.choices import JudgedConfigurations, first_possible
 from armctl.motion.figure import color_of
 from armctl.robot import Robot
+from armctl.ui.widgets.graph import Curves, Mark, PlotLine, thinned
 from armctl.ui.widgets.html import fixed
-from armctl.ui.widgets.plots import Picture, PlotLine, thinned
 
 _UNITS: dict[Criterion, tuple[float, str]] = {
     "least-rotation": (180 / np.pi, "°"),
@@ -104,7 +104,7 @@ class RankedSolutions:
     """every branch, also those that are refused; empty where a joint is free"""
     way_refused: str = ""
     """why the arm may not go to ``best`` from where it stands; empty where it may"""
-    curve: Picture | str = ""
+    curve: Curves | str = ""
     """energy over the free joint; or why there is nothing to plot"""
     instead: int | None = None
     """the first row to which the arm may go, of some, where it may not go to ``best``; None: there is none"""
@@ -407,7 +407,7 @@ def short_branch(name: str) -> str:
     return name.replace("shoulder-", "").replace("elbow-", "").replace("tool-in", "in")
 
 
-def _energy_curve(robot: Robot, found: RankedSolutions) -> Picture | str:
+def _energy_curve(robot: Robot, found: RankedSolutions) -> Curves | str:
     solutions, free, count = found.solutions, found.solutions.free_joint, len(found.solutions)
     if count == 0:
         return "There is no solution."
@@ -422,8 +422,9 @@ def _energy_curve(robot: Robot, found: RankedSolutions) -> Picture | str:
         return "There is a single solution, and no curve."
     unique, place = np.unique(np.round(robot.shown(solutions.q)[:, free], 6), return_inverse=True)
     angles = unique.astype(np.float64)
-    best = None if found.best is None else int(np.abs(angles - robot.shown(found.best)[free]).argmin())
-    kept = thinned(len(angles), _MOST_POINTS, [] if best is None else [best])
+    if len(angles) == 1:
+        return f"{robot.joints[free].title} has the same angle in all of them: no curve."
+    kept = thinned(len(angles), _MOST_POINTS)
     lines: list[PlotLine] = []
     for i, name in enumerate(solutions.branch_names):
         here = solutions.branch_index == i
@@ -434,13 +435,14 @@ def _energy_curve(robot: Robot, found: RankedSolutions) -> Picture | str:
             lines.append(PlotLine(name, energy[kept], color_of(i)))
     if not lines:
         return "The criterion excludes every solution."
-    if best is not None:
-        at = np.searchsorted(kept, best)
-        dot = np.full(len(kept), np.nan)
-        dot[at] = np.fmin.reduce([line.y[at] for line in lines])
-        lines.append(PlotLine("least energy", dot, "#e03131", mark=True))
-    title = f"Energy ({found.unit}): {found.criterion}"
-    return Picture(title, f"{robot.joints[free].title} (°)", angles[kept], tuple(lines))
+    least = () if found.best is None else (on_curve(found, "least energy", found.best, "#e03131"),)
+    return Curves(angles[kept], tuple(lines), marks=least, unit="°")
+
+
+def on_curve(found: RankedSolutions, name: str, q: FloatArray, color: str) -> Mark:
+    """Where a configuration ``q`` (n,) [rad] is on the energy curve."""
+    angle = float(found.robot.shown(q)[found.solutions.free_joint or 0])
+    return Mark(name, angle, found.energy_of(q), color)
 
 
 def counted(count: int, kind: str = "") -> str:

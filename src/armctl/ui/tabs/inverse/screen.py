@@ -18,7 +18,7 @@ from armctl.ui.events import Newest, OneAtATime
 from armctl.ui.next_pose import Movement, PoseWriter
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
-from armctl.ui.tabs.inverse.answer import RankedSolutions, Way, answer, counted, solve
+from armctl.ui.tabs.inverse.answer import RankedSolutions, Way, answer, counted, on_curve, solve
 from armctl.ui.tabs.inverse.answer_html import (
     comparison_html,
     list_head,
@@ -29,8 +29,9 @@ from armctl.ui.tabs.inverse.answer_html import (
 )
 from armctl.ui.tabs.inverse.branches import NOTHING, TAB, BranchView
 from armctl.ui.tabs.inverse.target_form import TargetForm
+from armctl.ui.widgets.graph import Graph, graph_html
 from armctl.ui.widgets.html import LiveHtml, Pager, muted, refused, warned
-from armctl.ui.widgets.plots import LinePlot, PlotLine
+from armctl.ui.widgets.number_field import field_grid
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
 _NOTE = (
@@ -39,16 +40,13 @@ _NOTE = (
 )
 _SOLVES_FIRST = "This button solves the changed fields first, then goes at once."
 _SOLVES_ANEW = "This button solves anew from where the arm stands, then goes at once."
-_WAYS = "ways"
+_WAYS, _CURVE = "ways", "curve"
 _BY_ROW: str = "by its row number"
 _FEW_HINT = "The least by each criterion and of each branch. All solutions follow below."
 _ALONG = "On the curve °"
 _ALONG_HINT = "The free joint: move along the curve, and the nearest solution is selected."
 _SELECTED_INK = "#1c7ed6"
-_CURVE_NOTE = (
-    "Every solution as the free joint turns. Red: the least. Blue: the selected one. "
-    "Click on the curve to select. Drag to zoom."
-)
+_CURVE_NOTE = "Every solution as {} turns. Click or drag in the graph to select; then the wheel zooms."
 _MARK_COLOR = (214, 51, 108)
 _MOVED = 1e-4
 _DRAG_PAUSE_S = 0.1
@@ -74,7 +72,7 @@ class InverseScreen:
         self._judging = OneAtATime(self._judge_selected)
         gui = session.gui
         self._note = LiveHtml(gui, _NOTE)
-        with gui.add_form(None) as entered:  # Enter in a field is Solve
+        with field_grid(gui) as entered:  # Enter in a field is Solve
             self._form = TargetForm(session, OneAtATime(self._solve_dragged).run)
         fill = gui.add_button_group("Fill with", ("present position",))
         solve_fields = gui.add_button("Solve", icon=viser.Icon.TARGET)
@@ -101,7 +99,10 @@ class InverseScreen:
             self._form.watch.watch(self._pager.attach_row_edit)
         with tabs.add_tab("Energy curve"):
             self._curve_note = LiveHtml(gui, muted(NOTHING))
-            self._curve = LinePlot(gui)
+            session.parts.add(gui, _CURVE)
+            self._curve = Graph(
+                session, _CURVE, self._on_curve, self._draw_curve, scrolls=True, cursor="Place on the curve"
+            )
             self._along = gui.add_slider(
                 _ALONG, 0.0, 1.0, 0.01, initial_value=0.0, visible=False, hint=_ALONG_HINT
             )
@@ -319,6 +320,13 @@ class InverseScreen:
             joint = self._robot.joints[self._answer.solutions.free_joint or 0]
             self._select(self._answer.row_at(joint.read(self._along.value)))
 
+    def _on_curve(self, share: float) -> None:
+        """Select where the cursor was led to, of the angles of the free joint."""
+        curve = "" if self._answer is None else self._answer.curve
+        if not isinstance(curve, str):
+            self._along.value = float(curve.x[0] + share * (curve.x[-1] - curve.x[0]))
+            self._on_along()
+
     def _forget(self, refusal: ArmctlError) -> None:
         """What the fields hold cannot be solved: no answer of others stays beside them."""
         self._answered = ()
@@ -327,7 +335,7 @@ class InverseScreen:
         self._along.visible = self._optimum.visible = False
         self._result.show(refused(f"{refusal}."))
         self._pager.reset(0, None)
-        self._curve.clear()
+        self._session.parts.show(_CURVE, "")
         for part in (self._list, self._curve_note):
             part.show(muted(NOTHING))
         self._branches.forget()
@@ -350,30 +358,31 @@ class InverseScreen:
         self._show_ghost()
         has_curve = not isinstance(found.curve, str)
         self._along.visible = self._optimum.visible = has_curve
+        self._curve.reset()
         if isinstance(found.curve, str):
-            self._curve.clear()
+            self._session.parts.show(_CURVE, "")
             self._curve_note.show(muted(found.curve))
         else:
             low, high = float(found.curve.x[0]), float(found.curve.x[-1])
             self._along.min, self._along.max = min(low, self._along.min), max(high, self._along.max)
             self._along.value = low
             self._along.min, self._along.max = low, high
-            self._curve_note.show(f"{muted(_CURVE_NOTE)}<i hidden data-armctl-click-fills='{_ALONG}'></i>")
-            self._draw_curve(found)
+            free = self._robot.joints[solutions.free_joint or 0].title
+            self._curve_note.show(muted(_CURVE_NOTE.format(free)))
+            self._draw_curve()
 
-    def _draw_curve(self, found: RankedSolutions) -> None:
-        row, free = self._pager.row, found.solutions.free_joint
-        if isinstance(found.curve, str) or free is None:
+    def _draw_curve(self) -> None:
+        found, row = self._answer, self._pager.row
+        if found is None or isinstance(found.curve, str):
             return
-        dot = np.full(len(found.curve.x), np.nan)
+        curve = found.curve
         if row is not None:
-            q = found.q(row)
-            angle = self._robot.joints[free].shown(float(q[free]))
-            dot[int(np.abs(found.curve.x - angle).argmin())] = found.energy_of(q)
-            self._along.value = min(max(round(angle, 2), self._along.min), self._along.max)
-        selected = PlotLine("selected", dot, _SELECTED_INK, mark=True)
-        *branches, least = found.curve.lines  # which stays in view where it is the one selected
-        self._curve.show(replace(found.curve, lines=(*branches, selected, least)))
+            selected = on_curve(found, "selected", found.q(row), _SELECTED_INK)
+            self._along.value = min(max(round(selected.x, 2), self._along.min), self._along.max)
+            self._curve.share = (selected.x - curve.x[0]) / (curve.x[-1] - curve.x[0])
+            curve = replace(curve, marks=(selected, *curve.marks))  # the least is seen where it is both
+        heading = f"Energy ({found.unit}): {found.criterion}"
+        self._session.parts.show(_CURVE, graph_html(self._curve, curve, heading))
 
     def _show_ghost(self) -> None:
         """Where *Go by least energy* goes is the next pose; what only comes nearest is looked at."""
@@ -441,6 +450,6 @@ class InverseScreen:
         if found is None:
             return
         self._draw_list(found)
-        self._draw_curve(found)
+        self._draw_curve()
         if row is not None and found.solutions.success:
             self._writer.show(found.q(row))

@@ -18,8 +18,8 @@ from armctl.protocol import Snapshot
 from armctl.robot import Robot
 from armctl.ui.console import Console
 from armctl.ui.session import Session
+from armctl.ui.widgets.graph import TALL_TICKS, Bound, Curves, PlotLine, plot_html, thinned
 from armctl.ui.widgets.html import LiveHtml, fixed, muted
-from armctl.ui.widgets.plots import LinePlot, Picture, PlotLine, thinned
 
 SPANS = {"20 s": 20.0, "1 min": 60.0, "5 min": 300.0}
 LONGEST_S = max(SPANS.values())
@@ -29,7 +29,7 @@ _APART_S = 0.04
 _POINTS = 250
 """of a line, at most: so many a page hears of each, up to five times a second"""
 _PERIOD_S, _STILL_DEG = 0.2, 0.02
-_LIMIT_DASH = (8.0, 5.0)
+_ANGLES, _LOADS = "joint-angles", "joint-loads"
 _SPAN_HINT = "How far back the graphs go; armctl keeps five minutes."
 
 
@@ -47,14 +47,10 @@ class JointRows:
     """(k, n) [%]; NaN where it is not measured"""
 
     def drawn(self) -> JointRows:
-        """As many as a page can draw, and without NaN, for which uPlot finds no scale.
-
-        The commanded angle stands for one that the board did not tell, no load for one that it did not.
-        """
+        """As many as a page can draw, with the time before the last moment, which is 0."""
         keep = thinned(len(self.time), _POINTS)
-        commanded = np.nan_to_num(self.commanded[keep])
-        board = np.where(np.isnan(self.board[keep]), commanded, self.board[keep])
-        return JointRows(self.time[keep], commanded, board, np.nan_to_num(self.load[keep]))
+        time = self.time[keep] - self.time[-1]
+        return JointRows(time, self.commanded[keep], self.board[keep], self.load[keep])
 
 
 class JointHistory:
@@ -112,9 +108,9 @@ class JointGraph:
         self._joint = gui.add_dropdown("Show", (ALL, *self._titles), initial_value=ALL)
         self._span = gui.add_dropdown("Last", tuple(SPANS), hint=_SPAN_HINT)
         self._legend = LiveHtml(gui)
-        self._angles = LinePlot(gui, y_label="angle °")
+        session.parts.add(gui, _ANGLES)
         self._error = LiveHtml(gui)
-        self._loads = LinePlot(gui, y_label="load %")
+        session.parts.add(gui, _LOADS)
         self._missing = LiveHtml(gui)
         csv = gui.add_button_group("Download", ("CSV",))
         session.on(self._joint.on_update, self._on_choice)
@@ -154,44 +150,48 @@ class JointGraph:
         self._still = bool(still)
         self._error.show(error_html(self._titles, rows, self._joints, snapshot.source))
         drawn = rows.drawn()
-        self._angles.show(angle_picture(self._robot, drawn, self._joints, snapshot.source))
+        limits = [snapshot.limits.get(title) for title in self._titles]
+        most = [None if one is None else one.load for one in limits]
+        angles = angle_curves(self._robot, drawn, self._joints, snapshot.source)
+        loads = load_curves(self._robot, drawn, self._joints, most)
         measured = not np.isnan(rows.load[:, self._joints]).all()
-        if measured:
-            limits = [snapshot.limits.get(title) for title in self._titles]
-            most = [None if one is None else one.load for one in limits]
-            self._loads.show(load_picture(self._robot, drawn, self._joints, most))
-        else:
-            self._loads.clear()
+        self._session.parts.show(_ANGLES, _plot("Angle (°)", angles))
+        self._session.parts.show(_LOADS, _plot("Load (%)", loads) if measured else "")
 
 
 # What is drawn and written.
 
 
-def angle_picture(robot: Robot, rows: JointRows, joints: Sequence[int], source: Source) -> Picture:
+def _plot(heading: str, curves: Curves) -> str:
+    """A graph up to now; empty as long as there is a single moment."""
+    if curves.x[0] == curves.x[-1]:
+        return ""
+    return f"<header><b>{heading}</b></header>{plot_html(curves, TALL_TICKS)}"
+
+
+def angle_curves(robot: Robot, rows: JointRows, joints: Sequence[int], source: Source) -> Curves:
     """Commanded angles drawn through, those of the board dotted, where it tells any of its own."""
     kinds: list[tuple[FloatArray, str, tuple[float, float] | None, float]]
     kinds = [(rows.commanded, "commanded", None, 1.5)]
     if source is not Source.COMMANDED:
         kinds.append((rows.board, source.value, (3.0, 4.0), 2.5))
     lines = [
-        PlotLine(f"{robot.joints[i].title} {what}", angles[:, i].copy(), color_of(i), dash, width)
+        PlotLine(f"{robot.joints[i].title} {what}", angles[:, i], color_of(i), dash, width)
         for angles, what, dash, width in kinds
         for i in joints
     ]
-    return Picture("", "time s", rows.time, tuple(lines))
+    return Curves(rows.time, tuple(lines))
 
 
-def load_picture(
+def load_curves(
     robot: Robot, rows: JointRows, joints: Sequence[int], limits: Sequence[float | None]
-) -> Picture:
-    """Loads [%]; of a joint by itself both limits, a share, dashed."""
-    lines = [PlotLine(robot.joints[i].title, rows.load[:, i].copy(), color_of(i)) for i in joints]
+) -> Curves:
+    """Loads [%]; of a joint by itself both limits, a share."""
+    lines = [PlotLine(robot.joints[i].title, rows.load[:, i], color_of(i)) for i in joints]
+    bounds: list[Bound] = []
     if len(joints) == 1 and (limit := limits[joints[0]]) is not None:
-        lines += [
-            PlotLine("limit", np.full(len(rows.time), 100 * way * limit), "#868e96", _LIMIT_DASH, 1.2)
-            for way in (1.0, -1.0)
-        ]
-    return Picture("", "time s", rows.time, tuple(lines))
+        bounds = [Bound("limit", 100 * way * limit, "#868e96", way > 0) for way in (1.0, -1.0)]
+    return Curves(rows.time, tuple(lines), tuple(bounds))
 
 
 def error_html(titles: Sequence[str], rows: JointRows, joints: Sequence[int], source: Source) -> str:

@@ -18,9 +18,8 @@ from armctl.ui.events import Newest
 from armctl.ui.scene.ghost import Lines, Preview, played, segments
 from armctl.ui.session import Session
 from armctl.ui.tabs.trajectory.plan import PlannedMotion
-from armctl.ui.widgets.graph import Bound, Curves, Graph, graph_html
+from armctl.ui.widgets.graph import Bound, Curves, Graph, PlotLine, graph_html
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, numbers, strong, table
-from armctl.ui.widgets.plots import PlotLine
 
 OF = ("Tool", "Joints")
 QUANTITIES: dict[str, tuple[Derivative, str]] = {

@@ -15,9 +15,8 @@ from armctl.motion.analysis import JointStudy, Turning, study_csv, study_joints
 from armctl.motion.figure import color_of
 from armctl.robot import Robot
 from armctl.ui.session import Session
-from armctl.ui.widgets.graph import Curves, Graph, graph_html
+from armctl.ui.widgets.graph import Curves, Graph, PlotLine, graph_html
 from armctl.ui.widgets.html import LiveHtml, fixed, heading, muted, strong, table
-from armctl.ui.widgets.plots import PlotLine
 
 PAPER_DEG_S = 20.0
 _PART, _TITLE = "study", "Tip speed by joint (mm/s)"
