@@ -37,7 +37,7 @@ def test_another_tool_is_said_to_be_on_and_the_page_shows_its_tip(page: Screen, 
     page.wait_until(lambda: served.app.robots.console.robot.tool == "pen", "the page shows it")
     tip = 1000 * served.app.robots.console.robot.forward(served.now.q_command)[:3, 3]
     page.wait_until(lambda: f"{tip[0]:.1f} mm" in page.page.inner_text("body"), "its tip is told")
-    page.click("Add tool step")
+    page.add_step("Program", "Tool")
     page.wait_until(lambda: served.steps == (ToolStep(tool="pen"),), "the step is on the list")
     served.put_steps(ToolStep(tool="jaws"), PointStep(x_mm=200, y_mm=0, z_mm=120), ToolStep(tool="pen"))
     page.click("Run once")

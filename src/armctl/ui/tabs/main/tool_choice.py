@@ -7,16 +7,13 @@ from html import escape
 import numpy as np
 
 from armctl.errors import StateError
-from armctl.program import ToolStep
-from armctl.program.edit import PLACES, add
 from armctl.protocol import SetTool, Snapshot
 from armctl.robot import Robot
 from armctl.robot.tools import tool_of
 from armctl.ui.session import Session
-from armctl.ui.tabs.manual.program_editor import ProgramEditor
 from armctl.ui.widgets.html import LiveHtml, fixed, warned
 
-ON, STILL, STEP = "This tool is on", "Yes, it is still on", "Add tool step"
+ON, STILL = "This tool is on", "Yes, it is still on"
 _UNCONFIRMED = (
     "Look at the arm: which tool is on? Say so before Enable. With another tool the tip is elsewhere, and "
     "may hit the table."
@@ -36,12 +33,9 @@ class ToolChoice:
         gui = session.gui
         self._list = gui.add_dropdown("Tool", tuple(self._names), initial_value=title_of(robot, robot.tool))
         self._on = gui.add_button(ON)
-        step = gui.add_button(STEP, color="gray")
         self._said = LiveHtml(gui)
         session.needs(None, self._on, also=self._why_not)
-        session.needs(None, step, told=False)
         session.on(self._on.on_click, self._say)
-        session.on(step.on_click, self._add_step)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show what is known of the chosen tool, and whether somebody has to say which one is on."""
@@ -63,10 +57,6 @@ class ToolChoice:
         if self._session.snapshot.busy:
             raise StateError(_STANDS)
         await self._session.submit(SetTool(self._names[self._list.value]))
-
-    async def _add_step(self) -> None:
-        step = ToolStep(tool=self._names[self._list.value])
-        await ProgramEditor(self._session).change(lambda program: add(program, step, PLACES[0], 0))
 
 
 def title_of(robot: Robot, name: str) -> str:
