@@ -105,11 +105,11 @@ class Served:
 
 
 @contextmanager
-def served(checkout: Path) -> Generator[Served]:
+def served(checkout: Path, robot: str = ROBOT) -> Generator[Served]:
     """``armctl serve`` of a checkout, with a folder of its own."""
     with tempfile.TemporaryDirectory() as folder:
         served = Served(0, free_port())
-        words = ["serve", "--robot", ROBOT, "--port", "sim", "--no-browser", "--no-token"]
+        words = ["serve", "--robot", robot, "--port", "sim", "--no-browser", "--no-token"]
         log = Path(folder) / "log"
         with log.open("w") as file:
             server = subprocess.Popen(

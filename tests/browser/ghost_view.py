@@ -33,6 +33,21 @@ def arrow_px(screen: Screen, name: str, up_m: float) -> tuple[float, float]:
     return x, y
 
 
+def drag_tool(screen: Screen, dx: float, dy: float) -> None:
+    """Drag the upward arrow at the tool by so many pixels."""
+    screen.page.evaluate("document.querySelector('#webgl-software-rendering button')?.click()")
+    x, y = arrow_px(screen, "/tool", 0.035)
+    mouse = screen.page.mouse
+    mouse.move(x, y)
+    screen.pause(300)
+    mouse.down()
+    for step in range(1, 6):
+        mouse.move(x + dx * step / 5, y + dy * step / 5)
+        screen.pause(60)
+    mouse.up()
+    screen.pause(300)
+
+
 def wait_for_ghost(screen: Screen, robot: Robot, q: NDArray[np.float64], ghost: str = NEXT) -> None:
     """Wait until the ghost's tool is where that of ``q`` (n,) [rad] is."""
     tip = 1000 * robot.forward(q)[:3, 3]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Position, expect
-from tests.browser.ghost_view import LOOKED_AT, arrow_px, ghost_tip_mm, wait_for_no_ghost
+from tests.browser.ghost_view import LOOKED_AT, arrow_px, drag_tool, ghost_tip_mm, wait_for_no_ghost
 from tests.browser.kit import Screen, Screens
 from tests.browser.served_arm import HOME, ServedArm
 
@@ -35,21 +35,6 @@ def written_mm(page: Screen) -> NDArray[np.float64] | None:
 
 def wait_for_next(page: Screen) -> None:
     page.wait_until(lambda: written_mm(page) is not None, "there is a next pose")
-
-
-def drag_tool(page: Screen, dx: float, dy: float) -> None:
-    """Drag the upward arrow at the tool by so many pixels."""
-    page.page.evaluate("document.querySelector('#webgl-software-rendering button')?.click()")
-    x, y = arrow_px(page, "/tool", 0.035)
-    mouse = page.page.mouse
-    mouse.move(x, y)
-    page.pause(300)
-    mouse.down()
-    for step in range(1, 6):
-        mouse.move(x + dx * step / 5, y + dy * step / 5)
-        page.pause(60)
-    mouse.up()
-    page.pause(300)
 
 
 def test_the_tool_is_dragged_on_any_tab_and_go_sends_exactly_what_is_drawn(
