@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 from tests.browser.ghost_view import ghost_tip_mm, wait_for_ghost, wait_for_no_ghost
 from tests.browser.kit import Screen
 from tests.browser.served_arm import HOME, ServedArm
@@ -53,6 +54,8 @@ def begin_anew(page: Screen, served: ServedArm) -> None:
 def test_both_buttons_send_the_arm_where_the_fields_say_in_the_time_that_is_asked_for(
     page: Screen, served: ServedArm
 ) -> None:
+    for label in (REFERENCE, LAST):
+        expect(page.button(label)).to_be_in_viewport(ratio=1)  # on a laptop, without scrolling
     page.type_into("Base °", "30")
     page.type_into("Elbow °", "-45.5", by_key=True)
     asked = [30.0, 90.0, -45.5, -40.0, 0.0]

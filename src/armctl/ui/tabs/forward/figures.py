@@ -26,7 +26,7 @@ from armctl.robot import Robot
 from armctl.ui.session import Session
 from armctl.ui.widgets.angle_fields import held_at
 from armctl.ui.widgets.html import ERROR, GOOD, LiveHtml, fixed, heading, muted, numbers, refused, table
-from armctl.ui.widgets.number_field import DEGREES, MILLIMETRES, FieldArray, NumberField
+from armctl.ui.widgets.number_field import DEGREES, MILLIMETRES, FieldArray, NumberField, field_grid
 
 _LEAST_PART = 0.35
 """a part of a direction smaller than this is left out of its description (20°)"""
@@ -203,12 +203,14 @@ class VelocityForm:
         gui = session.gui
         with gui.add_folder("Joint rates (°/s) → tool velocity"):
             turning = [joint for joint in self._robot.joints if held_at(joint) is None]
-            rates = [NumberField(gui, one.title, min(20.0, one.shown(one.speed))) for one in turning]
+            with field_grid(gui):
+                rates = [NumberField(gui, one.title, min(20.0, one.shown(one.speed))) for one in turning]
             self._rates = FieldArray(rates, DEGREES)
             self._velocity = LiveHtml(gui)
         with gui.add_folder("Tool velocity → joint rates"):
             speeds = zip("xyz", (50.0, 0.0, 0.0), strict=True)
-            linear = [NumberField(gui, f"v{axis} mm/s", value) for axis, value in speeds]
+            with field_grid(gui):
+                linear = [NumberField(gui, f"v{axis} mm/s", value) for axis, value in speeds]
             self._linear = FieldArray(linear, MILLIMETRES)
             self._keep = gui.add_checkbox("Do not turn", initial_value=False, hint=_KEEP_HINT)
             self._answer = LiveHtml(gui)

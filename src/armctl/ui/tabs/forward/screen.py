@@ -43,6 +43,7 @@ from armctl.ui.widgets.number_field import (
     Following,
     NumberField,
     TextEntry,
+    field_grid,
 )
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
@@ -62,10 +63,11 @@ class ForwardScreen:
         self._drawn: tuple[object, ...] = ()
         self._written: tuple[object, ...] = ()
         gui = session.gui
-        LiveHtml(gui, "Type joint angles, or a tool pose. Nothing moves until a Go button is pressed.")
+        LiveHtml(gui, "Nothing moves until a Go button is pressed.")
         tabs = gui.add_tab_group()
         with tabs.add_tab("Angles and pose"):
-            self._angles = angle_fields(gui, self._robot, session.snapshot.q_command)
+            with field_grid(gui):
+                self._angles = angle_fields(gui, self._robot, session.snapshot.q_command)
             self._coupling = PoseCoupling(session, self._angles, self._on_coupled)
             self._fill_with = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
             self._results = LiveHtml(gui)
@@ -333,7 +335,8 @@ class PoseCoupling:
         gui = session.gui
         LiveHtml(gui, muted("Tool pose at these angles: type a pose, and the joint angles follow."))
         self._before: FloatArray = session.snapshot.q_command.copy()
-        self.pose = PoseFields(gui, self._robot, self._before)
+        with field_grid(gui):
+            self.pose = PoseFields(gui, self._robot, self._before)
         self._line = LiveHtml(gui, self._pose_line(self._before))
         self._take = gui.add_button("Take nearest pose", color="orange", visible=False)
         self.unmet: Reason | None = None

@@ -24,7 +24,7 @@ from armctl.ui.robot_switch import RobotChoice
 from armctl.ui.scene.arm_model import HALF_OPEN, ArmFigure
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import LiveHtml, folded, muted, refused, sentence, warned
-from armctl.ui.widgets.number_field import NumberField, parse_number
+from armctl.ui.widgets.number_field import NumberField, field_grid, parse_number
 
 _ROWS, _COPY = "DH rows", "A copy of the present robot"
 _BEGINNINGS = {build.title: build for build in BUILDS}
@@ -117,7 +117,7 @@ class OwnArm:
             steps = gui.add_tab_group()
             with steps.add_tab("1 Lengths"):
                 self._kind = gui.add_dropdown("Begin with", (*_BEGINNINGS, _ROWS, _COPY))
-                self._lengths_box = gui.add_folder(None)
+                self._lengths_box = field_grid(gui)
                 self._meanings = LiveHtml(gui)
                 self._rows_box = gui.add_folder(None, visible=False)
                 with self._rows_box:
@@ -150,11 +150,12 @@ class OwnArm:
         self._joint: viser.GuiDropdownHandle[str] = gui.add_dropdown("Joint", _NO_JOINTS)
         self._angle = gui.add_slider("Turn it °", -180.0, 180.0, 0.5, 0.0)
         self._ends = gui.add_button_group("Limit at this angle", ("lowest", "highest"))
-        self._low, self._high = NumberField(gui, "Lowest °", -90.0), NumberField(gui, "Highest °", 90.0)
-        self._speed = NumberField(gui, "Speed °/s", 60.0)
-        self._channel = gui.add_text("Servo channel", "", hint="Channel of the board; empty: no servo yet.")
-        self._zero = NumberField(gui, "µs at 0°", 1500.0)
-        self._scale = NumberField(gui, "µs per degree", 10.0, hint="Negative where it turns the other way.")
+        with field_grid(gui):
+            self._low, self._high = NumberField(gui, "Lowest °", -90.0), NumberField(gui, "Highest °", 90.0)
+            self._speed = NumberField(gui, "Speed °/s", 60.0)
+            self._channel = gui.add_text("Servo channel", "", hint="Of the board; empty: no servo yet.")
+            self._zero = NumberField(gui, "µs at 0°", 1500.0)
+            self._scale = NumberField(gui, "µs per degree", 10.0, hint="Negative: it turns the other way.")
         session.on(self._joint.on_update, self._fill_joint)
         session.on(self._angle.on_update, self._on_angle)
         session.on(self._ends.on_click, self._on_end)

@@ -24,7 +24,7 @@ from armctl.ui.tabs.manual.new_step import Point, present_pose_deg, tool_point_m
 from armctl.ui.tabs.manual.program_editor import ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
 from armctl.ui.widgets.html import LiveHtml, escape, fixed, folded, muted, numbers
-from armctl.ui.widgets.number_field import NumberField
+from armctl.ui.widgets.number_field import NumberField, field_grid
 
 _DRAWN, _LEFT_OUT, _PLANE = (25, 25, 112), (150, 150, 150), (46, 139, 87)
 _TOUCHES = ("Origin", "To the right", "Upwards", "More")
@@ -51,9 +51,10 @@ class DrawingForm:
         self._said = LiveHtml(gui, muted("Lines of text have to be turned into paths first."))
         touch = gui.add_button_group("Touch here", _TOUCHES, hint=_TOUCH_HINT)
         self._plane_said = LiveHtml(gui)
-        self._width = NumberField(gui, "Width mm", 50.0, hint="Of the whole drawing.")
-        self._speed = NumberField(gui, "Pen speed mm/s", 30.0)
-        self._lift = NumberField(gui, "Lift mm", 10.0, hint="How high the pen is between strokes.")
+        with field_grid(gui):
+            self._width = NumberField(gui, "Width mm", 50.0, hint="Of the whole drawing.")
+            self._speed = NumberField(gui, "Pen speed mm/s", 30.0)
+            self._lift = NumberField(gui, "Lift mm", 10.0, hint="How high the pen is between strokes.")
         look = gui.add_button_group(
             "Look", (_SHOW, _FIT), hint="Fit: smaller, and shifted, until all of it is in reach."
         )

@@ -29,7 +29,7 @@ from armctl.ui.tabs.simulation.joint_graph import JointGraph
 from armctl.ui.tabs.simulation.twin import FRAME_S, TwinControl, twin_figure
 from armctl.ui.tabs.simulation.workspace import WorkspaceView
 from armctl.ui.widgets.html import ERROR, WARNING, LiveHtml
-from armctl.ui.widgets.number_field import DraggedPoint, EditWatch
+from armctl.ui.widgets.number_field import DraggedPoint, EditWatch, field_grid
 
 
 class SimulationScreen:
@@ -44,7 +44,7 @@ class SimulationScreen:
             self._twin = TwinControl(session)
         with gui.add_folder("Joint graph"):
             self._graph = JointGraph(session)
-        with gui.add_folder("In the 3D view"):
+        with gui.add_folder("In the 3D view"), field_grid(gui):
             camera = gui.add_button_group("Camera", tuple(VIEWS))
             session.on(camera.on_click, lambda: session.look(camera.value))
             self._names = gui.add_checkbox("Joint names", initial_value=False)
@@ -160,7 +160,8 @@ class LiveTarget:
         self._switch = gui.add_dropdown("Live target", (OFF, TWIN, ARM), initial_value=OFF, hint=_TARGET_HINT)
         self._text = LiveHtml(gui, _TEXT[OFF])
         point = self._robot.forward(session.snapshot.q_command)[:3, 3]
-        self._box = gui.add_folder(None, visible=False)
+        self._box = field_grid(gui)
+        self._box.visible = False
         with self._box:
             moved = self._moved.set
             self._point = DraggedPoint(gui, scene, session.on, "/live_target", point, moved, "Target ")
