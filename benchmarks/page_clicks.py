@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from benchmarks import machine
-from benchmarks.page_ratios import OURS, served
+from benchmarks.page_ratios import OURS, SETTLED_S, served
 from playwright.sync_api import Browser, Locator, sync_playwright
 from tests.browser.ghost_view import drag_tool
 from tests.browser.kit import Screen, launch
@@ -193,15 +193,16 @@ def page_of(browser: Browser, robot: str) -> Generator[Screen]:
     with served(OURS, robot) as console:
         screen = Screen(browser.new_page(viewport={"width": 1280, "height": 800}))
         screen.open(console.url, until="Enable")
-        screen.wait_for_text("Enable switches the servos")
         screen.dismiss_graphics_warning()
+        screen.wait_until(lambda: "Operator: you" in screen.text("armctl-part[name=bar]"), "it operates")
+        screen.page.wait_for_timeout(1000 * SETTLED_S)
         yield screen
         screen.page.close()
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.page_clicks", description=__doc__)
-    parser.add_argument("jobs", nargs="*", choices=list(JOBS), metavar="JOB")
+    parser.add_argument("jobs", nargs="*", metavar="JOB", help=", ".join(JOBS))
     names = parser.parse_args().jobs or JOBS
     print("", machine.sentence(machine.facts()), "", sep="\n")
     print("| job | actions | goal | presses | seconds |", "|---|--:|--:|--:|--:|", sep="\n")

@@ -41,7 +41,7 @@ from armctl.ui.widgets.html import (
     LiveHtml,
     muted,
 )
-from armctl.ui.widgets.number_field import EditWatch, NumberField
+from armctl.ui.widgets.number_field import EditWatch, NumberField, field_grid
 
 _TYPED = "as typed below"
 _SLOW_MM_S = 5.0
@@ -132,7 +132,8 @@ class CalibrationPoints:
         self._sheet = gui.add_button("Download the sheet", icon=viser.Icon.DOWNLOAD, visible=False)
         self._lies = NumberField(gui, "Sheet high mm", 0.0, hint=_LIES_HINT, visible=False)
         self._known = gui.add_dropdown("Known point", (_TYPED, *self._robot.points))
-        self._xyz = [NumberField(gui, f"{axis} mm", None) for axis in "XYZ"]
+        with field_grid(gui):
+            self._xyz = [NumberField(gui, f"{axis} mm", None) for axis in "XYZ"]
         self._next = LiveHtml(gui, visible=False)
         self._crosshair = gui.add_dropdown("Crosshair", numbered(0), visible=False)
         self._height = NumberField(gui, "Height mm", 0.0, hint=_HEIGHT_HINT, visible=False)
