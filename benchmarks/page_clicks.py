@@ -61,9 +61,8 @@ class Person:
 
     def fill(self, label: str, text: str) -> None:
         """Click into a field, type over what is there, and leave it."""
-        self._act(3 + len(text))  # the click twice, which selects what is there, the text, and Enter
-        box = self.screen.entry(label)
-        box.dblclick()
+        self._act(3 + len(text) + 1)  # the click three times, which selects what is there; at last Enter
+        self.screen.entry(label).click(click_count=3)
         self.screen.page.keyboard.type(text)
         self.screen.page.keyboard.press("Enter")
         self.screen.pause()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -11,14 +10,13 @@ import viser
 
 from armctl.errors import ArmctlError, InputError, UnreachableError
 from armctl.facts import Need, Reason, State
-from armctl.kinematics import CRITERION_TEXT, FROM_START, Criterion, checked_criterion
+from armctl.kinematics import CRITERION_TEXT, FROM_START, checked_criterion
 from armctl.protocol import Snapshot
-from armctl.robot import Robot
 from armctl.ui.events import Newest, OneAtATime
 from armctl.ui.next_pose import Movement, PoseWriter
 from armctl.ui.scene.ghost import Preview
 from armctl.ui.session import Session
-from armctl.ui.tabs.inverse.answer import RankedSolutions, Way, answer, counted, on_curve, solve
+from armctl.ui.tabs.inverse.answer import RankedSolutions, Way, answer, counted, solve
 from armctl.ui.tabs.inverse.answer_html import (
     comparison_html,
     list_head,
@@ -28,8 +26,8 @@ from armctl.ui.tabs.inverse.answer_html import (
     ways_html,
 )
 from armctl.ui.tabs.inverse.branches import NOTHING, TAB, BranchView
+from armctl.ui.tabs.inverse.curve import CurveView
 from armctl.ui.tabs.inverse.target_form import TargetForm
-from armctl.ui.widgets.graph import Graph, graph_html
 from armctl.ui.widgets.html import LiveHtml, Pager, muted, refused, warned
 from armctl.ui.widgets.number_field import field_grid
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
@@ -40,20 +38,12 @@ _NOTE = (
 )
 _SOLVES_FIRST = "This button solves the changed fields first, then goes at once."
 _SOLVES_ANEW = "This button solves anew from where the arm stands, then goes at once."
-_WAYS, _CURVE = "ways", "curve"
+_WAYS = "ways"
 _BY_ROW: str = "by its row number"
 _FEW_HINT = "The least by each criterion and of each branch. All solutions follow below."
-_ALONG = "On the curve °"
-_ALONG_HINT = "The free joint: move along the curve, and the nearest solution is selected."
-_SELECTED_INK = "#1c7ed6"
-_CURVE_NOTE = "Every solution as {} turns. Click or drag in the graph to select; then the wheel zooms."
 _MARK_COLOR = (214, 51, 108)
 _MOVED = 1e-4
 _DRAG_PAUSE_S = 0.1
-
-
-def _own_first(robot: Robot) -> list[Criterion]:
-    return sorted(robot.energy.criteria, key=lambda one: one != robot.criterion)
 
 
 class InverseScreen:
@@ -87,7 +77,8 @@ class InverseScreen:
         # the same is told below the next one
         session.needs(Need.HOLDING, go_least, also=self._no_least, told=False)
         session.needs(Need.HOLDING, go_selected, also=self._not_selected)
-        self._criterion = gui.add_dropdown("Least energy is", _own_first(self._robot))
+        own_first = sorted(self._robot.energy.criteria, key=lambda one: one != self._robot.criterion)
+        self._criterion = gui.add_dropdown("Least energy is", own_first)
         self._criterion_note = LiveHtml(gui, muted(CRITERION_TEXT[checked_criterion(self._criterion.value)]))
         self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
         tabs = gui.add_tab_group()
@@ -98,15 +89,7 @@ class InverseScreen:
             self._pager = Pager(gui, session.on, self._on_row)
             self._form.watch.watch(self._pager.attach_row_edit)
         with tabs.add_tab("Energy curve"):
-            self._curve_note = LiveHtml(gui, muted(NOTHING))
-            session.parts.add(gui, _CURVE)
-            self._curve = Graph(
-                session, _CURVE, self._on_curve, self._draw_curve, scrolls=True, cursor="Place on the curve"
-            )
-            self._along = gui.add_slider(
-                _ALONG, 0.0, 1.0, 0.01, initial_value=0.0, visible=False, hint=_ALONG_HINT
-            )
-            self._optimum = gui.add_button("Back to the least", color="gray", visible=False)
+            self._curve = CurveView(session, self._select)
         with tabs.add_tab("Branches"):
             self._branches = BranchView(session, self._show_ghost)
         session.on(fill.on_click, self._on_fill)
@@ -114,9 +97,7 @@ class InverseScreen:
         session.on(entered.on_submit, self._on_solve)
         session.on_part("way", self._on_way)
         session.on_part("look-way", self._on_look)
-        session.on(self._optimum.on_click, lambda: self._select(1))
         session.on(self._few.on_update, self._on_few)
-        session.on(self._along.on_update, self._on_along)
         session.on(self._nearest.on_click, self._on_nearest)
         session.on(self._criterion.on_update, self._on_criterion)
         session.on(self._movement.choice.on_update, self._choose_again)
@@ -315,29 +296,15 @@ class InverseScreen:
         else:
             self._looked_at.show(way.q, self._session.next.shown(self._session.snapshot.q_command))
 
-    def _on_along(self) -> None:
-        if self._answer is not None and self._answer.solutions.success:
-            joint = self._robot.joints[self._answer.solutions.free_joint or 0]
-            self._select(self._answer.row_at(joint.read(self._along.value)))
-
-    def _on_curve(self, share: float) -> None:
-        """Select where the cursor was led to, of the angles of the free joint."""
-        curve = "" if self._answer is None else self._answer.curve
-        if not isinstance(curve, str):
-            self._along.value = float(curve.x[0] + share * (curve.x[-1] - curve.x[0]))
-            self._on_along()
-
     def _forget(self, refusal: ArmctlError) -> None:
         """What the fields hold cannot be solved: no answer of others stays beside them."""
         self._answered = ()
         self._note.visible = self._nearest.visible = self._mark.visible = False
         self._compared.visible = self._few.visible = self._selected.visible = False
-        self._along.visible = self._optimum.visible = False
         self._result.show(refused(f"{refusal}."))
         self._pager.reset(0, None)
-        self._session.parts.show(_CURVE, "")
-        for part in (self._list, self._curve_note):
-            part.show(muted(NOTHING))
+        self._list.show(muted(NOTHING))
+        self._curve.forget()
         self._branches.forget()
         self._session.parts.show(_WAYS, "")
         self._writer.hide()
@@ -356,33 +323,7 @@ class InverseScreen:
         self._mark.position = solutions.target.position
         self._mark.visible = True
         self._show_ghost()
-        has_curve = not isinstance(found.curve, str)
-        self._along.visible = self._optimum.visible = has_curve
-        self._curve.reset()
-        if isinstance(found.curve, str):
-            self._session.parts.show(_CURVE, "")
-            self._curve_note.show(muted(found.curve))
-        else:
-            low, high = float(found.curve.x[0]), float(found.curve.x[-1])
-            self._along.min, self._along.max = min(low, self._along.min), max(high, self._along.max)
-            self._along.value = low
-            self._along.min, self._along.max = low, high
-            free = self._robot.joints[solutions.free_joint or 0].title
-            self._curve_note.show(muted(_CURVE_NOTE.format(free)))
-            self._draw_curve()
-
-    def _draw_curve(self) -> None:
-        found, row = self._answer, self._pager.row
-        if found is None or isinstance(found.curve, str):
-            return
-        curve = found.curve
-        if row is not None:
-            selected = on_curve(found, "selected", found.q(row), _SELECTED_INK)
-            self._along.value = min(max(round(selected.x, 2), self._along.min), self._along.max)
-            self._curve.share = (selected.x - curve.x[0]) / (curve.x[-1] - curve.x[0])
-            curve = replace(curve, marks=(selected, *curve.marks))  # the least is seen where it is both
-        heading = f"Energy ({found.unit}): {found.criterion}"
-        self._session.parts.show(_CURVE, graph_html(self._curve, curve, heading))
+        self._curve.show(found, self._pager.row)
 
     def _show_ghost(self) -> None:
         """Where *Go by least energy* goes is the next pose; what only comes nearest is looked at."""
@@ -450,6 +391,6 @@ class InverseScreen:
         if found is None:
             return
         self._draw_list(found)
-        self._draw_curve()
+        self._curve.mark(row)
         if row is not None and found.solutions.success:
             self._writer.show(found.q(row))

@@ -1,0 +1,93 @@
+"""The energy curve of a target over its free joint: a graph and a slider, to choose along it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from armctl.ui.session import Session
+from armctl.ui.tabs.inverse.answer import RankedSolutions, on_curve
+from armctl.ui.tabs.inverse.branches import NOTHING
+from armctl.ui.widgets.graph import Graph, graph_html
+from armctl.ui.widgets.html import LiveHtml, muted
+
+_PART = "curve"
+_ALONG = "On the curve °"
+_ALONG_HINT = "The free joint: move along the curve, and the nearest solution is selected."
+_SELECTED_INK = "#1c7ed6"
+_NOTE = "Every solution as {} turns. Click or drag in the graph to select; then the wheel zooms."
+
+
+class CurveView:
+    """The curve of the newest answer; ``select`` is called with a row of its list."""
+
+    def __init__(self, session: Session, select: Callable[[int], None]) -> None:
+        self._session, self._select = session, select
+        self._robot = session.console.robot
+        self._answer: RankedSolutions | None = None
+        self._row: int | None = None
+        gui = session.gui
+        self._note = LiveHtml(gui, muted(NOTHING))
+        session.parts.add(gui, _PART)
+        self._graph = Graph(
+            session, _PART, self._on_cursor, self._draw, scrolls=True, cursor="Place on the curve"
+        )
+        self._along = gui.add_slider(
+            _ALONG, 0.0, 1.0, 0.01, initial_value=0.0, visible=False, hint=_ALONG_HINT
+        )
+        self._least = gui.add_button("Back to the least", color="gray", visible=False)
+        session.on(self._along.on_update, self._on_along)
+        session.on(self._least.on_click, lambda: select(1))
+
+    def show(self, found: RankedSolutions, row: int | None) -> None:
+        """Show the curve of an answer, or why there is none."""
+        self._answer = found
+        self._graph.reset()
+        self._along.visible = self._least.visible = not isinstance(found.curve, str)
+        if isinstance(found.curve, str):
+            self._session.parts.show(_PART, "")
+            self._note.show(muted(found.curve))
+            return
+        low, high = float(found.curve.x[0]), float(found.curve.x[-1])
+        self._along.min, self._along.max = min(low, self._along.min), max(high, self._along.max)
+        self._along.value = low
+        self._along.min, self._along.max = low, high
+        free = self._robot.joints[found.solutions.free_joint or 0].title
+        self._note.show(muted(_NOTE.format(free)))
+        self.mark(row)
+
+    def mark(self, row: int | None) -> None:
+        """Mark where the selected row is; None: none is selected."""
+        self._row = row
+        self._draw()
+
+    def forget(self) -> None:
+        """There is no answer any more."""
+        self._answer = None
+        self._along.visible = self._least.visible = False
+        self._session.parts.show(_PART, "")
+        self._note.show(muted(NOTHING))
+
+    def _on_along(self) -> None:
+        if self._answer is not None and self._answer.solutions.success:
+            joint = self._robot.joints[self._answer.solutions.free_joint or 0]
+            self._select(self._answer.row_at(joint.read(self._along.value)))
+
+    def _on_cursor(self, share: float) -> None:
+        curve = "" if self._answer is None else self._answer.curve
+        if not isinstance(curve, str):
+            self._along.value = float(curve.x[0] + share * (curve.x[-1] - curve.x[0]))
+            self._on_along()
+
+    def _draw(self) -> None:
+        found = self._answer
+        if found is None or isinstance(found.curve, str):
+            return
+        curve = found.curve
+        if self._row is not None:
+            selected = on_curve(found, "selected", found.q(self._row), _SELECTED_INK)
+            self._along.value = min(max(round(selected.x, 2), self._along.min), self._along.max)
+            self._graph.share = (selected.x - curve.x[0]) / (curve.x[-1] - curve.x[0])
+            curve = replace(curve, marks=(selected, *curve.marks))  # the least is seen where it is both
+        html = graph_html(self._graph, curve, f"Energy ({found.unit}): {found.criterion}")
+        self._session.parts.show(_PART, html)
