@@ -182,7 +182,8 @@ def ways_html(found: RankedSolutions, row: int | None, answer: int) -> str:
     if len(ways) == MOST_WAYS:
         many = f"The {len(ways)} ways of least energy"
     free = found.solutions.free_joint
-    about = "" if free is None else f", each the best as {found.robot.joints[free].title} turns"
+    each = "each " * (len(ways) > 1)
+    about = "" if free is None else f", {each}the best as {found.robot.joints[free].title} turns"
     head = f"<b>{many}</b>: {possible} possible{escape(about)}<p>{_WAYS_TOLD}</p>"
     chosen = next((i for i, way in enumerate(ways) if row is not None and row in way.rows), None)
     pictures = _thumbnails(found.robot, np.array([way.q for way in ways]))
