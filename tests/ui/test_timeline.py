@@ -23,8 +23,8 @@ from armctl.ui.widgets.graph import (
     Bound,
     Curves,
     Graph,
-    Mark,
     PlotLine,
+    PlotMark,
     graph_html,
     legend,
     plot_html,
@@ -299,7 +299,7 @@ def test_a_line_has_gaps_where_it_has_no_value_and_a_mark_stands_where_it_is() -
     broken = PlotLine("a", np.array([0.0, 5.0, np.nan, 5.0, 0.0]), "#111")
     unknown = PlotLine("b", np.full(5, np.nan), "#222")
     html = plot_html(
-        Curves(x, (broken, unknown), marks=(Mark("least", 5.0, 10.0, "#333"),), unit="°"), 4, 0.25
+        Curves(x, (broken, unknown), marks=(PlotMark("least", 5.0, 10.0, "#333"),), unit="°"), 4, 0.25
     )
     (drawn,) = re.findall(r"stroke='#111'[^>]* d='M([^']*)'", html)
     assert [[point.split(",")[0] for point in run.split()] for run in drawn.split("M")] == [

@@ -183,9 +183,11 @@ class ReplayPage:
     def _draw_plot(self) -> None:
         recording, joint = self._recording, self._recording.titles.index(self._joint.value)
         sent, read = (self._robot.shown(one)[:, joint] for one in (recording.setpoint, recording.readback))
-        looks = ("setpoint", sent, "#e8590c", None, 1.6), ("reading", read, "#1971c2", (3.0, 4.0), 2.2)
         keep, here = thinned(len(self._time), _MOST_POINTS), self._index
-        lines = tuple(PlotLine(name, y[keep], *look) for name, y, *look in looks)
+        lines = (
+            PlotLine("setpoint", sent[keep], "#e8590c"),
+            PlotLine("reading", read[keep], "#1971c2", (3.0, 4.0), 2.2),
+        )
         x = self._time[keep]
         if x[0] < x[-1]:
             values = [float(sent[here]), float(read[here])]

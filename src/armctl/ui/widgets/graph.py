@@ -57,7 +57,7 @@ class Bound(NamedTuple):
     is_upper: bool
 
 
-class Mark(NamedTuple):
+class PlotMark(NamedTuple):
     """A point, drawn as a dot."""
 
     name: str
@@ -74,7 +74,7 @@ class Curves:
     """(k,) ascending; a time [s], or in ``unit``"""
     lines: tuple[PlotLine, ...]
     bounds: tuple[Bound, ...] = ()
-    marks: tuple[Mark, ...] = ()
+    marks: tuple[PlotMark, ...] = ()
     unit: str = " s"
     """behind the numbers below"""
 
@@ -246,8 +246,9 @@ def plot_html(
     """
     low, high = _range(curves)
     levels = _ticks(low, high, ticks)
-    hidden = cursor is None or not 0.0 <= cursor <= 1.0
-    line = "" if hidden else f"<i class='cursor' style='left:{100 * cursor:.1f}%'></i>"
+    line = ""
+    if cursor is not None and 0.0 <= cursor <= 1.0:
+        line = f"<i class='cursor' style='left:{100 * cursor:.1f}%'></i>"
     sides = "".join(
         f"<small style='top:{100 * (high - level) / (high - low):.1f}%'>{text}</small>"
         for level, text in levels
@@ -269,7 +270,7 @@ def legend(
     lines: Sequence[PlotLine],
     here: Sequence[float],
     bounds: Sequence[Bound] = (),
-    marks: Sequence[Mark] = (),
+    marks: Sequence[PlotMark] = (),
 ) -> str:
     """What each line is, its value at the cursor, and what limits and marks are."""
     names = "".join(

@@ -21,7 +21,7 @@ from armctl.motion import Profile
 from armctl.motion.choices import JudgedConfigurations, first_possible
 from armctl.motion.figure import color_of
 from armctl.robot import Robot
-from armctl.ui.widgets.graph import Curves, Mark, PlotLine, thinned
+from armctl.ui.widgets.graph import Curves, PlotLine, PlotMark, thinned
 from armctl.ui.widgets.html import fixed
 
 _UNITS: dict[Criterion, tuple[float, str]] = {
@@ -439,10 +439,10 @@ def _energy_curve(robot: Robot, found: RankedSolutions) -> Curves | str:
     return Curves(angles[kept], tuple(lines), marks=least, unit="°")
 
 
-def on_curve(found: RankedSolutions, name: str, q: FloatArray, color: str) -> Mark:
+def on_curve(found: RankedSolutions, name: str, q: FloatArray, color: str) -> PlotMark:
     """Where a configuration ``q`` (n,) [rad] is on the energy curve."""
     angle = float(found.robot.shown(q)[found.solutions.free_joint or 0])
-    return Mark(name, angle, found.energy_of(q), color)
+    return PlotMark(name, angle, found.energy_of(q), color)
 
 
 def counted(count: int, kind: str = "") -> str:

@@ -18,7 +18,7 @@ _SELECTED_INK = "#1c7ed6"
 _NOTE = "Every solution as {} turns. Click or drag in the graph to select; then the wheel zooms."
 
 
-class CurveView:
+class EnergyCurveView:
     """The curve of the newest answer; ``select`` is called with a row of its list."""
 
     def __init__(self, session: Session, select: Callable[[int], None]) -> None:

@@ -26,7 +26,7 @@ from armctl.ui.tabs.inverse.answer_html import (
     ways_html,
 )
 from armctl.ui.tabs.inverse.branches import NOTHING, TAB, BranchView
-from armctl.ui.tabs.inverse.curve import CurveView
+from armctl.ui.tabs.inverse.curve import EnergyCurveView
 from armctl.ui.tabs.inverse.target_form import TargetForm
 from armctl.ui.widgets.html import LiveHtml, Pager, muted, refused, warned
 from armctl.ui.widgets.number_field import field_grid
@@ -89,7 +89,7 @@ class InverseScreen:
             self._pager = Pager(gui, session.on, self._on_row)
             self._form.watch.watch(self._pager.attach_row_edit)
         with tabs.add_tab("Energy curve"):
-            self._curve = CurveView(session, self._select)
+            self._curve = EnergyCurveView(session, self._select)
         with tabs.add_tab("Branches"):
             self._branches = BranchView(session, self._show_ghost)
         session.on(fill.on_click, self._on_fill)
