@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from xdist.remote import Producer
     from xdist.scheduler import LoadScopeScheduling
+    from xdist.workermanage import WorkerController
 
 # The same examples in every run, and no time limit for them: a busy computer proves nothing wrong.
 settings.register_profile(
@@ -33,6 +34,9 @@ ON_REAL_TIME = (
 """tests that other processes and a real clock take part in: on a machine that is busy, one may come late"""
 
 
+BROWSER = "tests/browser/"
+SHARED_OUT = ("faults/test_table.py",)
+"""files of which one worker would have work for minutes"""
 LONG_WAITS = ("test_wheel.py", "test_notebooks.py")
 """tests that wait for long while the processor is free: they do not come last, when nothing else is left"""
 
@@ -61,16 +65,31 @@ def pytest_collection_finish() -> None:
 
 @pytest.hookimpl(optionalhook=True)  # only where tests are shared out among workers
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadScopeScheduling:
-    """Two workers drive a browser each and mostly wait for it; the others do the rest."""
+    """Two workers drive a browser each and mostly wait for it; the others do the rest, and all what is left.
+
+    The tests of a file stay together: what they share is made once. Those of a long file are shared out.
+    """
     from xdist.scheduler import LoadScopeScheduling
 
-    files = sorted(file.name for file in (Path(__file__).parent / "browser").glob("test_*.py"))
+    config.option.loadscopereorder = False  # they come as they were sorted
 
     class TwoBrowsers(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
-            if not nodeid.startswith("tests/browser/"):
-                return nodeid
-            return f"browser {files.index(nodeid.partition('::')[0].rpartition('/')[2]) % 2}"
+            file = nodeid.partition("::")[0]
+            return nodeid if file.endswith(SHARED_OUT) else file
+
+        def _assign_work_unit(self, node: WorkerController) -> None:
+            browses = node in self.nodes[:2]
+            mine = next((one for one in self.workqueue if one.startswith(BROWSER) == browses), None)
+            if mine is not None:  # else nothing else is left
+                self.workqueue.move_to_end(mine, last=False)
+            super()._assign_work_unit(node)
+
+        def mark_test_complete(self, node: WorkerController, item_index: int, duration: float = 0) -> None:
+            super().mark_test_complete(node, item_index, duration)
+            done = self.assigned_work[node]
+            for scope in [scope for scope, tests in done.items() if all(tests.values())]:
+                del done[scope]  # else thousands are counted again after each test
 
     return TwoBrowsers(config, log)
 
