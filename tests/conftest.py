@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import gc
 import logging
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,9 +18,14 @@ if TYPE_CHECKING:
     from xdist.scheduler import LoadScopeScheduling
     from xdist.workermanage import WorkerController
 
-# The same examples in every run, and no time limit for them: a busy computer proves nothing wrong.
+# The same examples in every run, and no time limit for them: a busy computer proves nothing wrong. In a long run
+# more of them, where a test says no number.
 settings.register_profile(
-    "suite", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+    "suite",
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow],
+    max_examples=100 if os.environ.get("ARMCTL_LONG") else 35,
 )
 settings.load_profile("suite")
 

@@ -23,7 +23,7 @@ from armctl.hardware.boards import board_type
 from armctl.protocol import ClearFault, Connect, Enable, HomeAxes, Jog, MoveJoints, Release
 
 _SETTLES_S = 12.0
-_IDLE_S, _IDLE_TICK_S = 5.0, 0.1
+_IDLE_S, _IDLE_TICK_S = 3.0, 0.05
 _RESTS = {"maestro": 1.0, "firmata": 1.0, "encoder": 12.0, "feetech": 12.0, "dynamixel": 12.0}
 """board units (µs, counts, steps) by which an output at rest may differ: a motor has yet to settle"""
 _NOT_FOR_PEOPLE = re.compile(r"Traceback|\w+(Error|Exception)\b|internal error|\bNone\b|\bnan\b|\[Errno|<")
