@@ -2,12 +2,12 @@ from __future__ import annotations
 
 import gc
 import logging
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, settings
+from tests.long import examples
 
 from armctl.runtime import monitor
 
@@ -18,14 +18,13 @@ if TYPE_CHECKING:
     from xdist.scheduler import LoadScopeScheduling
     from xdist.workermanage import WorkerController
 
-# The same examples in every run, and no time limit for them: a busy computer proves nothing wrong. In a long run
-# more of them, where a test says no number.
+# The same examples in every run, and no time limit for them: a busy computer proves nothing wrong.
 settings.register_profile(
     "suite",
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow],
-    max_examples=100 if os.environ.get("ARMCTL_LONG") else 35,
+    max_examples=examples(100),
 )
 settings.load_profile("suite")
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.calibration.kit import HiddenJoint, with_wrong
+from tests.long import examples
 
 from armctl.calibration import (
     LEAST_MARKS,
@@ -45,7 +46,7 @@ def test_without_noise_the_hidden_numbers_come_back(
     assert fit.rms_rad < 1e-9
 
 
-@settings(max_examples=200, derandomize=True)
+@settings(max_examples=examples(200), derandomize=True)
 @given(hidden_joints, st.integers(5, 12), st.floats(0.05, 0.6), st.integers(0, 2**32))
 def test_noise_moves_the_line_no_further_than_it_must(
     hidden: HiddenJoint, count: int, noise: float, seed: int

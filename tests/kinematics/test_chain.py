@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.kinematics.kit import plain_forward, plain_frames, plain_jacobian
+from tests.long import examples
 
 from armctl import load_robot
 from armctl.errors import InputError
@@ -34,7 +35,7 @@ def uzuner() -> Chain:
     return load_robot("uzuner").chain
 
 
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 @given(chain=chains(), seed=st.integers(0, 10**6))
 def test_forward_is_the_plain_product(chain: Chain, seed: int) -> None:
     q = np.random.default_rng(seed).uniform(-7, 7, (3, chain.n))
@@ -46,7 +47,7 @@ def test_forward_is_the_plain_product(chain: Chain, seed: int) -> None:
         assert np.abs(frames - expected).max() < 1e-12
 
 
-@settings(max_examples=80)
+@settings(max_examples=examples(80))
 @given(chain=chains(), seed=st.integers(0, 10**6))
 def test_jacobian_is_the_difference_quotient(chain: Chain, seed: int) -> None:
     q = np.random.default_rng(seed).uniform(-4, 4, (2, chain.n))
@@ -67,7 +68,7 @@ def test_a_batch_keeps_its_leading_dimensions() -> None:
     assert chain.forward(np.empty((0, 5))).shape == (0, 4, 4)
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(chain=chains(), seed=st.integers(0, 10**6))
 def test_links_and_places_are_those_of_the_plain_products(chain: Chain, seed: int) -> None:
     q = np.random.default_rng(seed).uniform(-3, 3, (3, chain.n))

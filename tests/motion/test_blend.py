@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.long import examples
 
 from armctl import load_robot
 from armctl.errors import InputError
@@ -49,14 +50,14 @@ def assert_one_smooth_motion(found: Blend, first: np.ndarray, last: np.ndarray) 
 
 
 @given(st.integers(0, 10_000), st.integers(2, 9), st.floats(1e-4, 0.5))
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_one_smooth_motion_inside_the_limits(seed: int, count: int, blend_m: float) -> None:
     points = random_points(seed, count)
     assert_one_smooth_motion(blend(ROBOT, legs_through(points, blend_m)), points[0], points[-1])
 
 
 @given(st.integers(0, 10_000), st.floats(1e-3, 0.1))
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 def test_the_tool_leaves_the_way_only_within_the_radius(seed: int, radius: float) -> None:
     points = random_points(seed, 4)
     found = blend(ROBOT, legs_through(points, radius))
@@ -90,7 +91,7 @@ def test_without_a_radius_it_stops_at_every_point() -> None:
 
 
 @given(st.integers(0, 10_000), st.integers(0, 5))
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_it_can_be_planned_piece_by_piece(seed: int, run: int) -> None:
     points = random_points(seed, 9)
     legs = legs_through(points, 0.03)

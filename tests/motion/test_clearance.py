@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.kinematics.kit import plain_frames
+from tests.long import examples
 from tests.motion.arm_kit import arm, axis_points, brute_gap, random_arm
 from tests.sticks import of_sticks
 
@@ -143,7 +144,7 @@ def undersides(robot: Robot, q: FloatArray) -> list[float]:
     return [height - radius - robot.floor_z for height, radius in [*ends, (tool, 0.0)]]
 
 
-@settings(max_examples=15)
+@settings(max_examples=examples(15))
 @given(st.integers(0, 10_000))
 def test_no_touch_is_missed(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.long import examples
 
 from armctl.motion import PointToPoint, arc, line, plan_arc, plan_line, plan_spline
 from armctl.motion.analysis import (
@@ -31,7 +32,7 @@ POINT = st.tuples(COORDINATE, COORDINATE, COORDINATE)
 
 
 @pytest.mark.parametrize("ideal", [ARC, LINE, ToolArc([0.2, 0, 0.1], [0, 0.2, 0.1], [0, -0.2, 0.1])])
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(point=POINT)
 def test_the_nearest_place_is_the_nearest_of_many(
     ideal: ToolCurve, point: tuple[float, float, float]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.long import examples
 
 from armctl.errors import InputError, MotionRefusedError
 from armctl.motion.polynomial import PiecewisePolynomial
@@ -122,7 +123,7 @@ def only(j: int, travel: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("profile", PROFILES)
 @given(start=TRAVELS, end=TRAVELS, slower=st.one_of(st.none(), st.floats(1, 20)))
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_ends_and_limits(
     profile: ProfileName, start: list[float], end: list[float], slower: float | None
 ) -> None:
@@ -149,7 +150,7 @@ def test_ends_and_limits(
 
 @pytest.mark.parametrize("profile", PROFILES)
 @given(start=TRAVELS, end=TRAVELS)
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_each_derivative_is_that_of_the_one_before(
     profile: ProfileName, start: list[float], end: list[float]
 ) -> None:
@@ -171,7 +172,7 @@ def test_each_derivative_is_that_of_the_one_before(
 
 @pytest.mark.parametrize("profile", PROFILES)
 @given(start=TRAVELS, end=TRAVELS)
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_joints_start_and_arrive_together_as_soon_as_the_slowest_can(
     profile: ProfileName, start: list[float], end: list[float]
 ) -> None:

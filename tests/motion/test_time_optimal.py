@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize, sparse
+from tests.long import examples
 
 from armctl.errors import ArmctlError, MotionRefusedError
 from armctl.motion import ProfileName
@@ -131,7 +132,7 @@ def test_jerk_is_kept_in_at_most_1_3_of_the_trapezoids_time(name: str, profile: 
 @given(
     st.integers(0, 10_000), st.integers(2, 6), st.floats(0.05, 20.0), st.sampled_from(["s-curve", "quintic"])
 )
-@settings(max_examples=15)
+@settings(max_examples=examples(15))
 def test_any_cap_is_kept_by_every_profile(seed: int, count: int, cap: float, profile: ProfileName) -> None:
     points = np.random.default_rng(seed).uniform(*UZUNER.limits.T, (count, UZUNER.n))
     path = spline_through(points, 1 / UZUNER.speed_limits)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.long import examples
 
 from armctl import load_robot
 from armctl.errors import InputError, MotionRefusedError
@@ -39,7 +40,7 @@ def straight(end: np.ndarray) -> PiecewisePolynomial:
 
 
 @given(st.integers(0, 10_000), st.integers(2, 12), st.floats(1e-3, 2.0))
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_no_limit_is_ever_passed(seed: int, count: int, cap: float) -> None:
     motion = PathTrajectory.fastest(ROBOT, random_path(seed, count), cap)
     state = motion.sample(np.linspace(0.0, motion.duration, 3000))
@@ -55,7 +56,7 @@ def test_no_limit_is_ever_passed(seed: int, count: int, cap: float) -> None:
 
 
 @given(st.integers(0, 10_000))
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 def test_each_derivative_is_that_of_the_one_before(seed: int) -> None:
     motion = PathTrajectory.fastest(ROBOT, random_path(seed, 5))
     # between the breaks, where the law has all its derivatives

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.arms import FIVE
+from tests.long import examples
 from tests.program.kit import programs
 
 from armctl.errors import ProgramError
@@ -52,7 +53,7 @@ def test_writing_and_reading_is_the_identity(program: Program) -> None:
 
 
 @given(programs(joints=st.just(5)))
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 def test_no_text_can_be_taken_for_a_formula(program: Program) -> None:
     rows = list(csv.reader(io.StringIO(write_csv(program, ROBOT), newline="")))
     texts = [cell for row in rows for cell in row if not _is_number(cell)]

@@ -5,6 +5,7 @@ import tracemalloc
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.long import examples
 from tests.program.kit import program, programs
 
 from armctl.errors import InputError, ProgramError
@@ -62,7 +63,7 @@ def matching_end(steps: tuple[Step, ...], begin: int) -> int:
 
 
 @given(programs(times=st.integers(1, 3)))
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 def test_steps_come_in_the_order_in_which_nested_loops_would_run_them(random: Program) -> None:
     expected = run(random.steps, 0, len(random.steps))
     cursor = Cursor(random)
@@ -71,7 +72,7 @@ def test_steps_come_in_the_order_in_which_nested_loops_would_run_them(random: Pr
 
 
 @given(programs(times=st.integers(1, 3)), st.data())
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 def test_beginning_anywhere_gives_the_end_of_the_whole_run(random: Program, data: st.DataObject) -> None:
     """As if everything from the first pass of all blocks around up to that step had been run already."""
     if not random.steps:

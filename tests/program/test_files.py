@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.long import examples
 from tests.program.kit import programs
 
 import armctl
@@ -75,7 +76,7 @@ open_percent = 20
 
 
 @given(programs())
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 def test_saving_and_loading_is_the_identity(program: Program) -> None:
     assert decode_program(encode_program(program)) == program
 
@@ -394,7 +395,7 @@ def test_it_reads_like_a_script() -> None:
 
 
 @given(programs())
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 def test_texts_never_become_code(program: Program) -> None:
     """Whatever names and notes hold, the code is made of the calls that the steps are."""
     allowed = {"armctl", "arm", "Arm", "open", "enable", "range", "_", "arc"}
@@ -411,7 +412,7 @@ def test_texts_never_become_code(program: Program) -> None:
 
 
 @given(programs(times=st.integers(1, 3)))
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 def test_run_as_a_script_it_calls_what_the_program_does(program: Program) -> None:
     arm_class = create_autospec(Arm)  # refuses arguments that the real methods do not have
     with patch.object(armctl, "Arm", arm_class):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.long import examples
 from tests.runtime.kit import make_rig
 
 import armctl
@@ -87,7 +88,7 @@ def at(T: FloatArray, *point: float) -> tuple[float, ...]:
     st.floats(-300, 300),
     st.floats(50, 300),
 )
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 def test_three_touches_give_the_frame_that_was_touched(
     origin: tuple[float, ...], rpy: tuple[float, ...], on_x: float, along: float, beside: float
 ) -> None:
@@ -158,7 +159,7 @@ def turned(T: FloatArray, rpy: tuple[float, float, float]) -> FloatArray:
 
 
 @given(_FRAME, st.tuples(_NEAR, _NEAR, _NEAR), st.tuples(_NEAR, _NEAR, _NEAR), st.tuples(_TURN, _TURN, _TURN))
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_points_lines_and_arcs_are_where_the_frame_puts_them(
     frame: UserFrame,
     end: tuple[float, float, float],
@@ -290,7 +291,7 @@ def grid(**more: Any) -> GridStep:
 
 
 @given(_FRAME)
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 def test_a_grid_lies_in_the_frame_and_its_cells_have_its_axes(frame: UserFrame) -> None:
     above = PointStep(x_mm=1, y_mm=2, z_mm=30, frame="cell")
     what = program(IN, grid(), above, OUT, above, AT, END, table=frame)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.long import examples
 from tests.robot.urdf_kit import Step, written
 from tests.sticks import of_sticks
 
@@ -59,7 +60,7 @@ def test_a_shipped_arm_without_its_look_hangs_together(name: str) -> None:
 lengths = st.floats(20, 300)
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(data=st.data())
 def test_any_build_with_any_motors_and_hand_hangs_together(data: st.DataObject) -> None:
     build = data.draw(st.sampled_from(BUILDS))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.long import examples
 from tests.robot.plain_arm import plain_arm
 from tests.runtime.signal_kit import SIGNALS
 
@@ -82,7 +83,7 @@ def test_the_first_tool_is_on_until_another_is_chosen(tmp_path: Path) -> None:
         plain.with_tool("pen")
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(
     st.sampled_from(["uzuner", "ur5", "eezybotarm_mk2"]),  # modified rows, standard rows, a linkage
     st.tuples(*[st.floats(-300, 300)] * 3),

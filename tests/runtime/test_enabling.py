@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.long import examples
 from tests.runtime.kit import MIDDLE, ROBOT, TEST, TICK, Rig, fails, make_rig
 
 from armctl.errors import BoardError, EnableError, InputError, MotionRefusedError
@@ -235,7 +236,7 @@ def test_enabling_ends_where_every_tick_is_late():
     assert (rig.now.state, rig.driver.writes) == (State.OFF, [])
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(
     robot=st.sampled_from(ARMS),
     source=st.sampled_from(SOURCES),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.long import examples
 from tests.runtime.kit import ROBOT, TICK
 from tests.sticks import of_sticks
 
@@ -73,7 +74,7 @@ def test_a_goal_that_rests_is_met_exactly_soon_and_never_overshot(
 
 
 @given(st.lists(st.tuples(POSES, st.floats(0.05, 1.0), TICKS), min_size=1, max_size=8))
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_a_goal_that_jumps_about_breaks_no_limit_and_the_last_one_is_met(
     script: list[tuple[np.ndarray, float, list[float]]],
 ) -> None:

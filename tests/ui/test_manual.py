@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.arms import FIVE
+from tests.long import examples
 from tests.runtime.kit import make_rig
 
 from armctl.errors import InputError, MotionRefusedError, StateError
@@ -137,7 +138,7 @@ def test_no_key_is_used_twice_or_moves_the_camera_and_only_turns_that_an_arm_has
     assert tool_axes(load_robot("humanoid")) == ("X", "Y", "Z", "Pitch")
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(FRACTIONS, FRACTIONS, st.floats(0.1, 0.9))
 def test_velocity_and_acceleration_are_the_derivatives_of_the_position(
     a: np.ndarray, b: np.ndarray, at: float

@@ -11,6 +11,7 @@ import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.long import examples
 
 from armctl.errors import ProgramError
 from armctl.program import EndStep, Program, RepeatStep, Step, WaitStep, load_program
@@ -83,7 +84,7 @@ def test_a_step_keeps_its_key_wherever_it_goes_and_no_key_is_used_again(desk: Sh
 
 
 @given(st.lists(st.lists(st.integers(0, 6), max_size=8), max_size=12), st.booleans())
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 def test_keys_are_of_the_steps_that_stay_whatever_changes(lists: list[list[int]], edited: bool) -> None:
     steps = [WaitStep(seconds=k) for k in range(7)]
     new, before, keys = map(str, count()), list[Step](), list[str]()

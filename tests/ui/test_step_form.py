@@ -10,6 +10,7 @@ import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.long import examples
 from tests.program.kit import programs
 from tests.runtime.signal_kit import robot_with
 
@@ -80,7 +81,7 @@ def test_arms_with_six_joints_are_asked_for_an_orientation_and_one_of_the_two_co
 
 
 @given(programs(joints=st.just(5)))
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 def test_every_value_of_every_step_has_a_field_and_stays_as_it_is(program: Program) -> None:
     for step in program.steps:
         keys = [key.name for field in by_label(keys_of(type(step))).values() for key in field]

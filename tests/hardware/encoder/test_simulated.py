@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from tests.avr.conformance import Check, ModelLine
 from tests.avr.encoder_conformance import CONFORMANCE
 from tests.hardware.encoder.kit import AXES, CHANNELS, Bench, encoder_axis
+from tests.long import examples
 
 from armctl.hardware import ChannelSettings, Setup
 from armctl.hardware.boards import board_type, channel_settings
@@ -47,7 +48,7 @@ def run(axis: SimulatedAxis, seconds: float) -> list[float]:
     return places
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(st.integers(-1000, 1000), st.integers(200, 4000), st.integers(500, 60000), st.floats(0.02, 1.0))
 def test_a_setpoint_is_reached_within_speed_and_acceleration(target, speed, acceleration, within):
     own = axis(vmax=speed, amax=acceleration)
