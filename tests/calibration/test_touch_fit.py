@@ -143,7 +143,7 @@ def defect(plant: Plant, kind: str, rng: np.random.Generator) -> tuple[type, str
 
 
 def test_one_defect_is_named_with_its_size() -> None:
-    first, sized, count = Counter[str](), Counter[str](), 1000 if LONG else 10
+    first, sized, count = Counter[str](), Counter[str](), 1000 if LONG else 5
     for seed in range(count):
         kind, rng = KINDS[seed % 5], np.random.default_rng(seed)
         plant = Plant.of(SO101, rng)

@@ -72,7 +72,7 @@ def miss(solutions: Solutions, q: FloatArray) -> float:
 
 def test_a_pose_or_its_position_on_the_grid_contains_the_configuration() -> None:
     rng = np.random.default_rng(24)
-    asked, arms = 0, planar_arms(21, 90 if os.environ.get("ARMCTL_LONG") else 30)
+    asked, arms = 0, planar_arms(21, 90 if os.environ.get("ARMCTL_LONG") else 15)
     arms[1:3] = [(ABAAS, ABAAS_LIMITS), (SCORBOT, SCORBOT_LIMITS)]
     for chain, limits in arms:
         ik = solver_of(chain, limits)

@@ -33,7 +33,7 @@ from armctl.robot import Robot
 
 Arm = tuple[Chain, FloatArray]
 LONG = bool(os.environ.get("ARMCTL_LONG"))
-POSES = 20 if LONG else 3
+POSES = 20 if LONG else 2
 STEP = math.radians(0.01)
 HALF, QUARTER = math.pi, math.pi / 2
 

@@ -14,7 +14,7 @@ from armctl import load_robot
 from armctl.kinematics import Chain, InverseKinematics, Solutions, Target
 
 LONG = bool(os.environ.get("ARMCTL_LONG"))
-ARMS = 300 if LONG else 40
+ARMS = 300 if LONG else 20
 STEP = math.radians(2.0)
 FAMILY = "yaw, parallel pitch joints, roll beside the tool"
 

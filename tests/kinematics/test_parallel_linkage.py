@@ -25,7 +25,7 @@ from armctl.motion import plan_joints
 from armctl.robot import robots_folder
 
 LONG = bool(os.environ.get("ARMCTL_LONG"))
-ARMS = 60 if LONG else 24
+ARMS = 60 if LONG else 12
 """random arms"""
 TITLES = ("Base", "Shoulder", "Elbow", "Hand")
 

@@ -92,7 +92,7 @@ def cases(rng: np.random.Generator, count: int) -> list[tuple[PlanarArm, Inverse
 def test_the_nearest_point_is_the_nearest() -> None:
     rng = np.random.default_rng(41)
     refused = 0
-    count = 45 if LONG else 15
+    count = 45 if LONG else 8
     for arm, ik, chain in cases(rng, count):
         for _ in range(5):
             size = sum(arm.lengths) + 0.1
@@ -128,7 +128,7 @@ def at_pitch(arm: PlanarArm, heading: float) -> tuple[Tip, FloatArray]:
 def test_the_nearest_point_with_the_pitch_kept() -> None:
     """By sampling alone: the wrist's own limit is a constraint between the other two joints."""
     rng = np.random.default_rng(42)
-    kept, count = 0, 60 if LONG else 20
+    kept, count = 0, 60 if LONG else 10
     for _ in range(count):
         arm = random_planar_arm(rng)
         chain = chain_of(arm, "modified", roll=True)

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from tests.long import LONG
 
 from armctl.errors import InputError, MotionRefusedError
 from armctl.kinematics.workspace import longest_levers
@@ -100,7 +101,7 @@ def test_a_joint_limit_is_near_where_the_joint_comes_near_it() -> None:
     assert len(near_limits(ROBOT, motion(), "position", every=True)) == 10
 
 
-@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("profile", PROFILES if LONG else ("quintic", "s-curve"))
 def test_the_figure_has_its_title_units_and_legend_as_texts(profile: ProfileName) -> None:
     found = motion(profile, 301, None)
     svg = figure_bytes(ROBOT, "svg", TitledMotion(f"home to zero, {profile}", found))

@@ -47,7 +47,7 @@ from armctl.robot import Robot, load_robot, shipped_robots
 
 LONG = bool(os.environ.get("ARMCTL_LONG"))
 ARMS = shipped_robots() if LONG else ("uzuner", "scorbot", "humanoid")
-EACH = int(os.environ.get("ARMCTL_SENTENCES", "1000")) if LONG else 5
+EACH = int(os.environ.get("ARMCTL_SENTENCES", "1000")) if LONG else 3
 """sentences of each kind, an arm"""
 NUMBER = r"-?\d+(?:\.\d+)?"
 

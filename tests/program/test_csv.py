@@ -41,7 +41,7 @@ def read(text: str | bytes) -> tuple[Step, ...]:
 
 
 @given(programs(joints=st.just(5)))
-@settings(max_examples=200 if os.environ.get("ARMCTL_LONG") else 60)
+@settings(max_examples=200 if os.environ.get("ARMCTL_LONG") else 20)
 def test_writing_and_reading_is_the_identity(program: Program) -> None:
     text = write_csv(program, ROBOT)
     if not program.steps:

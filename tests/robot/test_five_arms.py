@@ -15,7 +15,7 @@ from armctl.arrays import FloatArray
 from armctl.kinematics import DHRow, Solutions
 
 LONG = bool(os.environ.get("ARMCTL_LONG"))
-CONFIGURATIONS = 100_000 if LONG else 600
+CONFIGURATIONS = 100_000 if LONG else 300
 
 
 def plain_row(row: DHRow, convention: str, q: FloatArray) -> FloatArray:

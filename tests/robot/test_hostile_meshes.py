@@ -29,7 +29,7 @@ from armctl.robot.urdf.unpacking import zip_files
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 FACET = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
 LONG = bool(os.environ.get("ARMCTL_LONG"))
-FILES = 250 if LONG else 40
+FILES = 250 if LONG else 20
 MANY = b"f 1 2 3\n" * 2_000_001 if LONG else (b"f" + 2_500 * b" 1 2 3 4" + b"\n") * 201
 """two million triangles: one a face, or ten thousand"""
 MOST_S, MOST_MIB = 20.0, 1500

@@ -26,7 +26,7 @@ from armctl.robot.look_sound import STRETCHED_M, Solids, faults, stretched
 from armctl.robot.record import robot_record
 
 _LONG = bool(os.environ.get("ARMCTL_LONG"))
-POSES, LOOKS = (200, 300) if _LONG else (8, 20)
+POSES, LOOKS = (200, 300) if _LONG else (5, 10)
 
 
 @pytest.mark.parametrize("name", shipped_robots())

@@ -14,7 +14,7 @@ from armctl import load_robot, shipped_robots
 from armctl.motion import plan_joints, preflight
 
 OWNED = tuple(name for name in shipped_robots() if name not in FIVE)
-BESIDE = 1500 if os.environ.get("ARMCTL_LONG") else 150
+BESIDE = 1500 if os.environ.get("ARMCTL_LONG") else 60
 TOOL_MM = {
     # joint angles [degrees] and the tool point [mm] as the sources have them
     "al5d": ([0, 90, -90, 0], [187.325 + 100, 0, 67.31 + 146.05]),

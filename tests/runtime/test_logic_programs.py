@@ -40,7 +40,7 @@ from armctl.program.base_steps import Question, Senses
 from armctl.program.rehearsal import Rehearsal, rehearse
 from armctl.protocol import RunProgram
 
-SOUND, FAULTY = (1000, 1000) if os.environ.get("ARMCTL_LONG") else (8, 40)
+SOUND, FAULTY = (1000, 1000) if os.environ.get("ARMCTL_LONG") else (4, 20)
 SLOT, END, ADD = CommentStep(note="a path leads here"), EndStep(), CountStep(counter="n", add=1)
 HOME = MoveStep(joints_deg=(0, 90, -80, -40, 0))
 ABOVE, AT = PointStep(x_mm=0, y_mm=0, z_mm=30, frame="cell"), LineStep(x_mm=0, y_mm=0, z_mm=0, frame="cell")

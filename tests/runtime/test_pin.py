@@ -190,12 +190,12 @@ def test_ten_thousand_pins_take_days_on_every_connection_that_there_is() -> None
 def test_what_is_remembered_of_guessers_is_bounded() -> None:
     guard, held = PinGuard(PIN), list[int]()
     tracemalloc.start()
-    for k in range(6000):
+    for k in range(3900):
         origin = Origin(f"n{k}", source=f"pages at 10.1.{k // 256}.{k % 256}")
         guard.arrive(origin.who, origin.source, 0.0)
         guard.accepts(origin, origin.who, "0", 0.0, Ticket([]))
         guard.leave(origin.who, 0.0)
-        if k % 2000 == 1999:
+        if k % 1300 == 1299:
             held.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
     assert len(guard.tick(0.0)) == 20

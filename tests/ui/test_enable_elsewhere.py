@@ -41,7 +41,7 @@ def test_the_refusal_names_the_pose_and_where_it_is_kept(robot: Robot) -> None:
 
 def test_random_arms_that_begin_folded_or_below_the_floor(tmp_path: Path) -> None:
     rng, named = np.random.default_rng(3), 0
-    for k in range(8):
+    for k in range(4):
         bends = zip(("lift", "elbow", "wrist"), rng.uniform((1.8, -1, -3), (3, 1, 3)).tolist(), strict=True)
         bent = {name: {"rpy": f"0 {bend:.3f} 0"} for name, bend in bends}
         robot = load_robot(write_plain_arm(tmp_path / f"{k}.urdf", bent))
@@ -59,7 +59,7 @@ def test_random_arms_that_begin_folded_or_below_the_floor(tmp_path: Path) -> Non
         points = robot.chain.frames(q)[1:, :3, 3]
         apart = np.linalg.norm(points[:, None] - points[None], axis=-1)
         assert apart[np.triu_indices(len(points), 2)].min() > 0.02  # not folded onto each other
-    assert named > 3
+    assert named > 1
 
 
 def test_a_very_long_arm_is_an_answer_too(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from armctl.ui.widgets import number_field
 
 ROBOT = load_robot("uzuner")
 LOW, HIGH = ROBOT.limits.T
-SEQUENCES = 100 if os.environ.get("ARMCTL_LONG") else 12
+SEQUENCES = 100 if os.environ.get("ARMCTL_LONG") else 6
 STEPS = 25
 FOLLOWS = "The fields follow the arm until you edit them."
 

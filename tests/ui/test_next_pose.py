@@ -30,7 +30,7 @@ LOW, HIGH = ROBOT.limits.T
 HOME = ROBOT.pose("home")
 THERE = HOME + np.radians([20.0, 0, 0, 0, 0])
 LONG = bool(os.environ.get("ARMCTL_LONG"))
-SEQUENCES, STEPS = (300, 40) if LONG else (10, 25)
+SEQUENCES, STEPS = (300, 40) if LONG else (5, 25)
 
 
 def line(page: FakePage) -> str:

@@ -42,7 +42,7 @@ def apart(a: np.ndarray, b: np.ndarray) -> float:
 def test_every_row_is_one_of_the_ways_but_for_whole_turns(name: str) -> None:
     robot, dice = load_robot(name), np.random.default_rng(3)
     seen = 0
-    for _ in range(8):
+    for _ in range(4):
         found = of_pose(robot, tuple(dice.uniform(-0.06, 0.06, 3).tolist()))
         if not found.solutions.success:
             continue
@@ -53,7 +53,7 @@ def test_every_row_is_one_of_the_ways_but_for_whole_turns(name: str) -> None:
             assert sum(apart(q, way.q) < 1e-5 for way in listed) == 1
         for way in listed:
             assert np.array_equal(way.q, found.q(way.row or 0))
-    assert seen >= 3
+    assert seen >= 2
 
 
 @pytest.mark.parametrize(
