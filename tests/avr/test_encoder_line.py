@@ -167,7 +167,7 @@ def damaged(generator: random.Random, line: bytes) -> bytes:
     return bytes(damage)
 
 
-RUBBISH = 500_000 if os.environ.get("ARMCTL_LONG") else 150_000
+RUBBISH = 500_000 if os.environ.get("ARMCTL_LONG") else 60_000
 
 
 @pytest.mark.parametrize(("bytes_of", "seed"), [(noise, 1), (mutated, 2)])
