@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import gc
 import logging
+import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -114,11 +116,14 @@ def nobodys_settings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
 def a_busy_machine_may_stand_still() -> Iterator[None]:
     """Three workers on two cores stand still for half a second now and then; no arm stops for that here.
 
-    This holds for controllers in the tests' own process. Arm processes that tests start keep the real limit,
-    and so do the tests of the runtime and of faults, whose clock is a manual one (``real_gap``).
+    This holds for controllers in the tests' own process, and in those that they start (``tests/patient``).
+    The tests of the runtime and of faults keep the real limit: their clock is a manual one (``real_gap``).
     """
+    patient = str(Path(__file__).with_name("patient"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(monitor, "GAP_S", 30.0)
+        patch.setattr(sys, "path", [*sys.path, patient])  # an arm process looks where we look
+        patch.setenv("PYTHONPATH", patient, prepend=os.pathsep)
         yield
 
 

@@ -225,7 +225,15 @@ def test_a_killed_arm_process_is_told_and_refuses(folder: Path, moving: Link) ->
     assert list(folder.iterdir()) == []  # what a killed one leaves is swept
 
 
-def test_a_frozen_arm_process_is_told_and_goes_on_by_holding(folder: Path, moving: Link) -> None:
+@pytest.fixture
+def real_gap_of_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that are started now stop as the product does where nothing ran for a while."""
+    monkeypatch.setenv("ARMCTL_REAL_GAP", "1")
+
+
+def test_a_frozen_arm_process_is_told_and_goes_on_by_holding(
+    folder: Path, real_gap_of_processes: None, moving: Link
+) -> None:
     pid = the_only_one(folder).pid
     os.kill(pid, signal.SIGSTOP)
     try:
