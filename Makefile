@@ -83,8 +83,9 @@ $(VENV)/.documented: pyproject.toml $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --editable . --group docs
 	@touch $@
 
+# Not compiled: half a minute on one core for thousands of modules that no test imports; the others are when first used.
 $(VENV)/.tested: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable . --group test
+	$(BIN)/python -m pip install --quiet --no-compile --editable . --group test
 	@touch $(VENV)/.installed $@
 
 $(BENCH)/.installed: pyproject.toml benchmarks/peers.txt | $(BIN)/python
