@@ -20,7 +20,7 @@ from armctl.protocol import MoveJoints
 
 pytestmark = pytest.mark.browser
 TAB = "Manual"
-SEQUENCES, STEPS = (300, 12) if os.environ.get("ARMCTL_LONG") else (1, 10)
+SEQUENCES, STEPS = (300, 12) if os.environ.get("ARMCTL_LONG") else (1, 6)
 
 
 def line(page: Screen) -> str:
