@@ -33,7 +33,7 @@ from armctl.protocol import (
     StreamJoints,
 )
 
-TICKS = 1_000_000 if os.environ.get("ARMCTL_LONG") else 6_000
+TICKS = 1_000_000 if os.environ.get("ARMCTL_LONG") else 9_000
 """of all boards together"""
 _RUN = 2_000
 """ticks of one arm; then another one with another seed"""
