@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.long import examples
+from tests.long import LONG, examples
 from tests.runtime.kit import make_rig
 
 import armctl
@@ -193,7 +193,7 @@ def test_points_lines_and_arcs_are_where_the_frame_puts_them(
 
 
 @given(_FRAME, st.lists(st.tuples(_NEAR, _NEAR, _NEAR, _TURN, _TURN, _TURN), min_size=1, max_size=2))
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8 if LONG else 3, deadline=None)
 def test_it_moves_as_the_program_that_was_moved_by_hand(
     frame: UserFrame, poses: list[tuple[float, ...]]
 ) -> None:
