@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from tests.program.kit import program
 from tests.runtime.kit import ROBOT, TICK, make_rig
 from tests.runtime.signal_kit import BELL, DOOR, bench_of, robot_with
@@ -28,6 +29,7 @@ from armctl.program import (
     MoveStep,
     PickStep,
     PlaceStep,
+    PointStep,
     Program,
     SetStep,
     Step,
@@ -279,3 +281,17 @@ def test_of_all_ways_that_cannot_be_one_is_explained(pick: PickStep, monkeypatch
     (error,) = errors(ROBOT, pick)
     assert "of the line" in error.what and len(explained) == 1
     assert sum(walked) < 4000  # a millisecond each
+
+
+def test_a_point_that_only_the_pitch_forbids_says_so() -> None:
+    for step in (
+        PickStep(x_mm=190, y_mm=-80, z_mm=60, pitch_deg=-40),
+        PointStep(x_mm=190, y_mm=-80, z_mm=60, pitch_deg=-40),
+    ):
+        (error,) = errors(ROBOT, step)
+        assert (
+            "the arm reaches this point, but not with that pitch: leave the pitch empty; within" in error.what
+        )
+        assert not errors(ROBOT, replace(step, pitch_deg=None))
+    (error,) = errors(ROBOT, PickStep(x_mm=400, y_mm=0, z_mm=60, pitch_deg=-40))
+    assert "empty" not in error.what

@@ -140,6 +140,10 @@ def test_a_pick_is_recorded_at_the_part_with_the_gripper_as_it_holds_it(tmp_path
     assert isinstance(pick, PickStep) and isinstance(place, PlaceStep)
     assert [pick.x_mm, pick.y_mm, pick.z_mm] == tip == [place.x_mm, place.y_mm, place.z_mm]
     assert pick.close_percent == 30 and pick.part_mm == (10, 20, 30) and place.open_percent == 100
+    rig.do(MoveGripper(0.8))
+    rig.run(2.0)
+    pick = step_here(PickStep, ROBOT, rig.now)  # jaws that are open hold nothing: it is to close them
+    assert isinstance(pick, PickStep) and pick.close_percent == 0
     sucker = replace(robot_with(tmp_path), gripper=None)
     pick = step_here(PickStep, sucker, rig.now)
     assert isinstance(pick, PickStep) and pick.output == "lamp"

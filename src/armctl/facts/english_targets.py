@@ -238,6 +238,9 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.StrokeLeftOut: _left_out,
     targets.OtherConfiguration: lambda _: "the arm would have to change its configuration there",
     targets.Besides: lambda _: "besides, ",
+    targets.ReachedFree: lambda one: (
+        f"the arm reaches this point, but not with that {one.without}: leave the {one.without} empty"
+    ),
     targets.AtRoll: lambda one: f"with {one.joint} at {in_degrees(one.roll)}, where it comes nearest: ",
     targets.AtPoint: lambda one: f"point {one.number} of {one.count}: ",
     targets.HeldAtLimit: _held,

@@ -324,6 +324,13 @@ class Besides(Reason):
 
 
 @dataclass(frozen=True, slots=True)
+class ReachedFree(Reason):
+    """A point that is reached with less asked of the tool; ahead of why it is not, with all of it."""
+
+    without: Literal["pitch", "roll", "orientation"]
+
+
+@dataclass(frozen=True, slots=True)
 class AtRoll(Reason):
     """Why there is no solution with the roll at which the tool comes nearest."""
 

@@ -148,6 +148,11 @@ _AT_ANY_ANGLE = {
     "wrist on shoulder axis": "bilek omuz ekseninde, bu yüzden {} herhangi bir açıda olabilir",
     "centre of wrist": "bileğin merkezi {} ekseninde, bu eklem herhangi bir açıda olabilir: biri listelendi",
 }
+_REACHED_FREE = {
+    "pitch": "kol bu noktaya erişir, ama o eğimle değil: eğimi boş bırakın",
+    "roll": "kol bu noktaya erişir, ama o dönme açısıyla değil: dönme açısını boş bırakın",
+    "orientation": "kol bu noktaya erişir, ama o yönelimle değil: yönelimi boş bırakın",
+}
 _COUNTS = {"sum": "toplamı", "difference": "farkı"}
 
 
@@ -243,6 +248,7 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     targets.StrokeLeftOut: _left_out,
     targets.OtherConfiguration: lambda _: "kol orada başka bir çözüme geçmek zorunda kalır",
     targets.Besides: lambda _: "ayrıca ",
+    targets.ReachedFree: lambda one: _REACHED_FREE[one.without],
     targets.AtRoll: lambda one: f"{one.joint} en çok yaklaştığı {in_degrees(one.roll)} açısındayken: ",
     targets.AtPoint: lambda one: f"{one.count} noktadan {one.number}. nokta: ",
     targets.HeldAtLimit: _held,

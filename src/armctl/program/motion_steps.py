@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from typing import Annotated, ClassVar, Literal, cast
 
 import numpy as np
 from msgspec import Meta
 
 from armctl.arrays import FloatArray
-from armctl.errors import ProgramError
+from armctl.errors import ProgramError, UnreachableError
+from armctl.facts import Several
 from armctl.facts.angles import from_degrees, to_degrees
+from armctl.facts.targets import ReachedFree
 from armctl.kinematics import CRITERIA, FROM_START, Target, roll_pitch_yaw, rotation_from_rpy
 from armctl.motion.choices import choose_end, solve
 from armctl.motion.one_sided import ONE_SIDED, OneSided, commanded_end
@@ -177,13 +180,28 @@ class PointStep(_Oriented, MotionStep, frozen=True, kw_only=True, tag="point"):
         Without a start the best of all, where that does not depend on it.
         """
         target = self._target()
-        if start is not None:
-            q = choose_end(robot, start, target, self.choose, self.duration_s, self._law)
-            return _as_commanded(robot, q, self.profile)
-        if self.choose in FROM_START:
-            solve(robot, None, target, "least-rotation")  # whether there is any
-            return None
-        return _as_commanded(robot, solve(robot, start, target, self.choose), self.profile)
+        with telling_freer(robot, target):
+            if start is not None:
+                q = choose_end(robot, start, target, self.choose, self.duration_s, self._law)
+                return _as_commanded(robot, q, self.profile)
+            if self.choose in FROM_START:
+                solve(robot, None, target, "least-rotation")  # whether there is any
+                return None
+            return _as_commanded(robot, solve(robot, start, target, self.choose), self.profile)
+
+
+@contextmanager
+def telling_freer(robot: Robot, target: Target) -> Generator[None]:
+    """Say of a refused target whether its point can be reached with less asked of the tool."""
+    try:
+        yield
+    except UnreachableError as cause:
+        pitch, roll = target.pitch is not None, target.roll is not None
+        without = "orientation" if target.rotation is not None else "pitch" if pitch else "roll"
+        asks = pitch or roll or target.rotation is not None
+        if not asks or not robot.inverse_kinematics.meets(Target.of(target.position)):
+            raise
+        raise UnreachableError(Several((ReachedFree(without), cause.reason))) from cause
 
 
 def _as_commanded(robot: Robot, q: FloatArray, profile: ProfileName | OneSided) -> FloatArray:

@@ -35,6 +35,7 @@ from armctl.program.motion_steps import (
     frame_words,
     metres,
     place_words,
+    telling_freer,
 )
 from armctl.program.signal_steps import AtTimeout, LongestWait, SetStep, SignalNameOrNone, WaitForStep
 from armctl.program.standing_steps import EDGES, EdgeKey, GripperStep, HoldsPart, WaitStep
@@ -78,10 +79,11 @@ class ApproachStep(PointStep, frozen=True, kw_only=True, tag="approach"):
     def end(self, robot: Robot, start: FloatArray | None = None) -> FloatArray | None:
         """The begin of the way, (n,) [rad]; None without a start. Raises as a point, and as a line."""
         target = self._target()
-        if start is None:  # it depends on where the arm comes from; whether there is any does not
-            solve(robot, None, target, "least-rotation")
-            return None
-        q = self._chosen(robot, start, target)
+        with telling_freer(robot, target):
+            if start is None:  # it depends on where the arm comes from; whether there is any does not
+                solve(robot, None, target, "least-rotation")
+                return None
+            q = self._chosen(robot, start, target)
         try:
             way = self._way(robot, q)
         except (ToolPathRefusedError, ToolPathUnreachableError) as cause:  # no key frees the tool there

@@ -42,6 +42,8 @@ _HAND_KEYS = {"open_percent", "close_percent", *EDGES}
 _RECORDED = {*_TOOL_KEYS, *_HAND_KEYS, "orientation"} - {*_ROW, "plane_mm"}
 """keys of steps that are recorded by a press of their button, and need nothing more"""
 _DIGITS = 3
+_HALF_OPEN = 0.5
+"""jaws that are no nearer together hold nothing"""
 _TIMEOUT_S, _SIDE_MM = 10.0, 50.0
 _FIRST: Mapping[str, Any] = {
     "times": 2,
@@ -137,9 +139,10 @@ def step_here(
     if "watch" in keys:
         here |= _condition_here(robot, waits="timeout_s" in keys, counter=here["counter"])
     if snapshot.gripper is not None:
-        here["open_percent"] = here["close_percent"] = round(100 * snapshot.gripper, 1)
-    elif kind.handles:  # closed, until it is edited in the row
-        here["close_percent"] = 0.0
+        here["open_percent"] = round(100 * snapshot.gripper, 1)
+    if kind.handles:  # as it holds a part now; else closed, until it is edited in the row
+        grips = snapshot.gripper is not None and snapshot.gripper < _HALF_OPEN
+        here["close_percent"] = here["open_percent"] if grips else 0.0
     if _TOOL_KEYS.intersection(keys):
         here |= _tool_here(robot, present_pose_deg(robot, snapshot))
     if via_mm is not None:
