@@ -36,7 +36,7 @@ from armctl.ui.tabs.calibration.points_html import (
 from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration, standing_touch
 from armctl.ui.tabs.calibration.touch_question import LEAST_PLACED, NextTouch
 from armctl.ui.tabs.calibration.touched_points import FORGET, GO_ON
-from armctl.ui.tabs.manual.jog import ToolJog
+from armctl.ui.tabs.manual.jog import SLOW_MM_S, ToolJog
 from armctl.ui.widgets.html import (
     LiveHtml,
     muted,
@@ -44,7 +44,6 @@ from armctl.ui.widgets.html import (
 from armctl.ui.widgets.number_field import EditWatch, NumberField, field_grid
 
 _TYPED = "as typed below"
-_SLOW_MM_S = 5.0
 _ABOVE_M = (0.03, 0.06, 0.1)
 _FAR_ABOVE_M = (0.06, 0.1, 0.03)
 """before it is known where the sheet lies for this arm: zeros by eye put a tip 25 mm off"""
@@ -143,7 +142,7 @@ class CalibrationPoints:
         above = gui.add_button("Next pose above it", color="gray")
         self._tip = LiveHtml(gui)
         with gui.add_folder("Jog the tool", expand_by_default=False):
-            ToolJog(session, _SLOW_MM_S)
+            ToolJog(session, SLOW_MM_S)
         here = gui.add_button("Here", icon=viser.Icon.TARGET)
         session.needs(None, here, also=refused_by(self._touch))
         self._result = LiveHtml(gui)

@@ -20,6 +20,7 @@ from armctl.program.edit import PLACES, add
 from armctl.protocol import RunProgram
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.session import Session
+from armctl.ui.tabs.manual.jog import SLOW_MM_S, ToolJog
 from armctl.ui.tabs.manual.new_step import Point, present_pose_deg, tool_point_mm
 from armctl.ui.tabs.manual.program_editor import ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
@@ -28,6 +29,10 @@ from armctl.ui.widgets.number_field import NumberField, field_grid
 
 _DRAWN, _LEFT_OUT, _PLANE = (25, 25, 112), (150, 150, 150), (46, 139, 87)
 _TOUCHES = ("Origin", "To the right", "Upwards", "More")
+_WHERE = (
+    "Origin: where the lower left corner of the drawing comes to lie. To the right, Upwards: how its lower "
+    "and its left edge lie; how far off does not matter."
+)
 _TOUCH_HINT = "Bring the pen's tip onto the surface, then press. More: further points, where it bends."
 _FIT, _ADD, _DRAW, _SHOW = "Fit", "Add as step", "Draw", "Show"
 _MOST_MORE = 20
@@ -49,6 +54,8 @@ class DrawingForm:
             "Choose a drawing (SVG, G-code)", icon=viser.Icon.UPLOAD, mime_type=",".join(DRAWING_SUFFIXES)
         )
         self._said = LiveHtml(gui, muted("Lines of text have to be turned into paths first."))
+        with gui.add_folder("Jog the tool", expand_by_default=False):
+            ToolJog(session, SLOW_MM_S)
         touch = gui.add_button_group("Touch here", _TOUCHES, hint=_TOUCH_HINT)
         self._plane_said = LiveHtml(gui)
         with field_grid(gui):
@@ -115,7 +122,8 @@ class DrawingForm:
         rows += [f"{len(self._more)} more"] * bool(self._more)
         missing = [name for name in _TOUCHES[:-1] if name not in self._touched]
         text = f"Touched: {', '.join(rows)} mm." if rows else ""
-        self._plane_said.show(muted(f"{text} Still to touch: {', '.join(missing)}." if missing else text))
+        left = f"{text} Still to touch: {', '.join(missing)}. {_WHERE}"
+        self._plane_said.show(muted(left if missing else text))
 
     def _points(self) -> list[float]:
         missing = [name for name in _TOUCHES[:-1] if name not in self._touched]

@@ -209,6 +209,10 @@ class JointJog:
         return joint_jog(self._robot, self._titles.index(axis), sign * self.share())
 
 
+SLOW_MM_S = 5.0
+"""for a tip that is brought onto something"""
+
+
 class ToolJog:
     """Two buttons an axis; letting go, or losing the page, stops the arm."""
 
