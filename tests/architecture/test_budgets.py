@@ -24,7 +24,7 @@ FOLDERS = {
     "kinematics": (51, 13_050),  # the workspace as a shell
     "motion": (21, 6_000),  # from one side
     "process": (14, 3_375),
-    "program": (26, 5_420),  # grids, a check of every path; calls, pick and place, messages, user frames
+    "program": (26, 5_450),  # grids, a check of every path; calls, pick and place, messages, user frames
     "protocol": (5, 1_250),
     "robot": (44, 12_150),  # tools of a URDF arm
     "runtime": (27, 6_560),  # joints let down, messages, which warnings a cause tells, tools
