@@ -23,8 +23,8 @@ from tests.browser.kit import Screen, launch
 
 POINT = {"uzuner": ("220", "-60", "100"), "ur5": ("-400", "-150", "350")}
 """where the tool is sent [mm]"""
-RISES_PX = -60, 40, -40, 30
-"""how far the tool is dragged downwards for each pose that is recorded"""
+RISES_PX = -25, -30, -25, -30
+"""how far the tool is dragged downwards for each pose that is recorded: its arrow stays above the pins"""
 
 
 @dataclass
@@ -160,7 +160,7 @@ def own_arm(person: Person) -> None:
         lambda: screen.tab("Your own arm").count() == 0 or "My arm" in screen.text(), "it is open"
     )
     enable(person)
-    person.drag_tool(RISES_PX[1])
+    person.drag_tool(RISES_PX[0])
     person.press("Go")
     person.arrive()
 

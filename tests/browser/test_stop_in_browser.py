@@ -150,6 +150,16 @@ def phone(browser: Browser, served: ServedArm) -> Iterator[Screen]:
     context.close()
 
 
+def test_on_a_phone_a_list_that_opens_leaves_stop_where_it_is(phone: Screen) -> None:
+    phone.page.get_by_role("tab", name="Trajectory", exact=True).tap()
+    phone.entry("To").tap()
+    option = phone.page.get_by_role("option", name="home", exact=True).locator("visible=true")
+    expect(option).to_be_in_viewport(ratio=1)
+    expect(stops(phone)).to_be_in_viewport(ratio=1)
+    assert phone.page.evaluate("innerWidth") == 390
+    option.tap()
+
+
 def test_on_a_phone_stop_is_in_view_wherever_one_scrolls(phone: Screen, served: ServedArm) -> None:
     for tab in ("Inverse", "Manual"):
         phone.page.get_by_role("tab", name=tab, exact=True).tap()

@@ -286,6 +286,7 @@ CONTRACT = {
         "`NumberInput`",
         "`TextInput`",
         "`ScrollArea`",
+        "`Select`",
         "style:{width:`3rem`}",
         "data-dock-strip",
         "width:`20em`",
