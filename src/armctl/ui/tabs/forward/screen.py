@@ -47,7 +47,6 @@ from armctl.ui.widgets.number_field import (
 )
 from armctl.ui.widgets.profile_choice import MOVEMENTS, ProfileChoice
 
-_GO_NOTE = "Reference: each joint goes to its angle. Last position: the angles are added to where it stands."
 _SHOWN_NOTE = "Which pose the ghost and these numbers show."
 _SAME_RAD = 1e-6
 _MOVING = "The fields take the pose of the arm once it stands."
@@ -72,7 +71,6 @@ class ForwardScreen:
             self._fill_with = gui.add_button_group("Fill with", ("present pose", *self._robot.poses))
             self._results = LiveHtml(gui)
             self._movement = ProfileChoice(gui, session.on, MOVEMENTS)
-            LiveHtml(gui, muted(_GO_NOTE))
             absolute = gui.add_button(REFERENCE, icon=viser.Icon.PLAYER_PLAY)
             relative = gui.add_button(LAST, icon=viser.Icon.PLAYER_PLAY)
             session.needs(Need.HOLDING, absolute, relative)
