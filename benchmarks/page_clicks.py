@@ -59,6 +59,12 @@ class Person:
         drag_tool(self.screen, 0, down_px)
         self.screen.wait_until(lambda: self.screen.is_enabled("Go"), "there is a next pose")
 
+    def slide(self, label: str, share: float) -> None:
+        """Drag a slider to a share of its way."""
+        self._act(1)
+        self.screen.slide(label, share)
+        self.screen.wait_until(lambda: self.screen.is_enabled("Go"), "there is a next pose")
+
     def fill(self, label: str, text: str) -> None:
         """Click into a field, type over what is there, and leave it."""
         self._act(3 + len(text) + 1)  # the click three times, which selects what is there; at last Enter
@@ -131,7 +137,7 @@ def record_and_run(person: Person) -> None:
         person.arrive()
         person.press("Record")
     person.press("Add step ▾")
-    person.press(screen.page.get_by_role("group", name="Record", exact=True).get_by_text("Record gripper"))
+    person.press(screen.button("Record gripper", within=screen.page.locator(".armctl-add")))
     person.fill("Open %", "20")
     screen.wait_for_text("20 % open")
     person.press("Check")
@@ -146,20 +152,20 @@ def record_and_run(person: Person) -> None:
 
 
 def own_arm(person: Person) -> None:
-    """From *Main*: an arm with two lengths of its own is described, saved, opened, enabled and moved."""
+    """From *Main*: an arm with a length of its own is described, saved, opened, enabled and moved."""
     screen = person.screen
     person.open_tab("Your own arm")
     person.press("New arm")
     screen.wait_for_text("every solution in closed form")
     person.fill("Upper arm mm", "140")
-    person.fill("Forearm mm", "120")
     person.open_tab("3 Save")
     person.press("Save and open")
     screen.wait_until(
         lambda: screen.tab("Your own arm").count() == 0 or "My arm" in screen.text(), "it is open"
     )
     enable(person)
-    person.drag_tool(RISES_PX[0])
+    person.open_tab("Manual")  # it stands stretched out: its tool can be dragged nowhere
+    person.slide("Base °", 0.6)
     person.press("Go")
     person.arrive()
 
