@@ -78,7 +78,8 @@ class SignalPanel:
             if self._signals.inputs:
                 self._add_script()
         if kinds_of(session.console.robot):
-            with gui.add_folder("New input or output", expand_by_default=not self._signals):
+            some = bool(self._signals.inputs and self._signals.outputs)
+            with gui.add_folder("New input or output", expand_by_default=not some):
                 NewSignal(session)
         self.refresh(session.snapshot)
 
