@@ -352,7 +352,7 @@ def test_a_point_whose_comparison_is_cancelled_is_not_added(
             points.delete(0)
         await cancelling
         await asyncio.gather(*session._tasks)
-        for _ in range(1000):  # one of them has begun another
+        for _ in range(6000):  # one of them has begun another
             if points.result is not None:
                 break
             await asyncio.sleep(0.01)
