@@ -92,15 +92,14 @@ class ApproachStep(PointStep, frozen=True, kw_only=True, tag="approach"):
 
     def _chosen(self, robot: Robot, start: FloatArray, target: Target) -> FloatArray:
         """At the point: the best that may be gone to; else one with a way, so that what blocks it is told."""
-        effort, possible = StepBudget(_TRIED_STEPS), list[FloatArray]()
+        effort, answers = StepBudget(_TRIED_STEPS), list[bool]()
 
         def may_take(q: FloatArray) -> bool:
-            taken = self._may_take(robot, start, q, effort)
-            possible.extend([q] * taken)
-            return taken
+            answers.append(self._may_take(robot, start, q, effort))
+            return answers[-1]
 
         q = choose_end(robot, start, target, self.choose, may_go=may_take)
-        if possible:
+        if any(answers):
             return q
         ends, effort = different_ends(robot, start, target, self.choose), StepBudget(_TRIED_STEPS // 4)
         led = (end for end in ends if straight_way(robot, end, self._high(robot, end), effort) is not None)
