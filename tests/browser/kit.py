@@ -24,12 +24,12 @@ PATIENCE_MS = 20_000
 _GLANCE_MS = 50
 """between two looks at something outside the page: each takes some milliseconds of three processes"""
 
-_WATCH_CLICKS = """
+WATCH_CLICKS = """
   window.armctlClicked = [];
   addEventListener("click", (event) => { window.armctlClicked.push(event.target); }, { capture: true });
 """
-_FORGET_CLICKS = "() => { window.armctlClicked = []; }"
-_WAS_CLICKED = """(element) =>
+FORGET_CLICKS = "() => { window.armctlClicked = []; }"
+WAS_CLICKED = """(element) =>
   !element.isConnected || window.armctlClicked.some((clicked) => element.contains(clicked))
 """
 
@@ -87,7 +87,7 @@ class Screen:
         self.page.on("console", note)
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.set_default_timeout(PATIENCE_MS)
-        self.page.add_init_script(_WATCH_CLICKS)
+        self.page.add_init_script(WATCH_CLICKS)
         if not self.drawn:
             self.page.add_init_script(DRAW_ON_DEMAND)
 
@@ -175,9 +175,9 @@ class Screen:
         """
         for _ in range(5):
             element = target.element_handle()
-            element.evaluate(_FORGET_CLICKS)
+            element.evaluate(FORGET_CLICKS)
             target.click()
-            if element.evaluate(_WAS_CLICKED):
+            if element.evaluate(WAS_CLICKED):
                 return
         raise AssertionError(f"{target} moves away from each click")
 

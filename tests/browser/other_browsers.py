@@ -22,7 +22,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-from tests.browser.kit import PATIENCE_MS
+from tests.browser.kit import FORGET_CLICKS, PATIENCE_MS, WAS_CLICKED, WATCH_CLICKS
 
 SIZE = (1280, 900)
 _GLANCE_S = 0.05
@@ -50,20 +50,12 @@ _FIND = """// one script finds and looks: the page may draw an element anew in b
     }
   };
 """
-
-
-_WATCH_CLICKS = """
+_WATCH = f"""
   window.armctlPressed = arguments[0];
-  if (!window.armctlClicked) {
-    window.armctlClicked = [];
-    addEventListener("click", (event) => { window.armctlClicked.push(event.target); }, { capture: true });
-  }
-  window.armctlClicked.length = 0;
+  if (!window.armctlClicked) {{ {WATCH_CLICKS} }}
+  ({FORGET_CLICKS})();
 """
-_WAS_CLICKED = """
-  const element = window.armctlPressed;
-  return !element.isConnected || window.armctlClicked.some((clicked) => element.contains(clicked));
-"""
+_WAS_CLICKED = f"return ({WAS_CLICKED})(window.armctlPressed)"
 
 
 class Automation(Protocol):
@@ -251,7 +243,7 @@ class OtherScreen:
         self.wait_until(lambda: self.is_enabled(label), f"the button {label!r} can be pressed")
         for _ in range(5):
             button = self._find("button", label)
-            self._browser.run(_WATCH_CLICKS, button)
+            self._browser.run(_WATCH, button)
             self._browser.click(button)
             if self._browser.run(_WAS_CLICKED):
                 return
