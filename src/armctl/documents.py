@@ -17,13 +17,14 @@ import stat
 import tempfile
 import tomllib
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar
 
 from armctl.decoding import Decoder, Place, line_of
 from armctl.errors import ArmctlError, Errors, InputError
+from armctl.lazy_dataclass import dataclass
 from armctl.system import whose
 
 T = TypeVar("T")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
+from armctl.lazy_dataclass import dataclass
 from armctl.motion import arc, line
 from armctl.robot import Robot, load_robot
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import msgspec
@@ -16,6 +16,7 @@ from armctl.calibration.fit import JointFit
 from armctl.calibration.record import Calibration, JointCalibration, JointDeflection, checked_record
 from armctl.errors import CalibrationError
 from armctl.kinematics import Chain, GravityModel
+from armctl.lazy_dataclass import dataclass
 from armctl.robot import Deflection, Joint, OutputMap, Robot
 
 _ROUNDING = 1e-9

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
 from typing import Literal
 
 import msgspec
@@ -16,6 +15,7 @@ from armctl.calibration.touch_report import TouchFit
 from armctl.errors import CalibrationError
 from armctl.facts import say
 from armctl.facts.angles import to_degrees
+from armctl.lazy_dataclass import dataclass
 from armctl.robot import Robot
 
 _KEYS: tuple[Literal["a", "d"], ...] = ("a", "d")

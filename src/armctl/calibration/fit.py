@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import CalibrationError
 from armctl.facts.causes import MarksNarrow, MarksTogether, TooFew
 from armctl.facts.servos import ServoSeam
+from armctl.lazy_dataclass import dataclass
 
 LEAST_MARKS = 3
 _LEAST_SPREAD = math.radians(10.0)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import msgspec
@@ -20,6 +19,7 @@ from armctl.calibration.record import CalibrationStore
 from armctl.calibration.sheet import Paper, TouchSheet
 from armctl.documents import DocumentKind, not_written, write_atomically
 from armctl.errors import CalibrationError
+from armctl.lazy_dataclass import dataclass
 from armctl.robot import OutputMap, Robot
 
 _TOUCHES = DocumentKind(CalibrationError, most_bytes=256 * 1024, largest=1e9, entries={"touches": "touch"})

@@ -7,7 +7,7 @@ import os
 import re
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
@@ -19,6 +19,7 @@ from msgspec import Meta
 
 from armctl.documents import Document, DocumentKind, claim, not_written, safe_name, write_atomically
 from armctl.errors import CalibrationError
+from armctl.lazy_dataclass import dataclass
 from armctl.robot import FLATTEST_PER_DEG
 
 _CALIBRATIONS = DocumentKind(CalibrationError, most_bytes=256 * 1024, largest=1e9)

@@ -7,7 +7,6 @@ the base, y to the left and z up. Where it truly lies is found with the rest (``
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from html import escape
 from typing import Literal
 
@@ -17,6 +16,7 @@ from armctl.arrays import FloatArray
 from armctl.calibration.next_touch import reachable_at
 from armctl.calibration.touch_model import LEAST_POINTS
 from armctl.errors import CalibrationError
+from armctl.lazy_dataclass import dataclass
 from armctl.robot import Robot
 
 Paper = Literal["a4", "letter"]

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +21,7 @@ from armctl.errors import CalibrationError
 from armctl.facts import Reason
 from armctl.facts.causes import TaughtTip, TipAsBefore, TipUntold, TooFew, ToolTurnedLittle
 from armctl.kinematics.target import as_numbers, require_finite
+from armctl.lazy_dataclass import dataclass
 from armctl.robot import Robot
 from armctl.robot.tools import tool_of
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from armctl.apart import require_wanted
 from armctl.arrays import FloatArray
 from armctl.calibration.touch_model import Parameter, Touches, TouchModel, Values
+from armctl.lazy_dataclass import dataclass
 
 _TOUCH_M = 0.0005
 """standard deviation of a coordinate of a touch, before anything is measured [m]"""

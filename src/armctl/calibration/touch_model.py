@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -22,6 +22,7 @@ from armctl.errors import CalibrationError
 from armctl.facts.angles import DEGREE
 from armctl.facts.causes import PointsTogether, TooFew
 from armctl.kinematics.target import as_numbers
+from armctl.lazy_dataclass import dataclass
 from armctl.robot import Deflection, Robot
 
 Kind = Literal["zero", "sag", "play", "scale", "a", "d", "place", "tilt", "heading"]

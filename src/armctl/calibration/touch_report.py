@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +26,7 @@ from armctl.facts.causes import (
     ZeroOff,
 )
 from armctl.kinematics.samples import joint_samples
+from armctl.lazy_dataclass import dataclass
 from armctl.robot import Robot
 
 _MISTAKEN = 5.0

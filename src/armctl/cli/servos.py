@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -19,6 +19,7 @@ from armctl.hardware.bus.differences import differences
 from armctl.hardware.bus.lerobot import changed, motor_names, read_kept, require_fits, write_kept
 from armctl.hardware.servo_records import KeptSettings, ServoRecords
 from armctl.hardware.servos import Difference, FoundServo, Mend, ServoSetup
+from armctl.lazy_dataclass import dataclass
 from armctl.process.registry import holder
 from armctl.protocol import MonotonicClock
 from armctl.robot import Robot, load_robot

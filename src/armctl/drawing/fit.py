@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from armctl.drawing.plane import DrawingPlane
 from armctl.drawing.strokes import PenDrawing
 from armctl.errors import DrawingError
 from armctl.facts.causes import PlaneOutOfReach
+from armctl.lazy_dataclass import dataclass
 from armctl.robot import Robot
 
 _GRID = 15

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from armctl.arrays import FloatArray
 from armctl.drawing.strokes import LARGEST_MM, MOST_POINTS, PenDrawing
 from armctl.drawing.svg_path import arc, flattened
 from armctl.errors import DrawingError
+from armctl.lazy_dataclass import dataclass
 
 _COMMENT = re.compile(r"\([^()]*\)|[;%].*")
 _WORD = re.compile(r"\s*([A-Za-z])\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -14,6 +13,7 @@ from armctl.drawing.plane import DrawingPlane
 from armctl.errors import InputError
 from armctl.facts import Reason
 from armctl.facts.angles import DEGREE
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve, ToolLine
 from armctl.motion.paths.tool_path import led_far, usual_pitch
 from armctl.motion.polynomial import PiecewisePolynomial

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,7 @@ from armctl.drawing.plane import DrawingPlane
 from armctl.drawing.strokes import PenDrawing, Stroke, ordered
 from armctl.errors import ArmctlError, InputError, MotionRefusedError
 from armctl.facts import OtherConfiguration, Reason, StrokeLeftOut
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.paths.tool_curve import ToolLine, ToolSpline
 from armctl.motion.plan import plan_joints
 from armctl.motion.polynomial import PiecewisePolynomial

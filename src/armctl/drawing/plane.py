@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -11,6 +9,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import DrawingError
 from armctl.facts.causes import PlaneFromBelow, PlanePointOff, PlanePointsInLine, PlanePointsNear
 from armctl.kinematics.target import as_numbers
+from armctl.lazy_dataclass import dataclass
 
 NEAREST_MM = 5.0
 """touched points that are nearer to each other tell no plane"""

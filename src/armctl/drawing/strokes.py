@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import DrawingError
+from armctl.lazy_dataclass import dataclass
 
 TOLERANCE_MM = 0.01
 """how far a curve may lie from the points that stand for it"""

@@ -7,7 +7,7 @@ the size of the file, the number of elements, how often ``use`` draws them again
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from xml.parsers import expat
 
 import numpy as np
@@ -26,6 +26,7 @@ from armctl.drawing.svg_path import (
     transform_of,
 )
 from armctl.errors import DrawingError
+from armctl.lazy_dataclass import dataclass
 
 _SVG = "http://www.w3.org/2000/svg"
 _XLINK = "http://www.w3.org/1999/xlink"

@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.drawing.strokes import MOST_POINTS, MOST_TURN, TOLERANCE_MM
 from armctl.errors import DrawingError
+from armctl.lazy_dataclass import dataclass
 
 _NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?"
 _PATH_TOKEN = re.compile(rf"[\s,]*(?:([MmZzLlHhVvCcSsQqTtAa])|({_NUMBER}))")

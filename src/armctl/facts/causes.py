@@ -7,10 +7,10 @@ A frozen record each, in SI units and radians.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 from armctl.facts.reasons import Reason
+from armctl.lazy_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 from armctl.facts.reasons import Reason, State
+from armctl.lazy_dataclass import dataclass
 
 
 def range_texts(value: float, low: float, high: float) -> tuple[str, str, str]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 from armctl.facts.reasons import Reason
+from armctl.lazy_dataclass import dataclass
 
 PathWay = Literal["then", "else", "pass", "cell"]
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Literal
 
 from armctl.facts.reasons import Reason
+from armctl.lazy_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
-from typing import Literal
+from typing import Any, ClassVar, Literal
 
 from armctl.facts.angles import to_degrees
+from armctl.lazy_dataclass import dataclass
 
 # The states of an arm, and what a command needs of them.
 
@@ -39,9 +39,6 @@ class Need(Enum):
     OFF_OR_HOLDING = "off or holding"
     HOLDING_SOME = "holding, some joints at least"
     CONNECTED = "connected and without a fault"
-
-
-# Numbers as texts that tell them apart.
 
 
 UNITS = {"speed": "°/s", "acceleration": "°/s²", "jerk": "°/s³"}
@@ -74,9 +71,11 @@ def in_millimetres(metres: float) -> str:
     return f"{length:.1f}" if abs(length) >= _SEEN_MM else f"{length:.2g}"
 
 
-@dataclass(frozen=True, slots=True)
 class Reason:
-    """Why something is refused or warned of."""
+    """Why something is refused or warned of; each kind is a frozen dataclass."""
+
+    __slots__ = ()
+    __dataclass_fields__: ClassVar[dict[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)

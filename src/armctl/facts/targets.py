@@ -6,10 +6,10 @@ other in ``Several``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 from armctl.facts.reasons import AngleNeeded, Reason
+from armctl.lazy_dataclass import dataclass
 
 Side = Literal["facing", "over the back"]
 """how the base turns to a target"""

@@ -8,10 +8,10 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
+from armctl.lazy_dataclass import dataclass
 from armctl.system import group_of, is_pseudo_terminal, joined_since_login
 
 UDEV_RULES_NAME = "70-armctl.rules"

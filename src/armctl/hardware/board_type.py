@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import Enum
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Protocol, TypeAlias
@@ -19,6 +19,7 @@ import numpy as np
 
 from armctl.errors import BoardError, PortError
 from armctl.hardware.driver import ChannelScale, ChannelSettings, Driver, translated
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.board_entries import BoardEntries
 from armctl.robot.signals import InputKind, OutputKind, Signals
 

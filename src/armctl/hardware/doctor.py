@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 from armctl.errors import ArmctlError
 from armctl.hardware.access import permission_hint
@@ -24,6 +24,7 @@ from armctl.hardware.boards import board_of_address, board_type, board_types
 from armctl.hardware.driver import ChannelSettings, translated
 from armctl.hardware.ports import PortChecks, Probed, approach, boards_listed_as, reach
 from armctl.hardware.transport import PortInfo, Transport
+from armctl.lazy_dataclass import dataclass
 from armctl.system import is_pseudo_terminal
 
 _CHECKS_OF_A_BOARD = ("who answers", "channels", "error register", "watchdog", "round trips")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import Enum
 from typing import Literal, ParamSpec, Protocol, TypeVar
 
 from armctl.errors import ArmctlError, BoardError, BoardTimeoutError, StateError, out_of_range
 from armctl.facts import QuantityLimits
 from armctl.facts.commands import ReleaseUnconfirmed
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.signals import Signals
 
 P = ParamSpec("P")

@@ -7,12 +7,12 @@ import random
 import re
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
 from typing import Generic, TypeVar
 
 from armctl.errors import BoardError, InputError
 from armctl.hardware.board_type import ByteModel
+from armctl.lazy_dataclass import dataclass
 
 Model = TypeVar("Model", bound=ByteModel)
 

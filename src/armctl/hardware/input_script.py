@@ -17,12 +17,12 @@ import io
 import math
 import re
 from collections.abc import Iterator, MutableMapping
-from dataclasses import dataclass
 from pathlib import Path
 
 from armctl.documents import DocumentKind
 from armctl.errors import InputError
 from armctl.hardware.board_type import ByteModel
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.signals import Input, Signals
 
 LONGEST_SCRIPT = 20_000

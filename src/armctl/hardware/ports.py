@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from armctl.hardware.board_type import ANY_PRODUCT, BoardType, Introduction, lis
 from armctl.hardware.boards import board_of_address, board_type, board_types, find_board_type
 from armctl.hardware.driver import translated
 from armctl.hardware.transport import UNKNOWN, PortInfo, SerialTransport, Transport, resolved
+from armctl.lazy_dataclass import dataclass
 from armctl.system import may_open
 
 _BY_ID = Path("/dev/serial/by-id")

@@ -6,11 +6,12 @@ The page *Main → Servos* and ``armctl servos`` do it by this protocol.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Protocol
 
 from armctl.facts import QuantityLimits, Reason
 from armctl.facts.words import advice, say
+from armctl.lazy_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,6 @@ import socket
 import struct
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from typing import Protocol
 from urllib.parse import urlsplit
 
@@ -17,6 +16,7 @@ import serial
 
 from armctl.errors import BoardError, BoardTimeoutError, PortError
 from armctl.hardware.access import permission_hint
+from armctl.lazy_dataclass import dataclass
 from armctl.system import is_pseudo_terminal, keep_others_out, line_errors
 
 

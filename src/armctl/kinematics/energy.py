@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from importlib import import_module
 from typing import Any, Literal, NamedTuple, get_args
@@ -21,6 +21,7 @@ from armctl.kinematics.frames import LinkFrames
 from armctl.kinematics.newton import Rows, newton, target_rows
 from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.target import Target
+from armctl.lazy_dataclass import dataclass
 
 STANDARD_GRAVITY = 9.80665
 """m/s² (CGPM 1901)"""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, Protocol
 
@@ -20,6 +19,7 @@ from armctl.kinematics.energy import EnergyModel
 from armctl.kinematics.newton import moving_joints, uncertainties
 from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.target import Target, elevation, seem_degrees, seems_of_another_unit
+from armctl.lazy_dataclass import dataclass
 
 _ON_LIMIT, _LEVER = 1e-6, 1e-3
 """so near to a limit a joint is at it [rad]; what a turn must bring at least to count as nearer [m/rad]"""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -19,6 +18,7 @@ from armctl.kinematics.angles import SAME_ROTATION, rotation_angle
 from armctl.kinematics.energy import FROM_START, Criterion, OnTarget, checked_criterion, energies
 from armctl.kinematics.explanations import SolvedArm, lost_at_a_limit, nearest_point, refusal, which_move
 from armctl.kinematics.target import Target, as_numbers
+from armctl.lazy_dataclass import dataclass
 
 THERE_M = 1e-7
 """a nearest point that is so near is the target itself [m]"""

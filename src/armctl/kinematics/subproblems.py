@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -24,6 +23,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.kinematics.angles import wrap
+from armctl.lazy_dataclass import dataclass
 
 TOLERANCE = 1e-10
 """what a condition may be missed by and still count as met, in the unit of the vectors"""

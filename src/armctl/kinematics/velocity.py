@@ -5,7 +5,6 @@ All of it follows from ``jacobian`` J (6, n), linear over angular, in the base f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -15,6 +14,7 @@ from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.samples import joint_samples
 from armctl.kinematics.target import checked_array
+from armctl.lazy_dataclass import dataclass
 
 Verdict = Literal["singular", "near a singularity", "well away from singularities"]
 NEAR = 0.05

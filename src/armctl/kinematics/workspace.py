@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
@@ -15,6 +14,7 @@ from armctl.kinematics.angles import within
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.samples import greatest, joint_samples
 from armctl.kinematics.velocity import manipulability
+from armctl.lazy_dataclass import dataclass
 
 BoolArray = NDArray[np.bool_]
 _CANDIDATES_A_POINT = 16

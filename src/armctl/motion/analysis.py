@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.paths.tool_curve import ToolArc, ToolLine
 from armctl.motion.paths.tool_orientation import elevations
 from armctl.motion.trajectory import Sample, Trajectory

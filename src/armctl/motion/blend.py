@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.facts.angles import in_degrees
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.polynomial import PiecewisePolynomial, first_crossing, quintic
 from armctl.motion.time_optimal import PathLimits, fastest_rates, time_optimal_law
 from armctl.motion.timing import PathTrajectory

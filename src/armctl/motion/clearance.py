@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import accumulate, product
 from typing import ClassVar, Literal, NamedTuple
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from armctl.arrays import FloatArray
 from armctl.facts import Blocked
 from armctl.kinematics.frames import LinkFrames
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.trajectory import LOOKS, SampledMotion
 from armctl.robot import Robot
 from armctl.robot.body.arm_body import CLEAR_M

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from typing import Literal, NamedTuple
@@ -31,6 +31,7 @@ from armctl.kinematics import GravityModel
 from armctl.kinematics.frames import LinkFrames
 from armctl.kinematics.target import checked_number
 from armctl.kinematics.velocity import NEAR
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.clearance import closed_gaps, deepest_gap, sources
 from armctl.motion.trajectory import SampledMotion, Trajectory
 from armctl.robot import Robot

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -27,6 +26,7 @@ from armctl.errors import InputError, MotionRefusedError
 from armctl.facts.reasons import decimals_apart
 from armctl.kinematics.energy import CUBIC_PEAKS, rest_to_rest_times
 from armctl.kinematics.target import as_numbers, checked_number, require_finite
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.trajectory import KnowsPeaks, Peaks, Sample, as_times
 from armctl.robot import Robot

@@ -11,7 +11,6 @@ grid: so they are kept between its points too.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import InputError
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.robot import Robot
 

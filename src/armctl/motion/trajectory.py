@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Protocol, runtime_checkable
 
@@ -15,6 +14,7 @@ from armctl.arrays import ArrayRecord, ByContent, FloatArray
 from armctl.errors import InputError
 from armctl.facts.angles import DEGREE, in_degrees
 from armctl.kinematics.target import as_numbers, checked_number
+from armctl.lazy_dataclass import dataclass
 from armctl.robot import Robot
 
 

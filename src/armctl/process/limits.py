@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import ipaddress
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import Protocol, TypeVar, cast
 
 from armctl.errors import InputError
+from armctl.lazy_dataclass import dataclass
 from armctl.process.records import BIG, CONTROL, MOST_ELSE, MOST_OF_PROGRAM
 
 MOST_BYTES_A_SECOND, MOST_BYTES_WATCHING = 8 * 1024 * 1024, 1024 * 1024

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +17,7 @@ from msgspec import Meta, inspect
 from armctl.arrays import FloatArray
 from armctl.errors import ProgramError
 from armctl.facts import Part, Quantities, Reason
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.blend import Leg
 from armctl.motion.one_sided import ONE_SIDED, OneSided, one_sided_stops
 from armctl.motion.plan import plan_joints, plan_path, plan_through

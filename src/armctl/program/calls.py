@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import posixpath
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import ClassVar, Self
 
@@ -26,6 +26,7 @@ from armctl.facts import (
     Said,
     say,
 )
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.preflight import Finding
 from armctl.program.base_steps import BlockStep, Step
 from armctl.program.frames import BASE, FrameStep, Placing, UserFrame

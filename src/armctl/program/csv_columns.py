@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import product
 
 from armctl.errors import ProgramError
+from armctl.lazy_dataclass import dataclass
 from armctl.program.steps import all_keys
 
 Cell = tuple[str, int | None]

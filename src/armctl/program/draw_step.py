@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, ClassVar, Self
@@ -21,6 +20,7 @@ from armctl.drawing.plan import DrawingPlan, plan_drawing
 from armctl.errors import MotionRefusedError
 from armctl.facts import Reason
 from armctl.facts.angles import from_degrees
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.blend import Leg
 from armctl.motion.polynomial import PiecewisePolynomial
 from armctl.motion.profiles import lasting_s

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, ProgramError
 from armctl.facts import ToolGripsNot, ToolHoldsPart
 from armctl.facts.commands import NoSuchStep
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.blend import Entry, Leg, blend
 from armctl.motion.preflight import preflight
 from armctl.motion.profiles import stopping_s

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Container, Generator, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import cast
 
 import numpy as np
@@ -24,6 +24,7 @@ from armctl.facts import (
     Unbounded,
 )
 from armctl.kinematics.velocity import NEAR
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.clearance import sources
 from armctl.motion.preflight import Finding, Severity, isotropy_of, passes, preflight
 from armctl.motion.trajectory import JoinedTrajectory, Trajectory

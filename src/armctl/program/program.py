@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import accumulate
 from typing import Annotated, Literal, Self
 
@@ -15,6 +14,7 @@ from armctl.documents import DocumentKind
 from armctl.errors import InputError, ProgramError
 from armctl.facts import UnmatchedBlock
 from armctl.facts.commands import NoSuchStep
+from armctl.lazy_dataclass import dataclass
 from armctl.program.base_steps import BlockStep, MotionStep, Step
 from armctl.program.frames import (
     MOST_FRAMES,

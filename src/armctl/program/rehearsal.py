@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, ProgramError
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.analysis import TICK_S
 from armctl.motion.plan import plan_joints
 from armctl.motion.profiles import PointToPoint

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from concurrent.futures import Future
-from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import msgspec
@@ -13,6 +12,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
 from armctl.kinematics import Target
+from armctl.lazy_dataclass import dataclass
 from armctl.motion import Profile, Trajectory
 from armctl.program import Program
 from armctl.protocol.recording import Recording

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from datetime import datetime
 from operator import attrgetter
 
@@ -27,6 +27,7 @@ from armctl.facts.commands import NotOperator, Stopped
 from armctl.facts.words import place
 from armctl.hardware import BoardIdentity, Source
 from armctl.kinematics.velocity import position_leaves_pitch
+from armctl.lazy_dataclass import dataclass
 from armctl.program import Program
 from armctl.robot import Robot
 

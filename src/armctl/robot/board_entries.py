@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Annotated, Any, Protocol, TypeVar, cast
 
@@ -20,6 +20,7 @@ from armctl.decoding import Place, did_you_mean, must_be
 from armctl.documents import Document
 from armctl.errors import ArmctlError, Errors, RefusedBeforeError
 from armctl.facts.quantities import NAMES
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.file import Channel, GripperEntry, Strict, Table, board_tables
 from armctl.robot.outputs import DEFAULT_BOARD, FLATTEST_PER_DEG, Mirror, OutputMap
 from armctl.robot.signals import InputKind, OutputKind, Signals

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics import GravityModel
 from armctl.kinematics.samples import joint_samples
+from armctl.lazy_dataclass import dataclass
 
 _FRICTION = 0.05
 """by which share of the arm's largest torque gravity must exceed what holds a joint in its play"""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self, cast
 
@@ -14,6 +14,7 @@ import tomli_w
 from armctl.arrays import FloatArray
 from armctl.documents import as_path, not_written, write_atomically
 from armctl.errors import InputError, RobotFileError
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.file import ROBOT_FILES, Table, board_tables, read_robot_file
 from armctl.robot.load import robot_of, shipped_robots, user_robots_folder
 from armctl.robot.robot import Robot

@@ -8,7 +8,6 @@ As a body it is a guess: where parts lie beside their axes, a chain does not say
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -18,6 +17,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.frames import LinkFrames
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.look.rows import MAKES, PAINTS, AnyRow, MakeName, Paint, paint
 from armctl.robot.parts import Color, Hand, Look
 

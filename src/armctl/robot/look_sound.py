@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +12,7 @@ from armctl.documents import Document
 from armctl.errors import Errors
 from armctl.kinematics.frames import LinkFrames
 from armctl.kinematics.samples import joint_samples
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.body.hulls import nearing, padded
 from armctl.robot.look.pieces import Jaw, Mount
 from armctl.robot.look.rows import called

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.errors import InputError
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.deflection import Deflection
 
 DEFAULT_BOARD = "maestro"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.facts import AngleLimit
 from armctl.kinematics.angles import LIMIT_TOLERANCE
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.look.rows import AnyRow, MakeName, Material
 
 # A joint: its limits, and the owner of what its value means and how it is shown and read.

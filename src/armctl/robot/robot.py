@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,6 +29,7 @@ from armctl.kinematics import (
 from armctl.kinematics.frames import LinkFrames
 from armctl.kinematics.target import seem_degrees
 from armctl.kinematics.velocity import position_is_held, position_leaves_orientation
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.body.arm_body import ANY_OPENING, BODY_ASSUMED, ArmBody, Capsule, CarriedPart, Openings
 from armctl.robot.body.bodies import Bodies, Underside, body_of_shapes, kept_body_of_shapes, leave_room
 from armctl.robot.body.collision import CollisionModel

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
+
+from armctl.lazy_dataclass import dataclass
 
 InputKind = Literal["digital", "pull-up", "analog"]
 OutputKind = Literal["digital", "pwm"]

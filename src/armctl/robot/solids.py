@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import FloatArray
+from armctl.lazy_dataclass import dataclass
 
 Point = tuple[float, float, float]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 import msgspec
@@ -15,6 +15,7 @@ from armctl.errors import InputError
 from armctl.facts import UnknownTool
 from armctl.kinematics import Body, Chain, DHRow, GravityModel
 from armctl.kinematics.frames import Convention
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.body.arm_body import Capsule, moved
 from armctl.robot.look.pieces import TOOL, Drawing
 from armctl.robot.look.rows import AnyRow, Paint, Spanned, Tube

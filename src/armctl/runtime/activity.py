@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import ClassVar
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
+from armctl.lazy_dataclass import dataclass
 from armctl.motion import Trajectory
 from armctl.protocol import Command, Doing, Jog, MovingCommand, Origin, ProgramProgress, Ticket
 from armctl.protocol.commands import kebab

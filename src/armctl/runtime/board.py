@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from itertools import chain
 
@@ -19,6 +19,7 @@ from armctl.facts.angles import DEGREE
 from armctl.hardware import Abilities, Driver, HomingState, Readback, Source
 from armctl.hardware.boards import board_type, channel_settings
 from armctl.hardware.driver import abilities_of, translated
+from armctl.lazy_dataclass import dataclass
 from armctl.robot import Robot
 from armctl.robot.signals import ON, Input, Output
 from armctl.robot.tools import own_gripper

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import Future
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from armctl.facts import say
 from armctl.facts.angles import DEGREE
 from armctl.facts.targets import Instead
 from armctl.kinematics import Solutions, Target
+from armctl.lazy_dataclass import dataclass
 from armctl.protocol import Command, FollowTarget, StreamJoints
 from armctl.robot import Robot
 from armctl.runtime.activity import Setpoint

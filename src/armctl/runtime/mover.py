@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Hashable
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
 from armctl.facts.commands import Superseded
+from armctl.lazy_dataclass import dataclass
 from armctl.motion import Sample, Trajectory, stopping_s
 from armctl.motion.trajectory import RestOfTrajectory
 from armctl.protocol import Ticket

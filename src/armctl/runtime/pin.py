@@ -23,9 +23,9 @@ from __future__ import annotations
 import hashlib
 import hmac
 import math
-from dataclasses import dataclass
 
 from armctl.errors import StateError
+from armctl.lazy_dataclass import dataclass
 from armctl.protocol import Origin, Ticket, WrongPins
 
 FIRST_WAIT_S, LONGEST_WAIT_S = 2.0, 300.0

@@ -12,13 +12,13 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass
 from typing import Any, ParamSpec, Protocol, TypeVar
 
 import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, StateError
+from armctl.lazy_dataclass import dataclass
 from armctl.motion import Trajectory, require_clear
 from armctl.robot import CarriedPart, Robot
 from armctl.runtime.activity import Order

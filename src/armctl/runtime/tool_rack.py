@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from armctl.errors import EnableError
 from armctl.facts import ToolToConfirm
+from armctl.lazy_dataclass import dataclass
 from armctl.motion import Floor, Obstacles
 from armctl.motion.clearance import kept_out
 from armctl.robot import Gripper, Robot

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import AsyncGenerator, Awaitable, Callable, Generator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Protocol, Self, TypeVar, cast
 
@@ -19,6 +19,7 @@ from armctl.errors import PortError
 from armctl.facts import State
 from armctl.hardware import BoardIdentity, Source
 from armctl.hardware.boards import board_type
+from armctl.lazy_dataclass import dataclass
 from armctl.protocol import ArmLink, Event, Snapshot
 from armctl.robot import Robot
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Coroutine
-from dataclasses import dataclass
 from html import escape
 from typing import Annotated, Any, Literal, Protocol, Self
 
@@ -28,6 +27,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError
 from armctl.facts import Need
+from armctl.lazy_dataclass import dataclass
 from armctl.motion import Profile, Trajectory, plan_joints
 from armctl.motion.one_sided import ONE_SIDED, commanded_end
 from armctl.protocol import Command, MoveJoints, Snapshot

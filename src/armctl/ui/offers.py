@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol
 
 from armctl.errors import ArmctlError
 from armctl.facts import Need, Reason
+from armctl.lazy_dataclass import dataclass
 from armctl.protocol import Snapshot
 from armctl.ui.widgets.html import LiveHtml, muted, sentence
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from armctl.boards import SIMULATED
 from armctl.errors import ArmctlError, InputError, StateError, StoppedError
 from armctl.facts import State
 from armctl.hardware import Source
+from armctl.lazy_dataclass import dataclass
 from armctl.process.heavy_work import Progress
 from armctl.protocol import (
     Arrive,

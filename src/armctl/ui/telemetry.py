@@ -7,12 +7,12 @@ nothing comes or goes while a hand is on its way. A row is sent only where what 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from html import escape
 
 from armctl.facts import Quantities, QuantityLimits
 from armctl.facts.quantities import NAMES
 from armctl.hardware import BoardIdentity
+from armctl.lazy_dataclass import dataclass
 from armctl.protocol import Snapshot
 from armctl.ui.session import Session
 from armctl.ui.widgets.html import button, fixed

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from html import escape
 
 import numpy as np
 
 from armctl.arrays import FloatArray
+from armctl.lazy_dataclass import dataclass
 from armctl.motion import Trajectory
 from armctl.motion.figure import color_of
 from armctl.protocol import Snapshot

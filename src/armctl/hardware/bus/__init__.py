@@ -6,7 +6,7 @@ A make (``ServoMake``) has its folder beside this one: its packets, its control 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Annotated, Any
 
@@ -14,6 +14,7 @@ import msgspec
 from msgspec import Meta
 
 from armctl.hardware.driver import ChannelScale
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.board_entries import BoardPart, ServoEntries
 from armctl.robot.file import Strict
 from armctl.robot.outputs import OutputMap

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 from armctl.facts import Quantities, QuantityLimits
 from armctl.hardware.bus.make import Telemetry
 from armctl.hardware.driver import ChannelSettings
 from armctl.hardware.servos import ServoSettings
+from armctl.lazy_dataclass import dataclass
 
 DOUBTED = 3
 """readings in a row without an answer after which a servo is sent no more goals"""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from armctl.errors import BoardTimeoutError
 from armctl.facts.servos import ServoSilent
 from armctl.hardware.bus.packets import BROADCAST, BusPacket, PacketForm, PacketReader
 from armctl.hardware.transport import Transport
+from armctl.lazy_dataclass import dataclass
 
 ATTEMPTS = 3
 """how often a question to one servo is put"""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from armctl.errors import BoardError, BoardTimeoutError, EnableError, InputError
 from armctl.facts.servos import (
@@ -21,6 +21,7 @@ from armctl.hardware.bus.line import BusLine
 from armctl.hardware.bus.packets import BusPacket, PacketForm
 from armctl.hardware.bus.table import ControlTable
 from armctl.hardware.servos import ServoSettings
+from armctl.lazy_dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from enum import IntEnum
+
+from armctl.lazy_dataclass import dataclass
 
 BROADCAST = 0xFE
 """the id that all servos listen to"""

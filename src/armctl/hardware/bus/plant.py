@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.hardware.driver import ChannelSettings
 from armctl.kinematics.energy import STANDARD_GRAVITY
+from armctl.lazy_dataclass import dataclass
 from armctl.robot import Robot
 
 STEP_S = 0.002

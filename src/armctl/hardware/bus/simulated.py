@@ -6,12 +6,12 @@ import math
 import random
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from armctl.hardware.bus.packets import BROADCAST, BusPacket, Instruction, PacketForm, PacketReader
 from armctl.hardware.bus.plant import ArmPlant, PlantJoint
 from armctl.hardware.bus.table import ControlTable
 from armctl.hardware.driver import ChannelSettings
+from armctl.lazy_dataclass import dataclass
 from armctl.robot import Robot
 
 _PAUSE_S = 0.005

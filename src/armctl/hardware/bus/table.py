@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
 from typing import Literal
 
 from armctl.errors import InputError, out_of_range
+from armctl.lazy_dataclass import dataclass
 
 
 class Sign(Enum):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
@@ -14,6 +13,7 @@ from armctl.decoding import did_you_mean
 from armctl.errors import BoardError, Errors, out_of_range
 from armctl.hardware.driver import ChannelSettings, ChannelTable
 from armctl.hardware.encoder import SCALE
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.board_entries import BoardPart
 from armctl.robot.file import Name, NotNegative, Positive, Strict
 from armctl.robot.outputs import OutputMap

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import binascii
 import re
-from dataclasses import dataclass
 from enum import Enum, IntEnum, IntFlag
 
 from armctl.errors import ArmctlError, BoardError, BoardProtocolError, InputError, StateError
+from armctl.lazy_dataclass import dataclass
 
 # Lines with a checksum, and the single bytes that are no part of any line.
 

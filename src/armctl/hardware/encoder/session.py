@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from armctl.errors import BoardProtocolError, BoardTimeoutError
 from armctl.hardware.board_type import Introduction
@@ -29,6 +28,7 @@ from armctl.hardware.encoder.messages import (
     unseal,
 )
 from armctl.hardware.transport import Transport, pieces
+from armctl.lazy_dataclass import dataclass
 
 UNKNOWN_RESET = "unknown"
 """the board has started anew, and the banner that says why was lost"""

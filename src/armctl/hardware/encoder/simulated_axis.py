@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Mapping
-from dataclasses import dataclass
 from typing import Literal
 
 from armctl.hardware.driver import ChannelSettings
@@ -16,6 +15,7 @@ from armctl.hardware.encoder.messages import (
     RequestWords,
     within,
 )
+from armctl.lazy_dataclass import dataclass
 
 TICK_S = 0.005  # the firmware's control period
 SWITCH_WIDTH = 200.0  # counts over which the home switch of a Scorbot stays closed

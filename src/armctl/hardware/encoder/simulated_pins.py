@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from armctl.hardware.encoder.messages import CHANGES, SPARE_PINS, RefusedRequest, RequestWords, within
 from armctl.hardware.encoder.simulated_axis import TICK_S
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.signals import ON
 
 _FIRST, _LAST = SPARE_PINS[0], SPARE_PINS[-1]

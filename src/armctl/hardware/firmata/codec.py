@@ -6,12 +6,12 @@ up to 15 only, and a larger pin turns it into another command.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import TypeAlias
 
 from armctl.errors import InputError
 from armctl.hardware.firmata import LARGEST_PULSE_US, SMALLEST_PULSE_US
+from armctl.lazy_dataclass import dataclass
 
 _MAX_14_BIT = 0x3FFF
 _MAX_PIN = 0x7F

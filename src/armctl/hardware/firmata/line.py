@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import TypeVar
 
 from armctl.errors import BoardError, BoardProtocolError, BoardTimeoutError
@@ -18,6 +17,7 @@ from armctl.hardware.firmata.codec import (
     VersionReport,
 )
 from armctl.hardware.transport import Transport, pieces
+from armctl.lazy_dataclass import dataclass
 
 _OPEN_S = 5.0
 """a Mega that restarts when its port is opened reports after 1.7 s and its bootloader's time"""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 from armctl.hardware.firmata import LARGEST_PULSE_US, SERVO_FRAME_S, SMALLEST_PULSE_US
 from armctl.hardware.firmata.codec import PinMode, PinState
+from armctl.lazy_dataclass import dataclass
 
 _CERTAIN = 2
 """answers carry no checksum: one alone does not prove that a pin is on or off, or what its width is"""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TypeAlias
 
 from armctl.errors import InputError
@@ -23,6 +22,7 @@ from armctl.hardware.firmata.codec import (
     sysex,
 )
 from armctl.hardware.firmata.sketch_parser import SYSEX_BUFFER, SYSEX_OBEYED, SketchMessage, SketchParser
+from armctl.lazy_dataclass import dataclass
 
 # One servo of a simulated sketch: what the Arduino Servo library does with what it is given.
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from armctl.hardware.firmata.codec import MessageStart
+from armctl.lazy_dataclass import dataclass
 
 SYSEX_OBEYED = 32
 """data bytes of the longest sysex that is carried out; a longer one is dropped without a word"""

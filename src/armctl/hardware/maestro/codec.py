@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
 from armctl.errors import BoardProtocolError, InputError
 from armctl.hardware.maestro import QUARTERS_PER_US
+from armctl.lazy_dataclass import dataclass
 
 # Units: µs, µs/s and µs/s² of a pulse, and the integers of the protocol.
 

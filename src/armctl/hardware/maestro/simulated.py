@@ -6,7 +6,7 @@ import bisect
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from enum import Enum
 
 from armctl.errors import InputError
@@ -30,6 +30,7 @@ from armctl.hardware.maestro.codec import (
     PacketParser,
     us_to_quarters,
 )
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.signals import ON, Signals
 
 # One servo channel of a simulated Maestro: where its pulse width stands and how it moves.

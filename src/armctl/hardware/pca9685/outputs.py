@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from armctl.hardware.driver import ChannelSettings, ChannelTable
+from armctl.lazy_dataclass import dataclass
 
 _EXPIRES_S = 0.12
 """a setpoint that has not come through by then is dropped: later it would be one large step of the arm"""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
 from armctl.errors import BoardProtocolError
 from armctl.hardware.pca9685 import CHANNELS, STEPS, Pca9685Options
+from armctl.lazy_dataclass import dataclass
 
 BYTES = 4
 """of a channel's registers: on and off, low byte first"""

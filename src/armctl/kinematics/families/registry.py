@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,6 +26,7 @@ from armctl.kinematics.families.yaw_pitch_roll.solver import YawPitchRollSolver
 from armctl.kinematics.samples import DEFAULT_STEP
 from armctl.kinematics.solver import InverseKinematics
 from armctl.kinematics.target import Target
+from armctl.lazy_dataclass import dataclass
 
 FAMILIES: tuple[type[InverseKinematics], ...] = (
     YawPitchRollSolver,

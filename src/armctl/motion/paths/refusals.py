@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Literal, NamedTuple
 
@@ -28,6 +28,7 @@ from armctl.kinematics import DEFAULT_STEP, Solutions, Target
 from armctl.kinematics.angles import LIMIT_TOLERANCE
 from armctl.kinematics.families.numeric.solver import LinkBound
 from armctl.kinematics.families.whole_pose import pose_of
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.clearance import stands_clear
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
 from armctl.motion.paths.tool_orientation import PitchRows, ToolRotation, TurnRows, elevations

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import ClassVar
 
 import numpy as np
@@ -22,6 +22,7 @@ from armctl.kinematics.angles import LIMIT_TOLERANCE, central_images, rotation_a
 from armctl.kinematics.families.numeric.descent import crossed, rotation_vectors
 from armctl.kinematics.families.yaw_pitch_roll.geometry import bend_sense
 from armctl.kinematics.subproblems import ToolPlane
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.paths.tool_curve import ToolCurve
 from armctl.motion.polynomial import PiecewisePolynomial, cubic_spline
 from armctl.robot import Robot

@@ -6,7 +6,7 @@ A curve that cannot be followed is refused before the arm moves, with the place 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from typing import Literal, get_args
 
@@ -19,6 +19,7 @@ from armctl.facts.angles import DEGREE
 from armctl.kinematics import Target
 from armctl.kinematics.angles import rotation_angle
 from armctl.kinematics.target import checked_number
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.paths.refusals import Attempt, end_refusal, limit_refusal, pitch_refusal, turn_refusal
 from armctl.motion.paths.tool_curve import NO_WAY_M, ToolCurve
 from armctl.motion.paths.tool_orientation import PitchRows, ToolRotation, led_pitches, pitch_rows

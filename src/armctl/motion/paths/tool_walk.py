@@ -11,7 +11,7 @@ import math
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.kinematics import Chain
 from armctl.kinematics.angles import LIMIT_TOLERANCE
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.paths.tool_curve import ToolCurve
 from armctl.motion.paths.tool_orientation import TurnRows, carried
 from armctl.motion.polynomial import PiecewisePolynomial, first_crossing, quintic

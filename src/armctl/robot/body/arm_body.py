@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
@@ -17,6 +16,7 @@ from armctl.arrays import ArrayRecord, FloatArray
 from armctl.errors import InputError, out_of_range
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.target import as_numbers
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.body.hulls import Hull
 from armctl.robot.look.pieces import Mount, link_name
 from armctl.robot.parts import Look

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics.chain import Chain
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.body.arm_body import ANY_OPENING, ArmBody, Capsule, CarriedPart, Openings
 from armctl.robot.body.collision import CollisionModel, SolidPairs
 from armctl.robot.look.pieces import Drawing, Piece

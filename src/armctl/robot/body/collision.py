@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Self
 
@@ -15,6 +15,7 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.frames import LinkFrames
 from armctl.kinematics.samples import joint_samples
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.body.arm_body import CLEAR_M, Capsule, SurfacePairs
 from armctl.robot.body.hulls import (
     HullPairs,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from importlib import import_module
 from typing import Any, Self, cast
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import Chain
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.body.arm_body import ArmBody, Capsule, Surface, comparable
 from armctl.robot.body.hulls import Hull, distances, hull_of_few, padded
 from armctl.robot.body.meshes import ArmSolids, across, extent, too_large, units_for
@@ -165,8 +166,7 @@ def _to_tool(chain: Chain, fitted: Sequence[Capsule]) -> list[Capsule]:
 def fit(solids: Sequence[Solid]) -> tuple[list[Fitted], float]:
     """A few hulls, each in a capsule, that contain all triangles of a link, and the largest gap [m].
 
-    The gap is how far a point of the hulls is from the mesh, at most. It is measured at points, so that it
-    may be a thirtieth of the link's size too large.
+    The gap: how far hull points are from the mesh, at most; up to a thirtieth of the link's size too large.
     """
     corners = np.concatenate([solid.vertices[solid.faces] for solid in solids])
     shared = _cut(corners) if len(corners) < _MOST_SHARED else corners

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armctl.arrays import ArrayRecord, FloatArray
 from armctl.kinematics.subproblems import dot
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.parts import Obstacle
 
 # Distances between straight segments, and from boxes: many at once, entry by entry in memory.

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from armctl.arrays import FloatArray
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.body.arm_body import ArmBody, Capsule, Openings
 from armctl.robot.body.fitting import hull_as_it_is, in_capsules
 from armctl.robot.body.hulls import Hull

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from armctl.kinematics import Body
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.frames import LinkFrames
 from armctl.kinematics.subproblems import cross
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.look.rows import (
     DENSITIES,
     MAKES,

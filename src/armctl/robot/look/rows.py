@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import Annotated, Literal, cast, get_args
 
 import msgspec
 from msgspec import Meta
+
+from armctl.lazy_dataclass import dataclass
 
 # What rows of a look name: colours, and motors that one can buy.
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from armctl.arrays import FloatArray
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.look.rows import (
     MAKES,
     AnyRow,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError, RobotFileError
 from armctl.kinematics import Chain
 from armctl.kinematics.families.registry import has_closed_form
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.robot import Robot
 from armctl.robot.urdf.tool import EXACT, UrdfTool
 from armctl.robot.urdf.tree import Rounding, UrdfJoint, UrdfTree, is_free

@@ -13,11 +13,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from armctl.arrays import FloatArray
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.urdf.tree import UrdfJoint, UrdfTree, is_free
 
 # What the names of links and joints tell: tools, grippers, cameras, wheels. Many names tell nothing.

@@ -9,13 +9,14 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote
 from xml.etree import ElementTree
 
 from armctl.documents import DocumentKind
 from armctl.errors import RobotFileError, UnclearArmError
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.body.meshes import SUFFIXES
 from armctl.robot.file import ROBOT_FILES
 from armctl.robot.urdf.side_file import SIDE_SUFFIX, decode_side_file

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TypeAlias
 from urllib.parse import unquote
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError, UnclearArmError
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.urdf.joints import (
     ArmEnds,
     arm_ends,

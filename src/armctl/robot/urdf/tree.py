@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import RobotFileError
 from armctl.kinematics import roll_pitch_yaw, rotation_from_rpy
 from armctl.kinematics.frames import frame_along
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.parts import Shape
 from armctl.robot.urdf.xacro_properties import Argument
 

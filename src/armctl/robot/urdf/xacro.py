@@ -12,10 +12,10 @@ import re
 from collections import ChainMap
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import TypeAlias, cast
 
 from armctl.errors import RobotFileError
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.urdf.package import UrdfSource
 from armctl.robot.urdf.reading import ArmFiles, Element, MissingPackageError
 from armctl.robot.urdf.xacro_expression import Budget

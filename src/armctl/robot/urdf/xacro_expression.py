@@ -11,10 +11,10 @@ from __future__ import annotations
 import ast
 import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NoReturn, Protocol, cast
 
 from armctl.errors import RobotFileError
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.urdf.xacro_functions import (
     FUNCTIONS,
     LONGEST,

@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NoReturn, TypeAlias, cast
 
 from armctl.errors import RobotFileError
+from armctl.lazy_dataclass import dataclass
 
 Value: TypeAlias = Any
 """int, float, str, bool, None, list, tuple, dict, set, range, Function; ``weight`` refuses others"""

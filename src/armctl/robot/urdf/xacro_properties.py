@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from keyword import iskeyword
 from typing import Any
 
 from armctl.decoding import did_you_mean
 from armctl.errors import RobotFileError, UnclearArmError
+from armctl.lazy_dataclass import dataclass
 from armctl.robot.urdf.reading import ArmFiles, Element, MissingPackageError
 from armctl.robot.urdf.xacro_expression import Budget, Expressions
 from armctl.robot.urdf.xacro_functions import FUNCTIONS, XACRO, Function, Module, Value, shown

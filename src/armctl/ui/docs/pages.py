@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from functools import cache
 from html import escape
 from importlib import resources
@@ -19,6 +18,7 @@ import msgspec
 import yaml
 
 from armctl.documents import shipped_folder
+from armctl.lazy_dataclass import dataclass
 from armctl.ui.docs.render import Rendered, rendered
 from armctl.ui.docs.tables import TABLES, with_docstrings
 from armctl.ui.docs.where import DOCS_PATH, address_of, led, source_of

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from html import escape
 from itertools import pairwise
 
@@ -16,6 +15,8 @@ from markdown_it import MarkdownIt
 from markdown_it.renderer import RendererHTML
 from markdown_it.token import Token
 from markdown_it.utils import EnvType, OptionsDict
+
+from armctl.lazy_dataclass import dataclass
 
 _TITLE = re.compile(r'title="([^"]*)"')
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)

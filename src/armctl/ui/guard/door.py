@@ -14,7 +14,7 @@ import re
 import secrets
 import socket
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from http import HTTPStatus
 from urllib.parse import parse_qs
 
@@ -22,6 +22,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from armctl.lazy_dataclass import dataclass
 from armctl.ui.docs import DOCS_PATH, ServedDocs
 from armctl.ui.guard.filter import GuardedConnection, Tally
 from armctl.ui.guard.listening import url_host

@@ -17,7 +17,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from html import escape
 from typing import Annotated
@@ -28,6 +28,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import CloseCode
 
+from armctl.lazy_dataclass import dataclass
 from armctl.ui.guard.filter import LOG, FloodGauge
 
 PARTS_PATH = "/page"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache, partial
 
 import numpy as np
@@ -15,6 +15,7 @@ from armctl.facts.angles import DEGREE
 from armctl.kinematics import quaternion_wxyz
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.frames import LinkFrames
+from armctl.lazy_dataclass import dataclass
 from armctl.robot import CarriedPart, Robot
 from armctl.robot.body.arm_body import width
 from armctl.robot.body.meshes import Drawn, coarse_solids

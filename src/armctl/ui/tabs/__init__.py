@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pkgutil
-from dataclasses import dataclass
 from typing import Protocol, cast
 
 import viser
 
+from armctl.lazy_dataclass import dataclass
 from armctl.protocol import Snapshot
 from armctl.ui.session import Session
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from html import escape
 from typing import NamedTuple, Protocol
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
+from armctl.lazy_dataclass import dataclass
 from armctl.ui.widgets.html import button, fixed
 from armctl.ui.widgets.number_field import parse_number, parse_numbers
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +19,7 @@ from armctl.kinematics.angles import skew_part
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.samples import even_spread
 from armctl.kinematics.target import straight_up
+from armctl.lazy_dataclass import dataclass
 
 # What a numeric search drives to zero: residuals of the tool pose with their derivatives, in batches.
 

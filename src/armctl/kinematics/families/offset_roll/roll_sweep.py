@@ -14,7 +14,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -41,6 +41,7 @@ from armctl.kinematics.families.yaw_pitch_roll.geometry import (
 )
 from armctl.kinematics.samples import grid_values
 from armctl.kinematics.subproblems import ToolPlane, circle_angles
+from armctl.lazy_dataclass import dataclass
 
 # Recognising arms of the build *yaw + parallel pitch joints + roll* with the tool beside the roll axis.
 #

@@ -9,7 +9,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import product
 from typing import Self
@@ -53,6 +53,7 @@ from armctl.kinematics.solutions import Solutions
 from armctl.kinematics.solver import InverseKinematics, held_roll, roll_angles
 from armctl.kinematics.subproblems import ToolPlane
 from armctl.kinematics.target import Target
+from armctl.lazy_dataclass import dataclass
 
 _ALIGNED = 1e-9
 """how far from parallel or at a right angle axes may be (sine), and factors from whole numbers"""

@@ -14,7 +14,6 @@ two times two branches. P is the wrist of a Panda or xArm 7, and the shoulder of
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -35,6 +34,7 @@ from armctl.kinematics.subproblems import (
     scaled,
     turned_by,
 )
+from armctl.lazy_dataclass import dataclass
 
 JOINTS = 7
 _ALIGNED = 1e-9

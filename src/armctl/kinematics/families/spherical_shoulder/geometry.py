@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +24,7 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.angles import images
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.subproblems import across, angle_about, angle_between, meeting_point, turn, turned
+from armctl.lazy_dataclass import dataclass
 
 _ALIGNED = 1e-9
 """how far axes may miss a common point [m] and how nearly parallel they may be (sine of the angle)"""

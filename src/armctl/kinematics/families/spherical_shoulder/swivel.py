@@ -16,7 +16,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -53,6 +52,7 @@ from armctl.kinematics.subproblems import (
     turned,
 )
 from armctl.kinematics.target import elevation
+from armctl.lazy_dataclass import dataclass
 
 _NEARLY = 1e-5
 """how far outside a limit an angle may lie that rounding alone has put there [rad]: near a singular pose

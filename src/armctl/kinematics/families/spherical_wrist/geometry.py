@@ -19,7 +19,6 @@ where two neighbouring axes are parallel or meet.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -28,6 +27,7 @@ from armctl.arrays import FloatArray
 from armctl.kinematics.chain import Chain
 from armctl.kinematics.samples import even_spread
 from armctl.kinematics.subproblems import across, meeting_point, turned
+from armctl.lazy_dataclass import dataclass
 
 Regional = Literal["parallel-23", "meet-23", "parallel-12", "meet-12", "skew"]
 """what makes the first three joints easy: which two axes are parallel or meet; ``skew``: none"""

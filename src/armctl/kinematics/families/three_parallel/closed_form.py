@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +38,7 @@ from armctl.kinematics.subproblems import (
     turned_by,
     two_turns_of_many,
 )
+from armctl.lazy_dataclass import dataclass
 
 # Recognition of six-joint arms with three parallel axes in a row, and the numbers of their solution.
 

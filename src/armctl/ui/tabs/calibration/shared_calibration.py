@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Literal, Self
 
@@ -38,6 +38,7 @@ from armctl.errors import InputError, StateError
 from armctl.facts import State, say
 from armctl.facts.angles import DEGREE, to_degrees
 from armctl.hardware import Source
+from armctl.lazy_dataclass import dataclass
 from armctl.protocol import Snapshot, wall_time
 from armctl.robot import OutputMap, Robot
 from armctl.ui.console import CalibrationInForce, Console

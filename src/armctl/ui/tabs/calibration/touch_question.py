@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +18,7 @@ from armctl.calibration import (
     touch_errors,
 )
 from armctl.errors import ArmctlError
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.one_sided import OneSided
 from armctl.robot import Robot
 

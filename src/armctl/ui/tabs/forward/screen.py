@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -17,6 +16,7 @@ from armctl.facts.angles import from_degrees, to_degrees
 from armctl.facts.targets import PoseUnmet
 from armctl.kinematics import DEFAULT_STEP, Target
 from armctl.kinematics.velocity import position_leaves_pitch
+from armctl.lazy_dataclass import dataclass
 from armctl.protocol import Snapshot
 from armctl.robot import Robot
 from armctl.ui.events import Newest, On, OneAtATime

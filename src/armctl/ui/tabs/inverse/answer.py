@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from armctl.facts.angles import to_degrees
 from armctl.kinematics import DEFAULT_STEP, Branch, Criterion, Solutions, Target, checked_criterion
 from armctl.kinematics.angles import turned_apart
 from armctl.kinematics.energy import EnergyModel, energies
+from armctl.lazy_dataclass import dataclass
 from armctl.motion import Profile
 from armctl.motion.choices import JudgedConfigurations, first_possible
 from armctl.motion.figure import color_of
@@ -381,10 +382,7 @@ def _postures(found: RankedSolutions) -> list[tuple[str, NDArray[np.int64]]]:
 
 
 def _pieces(found: RankedSolutions) -> list[tuple[str, NDArray[np.int64]]]:
-    """Name and rows of each piece of the solutions, by its least energy.
-
-    A piece is of one branch, and without a gap in the free joint.
-    """
+    """Name and rows of each piece (of one branch, no gap in the free joint), by its least energy."""
     solutions, free = found.solutions, found.solutions.free_joint or 0
     pieces: list[tuple[str, NDArray[np.int64]]] = []
     for i, name in enumerate(solutions.branch_names):

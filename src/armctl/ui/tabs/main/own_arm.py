@@ -6,7 +6,7 @@ import asyncio
 import re
 from collections.abc import Generator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from html import escape
 from typing import Any, cast
 
@@ -15,6 +15,7 @@ import viser
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError
+from armctl.lazy_dataclass import dataclass
 from armctl.robot import Robot, robot_path
 from armctl.robot.draft import BUILDS, Draft
 from armctl.robot.load import across_the_link

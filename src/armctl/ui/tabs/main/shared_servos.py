@@ -6,7 +6,6 @@ import asyncio
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from typing import Self, TypeVar
 
 from armctl.boards import SIMULATED, Boards, board_name
@@ -16,6 +15,7 @@ from armctl.hardware.bus.differences import differences
 from armctl.hardware.bus.lerobot import KeptServo, changed, motor_names
 from armctl.hardware.servo_records import KeptSettings, ServoRecords
 from armctl.hardware.servos import Difference, FoundServo, Mend, ServoSetup
+from armctl.lazy_dataclass import dataclass
 from armctl.process.registry import holder
 from armctl.protocol import MonotonicClock, Snapshot
 from armctl.ui.console import Console

@@ -6,7 +6,7 @@ import asyncio
 import os
 import shutil
 from collections.abc import Callable, Coroutine, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import viser
 
 from armctl.errors import InputError, RobotFileError, UnclearArmError
 from armctl.facts import About
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.clearance import clear_pose, stands_clear
 from armctl.protocol import Snapshot
 from armctl.robot import Robot, load_robot, urdf_path

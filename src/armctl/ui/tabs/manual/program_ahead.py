@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import time
-from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.trajectory import JoinedTrajectory
 from armctl.program import Program, SavedPrograms
 from armctl.program.rehearsal import Rehearsal, rehearse

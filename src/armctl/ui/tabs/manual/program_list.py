@@ -7,12 +7,12 @@ in any container that is 250 px wide or more.
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from html import escape
 
 import msgspec
 
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.preflight import Finding
 from armctl.program import Program, Step
 from armctl.program.base_steps import places_of

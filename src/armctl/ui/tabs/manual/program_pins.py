@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 import viser
 
 from armctl.arrays import FloatArray
+from armctl.lazy_dataclass import dataclass
 from armctl.program.rehearsal import Rehearsal
 from armctl.protocol import Snapshot
 from armctl.robot import Robot

@@ -6,7 +6,6 @@ import asyncio
 import threading
 from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -16,6 +15,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import ProgramError, StateError
 from armctl.facts import Need, State
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.preflight import Finding, not_checked
 from armctl.process.heavy_work import check_program_apart, read_program_apart
 from armctl.program import (

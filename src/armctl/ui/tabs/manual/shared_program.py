@@ -10,7 +10,6 @@ import os
 import re
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from itertools import count
 from operator import is_not
@@ -22,6 +21,7 @@ import msgspec
 from armctl.documents import has_ended, not_written, write_atomically
 from armctl.drawing import DRAWING_SUFFIXES
 from armctl.errors import ProgramError
+from armctl.lazy_dataclass import dataclass
 from armctl.program import (
     Blocks,
     CalledProgram,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Self, cast
@@ -17,6 +16,7 @@ from armctl.errors import InputError
 from armctl.facts import Need
 from armctl.hardware.boards import signal_kinds
 from armctl.hardware.input_script import SCRIPT_FILES, read_script
+from armctl.lazy_dataclass import dataclass
 from armctl.protocol import Command, PlayInputs, SetOutput, SimulateInput, Snapshot
 from armctl.protocol.snapshot import POWERED
 from armctl.robot import Robot, robot_path, user_robots, user_robots_folder

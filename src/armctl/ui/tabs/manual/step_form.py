@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 from html import escape
 from pathlib import PurePath
 
@@ -13,6 +13,7 @@ import msgspec
 from armctl.decoding import refusal_of
 from armctl.errors import ArmctlError, InputError
 from armctl.kinematics import CRITERIA
+from armctl.lazy_dataclass import dataclass
 from armctl.program import Step
 from armctl.program.base_steps import Key, keys_of
 from armctl.program.conditions import COUNTER, GRIPPER, MEASURED

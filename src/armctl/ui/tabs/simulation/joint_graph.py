@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from html import escape
 from typing import Self
 
@@ -13,6 +12,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.facts.angles import to_degrees
 from armctl.hardware import Source
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.figure import color_of
 from armctl.protocol import Snapshot
 from armctl.robot import Robot

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import math
-from dataclasses import dataclass
 from typing import Literal, Self
 
 import numpy as np
@@ -20,6 +19,7 @@ from armctl.kinematics.workspace import (
     sample_workspace,
     workspace_extent,
 )
+from armctl.lazy_dataclass import dataclass
 from armctl.protocol import Snapshot
 from armctl.robot import Robot
 from armctl.robot.solids import Solid

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Literal
 
 import numpy as np
@@ -14,6 +14,7 @@ from armctl.errors import InputError, ProgramError
 from armctl.facts import say
 from armctl.facts.targets import AtPoint
 from armctl.kinematics import Target
+from armctl.lazy_dataclass import dataclass
 from armctl.motion import (
     PROFILES,
     Finding,

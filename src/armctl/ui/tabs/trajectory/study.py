@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import viser
 
@@ -11,6 +9,7 @@ from armctl.arrays import FloatArray
 from armctl.errors import InputError
 from armctl.facts.angles import DEGREE, to_degrees
 from armctl.kinematics.workspace import longest_levers
+from armctl.lazy_dataclass import dataclass
 from armctl.motion.analysis import JointStudy, Turning, study_csv, study_joints
 from armctl.motion.figure import color_of
 from armctl.robot import Robot
