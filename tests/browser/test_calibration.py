@@ -192,10 +192,14 @@ def test_a_sheet_is_downloaded_and_its_crosshairs_are_proposed_and_touched(
     page.click("Go")
     above = 1000 * sheet.laid_m[first.number - 1]
     page.wait_until(lambda: bool(np.abs(served.tool_mm - above)[:2].max() < 0.5), "it is above the crosshair")
-    assert 29 < served.tool_mm[2] < 101
+    assert 29 < served.tool_mm[2] - above[2] < 101
 
     served.wait_for(page, State.HOLDING)
-    page.type_into("Height mm", "30")
+    there = served.tool_mm
+    page.click("−10", within=page.row("Z up mm"))
+    page.click("−10", within=page.row("Z up mm"))
+    page.wait_until(lambda: abs(served.tool_mm[2] - there[2] + 20) < 0.1, "it is 20 mm lower")
+    served.wait_for(page, State.HOLDING)
     page.click("Here")
     page.wait_until(lambda: len(shared.points.touches) == 1, "it is touched")
     assert shared.points.touches[0].number == first.number

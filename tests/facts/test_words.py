@@ -257,7 +257,7 @@ SAMPLES: list[Reason] = [
     ScaleOff("Elbow", -0.02, 0.004),
     LengthOff("Elbow", 3, "a", 0.116, 0.001, 0.0002),
     PlaceOff("x", 0.005, 0.0003),
-    MistakenPoint(4, 0.012),
+    MistakenPoint(4, (0.012, -0.003, 0.0004)),
     *(
         NotTold("Elbow", one)
         for one in ("zero", "sag", "play", "scale", "a", "d", "place", "tilt", "heading")

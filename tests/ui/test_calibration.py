@@ -37,8 +37,6 @@ from armctl.ui.tabs.calibration.joint import (
     fit_html,
     limits_html,
     marks_html,
-    slow_duration,
-    slow_speeds,
 )
 from armctl.ui.tabs.calibration.screen import (
     check_pose_html,
@@ -56,6 +54,7 @@ from armctl.ui.tabs.calibration.shared_calibration import (
     standing_outputs,
 )
 from armctl.ui.tabs.calibration.touched_points import TouchedPoints
+from armctl.ui.tabs.manual.joints import slow_duration, slow_speeds
 
 ROBOT = load_robot("uzuner")
 FILE = own_calibration(ROBOT, "base")

@@ -13,7 +13,7 @@ from armctl.calibration.apply import (
 from armctl.calibration.correction import Change, changes, corrected, suggestion
 from armctl.calibration.fit import LEAST_MARKS, JointFit, Mark, fit_joint
 from armctl.calibration.kept_touches import MOST_TOUCHES, KeptTouches, TouchedPoint, TouchesFile
-from armctl.calibration.next_touch import next_touch, reachable, reachable_at
+from armctl.calibration.next_touch import Aim, next_touch, reachable, reachable_at
 from armctl.calibration.record import (
     Calibration,
     CalibrationStore,
@@ -39,6 +39,7 @@ __all__ = [
     "LEAST_SIDES",
     "MOST_TOUCHES",
     "PAPERS_MM",
+    "Aim",
     "Calibration",
     "CalibrationStore",
     "Change",

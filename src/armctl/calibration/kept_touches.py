@@ -45,6 +45,10 @@ class TouchedPoint:
     sent: Mapping[int, float] | None = None
     """the setpoints beside what encoders read; None: there are none, as where the arm is led by hand"""
 
+    def is_where(self, other: TouchedPoint) -> bool:
+        """Whether the other one is of the same point."""
+        return (self.number, self.point_m) == (other.number, other.point_m)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeptTouches:

@@ -1,14 +1,19 @@
-"""Which touch tells most about what is still uncertain."""
+"""Which touch tells most about what is still uncertain, and where the arm is sent to come near to it."""
 
 from __future__ import annotations
+
+import math
+from dataclasses import replace
 
 import numpy as np
 
 from armctl.arrays import FloatArray
-from armctl.calibration.touch_fit import solve
+from armctl.calibration.touch_fit import Solved, solve
 from armctl.calibration.touch_model import Frame, Touches, TouchModel
+from armctl.calibration.touch_report import drive
 from armctl.errors import CalibrationError
 from armctl.facts.angles import DEGREE
+from armctl.lazy_dataclass import dataclass
 from armctl.robot import Robot
 
 _LEAST = 3
@@ -45,6 +50,52 @@ def next_touch(robot: Robot, touches: Touches, candidates: Touches, *, load_kg: 
     seen = np.asarray(np.linalg.solve(S, CA.swapaxes(1, 2)), dtype=np.float64)
     won = np.einsum("kpi,kiq,pq->k", CA, seen, weights)
     return int(np.argmax(won))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Aim:
+    """How an arm comes near to points before it is corrected: by what its touches say of it so far."""
+
+    solved: Solved
+    drive: FloatArray
+    """(n,) compliance between setpoint and reading [rad/(N·m)]; 0 where that is not noted"""
+    drive_sd_m: float
+    """by how much that leaves the tool too high or too low [m]"""
+
+    @classmethod
+    def of(cls, robot: Robot, touches: Touches, *, load_kg: float = 0.0) -> Aim:
+        """By the most likely zeros, sag and place of the sheet; touches that are far off count less."""
+        model = TouchModel(robot, load_kg).placed(touches)
+        solved = solve(model, touches, model.parameters(touches), robust=True)
+        gives = drive(model, solved.values, touches)
+        aim = cls(solved, np.zeros(robot.n) if gives is None else gives, 0.0)
+        if touches.commanded is None:
+            return aim
+        sent, read = aim._tips(touches.commanded), model.tips(solved.values, touches.q, touches.senses)
+        return replace(aim, drive_sd_m=float(np.sqrt(np.mean((sent - read)[:, 2] ** 2))))
+
+    def _tips(self, q: FloatArray) -> FloatArray:
+        """(k, 3) where the tool truly is at setpoints ``q`` (k, n) [rad], base frame [m]."""
+        model, values, none = self.solved.model, self.solved.values, np.zeros(q.shape)
+        return model.tips(values, q - self.drive * model.links(values, q, none)[1], none)
+
+    def in_base(self, point_m: FloatArray) -> FloatArray:
+        """(3,) where a point (3,) of the touches' frame truly is, base frame [m]."""
+        return self.solved.model.in_base(self.solved.values, point_m)
+
+    def ahead(self, q: FloatArray) -> FloatArray:
+        """(3,) from where the tool truly is to where the robot shows it, sent to ``q`` (n,) [rad], base [m].
+
+        So much beyond a point the robot is sent there.
+        """
+        return self.solved.model.robot.forward(q)[:3, 3] - self._tips(q[None])[0]
+
+    def height_sd(self, q: FloatArray, point_m: FloatArray) -> float:
+        """Standard deviation of how high the tool truly is over a point (3,) [m] at ``q`` (n,) [rad]."""
+        one = self.solved
+        probe = Touches(q[None], point_m[None], one.model.frame)
+        down = one.model.slopes(one.values, probe, one.parameters)[0, 2]
+        return math.hypot(math.sqrt(float(down @ one.covariance @ down)), self.drive_sd_m)
 
 
 def reachable(robot: Robot, touches: Touches, points_m: FloatArray, *, load_kg: float = 0.0) -> Touches:

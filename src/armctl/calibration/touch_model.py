@@ -269,6 +269,10 @@ class TouchModel:
         """Points (k, 3) of the base frame in that of the touched points [m]."""
         return (tips - values.place) @ self._rotation(values)
 
+    def along(self, values: Values, vectors: FloatArray) -> FloatArray:
+        """Vectors (k, 3) of the base frame along the axes of the points' frame."""
+        return vectors @ self._rotation(values)
+
     def in_base(self, values: Values, points: FloatArray) -> FloatArray:
         """Touched points (k, 3) in the base frame [m]."""
         return points @ self._rotation(values).T + values.place

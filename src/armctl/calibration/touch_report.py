@@ -104,7 +104,7 @@ class TouchFit:
     """what is to blame, what moves the tool most first"""
     or_else: tuple[Reason, ...]
     """what would explain the points as well as the first cause"""
-    mistaken: tuple[Reason, ...]
+    mistaken: tuple[MistakenPoint, ...]
     """points that fit to nothing; they were left out"""
     held: tuple[NotTold, ...]
     """numbers that these points cannot tell: they stay as they are"""
@@ -114,6 +114,11 @@ class TouchFit:
     """the corrected numbers; the robot's where there is no correction"""
     known: Values
     """the robot's numbers"""
+    missed_m: FloatArray
+    """(count given, 3) from each point to where the tool was, along the axes of the points' frame [m]
+
+    By what all the other points say.
+    """
     load_kg: float
     drive: FloatArray | None
     """(n,) compliance between setpoint and reading [rad/(N·m)]; None: not noted"""
@@ -154,8 +159,6 @@ def fit_touches(robot: Robot, touches: Touches, *, load_kg: float = 0.0, lengths
         sheet, sparse, likes, full = _explained(model, touches.only(kept), every, lengths=lengths)
     touches = touches.only(kept)
     few = len(sparse.parameters) > len(sheet.parameters) and _as_good(sparse, full)
-    gone, away = _missed(sparse if few else full, given, kept)
-    mistaken = tuple(MistakenPoint(i + 1, one) for i, one in zip(gone.tolist(), away.tolist(), strict=True))
     before = Size.of(sheet.left_out)
     best, untold = sparse if few else full, _untold(full)
     if not few and untold:
@@ -169,13 +172,16 @@ def fit_touches(robot: Robot, touches: Touches, *, load_kg: float = 0.0, lengths
         good = before.rms < 2 * max(best.noise_m, _GOOD_M)
         verdict = GoodAlready(before.rms) if good else NotBetter(before.rms, after.rms)
     causes = _causes(best, in_order=few) if correct else ()
+    missed = _missed(best, given, kept)
+    mistaken = tuple(MistakenPoint(i + 1, _xyz(missed[i])) for i in np.flatnonzero(~kept).tolist())
     return TouchFit(
         robot, len(kept), before, after if correct else before,
         _expected(sparse if few else full, touches),
         correct, causes,
         tuple(_cause(one, len(one.parameters) - 1) for one in likes) if few and causes else (),
         mistaken, tuple(NotTold(_part(model, one), one.kind) for one in untold), verdict,
-        best.values if correct else model.known, model.known, load_kg, _drive(model, best.values, touches),
+        best.values if correct else model.known, model.known, missed, load_kg,
+        drive(model, best.values, touches),
     )  # fmt: skip
 
 
@@ -251,10 +257,16 @@ def _without_mistaken(fit: Solved) -> NDArray[np.bool_]:
     return kept
 
 
-def _missed(fit: Solved, touches: Touches, kept: NDArray[np.bool_]) -> tuple[NDArray[np.intp], FloatArray]:
-    """Which points were left out, and how far each is from where the fit puts the tool [m]."""
-    gone = np.flatnonzero(~kept)
-    return gone, np.linalg.norm(fit.model.errors(fit.values, touches.only(gone)), axis=1)
+def _missed(fit: Solved, touches: Touches, kept: NDArray[np.bool_]) -> FloatArray:
+    """(k, 3) as ``TouchFit.missed_m``, of all points that were given, by a fit of those that were kept."""
+    missed = fit.model.errors(fit.values, touches)
+    missed[kept] = fit.left_out
+    return fit.model.along(fit.values, missed)
+
+
+def _xyz(vector: FloatArray) -> tuple[float, float, float]:
+    x, y, z = vector.tolist()
+    return x, y, z
 
 
 def _untold(fit: Solved) -> list[Parameter]:
@@ -354,7 +366,7 @@ def _cause(fit: Solved, i: int) -> Reason:
             return PlaceOff(part, value, sd)
 
 
-def _drive(model: TouchModel, values: Values, touches: Touches) -> FloatArray | None:
+def drive(model: TouchModel, values: Values, touches: Touches) -> FloatArray | None:
     """(n,) compliance between setpoint and reading, by the points at which both were noted."""
     if touches.commanded is None:
         return None

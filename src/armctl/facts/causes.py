@@ -7,10 +7,17 @@ A frozen record each, in SI units and radians.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Literal
 
 from armctl.facts.reasons import Reason
 from armctl.lazy_dataclass import dataclass
+
+
+def in_signed_millimetres(vector_m: Sequence[float]) -> str:
+    """The parts of a vector [m] in mm, each with its sign: "+17.1, -3.0, +0.4"."""
+    return ", ".join(f"{1000 * one:+.1f}" for one in vector_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +85,13 @@ class MistakenPoint(Reason):
 
     number: int
     """from 1"""
-    away: float
-    """from where the others put it [m]"""
+    off: tuple[float, float, float]
+    """from where the others put it to where the tool was, along x, y, z of the points' frame [m]"""
+
+    @property
+    def away(self) -> float:
+        """How far [m]."""
+        return math.hypot(*self.off)
 
 
 @dataclass(frozen=True, slots=True)

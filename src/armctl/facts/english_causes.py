@@ -79,7 +79,8 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     causes.LengthOff: _length,
     causes.PlaceOff: lambda one: f"all points lie {in_millimetres(one.off)} mm further along this axis",
     causes.MistakenPoint: lambda one: (
-        f"point {one.number} is {in_millimetres(one.away)} mm from where the others put it and was left out"
+        f"point {one.number} is {in_millimetres(one.away)} mm from where the others put it and was left out; "
+        f"the tip was {causes.in_signed_millimetres(one.off)} mm (x, y, z) from there"
     ),
     causes.NotTold: lambda one: f"these points do not tell {_NUMBERS[one.what]}; it stays as it is",
     causes.FitFigures: _figures,

@@ -80,7 +80,7 @@ WHAT: Mapping[type[Reason], Callable[[Any], str]] = {
     causes.PlaceOff: lambda one: f"bütün noktalar bu eksende {in_millimetres(one.off)} mm ileride",
     causes.MistakenPoint: lambda one: (
         f"{one.number}. nokta, ötekilerin gösterdiği yerden {in_millimetres(one.away)} mm uzakta; "
-        "hesaba katılmadı"
+        f"hesaba katılmadı; uç, oraya göre {causes.in_signed_millimetres(one.off)} mm (x, y, z) ötedeydi"
     ),
     causes.NotTold: lambda one: f"bu noktalar {_NUMBERS[one.what]} göstermiyor; olduğu gibi kalıyor",
     causes.FitFigures: _figures,

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 
-import numpy as np
 import viser
 
-from armctl.arrays import FloatArray
 from armctl.calibration import (
     LEAST_MARKS,
     JointFit,
@@ -21,7 +19,6 @@ from armctl.errors import ArmctlError
 from armctl.facts import Need
 from armctl.facts.angles import DEGREE, to_degrees
 from armctl.protocol import Jog, MoveGripper, Snapshot
-from armctl.robot import Robot
 from armctl.ui.offers import refused_by
 from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.shared_calibration import (
@@ -34,23 +31,12 @@ from armctl.ui.tabs.calibration.shared_calibration import (
     standing_outputs,
 )
 from armctl.ui.tabs.manual.jog import HeldJog, joint_jog
-from armctl.ui.tabs.manual.joints import JointStepper, checked_percent
+from armctl.ui.tabs.manual.joints import JointStepper, checked_percent, slow_duration, slow_speeds
 from armctl.ui.widgets.html import LiveHtml, fixed, muted, refused, sentence, table
 from armctl.ui.widgets.number_field import EditWatch, NumberField
 
 STEPS = {"−10": -10.0, "−1": -1.0, "−0.1": -0.1, "+0.1": 0.1, "+1": 1.0, "+10": 10.0}
-_SLOW_RAD_S, _SLOW_FRACTION, _SHORTEST_S = 10.0 * DEGREE, 0.15, 0.3
 _STEP_HINT = "Turns the joint at once, at no more than 10°/s. Degrees by the calibration in force."
-
-
-def slow_speeds(robot: Robot) -> FloatArray:
-    """(n,) how fast each joint is moved here [rad/s]."""
-    return np.minimum(_SLOW_RAD_S, _SLOW_FRACTION * robot.speed_limits)
-
-
-def slow_duration(robot: Robot, way: FloatArray) -> float:
-    """How long a way (n,) [rad] takes at those speeds [s]."""
-    return max(_SHORTEST_S, float((np.abs(way) / slow_speeds(robot)).max()))
 
 
 def on_edit(

@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Final
 
 import numpy as np
 import viser
 
-from armctl.arrays import FloatArray
-from armctl.calibration import Paper, TouchedPoint, TouchFit, TouchSheet
-from armctl.errors import ArmctlError, InputError
+from armctl.calibration import Paper, TouchedPoint, TouchFit
+from armctl.errors import ArmctlError, InputError, StateError
 from armctl.motion import Profile
-from armctl.motion.choices import first_possible, may_go_to
 from armctl.protocol import Snapshot
-from armctl.robot import Robot
 from armctl.ui.console import known
-from armctl.ui.dragged_tool import dragged_to
 from armctl.ui.events import GivenUpError
 from armctl.ui.next_pose import PoseWriter
 from armctl.ui.offers import refused_by
 from armctl.ui.robot_switch import release_first
-from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.session import Session
 from armctl.ui.tabs.calibration.joint import numbered, show_numbers
 from armctl.ui.tabs.calibration.points_html import (
+    again_label,
     next_html,
     offered_html,
     points_html,
@@ -34,9 +30,17 @@ from armctl.ui.tabs.calibration.points_html import (
     tip_html,
 )
 from armctl.ui.tabs.calibration.shared_calibration import SharedCalibration, standing_touch
-from armctl.ui.tabs.calibration.touch_question import LEAST_PLACED, NextTouch
+from armctl.ui.tabs.calibration.touch_question import NextTouch
+from armctl.ui.tabs.calibration.touch_scene import (
+    ABOVE_M,
+    FAR_ABOVE_M,
+    SheetInScene,
+    lifts_for,
+    pose_above,
+)
 from armctl.ui.tabs.calibration.touched_points import FORGET, GO_ON
-from armctl.ui.tabs.manual.jog import SLOW_MM_S, ToolJog
+from armctl.ui.tabs.manual.by_hand import ByHand
+from armctl.ui.tabs.manual.jog import SLOW_MM_S, ToolJog, ToolSteps
 from armctl.ui.widgets.html import (
     LiveHtml,
     muted,
@@ -44,9 +48,6 @@ from armctl.ui.widgets.html import (
 from armctl.ui.widgets.number_field import EditWatch, NumberField, field_grid
 
 _TYPED = "as typed below"
-_ABOVE_M = (0.03, 0.06, 0.1)
-_FAR_ABOVE_M = (0.06, 0.1, 0.03)
-"""before it is known where the sheet lies for this arm: zeros by eye put a tip 25 mm off"""
 _ON: Final[dict[str, Paper | None]] = {
     "known places": None,
     "a printed sheet, A4": "a4",
@@ -68,44 +69,9 @@ _LOAD_HINT = (
     "What the tool carries in all touches, such as a pen or a weight in the gripper. 0: nothing. It bends "
     "the arm. The correction holds for it; 'Save & test' sets another one."
 )
-_SHEET, _CROSS_M = (73, 80, 87), 0.005
 _HIGHEST_MM = 500.0
+_LIFT_M = 0.03
 HEAVIEST_KG = 100.0
-
-
-class SheetInScene:
-    """The sheet where it should lie, in the view of one page, while its tab is open."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
-        self._lines = Lines(session.client.scene, "/sheet/lines", _SHEET)
-        self._label: viser.LabelHandle | None = None
-        self._drawn: tuple[TouchSheet | None, int | None] = (None, None)
-
-    def refresh(self, sheet: TouchSheet | None, number: int | None) -> None:
-        """Draw its crosshairs and its edge, and the ``number`` of the one that is next."""
-        sheet = sheet if self._session.sees("Calibration") else None
-        number = None if sheet is None else number
-        if self._drawn[0] is sheet and self._drawn[1] == number:
-            return
-        if self._drawn[0] is not sheet:
-            self._lines.show(np.zeros((0, 2, 3)) if sheet is None else sheet_lines(sheet))
-        self._drawn = sheet, number
-        if self._label is not None:
-            self._label.remove()
-        self._label = None
-        if sheet is not None and number is not None:
-            at = tuple(sheet.laid_m[number - 1].tolist())
-            self._label = self._session.client.scene.add_label("/sheet/next", str(number), position=at)
-
-
-def sheet_lines(sheet: TouchSheet) -> FloatArray:
-    """The edge of a sheet and its crosshairs, where it lies as it is drawn: (k, 2, 3), base frame [m]."""
-    y, x = 0.0005 * np.array(sheet.size_mm)  # its long side is across
-    corners = sheet.place_m + np.array([(-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)])
-    arms = _CROSS_M * np.array([[(-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)], [(0.0, -1.0, 0.0), (0.0, 1.0, 0.0)]])
-    crosses = (sheet.laid_m[:, None, None] + arms).reshape(-1, 2, 3)
-    return np.concatenate([segments(np.vstack([corners, corners[:1]])), crosses])
 
 
 class CalibrationPoints:
@@ -129,23 +95,29 @@ class CalibrationPoints:
         self._on = gui.add_dropdown("Points", tuple(_ON), hint=_ON_HINT)
         self._how = LiveHtml(gui, visible=False)
         self._sheet = gui.add_button("Download the sheet", icon=viser.Icon.DOWNLOAD, visible=False)
-        self._lies = NumberField(gui, "Sheet high mm", 0.0, hint=_LIES_HINT, visible=False)
         self._known = gui.add_dropdown("Known point", (_TYPED, *self._robot.points))
         with field_grid(gui):
             self._xyz = [NumberField(gui, f"{axis} mm", None) for axis in "XYZ"]
+        with gui.add_folder("Heights and load", expand_by_default=False):
+            self._lies = NumberField(gui, "Sheet high mm", 0.0, hint=_LIES_HINT, visible=False)
+            self._block = NumberField(gui, "Block mm", 0.0, hint=_BLOCK_HINT, visible=False)
+            self._height = NumberField(gui, "Height mm", 0.0, hint=_HEIGHT_HINT, visible=False)
+            self._load = NumberField(gui, "Load kg", 0.0, hint=_LOAD_HINT)
         self._next = LiveHtml(gui, visible=False)
         self._crosshair = gui.add_dropdown("Crosshair", numbered(0), visible=False)
-        self._height = NumberField(gui, "Height mm", 0.0, hint=_HEIGHT_HINT, visible=False)
-        self._block = NumberField(gui, "Block mm", 0.0, hint=_BLOCK_HINT, visible=False)
-        self._load = NumberField(gui, "Load kg", 0.0, hint=_LOAD_HINT)
-        self._skip = gui.add_button("Propose another one", color="gray", visible=False)
         above = gui.add_button("Next pose above it", color="gray")
-        self._tip = LiveHtml(gui)
-        with gui.add_folder("Jog the tool", expand_by_default=False):
-            ToolJog(session, SLOW_MM_S)
+        self._steps = ToolSteps(session)
         here = gui.add_button("Here", icon=viser.Icon.TARGET)
         session.needs(None, here, also=refused_by(self._touch))
+        self._lift = gui.add_button(f"Lift {1000 * _LIFT_M:.0f} mm", color="gray", icon=viser.Icon.ARROW_UP)
+        session.needs(self._steps.need, self._lift, told=False)
+        self._tip = LiveHtml(gui)
+        self._by_hand = ByHand(session, ticked=True)
+        with gui.add_folder("Jog the tool", expand_by_default=False):
+            ToolJog(session, SLOW_MM_S)
+        self._skip = gui.add_button("Propose another one", color="gray", visible=False)
         self._result = LiveHtml(gui)
+        self._again = gui.add_button(again_label(0), icon=viser.Icon.REPEAT, visible=False)
         self._apply = gui.add_button("Apply the correction", icon=viser.Icon.DEVICE_FLOPPY, visible=False)
         free = partial(release_first, reopen=True)
         session.needs(None, self._apply, also=lambda snapshot: free(snapshot) or self._no_correction)
@@ -162,7 +134,9 @@ class CalibrationPoints:
 
     def _listen(self, above: viser.GuiButtonHandle, here: viser.GuiButtonHandle) -> None:
         session, points = self._session, self._points
-        edits = (self._delete, self._undo, self._clear, self._skip, self._on, self._offer, above)
+        edits = (
+            self._delete, self._undo, self._clear, self._skip, self._on, self._offer, above, self._again
+        )  # fmt: skip
         session.needs(None, *edits, told=False)
         session.on(self._offer.on_click, self._on_offer)
         session.on(self._on.on_update, self._on_kind)
@@ -173,6 +147,8 @@ class CalibrationPoints:
         session.on(self._skip.on_click, self._on_skip)
         session.on(above.on_click, self._show_above)
         session.on(here.on_click, self._on_here)
+        session.on(self._lift.on_click, lambda: self._steps.step(np.array((0.0, 0.0, _LIFT_M))))
+        session.on(self._again.on_click, self._on_again)
         session.on(self._delete.on_click, lambda: self._on_change(self._delete_chosen))
         session.on(
             self._undo.on_click, lambda: self._on_change(lambda: points.delete(len(points.touches) - 1))
@@ -185,6 +161,7 @@ class CalibrationPoints:
     def refresh(self, snapshot: Snapshot) -> None:
         """Show where the tip is, and the points if they have changed."""
         self._tip.show(tip_html(self._robot, known(snapshot)))
+        self._by_hand.refresh(snapshot)
         points = self._points
         chosen = None if points.sheet is None else int(self._crosshair.value)
         self._in_scene.refresh(points.sheet, chosen)
@@ -205,6 +182,9 @@ class CalibrationPoints:
         show_numbers(self._which, len(points.touches))
         for control in (self._delete, self._undo, self._clear, self._keep):
             control.visible = bool(points.touches)
+        self._again.visible = points.doubtful is not None
+        if points.doubtful is not None:
+            self._again.label = again_label(points.doubtful)
         self._download.visible = bool(points.suggestion)
         self._apply.visible = isinstance(points.result, TouchFit) and points.result.correct
         self._no_correction = (
@@ -307,6 +287,20 @@ class CalibrationPoints:
         await self._change(self._points.skip)
         await self._show_next()
 
+    async def _on_again(self) -> None:
+        """The point that does not fit is next, and its touch takes the place of the one that was made."""
+        self._session.require_operator()
+        index = self._points.doubtful
+        if index is None:
+            raise StateError("every point fits: there is none to touch again")
+        self._points.retake(index)
+        if self._points.sheet is None:
+            for field, value in zip(self._xyz, self._points.touches[index].point_m, strict=True):
+                field.fill(1000 * value)
+            await self._show_above()
+        else:
+            await self._show_next()
+
     async def _on_change(self, change: Callable[[], None]) -> None:
         self._session.require_operator()
         await self._change(change)
@@ -353,19 +347,24 @@ class CalibrationPoints:
     async def _show_above(self) -> None:
         self._session.require_operator()
         side: Profile = "cubic"
+        aim = self._points.aim
         if self._points.sheet is None:
             near = self._session.next.shown_in(self._session.snapshot)
-            point = np.array([field.value for field in self._xyz]) / 1000
+            own = point = np.array([field.value for field in self._xyz]) / 1000
         else:
-            number = int(self._crosshair.value)
-            near, more = self._points.pose(number, self._height.value / 1000)
+            number, height = int(self._crosshair.value), self._height.value / 1000
+            near, more = self._points.pose(number, height)
             if (proposed := self._points.next) is not None and proposed.number == number:
                 side = proposed.side
             point = self._robot.forward(near)[:3, 3] + more
-        start = self._session.next.standing(self._session.snapshot)
-        far = self._points.sheet is not None and len(self._points.touches) < LEAST_PLACED
-        lifts = _FAR_ABOVE_M if far else _ABOVE_M
-        above = await self._session.work_out(pose_above, self._session.held, point, near, start, side, lifts)
+            own = self._points.crosshair(number) + np.array((0.0, 0.0, height))
+        start, ahead = self._session.next.standing(self._session.snapshot), None
+        lifts = ABOVE_M if self._points.sheet is None else FAR_ABOVE_M
+        if aim is not None:
+            point, ahead, lifts = aim.in_base(own), aim.ahead, lifts_for(aim.height_sd(near, own))
+        above = await self._session.work_out(
+            pose_above, self._session.held, point, near, start, side, lifts, ahead
+        )
         q, self._profile = above
         self._writer.show(q)
 
@@ -385,35 +384,6 @@ class CalibrationPoints:
         if not (text := self._points.suggestion):
             raise InputError("there is no suggestion yet: touch more points")
         self._session.download("suggestion.toml", text)
-
-
-def pose_above(
-    robot: Robot,
-    point: FloatArray,
-    near: FloatArray,
-    start: FloatArray,
-    side: Profile = "cubic",
-    lifts: Sequence[float] = _ABOVE_M,
-) -> tuple[FloatArray, Profile]:
-    """A configuration (n,) [rad] to which the arm may go from ``start`` with the tool above a point (3,) [m].
-
-    The one nearest to ``near`` (n,), where that may be, else any. And how it goes there: as ``side`` says,
-    where it may. ``lifts``: how far above [m], the first that can be had. ``InputError``: there is none.
-    """
-
-    def how(q: FloatArray) -> tuple[FloatArray, Profile]:
-        return q, side if may_go_to(robot, start, q, None, side) else "cubic"
-
-    for lift in lifts:
-        target = point + np.array((0.0, 0.0, lift))
-        q = dragged_to(robot, target, near)
-        if q is not None and may_go_to(robot, start, q):
-            return how(q)
-        others = robot.inverse(target, start=start).q
-        found = first_possible(robot, start, others, partial(may_go_to, robot, start))
-        if found is not None:
-            return how(others[found])
-    raise InputError("the arm finds no free way above this point: jog it there, or choose another one")
 
 
 async def take_effect(session: Session, title: str, text: str) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.calibration import LEAST_POINTS, TouchFit, TouchSheet
 from armctl.facts import say, say_with_advice
-from armctl.facts.causes import MistakenPoint
+from armctl.facts.causes import in_signed_millimetres
 from armctl.robot import Robot
 from armctl.ui.tabs.calibration.touched_points import TouchedPoints
 from armctl.ui.widgets.html import (
@@ -45,13 +45,21 @@ def offered_html(points: TouchedPoints) -> str:
     return text
 
 
+def again_label(index: int) -> str:
+    """The button that has a point touched again, from 0."""
+    return f"Touch point {index + 1} again"
+
+
 def sheet_html(sheet: TouchSheet) -> str:
     """What to do with the sheet."""
     lies = f"lay it on something flat, {sheet.raised}, and tape it down" if sheet.raised else "tape it down"
+    high = "type its true height in 'Heights and load'" if sheet.raised else (
+        "where the arm stops above the paper because of the floor, lay the sheet on books, and type how high "
+        "in 'Heights and load'"
+    )  # fmt: skip
     return muted(
-        f"Print the sheet at 100 %, check its scale bar, and {lies} about where it says. Touch some "
-        "crosshairs on a block of known height, too. If the arm stops above the paper because of the floor, "
-        "lay the sheet on books, and type how high."
+        f"Print the sheet at 100 %, check its scale bar, {lies} about where it says; {high}. Some crosshairs "
+        "touched on a block of known height tell more."
     )
 
 
@@ -60,11 +68,12 @@ def next_html(points: TouchedPoints) -> str:
     if points.next is None:
         return muted("Looking for the next one …" if points.unknown else "Choose a crosshair to touch.")
     on = f", on the block ({fixed(1000 * points.next.height_m, 1)} mm)" if points.next.height_m else ""
-    told = strong(f"Touch crosshair {points.next.number} next{on}")
+    again = "" if points.retaken is None else f" again, for point {points.retaken + 1}"
+    told = strong(f"Touch crosshair {points.next.number} {'next' if not again else again[1:]}{on}")
     away = " Take the block away before Go, and put it on the crosshair then." if points.next.height_m else ""
     told += muted(
-        f"Lift the tip, then press Go below the picture: it comes to 30 mm or more above it.{away} Jog it "
-        "down onto the middle ('Jog the tool'), and press Here."
+        f"Press Go below the picture: the tip comes to 15 mm or more above it.{away} Step it onto the "
+        "middle, look from two sides, and press Here. Then lift it."
     )
     if len(points.touches) >= _CHECK_POINTS:
         told += muted("This one tells most of what is still uncertain, also where it was touched before.")
@@ -84,21 +93,22 @@ def points_html(points: TouchedPoints) -> str:
     errors: list[float | None] = [None] * len(points.touches)
     if points.errors_m is not None:
         errors = list(points.errors_m.tolist())
-    result = points.result
-    wrong = {one.number for one in result.mistaken if isinstance(one, MistakenPoint)} if isinstance(
-        result, TouchFit
-    ) else set[int]()  # fmt: skip
+    fit = points.result if isinstance(points.result, TouchFit) else None
+    left = None if fit is None or not fit.correct else np.linalg.norm(fit.missed_m, axis=1).tolist()
+    wrong = set[int]() if fit is None else {one.number for one in fit.mistaken}
     rows = [
         [
             str(number),
             *([] if points.sheet is None else [str(touch.number or "")]),
             *(fixed(1000 * value, 1) for value in touch.point_m),
-            ("" if error is None else fixed(1000 * error, 2)) + (" ✗" if number in wrong else ""),
+            ("" if error is None else fixed(1000 * error, 1)) + (" ✗" if number in wrong else ""),
+            *([] if left is None else [fixed(1000 * left[number - 1], 1)]),
         ]
         for number, (touch, error) in enumerate(zip(points.touches, errors, strict=True), 1)
     ]
     cross = [] if points.sheet is None else ["cross-hair"]
-    head = ("point", *cross, "X mm", "Y mm", "Z mm", "off by mm")
+    corrected = [] if left is None else ["corrected"]
+    head = ("point", *cross, "X mm", "Y mm", "Z mm", "off by mm", *corrected)
     return table(head, rows, words=()) if rows else ""
 
 
@@ -126,6 +136,11 @@ def result_html(points: TouchedPoints) -> str:
         )
     told = [*result.mistaken, *result.causes, *(() if result.verdict is None else (result.verdict,))]
     text += "".join(f"<div>{escape(sentence(say_with_advice(one)))}</div>" for one in told)
+    worst = points.doubtful
+    if worst is not None and not result.mistaken:
+        off = in_signed_millimetres(result.missed_m[worst].tolist())
+        where = f"the tip was {off} mm (x, y, z) from where the others put it"
+        text += f"<div>Point {worst + 1} fits worst: {where}.</div>"
     if result.held:
         text += folded("What these points do not tell", [sentence(say(one)) for one in result.held])
     if suggested := points.suggestion:

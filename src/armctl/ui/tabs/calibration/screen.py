@@ -21,11 +21,11 @@ from armctl.ui.tabs.calibration.joint import (
     CalibrationGripper,
     CalibrationJoint,
     on_edit,
-    slow_duration,
 )
 from armctl.ui.tabs.calibration.points import HEAVIEST_KG, CalibrationPoints, take_effect
 from armctl.ui.tabs.calibration.shared_calibration import CalibrationWork, SharedCalibration
 from armctl.ui.tabs.calibration.tool_tip import CalibrationTip
+from armctl.ui.tabs.manual.joints import slow_duration
 from armctl.ui.widgets.html import (
     LiveHtml,
     date_and_time,

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from armctl.arrays import FloatArray
 from armctl.calibration import (
     LEAST_POINTS,
+    Aim,
     Touches,
     TouchFit,
     TouchSheet,
@@ -49,6 +50,8 @@ class TouchAnswer:
     result: TouchFit | str | None = None
     possible: Touches | None = None
     following: NextTouch | None = None
+    aim: Aim | None = None
+    """how the arm comes near to a point, by these touches; None: too few"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +82,9 @@ class TouchQuestion:
                 result = fit_touches(self.robot, checked, load_kg=self.load_kg)
             except ArmctlError as error:
                 result = str(error)
-        return TouchAnswer(errors, result, *self._next())
+        placed = len(self.touches) >= LEAST_PLACED
+        aim = Aim.of(self.robot, self.touches, load_kg=self.load_kg) if placed else None
+        return TouchAnswer(errors, result, *self._next(), aim)
 
     def _next(self) -> tuple[Touches | None, NextTouch | None]:
         sheet, placed = self.sheet, len(self.touches) >= LEAST_PLACED

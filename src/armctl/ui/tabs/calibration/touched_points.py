@@ -12,6 +12,7 @@ import numpy as np
 from armctl.arrays import FloatArray
 from armctl.calibration import (
     MOST_TOUCHES,
+    Aim,
     Frame,
     KeptTouches,
     Paper,
@@ -28,6 +29,7 @@ from armctl.calibration import (
 )
 from armctl.errors import CalibrationError, InputError, StateError
 from armctl.facts.angles import DEGREE
+from armctl.facts.causes import NotBetter
 from armctl.protocol import Snapshot
 from armctl.robot import Robot
 from armctl.ui.tabs.calibration.touch_question import (
@@ -42,6 +44,9 @@ _FARTHEST_M = 10.0
 _STILL = 0.1 * DEGREE
 """an arm of which no joint has turned by more stands where it stood"""
 _SAME_M = 1e-6
+_RAISED_M = 0.05
+"""how high the sheet of an arm lies that was never calibrated: by zeros that are 3° off its tip may seem to
+be 30 mm lower than it is, and the arm does not go into the floor"""
 _TURNED = 0.2 * DEGREE
 """a joint that went back by less has not turned round"""
 GO_ON, FORGET = "Go on with them", "Forget them"
@@ -94,6 +99,8 @@ class TouchedPoints:
         self.version = 0
         """rises with every change, so that a page knows when to draw anew"""
         self._found: TouchAnswer | None = None
+        self._retaken: TouchedPoint | None = None
+        """the touch whose place the next one at its crosshair takes"""
         self._possible: Touches | None = None
         """poses with the tool on the crosshairs, since it is known where the sheet lies"""
         self._sense, self._turned_at = np.zeros(robot.n), np.full(robot.n, np.nan)
@@ -115,8 +122,47 @@ class TouchedPoints:
 
     @property
     def next(self) -> NextTouch | None:
-        """The crosshair to touch next; None: not known."""
-        return None if self._found is None else self._found.following
+        """The crosshair to touch next: that of a touch that is made again, else what tells most.
+
+        None: not known.
+        """
+        again = self._retaken
+        if self._found is None or again is None or again.number is None:
+            return None if self._found is None else self._found.following
+        height = float(again.point_m[2] - self.crosshair(again.number)[2])
+        q = own_map(self._robot).angles(again.outputs, measured=again.measured)
+        return NextTouch(again.number, height, q)
+
+    @property
+    def aim(self) -> Aim | None:
+        """How the arm comes near to a point, by the touches so far; None: too few."""
+        return None if self._found is None else self._found.aim
+
+    @property
+    def retaken(self) -> int | None:
+        """Index of the touch that is made again; None: a new one is."""
+        return None if self._retaken is None else self.touches.index(self._retaken)
+
+    @property
+    def doubtful(self) -> int | None:
+        """Index of the touch to make again: one that fits to nothing, or is worst where nothing fits.
+
+        None: there is none.
+        """
+        result = self.result
+        if not isinstance(result, TouchFit) or len(result.missed_m) != len(self.touches):
+            return None
+        if mistaken := [one.number - 1 for one in result.mistaken]:
+            return mistaken[0]
+        if isinstance(result.verdict, NotBetter):
+            return int(np.argmax(np.linalg.norm(result.missed_m, axis=1)))
+        return None
+
+    def retake(self, index: int) -> None:
+        """Have the next touch of that point take the place of touch ``index``, from 0."""
+        self._require_touch(index)
+        self._retaken = self.touches[index]
+        self.version += 1
 
     @property
     def unknown(self) -> bool:
@@ -138,6 +184,8 @@ class TouchedPoints:
         self._require_none()
         sheet = None if paper is None else await work_out(touch_sheet, self._file_robot, paper)
         self._require_none()
+        if sheet is not None and not self._calibrated and sheet.height_m < _RAISED_M:
+            sheet = self._raised(sheet, _RAISED_M)
         self.sheet = sheet
         self.clear()
 
@@ -149,9 +197,7 @@ class TouchedPoints:
         """
         sheet = self.sheet
         if sheet is not None and abs(lies_m - sheet.height_m) > _SAME_M:
-            x, y, _ = sheet.place_m.tolist()
-            place = np.array((x, y, self._file_robot.floor_z + lies_m))
-            sheet = replace(sheet, place_m=place, height_m=lies_m)
+            sheet = self._raised(sheet, lies_m)
         same = abs(block_m - self.block_m) < _SAME_M and load_kg == self.load_kg
         if same and sheet is self.sheet:
             return False
@@ -159,6 +205,13 @@ class TouchedPoints:
         self.sheet, self._possible = sheet, None
         self._set(self.touches)
         return True
+
+    def _raised(self, sheet: TouchSheet, height_m: float) -> TouchSheet:
+        """The sheet, so high over the floor [m]."""
+        x, y, _ = sheet.place_m.tolist()
+        return replace(
+            sheet, place_m=np.array((x, y, self._file_robot.floor_z + height_m)), height_m=height_m
+        )
 
     def _require_none(self) -> None:
         self._require_no_offer()
@@ -229,7 +282,12 @@ class TouchedPoints:
                 "again"
             )
         self.made = self._stamp()
-        self._set((*self.touches, touch))
+        again, touches = self.retaken, list(self.touches)
+        if again is not None and touches[again].is_where(touch):
+            touches[again] = touch
+        else:
+            touches.append(touch)
+        self._set(tuple(touches))
 
     def _is_same(self, one: TouchedPoint, other: TouchedPoint) -> bool:
         """Whether the button was pressed twice."""
@@ -242,15 +300,19 @@ class TouchedPoints:
         """Another crosshair is wanted next."""
         if self.next is None:
             raise StateError("no crosshair is left to propose: choose one yourself")
-        self.skipped |= {self.next.number}
+        if self._retaken is None:
+            self.skipped |= {self.next.number}
         self._set(self.touches)
 
     def delete(self, index: int) -> None:
         """Take a touch away, from 0."""
-        if not 0 <= index < len(self.touches):
-            raise InputError(f"there is no point {index + 1}; there are {len(self.touches)}")
+        self._require_touch(index)
         self.used -= index < self.used
         self._set(self.touches[:index] + self.touches[index + 1 :])
+
+    def _require_touch(self, index: int) -> None:
+        if not 0 <= index < len(self.touches):
+            raise InputError(f"there is no point {index + 1}; there are {len(self.touches)}")
 
     def clear(self) -> None:
         """Forget all touches, and what they have led to."""
@@ -357,7 +419,7 @@ class TouchedPoints:
             self.version += 1  # else they have changed meanwhile, and are computed anew
 
     def _set(self, touches: tuple[TouchedPoint, ...]) -> None:
-        self.touches, self._found = touches, None
+        self.touches, self._found, self._retaken = touches, None, None
         self.version += 1
 
     def _given(self) -> Touches:

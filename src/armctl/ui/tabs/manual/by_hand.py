@@ -27,13 +27,16 @@ def can_be_led(snapshot: Snapshot) -> bool:
 class ByHand:
     """Ticks for joints, and two buttons: let them go, take them back. Only where the board can."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Session, *, ticked: bool = False) -> None:
+        """``ticked``: whether all joints are ticked to begin with."""
         self._session, gui = session, session.gui
         joints = session.console.robot.joints
         self._folder = gui.add_folder("Lead by hand", expand_by_default=False)
         with self._folder:
             LiveHtml(gui, _HINT)
-            self._ticks = {joint.name: gui.add_checkbox(joint.title, initial_value=False) for joint in joints}
+            self._ticks = {
+                joint.name: gui.add_checkbox(joint.title, initial_value=ticked) for joint in joints
+            }
             self._go_limp = gui.add_button("Let ticked joints go limp", color="gray")
             self._back = gui.add_button("Take them back as they stand", color="gray")
             self._state = LiveHtml(gui)

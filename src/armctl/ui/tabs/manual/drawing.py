@@ -20,7 +20,7 @@ from armctl.program.edit import PLACES, add
 from armctl.protocol import RunProgram
 from armctl.ui.scene.ghost import Lines, segments
 from armctl.ui.session import Session
-from armctl.ui.tabs.manual.jog import SLOW_MM_S, ToolJog
+from armctl.ui.tabs.manual.jog import SLOW_MM_S, ToolJog, ToolSteps
 from armctl.ui.tabs.manual.new_step import Point, present_pose_deg, tool_point_mm
 from armctl.ui.tabs.manual.program_editor import ProgramEditor
 from armctl.ui.tabs.manual.shared_program import SharedProgram
@@ -55,6 +55,7 @@ class DrawingForm:
         )
         self._said = LiveHtml(gui, muted("Lines of text have to be turned into paths first."))
         with gui.add_folder("Jog the tool", expand_by_default=False):
+            ToolSteps(session)
             ToolJog(session, SLOW_MM_S)
         touch = gui.add_button_group("Touch here", _TOUCHES, hint=_TOUCH_HINT)
         self._plane_said = LiveHtml(gui)

@@ -13,7 +13,7 @@ import viser
 from armctl.arrays import FloatArray
 from armctl.errors import ArmctlError, InputError, MotionRefusedError, out_of_range
 from armctl.facts import Need
-from armctl.facts.angles import to_degrees
+from armctl.facts.angles import DEGREE, to_degrees
 from armctl.hardware import Source
 from armctl.hardware.boards import board_type
 from armctl.kinematics import roll_pitch_yaw
@@ -232,11 +232,17 @@ class JointStepper:
         """What the next click needs of the arm: nothing while it moves by an earlier one."""
         return Need.HOLDING if self._goal is None else None
 
+    @property
+    def start(self) -> FloatArray:
+        """(n,) where the next step begins [rad]."""
+        return self._session.snapshot.q_command if self._goal is None else self._goal
+
     async def step(self, joint: int, step_deg: float) -> None:
         """Turn one joint by ``step_deg``; refused past its limit, and where the arm cannot move now."""
-        session = self._session
-        start = session.snapshot.q_command if self._goal is None else self._goal
-        goal = stepped(session.console.robot, start, joint, step_deg)
+        await self.go_to(stepped(self._session.console.robot, self.start, joint, step_deg))
+
+    async def go_to(self, goal: FloatArray) -> None:
+        """Go on to ``goal`` (n,) [rad], a step from ``start``; refused where the arm cannot move now."""
         under_way, self._goal = self._goal is not None, goal
         if not under_way:
             try:
@@ -256,6 +262,19 @@ class JointStepper:
                 await asyncio.wrap_future(ticket.finished)
             except ArmctlError:  # stopped or broken: the session tells, and later clicks start afresh
                 return
+
+
+_SLOW_RAD_S, _SLOW_FRACTION, _SHORTEST_S = 10.0 * DEGREE, 0.15, 0.3
+
+
+def slow_speeds(robot: Robot) -> FloatArray:
+    """(n,) how fast each joint is moved where somebody looks closely [rad/s]."""
+    return np.minimum(_SLOW_RAD_S, _SLOW_FRACTION * robot.speed_limits)
+
+
+def slow_duration(robot: Robot, way: FloatArray) -> float:
+    """How long a way (n,) [rad] takes at those speeds [s]."""
+    return max(_SHORTEST_S, float((np.abs(way) / slow_speeds(robot)).max()))
 
 
 def stepped(robot: Robot, q: FloatArray, joint: int, step_deg: float) -> FloatArray:
